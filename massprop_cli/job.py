@@ -17,7 +17,7 @@ from massprop_cli import flow
 from massprop_cli.base import exits, files
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.flow import Analysis, Progress
-from massprop_cli.inputs import extremes, logfile, telemetry, vehiclefile
+from massprop_cli.inputs import logfile, telemetry, vehiclefile
 from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.tablefile import Table, give_back
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -133,7 +133,7 @@ def of_table(
 @contextmanager
 def _guarded(log: Path, source: VehicleSource) -> Iterator[None]:
     """What overflows or divides by zero ends as "nothing can be said", not as noise on stderr."""
-    with np.errstate(all="ignore"), extremes.refused(log, source):
+    with np.errstate(all="ignore"), vehiclefile.refused(log, source):
         yield
 
 

@@ -10,9 +10,8 @@ from pathlib import Path
 from massprop_cli import UNITS
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import location, summary
-from massprop_cli.campaign.outcome import Body, Value
+from massprop_cli.campaign.outcome import Body, Row, Value
 from massprop_cli.campaign.pooled import INFORMED, Pool, pooled
-from massprop_cli.campaign.rows import Row
 from massprop_cli.campaign.summary import Baseline, Beyond, Summary
 from massprop_cli.inputs.tolerancefile import Gate
 

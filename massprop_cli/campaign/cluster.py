@@ -1,7 +1,7 @@
 """Where jobs run: on a dask.distributed cluster (``pip install 'massprop[cluster]'``).
 
 Nothing is shared but the scheduler: files of this machine go with the task, workers read URLs themselves, and results come back as bytes.
-Each thread of a dask worker has a process of its own for the logs (:mod:`massprop_cli.campaign.worker`), as on one machine, so a log
+Each thread of a dask worker has a process of its own for the logs (:mod:`massprop_cli.campaign.runner`), as on one machine, so a log
 that kills its process doesn't take the worker along, and the result is the same. The logs of a worker that is lost as a whole are run
 again by the scheduler.
 """

@@ -7,10 +7,11 @@ import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from pathlib import Path, PurePath, PurePosixPath
 
 from massprop_cli.base.errors import InputError
-from massprop_cli.campaign import campaignfile, location, pattern
+from massprop_cli.campaign import campaignfile, location
 from massprop_cli.campaign.plan import Found, Job, Settings, jobs
 from massprop_cli.inputs.formats.recording import SUFFIXES
 
@@ -85,9 +86,9 @@ def _expanded(named: str) -> list[Found]:
 
 def _matching(path: Path, fixed: Path) -> set[Path]:
     """Logs that fit a pattern, and those in folders that do; ``fixed`` is what it begins with."""
-    if pattern.ANY in path.parts:
+    if ANY in path.parts:
         below = {log.relative_to(fixed).as_posix(): log for log in _walk(fixed, links=True)}
-        return {below[fits] for fits in pattern.fitting(list(below), path.relative_to(fixed).as_posix())}
+        return {below[fits] for fits in fitting(list(below), path.relative_to(fixed).as_posix())}
     matches = [Path(match) for match in glob.glob(str(path))]  # noqa: PTH207 as a shell does it
     logs = {match for match in matches if match.is_file() and _is_log(match)}
     return logs | {log for match in matches if match.is_dir() for log in _walk(match)}
@@ -103,7 +104,7 @@ def _expanded_url(named: str) -> list[Found]:
     wild = bool(_MAGIC.search(place))
     root = "::".join(["/".join(_leading(place.split("/"))), *outer])
     all_below = remote.below(root)
-    files = pattern.fitting(all_below, location.below(named, root)) if wild else all_below
+    files = fitting(all_below, location.below(named, root)) if wild else all_below
     there = set(all_below)
     logs = [file for file in files if not _is_hidden(file) and _may_be_log(PurePosixPath(file), lambda beside: str(beside) in there)]
     problem = (
@@ -177,3 +178,35 @@ def _natural(parts: Sequence[str]) -> list[tuple[int, str] | tuple[int, int, str
         for part in parts
         for piece in [*re.split(r"(\d+)", part), ""]
     ]
+
+
+ANY = "**"
+"""Fits any number of folders."""
+
+
+def fitting(files: Sequence[str], pattern: str) -> list[str]:
+    """Of these paths those that fit a pattern, and those in folders that do.
+
+    "*" fits within one part of a path, "**" any number of folders, neither what begins with a dot.
+    """
+    wanted = PurePosixPath(pattern).parts
+    return [file for file in files if _fits(file.split("/"), wanted)]
+
+
+def _fits(parts: Sequence[str], wanted: Sequence[str]) -> bool:
+    """Whether a file, or a folder that it is in, fits; in a time that grows as path times pattern."""
+    reached = [n == 0 for n in range(len(parts) + 1)]  # how many parts of the path may have been fitted so far
+    for n, one in enumerate(wanted):
+        if True not in reached:
+            return False
+        if one == ANY:
+            # the last one is all that lies below; another leaves the path's own name
+            first = reached.index(True)
+            reached = [at >= first and (at < len(parts) or n == len(wanted) - 1) for at in range(len(parts) + 1)]
+        else:
+            reached = [False, *(reached[at] and _is(part, one) for at, part in enumerate(parts))]
+    return any(reached)
+
+
+def _is(part: str, wanted: str) -> bool:
+    return (wanted.startswith(".") or not part.startswith(".")) and fnmatchcase(part, wanted)

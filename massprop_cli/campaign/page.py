@@ -12,13 +12,12 @@ from urllib.parse import quote
 from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import figures
-from massprop_cli.campaign.outcome import CHECKED, STATES, Body, Outcome, Value, contradicted, state
+from massprop_cli.campaign.outcome import CHECKED, STATES, Body, Outcome, Row, Value, contradicted, state
 from massprop_cli.campaign.place import RESULTS
 from massprop_cli.campaign.pooled import Key, Pool, Pooled, grouped
-from massprop_cli.campaign.rows import Row
 from massprop_cli.campaign.summary import Summary
 from massprop_cli.report import digits, html, vocabulary
-from massprop_cli.report.script import script
+from massprop_cli.report.svg import script
 from massprop_cli.result.judge import INFORMED
 
 _SIGNS = {0: "✓", 1: "✕", 3: "✕", 4: "~", 5: "✕", 6: vocabulary.SIGNS["contradicted"], None: "–"}

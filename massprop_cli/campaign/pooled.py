@@ -13,8 +13,7 @@ from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import pool
-from massprop_cli.campaign.outcome import Item, Value
-from massprop_cli.campaign.rows import Row
+from massprop_cli.campaign.outcome import Item, Row, Value
 from massprop_cli.combine import twice
 from massprop_cli.inputs.equipment import EnvironmentKind
 

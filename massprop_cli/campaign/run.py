@@ -8,10 +8,9 @@ from contextlib import closing
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import joining, outcome, summary
 from massprop_cli.campaign.joining import Joining
-from massprop_cli.campaign.outcome import Outcome
+from massprop_cli.campaign.outcome import Outcome, Row, Rows, row
 from massprop_cli.campaign.place import RESULTS, Place
 from massprop_cli.campaign.plan import Job
-from massprop_cli.campaign.rows import Row, Rows, row
 from massprop_cli.campaign.runner import Executor, Task
 from massprop_cli.campaign.summary import Baseline, Summary
 
@@ -85,13 +84,13 @@ def campaign(
     joinings: Sequence[Joining] = (),
 ) -> Summary:
     """Work all jobs, combine, and write the campaign's tables and page, campaign.json last; the place's lock is held."""
-    from massprop_cli.campaign import page, parquet, spreadsheet
+    from massprop_cli.campaign import page, parquet
 
     rows = work(jobs, place, executor, force=force, fail_fast=fail_fast, told=told)
     combined = [_joined(one, place) for one in joinings]
     found = summary.summary(name, rows, None if baseline is None else baseline(rows), combined)
     place.put_file("campaign.parquet", [parquet.parquet(found)])
-    place.put_file("campaign.csv", map(str.encode, spreadsheet.csv_rows(found)))
+    place.put_file("campaign.csv", map(str.encode, parquet.csv_rows(found)))
     place.put_file("campaign.html", map(str.encode, page.page(found)))
     place.put_file("campaign.json", map(str.encode, summary.to_json(found)))
     return found

@@ -1,25 +1,27 @@
-"""Where jobs run: here, in worker processes of this machine. Other executors need only :meth:`Executor.run`."""
+"""Where jobs run: here, in worker processes of this machine, which end when their parent does. Others need only :meth:`Executor.run`."""
 
 from __future__ import annotations
 
 import os
+import pickle
 import queue
+import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from typing import Protocol
+from typing import IO, Any, Protocol
 
 from massprop_cli.base import exits, onethread
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.campaign import work, worker
+from massprop_cli.campaign import work
 from massprop_cli.campaign.plan import Job
 from massprop_cli.campaign.work import Produced
 
 TRIES = 2
 """How often a job is tried whose worker dies."""
-_START = "import sys; sys.path[:] = sys.argv[1:]; from massprop_cli.campaign.worker import main; main()"
+_START = "import sys; sys.path[:] = sys.argv[1:]; from massprop_cli.campaign.runner import main; main()"
 
 
 @dataclass(frozen=True)
@@ -113,8 +115,8 @@ class Worker:
             if process is None or process.stdin is None or process.stdout is None:
                 break
             try:
-                worker.send(process.stdin, task)
-                found: Produced | None = worker.receive(process.stdout)
+                send(process.stdin, task)
+                found: Produced | None = receive(process.stdout)
                 return found
             except (EOFError, OSError, ValueError):
                 code = self.end()
@@ -153,3 +155,37 @@ class Worker:
                 with suppress(OSError):
                     pipe.close()
         return code
+
+
+_SIZE = 8
+"""Bytes that say how long the next message is."""
+
+
+def send(stream: IO[bytes], message: object) -> None:
+    """One message."""
+    content = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
+    stream.write(len(content).to_bytes(_SIZE, "big"))
+    stream.write(content)
+    stream.flush()
+
+
+def receive(stream: IO[bytes]) -> Any:
+    """The next message; EOFError where there is none, or half of one."""
+    size = stream.read(_SIZE)
+    content = stream.read(int.from_bytes(size, "big")) if len(size) == _SIZE else b""
+    if len(size) < _SIZE or len(content) < int.from_bytes(size, "big"):
+        raise EOFError
+    return pickle.loads(content)
+
+
+def main() -> None:
+    """Work until told no more. What anything prints goes to stderr, so that it can't disturb the messages."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    messages = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    while True:
+        try:
+            task = receive(sys.stdin.buffer)
+            send(messages, work.process(task.job, task.known, task.sent))
+        except (EOFError, BrokenPipeError):
+            os._exit(0)

@@ -15,9 +15,8 @@ from massprop_cli import __version__
 from massprop_cli.base import escape, exits
 from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import location
-from massprop_cli.campaign.outcome import Item, contradicted
+from massprop_cli.campaign.outcome import Item, Row, Rows, contradicted
 from massprop_cli.campaign.pooled import Pool, pooled
-from massprop_cli.campaign.rows import Row, Rows
 
 
 def _held(value: object, validated: ValidatorFunctionWrapHandler) -> object:

@@ -260,7 +260,7 @@ def _history(found: Analysis) -> bytes:
 
 
 def _report(job: Job, files: Mapping[str, bytes]) -> bytes:
-    from massprop_cli.report import html, stamp
+    from massprop_cli.report import html
     from massprop_cli.result import read
 
     with tempfile.TemporaryDirectory() as aside:
@@ -269,7 +269,7 @@ def _report(job: Job, files: Mapping[str, bytes]) -> bytes:
         for name, content in files.items():
             (folder / name).write_bytes(content)
         recorded = [read.read(folder)]
-        return stamp.page(html.page(recorded), recorded).encode()
+        return html.stamped(html.page(recorded), recorded).encode()
 
 
 def _outcome(judged: Judged, mark: str, files: list[str]) -> Outcome:

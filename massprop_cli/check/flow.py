@@ -17,7 +17,7 @@ from massprop_cli.check.finding import Check, Expected, Finding, Subject
 from massprop_cli.check.sampling import sampling
 from massprop_cli.check.sensors import sensors
 from massprop_cli.flow import Analysis
-from massprop_cli.inputs import extremes, logfile, telemetry, vehiclefile
+from massprop_cli.inputs import logfile, telemetry, vehiclefile
 from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.tablefile import Table
 from massprop_cli.inputs.telemetry import Log, Notice
@@ -72,7 +72,7 @@ def of_table(
         return _told(table, vehicle, found, [], "", exits.INPUT)
     with np.errstate(all="ignore"):
         try:
-            with extremes.refused(table.path, source):
+            with vehiclefile.refused(table.path, source):
                 log = telemetry.read(table, vehicle)
                 found += seen(log, vehicle, place)
                 estimated = flow.examine(log, source, assignments, say)

@@ -127,7 +127,7 @@ def batch(
     from massprop_cli.campaign.cluster import ClusterExecutor
     from massprop_cli.campaign.plan import Settings
     from massprop_cli.campaign.runner import LocalExecutor
-    from massprop_cli.cli.steps import steps
+    from massprop_cli.cli.terminal import steps
     from massprop_cli.inputs import tolerancefile
 
     over = Settings(
@@ -202,15 +202,15 @@ def _tell_github(found: Summary) -> None:
     file, actions = os.environ.get("GITHUB_STEP_SUMMARY"), os.environ.get("GITHUB_ACTIONS")
     if not file and actions != "true":
         return
-    from massprop_cli.campaign import github
+    from massprop_cli.campaign import markdown
 
     if file:
         try:
-            github.append_summary(Path(file), found)
+            markdown.append_summary(Path(file), found)
         except OSError as error:
             say(f"warning: the job summary {file} cannot be written ({error.strerror or error})")
     if actions == "true":
-        for line in github.commands(found):
+        for line in markdown.commands(found):
             typer.echo(line, err=True)
 
 

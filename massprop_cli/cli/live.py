@@ -36,7 +36,7 @@ def live(
     folder_of_its_own(out)
     from massprop_cli.inputs import vehiclefile
     from massprop_cli.live import records, run
-    from massprop_cli.live.recording import RECORDED, recording
+    from massprop_cli.live.run import RECORDED, recording
 
     if isinstance(sys.stdin, io.TextIOWrapper):
         sys.stdin.reconfigure(encoding="utf-8-sig", errors="replace")  # what is not text makes a bad record, not an end

@@ -62,8 +62,8 @@ def report(
 
     from massprop_cli import job
     from massprop_cli.inputs import expect as expectations
-    from massprop_cli.report.labels import labels
     from massprop_cli.result import read
+    from massprop_cli.result.read import labels
 
     wanted = expectations.load(expect) if expect is not None else None
     once = {realpath(path): path for path in results}
@@ -121,13 +121,13 @@ def _texts(recorded: Sequence[Recorded], formats: Sequence[str]) -> dict[str, by
 
 def _writer(name: str) -> Callable[[Sequence[Recorded]], str]:
     if name == "html":
-        from massprop_cli.report import html, stamp
+        from massprop_cli.report import html
 
-        return lambda recorded: stamp.page(html.page(recorded), recorded)
+        return lambda recorded: html.stamped(html.page(recorded), recorded)
     if name == "md":
-        from massprop_cli.report import markdown, stamp
+        from massprop_cli.report import markdown
 
-        return lambda recorded: stamp.markdown(markdown.text(recorded), recorded)
+        return lambda recorded: markdown.stamped(markdown.text(recorded), recorded)
     if name == "csv":
         from massprop_cli.report import spreadsheet
 
@@ -141,7 +141,7 @@ def _figures(recorded: Sequence[Recorded], asked: Sequence[str], kinds: Sequence
     if not asked:
         return {}
     from massprop_cli.report import figures
-    from massprop_cli.report.labels import labels
+    from massprop_cli.result.read import labels
 
     def names(item: Recorded) -> list[str]:
         """All that were asked for; of all there are, those that it has data for where several logs are together."""

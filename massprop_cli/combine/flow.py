@@ -15,12 +15,11 @@ from massprop_cli import __version__
 from massprop_cli.base import escape, files
 from massprop_cli.base.errors import InputError
 from massprop_cli.combine import logs, twice
-from massprop_cli.combine.docked import backwards, docked_object
+from massprop_cli.combine.joint import backwards, docked_object
 from massprop_cli.combine.phase import Part, Phased, together_phase
 from massprop_cli.diagnosis.preprocessing import Ready
-from massprop_cli.report.labels import labels
 from massprop_cli.result import rendered
-from massprop_cli.result.read import MEMBERS, Recorded, read
+from massprop_cli.result.read import MEMBERS, Recorded, labels, read
 from massprop_cli.result.schema import DockedObject, PhaseItem, Result, WarningItem
 
 MISFIT = ("cause-unknown", "contradicted", "model-discrepancy", "disturbance-torque", "gyro-misfit", "accelerometer-misfit", "model-misfit")

@@ -25,11 +25,10 @@ from massprop_cli.base.rigidbody import cross_matrix, inverse, tensor, times
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel
 from massprop_cli.model import handed
-from massprop_cli.model.damping import impulse_by_damping, made_by_motion
 from massprop_cli.model.gyroscopic import products, products_by_rate
 from massprop_cli.model.layout import RATE, Layout
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.momentum import held, moments_by_scale, scale_sigmas
+from massprop_cli.model.momentum import held, impulse_by_damping, made_by_motion, moments_by_scale, scale_sigmas
 from massprop_cli.model.plant import Motion, Plant, Reference, plant_of
 from massprop_cli.model.plant.bearing import level
 from massprop_cli.model.plant.plant import MU as THETA_MU

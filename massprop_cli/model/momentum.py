@@ -1,4 +1,7 @@
-"""What stored momentum does to the body, −ω × h; and what an error of what is stated does, of a device or of all thrust."""
+"""Torque that the motion itself makes: −ω × h of stored momentum, −d ω of damping (drag, a bearing's film, a cable), d of each axis.
+
+And what an error of what is stated does, of a device or of all thrust.
+"""
 
 from __future__ import annotations
 
@@ -74,3 +77,21 @@ def _precession(motion: Motion, momentum: Array, skew: Array, bin_s: Array) -> t
     mean = -cross(motion.rate, momentum) - cross(motion.rate_dot, skew)
     late = -cross(motion.rate, skew) - cross(motion.rate_dot, momentum) * bin_s**2 / 12
     return mean, late
+
+
+def made_by_motion(stored: Stored | None, damping: Array, motion: Motion, bin_s: Array) -> tuple[Array, Array] | None:
+    """(K, B, 3) torque −ω × h − d ω, mean of each bin, N m; its first moment about the bin's middle over its length, N m s.
+
+    ``damping`` is d (3,), N m s; ``bin_s`` (K, 1, 1). None where there is neither.
+    """
+    precessing = None if stored is None else precession(stored, motion, bin_s)
+    if not damping.any():
+        return precessing
+    torque, late = -damping * motion.rate, -damping * motion.rate_dot * bin_s**2 / 12
+    return (torque, late) if precessing is None else (precessing[0] + torque, precessing[1] + late)
+
+
+def impulse_by_damping(motion: Motion, rates: tuple[Array, Array], bin_s: Array) -> Windows:
+    """(K, 3, 3) impulse of the torque under a cycle's windows by each axis' d, rad; ``rates`` (K, 3) begin and end the cycles."""
+    turned = windows(motion.rate, bin_s, (rates[1] - rates[0]) * bin_s[:, None] / 12)
+    return Windows(*(-part[..., None] * np.eye(3) for part in turned))

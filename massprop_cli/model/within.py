@@ -12,9 +12,9 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross, times
-from massprop_cli.model.damping import made_by_motion
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.lift import Lift
+from massprop_cli.model.momentum import made_by_motion
 from massprop_cli.model.plant import Motion, Reference
 from massprop_cli.prepare.compensate import Samples
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 from massprop_cli import QUANTITIES
@@ -12,10 +13,8 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.base.escape import visible
 from massprop_cli.report import assumptions, body, checks, digits, figures, matrices, mended, view, vocabulary
 from massprop_cli.report.figures import Picture, canvas, comparison, correlation, palette
-from massprop_cli.report.labels import labels
-from massprop_cli.report.script import script
-from massprop_cli.report.svg import gathered, inline, quoted
-from massprop_cli.result.read import Recorded
+from massprop_cli.report.svg import gathered, inline, quoted, script
+from massprop_cli.result.read import Recorded, labels
 from massprop_cli.result.schema import Matrix, PhaseItem, Result
 
 if TYPE_CHECKING:
@@ -106,6 +105,14 @@ def page(recorded: Sequence[Recorded]) -> str:
     if len(recorded) == 1:
         return gathered(templates.get_template("report.html.j2").render(_report(recorded[0])))
     return gathered(templates.get_template("comparison.html.j2").render(_comparison(recorded)))
+
+
+def stamped(text: str, recorded: Sequence[Recorded]) -> str:
+    """A page with the SHA-256 of each result.json that it was made from at its end, where that was read from a file."""
+    several = [f"{escape(name)}/" if len(recorded) > 1 else "" for name in labels(recorded)]
+    said = [f"{name}result.json, SHA-256 <code>{one.sha256}</code>" for name, one in zip(several, recorded, strict=True) if one.sha256]
+    before, mark, after = text.rpartition("</footer>")
+    return f"{before} Made from {'; '.join(said)}.{mark}{after}" if said and mark else text
 
 
 def environment() -> Environment:

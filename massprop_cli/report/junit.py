@@ -14,10 +14,9 @@ from xml.etree import ElementTree as ET
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.escape import line
 from massprop_cli.report import digits, vocabulary
-from massprop_cli.report.labels import labels
-from massprop_cli.report.missing import gap
+from massprop_cli.report.vocabulary import gap
 from massprop_cli.result.judge import INFORMED, contradiction, parts, why
-from massprop_cli.result.read import Recorded
+from massprop_cli.result.read import Recorded, labels
 from massprop_cli.result.schema import EstimateItem, Result
 
 _COUNTED = {"failures": "failure", "errors": "error", "skipped": "skipped"}

@@ -7,10 +7,9 @@ from collections.abc import Iterable, Sequence
 from massprop_cli.base.escape import markdown as shown
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.report import assumptions, digits, mended, vocabulary
-from massprop_cli.report.labels import labels
-from massprop_cli.report.missing import gaps
+from massprop_cli.report.vocabulary import gaps
 from massprop_cli.result.judge import contradiction, missed, parts
-from massprop_cli.result.read import Recorded
+from massprop_cli.result.read import Recorded, labels
 from massprop_cli.result.schema import DockedObject, EstimateItem, Mended, PhaseItem, Result
 
 LARGEST = 200_000
@@ -42,6 +41,12 @@ def text(recorded: Sequence[Recorded]) -> str:
             "",
         ]
     return "\n".join(found).rstrip("\n") + "\n"
+
+
+def stamped(text: str, recorded: Sequence[Recorded]) -> str:
+    """The same with the SHA-256 of result.json, of one result; a text of several has no room for it."""
+    digest = recorded[0].sha256 if len(recorded) == 1 else ""
+    return f"{text}\nMade from result.json, SHA-256 `{digest}`.\n" if digest else text
 
 
 def _size(lines: Iterable[str]) -> int:

@@ -12,10 +12,9 @@ from collections.abc import Sequence
 
 from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.base.escape import cell
-from massprop_cli.report.labels import labels
-from massprop_cli.report.missing import gap
+from massprop_cli.report.vocabulary import gap
 from massprop_cli.result.judge import contradiction, parts
-from massprop_cli.result.read import Recorded
+from massprop_cli.result.read import Recorded, labels
 from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
 
 _UNITS = {"kg m^2": "kg_m2", "m": "m", "kg": "kg"}

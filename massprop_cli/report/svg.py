@@ -1,12 +1,21 @@
-"""An SVG made part of a page: ids of its own, the page's font and colours, nothing that reaches outside."""
+"""What is made part of a page: drawings with ids of their own and the page's font and colours, scripts by their digest."""
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import html
 import re
+from importlib import resources
+from typing import TYPE_CHECKING
 
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.escape import line
 from massprop_cli.report.figures import palette
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
 
 _UNUSED = re.compile(r' id="(?:figure|patch|line2d|text|xtick|ytick|matplotlib\.axis|legend|LineCollection|FillBetweenPolyCollection)_\d+"')
 _COLOUR = re.compile("|".join(palette.NAMES))
@@ -62,3 +71,20 @@ def _themed(style: str) -> str:
     style = re.sub(r"font-family: [^;]*;?\s*", "", style)
     style = re.sub(r"(font: [^;']*)'[^;]*", r"\1var(--font)", style)
     return _COLOUR.sub(lambda colour: f"var(--{palette.NAMES[colour[0]]})", style)
+
+
+@dataclass(frozen=True)
+class Script:
+    """Text as it stands between its tags."""
+
+    text: Markup
+    digest: str
+    """SHA-256 in base64, as a Content-Security-Policy wants it."""
+
+
+def script(name: str) -> Script:
+    """One of the package's own scripts or style sheets."""
+    from markupsafe import Markup
+
+    text = resources.files("massprop_cli.report").joinpath(f"templates/{name}").read_text(encoding="utf-8")
+    return Script(Markup(text), base64.b64encode(hashlib.sha256(text.encode()).digest()).decode())

@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.table import Table
 
 from massprop_cli.base import escape
-from massprop_cli.report import assumptions, digits, mended, missing, vocabulary
+from massprop_cli.report import assumptions, digits, mended, vocabulary
 from massprop_cli.report.fit import fitted
 from massprop_cli.result.judge import INFORMED, contradiction
 from massprop_cli.result.schema import DockedObject, EstimateItem, Mended, PhaseItem, Result
@@ -49,7 +49,7 @@ def _part(title: str, body: PhaseItem | DockedObject, found: Result, console: Co
 
 def _why(name: str, item: EstimateItem, body: PhaseItem | DockedObject, cause: str) -> str:
     """Verdict, reason, cure; a docked object has no motion of its own that would cure it."""
-    return missing.gap(name, item, cause) if isinstance(body, PhaseItem) else f"{item.verdict}: {item.reason}"
+    return vocabulary.gap(name, item, cause) if isinstance(body, PhaseItem) else f"{item.verdict}: {item.reason}"
 
 
 def _mended(one: Mended, console: Console) -> None:

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.report import assumptions, digits, limiting, vocabulary
-from massprop_cli.report.missing import reason
+from massprop_cli.report import assumptions, digits, vocabulary
+from massprop_cli.report.vocabulary import reason
 from massprop_cli.result.judge import INFORMED, contradiction
 from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
 
@@ -134,12 +134,12 @@ def about_pivot(phase: PhaseItem, own: Table, result: Result) -> Table | None:
 def table(anchor: str, title: str, part: PhaseItem | DockedObject, result: Result) -> Table:
     """The table of ten estimates."""
     cause = contradiction(part)
-    rows = tuple(_row(name, item, cause, limiting.limit(name, part, result)) for name, item in part.estimates.items())
+    rows = tuple(_row(name, item, cause, assumptions.limit(name, part, result)) for name, item in part.estimates.items())
     short = part.name if isinstance(part, PhaseItem) else "docked"
     return Table(anchor, title, short, rows, part.estimates, assumptions.sigma_heading(result), assumptions.implied_thrust(part), cause)
 
 
-def _row(name: str, item: EstimateItem, contradicted: str, limit: limiting.Limit | None) -> Row:
+def _row(name: str, item: EstimateItem, contradicted: str, limit: assumptions.Limit | None) -> Row:
     value, sigma = (digits.minus(text) for text in digits.numbers(item.value, item.sigma, item.verdict))
     expected = item.expected
     return Row(

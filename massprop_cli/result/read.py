@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -165,3 +166,12 @@ def _disorder(name: str, values: Array) -> str:
     if name == "time_s" and not (np.isfinite(values).all() and (np.diff(values) > 0).all()):
         return "does not increase"
     return ""
+
+
+def labels(recorded: Sequence[Recorded]) -> list[str]:
+    """The folder of each, with as many of its parents as tell all apart: "log", or "monday/log" and "friday/log"."""
+    folders = [item.path.resolve().parent.parts for item in recorded]
+    depth = 1
+    while len({folder[-depth:] for folder in folders}) < len(set(folders)):
+        depth += 1
+    return ["/".join(part.strip("/") for part in folder[-depth:]) or "/" for folder in folders]

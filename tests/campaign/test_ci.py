@@ -13,9 +13,8 @@ import pytest
 from junitparser import JUnitXml
 from markdown_it import MarkdownIt
 
-from massprop_cli.campaign import github
-from massprop_cli.campaign.outcome import Outcome
-from massprop_cli.campaign.rows import Row
+from massprop_cli.campaign import markdown
+from massprop_cli.campaign.outcome import Outcome, Row
 from massprop_cli.campaign.summary import Baseline, Beyond, Summary, summary
 from tests.campaign.test_pool import row
 from tests.campaigns import batch, environment, simulate
@@ -92,18 +91,18 @@ def test_the_ready_made_job_runs_as_it_stands(tmp_path: Path, file: str, wheels:
 
 
 def test_annotations_are_ten_at_most_and_say_how_many_more(tmp_path: Path) -> None:
-    found = github.commands(summary("c", [failed(n) for n in range(40)]))
+    found = markdown.commands(summary("c", [failed(n) for n in range(40)]))
     assert len(found) == 10
     assert found[0] == "::error title=bad-0::log.csv: is empty; record it again"
     assert found[9] == "::error title=c%3A 31 more::31 more are in the job's summary and in campaign.html"
-    assert len(github.commands(summary("c", [failed(n) for n in range(10)]))) == 10
-    assert github.commands(summary("c", [row(1, 22.0)])) == []
+    assert len(markdown.commands(summary("c", [failed(n) for n in range(10)]))) == 10
+    assert markdown.commands(summary("c", [row(1, 22.0)])) == []
     assert tmp_path.exists()
 
 
 def test_annotations_cannot_be_broken_out_of() -> None:
     evil = failed(1, "a%b\r\n::warning::x\x1b[31m,y: \u202ez").model_copy(update={"name": "n,a:m%e\n::error::"})
-    (line,) = github.commands(summary("c", [evil]))
+    (line,) = markdown.commands(summary("c", [evil]))
     assert line == "::error title=n%2Ca%3Am%25e %3A%3Aerror%3A%3A::a%25b ::warning::x\ufffd[31m,y: \ufffdz"
 
 
@@ -111,22 +110,22 @@ def test_a_summary_keeps_within_what_is_left_of_the_limit(tmp_path: Path) -> Non
     file = tmp_path / "summary.md"
     file.write_bytes(b"x" * 300_000)
     many = summary("c", [*(failed(n, "ö" * 3000) for n in range(400)), *(row(n, 22.0) for n in range(3))])
-    github.append_summary(file, many)
+    markdown.append_summary(file, many)
     size = file.stat().st_size
-    assert 900_000 < size <= github.SUMMARY
+    assert 900_000 < size <= markdown.MOST_BYTES
     assert "rows are left out here" in file.read_text()
-    github.append_summary(file, many)
-    assert file.stat().st_size <= github.SUMMARY
-    file.write_bytes(b"x" * github.SUMMARY)
-    github.append_summary(file, many)
-    assert file.stat().st_size == github.SUMMARY
+    markdown.append_summary(file, many)
+    assert file.stat().st_size <= markdown.MOST_BYTES
+    file.write_bytes(b"x" * markdown.MOST_BYTES)
+    markdown.append_summary(file, many)
+    assert file.stat().st_size == markdown.MOST_BYTES
 
 
 def test_a_summary_says_what_failed_what_is_pooled_and_all_logs(tmp_path: Path) -> None:
     beyond = Beyond(log="log-1", vehicle="tug", part=None, quantity=None, value=None, baseline_value=None, sigmas=None, message="off | far")
     held = Baseline(sha256="s", compared=2, new=[], beyond=[beyond])
     found: Summary = summary("night <b>", [row(1, 22.0), failed(7, "a | b\n# c"), row(2, 22.2)], held)
-    github.append_summary(tmp_path / "s.md", found)
+    markdown.append_summary(tmp_path / "s.md", found)
     text = (tmp_path / "s.md").read_text()
     html = MarkdownIt("commonmark").enable("table").render(text)
     assert "<h2>✗ night &lt;b&gt;: 3 logs</h2>" in html

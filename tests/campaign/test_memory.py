@@ -13,8 +13,8 @@ import pytest
 
 from massprop_cli.campaign import outcome, parquet
 from massprop_cli.campaign import run as flow
+from massprop_cli.campaign.outcome import Rows
 from massprop_cli.campaign.plan import Job
-from massprop_cli.campaign.rows import Rows
 from massprop_cli.campaign.runner import Task
 from massprop_cli.campaign.summary import Summary, summary, to_json
 from massprop_cli.campaign.work import Produced

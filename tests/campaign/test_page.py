@@ -16,10 +16,9 @@ from rich.console import Console
 from massprop_cli.campaign import figures, terminal
 from massprop_cli.campaign import markdown as campaign_markdown
 from massprop_cli.campaign import page as campaign_page
-from massprop_cli.campaign.outcome import Value, contradicted, state
+from massprop_cli.campaign.outcome import Row, Value, contradicted, state
+from massprop_cli.campaign.parquet import COLUMNS, csv_rows
 from massprop_cli.campaign.pooled import grouped
-from massprop_cli.campaign.rows import Row
-from massprop_cli.campaign.spreadsheet import COLUMNS, csv_rows
 from massprop_cli.campaign.summary import Summary, summary, to_json
 from massprop_cli.report.figures import canvas
 from tests.campaign.test_ci import failed

@@ -9,7 +9,7 @@ import pytest
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import discover
-from massprop_cli.campaign.pattern import fitting
+from massprop_cli.campaign.discover import fitting
 from massprop_cli.campaign.plan import Found, Job, Settings, names
 from massprop_cli.inputs.require import Requirement
 

@@ -9,10 +9,9 @@ from scipy import stats
 from massprop_cli import QUANTITIES
 from massprop_cli.campaign import baseline, kept, pool
 from massprop_cli.campaign.baseline import Earlier
-from massprop_cli.campaign.outcome import Body, Outcome, Value, Vehicle
+from massprop_cli.campaign.outcome import Body, Outcome, Row, Value, Vehicle
 from massprop_cli.campaign.pool import Samples
 from massprop_cli.campaign.pooled import pooled
-from massprop_cli.campaign.rows import Row
 from massprop_cli.campaign.summary import summary
 from massprop_cli.estimate.quantities import quantities
 from massprop_cli.estimate.rows import Parameters

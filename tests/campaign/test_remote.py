@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from massprop_cli import api, run_campaign
 from massprop_cli.base.errors import InputError
-from massprop_cli.campaign import discover, lease, location, outcome, runner, work
+from massprop_cli.campaign import discover, location, outcome, runner, urlplace, work
 from massprop_cli.campaign.plan import Job, Settings
 from massprop_cli.campaign.urlplace import UrlPlace
 from massprop_cli.cli import app
@@ -183,8 +183,8 @@ def test_a_put_that_ends_midway_leaves_no_whole_result(s3: Any, monkeypatch: pyt
 
 
 def test_one_batch_at_a_time_and_a_killed_ones_lock_is_taken_over(s3: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lease, "RENEWED_S", 0.1)
-    monkeypatch.setattr(lease, "SILENT_S", 0.8)
+    monkeypatch.setattr(urlplace, "RENEWED_S", 0.1)
+    monkeypatch.setattr(urlplace, "SILENT_S", 0.8)
     place = UrlPlace("s3://flights/locked")
     with place.lock():
         with pytest.raises(InputError, match=rf"another batch is at work there \(process {os.getpid()} on "), UrlPlace(place.url).lock():

@@ -23,7 +23,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.kernel import kernel
 from massprop_cli.live import records, run
-from massprop_cli.live.recording import recording
+from massprop_cli.live.run import recording
 from tests.analysed import SAMPLES, analysed
 from tests.commandline import STDIN, Done, massprop
 

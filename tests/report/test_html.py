@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from massprop_cli.report import checks, html, limiting, view, vocabulary
+from massprop_cli.report import assumptions, checks, html, view, vocabulary
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import Delay, Innovations, Mended, PhaseItem
 from tests import recorded
@@ -222,7 +222,7 @@ def test_a_stated_thrust_scale_is_the_limit_where_it_is_most_of_the_sigma() -> N
     made = [recorded.assumptions()[0] | {"effects": [{"phase": "all", "change": {"mass": 0.22, "ixx": 0.0062}, "seen_sigma": None}]}]
     found = recorded.result([recorded.phase(mass={"sigma": 0.48}, ixx={"sigma": 0.1})], assumptions=made)
     found = found.model_copy(update={"vehicle": found.vehicle.model_copy(update={"thrust_scale_sigma": 0.02})})
-    said = {name: limiting.limit(name, found.phases[0], found) for name in ("mass", "ixx")}
+    said = {name: assumptions.limit(name, found.phases[0], found) for name in ("mass", "ixx")}
     assert [one.said for one in said.values() if one is not None] == ["thrust scale", "noise"]
 
 

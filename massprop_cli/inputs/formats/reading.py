@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from massprop_cli.base import limits, spill
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.spill import Content
-from massprop_cli.inputs.formats import bagfolder
-from massprop_cli.inputs.formats.recording import TABLE, Recording, Stream, counted, kind
+from massprop_cli.inputs import tablefile
+from massprop_cli.inputs.formats import bagfolder, units
+from massprop_cli.inputs.formats.recording import TABLE, Numbers, Read, Recording, Stream, counted, kind
+from massprop_cli.inputs.tablefile import Cells, Table
 
 
 def load(path: Path) -> Recording:
@@ -27,9 +30,7 @@ def read(path: Path, data: Content) -> Recording:
         raise InputError(f"{path}: the file is empty; record the log again")
     found = kind(path)
     if found is TABLE:
-        from massprop_cli.inputs.formats import tabular
-
-        said = tabular.read(path, data)
+        said = read_table(path, data)
     else:
         from massprop_cli.inputs.formats import apart
 
@@ -40,3 +41,14 @@ def read(path: Path, data: Content) -> Recording:
     if not any(one.rows for one in streams.values()):
         raise InputError(f"{path}: holds no numbers; record the log again")
     return Recording(path, spill.digest(data), found.name, streams, said.parameters, said.vehicle, said.map)
+
+
+def read_table(path: Path, data: Content) -> Read:
+    """A stream for each column, whatever it holds; its numbers are read_table when they are asked for."""
+    table = tablefile.columns_of(path, data)
+    return Read([_stream(table, *column) for column in table.columns.items()], vehicle=table.embedded_vehicle, map=table.embedded_map)
+
+
+def _stream(table: Table, name: str, cells: Cells) -> Stream:
+    load: Callable[[], Numbers] = cells.counts if cells.instants else cells.numbers
+    return Stream(name, table.rows, load, unit=cells.instants or cells.unit or units.behind(name)[1], place=cells.places.of)

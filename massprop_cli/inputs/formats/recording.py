@@ -101,7 +101,7 @@ class Kind:
 
 _MATLAB, _HDF5, _ULOG = Kind("MATLAB file", "matlab", "matlab"), Kind("HDF5 file", "hdf5", "hdf5"), Kind("PX4 ULog", "ulog", "ulog")
 _BAG, _MCAP, _MDF = Kind("ROS bag", "rosbag", "ros"), Kind("MCAP file", "mcapfile", "mcap"), Kind("MDF4 file", "mdf", "mdf")
-TABLE = Kind("table", "tabular")
+TABLE = Kind("table", "reading")
 KINDS = {
     ".parquet": TABLE,
     ".csv": TABLE,
