@@ -8,12 +8,12 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import cross, cross_matrix, elements, lever_arm, mean_rotation, parallel_axis, rotation, tensor, times
 from massprop_cli.model.gyroscopic import gamma
-from massprop_cli.model.plant.free import TURN, UNIT, coupling, turned_rows
-from massprop_cli.model.plant.plant import MOMENT, MU, Felt, J, Motion, Reference, Turning, Whole
+from massprop_cli.model.plant.free import TURN, coupling, turned_rows
+from massprop_cli.model.plant.plant import MOMENT, MU, UNIT, Felt, J, Motion, Plant, Reference, Turning
 
 
 @dataclass(frozen=True)
-class BearingBody(Whole):
+class BearingBody(Plant):
     """A body turning about a bearing b whose base slides on a horizontal plane.
 
     The bearing's reaction is whatever keeps b level: all forces but gravity on the rotating mass m_r sum to m_r f, f the specific
@@ -104,10 +104,7 @@ class BearingBody(Whole):
 
     def slopes(self, theta: Array) -> Array:
         """(..., 10, 10) their derivative: I = I_b − (κ² 1 − κ κᵀ) / m_r,  c = b + κ / m_r,  dm_r = −dmu / mu²."""
-        inertia = np.linalg.inv(tensor(theta[..., J]))[..., None, :, :]
-        found = np.zeros((*theta.shape, 10))
-        found[...] = np.eye(10)
-        found[..., :6, J] = np.swapaxes(elements(-inertia @ UNIT @ inertia), -1, -2)
+        found = super().slopes(theta)
         kappa, rotating = theta[..., MOMENT], self._rotating(theta)[..., None]
         unit = np.eye(3)
         outer = unit[:, :, None] * kappa[..., None, None, :]
@@ -164,10 +161,6 @@ class BearingBody(Whole):
         """The vertical, and the level part of the force."""
         force = level(motion.up, motion.wrench[..., 3:]), level(motion.up, skew[..., 3:]).sum(1)
         return [(motion.up, (ups[1] - ups[0]) * bin_s[:, None] / 12), force]
-
-    def turning(self, theta: Array) -> Array:
-        """(3, 3) J."""
-        return tensor(theta[J])
 
     def swing(self, theta: Array, motion: Motion) -> Array:
         """(K, B, 3) by the acceleration that the CG's own swing gives the base: second order in κ."""

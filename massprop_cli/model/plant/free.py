@@ -8,14 +8,14 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import cross, cross_matrix, elements, inertia_regressor, tensor, times
 from massprop_cli.model.gyroscopic import gamma
-from massprop_cli.model.plant.plant import MOMENT, MU, Felt, J, Motion, Reference, Turning, Whole
+from massprop_cli.model.plant.plant import MOMENT, MU, UNIT, Felt, J, Motion, Plant, Reference, Turning
 
-UNIT, TURN = tensor(np.eye(6)), cross_matrix(np.eye(3))
-"""Derivatives of a tensor by its elements, and of [v]× by those of v."""
+TURN = cross_matrix(np.eye(3))
+"""Derivatives of [v]× by the elements of v."""
 
 
 @dataclass(frozen=True)
-class FreeBody(Whole):
+class FreeBody(Plant):
     """``moment = τ − c × F``; the specific force of the CG is ``F/m`` (thesis eq. 2.3, 4.13).
 
     θ = (I⁻¹, c, mu):
@@ -31,66 +31,13 @@ class FreeBody(Whole):
     pivoted = False
     translates = True
 
-    @property
-    def pivot(self) -> Array:
-        """O."""
-        return np.zeros(3)
-
     def jet_moment(self, reference: Reference) -> Array:
         """(3, 6) wrench to moment about the CG."""
         return np.hstack([np.eye(3), -cross_matrix(reference.cg)])
 
-    def rotating_mass(self, reference: Reference) -> float:
-        """The whole."""
-        return 1 / reference.mu
-
-    @property
-    def tilts(self) -> int:
-        """None: there is no weight."""
-        return 0
-
-    def tilt_step(self, rate: Array, duration: Array) -> tuple[Array, Array]:  # noqa: ARG002
-        """Of none."""
-        return np.zeros((len(rate) - 1, 0, 0)), np.zeros((len(rate) - 1, 0, 3))
-
-    def tilt_within(self, rate: Array, duration: Array) -> tuple[Array, Array, Array]:  # noqa: ARG002
-        """Of none."""
-        none = np.zeros((len(rate), 0, 0))
-        return none, none, none
-
-    def force_by_tilt(self, _: Reference, up: Array, force: Array) -> Array:  # noqa: ARG002
-        """By none."""
-        return np.zeros((*up.shape, 0))
-
-    def moment_by_tilt(self, _: Reference, up: Array, force: Array) -> Array:  # noqa: ARG002
-        """By none."""
-        return np.zeros((*up.shape, 0))
-
     def theta(self, reference: Reference) -> Array:
         """(10,) θ of a reference."""
         return np.concatenate([elements(np.linalg.inv(reference.inertia)), reference.cg, [reference.mu]])
-
-    def parameters(self, theta: Array) -> Array:
-        """(..., 10) the state's parameters of θ (..., 10)."""
-        found = theta.copy()
-        found[..., J] = elements(np.linalg.inv(tensor(theta[..., J])))
-        return found
-
-    def slopes(self, theta: Array) -> Array:
-        """(..., 10, 10) their derivative with respect to θ (..., 10)."""
-        inertia = np.linalg.inv(tensor(theta[..., J]))[..., None, :, :]
-        found = np.zeros((*theta.shape, 10))
-        found[...] = np.eye(10)
-        found[..., :6, J] = np.swapaxes(elements(-inertia @ UNIT @ inertia), -1, -2)
-        return found
-
-    def trace_beyond(self, _: Array) -> float:
-        """None: both are about the CG."""
-        return 0.0
-
-    def moment_over_cg(self, theta: Array) -> Array:
-        """One: θ has the CG itself."""
-        return np.ones(theta.shape[:-1])
 
     def response(self, theta: Array) -> Array:
         """(3, 12) Φ = [J | −J [c]× | −J Γ(I)]."""
@@ -103,26 +50,6 @@ class FreeBody(Whole):
         phi, slopes = by_lever(theta)
         slopes[-3:, MOMENT] = np.eye(3)
         return np.concatenate([phi, theta[MOMENT]]), slopes
-
-    def commanded(self, wrench: Array) -> Array:
-        """(..., 6) the wrench."""
-        return wrench
-
-    def acting(self, wrench: Array, up: Array, level_of: Array) -> Array:  # noqa: ARG002
-        """(K, B, 6) the wrench."""
-        return wrench
-
-    def by_attitude(self, motion: Motion, ups: tuple[Array, Array], skew: Array, bin_s: Array) -> list[tuple[Array, Array]]:  # noqa: ARG002
-        """Nothing."""
-        return []
-
-    def turning(self, theta: Array) -> Array:
-        """(3, 3) J."""
-        return tensor(theta[J])
-
-    def swing(self, _: Array, motion: Motion) -> Array:
-        """None."""
-        return np.zeros_like(motion.rate)
 
     def felt(self, reference: Reference, motion: Motion, turning: Turning, position: Array) -> Felt:  # noqa: ARG002
         """Products of ω̇ with c are split about the reference."""

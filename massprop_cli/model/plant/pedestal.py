@@ -9,8 +9,8 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import cross_matrix, elements, tensor, times
 from massprop_cli.model.gyroscopic import gamma
 from massprop_cli.model.plant.bearing import BearingBody
-from massprop_cli.model.plant.free import UNIT, by_lever, turned_rows
-from massprop_cli.model.plant.plant import MOMENT, MU, Felt, J, Motion, Reference, Turning
+from massprop_cli.model.plant.free import by_lever, turned_rows
+from massprop_cli.model.plant.plant import MOMENT, MU, Felt, J, Motion, Plant, Reference, Turning
 
 TOLD: BoolArray = np.arange(10) != MU
 """Of θ: all but mu."""
@@ -52,18 +52,14 @@ class PedestalBody(BearingBody):
 
     def parameters(self, theta: Array) -> Array:
         """(..., 10) the state's parameters of θ (..., 10)."""
-        found = theta.copy()
-        found[..., :6] = elements(np.linalg.inv(tensor(theta[..., J])))
+        found = Plant.parameters(self, theta)
         found[..., 6:9] = self.bearing + theta[..., MOMENT] * theta[..., MU, None]
         return found
 
     def slopes(self, theta: Array) -> Array:
         """(..., 10, 10) their derivative, mu being what it is."""
-        inertia = np.linalg.inv(tensor(theta[..., J]))[..., None, :, :]
-        found = np.zeros((*theta.shape, 10))
-        found[..., :6, J] = np.swapaxes(elements(-inertia @ UNIT @ inertia), -1, -2)
+        found = Plant.slopes(self, theta)
         found[..., 6:9, MOMENT] = np.eye(3) * theta[..., MU, None, None]
-        found[..., 9, MU] = 1.0
         return found
 
     def trace_beyond(self, theta: Array) -> float:  # noqa: ARG002

@@ -67,10 +67,6 @@ class PlanarBody(FreeBody):
         """N itself, in the mean over a cycle."""
         return np.broadcast_to(np.eye(3, 2), (*up.shape, 2))
 
-    def moment_by_tilt(self, _: Reference, up: Array, force: Array) -> Array:  # noqa: ARG002
-        """None: the weight has no moment about the CG."""
-        return np.zeros((*up.shape, 2))
-
     def theta(self, reference: Reference) -> Array:
         """(10,) θ of a reference."""
         turning = 1 / reference.inertia[2, 2]
