@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.check.finding import Finding, rows
+from massprop_cli.check.finding import Finding, finding, rows
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 
@@ -23,7 +23,8 @@ def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
     """Findings of jets or wrench; ``place`` names a row."""
     if not log.command.any() and not any(one.moved for one in log.spinning):
         return [
-            _finding(
+            finding(
+                "commands",
                 "nothing-commanded",
                 "fault",
                 "no command other than 0 in the whole log",
@@ -38,7 +39,9 @@ def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
     for number, jet in enumerate(vehicle.jets):
         if (share[:, number] > ALWAYS).mean() > ALWAYS:
             said = f"jet {jet.name} is on in every cycle, all of it"
-            found.append(_finding("jet-always-on", "fault", said, "", "see whether its column holds what was executed; is it a constant?"))
+            found.append(
+                finding("commands", "jet-always-on", "fault", said, "", "see whether its column holds what was executed; is it a constant?")
+            )
     for first, second in _opposed(vehicle):
         # of two on-times in one cycle at least this much overlaps or wastes thrust
         both = np.minimum(share[:, first], share[:, second]) > TOGETHER
@@ -46,7 +49,7 @@ def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
             names = f"{vehicle.jets[first].name} and {vehicle.jets[second].name}"
             said = f"jets {names} push against each other in {int(both.sum())} cycles: their errors stay and their thrust cancels"
             where = rows(np.repeat(both, log.records_per_cycle), place)
-            found.append(_finding("opposed-jets", "note", said, where, "allocate the commands so that only one of them fires"))
+            found.append(finding("commands", "opposed-jets", "note", said, where, "allocate the commands so that only one of them fires"))
     return found
 
 
@@ -71,9 +74,3 @@ def _opposed(vehicle: Vehicle) -> list[tuple[int, int]]:
         for j in range(i + 1, len(wrench))
         if np.abs(wrench[i] + wrench[j]).max() <= ALIKE * size and wrench[i].any()
     ]
-
-
-def _finding(code: str, grade: str, what: str, where: str, remedy: str) -> Finding:
-    return Finding.model_validate(
-        {"subject": "commands", "code": code, "grade": grade, "what": what, "where": where, "sure": "certain", "remedy": remedy}
-    )

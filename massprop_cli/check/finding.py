@@ -68,6 +68,11 @@ class Check(Item):
     exit_code: int
 
 
+def finding(subject: Subject, code: str, grade: Grade, what: str, where: str, remedy: str) -> Finding:
+    """One that the log itself makes certain."""
+    return Finding(subject=subject, code=code, grade=grade, what=what, where=where, sure="certain", remedy=remedy)
+
+
 def rows(where: BoolArray, place: Any) -> str:
     """The first run of rows that are True in words, and how many more there are; ``place`` names a row as a person finds it."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(int), [0]])))

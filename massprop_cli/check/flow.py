@@ -13,7 +13,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.check.attitude import attitude, on_table
 from massprop_cli.check.commands import commands, never_fired
-from massprop_cli.check.finding import Check, Expected, Finding, Subject
+from massprop_cli.check.finding import Check, Expected, Finding, Subject, finding
 from massprop_cli.check.sampling import sampling
 from massprop_cli.check.sensors import sensors
 from massprop_cli.flow import Analysis
@@ -110,7 +110,7 @@ def _times(table: Table, vehicle: Vehicle) -> Array:
 
 
 def _unusable(message: str) -> Finding:
-    return Finding(subject="reading", code="unusable", grade="unusable", what=message, where="", sure="certain", remedy="")
+    return finding("reading", "unusable", "unusable", message, "", "")
 
 
 def _noticed(estimated: Analysis, said: set[str]) -> list[Finding]:
@@ -198,17 +198,8 @@ def _idle(log: Log, vehicle: Vehicle, expected: Sequence[Expected]) -> list[Find
     if not missing or not idle:
         return []
     cures = "; ".join(dict.fromkeys(f"{name}: {vocabulary.cure(name)}" for name in missing))
-    return [
-        Finding(
-            subject="excitation",
-            code="never-fired",
-            grade="note",
-            what=f"never commanded: {', '.join(idle)}; {', '.join(missing)} can't be told without motion",
-            where="",
-            sure="certain",
-            remedy=f"fly what is missing ({cures}); massprop plan finds it",
-        )
-    ]
+    said = f"never commanded: {', '.join(idle)}; {', '.join(missing)} can't be told without motion"
+    return [finding("excitation", "never-fired", "note", said, "", f"fly what is missing ({cures}); massprop plan finds it")]
 
 
 def _delay(told: Result) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from massprop_cli.base.arrays import Array, median
-from massprop_cli.check.finding import Finding, rows
+from massprop_cli.check.finding import Finding, finding, rows
 from massprop_cli.inputs.logtable import GAP, LONG
 from massprop_cli.inputs.telemetry import JITTER, jitter
 
@@ -34,22 +34,20 @@ def sampling(time_s: Array, place: Place) -> list[Finding]:
             worst = float(np.max(np.abs(steps[which])))
             size = "" if code == "duplicate-time" else f", the largest of {worst:.6g} s"
             said = f"{int(which.sum())} {what} (usual interval {usual:.6g} s{size})"
-            found.append(_finding(code, "unusable", said, rows(which, place), remedy))
+            found.append(finding("sampling", code, "unusable", said, rows(which, place), remedy))
     if found:
         return found
     scatter = jitter(steps[1:])
     if scatter > JITTER:
         off = np.abs(steps - usual) > 3 * scatter * usual
         remedy = "stamp records by the IMU's own clock, not at arrival, or state even = true under their clock in a map file"
-        found.append(_finding("jitter", "fault", f"intervals scatter by {100 * scatter:.2g} % of {usual:.6g} s", rows(off, place), remedy))
+        found.append(
+            finding("sampling", "jitter", "fault", f"intervals scatter by {100 * scatter:.2g} % of {usual:.6g} s", rows(off, place), remedy)
+        )
     short = steps < usual / LONG
     if short.any() and scatter <= JITTER:
         said = f"{int(short.sum())} intervals shorter than {1 / LONG:.2g} of the usual {usual:.6g} s"
-        found.append(_finding("short-interval", "note", said, rows(short, place), "see that the recorder dropped and made up nothing"))
+        found.append(
+            finding("sampling", "short-interval", "note", said, rows(short, place), "see that the recorder dropped and made up nothing")
+        )
     return found
-
-
-def _finding(code: str, grade: str, what: str, where: str, remedy: str) -> Finding:
-    return Finding.model_validate(
-        {"subject": "sampling", "code": code, "grade": grade, "what": what, "where": where, "sure": "certain", "remedy": remedy}
-    )
