@@ -50,8 +50,7 @@ def simulate(
         if seeds is None:
             files.check_own(folder, (f"log.{kind}", "vehicle.toml"), "truth.json")
             flight = fly(source, [first_seed], progress=partial(_tell, progress, 0.0, 1.0), running=running)
-            with files.held(folder):
-                write(flight, 0, source.scenario, folder, kind)
+            write(flight, 0, source.scenario, folder, kind)
             return f"log.{kind}, vehicle.toml and truth.json"
         return _campaign(source, folder, range(first_seed, first_seed + seeds), kind, progress, running)
 
@@ -176,9 +175,9 @@ def _save(stage: files.Staged, flight: Flight, member: int, scenario: Scenario, 
         stage.save("log.parquet", lambda path: pq.write_table(table, path, compression="zstd"))
     else:
         stage.save("log.csv", lambda path: pyarrow.csv.write_csv(table, path, pyarrow.csv.WriteOptions(quoting_style="needed")))
-    stage.save("vehicle.toml", lambda path: files.save_text(path, vehicle))
+    stage.save("vehicle.toml", vehicle)
     truth = escape.json(json.dumps(truth_of(flight, member, scenario), indent=1, allow_nan=False, ensure_ascii=False))
-    stage.save("truth.json", lambda path: files.save_text(path, truth + "\n"))
+    stage.save("truth.json", truth + "\n")
 
 
 def vehicle_toml(vehicle: Vehicle) -> str:

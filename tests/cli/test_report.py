@@ -15,6 +15,7 @@ import massprop_cli.report
 from massprop_cli.base import escape
 from massprop_cli.base.errors import InputError, UsageError
 from massprop_cli.cli import app
+from massprop_cli.report import html
 from massprop_cli.result.schema import Result
 from tests import recorded
 from tests.commandline import massprop
@@ -159,13 +160,10 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> None:
             raise InputError("no history.parquet")
         return f"{name} {item.name} {kind}".encode()
 
-    stand_ins = {
-        "html": SimpleNamespace(page=lambda items: f"<p>{' '.join(item.name for item in items)}"),
-        "figures": SimpleNamespace(NAMES=("inertia", "mass"), draw=draw),
-    }
-    for name, stand_in in stand_ins.items():
-        monkeypatch.setitem(sys.modules, f"massprop_cli.report.{name}", stand_in)
-        monkeypatch.setattr(massprop_cli.report, name, stand_in, raising=False)
+    monkeypatch.setattr(html, "page", lambda items: f"<p>{' '.join(item.name for item in items)}")
+    stand_in = SimpleNamespace(NAMES=("inertia", "mass"), draw=draw)
+    monkeypatch.setitem(sys.modules, "massprop_cli.report.figures", stand_in)
+    monkeypatch.setattr(massprop_cli.report, "figures", stand_in, raising=False)
 
 
 def run(*arguments: str | Path) -> tuple[int, list[str]]:
