@@ -15,9 +15,7 @@ from massprop_cli.base.arrays import Array, triangle_of
 from massprop_cli.diagnosis.segment import edges_of
 from massprop_cli.estimate.regression import STEPS, STILL
 from massprop_cli.estimate.triangle import Triangle
-from massprop_cli.model import handed
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.lifted import compiled
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
@@ -78,12 +76,10 @@ def joined(one: Array, other: Array) -> Array:
 def least(triangles: Array, reference: Reference, vehicle: Resolved) -> Array:
     """(M,) chi-square of the body near a reference that fits each of ``triangles`` (M, N + 1, N + 1) best.
 
-    Gauss–Newton steps, each held back by the body's own size. Where there is a compiled kernel that knows the vehicle it takes them.
+    Gauss–Newton steps, each held back by the body's own size.
     """
     lift = Lift(plant_of(vehicle))
     theta = lift.theta(reference)
-    if compiled(vehicle):
-        return handed.least(handed.vehicle_numbers(vehicle, (False,) * 4, handed.Begun()), theta, triangles, STEPS, STILL)
     return np.array([_least(triangle, lift, theta) for triangle in triangles])
 
 

@@ -5,7 +5,6 @@ What commands do is the same under every hypothesis about jets' places and stren
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
@@ -21,7 +20,6 @@ from massprop_cli.errorparameters.table import BY_COLUMN, BY_NAME
 from massprop_cli.estimate.whitening import Driven
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.kernel import kernel, pointer
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.lifted import integrals_about
@@ -345,9 +343,6 @@ def verticals(rate: Array, duration_s: Array, start: Array) -> Array:
     back = rotation(-vectors)
     found = np.empty((len(rate), rate.shape[1] + 1, 3))
     found[:, 0] = start
-    if (library := kernel().library) is not None:
-        library.mp_host_carried(*map(ctypes.c_long, back.shape[:2]), pointer(back), pointer(found))
-        return found
     for k in range(rate.shape[1]):
         found[:, k + 1] = (back[:, k] @ found[:, k, :, None])[..., 0]
     return found

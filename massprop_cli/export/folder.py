@@ -15,7 +15,7 @@ from massprop_cli.kernel import kernel
 
 SOURCES = Path(kernel_room.__file__).parent
 TEMPLATES = Path(__file__).parent
-HOST = ("host.c", "host.h", "begin.c", "blocks.c", "contest.c", "least.c", "offline.c", "suppose.c", "suppose.h")
+HOST = ("host.c", "host.h", "begin.c", "blocks.c", "contest.c", "offline.c", "suppose.c", "suppose.h")
 """What serves the ground alone."""
 
 

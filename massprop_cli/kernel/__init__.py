@@ -16,7 +16,7 @@ from massprop_cli.kernel.compile import built
 
 CHOICE = "MASSPROP_KERNEL"
 """Environment variable; "numpy" keeps the compiled kernel out."""
-INTERFACE = 5
+INTERFACE = 6
 """Of the library's calls, as ``mp_host_interface`` says it."""
 BINS, COMMANDS, PENDING = 64, 64, 24
 """MP_BINS, MP_COMMANDS, MP_PENDING"""

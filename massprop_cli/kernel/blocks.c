@@ -37,14 +37,6 @@ SHARED int mp_host_white(long filters, long count, long columns, long states, co
 SHARED int mp_host_integrals(const double *table, const double *reference, long count, long stride, const double *rows, double *step,
                              double *mean, double *known);
 
-SHARED int mp_host_windows(long count, long bins, long channels, long along, long across, const double *integral, const double *moment,
-                           const double *duration, double *rising, double *whole);
-SHARED int mp_host_net(long count, long channels, long along, long across, const double *part, const double *wrench, const double *none,
-                       double *out);
-SHARED int mp_host_wrenches(long count, long together, long bins, long channels, long along, long across, const double *integral,
-                            const double *moment, const double *duration, const double *windows, const double *wrench,
-                            const double *none, double *room, double *impulse, double *skew, double *made);
-SHARED int mp_host_carried(long chains, long count, const double *turns, double *carried);
 
 static void reference_of(const double *from, int channels, mp_reference *out) {
     int i;
@@ -362,94 +354,6 @@ int mp_host_pulses(long jets, long count, const double *begin, const double *on,
     return MP_OK;
 }
 
-/* What each channel did over a cycle and under the rising half of its window, (count, channels), from its bins' integrals and first
- * moments (massprop_cli/prepare/sums.py); numbers of one channel stand `across` apart, those of its bins `along`. */
-int mp_host_windows(long count, long bins, long channels, long along, long across, const double *integral, const double *moment,
-                    const double *duration, double *rising, double *whole) {
-    long k, b, c;
-    for (c = 0; c < channels; c++)
-        for (k = 0; k < count; k++) {
-            const double *each = integral + c * across + k * bins * along, *late = moment + c * across + k * bins * along;
-            double sum = 0, later = 0, within = 0;
-            for (b = 0; b < bins; b++) {
-                sum += each[b * along];
-                later += each[b * along] * ((double)b / (double)bins);
-                within += late[b * along];
-            }
-            whole[k * channels + c] = sum;
-            rising[k * channels + c] = within / duration[k] + later;
-        }
-    return MP_OK;
-}
-
-/* Adds what a channel makes at x of its full wrench (6), and what that is alone. */
-static void add_wrench(double x, const double *wrench, double *sum, double *alone) {
-    int i;
-    if (x == 0.0) return;
-    for (i = 0; i < 6; i++) {
-        double made = x * wrench[i];
-        sum[i] += made;
-        alone[i] += fabs(made);
-    }
-}
-
-/* Nothing where they cancel to the part `none` of what each makes alone. */
-static void cancelled(long numbers, double none, const double *alone, double *sum) {
-    long i;
-    for (i = 0; i < numbers; i++)
-        if (fabs(sum[i]) < none * alone[i]) sum[i] = 0.0;
-}
-
-/* (count, 6) what channels (channels, 6) make together. */
-int mp_host_net(long count, long channels, long along, long across, const double *part, const double *wrench, const double *none,
-                double *out) {
-    long k, c;
-    for (k = 0; k < count; k++, part += along, out += 6) {
-        double alone[6] = {0};
-        memset(out, 0, 6 * sizeof out[0]);
-        for (c = 0; c < channels; c++) add_wrench(part[c * across], wrench + 6 * c, out, alone);
-        cancelled(6, *none, alone, out);
-    }
-    return MP_OK;
-}
-
-/* The same of bins and cycles (massprop_cli/prepare/align.py): (count, bins, 6) impulse, and skew: first moment about a bin's middle, over
- * its length; (3, count, 6) of what channels did under three `windows` (3, count, channels). Integrals and moments as of mp_host_windows.
- * Channels are gone through one by one for so many cycles `together`, since their numbers stand far apart; room: 6 together (2 bins + 3). */
-int mp_host_wrenches(long count, long together, long bins, long channels, long along, long across, const double *integral,
-                     const double *moment, const double *duration, const double *windows, const double *wrench, const double *none,
-                     double *room, double *impulse, double *skew, double *made) {
-    long first, last, k, b, c, w;
-    double *within = room, *later = within + together * 6 * bins, *beside = later + together * 6 * bins;
-    memset(made, 0, (size_t)(3 * count * 6) * sizeof made[0]);
-    for (first = 0; first < count; first = last) {
-        last = first + together < count ? first + together : count;
-        memset(room, 0, (size_t)(together * 6 * (2 * bins + 3)) * sizeof room[0]);
-        memset(impulse + first * bins * 6, 0, (size_t)((last - first) * bins * 6) * sizeof impulse[0]);
-        memset(skew + first * bins * 6, 0, (size_t)((last - first) * bins * 6) * sizeof skew[0]);
-        for (c = 0; c < channels; c++) {
-            const double *own = wrench + 6 * c;
-            for (k = first; k < last; k++) {
-                const double *each = integral + c * across + k * bins * along, *late = moment + c * across + k * bins * along;
-                double bin_s = duration[k] / (double)bins;
-                for (b = 0; b < bins; b++) {
-                    double x = each[b * along], y = late[b * along];
-                    if (x == 0.0 && y == 0.0) continue;
-                    add_wrench(x, own, impulse + (k * bins + b) * 6, within + ((k - first) * bins + b) * 6);
-                    add_wrench(y / bin_s - x / 2, own, skew + (k * bins + b) * 6, later + ((k - first) * bins + b) * 6);
-                }
-                for (w = 0; w < 3; w++)
-                    add_wrench(windows[(w * count + k) * channels + c], own, made + (w * count + k) * 6,
-                               beside + (w * together + k - first) * 6);
-            }
-        }
-        cancelled((last - first) * bins * 6, *none, within, impulse + first * bins * 6);
-        cancelled((last - first) * bins * 6, *none, later, skew + first * bins * 6);
-        for (w = 0; w < 3; w++) cancelled((last - first) * 6, *none, beside + w * together * 6, made + (w * count + first) * 6);
-    }
-    return MP_OK;
-}
-
 /* (3, 3) covariance one cycle on: step kept stepT + added, (states, states) each. */
 static void spread_on(double kept[3][3], long states, const double *step, const double *added) {
     double made[3][3] = {{0}};
@@ -501,17 +405,5 @@ int mp_host_white(long filters, long count, long columns, long states, const dou
                 for (j = 0; j < states; j++) kept[i][j] -= gain[i] * was[j];
         }
     }
-    return MP_OK;
-}
-
-/* Directions that turn from cycle to cycle: of each chain the first (3) of carried (count + 1, 3) is given, the others are made by turns
- * (count, 3, 3). */
-int mp_host_carried(long chains, long count, const double *turns, double *carried) {
-    long n, k;
-    int i;
-    for (n = 0; n < chains; n++, carried += 3)
-        for (k = 0; k < count; k++, carried += 3, turns += 9)
-            for (i = 0; i < 3; i++)
-                carried[3 + i] = turns[3 * i] * carried[0] + turns[3 * i + 1] * carried[1] + turns[3 * i + 2] * carried[2];
     return MP_OK;
 }

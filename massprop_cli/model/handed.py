@@ -145,14 +145,6 @@ def integrals(numbers: Array, about: Array, cycles: Array, channels: int) -> tup
     return found
 
 
-def least(numbers: Array, theta: Array, triangles: Array, steps: int, still: float) -> Array:
-    """(M,) chi-square of :func:`massprop_cli.diagnosis.change.least` of each of ``triangles`` (M, N + 1, N + 1)."""
-    count, found = (ctypes.c_long(len(triangles)), ctypes.c_long(steps), ctypes.c_double(still)), np.empty(len(triangles))
-    before, after = (numbers, np.ascontiguousarray(theta)), (np.ascontiguousarray(triangles), found)
-    checked(kernel().compiled.mp_host_least(*map(pointer, before), *count, *map(pointer, after)))
-    return found
-
-
 class StatusError(RuntimeError):
     """The kernel doesn't take a cycle: ``enum mp_status`` of massprop_cli/kernel/massprop.h."""
 

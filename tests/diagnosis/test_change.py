@@ -11,7 +11,6 @@ from massprop_cli.diagnosis import change
 from massprop_cli.estimate.triangle import Triangle
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.kernel import kernel
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.sensitivity import Consider
@@ -82,19 +81,6 @@ def test_two_stretches_say_together_what_their_rows_say() -> None:
     one, other = (stretch(samples, piece, about, used) for piece in (slice(2, 160), slice(160, 320)))
     both = change.joined(one, other)
     np.testing.assert_allclose(both.T @ both, one.T @ one + other.T @ other, rtol=1e-9, atol=1e-9 * np.abs(both.T @ both).max())
-
-
-@pytest.mark.skipif(kernel().library is None, reason="no compiled kernel was built")
-@pytest.mark.parametrize("kind", ["free", "air_bearing"])
-def test_the_kernel_finds_the_bodies_that_numpy_finds(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of stretches of all lengths, from a beginning that is half as heavy again."""
-    flown = flight.standard(kind, 320)
-    samples, used, true = flown.samples(np.random.default_rng(5)), flown.used, reference(flight.TRUTH)
-    about = Reference(1.5 * true.inertia, true.cg, true.mu / 1.5)
-    triangles = np.stack([stretch(samples, slice(2, end), about, used) for end in (40, 80, 160, 320)])
-    found = change.least(triangles, about, resolved(used))
-    monkeypatch.setattr(change, "compiled", lambda _: False)
-    np.testing.assert_allclose(found, change.least(triangles, about, resolved(used)), rtol=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["free", "air_bearing"])

@@ -9,7 +9,6 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis import channelwise
-from massprop_cli.diagnosis import design as design_of
 from massprop_cli.diagnosis.design import Design, Designs, _verticals, verticals
 from massprop_cli.estimate import whitening
 from massprop_cli.estimate.whitening import Disturbance
@@ -210,16 +209,6 @@ def test_the_vertical_moves_as_the_integrated_attitude_does() -> None:
     # what is integrated is less by the bias than what is measured
     np.testing.assert_allclose(-(with_bias - samples.up_b) / bias, moved["gyro_bias 1"], atol=1e-3 * np.abs(moved["gyro_bias 1"]).max())
     assert np.abs(np.einsum("ki,ki->k", moved["east"], samples.up_b)).max() < 1e-9
-
-
-@pytest.mark.skipif(kernel().library is None, reason="no compiled kernel was built")
-def test_a_vertical_is_carried_along_as_numpy_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(7)
-    rates, duration, start = rng.normal(size=(3, 50, 3)), rng.uniform(0.04, 0.06, 50), rng.normal(size=(3, 3))
-    carried = verticals(rates, duration, start)
-    monkeypatch.setattr(design_of, "kernel", lambda: Kernel(None, "none"))
-    np.testing.assert_allclose(carried, verticals(rates, duration, start), rtol=0, atol=1e-13)
-    np.testing.assert_allclose(np.linalg.norm(carried, axis=2), np.linalg.norm(start, axis=1)[:, None] * np.ones(51), rtol=1e-12)
 
 
 def test_too_short_a_log_is_refused() -> None:

@@ -1,4 +1,4 @@
-"""Sums over cycles, against loops over single numbers, in either layout and on either kernel."""
+"""Sums over cycles, against loops over single numbers, in either layout."""
 
 from collections.abc import Callable
 from itertools import product
@@ -6,7 +6,6 @@ from itertools import product
 import numpy as np
 import pytest
 
-from massprop_cli.kernel import Kernel, kernel
 from massprop_cli.prepare import sums
 
 CYCLES, BINS, CHANNELS = 7, 3, 4
@@ -22,15 +21,6 @@ def channels_first(each: np.ndarray) -> np.ndarray:
     return flat.T.reshape(each.shape)
 
 
-@pytest.fixture(params=["compiled", "numpy"])
-def either(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    if request.param == "numpy":
-        monkeypatch.setattr(sums, "kernel", lambda: Kernel(None, "NumPy"))
-    elif kernel().library is None:
-        pytest.skip("no compiled kernel")
-
-
-@pytest.mark.usefixtures("either")
 @pytest.mark.parametrize("layout", [as_it_is, channels_first])
 def test_the_rising_half_weights_each_bin_by_when_it_comes(layout: Callable[[np.ndarray], np.ndarray]) -> None:
     rng = np.random.default_rng(1)
@@ -44,7 +34,6 @@ def test_the_rising_half_weights_each_bin_by_when_it_comes(layout: Callable[[np.
         assert whole[k, c] == pytest.approx(sum(integral[k, :, c]), rel=1e-14, abs=1e-14)
 
 
-@pytest.mark.usefixtures("either")
 @pytest.mark.parametrize("layout", [as_it_is, channels_first])
 def test_channels_add_up_to_a_wrench_and_to_nothing_where_they_cancel(layout: Callable[[np.ndarray], np.ndarray]) -> None:
     rng = np.random.default_rng(2)
@@ -60,7 +49,6 @@ def test_channels_add_up_to_a_wrench_and_to_nothing_where_they_cancel(layout: Ca
         assert made[k, b, i] == pytest.approx(expected, rel=1e-13, abs=1e-14)
 
 
-@pytest.mark.usefixtures("either")
 def test_no_channel_makes_no_wrench() -> None:
     assert np.array_equal(sums.net(np.zeros((CYCLES, BINS, 0)), np.zeros((0, 6))), np.zeros((CYCLES, BINS, 6)))
 
@@ -70,14 +58,11 @@ def test_records_add_up_to_cycles() -> None:
     assert np.array_equal(sums.of_records(each, 4), [[18, 22, 26], [66, 70, 74], [114, 118, 122]])
 
 
-@pytest.mark.usefixtures("either")
 @pytest.mark.parametrize("layout", [as_it_is, channels_first])
-@pytest.mark.parametrize("count", [CYCLES, 3 * sums.TOGETHER, 2 * sums.TOGETHER + 1])
-def test_wrenches_of_bins_and_halves_are_sums_over_channels(layout: Callable[[np.ndarray], np.ndarray], count: int) -> None:
-    """Some cycles are gone through at once: fewer than these, whole lots and a rest."""
-    rng = np.random.default_rng(count)
-    integral, moment = rng.normal(size=(2, count, BINS, CHANNELS))
-    duration, wrench = rng.uniform(0.5, 2.0, count), rng.normal(size=(CHANNELS, 6))
+def test_wrenches_of_bins_and_halves_are_sums_over_channels(layout: Callable[[np.ndarray], np.ndarray]) -> None:
+    rng = np.random.default_rng(7)
+    integral, moment = rng.normal(size=(2, CYCLES, BINS, CHANNELS))
+    duration, wrench = rng.uniform(0.5, 2.0, CYCLES), rng.normal(size=(CHANNELS, 6))
     integral[1::2, :, 1:], moment[1::2, :, 1:] = 0.0, 0.0  # most channels do nothing in most cycles
     wrench[:2, 0], integral[2], moment[2] = [0.1 * 3, -0.3], 0.0, 0.0
     integral[2, 1, :2] = 1.0  # these cancel but for rounding
@@ -85,7 +70,7 @@ def test_wrenches_of_bins_and_halves_are_sums_over_channels(layout: Callable[[np
     each = rising, whole - rising, whole
     made = sums.wrenches(layout(integral), layout(moment), duration, each, wrench)
     assert made.impulse_bins[2, 1, 0] == 0.0
-    for k, i in product((0, 1, 2, count - 1), range(6)):
+    for k, i in product(range(CYCLES), range(6)):
         by_channel = [wrench[c, i] for c in range(CHANNELS)]
         for b in range(BINS):
             late = [moment[k, b, c] / (duration[k] / BINS) - integral[k, b, c] / 2 for c in range(CHANNELS)]
