@@ -10,9 +10,10 @@ from rich.table import Table
 from massprop_cli.balance.document import G_CM, Balance, BallastChange, Hang, Moment, MoveCheck
 from massprop_cli.base import escape
 from massprop_cli.report import digits
-from massprop_cli.report.fit import fitted
+from massprop_cli.report.fit import fitted, titled
 
 _UNITS = (("g cm", "g_cm"), ("N m", "n_m"), ("kg m", "kg_m"))
+_WORDS = ("ballast", "", "unit")
 
 
 def show(found: Balance, console: Console) -> None:
@@ -34,9 +35,7 @@ def show(found: Balance, console: Console) -> None:
 
 
 def _changes(changes: list[BallastChange]) -> Table:
-    table = _titled("what to do")
-    for name in ("ballast", "do", "to", "Δx (g cm)", "Δy (g cm)", "Δz (g cm)", "± g cm", "Δ (mN m)"):
-        table.add_column(name, justify="left" if name == "ballast" else "right", no_wrap=True)
+    table = titled("what to do", ("ballast", "do", "to", "Δx (g cm)", "Δy (g cm)", "Δz (g cm)", "± g cm", "Δ (mN m)"), _WORDS)
     for one in changes:
         by = round(one.by_mm if one.by_mm is not None else 1000 * (one.add_kg or 0.0), 3)
         do = "leave" if by == 0 else f"move {by:+.3f} mm" if one.what == "move" else f"add {by:.3f} g"
@@ -49,9 +48,7 @@ def _changes(changes: list[BallastChange]) -> Table:
 
 
 def _moments(found: Balance) -> Table:
-    table = _titled("first moment about the pivot")
-    for name in ("", "now", "± now", "wanted", "then", "± then", "unit"):
-        table.add_column(name, justify="left" if name in ("", "unit") else "right", no_wrap=True)
+    table = titled("first moment about the pivot", ("", "now", "± now", "wanted", "then", "± then", "unit"), _WORDS)
     now, then = found.now.moment, found.plan.remainder.moment
     for unit, key in _UNITS:
         factor = {"g_cm": G_CM, "n_m": found.gravity_m_s2, "kg_m": 1.0}[key]
@@ -73,9 +70,7 @@ def _swings(at: Hang) -> str:
 
 
 def _check(check: MoveCheck, console: Console) -> None:
-    table = _titled(f"what the {check.source} changes did")
-    for name in ("", "predicted", "measured", "difference", "± sigma", "unit", "sigmas"):
-        table.add_column(name, justify="left" if name in ("", "unit") else "right", no_wrap=True)
+    table = titled(f"what the {check.source} changes did", ("", "predicted", "measured", "difference", "± sigma", "unit", "sigmas"), _WORDS)
     for n, axis in enumerate("xyz"):
         difference, sigma = digits.numbers(check.difference.g_cm[n], check.difference.sigma_g_cm[n])
         values = (f"{of.g_cm[n]:.3f}" for of in (check.predicted, check.measured))
@@ -95,7 +90,3 @@ def _check(check: MoveCheck, console: Console) -> None:
     if check.thrust_scale_sigma:
         scale, sigma = digits.numbers(check.thrust_scale, check.thrust_scale_sigma)
         console.print(f"Thrust: {scale} ± {sigma} of what the vehicle file states.")
-
-
-def _titled(title: str) -> Table:
-    return Table(title=title, title_justify="left", title_style="bold")

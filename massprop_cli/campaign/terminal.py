@@ -9,13 +9,13 @@ from massprop_cli.base import escape
 from massprop_cli.campaign import page
 from massprop_cli.campaign.pooled import Pool
 from massprop_cli.campaign.summary import Summary
-from massprop_cli.report.fit import fitted
+from massprop_cli.report.fit import fitted, titled
 
 _COLUMNS = {
     "symbol": "quantity", "value": "weighted mean", "sigma": "± sigma", "unit": "unit", "logs": "logs",
     "ratio": "scatter/claimed", "p_value": "p", "trend": "trend per log", "outliers": "outliers",
 }  # fmt: skip
-_TEXT = ("symbol", "unit", "outliers")
+_WORDS = ("quantity", "unit", "outliers")
 _SPARE = ("p", "trend per log", "logs")
 """What a narrow terminal goes without: campaign.html has all of it."""
 NAMED = 3
@@ -42,9 +42,8 @@ def show(found: Summary, console: Console) -> None:
 
 
 def _table(pool: Pool) -> Table:
-    table = Table(title=escape.rich(f"{pool.vehicle}, {page.title(pool)}"), title_justify="left", title_style="bold")
-    for key, name in _COLUMNS.items():
-        table.add_column(name, justify="left" if key in _TEXT else "right", no_wrap=key != "outliers")
+    table = titled(escape.rich(f"{pool.vehicle}, {page.title(pool)}"), list(_COLUMNS.values()), _WORDS)
+    table.columns[-1].no_wrap = False
     for (name, item), row in zip(pool.estimates.items(), page.pooled(pool), strict=True):
         more = f" and {len(item.outliers) - NAMED} more" if len(item.outliers) > NAMED else ""
         stray = f"{', '.join(row['outliers'].split(', ')[:NAMED])}{more}" if item.outliers else "none"

@@ -8,7 +8,7 @@ from rich.table import Table
 from massprop_cli.base import escape
 from massprop_cli.check.finding import SUBJECTS, Check
 from massprop_cli.report import digits, vocabulary
-from massprop_cli.report.fit import fitted
+from massprop_cli.report.fit import fitted, titled
 
 _STYLE = {"unusable": "bold red", "fault": "yellow", "note": "dim"}
 _SIGNS = {"unusable": "✕", "fault": "‼", "note": "○"}
@@ -37,9 +37,8 @@ def show(found: Check, console: Console) -> None:
 
 
 def _expected(found: Check, phase: str) -> Table:
-    table = Table(title=escape.rich(f"{found.log}, phase {phase}: what it tells"), title_justify="left", title_style="bold")
-    for name in ("quantity", "± sigma", "± wanted", "unit", "verdict", "reached"):
-        table.add_column(name, justify="right" if name.startswith("±") else "left", no_wrap=True)
+    columns, words = ("quantity", "± sigma", "± wanted", "unit", "verdict", "reached"), ("quantity", "unit", "verdict", "reached")
+    table = titled(escape.rich(f"{found.log}, phase {phase}: what it tells"), columns, words)
     for one in found.expected:
         if one.phase != phase:
             continue

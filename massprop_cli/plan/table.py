@@ -9,7 +9,7 @@ from massprop_cli.base import escape
 from massprop_cli.plan import limits as limited
 from massprop_cli.plan.document import LimitItem, PlanFile, QuantityItem
 from massprop_cli.report import digits, vocabulary
-from massprop_cli.report.fit import fitted
+from massprop_cli.report.fit import fitted, titled
 
 FEW = 4
 """Quantities that a stretch is said to teach."""
@@ -25,9 +25,8 @@ def show(found: PlanFile, console: Console) -> None:
 
 
 def _quantities(found: PlanFile) -> Table:
-    table = Table(title=escape.rich(f"{found.vehicle}: a plan of {found.duration_s:g} s"), title_justify="left", title_style="bold")
-    for name in ("quantity", "guess", "± predicted", "± at worst", "± wanted", "unit", "reached at", *longer(found)):
-        table.add_column(name, justify="left" if name in ("quantity", "unit") else "right", no_wrap=True)
+    columns = ("quantity", "guess", "± predicted", "± at worst", "± wanted", "unit", "reached at", *longer(found))
+    table = titled(escape.rich(f"{found.vehicle}: a plan of {found.duration_s:g} s"), columns, ("quantity", "unit"))
     for name, item in found.quantities.items():
         table.add_row(name, *cells(item), *further(item))
     return table
@@ -60,9 +59,7 @@ def cells(item: QuantityItem) -> list[str]:
 
 
 def _timeline(found: PlanFile) -> Table:
-    table = Table(title="timeline", title_justify="left", title_style="bold")
-    table.add_column("from", justify="right", no_wrap=True)
-    table.add_column("to", justify="right", no_wrap=True)
+    table = titled("timeline", ("from", "to"), ())
     table.add_column("motion")
     table.add_column("teaches (times the sigma without it)")
     for item in found.timeline:
@@ -77,9 +74,7 @@ def taught(teaches: dict[str, float]) -> str:
 
 
 def _limits(found: PlanFile) -> Table:
-    table = Table(title="limits", title_justify="left", title_style="bold")
-    for name in ("limit", "used", "allowed", "unit"):
-        table.add_column(name, justify="right" if name in ("used", "allowed") else "left", no_wrap=True)
+    table = titled("limits", ("limit", "used", "allowed", "unit"), ("limit", "unit"))
     for name, item in found.limits.items():
         table.add_row(limited.NAMES[name], *limit(item))
     return table

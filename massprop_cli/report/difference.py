@@ -7,11 +7,11 @@ from rich.table import Table
 
 from massprop_cli.base import escape
 from massprop_cli.report import digits, vocabulary
-from massprop_cli.report.fit import fitted
+from massprop_cli.report.fit import fitted, titled
 from massprop_cli.result.compare import Comparison, Difference, Part
 from massprop_cli.result.judge import INFORMED
 
-_NUMBERS = ("result", "baseline", "difference", "± sigma", "sigmas", "allowed")
+_COLUMNS = ("quantity", "result", "baseline", "difference", "± sigma", "sigmas", "unit", "allowed", "within")
 _SPARE = ("allowed", "± sigma", "baseline")
 """What a narrow terminal goes without: --json has all of it."""
 
@@ -35,9 +35,8 @@ def _legend(found: Comparison) -> list[str]:
 
 def _table(part: Part) -> Table:
     title = f"phase {part.name}" if part.part == "phase" else part.name
-    table = Table(title=escape.rich(title), title_justify="left", title_style="bold")
-    for name in ("quantity", "result", "baseline", "difference", "± sigma", "sigmas", "unit", "allowed", "within"):
-        table.add_column(name, justify="right" if name in _NUMBERS else "left", no_wrap=name != "within")
+    table = titled(escape.rich(title), _COLUMNS, ("quantity", "unit", "within"))
+    table.columns[-1].no_wrap = False
     for name, d in part.differences.items():
         sign = "[red]✗[/]" if not d.within else "–" if d.difference is None else "[green]✓[/]"
         table.add_row(name, *_cells(d), vocabulary.unit(d.unit), vocabulary.unit(d.stated), f"{sign} {escape.rich(d.note)}".rstrip())

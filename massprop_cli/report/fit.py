@@ -11,6 +11,14 @@ from rich.table import Table
 _ENDLESS = 10_000
 
 
+def titled(title: str, columns: Sequence[str], words: Sequence[str], style: str = "bold") -> Table:
+    """A table whose columns don't wrap; of those that are no ``words`` numbers stand below each other."""
+    table = Table(title=title, title_justify="left", title_style=style)
+    for name in columns:
+        table.add_column(name, justify="left" if name in words else "right", no_wrap=True)
+    return table
+
+
 def fitted(table: Table, console: Console, spare: Sequence[str] = ()) -> None:
     """Print a table as the terminal has room for it.
 

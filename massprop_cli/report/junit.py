@@ -44,46 +44,43 @@ def outcomes(recorded: Sequence[Recorded]) -> list[Outcome]:
     return [Outcome(name, item.result) for item, name in zip(recorded, labels(recorded), strict=True)]
 
 
-def text(found: Iterable[Outcome]) -> str:
+def text(found: Iterable[Outcome], name: str = "massprop") -> str:
     """One document of all outcomes; same outcomes, same bytes."""
     totals = dict.fromkeys(("tests", "failures", "errors"), 0)
     suites = []
     # each as text at once: the elements of a thousand logs would take hundreds of megabytes
     for outcome in found:
-        suite = _suite(outcome) if outcome.suite is None else outcome.suite
-        totals = {key: count + int(suite.get(key, "0")) for key, count in totals.items()}
-        ET.indent(suite, " ", level=1)
-        suites.append(f" {ET.tostring(suite, encoding='unicode')}\n")
+        own = _suite(outcome) if outcome.suite is None else outcome.suite
+        totals = {key: count + int(own.get(key, "0")) for key, count in totals.items()}
+        ET.indent(own, " ", level=1)
+        suites.append(f" {ET.tostring(own, encoding='unicode')}\n")
     counts = " ".join(f'{key}="{count}"' for key, count in totals.items())
     inside = f">\n{''.join(suites)}</testsuites>" if suites else " />"
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name="massprop" {counts}{inside}\n'
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name="{name}" {counts}{inside}\n'
 
 
 def _suite(outcome: Outcome) -> ET.Element:
     cases = [_error(outcome)] if outcome.result is None else _cases(outcome)
-    cases += [_unmet(outcome.name, outcome.unmet)] if outcome.unmet else []
-    suite = ET.Element("testsuite", {"name": line(outcome.name), "tests": str(len(cases))})
-    for key, tag in _COUNTED.items():
-        suite.set(key, str(sum(case.find(tag) is not None for case in cases)))
+    cases += [said(case(outcome.name, "log", "required"), "failure", outcome.unmet, "not converged")] if outcome.unmet else []
+    made = suite(outcome.name, cases)
     if outcome.result is not None:
-        suite.append(_properties(outcome.result))
-    suite.extend(cases)
+        made.insert(0, _properties(outcome.result))
     if outcome.result is not None and outcome.result.warnings:
-        warnings = ET.SubElement(suite, "system-err")
+        warnings = ET.SubElement(made, "system-err")
         warnings.text = "\n".join(f"warning: {line(warning.message)} [{line(warning.code)}]" for warning in outcome.result.warnings)
-    return suite
+    return made
+
+
+def suite(name: str, cases: Sequence[ET.Element]) -> ET.Element:
+    """The test cases of a log."""
+    counts = {key: str(sum(one.find(tag) is not None for one in cases)) for key, tag in _COUNTED.items()}
+    made = ET.Element("testsuite", {"name": line(name), "tests": str(len(cases)), **counts})
+    made.extend(cases)
+    return made
 
 
 def _error(outcome: Outcome) -> ET.Element:
-    case = _case(outcome.name, "log", "usable")
-    _say(case, "error", outcome.error or "no result", outcome.kind)
-    return case
-
-
-def _unmet(name: str, why: str) -> ET.Element:
-    case = _case(name, "log", "required")
-    _say(case, "failure", why, "not converged")
-    return case
+    return said(case(outcome.name, "log", "usable"), "error", outcome.error or "no result", outcome.kind)
 
 
 def _properties(found: Result) -> ET.Element:
@@ -105,30 +102,33 @@ def _cases(outcome: Outcome) -> list[ET.Element]:
     found, allowed = outcome.result, outcome.allow_contradicted
     held = found is not None and found.expectations is not None
     return [
-        _quantity(_case(outcome.name, part, quantity), quantity, item, contradiction(body), allowed)
+        _quantity(case(outcome.name, part, quantity), quantity, item, contradiction(body), allowed)
         for part, body in (() if found is None else parts(found))
         for quantity, item in body.estimates.items()
         if not held or item.expected is not None or item.verdict == "contradicted"
     ]
 
 
-def _case(name: str, part: str, quantity: str) -> ET.Element:
+def case(log: str, part: str, name: str) -> ET.Element:
+    """A test case of a log."""
     # a dot parts packages from classes in a class name
-    return ET.Element("testcase", {"classname": line(f"{name.replace('.', '_')}.{part.replace('.', '_')}"), "name": quantity})
+    return ET.Element("testcase", {"classname": line(f"{log.replace('.', '_')}.{part.replace('.', '_')}"), "name": line(name)})
 
 
-def _quantity(case: ET.Element, quantity: str, item: EstimateItem, contradicted: str, allowed: bool) -> ET.Element:
+def _quantity(one: ET.Element, quantity: str, item: EstimateItem, contradicted: str, allowed: bool) -> ET.Element:
     if item.verdict == "contradicted" and not (allowed and item.expected is None):
-        _say(case, "failure", why(item, contradicted) or gap(quantity, item, contradicted), item.verdict)
+        said(one, "failure", why(item, contradicted) or gap(quantity, item, contradicted), item.verdict)
     elif item.expected is not None:
         if not item.expected.met:
-            _say(case, "failure", why(item), "not as expected" if item.verdict in INFORMED else item.verdict)
+            said(one, "failure", why(item), "not as expected" if item.verdict in INFORMED else item.verdict)
     elif item.verdict != "converged":
-        _say(case, "skipped", gap(quantity, item, contradicted), item.verdict)
+        said(one, "skipped", gap(quantity, item, contradicted), item.verdict)
     value, sigma = digits.numbers(item.value, item.sigma, item.verdict)
-    ET.SubElement(case, "system-out").text = f"{quantity} = {value} ± {sigma} {vocabulary.unit(item.unit)}, {item.verdict}"
-    return case
+    ET.SubElement(one, "system-out").text = f"{quantity} = {value} ± {sigma} {vocabulary.unit(item.unit)}, {item.verdict}"
+    return one
 
 
-def _say(case: ET.Element, tag: str, message: str, kind: str) -> None:
-    ET.SubElement(case, tag, {"message": line(message), "type": kind}).text = line(message)
+def said(one: ET.Element, tag: str, message: str, kind: str) -> ET.Element:
+    """The test case with why it fails, can't be told or is skipped."""
+    ET.SubElement(one, tag, {"message": line(message), "type": kind}).text = line(message)
+    return one

@@ -7,12 +7,12 @@ from rich.table import Table
 
 from massprop_cli.base import escape
 from massprop_cli.report import assumptions, digits, mended, vocabulary
-from massprop_cli.report.fit import fitted
+from massprop_cli.report.fit import fitted, titled
 from massprop_cli.result.judge import INFORMED, contradiction
 from massprop_cli.result.schema import DockedObject, EstimateItem, Mended, PhaseItem, Result
 
 _STYLE = {"converged": "green", "not_converged": "yellow", "not_excited": "magenta", "contradicted": "bold red", "unobservable": "red"}
-_NUMBERS = ("value", "± sigma", "final at", "nominal", "expected", "tolerance")
+_WORDS = ("quantity", "unit", "verdict", "met")
 _SPARE = ("final at", "nominal", "tolerance")
 """What a narrow terminal goes without, first things first: result.json and the report have all of it."""
 
@@ -56,9 +56,7 @@ def _mended(one: Mended, console: Console) -> None:
     console.print()
     console.print(escape.rich(f"{mended.TITLE} (not the result): {one.message} [{one.code}]"), style="bold")
     for phase in one.phases:
-        table = Table(title=escape.rich(f"mended, phase {phase.name}"), title_justify="left", title_style="dim")
-        for name in ("quantity", "value", "± sigma", "unit", "verdict"):
-            table.add_column(name, justify="right" if name in _NUMBERS else "left", no_wrap=True)
+        table = titled(escape.rich(f"mended, phase {phase.name}"), ("quantity", "value", "± sigma", "unit", "verdict"), _WORDS, "dim")
         for name, value, sigma, unit, verdict in mended.rows(phase):
             table.add_row(escape.rich(name), *_dimmed(verdict, value, sigma), unit, f"[{_STYLE[verdict]}]{verdict}[/]")
         fitted(table, console)
@@ -81,15 +79,12 @@ def _assumptions(found: Result, console: Console) -> None:
     if len(shown) < len(found.assumptions):
         console.print(f"- {len(found.assumptions) - len(shown)} more that the vehicle file states: in result.json and in the report")
     for one in assumptions.sensitivities(shown):
-        table = Table(title=escape.rich(f"what one step changes, phase {one.phase}"), title_justify="left", title_style="dim")
-        table.add_column("quantity", no_wrap=True)
-        for code, step in one.steps:
-            table.add_column(f"{escape.rich(code)}\n{escape.rich(step)}", justify="right", no_wrap=True)
-        table.add_column("unit", no_wrap=True)
+        steps = [f"{escape.rich(code)}\n{escape.rich(step)}" for code, step in one.steps]
+        table = titled(escape.rich(f"what one step changes, phase {one.phase}"), ["quantity", *steps, "unit"], _WORDS, "dim")
         for name, unit, changes in one.rows:
             table.add_row(name, *changes, unit)
         table.add_row("noticed?", *one.noticed, "")
-        fitted(table, console, [str(column.header) for column in reversed(table.columns[2:-1])])
+        fitted(table, console, steps[:0:-1])
 
 
 def _dimmed(verdict: str, *texts: str) -> tuple[str, ...]:
@@ -112,12 +107,11 @@ def _legend(found: Result) -> list[str]:
 
 
 def _table(title: str, estimates: dict[str, EstimateItem], heading: str) -> Table:
-    table = Table(title=escape.rich(title), title_justify="left", title_style="bold")
     nominal = any(item.nominal is not None for item in estimates.values())
     expected = any(item.expected is not None for item in estimates.values())
     names = ["quantity", "value", heading, "unit", "verdict", "final at"]
-    for name in [*names, *(["nominal"] if nominal else []), *(["expected", "tolerance", "met"] if expected else [])]:
-        table.add_column(name, justify="right" if name in (*_NUMBERS, heading) else "left", no_wrap=True)
+    names += [*(["nominal"] if nominal else []), *(["expected", "tolerance", "met"] if expected else [])]
+    table = titled(escape.rich(title), names, _WORDS)
     for name, item in estimates.items():
         value, sigma = digits.numbers(item.value, item.sigma, item.verdict)
         final = "" if item.final_at_s is None else f"{item.final_at_s:.2f} s"
