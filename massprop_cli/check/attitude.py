@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.quaternion import matrices, rotation_vector, turns_between
+from massprop_cli.base.rigidbody import times
 from massprop_cli.check.finding import Finding, finding
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -56,7 +58,7 @@ def attitude(log: Log, vehicle: Vehicle) -> list[Finding]:
     found = []
     rows = np.flatnonzero(np.isfinite(log.attitude_wxyz[:, 0]))
     turned = np.diff(np.cumsum(log.delta_theta_imu_rad @ mount.T, 0)[rows], axis=0)
-    logged = turns(log.attitude_wxyz[rows])
+    logged = rotation_vector(turns_between(log.attitude_wxyz[rows]))
     if len(logged) < LEAST:
         return []
     size = float(np.sqrt((turned**2).sum()))
@@ -78,24 +80,11 @@ def attitude(log: Log, vehicle: Vehicle) -> list[Finding]:
     return found
 
 
-def turns(attitude_wxyz: Array) -> Array:
-    """(n − 1, 3) rotation vectors from each attitude to the next, body axes, rad; exact to third order."""
-    before, after = attitude_wxyz[:-1], attitude_wxyz[1:]
-    scalar = (before * after).sum(1)
-    vector = before[:, :1] * after[:, 1:] - after[:, :1] * before[:, 1:] - np.cross(before[:, 1:], after[:, 1:])
-    half = np.arctan2(np.linalg.norm(vector, axis=1), np.abs(scalar))
-    scale = np.where(half > 0, 2 * half / np.maximum(np.sin(half), 1e-300), 2.0)
-    found: Array = vector * (scale * np.where(scalar < 0, -1.0, 1.0))[:, None]
-    return found
-
-
 def _gravity(log: Log, mount: Array) -> list[Finding]:
     assert log.attitude_wxyz is not None
     rows = np.isfinite(log.attitude_wxyz[:, 0])
     felt = (log.delta_v_imu_m_s @ mount.T / log.interval_s[:, None])[rows]
-    w, v = log.attitude_wxyz[rows, :1], log.attitude_wxyz[rows, 1:]
-    twice = 2 * np.cross(v, felt)
-    world = (felt + w * twice + np.cross(v, twice)).mean(0)
+    world = times(matrices(log.attitude_wxyz[rows]), felt).mean(0)
     angle = float(np.arctan2(np.hypot(world[0], world[1]), world[2]))
     if angle <= TILTED:
         return []

@@ -7,11 +7,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.quaternion import quaternion_of, quaternion_product
 from massprop_cli.errorparameters.parameter import ErrorParameter, Step, Unit, Wording
 from massprop_cli.errorparameters.sensor import DEGREE
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.inputs.equipment import PIVOTED
-from massprop_cli.prepare.attitude import quaternion_of, quaternion_product, world_up_b
+from massprop_cli.prepare.attitude import world_up_b
 
 WALK = 1e-3
 """Of a steady torque, what a correction lets it change per cycle: over 1,000 cycles it wanders by 3 % of itself, so it stays steady."""

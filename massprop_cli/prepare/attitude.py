@@ -19,7 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.rigidbody import cross, times
+from massprop_cli.base.quaternion import matrices, quaternion_of, quaternion_product, turns_between
+from massprop_cli.base.rigidbody import times
 from massprop_cli.inputs.vehicle import Vehicle
 
 FELT = 0.02
@@ -65,28 +66,6 @@ def rotation_vectors(turns: Array, turn_before: Array | None = None) -> Array:
     if turn_before is not None:
         vectors[0] += np.cross(turn_before, turns[0]) / 12
     return vectors
-
-
-def rotation_vector(unit_wxyz: Array) -> Array:
-    """(..., 3) rotation vector in rad, no longer than π, of unit quaternions (..., 4)."""
-    sine = np.linalg.norm(unit_wxyz[..., 1:], axis=-1, keepdims=True)
-    half = np.arctan2(sine, np.abs(unit_wxyz[..., :1]))
-    scale = np.where(sine > 0, 2 * half / np.maximum(sine, 1e-300), 2.0)
-    found: Array = unit_wxyz[..., 1:] * scale * np.where(unit_wxyz[..., :1] < 0, -1.0, 1.0)
-    return found
-
-
-def quaternion_of(rotation_vector: Array) -> Array:
-    """(..., 4) unit quaternion of a rotation vector in rad."""
-    angle = np.linalg.norm(rotation_vector, axis=-1, keepdims=True)
-    return np.concatenate([np.cos(angle / 2), 0.5 * np.sinc(angle / (2 * np.pi)) * rotation_vector], -1)
-
-
-def quaternion_product(a: Array, b: Array) -> Array:
-    """Hamilton product of quaternions (..., 4)."""
-    scalar, vector = a[..., :1], a[..., 1:]
-    real = scalar * b[..., :1] - (vector * b[..., 1:]).sum(-1, keepdims=True)
-    return np.concatenate([real, scalar * b[..., 1:] + b[..., :1] * vector + cross(vector, b[..., 1:])], -1)
 
 
 class BiasSeen(NamedTuple):
@@ -142,7 +121,7 @@ def freed(attitude_wxyz: Array, turns: Array, off: Array) -> tuple[Array, Array]
     ``attitude_wxyz`` (K + 1, 4) and ``turns`` (K, 3) are as integrated.
     """
     back = quaternion_of(-off)
-    step = -2 * quaternion_product(back[:-1] * np.array([1, -1, -1, -1]), back[1:])[:, 1:]
+    step = -2 * turns_between(back)[:, 1:]
     return quaternion_product(back, attitude_wxyz), turns - times(_mean_matrices(attitude_wxyz).transpose(0, 2, 1), step)
 
 
@@ -160,18 +139,6 @@ def _mean_matrices(attitude_wxyz: Array) -> Array:
     found = matrices(attitude_wxyz)
     mean: Array = (found[:-1] + found[1:]) / 2
     return mean
-
-
-def matrices(attitude_wxyz: Array) -> Array:
-    """(K, 3, 3) world from body, of unit quaternions (K, 4)."""
-    w, x, y, z = attitude_wxyz.T
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    found: Array = np.stack([np.stack(row, -1) for row in rows], -2)
-    return found
 
 
 def _summed(begun: Array, steps: Array) -> Array:

@@ -22,20 +22,12 @@ from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, IntArray, frozen
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import AttitudeError, InputError
+from massprop_cli.base.quaternion import inverse, matrices, quaternion_of, quaternion_product, rotation_vector, turns_between
 from massprop_cli.base.rigidbody import mean_rotation, rotation, times
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.align import shown_late_s
-from massprop_cli.prepare.attitude import (
-    at_first,
-    integrate_attitude,
-    matrices,
-    quaternion_of,
-    quaternion_product,
-    rotation_vector,
-    rotation_vectors,
-    world_up_b,
-)
+from massprop_cli.prepare.attitude import at_first, integrate_attitude, rotation_vectors, world_up_b
 from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.sums import of_records
 
@@ -197,7 +189,7 @@ def _offsets(given: Given, reference: tuple[Array, Array]) -> Measured:
     motion, logged, (attitude, drawn) = given.motion, given.logged, reference
     turned = logged.uneven + logged.share[:, None] * (motion.vectors + drawn)[logged.cycle]
     path = quaternion_product(attitude[logged.cycle], quaternion_of(turned))
-    offset, count = rotation_vector(quaternion_product(_inverse(path), logged.wxyz)), np.bincount(logged.cycle, minlength=len(drawn))
+    offset, count = rotation_vector(quaternion_product(inverse(path), logged.wxyz)), np.bincount(logged.cycle, minlength=len(drawn))
 
     def mean(each: Array) -> Array:
         return frozen(np.bincount(logged.cycle, each, minlength=len(count)) / np.maximum(count, 1))
@@ -346,7 +338,7 @@ def begun_as_logged(motion: GyroTurns, logged: Logged) -> Array:
     cycle = int(logged.cycle[0])
     before = integrate_attitude(np.array([1.0, 0.0, 0.0, 0.0]), motion.turns[:cycle])[-1]
     turned = quaternion_product(before, quaternion_of(logged.uneven[0] + logged.share[0] * motion.vectors[cycle]))
-    return quaternion_product(logged.wxyz[0], _inverse(turned))
+    return quaternion_product(logged.wxyz[0], inverse(turned))
 
 
 def _noise(log: Log, vehicle: Vehicle, motion: GyroTurns, logged: Logged) -> Noise:
@@ -354,8 +346,8 @@ def _noise(log: Log, vehicle: Vehicle, motion: GyroTurns, logged: Logged) -> Noi
     stated = vehicle.imu
     attitude = integrate_attitude(np.array([1.0, 0.0, 0.0, 0.0]), motion.turns)
     path = quaternion_product(attitude[logged.cycle], quaternion_of(logged.uneven + logged.share[:, None] * motion.vectors[logged.cycle]))
-    by_gyro, by_log = (quaternion_product(_inverse(one[:-1]), one[1:]) for one in (path, logged.wxyz))
-    off = rotation_vector(quaternion_product(_inverse(by_gyro), by_log))
+    by_gyro, by_log = (turns_between(one) for one in (path, logged.wxyz))
+    off = rotation_vector(quaternion_product(inverse(by_gyro), by_log))
     apart = times(matrices(logged.wxyz[1:]), off - (off.mean(0) if len(off) else 0.0))
     between = -apart[1:] * apart[:-1]
     mean, chance = (float(between.mean()), float(between.std()) / between.size**0.5) if len(between) > 1 else (0.0, 0.0)
@@ -382,12 +374,6 @@ def _check_turns(log: Log, off: Array, turns: Array, variance: float) -> None:
             f"{log.path}, columns quat_w … quat_z: the attitude turns by {left / turned:.2g} times the gyro's angles away from the gyro; "
             "quaternions are wxyz, world from body, of the axes of imu.body_from_imu. Correct the columns, or leave them out"
         )
-
-
-def _inverse(unit_wxyz: Array) -> Array:
-    """(..., 4) quaternions of the turns back."""
-    found: Array = unit_wxyz * np.array([1.0, -1.0, -1.0, -1.0])
-    return found
 
 
 def _residual(here: Quaternion, vector: Array, logged: Logged, own: slice) -> Array:

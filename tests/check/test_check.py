@@ -14,8 +14,8 @@ import pytest
 
 from massprop_cli import estimate_log
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.quaternion import rotation_vector, turns_between
 from massprop_cli.check import flow
-from massprop_cli.check.attitude import turns
 from massprop_cli.check.finding import Check, rows
 from massprop_cli.check.sampling import sampling
 from massprop_cli.check.sensors import UNLIKELY, standing
@@ -334,7 +334,7 @@ def test_a_step_of_attitude_is_the_turn_between() -> None:
         w, v = attitude[-1][0], attitude[-1][1:]
         attitude.append(np.concatenate([[w * s[0] - v @ s[1:]], w * s[1:] + s[0] * v + np.cross(v, s[1:])]))
     signs = np.where(rng.random(51) < 0.5, -1.0, 1.0)[:, None]  # q and -q are one attitude
-    np.testing.assert_allclose(turns(np.array(attitude) * signs), turn, atol=1e-12)
+    np.testing.assert_allclose(rotation_vector(turns_between(np.array(attitude) * signs)), turn, atol=1e-12)
 
 
 def test_gravity_off_the_vertical_is_told(tmp_path: Path) -> None:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.quaternion import matrices
 from massprop_cli.base.rigidbody import rotation
-from massprop_cli.prepare.attitude import FARTHEST, BiasSeen, attitude_error, bias_seen, freed, integrate_attitude, matrices, world_up_b
+from massprop_cli.prepare.attitude import FARTHEST, BiasSeen, attitude_error, bias_seen, freed, integrate_attitude, world_up_b
 
 CYCLE, BIAS = 0.05, np.array([1.2e-3, -0.8e-3, 0.5e-3])
 START = np.array([0.98, 0.1, -0.15, 0.05]) / np.linalg.norm([0.98, 0.1, -0.15, 0.05])

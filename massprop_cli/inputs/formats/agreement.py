@@ -13,6 +13,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, IntArray
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.quaternion import rotation_vector, turns_between
 from massprop_cli.inputs.formats.resample import into_body
 from massprop_cli.inputs.formats.units import DEG, G
 from massprop_cli.inputs.tablefile import Made
@@ -53,19 +54,7 @@ def check(path: Path, made: Made, vehicle: Vehicle, theta_imu: Array, force_imu:
 def _stretches(attitude: Array, count: int) -> tuple[IntArray, Array]:
     """Rows at which stretches begin and end, and the turn in each."""
     edges = np.unique(np.linspace(0, len(attitude) - 1, count + 1).astype(int))
-    return edges, _turns(attitude[edges])
-
-
-def _turns(attitude: Array) -> Array:
-    """(m, 3) rotation vectors from each attitude to the next, in body axes; less than half a turn each."""
-    first, second = attitude[:-1], attitude[1:]
-    w1, v1, w2, v2 = first[:, :1], -first[:, 1:], second[:, :1], second[:, 1:]
-    w = w1 * w2 - (v1 * v2).sum(1, keepdims=True)
-    v = (w1 * v2 + w2 * v1 + np.cross(v1, v2)) * np.where(w < 0, -1.0, 1.0)
-    sine = np.linalg.norm(v, axis=1, keepdims=True)
-    angle = 2 * np.arctan2(sine, np.abs(w))
-    found: Array = np.where(sine > 0, v / np.where(sine > 0, sine, 1.0), 0.0) * angle
-    return found
+    return edges, rotation_vector(turns_between(attitude[edges]))
 
 
 def _compare(path: Path, made: Made, key: str, measured: Array, wanted: Array, least: float, factors: dict[str, float]) -> None:
@@ -110,7 +99,7 @@ def _scale(angle: Array, attitude: Array) -> tuple[float, float]:
     By least squares, beside a steady drift of either and a turn between their axes: of one on the other and the other on the one, between
     which it lies whichever is noisy and whichever comes late. The nearer to 1 is told.
     """
-    turned, wanted = np.diff(angle, axis=0), _turns(attitude)
+    turned, wanted = np.diff(angle, axis=0), rotation_vector(turns_between(attitude))
     if len(turned) < _LEAST:
         return 1.0, np.inf
     turned, wanted = turned - turned.mean(0), wanted - wanted.mean(0)

@@ -12,6 +12,8 @@ from typing import Literal
 import numpy as np
 
 from massprop_cli.base.arrays import Array, IntArray
+from massprop_cli.base.quaternion import inverse, matrices, quaternion_product
+from massprop_cli.base.rigidbody import times
 
 Values = Literal["sample", "mean", "increment"]
 Holds = Literal["until_next", "since_last"]
@@ -112,15 +114,10 @@ def about_axes(quaternions: Array, axes: Sequence[str]) -> Array:
             [d - b, c + g, f + h, 1 - a - e + i],
         ]
     )
-    w, v = quaternions[:, :1], quaternions[:, 1:]
     own = products[int(np.argmax(np.diag(products)))]
-    own = own / np.linalg.norm(own)
-    return np.concatenate([w * own[0] - (v @ own[1:])[:, None], w * own[1:] + v * own[0] + np.cross(v, own[1:])], 1)
+    return quaternion_product(quaternions, own / np.linalg.norm(own))
 
 
 def into_body(vectors: Array, quaternions: Array) -> Array:
     """(n, 3) world vectors in body axes, by quaternions wxyz that turn body into world."""
-    w, v = quaternions[:, :1], -quaternions[:, 1:]
-    twice = 2 * np.cross(v, vectors)
-    turned: Array = vectors + w * twice + np.cross(v, twice)
-    return turned
+    return times(matrices(inverse(quaternions)), vectors)
