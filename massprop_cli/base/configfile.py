@@ -27,6 +27,7 @@ _SHOWN = 40
 _QUOTED = re.compile(r"""\"{3}[\s\S]*?(?:\"{3}|\Z)|'{3}[\s\S]*?(?:'{3}|\Z)|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|#[^\n]*""")
 """Quoted keys, texts and comments of TOML."""
 _DOTTED = re.compile(r"(?<![\w-])[\w-]+(?:[ \t]*\.[ \t]*[\w-]+)+")
+_LIST = re.compile(r"\[\n((?:\s+[-+.\w]+,\n)+)\s*\]")
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 """Keys that TOML takes without quotes."""
 _KEY = re.compile(r"""^\s*["']?([\w.\-]+)["']?\s*=""")
@@ -100,6 +101,13 @@ def literal(text: str) -> object:
         return text
     # a value over several lines may bring further keys, which nobody would see again
     return found["value"] if len(found) == 1 else text
+
+
+def toml(data: Mapping[str, Any]) -> str:
+    """The text of a file; a list of numbers stands on one line, where a person reads it better."""
+    import tomli_w
+
+    return _LIST.sub(lambda found: "[" + ", ".join(found[1].replace(",", " ").split()) + "]", tomli_w.dumps(data))
 
 
 def written(value: object) -> str:

@@ -11,7 +11,7 @@ from massprop_cli import UNITS
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import location, summary
 from massprop_cli.campaign.outcome import Body, Row, Value
-from massprop_cli.campaign.pooled import INFORMED, Pool, pooled
+from massprop_cli.campaign.pooled import INFORMED, Key, Pool, pooled
 from massprop_cli.campaign.summary import Baseline, Beyond, Summary
 from massprop_cli.inputs.tolerancefile import Gate
 
@@ -56,8 +56,8 @@ def compare(rows: Sequence[Row], earlier: Earlier, gate: Gate) -> Baseline:
             tells |= any(_told(value) for body in row.outcome.bodies for value in body.estimates.values())
             beyond += _log(row.name, rows[now[row.name]] if row.name in now else None, row, gate)
     beyond += [] if tells else [_beyond("nothing could be compared: no log of the baseline has a value")]
-    pools = {_key(pool): pool for pool in pooled(rows)}
-    beyond += [item for pool in old.pooled for item in _pool(pools.get(_key(pool)), pool, gate)]
+    pools = {Key.of(pool): pool for pool in pooled(rows)}
+    beyond += [item for pool in old.pooled for item in _pool(pools.get(Key.of(pool)), pool, gate)]
     return Baseline(
         sha256=earlier.sha256,
         compared=len(before & now.keys()),
@@ -133,30 +133,8 @@ def _difference(
     yield _beyond(said, log=log, vehicle=vehicle, part=part, quantity=quantity, value=new[0], baseline_value=old[0], sigmas=sigmas)
 
 
-def _beyond(
-    message: str,
-    log: str | None = None,
-    vehicle: str | None = None,
-    part: str | None = None,
-    quantity: str | None = None,
-    value: float | None = None,
-    baseline_value: float | None = None,
-    sigmas: float | None = None,
-) -> Beyond:
-    return Beyond(
-        log=log,
-        vehicle=vehicle,
-        part=part,
-        quantity=quantity,
-        value=value,
-        baseline_value=baseline_value,
-        sigmas=sigmas,
-        message=" ".join(message.split()),
-    )
-
-
-def _key(pool: Pool) -> tuple[object, ...]:
-    return pool.vehicle, pool.environment, pool.bearing_mass_kg, pool.part, pool.name
+def _beyond(message: str, **told: str | float | None) -> Beyond:
+    return Beyond.model_validate(dict.fromkeys(Beyond.model_fields) | told | {"message": " ".join(message.split())})
 
 
 def _title(body: Body | Pool) -> str:

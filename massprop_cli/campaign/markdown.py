@@ -15,7 +15,7 @@ from massprop_cli.campaign import page
 from massprop_cli.campaign.outcome import Row, contradicted, state
 from massprop_cli.campaign.pooled import Pool
 from massprop_cli.campaign.summary import Summary
-from massprop_cli.report import vocabulary
+from massprop_cli.report import markdown, vocabulary
 
 _ROOM = 400
 """Bytes kept for saying what was left out."""
@@ -43,8 +43,8 @@ def _blocks(found: Summary) -> Iterator[list[str]]:
     yield [f"## {sign} {shown(found.name)}: {len(found.logs)} logs", "", f"{page.counts(found)}.", ""]
     wrong = [row for row in found.logs if row.outcome is None or row.outcome.exit_code or contradicted(row.outcome)]
     if wrong:
-        yield [*_head(["log", "outcome", "why"], "lll")]
-        yield from ([_row([shown(row.name), state(row.outcome), shown(_message(row))])] for row in wrong)
+        yield [*markdown.table(["log", "outcome", "why"], "lll")]
+        yield from ([markdown.row([shown(row.name), state(row.outcome), shown(_message(row))])] for row in wrong)
         yield [""]
     if found.baseline is not None:
         beyond = found.baseline.beyond
@@ -53,7 +53,7 @@ def _blocks(found: Summary) -> Iterator[list[str]]:
         yield [""]
     for pool in found.pooled:
         yield _pool(pool)
-    yield ["All logs:", "", *_head(["log", "vehicle", "outcome", "converged", "warnings"], "lllrl")]
+    yield ["All logs:", "", *markdown.table(["log", "vehicle", "outcome", "converged", "warnings"], "lllrl")]
     yield from ([_all(row)] for row in found.logs)
     yield [""]
 
@@ -61,8 +61,8 @@ def _blocks(found: Summary) -> Iterator[list[str]]:
 def _pool(pool: Pool) -> list[str]:
     columns = ["quantity", "weighted mean", "± sigma", "unit", "logs", "scatter / claimed", "p", "trend per log", "outliers"]
     keys = ("value", "sigma", "unit", "logs", "ratio", "p_value", "trend")
-    rows = [_row([shown(row["symbol"]), *(row[key] for key in keys), shown(row["outliers"])]) for row in page.pooled(pool)]
-    return [f"### {shown(pool.vehicle)}, {shown(page.title(pool))}", "", *_head(columns, "lrrlrrrrl"), *rows, "", *_doubts(pool)]
+    rows = [markdown.row([shown(row["symbol"]), *(row[key] for key in keys), shown(row["outliers"])]) for row in page.pooled(pool)]
+    return [f"### {shown(pool.vehicle)}, {shown(page.title(pool))}", "", *markdown.table(columns, "lrrlrrrrl"), *rows, "", *_doubts(pool)]
 
 
 def _doubts(pool: Pool) -> list[str]:
@@ -74,7 +74,9 @@ def _all(row: Row) -> str:
     items = [item for body in found.bodies for item in body.estimates.values()] if found else []
     converged = f"{sum(item.verdict == 'converged' for item in items)} of {len(items)}" if items else "–"
     vehicle = shown(found.vehicle.name) if found and found.vehicle else "–"
-    return _row([shown(row.name), vehicle, state(row.outcome), converged, shown(", ".join(dict.fromkeys(found.warnings))) if found else ""])
+    return markdown.row(
+        [shown(row.name), vehicle, state(row.outcome), converged, shown(", ".join(dict.fromkeys(found.warnings))) if found else ""]
+    )
 
 
 def _message(row: Row) -> str:
@@ -82,14 +84,6 @@ def _message(row: Row) -> str:
         return ""
     codes = ", ".join(dict.fromkeys(row.outcome.warnings))
     return row.outcome.message or f"{contradicted(row.outcome)} quantities are contradicted{f' ({codes})' if codes else ''}"
-
-
-def _head(columns: list[str], sides: str) -> list[str]:
-    return [_row(columns), _row(["--:" if side == "r" else "---" for side in sides])]
-
-
-def _row(cells: list[str]) -> str:
-    return f"| {' | '.join(cells)} |"
 
 
 MOST_BYTES = 1024 * 1024

@@ -3,21 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 from massprop_cli.base.errors import InputError
-
-
-class Method(StrEnum):
-    """Estimators."""
-
-    default = "default"
-    thesis = "thesis"
-
 
 INPUT, SETTINGS, DEMANDS, OUTPUT = "What goes in", "Settings", "What must hold", "What comes out"
 """Groups of options."""
@@ -35,7 +26,9 @@ Made = Annotated[Path, typer.Argument(metavar="RESULT", help="Result folder or i
 Vehicle = Annotated[Path | None, option("Vehicle file (TOML).", INPUT, metavar="FILE", envvar="MASSPROP_VEHICLE")]
 NeededVehicle = Annotated[Path, option("Vehicle file (TOML).", INPUT, metavar="FILE", envvar="MASSPROP_VEHICLE")]
 MapFile = Annotated[Path | None, option("Map file (TOML) of another recording.", INPUT, "--map", metavar="FILE", envvar="MASSPROP_MAP")]
-Chosen = Annotated[Method | None, option("Estimator: default, or the thesis's own filters.", SETTINGS, envvar="MASSPROP_METHOD")]
+Chosen = Annotated[
+    Literal["default", "thesis"] | None, option("Estimator: default, or the thesis's own filters.", SETTINGS, envvar="MASSPROP_METHOD")
+]
 Delay = Annotated[str | None, option("Command delay in cycles.", SETTINGS, metavar="CYCLES|auto", envvar="MASSPROP_DELAY")]
 Assign = Annotated[list[str] | None, option("Override a dotted vehicle-file key; may be repeated.", SETTINGS, "--set", metavar="KEY=VALUE")]
 Require = Annotated[
@@ -70,7 +63,7 @@ def assignments(context: typer.Context, given: Mapping[str, object], assign: Seq
     ``given`` holds the values of the options method, refine and delay, None or False where not given.
     """
     spelt: dict[str, Callable[[Any], str]] = {
-        "method": lambda value: f'estimator.method="{value.value}"',
+        "method": lambda value: f'estimator.method="{value}"',
         "refine": lambda _: "estimator.refine=true",
         "delay": lambda value: f"cycle.command_delay_cycles={_delay(value)}",
     }

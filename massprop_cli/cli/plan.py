@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import sys
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from massprop_cli.base import escape, exits
 from massprop_cli.cli import options
@@ -13,12 +12,6 @@ from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import console, progress, put
 
 _LIMITS = "Limits of the motion"
-
-
-class _Criterion(StrEnum):
-    worst = "worst"
-    a = "a"
-    d = "d"
 
 
 @guarded
@@ -38,8 +31,9 @@ def plan(
     max_travel: Annotated[float | None, options.option("Farthest from the place at the start, m.", _LIMITS, min=1e-9, metavar="M")] = None,
     without: Annotated[str | None, options.option("Jets that are off.", _LIMITS, metavar="JET,...")] = None,
     criterion: Annotated[
-        _Criterion, options.option("Make the worst ratio small, the mean square (a), or the volume of the ellipsoid (d).", options.SETTINGS)
-    ] = _Criterion.worst,
+        Literal["worst", "a", "d"],
+        options.option("Make the worst ratio small, the mean square (a), or the volume of the ellipsoid (d).", options.SETTINGS),
+    ] = "worst",
     out: Annotated[
         Path | None,
         options.out("Folder (default: massprop-out/FOLDER-STEM-plan)."),
@@ -66,12 +60,11 @@ def plan(
 
     from massprop_cli.base import files
     from massprop_cli.plan import flow, page
-    from massprop_cli.plan.choose import Criterion
 
     folder = out or flow.default_folder(vehicle)
     files.check_own(folder, ("scenario.toml",), "plan.json")
     off = tuple(name.strip() for name in without.split(",")) if without else ()
-    asked = flow.Asked(wants, max_time, Criterion(criterion.value), max_impulse, max_rate, max_tilt, max_travel, off)
+    asked = flow.Asked(wants, max_time, criterion, max_impulse, max_rate, max_tilt, max_travel, off)
     with progress(quiet or as_json) as told, np.errstate(all="ignore"):
         made = flow.make(vehicle, guess, asked, told or (lambda *_: None), tuple(assign or []))
     flow.write(made, folder, {"plan.html": page.text(made.plan)})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import field
-from enum import StrEnum
+from typing import Literal
 
 import numpy as np
 
@@ -27,12 +27,8 @@ SWEEPS = 4
 """Most rounds of exchanges."""
 
 
-class Criterion(StrEnum):
-    """What of the wanted quantities is made small."""
-
-    worst = "worst"
-    a = "a"
-    d = "d"
+Criterion = Literal["worst", "a", "d"]
+"""What of the wanted quantities is made small."""
 
 
 @dataclass(frozen=True)
@@ -90,13 +86,13 @@ class Wanted:
 
     def score(self, information: Array, criterion: Criterion) -> Array:
         """(…,) what is made small."""
-        if criterion is Criterion.d:
+        if criterion == "d":
             chosen = self.index
             covariance = self.covariance(information)[..., chosen, :][..., chosen]
             scaled = covariance / (self.limits[:, :, None] * self.limits[:, None, :])
             return np.asarray(np.linalg.slogdet(scaled)[1].max(-1))
         ratios = self.ratios(information)
-        if criterion is Criterion.a:
+        if criterion == "a":
             return np.asarray((ratios**2).mean(-1).max(-1))
         return np.asarray((ratios**SHARP).sum((-1, -2)) ** (1 / SHARP))
 

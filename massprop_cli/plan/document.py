@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any, Literal
 
 import numpy as np
-import tomli_w
 from pydantic import Field
 
 from massprop_cli import QUANTITIES, UNITS, __version__
+from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan import limits as limited
-from massprop_cli.plan.choose import Wanted
+from massprop_cli.plan.choose import Criterion, Wanted
 from massprop_cli.plan.planner import Planned, Stretch
 from massprop_cli.plan.rehearsal import Rehearsal
 from massprop_cli.result.schema import Item
@@ -27,7 +26,6 @@ POINTS = 200
 TEACHES = 1.02
 """A stretch teaches a quantity whose sigma were so many times as large without it."""
 FOREVER = 1e6
-_LIST = re.compile(r"\[\n((?:\s+[-+.\w]+,\n)+)\s*\]")
 
 
 class QuantityItem(Item):
@@ -73,7 +71,7 @@ class PlanFile(Item):
     vehicle_sha256: str
     guess: str
     bodies: int = Field(description="that the vehicle may be, flown one by one")
-    criterion: Literal["worst", "a", "d"]
+    criterion: Criterion
     duration_s: float
     max_time_s: float
     reached: bool = Field(description="every precision that is wanted, with every body")
@@ -89,7 +87,9 @@ class PlanFile(Item):
     notes: list[str]
 
 
-def document(found: Planned, rehearsal: Rehearsal, vehicle: VehicleSource, criterion: str, max_time_s: float, notes: list[str]) -> PlanFile:
+def document(
+    found: Planned, rehearsal: Rehearsal, vehicle: VehicleSource, criterion: Criterion, max_time_s: float, notes: list[str]
+) -> PlanFile:
     """Everything told of a plan."""
     period = rehearsal.vehicle.cycle.period_s
     wanted, sums = found.wanted, np.cumsum(found.information, 1)
@@ -189,5 +189,4 @@ def scenario_toml(found: Planned, rehearsal: Rehearsal, name: str) -> str:
     scenario = rehearsal.scenario(found.segments, found.cycles, name).scenario
     content = scenario.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True)
     vehicle = {key: value for key, value in content.pop("vehicle").items() if value not in ([], {})}
-    text = tomli_w.dumps({key: value for key, value in content.items() if value != {}} | {"vehicle": vehicle})
-    return _LIST.sub(lambda lines: "[" + ", ".join(lines.group(1).replace(",", " ").split()) + "]", text)
+    return configfile.toml({key: value for key, value in content.items() if value != {}} | {"vehicle": vehicle})

@@ -32,7 +32,7 @@ class Asked:
 
     wants: tuple[Requirement, ...]
     max_time_s: float = 60.0
-    criterion: Criterion = Criterion.worst
+    criterion: Criterion = "worst"
     impulse_n_s: float | None = None
     rate_rad_s: float | None = None
     tilt_rad: float | None = None
@@ -75,7 +75,7 @@ def make(vehicle: Path, guess_file: Path | None, asked: Asked, say: Say, assignm
         notes.append("thrust.failures are of another log: planned without, and scenario.toml holds the vehicle without")
     if asked.off:
         notes.append(f"planned without {', '.join(asked.off)}: scenario.toml holds the vehicle without")
-    made = document.document(found, flown, source, asked.criterion.value, asked.max_time_s, notes)
+    made = document.document(found, flown, source, asked.criterion, asked.max_time_s, notes)
     return Made(made, document.scenario_toml(found, flown, _name(source)), source)
 
 

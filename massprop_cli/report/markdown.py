@@ -69,14 +69,14 @@ def _overview(recorded: Sequence[Recorded], names: Sequence[str]) -> list[str]:
     said = f"{held} held against expectations, {wrong} of them not as expected" if held else "none held against expectations"
     rows, left = [], OVERVIEW
     for item, name in zip(recorded, names, strict=True):
-        row = _row([shown(name), shown(item.result.log.path), shown(item.result.vehicle.name), *_summary(item.result)])
-        left -= _size([row])
+        line = row([shown(name), shown(item.result.log.path), shown(item.result.vehicle.name), *_summary(item.result)])
+        left -= _size([line])
         if left < 0:
             break
-        rows.append(row)
+        rows.append(line)
     more = len(recorded) - len(rows)
     cut = [f"{more} more of {len(recorded)} results are left out of this table.", ""] if more else []
-    header = _table(["result", "log", "vehicle", "converged", "as expected", "warnings"], "lllrrr")
+    header = table(["result", "log", "vehicle", "converged", "as expected", "warnings"], "lllrrr")
     return [f"{len(recorded)} results, {said}.", "", *header, *rows, "", *cut]
 
 
@@ -145,20 +145,20 @@ def _part(part: str, body: PhaseItem | DockedObject, found: Result) -> list[str]
     columns += (["nominal"] if nominal else []) + (["expected", "tolerance", "met"] if held else [])
     alignment = "lrrllr" + ("r" if nominal else "") + ("rrl" if held else "")
     rows = [
-        _row(_cells(name, item) + (_nominal(item) if nominal else []) + (_expected(item) if held else []))
+        row(_cells(name, item) + (_nominal(item) if nominal else []) + (_expected(item) if held else []))
         for name, item in body.estimates.items()
     ]
     pivot = _about_pivot(body, found) if isinstance(body, PhaseItem) and body.about_pivot else []
     note = [f"Physical consistency: {shown(body.physical.note)}.", ""] if isinstance(body, PhaseItem) and body.physical.note else []
     implied = assumptions.implied_thrust(body)
     note += [f"{shown(implied[0].upper() + implied[1:])}.", ""] if implied else []
-    return [f"### {shown(part[0].upper() + part[1:])}{span}", "", *_table(columns, alignment), *rows, "", *pivot, *note]
+    return [f"### {shown(part[0].upper() + part[1:])}{span}", "", *table(columns, alignment), *rows, "", *pivot, *note]
 
 
 def _about_pivot(phase: PhaseItem, found: Result) -> list[str]:
     columns = ["quantity", "value", assumptions.sigma_heading(found), "unit", "verdict", "final at"]
-    rows = [_row(_cells(name, item)) for name, item in phase.about_pivot.items()]
-    return [f"{vocabulary.ABOUT_PIVOT.capitalize()}:", "", *_table(columns, "lrrllr"), *rows, ""]
+    rows = [row(_cells(name, item)) for name, item in phase.about_pivot.items()]
+    return [f"{vocabulary.ABOUT_PIVOT.capitalize()}:", "", *table(columns, "lrrllr"), *rows, ""]
 
 
 def _mended(one: Mended) -> list[str]:
@@ -168,8 +168,8 @@ def _mended(one: Mended) -> list[str]:
     for phase in one.phases:
         still = mended.still(phase)
         found += [f"Phase {shown(phase.name)}{f': **{shown(still)}**' if still else ''}", ""]
-        found += _table(["quantity", "value", "± sigma", "unit", "verdict"], "lrrll")
-        found += [_row([shown(name), value, sigma, unit, _verdict_words(told)]) for name, value, sigma, unit, told in mended.rows(phase)]
+        found += table(["quantity", "value", "± sigma", "unit", "verdict"], "lrrll")
+        found += [row([shown(name), value, sigma, unit, _verdict_words(told)]) for name, value, sigma, unit, told in mended.rows(phase)]
         found.append("")
     return found
 
@@ -187,9 +187,9 @@ def _sensitivity(one: assumptions.Sensitivity) -> list[str]:
     return [
         f"What one step changes, phase {shown(one.phase)}:",
         "",
-        *_table(columns, "ll" + "r" * len(one.steps)),
-        *(_row([shown(name), unit, *changes]) for name, unit, changes in one.rows),
-        _row([assumptions.NOTICED, "", *one.noticed]),
+        *table(columns, "ll" + "r" * len(one.steps)),
+        *(row([shown(name), unit, *changes]) for name, unit, changes in one.rows),
+        row([assumptions.NOTICED, "", *one.noticed]),
         "",
     ]
 
@@ -227,9 +227,11 @@ def _list(title: str, lines: Sequence[str]) -> list[str]:
     return [title, "", *(f"- {shown(line)}" for line in lines), ""] if lines else []
 
 
-def _table(columns: Sequence[str], alignment: str) -> list[str]:
-    return [_row(columns), _row(["--:" if side == "r" else "---" for side in alignment])]
+def table(columns: Sequence[str], alignment: str) -> list[str]:
+    """The beginning of a table; of each column "r" or "l" says where its cells stand."""
+    return [row(columns), row(["--:" if side == "r" else "---" for side in alignment])]
 
 
-def _row(cells: Sequence[str]) -> str:
+def row(cells: Sequence[str]) -> str:
+    """A line of a table."""
     return f"| {' | '.join(cells)} |"

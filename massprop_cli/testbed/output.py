@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -12,10 +11,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import tomli_w
 
 from massprop_cli import QUANTITIES
-from massprop_cli.base import arrow, escape, files, foldername
+from massprop_cli.base import arrow, configfile, escape, files, foldername
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.telemetry import Notice
@@ -26,8 +24,6 @@ from massprop_cli.testbed.scenario import Scenario, ScenarioSource
 from massprop_cli.testbed.simulate import Flight, fly
 from massprop_cli.testbed.timeline import AXES
 
-_LIST = re.compile(r"\[\n((?:\s+[-+.\w]+,\n)+)\s*\]")
-"""A list of numbers over several lines, which a person reads better on one."""
 Kind = Literal["parquet", "csv"]
 MEMORY = 4_000_000
 """Numbers logged at once: a campaign is flown in batches that hold about so many."""
@@ -182,8 +178,7 @@ def _save(stage: files.Staged, flight: Flight, member: int, scenario: Scenario, 
 
 def vehicle_toml(vehicle: Vehicle) -> str:
     """The vehicle file's text: what the scenario sets, defaults left out, and [columns], as the log has the contract's own names."""
-    text = tomli_w.dumps(vehicle.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True, exclude={"columns"}))
-    return _LIST.sub(lambda found: "[" + ", ".join(found.group(1).replace(",", " ").split()) + "]", text)
+    return configfile.toml(vehicle.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True, exclude={"columns"}))
 
 
 def log_table(flight: Flight, member: int, scenario: Scenario) -> Any:
