@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli import QUANTITIES, UNITS
-from massprop_cli.flow import Analysis, analyse
+from massprop_cli import QUANTITIES, UNITS, job
+from massprop_cli.flow import Analysis
 
 SAMPLES = Path(__file__).parents[1] / "sample_logs"
 HEAD = """# Thesis, default and truth on the sample logs
@@ -58,7 +58,9 @@ def main() -> None:
     print(HEAD)
     for folder in sorted(path.parent for path in SAMPLES.glob("*/truth.json")):
         truth = json.loads((folder / "truth.json").read_text())
-        found = [analyse(folder / "log.parquet", assignments=(f"estimator.method={method}",)) for method in ("default", "thesis")]
+        found = [
+            job.of_file(folder / "log.parquet", assignments=(f"estimator.method={method}",)).analysis for method in ("default", "thesis")
+        ]
         print(f"## {folder.name}")
         print("\n".join(rows(found[0], found[1], truth)), end="\n\n")
 

@@ -21,7 +21,7 @@ from fault_kinds import FAULTS
 from fault_named import CAUSES, SIZED, Drawn, Due
 from fault_vehicles import VEHICLES, Body, Case, Subject, subject
 
-from massprop_cli import QUANTITIES, flow
+from massprop_cli import QUANTITIES, flow, job
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.conclude.verdict import POSITIVE, Conclusion
@@ -179,15 +179,15 @@ def _examined(case: Case, name: str) -> tuple[Analysis, float]:
 
 @cache
 def overhead(options: tuple[str, ...]) -> float:
-    """CPU time of `massprop estimate` of a sample log beyond that of :func:`massprop_cli.flow.analyse`: its start, and what it writes.
+    """CPU time of `massprop estimate` of a sample log beyond that of :func:`massprop_cli.job.of_file`: its start, and what it writes.
 
     Each the least of a few, since it is a difference of two that something else on the machine may lengthen.
     """
-    flow.analyse(SAMPLE, None, options[1:])  # loads what is loaded late
+    job.of_file(SAMPLE, None, options[1:])  # loads what is loaded late
     own, whole = [], []
     for _ in range(TIMES):
         begin = time.process_time()
-        flow.analyse(SAMPLE, None, options[1:])
+        job.of_file(SAMPLE, None, options[1:])
         own.append(time.process_time() - begin)
         before = os.times()
         with tempfile.TemporaryDirectory() as out:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -21,8 +20,7 @@ from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs import clipped, vehiclefile
 from massprop_cli.inputs.actuators.actuator import called
-from massprop_cli.inputs.logfile import read_table
-from massprop_cli.inputs.telemetry import Log, Notice, read
+from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehiclefile import VehicleSource
 
 USUAL = (1, 0, 2)
@@ -36,19 +34,8 @@ UNFIT = (
 """Of a logged attitude."""
 
 
-def analyse(
-    log_path: Path, vehicle_path: Path | None = None, assignments: Sequence[str] = (), progress: Progress | None = None
-) -> Analysis:
-    """Read, align, compensate, estimate, conclude. :class:`InputError` where the input can't be used."""
-    if progress is not None:
-        progress("reading", 0.0)
-    table = read_table(log_path)
-    source = vehiclefile.find(log_path, vehicle_path, table.embedded_vehicle, assignments)
-    return examine(read(table, source.vehicle), source, assignments, progress)
-
-
 def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), progress: Progress | None = None) -> Analysis:
-    """The same from a log at hand: estimate, look for what contradicts, mend it beside, judge."""
+    """A log at hand: estimate, look for what contradicts, mend it beside, judge."""
     try:
         return _examined(log, source, assignments, progress or (lambda *_: None))
     except np.linalg.LinAlgError as error:
@@ -150,4 +137,4 @@ def _by_any_delay(log: Log, source: VehicleSource, say: Progress) -> str:
     return ""
 
 
-__all__ = ["Analysis", "MendedAnswer", "Progress", "analyse", "examine"]
+__all__ = ["Analysis", "MendedAnswer", "Progress", "examine"]

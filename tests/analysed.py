@@ -5,7 +5,8 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-from massprop_cli.flow import Analysis, analyse
+from massprop_cli import job
+from massprop_cli.flow import Analysis
 
 SAMPLES = Path(__file__).parents[1] / "sample_logs"
 
@@ -13,4 +14,4 @@ SAMPLES = Path(__file__).parents[1] / "sample_logs"
 @cache
 def analysed(name: str, method: str = "default") -> Analysis:
     """What is found in a sample log."""
-    return analyse(SAMPLES / name / "log.parquet", assignments=(f"estimator.method={method}",))
+    return job.of_file(SAMPLES / name / "log.parquet", assignments=(f"estimator.method={method}",)).analysis

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli import flow
+from massprop_cli import flow, job
 from massprop_cli.base import escape
 from massprop_cli.base.arrays import Array
 from massprop_cli.result import build, read, store
@@ -31,7 +31,7 @@ def record(folder: Path, log: str, *assignments: str) -> Recorded:
 @cache
 def _found(log: str, assignments: tuple[str, ...]) -> flow.Analysis:
     with np.errstate(all="ignore"):
-        return flow.analyse(SAMPLES / log, None, list(assignments), None)
+        return job.of_file(SAMPLES / log, None, list(assignments)).analysis
 
 
 def changed(recorded: Recorded, name: str, item: dict[str, object], phase: int = 0) -> Recorded:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from typer.testing import CliRunner
 
-from massprop_cli import flow
+from massprop_cli import flow, job
 from massprop_cli.base import escape
 from massprop_cli.cli import app
 from massprop_cli.combine import flow as combining
@@ -76,7 +76,7 @@ def _faulty(fault: str, vehicle: str, seed: int = 1001) -> Told:
 
 def _sample(log: str, *settings: str) -> Told:
     with np.errstate(all="ignore"):
-        return _told(flow.analyse(ROOT / "sample_logs" / log, None, list(settings), None))
+        return _told(job.of_file(ROOT / "sample_logs" / log, None, list(settings)).analysis)
 
 
 def _unstated(log: str) -> Told:
@@ -105,7 +105,7 @@ def _flown(name: str, *settings: str) -> Told:
     """A scenario with other settings, estimated."""
     with tempfile.TemporaryDirectory() as folder, np.errstate(all="ignore"):
         _massprop("simulate", name, "-q", "--out", folder, *(word for one in settings for word in ("--set", one)))
-        return _told(flow.analyse(Path(folder) / "log.parquet", None, [], None))
+        return _told(job.of_file(Path(folder) / "log.parquet").analysis)
 
 
 def _massprop(*arguments: str) -> None:

@@ -15,7 +15,7 @@ import tomli_w
 from typer.testing import CliRunner, Result
 
 import massprop_cli
-from massprop_cli import flow, schemas
+from massprop_cli import job, schemas
 from massprop_cli.base import escape
 from massprop_cli.base.arrays import Array
 from massprop_cli.cli import app
@@ -176,7 +176,7 @@ def test_weight_is_added_where_nothing_slides(lab: Path) -> None:
 def test_the_vehicle_file_s_ballast_is_carried_by_the_result(lab: Path, plan: dict[str, Any]) -> None:
     vehicle = (lab / "first-log" / "vehicle.toml").read_text(encoding="utf-8")
     (lab / "with.toml").write_text(vehicle + tomli_w.dumps({"ballast": SLIDES}), encoding="utf-8")
-    found = flow.analyse(lab / "first-log" / "log.parquet", lab / "with.toml", [], None)
+    found = job.of_file(lab / "first-log" / "log.parquet", lab / "with.toml").analysis
     (lab / "carrying").mkdir()
     (lab / "carrying" / "result.json").write_text(escape.document(build.result(found)), encoding="utf-8")
     for arguments in (("carrying",), ("first", "--ballast", "with.toml")):

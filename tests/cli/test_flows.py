@@ -14,9 +14,9 @@ import pyarrow.parquet as pq
 import pytest
 from pyarrow import csv
 
-from massprop_cli import QUANTITIES, schemas
+from massprop_cli import QUANTITIES, job, schemas
 from massprop_cli.base import escape
-from massprop_cli.flow import Analysis, analyse
+from massprop_cli.flow import Analysis
 from massprop_cli.result import build
 from massprop_cli.result.schema import Result
 from tests.commandline import massprop
@@ -30,7 +30,7 @@ UNFIT = pytest.mark.xfail(reason="the model lacks what this flight shows, so tha
 
 @cache
 def crazyflie(name: str) -> Analysis:
-    return analyse(SAMPLES / "crazyflie" / f"{name}.parquet")
+    return job.of_file(SAMPLES / "crazyflie" / f"{name}.parquet").analysis
 
 
 def short(tmp_path: Path, rows: int = 400, suffix: str = ".parquet", name: str = "free-flyer") -> Path:
@@ -87,7 +87,7 @@ def test_csv_and_parquet_of_one_log_differ_in_hash_and_path_alone(tmp_path: Path
     found = []
     for suffix in (".parquet", ".csv"):
         log = short(tmp_path, rows=4000 if name == "high-rate" else 400, suffix=suffix, name=name)
-        found.append(json.loads(escape.document(build.result(analyse(log)))))
+        found.append(json.loads(escape.document(build.result(job.of_file(log).analysis))))
     assert found[0]["log"].pop("path") == "log.parquet"
     assert found[1]["log"].pop("path") == "log.csv"
     assert found[0]["provenance"].pop("input_sha256") != found[1]["provenance"].pop("input_sha256")
@@ -95,9 +95,9 @@ def test_csv_and_parquet_of_one_log_differ_in_hash_and_path_alone(tmp_path: Path
 
 
 def test_a_log_cut_short_has_the_same_history_before_the_cut(tmp_path: Path) -> None:
-    whole = analyse(short(tmp_path, rows=400)).histories[0]
+    whole = job.of_file(short(tmp_path, rows=400)).analysis.histories[0]
     for rows in (150, 263):
-        part = analyse(short(tmp_path, rows=rows)).histories[0]
+        part = job.of_file(short(tmp_path, rows=rows)).analysis.histories[0]
         np.testing.assert_array_equal(part.values, whole.values[: rows - 2])
         np.testing.assert_array_equal(part.sigmas, whole.sigmas[: rows - 2])
 
@@ -136,7 +136,7 @@ def test_rates_columns_and_scales_stand_in_for_the_contract_names(tmp_path: Path
     import pyarrow as pa
 
     log = short(tmp_path)
-    reference = analyse(log)
+    reference = job.of_file(log).analysis
     table = pq.read_table(log)
     columns: dict[str, Any] = {"t_ms": 1e3 * np.asarray(table["time_s"])}
     for axis in "xyz":
@@ -148,7 +148,7 @@ def test_rates_columns_and_scales_stand_in_for_the_contract_names(tmp_path: Path
     names = '\n[columns]\ntime_s = { from = "t_ms", scale = 1e-3 }\n'
     names += "".join(f'accel_{axis}_m_s2 = {{ from = "acc_{axis}_g", scale = 9.80665 }}\n' for axis in "xyz")
     (tmp_path / "other.vehicle.toml").write_text((tmp_path / "vehicle.toml").read_text() + names)
-    found = analyse(other)
+    found = job.of_file(other).analysis
     np.testing.assert_allclose(found.histories[0].values[-1], reference.histories[0].values[-1], rtol=1e-6)
 
 
@@ -174,20 +174,20 @@ def test_a_vehicle_is_found_embedded_and_beside_the_log(tmp_path: Path) -> None:
     log = short(tmp_path, rows=60)
     text = (tmp_path / "vehicle.toml").read_text()
     (tmp_path / "log.vehicle.toml").write_text(text.replace('name = "free-flyer"', 'name = "beside"'))
-    assert analyse(log).vehicle.name == "beside"
+    assert job.of_file(log).analysis.vehicle.name == "beside"
     table = pq.read_table(log)
     embedded = text.replace('name = "free-flyer"', 'name = "embedded"')
     pq.write_table(table.replace_schema_metadata({b"massprop.vehicle": embedded.encode()}), log)
-    assert analyse(log).vehicle.name == "embedded"
-    assert analyse(log, tmp_path / "vehicle.toml").vehicle.name == "free-flyer"
+    assert job.of_file(log).analysis.vehicle.name == "embedded"
+    assert job.of_file(log, tmp_path / "vehicle.toml").analysis.vehicle.name == "free-flyer"
 
 
 @pytest.mark.slow
 def test_a_weighed_mass_calibrates_the_thrust_scale_and_narrows_the_inertia() -> None:
     """Of thrust that is known to 5 % a mass weighed to 0.1 % shifts and narrows mass and inertia alike."""
     path, stated = SAMPLES / "free-flyer" / "log.parquet", "thrust.scale_sigma=0.05"
-    before = analyse(path, assignments=(stated,)).conclusions[0].estimates
-    after = analyse(path, assignments=(stated, "known.mass={value=22.4, sigma=0.022}")).conclusions[0].estimates
+    before = job.of_file(path, assignments=(stated,)).analysis.conclusions[0].estimates
+    after = job.of_file(path, assignments=(stated, "known.mass={value=22.4, sigma=0.022}")).analysis.conclusions[0].estimates
     assert after["mass"].value == pytest.approx(22.4, abs=0.022)
     for name in ("ixx", "iyy"):
         assert (after[name].sigma or 0) < 0.6 * (before[name].sigma or 0)
@@ -243,9 +243,9 @@ def test_progress_goes_to_a_terminal_only(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_nominal_values_stand_beside_the_estimates_and_do_not_pull_them(tmp_path: Path) -> None:
     log = short(tmp_path)
-    plain = analyse(log)
+    plain = job.of_file(log).analysis
     cad = 'nominal={poi_convention="positive_integral", ixx=5.0, ixy=-3.0}'
-    shown = analyse(log, assignments=(cad,))
+    shown = job.of_file(log, assignments=(cad,)).analysis
     np.testing.assert_array_equal(shown.histories[0].values, plain.histories[0].values)
     estimates = build.result(shown).phases[0].estimates
     assert (estimates["ixx"].nominal, estimates["ixy"].nominal, estimates["izz"].nominal) == (5.0, 3.0, None)
@@ -255,9 +255,9 @@ def test_nominal_values_stand_beside_the_estimates_and_do_not_pull_them(tmp_path
 
 def test_a_known_value_that_the_log_contradicts_is_pointed_out(tmp_path: Path) -> None:
     log = short(tmp_path)
-    codes = [n.code for n in analyse(log, assignments=("known.ixx={value=0.7, sigma=1e-4}",)).notices]
+    codes = [n.code for n in job.of_file(log, assignments=("known.ixx={value=0.7, sigma=1e-4}",)).analysis.notices]
     assert codes == ["known-mismatch"]
-    assert analyse(log, assignments=("known.ixx={value=0.62, sigma=1e-3}",)).notices == ()
+    assert job.of_file(log, assignments=("known.ixx={value=0.62, sigma=1e-3}",)).analysis.notices == ()
 
 
 def test_a_logged_attitude_that_turns_against_the_gyro_is_refused(tmp_path: Path) -> None:
@@ -271,7 +271,7 @@ def test_a_logged_attitude_that_turns_against_the_gyro_is_refused(tmp_path: Path
     table = pq.read_table(log)
     turns = np.stack([np.asarray(table[f"delta_theta_{axis}_rad"]) for axis in "xyz"], 1)
     attitude = integrate_attitude(np.array([1.0, 0, 0, 0]), turns)[1:]
-    plain = analyse(log)
+    plain = job.of_file(log).analysis
     for sign in (1, -1):
         names = ("quat_w", "quat_x", "quat_y", "quat_z")
         columns = {name: pa.array(attitude[:, i] * (sign if i else 1)) for i, name in enumerate(names)}
@@ -280,15 +280,15 @@ def test_a_logged_attitude_that_turns_against_the_gyro_is_refused(tmp_path: Path
             extended = extended.append_column(name, column)
         pq.write_table(extended, log)
         if sign == 1:
-            z = (analyse(log).histories[0].values[-1] - plain.histories[0].values[-1]) / plain.histories[0].sigmas[-1]
+            z = (job.of_file(log).analysis.histories[0].values[-1] - plain.histories[0].values[-1]) / plain.histories[0].sigmas[-1]
             assert np.abs(z).max() < 3
         else:
             with pytest.raises(InputError, match="wxyz"):
-                analyse(log)
+                job.of_file(log)
 
 
 def result(log: Path, *assignments: str, vehicle: Path | None = None) -> Result:
-    return build.result(analyse(log, vehicle, assignments))
+    return build.result(job.of_file(log, vehicle, assignments).analysis)
 
 
 def given_back(found: Result) -> list[str]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from massprop_cli import flow
+from massprop_cli import job
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import delay
@@ -162,7 +162,7 @@ def test_a_lag_that_is_not_stated_is_pointed_at() -> None:
 def test_a_real_flight_that_cannot_tell_delay_from_lag_is_refused() -> None:
     flight = Path(__file__).parents[2] / "sample_logs" / "crazyflie" / "yaw.parquet"
     with pytest.raises(InputError, match="the command delay and the thrust lag can't be told from this log"):
-        flow.analyse(flight, None, ['thrust.lag_s="auto"', AUTO])
+        job.of_file(flight, None, ['thrust.lag_s="auto"', AUTO])
 
 
 def test_a_response_that_runs_away_tells_no_delay() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from massprop_cli import flow, job
+from massprop_cli import job
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate import compiled, engine, flown
 from massprop_cli.estimate.history import History
@@ -121,10 +121,10 @@ def test_every_value_of_every_cycle_agrees(log: str) -> None:
 )
 def test_what_is_off_line_agrees(log: str, assignments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     """Fits, what they leave, and what each assumption does to them."""
-    own = analysed(log.split("/")[0]) if not assignments else flow.analyse(SAMPLES / f"{log}.parquet", None, assignments)
+    own = analysed(log.split("/")[0]) if not assignments else job.of_file(SAMPLES / f"{log}.parquet", None, assignments).analysis
     with monkeypatch.context() as numpy_alone:
         numpy_alone.setattr(handed, "unknown", lambda *_: "anything")
-        other = flow.analyse(SAMPLES / f"{log}.parquet", None, assignments)
+        other = job.of_file(SAMPLES / f"{log}.parquet", None, assignments).analysis
     for mine, theirs in zip(own.settled, other.settled, strict=True):
         assert mine.residual is not None
         assert theirs.residual is not None

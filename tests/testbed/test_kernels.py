@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from massprop_cli import QUANTITIES, flow
+from massprop_cli import QUANTITIES, job
 from massprop_cli.testbed import output, scenario, simulate
 
 KINDS = {
@@ -26,7 +26,7 @@ def test_a_simulated_imu_of_any_kernel_is_estimated(kind: str, tmp_path: Path) -
     source = scenario.load("free-flyer", ["duration_s=20", plan, "sensors.records_per_cycle=5", *KINDS[kind]])
     flight = simulate.fly(source, [3])
     output.write(flight, 0, source.scenario, tmp_path)
-    found = flow.analyse(tmp_path / "log.parquet")
+    found = job.of_file(tmp_path / "log.parquet").analysis
     estimates = found.conclusions[0].estimates
     value, sigma = (np.array([getattr(estimates[name], part) for name in QUANTITIES], dtype=float) for part in ("value", "sigma"))
     assert np.abs((value - flight.truth[0, 0]) / sigma).max() < 4.5
