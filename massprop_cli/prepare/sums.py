@@ -26,24 +26,22 @@ def windows(integral: Array, moment: Array, duration: Array) -> tuple[Array, Arr
 
     Of integrals [s of full thrust] and first moments about each bin's beginning [s²], (K, B, C), of cycles that last ``duration`` (K,) s.
     """
-    within, whole = _over_bins(moment), _over_bins(integral)
-    part = np.arange(integral.shape[1]) / integral.shape[1]
-    return within / duration[:, None] + _over_bins(integral * part[:, None]), whole
-
-
-def _over_bins(each: Array) -> Array:
-    """(K, C) sums over bins of (K, B, C), which are few."""
-    found = each[:, 0].copy()
-    for place in range(1, each.shape[1]):
-        found += each[:, place]
-    return found
+    bins = integral.shape[1]
+    within, whole = moment[:, 0].copy(), integral[:, 0].copy()
+    later = np.zeros_like(whole)
+    for place in range(1, bins):
+        within += moment[:, place]
+        whole += integral[:, place]
+        later += integral[:, place] * (place / bins)
+    return within / duration[:, None] + later, whole
 
 
 def net(part: Array, wrench: Array) -> Array:
     """(..., 6) what channels (..., C) make together by their ``wrench`` (C, 6) at full; nothing where they cancel but for rounding."""
-    found: Array = np.einsum("...c,ci->...i", part, wrench)
-    found[np.abs(found) < CANCELLED * np.einsum("...c,ci->...i", np.abs(part), np.abs(wrench))] = 0.0
-    return found
+    alike = np.ascontiguousarray(np.moveaxis(part, -1, 0))  # numbers of one channel beside each other: several times as fast
+    found, alone = (np.einsum("c...,ci->i...", *each) for each in ((alike, wrench), (np.abs(alike), np.abs(wrench))))
+    found[np.abs(found) < CANCELLED * alone] = 0.0
+    return np.ascontiguousarray(np.moveaxis(found, 0, -1))
 
 
 class Wrenches(NamedTuple):
@@ -64,4 +62,4 @@ class Wrenches(NamedTuple):
 def wrenches(integral: Array, moment: Array, duration: Array, each: tuple[Array, Array, Array], wrench: Array) -> Wrenches:
     """Of integrals, moments and ``duration`` as :func:`windows` takes them, and of ``each`` of three windows; :func:`net` of all."""
     late = moment / (duration / integral.shape[1])[:, None, None] - integral / 2
-    return Wrenches(*(net(part, wrench) for part in (integral, late, *each)))
+    return Wrenches(*net(np.stack([integral, late]), wrench), *net(np.stack(each), wrench))
