@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Iterator
 from pathlib import Path
+
+import numpy as np
 
 from massprop_cli import __version__
 from massprop_cli import kernel as kernel_room
 from massprop_cli.base import files
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.escape import line
-from massprop_cli.export import tables, vector
-from massprop_cli.export.resolve import Constants
+from massprop_cli.estimate import flown
+from massprop_cli.export import tables
+from massprop_cli.export.resolve import Constants, Leg
+from massprop_cli.inputs.telemetry import Log
 from massprop_cli.kernel import kernel
 
 SOURCES = Path(kernel_room.__file__).parent
@@ -45,7 +52,7 @@ def contents(resolved: Constants) -> dict[str, str]:
                 "install a C compiler and massprop again, or leave the log out",
                 option="log",
             )
-        found |= {"vector.txt": vector.given(resolved, resolved.log), "expected.txt": vector.expected(resolved, resolved.log)}
+        found |= {"vector.txt": given(resolved, resolved.log), "expected.txt": expected(resolved, resolved.log)}
     names = " ".join(path.name for path in sources if path.suffix == ".c")
     return found | {"README.md": _readme(resolved), "Makefile": _makefile(resolved, names)}
 
@@ -84,3 +91,35 @@ def _readme(resolved: Constants) -> str:
     for name, value in said.items():
         text = text.replace(f"@{name}@", value)
     return text
+
+
+def given(resolved: Constants, log: Log) -> str:
+    """vector.txt: of each phase its number and how many cycles, then a line of hexadecimal numbers for each cycle."""
+    lines = []
+    for number, leg in enumerate(resolved.legs):
+        fed = _cycles(leg, log)
+        lines.append(f"{number} {len(fed)}")
+        lines += [" ".join(value.hex() for value in row) for row in fed.tolist()]
+    return "\n".join(lines) + "\n"
+
+
+def expected(resolved: Constants, log: Log) -> str:
+    """expected.txt: a line for each cycle that is estimated from: values and sigmas by their bits, and verdicts' numbers."""
+    return "".join(line for leg in resolved.legs for line in _told(resolved, leg, log))
+
+
+def _told(resolved: Constants, leg: Leg, log: Log) -> Iterator[str]:
+    flight = flown.Flight(resolved.commands, leg.vehicle, leg.rule)
+    found = flight.step(_cycles(leg, log), last=True)
+    for value, sigma, verdict in zip(found.values, found.sigmas, found.verdicts, strict=True):
+        yield " ".join([*map(bits, [*value, *sigma]), *(str(int(v)) for v in verdict)]) + "\n"
+
+
+def bits(value: float) -> str:
+    """A number's bits in hexadecimal, or a dash where nothing is told."""
+    return "-" if np.isnan(value) else struct.pack(">d", value).hex()
+
+
+def _cycles(leg: Leg, log: Log) -> Array:
+    """From the log's first cycle on, since commands in flight and the attitude go on."""
+    return flown.cycles_of(log, slice(0, min(leg.cycles.stop + 1, log.cycles)), leg.cycles)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from massprop_cli.base import limits
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.spill import Content
-from massprop_cli.inputs.formats import bagfolder, reading, recording
+from massprop_cli.inputs.formats import reading, recording
 from massprop_cli.inputs.tablefile import Table, columns_of
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ def read_table(path: Path, map_file: Path | None = None) -> Table:
 
     :class:`InputError` for anything that is not a readable, non-empty recording.
     """
-    if bagfolder.is_bag(path):
+    if reading.is_bag(path):
         from massprop_cli.inputs.formats import mapfile, mapped
 
         return mapped.of(reading.load(path), mapfile.find(path, map_file))

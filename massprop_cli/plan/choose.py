@@ -41,7 +41,7 @@ class Wanted:
     vehicle: Vehicle
     """For the uncertainty of its thrust, and what of it is known."""
     beyond: Array = field(default_factory=lambda: np.ones(10))
-    """(10,) how many times the bound a sigma is, through what no bound counts (:func:`massprop_cli.plan.proof.beyond_bound`)."""
+    """(10,) how many times the bound a sigma is, through what no bound counts (:func:`massprop_cli.plan.rehearsal.beyond_bound`)."""
 
     @property
     def limits(self) -> Array:

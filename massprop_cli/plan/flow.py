@@ -14,7 +14,7 @@ from massprop_cli.estimate.quantities import alone
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.plan import document, guess, limits, planner, proof, rehearsal
+from massprop_cli.plan import document, guess, limits, planner, rehearsal
 from massprop_cli.plan.choose import Criterion, Wanted
 from massprop_cli.plan.document import PlanFile
 from massprop_cli.plan.planner import Order, Planned, Say
@@ -62,7 +62,7 @@ def make(vehicle: Path, guess_file: Path | None, asked: Asked, say: Say, assignm
     flown = rehearsal.rehearsal(source, guessed, asked.off)
     order = _order(flown, guessed, asked)
     found, notes = planner.plan(flown, order, say), []
-    uncounted = proof.uncounted(flown.vehicle)
+    uncounted = rehearsal.uncounted(flown.vehicle)
     if uncounted:
         say("estimating the plan's log", 1.0)
         notes.append(f"the bound doesn't count {', '.join(uncounted)}: sigmas are widened to what an estimate of the plan's own log has")
@@ -103,7 +103,7 @@ def _widened(flown: Rehearsal, found: Planned) -> Planned:
     """With sigmas as the estimate of the plan's own log has them."""
     plain = replace(found.wanted, beyond=np.ones(10), vehicle=alone(flown.vehicle))
     bound = plain.sigmas(found.information.sum(1))[0]
-    beyond = proof.beyond_bound(flown, found.segments, found.cycles, bound)
+    beyond = rehearsal.beyond_bound(flown, found.segments, found.cycles, bound)
     widened = replace(found, wanted=replace(found.wanted, beyond=beyond))
     return replace(widened, reached=bool(widened.ratios()[-1].max() <= 1))
 

@@ -20,7 +20,7 @@ from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.tablefile import Cells, Places, Table
 from massprop_cli.inputs.telemetry import Log, saturation
 from massprop_cli.inputs.vehicle import Phase, Vehicle
-from massprop_cli.testbed import attitude, exchange
+from massprop_cli.testbed import exchange, imu
 from massprop_cli.testbed.cycles import Change, Cycles
 from massprop_cli.testbed.imu import Sensor
 from massprop_cli.testbed.onboard import RunningOf
@@ -155,7 +155,7 @@ def fly(
         turning={name: frozen(values) for name, values in flying.exchange.turning.items()},
         columns={name: frozen(values) for name, values in flying.exchange.columns.items()},
         attitude_wxyz=frozen(flying.attitude),
-        logged_wxyz=attitude.logged(scenario, flying.rngs["attitude"], flying.attitude),
+        logged_wxyz=imu.logged_attitude(scenario, flying.rngs["attitude"], flying.attitude),
         rate_rad_s=frozen(flying.rate),
         events=tuple((k, event.kind) for k, event in sorted(flying.events.items())),
         phases=phases,

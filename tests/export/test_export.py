@@ -15,7 +15,7 @@ import pytest
 from massprop_cli import QUANTITIES
 from massprop_cli.base.errors import InputError
 from massprop_cli.conclude import verdict
-from massprop_cli.export import folder, resolve, vector
+from massprop_cli.export import folder, resolve
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.kernel import kernel
 from massprop_cli.result import build
@@ -144,7 +144,7 @@ def test_the_vector_ends_with_what_result_json_says(tmp_path: Path) -> None:
         row = rows[last - 1]
         for i, name in enumerate(QUANTITIES):
             estimate = phase["estimates"][name]
-            assert (row[i], row[10 + i]) == (vector.bits(estimate["value"]), vector.bits(estimate["sigma"]))
+            assert (row[i], row[10 + i]) == (folder.bits(estimate["value"]), folder.bits(estimate["sigma"]))
 
 
 @pytest.mark.skipif(not (shutil.which(ARM) and shutil.which(QEMU)), reason=f"no {ARM} or no {QEMU}")
@@ -171,7 +171,7 @@ def test_tables_say_the_vehicle_to_the_last_bit() -> None:
     jets = found.vehicle.jet_wrench
     for number in (0.05, 0.1, 1e-4, 0.02, *jets[3]):
         assert f"R({float(number).hex()})" in text
-    assert struct.unpack(">d", bytes.fromhex(vector.bits(0.1)))[0] == 0.1
+    assert struct.unpack(">d", bytes.fromhex(folder.bits(0.1)))[0] == 0.1
 
 
 @pytest.mark.parametrize(

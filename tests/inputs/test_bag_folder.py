@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.formats import bagfolder, reading
+from massprop_cli.inputs.formats import reading
 from massprop_cli.inputs.logfile import read_table
 from tests.inputs.everyformat import FORMATS, written
 
@@ -50,7 +50,7 @@ def test_split_files_follow_one_another(tmp_path: Path) -> None:
     (tmp_path / "run_0.mcap").write_bytes(path.read_bytes())
     (tmp_path / "run_1.mcap").write_bytes(path.read_bytes())
     listing(tmp_path, "run_1.mcap", '"run_0.mcap"')
-    assert bagfolder.files(tmp_path) == [tmp_path / "run_1.mcap", tmp_path / "run_0.mcap"]
+    assert reading.files(tmp_path) == [tmp_path / "run_1.mcap", tmp_path / "run_0.mcap"]
     both = reading.load(tmp_path)
     assert set(both.streams) == set(whole.streams)
     for name, stream in both.streams.items():

@@ -21,7 +21,7 @@ from massprop_cli.model.plant import plant_of
 from massprop_cli.model.sensitivity import Consider, Reading, Side, Variant, fed, variant
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
-from massprop_cli.result.settings import effective_settings
+from massprop_cli.result.build import effective_settings
 from tests import faulty
 from tests.flight import resolved
 

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import hashlib
+import re
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+
+import numpy as np
 
 from massprop_cli.base import limits, spill
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.spill import Content
 from massprop_cli.inputs import tablefile
-from massprop_cli.inputs.formats import bagfolder, units
+from massprop_cli.inputs.formats import units
 from massprop_cli.inputs.formats.recording import TABLE, Numbers, Read, Recording, Stream, counted, kind
 from massprop_cli.inputs.tablefile import Cells, Table
 
 
 def load(path: Path) -> Recording:
     """A recording from its file, or from the folder of a ROS 2 bag."""
-    if bagfolder.is_bag(path):
-        return bagfolder.joined(path, [load(file) for file in bagfolder.files(path)])
+    if is_bag(path):
+        return joined(path, [load(file) for file in files(path)])
     try:
         return read(path, limits.content(path, "log"))
     except FileNotFoundError:
@@ -52,3 +57,51 @@ def read_table(path: Path, data: Content) -> Read:
 def _stream(table: Table, name: str, cells: Cells) -> Stream:
     load: Callable[[], Numbers] = cells.counts if cells.instants else cells.numbers
     return Stream(name, table.rows, load, unit=cells.instants or cells.unit or units.behind(name)[1], place=cells.places.of)
+
+
+METADATA = "metadata.yaml"
+STORAGE = (".mcap", ".db3")
+_LISTED = re.compile(r"^\s*-\s+['\"]?([^'\"\n]+\.(?:mcap|db3)(?:\.\w+)?)['\"]?\s*$", re.MULTILINE)
+"""An entry of ``relative_file_paths``."""
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is such a folder."""
+    return limits.is_folder(path) and (path / METADATA).is_file()
+
+
+def joined(folder: Path, parts: Sequence[Recording]) -> Recording:
+    """The streams of all its files."""
+    paths = dict.fromkeys(path for part in parts for path in part.streams)
+    streams = {path: _joined([part.streams[path] for part in parts if path in part.streams]) for path in paths}
+    limits.NUMBERS.check(str(folder), sum(one.rows for one in streams.values()))
+    digest = parts[0].sha256 if len(parts) == 1 else hashlib.sha256("".join(part.sha256 for part in parts).encode()).hexdigest()
+    return Recording(folder, digest, parts[0].kind, streams)
+
+
+def files(folder: Path) -> list[Path]:
+    """Its files in the order of metadata.yaml, which is that of time; :class:`InputError` where one is missing or packed."""
+    text = limits.content(folder / METADATA, "map file").decode(errors="replace")
+    names = list(dict.fromkeys(Path(name).name for name in _LISTED.findall(text)))
+    packed = next((name for name in names if not name.endswith(STORAGE)), None)
+    if packed is not None:
+        raise InputError(f"{folder / packed}: is compressed as a whole; unpack it, or convert the bag with ros2 bag convert")
+    if not names:
+        raise InputError(f"{folder / METADATA}: names no .mcap or .db3 file; make it anew with ros2 bag reindex {folder}")
+    missing = next((name for name in names if not (folder / name).is_file()), None)
+    if missing is not None:
+        raise InputError(f"{folder / missing}: no such file, though {METADATA} names it; copy the whole folder")
+    return [folder / name for name in names]
+
+
+def _joined(parts: Sequence[Stream]) -> Stream:
+    """One stream after the other."""
+    first = parts[0]
+    if len(parts) == 1:
+        return first
+    return Stream(first.path, sum(part.rows for part in parts), partial(_values, parts), first.clock, first.unit)
+
+
+def _values(parts: Sequence[Stream]) -> Numbers:
+    found: Numbers = np.concatenate([part.values for part in parts])
+    return found
