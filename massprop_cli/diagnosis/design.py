@@ -344,5 +344,5 @@ def verticals(rate: Array, duration_s: Array, start: Array) -> Array:
     found = np.empty((len(rate), rate.shape[1] + 1, 3))
     found[:, 0] = start
     for k in range(rate.shape[1]):
-        found[:, k + 1] = (back[:, k] @ found[:, k, :, None])[..., 0]
+        found[:, k + 1] = (back[:, k] * found[:, k, None]).sum(-1)
     return found
