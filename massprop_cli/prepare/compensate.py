@@ -35,7 +35,7 @@ class Mounted(Protocol):
         """Whether the log holds attitudes, which measure what the gyro carries; on an air bearing only."""
 
 
-class Source(Protocol):
+class Source(Mounted, Protocol):
     """The control cycles of a log, of which any part can be had."""
 
     @property
@@ -45,10 +45,6 @@ class Source(Protocol):
     @property
     def capability(self) -> Array:
         """(r, 6) wrenches that this vehicle can command."""
-
-    @property
-    def attitude_logged(self) -> bool:
-        """Whether the log holds attitudes, which measure what the gyro carries; on an air bearing only."""
 
     @property
     def unread(self) -> BoolArray:

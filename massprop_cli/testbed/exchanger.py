@@ -15,6 +15,9 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed.conditions import Actuators
 from massprop_cli.testbed.motion import Bodies, CycleMotion
 
+SERVED = 3e-5
+"""By which a unit of torque about an axis may miss it."""
+
 
 class Setting(NamedTuple):
     """What the devices of S members go through: K cycles of N records, each cycle of B bins."""
@@ -102,3 +105,10 @@ def held(issued: Array, cycle: int, delay_cycles: float, period_s: float, edges_
     cycles = range(issued.shape[1])
     first, second = (issued[:, k] if k in cycles else np.zeros_like(issued[:, 0]) for k in (source, source + 1))
     return np.asarray(first[..., None] * (1 - later) + second[..., None] * later)
+
+
+def largest(gained: Array, limit: float) -> Array:
+    """(3,) torque about each axis of which commands up to ``limit`` give none about another; ``gained`` (3, C) is what they give."""
+    share = np.linalg.pinv(gained)
+    served, most = np.abs(gained @ share - np.eye(3)).max(0) < SERVED, np.abs(share).max(0)
+    return np.where(served, limit / np.where(most > 0, most, 1.0), 0.0)

@@ -14,13 +14,11 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed.conditions import Actuators
-from massprop_cli.testbed.exchanger import Exchanger, Setting, Spin, held
+from massprop_cli.testbed.exchanger import Exchanger, Setting, Spin, held, largest
 from massprop_cli.testbed.motion import Bodies, CycleMotion
 
 DAMPED = 1e-3
 """λ over the mean square of A: so much of the torque is lost where nothing is singular."""
-SERVED = 3e-5
-"""By which a unit of torque about an axis may miss it."""
 
 
 class Gyros(Exchanger):
@@ -50,9 +48,7 @@ class Gyros(Exchanger):
         start = np.array([gyro.start_gimbal_rad or 0.0 for gyro in vehicle.control_moment_gyros])
         along, across = _axes(vehicle)
         gained = (_momenta(vehicle) * (across.T * np.cos(start) - along.T * np.sin(start))) * vehicle.environment.moving[:3, None]
-        share = np.linalg.pinv(gained)
-        served, most = np.abs(gained @ share - np.eye(3)).max(0) < SERVED, np.abs(share).max(0)
-        return np.where(served, (real.max_gimbal_rate_rad_s or 0.0) / np.where(most > 0, most, 1.0), 0.0)
+        return largest(gained, real.max_gimbal_rate_rad_s or 0.0)
 
     @staticmethod
     def problem(vehicle: Vehicle, real: Actuators, truth: Array, turned_by: bool) -> str:  # noqa: ARG004

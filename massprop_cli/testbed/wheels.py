@@ -13,11 +13,8 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed.conditions import Actuators
-from massprop_cli.testbed.exchanger import Exchanger, Setting, Spin, held
+from massprop_cli.testbed.exchanger import Exchanger, Setting, Spin, held, largest
 from massprop_cli.testbed.motion import Bodies, CycleMotion
-
-SERVED = 3e-5
-"""By which a unit of torque about an axis may miss it."""
 
 
 class Wheels(Exchanger):
@@ -45,11 +42,7 @@ class Wheels(Exchanger):
     @staticmethod
     def full(vehicle: Vehicle, real: Actuators) -> Array:
         """(3,) by torques of least size on the wheels; nothing about an axis that they don't span."""
-        axis = _axes(vehicle) * vehicle.environment.moving[:3]
-        share = -np.linalg.pinv(axis.T)
-        served = np.abs(-axis.T @ share - np.eye(3)).max(0) < SERVED
-        most = np.abs(share).max(0)
-        return np.where(served, (real.max_wheel_torque_n_m or 0.0) / np.where(most > 0, most, 1.0), 0.0)
+        return largest(-(_axes(vehicle) * vehicle.environment.moving[:3]).T, real.max_wheel_torque_n_m or 0.0)
 
     @staticmethod
     def problem(vehicle: Vehicle, real: Actuators, truth: Array, turned_by: bool) -> str:
