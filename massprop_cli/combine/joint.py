@@ -79,7 +79,7 @@ class Joint:
 
 def joint(pieces: Sequence[Piece]) -> Joint:
     """Add up; values are NaN where no piece says anything."""
-    curved = all(_is_body(piece.values) for piece in pieces)
+    curved = all(is_body(piece.values) for piece in pieces)
     bare = [_bare(piece) for piece in pieces]
     bearing = pieces[0].bearing if curved and all(np.isfinite(values).all() for values, _ in bare) else None
     linear = [_about(bearing, *piece) if bearing else _to_linear(*piece, curved) for piece in bare]
@@ -98,7 +98,8 @@ def joint(pieces: Sequence[Piece]) -> Joint:
     return Joint(back, spread, chi_square, ranks - int(np.isfinite(values).sum()), apart, pulled)
 
 
-def _is_body(values: Array) -> bool:
+def is_body(values: Array) -> bool:
+    """Whether the inertia of the ten quantities (10,) is positive definite, or not wholly known."""
     inertia = values[:6]
     return not np.isfinite(inertia).all() or bool(np.linalg.eigvalsh(tensor(inertia))[0] > 0)
 
@@ -126,8 +127,14 @@ def _bare(piece: Piece) -> tuple[Array, Array]:
     return values, covariance
 
 
-def _to_linear(values: Array, covariance: Array, curved: bool) -> tuple[Array, Array]:
-    """θ and its covariance from the ten quantities; the same way leads back."""
+def linear(values: Array, curved: bool, bearing: BearingBody | None = None) -> tuple[Array, Array]:
+    """(10,) θ of the ten quantities (10,), NaN where these are, and its (10, 10) derivative by them.
+
+    ``curved``: the inertia is a body's, or not wholly known; ``bearing``: on which it turned, where all ten are known.
+    """
+    if bearing is not None:
+        theta = bearing.theta(Reference(tensor(values[:6]), values[6:9], 1 / values[9]))
+        return theta, np.linalg.inv(_slope_about(bearing, theta))
     theta, slope = values.copy(), np.eye(10)
     if curved and np.isfinite(values[:6]).all():
         theta[:6] = _inverse(values[:6])
@@ -135,6 +142,12 @@ def _to_linear(values: Array, covariance: Array, curved: bool) -> tuple[Array, A
     theta[9] = 1 / values[9]
     slope[9, 9] = -1 / values[9] ** 2
     slope[9, 9] = slope[9, 9] if np.isfinite(slope[9, 9]) else 1.0
+    return theta, slope
+
+
+def _to_linear(values: Array, covariance: Array, curved: bool) -> tuple[Array, Array]:
+    """θ and its covariance from the ten quantities; the same way leads back."""
+    theta, slope = linear(values, curved)
     at = np.isfinite(values)
     found = np.full((10, 10), np.nan)
     found[np.ix_(at, at)] = (slope[np.ix_(at, at)] @ covariance[np.ix_(at, at)]) @ slope[np.ix_(at, at)].T
@@ -147,8 +160,7 @@ _to_quantities = _to_linear
 
 def _about(bearing: BearingBody, values: Array, covariance: Array) -> tuple[Array, Array]:
     """θ of a bearing, and its covariance, from the ten quantities."""
-    theta = bearing.theta(Reference(tensor(values[:6]), values[6:9], 1 / values[9]))
-    slope = np.linalg.inv(_slope_about(bearing, theta))
+    theta, slope = linear(values, True, bearing)
     return theta, slope @ covariance @ slope.T
 
 

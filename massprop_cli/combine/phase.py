@@ -56,15 +56,15 @@ class Phased(NamedTuple):
     """Labels of results whose logs were fitted at once and are explained by their stated noise."""
 
 
-def _piece(part: Part) -> Piece:
-    values = np.array([np.nan if e.value is None or e.sigma is None else e.value for e in part.phase.estimates.values()])
-    covariance = np.array(part.phase.covariance, dtype=float)
-    vehicle = part.vehicle
+def piece(label: str, vehicle: VehicleInfo, phase: PhaseItem) -> Piece:
+    """One phase of a result."""
+    values = np.array([np.nan if e.value is None or e.sigma is None else e.value for e in phase.estimates.values()])
+    covariance = np.array(phase.covariance, dtype=float)
     at = np.array(vehicle.bearing_position_m)
     # gravity has no part in how the mass properties are written
     bearing = BearingBody(at, vehicle.bearing_mass_kg, 0.0) if vehicle.environment == "air_bearing" else None
-    beyond = part.phase.discrepancy.thrust_scale_sigma if part.phase.discrepancy else 0.0
-    return Piece(part.label, values, covariance, part.phase.known, float(np.hypot(vehicle.thrust_scale_sigma, beyond)), bearing)
+    beyond = phase.discrepancy.thrust_scale_sigma if phase.discrepancy else 0.0
+    return Piece(label, values, covariance, phase.known, float(np.hypot(vehicle.thrust_scale_sigma, beyond)), bearing)
 
 
 def together_phase(name: str, parts: Sequence[Part]) -> Phased:
@@ -97,8 +97,8 @@ def together_phase(name: str, parts: Sequence[Part]) -> Phased:
 
 def _joint(name: str, parts: Sequence[Part]) -> tuple[Joint, list[WarningItem]]:
     """Results added up; where one tells some axes alone, the logs are fitted at once, or it is left out of what it can't be added to."""
-    pieces = [_piece(part) for part in parts]
-    short = [fit.partial(piece, part.vehicle.environment) for piece, part in zip(pieces, parts, strict=True)]
+    pieces = [piece(part.label, part.vehicle, part.phase) for part in parts]
+    short = [fit.partial(one, part.vehicle.environment) for one, part in zip(pieces, parts, strict=True)]
     if len(parts) == 1 or not any(short):
         return joint(pieces), []
     try:
@@ -108,7 +108,7 @@ def _joint(name: str, parts: Sequence[Part]) -> tuple[Joint, list[WarningItem]]:
             f"phase {name}: {', '.join(part.label for part, few in zip(parts, short, strict=True) if few)} told some axes alone, and adds "
             f"nothing to the inertia: the logs can't be fitted at once ({error})"
         )
-        return joint([fit.without_inertia(piece) if few else piece for piece, few in zip(pieces, short, strict=True)]), [
+        return joint([fit.without_inertia(one) if few else one for one, few in zip(pieces, short, strict=True)]), [
             WarningItem(code="result-partial", message=message)
         ]
     return found or joint(pieces), []

@@ -33,7 +33,7 @@ def refuse(recorded: Sequence[Recorded]) -> None:
             if log in seen:
                 raise InputError(f"{one.path}: {_same_log(one, seen[log])}; its information would count twice. Name it once")
         seen |= dict.fromkeys(logs(one.result), one)
-    for (first, mine), (one, theirs) in combinations([(one, _told(one.result)) for one in recorded], 2):
+    for (first, mine), (one, theirs) in combinations([(one, told(one.result)) for one in recorded], 2):
         if alike(mine, theirs):
             raise InputError(
                 f"{one.path}: all values and sigmas are those of {first.path}: the same recording in another file, whose information would "
@@ -57,7 +57,7 @@ def refuse_across(before: Sequence[tuple[Recorded, PhaseItem]], after: Sequence[
             )
 
 
-def _told(result: Result) -> Array:
+def told(result: Result) -> Array:
     """(10 per phase, 2) values and sigmas, NaN where nothing can be said."""
     estimates = [phase.estimates[name] for phase in result.phases for name in QUANTITIES]
     return np.array([(item.value, item.sigma) for item in estimates], dtype=float)

@@ -6,12 +6,14 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.nuisance import Taken
 from massprop_cli.estimate.quantities import quantities
 from massprop_cli.estimate.regression import Regression
-from massprop_cli.estimate.residual import Residual, residual
+from massprop_cli.estimate.residual import Residual, coefficients, residual
 from massprop_cli.estimate.rows import Response
 from massprop_cli.estimate.told import Told
 from massprop_cli.estimate.triangle import Run
@@ -61,13 +63,29 @@ def settle(
     regression = Regression(samples, cycles, vehicle, consider)
     last = _last_pass(regression, reference, passes, bound)
     told, left = Told(samples, cycles, vehicle, every=vehicle.estimator.refine), Residual.empty(cycles.stop - cycles.start)
+    phi = coefficients(regression, last.run.estimate)
     for before, taken, after in last.held or blocks(regression, last.begun):
         about = replace(before, estimate=last.run.estimate, bound=last.run.bound)
         rows = regression.rows(about, taken, regression.posed(about, taken)) if told.every else regression.innovations(about, taken)
         part = slice(before.at - cycles.start, after.at - cycles.start)
-        left.value[part], left.sigma[part] = residual(regression, before, taken, last.run)
+        left.value[part], left.sigma[part] = residual(regression, before, taken, phi)
         told.add(rows.ending(regression.row(last.run)) if after.at == cycles.stop else rows)
     return Settled(replace(told.history(phase, last.run.estimate), residual=left), last.stands, last.run.bound)
+
+
+def predicted(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved) -> tuple[Residual, Residual]:
+    """What ``reference`` leaves of the motion, in one pass about it that fits no body; and what a body that answers to nothing leaves.
+
+    The second is the motion itself, but for its unknown beginnings: first rate, biases, tilt.
+    """
+    regression = Regression(samples, cycles, vehicle, Consider())
+    phi = coefficients(regression, reference)
+    left, motion = (Residual.empty(cycles.stop - cycles.start) for _ in range(2))
+    for before, taken, after in blocks(regression, regression.begin(reference)):
+        part = slice(before.at - cycles.start, after.at - cycles.start)
+        for into, by in ((left, phi), (motion, np.zeros_like(phi))):
+            into.value[part], into.sigma[part] = residual(regression, before, taken, by)
+    return left, motion
 
 
 def value(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, passes: int) -> Array:

@@ -12,6 +12,7 @@ from massprop_cli.estimate.ahead import unexpected
 from massprop_cli.estimate.nuisance import Taken, ordered
 from massprop_cli.estimate.regression import Regression
 from massprop_cli.estimate.triangle import Run
+from massprop_cli.model.plant import Reference
 
 
 class Residual(NamedTuple):
@@ -28,17 +29,23 @@ class Residual(NamedTuple):
         return Residual(spill.empty(count, 6), spill.empty(count, 6))
 
 
-def residual(regression: Regression, before: Run, taken: Taken, final: Run) -> Residual:
-    """Of a block that was taken in after ``before``, by the values of ``final``.
+def coefficients(regression: Regression, reference: Reference) -> Array:
+    """(N,) φ of a reference."""
+    lift = regression.lift
+    phi, _ = lift.coefficients(lift.theta(reference))
+    if reference.response is not None:
+        phi[: 3 * lift.channels] = reference.response.ravel()
+    return phi
+
+
+def residual(regression: Regression, before: Run, taken: Taken, phi: Array) -> Residual:
+    """Of a block that was taken in after ``before``, by the coefficients ``phi`` (N,).
 
     With the coefficients φ known, ``w + W φ = E b + white noise`` in the unknown beginnings b alone: first rate, biases, tilt. Each cycle
     is predicted with b as the cycles before it tell it. So where nothing disturbs the body, the prediction is the motion that the commands
     cause from the phase's first moment on, and a wrong value shows as a growing gap.
     """
     lift, free = regression.lift, regression.free
-    phi, _ = lift.coefficients(lift.theta(final.estimate))
-    if final.estimate.response is not None:
-        phi[: 3 * lift.channels] = final.estimate.response.ravel()
     known = before.triangle[:free], ordered(taken.white, lift.size, free).reshape(*taken.white.shape[:2], -1)
     triangle, each = (
         np.concatenate([rows[..., :free], (rows[..., free + lift.size] - rows[..., free : free + lift.size] @ phi)[..., None]], -1)
