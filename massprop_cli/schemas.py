@@ -24,6 +24,7 @@ MODULES = {
     "check": "check.finding:Check",
     "ballast": "inputs.ballast:BallastFile",
     "balance": "balance.document:Balance",
+    "predict": "predict.document:Prediction",
 }
 """Which module has the model of each file; a log's rows have none, and a function of their own."""
 NAMES = tuple(MODULES)

@@ -12,7 +12,7 @@ from tests.source import nodes
 ROOMS = Path(massprop_cli.__file__).parent
 FLOW = (
     *("base", "kernel", "inputs", "prepare", "errorparameters", "model", "estimate", "diagnosis", "conclude", "flow", "result", "report"),
-    *("job", "check", "combine", "balance", "campaign", "plan", "export", "live", "schemas", "api", "cli"),
+    *("job", "check", "combine", "balance", "predict", "campaign", "plan", "export", "live", "schemas", "api", "cli"),
 )
 """Each imports those before it alone, and itself."""
 TESTBED = ("base", "inputs", "testbed")

@@ -11,7 +11,7 @@ from website.commands import plain
 Schema = dict[str, Any]
 READ = {"log": "log.md", "vehicle": "vehicle.md", "result": "result.md", "map": "formats.md", "plan": "plan.md", "guess": "plan.md"}
 READ |= {"check": "plan.md", "expect": "reports.md", "tolerance": "reports.md", "compare": "reports.md", "scenario": "simulate.md"}
-READ |= {"ballast": "balance.md", "balance": "balance.md"}
+READ |= {"ballast": "balance.md", "balance": "balance.md", "predict": "predict.md"}
 READ |= {"campaign": "campaigns.md", "summary": "campaigns.md"}
 """Where a file is explained."""
 _LIMITS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<", "maxItems": "items ≤", "minItems": "items ≥"}

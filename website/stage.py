@@ -91,7 +91,7 @@ def navigation(pages: Path) -> Nav:
         {"massprop": "index.md"},
         {"Your own log in 15 minutes": "tutorial.md"},
         {"In and out": ["log.md", "vehicle.md", "formats.md", "result.md", "reports.md", "pages.md", "exit-codes.md"]},
-        {"Tests and campaigns": ["plan.md", "simulate.md", "campaigns.md"]},
+        {"Tests and campaigns": ["plan.md", "simulate.md", "campaigns.md", "predict.md"]},
         {
             "Tables, wheels, on board": [
                 *("planar.md", "pedestal.md", "balance.md", "actuators.md", "wheels.md"),

@@ -24,7 +24,7 @@ _Misread: Any = typer.BadParameter.__mro__[1]
 
 NAME = "massprop"
 _PANELS = {
-    "One log": ("estimate", "report", "compare"),
+    "One log": ("estimate", "report", "compare", "predict"),
     "On board and live": ("export-flight", "live"),
     "Many logs": ("batch", "combine"),
     "Another program's recording": ("columns", "init"),

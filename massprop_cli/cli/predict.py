@@ -1,0 +1,60 @@
+"""``massprop predict``."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+from massprop_cli.base import escape, exits
+from massprop_cli.base.errors import UsageError
+from massprop_cli.cli import options
+from massprop_cli.cli.guard import fail, guarded
+from massprop_cli.cli.terminal import console, progress, warn
+
+
+@guarded
+def predict(
+    result: options.Made,
+    log: options.Log,
+    vehicle: options.Vehicle = None,
+    map_file: options.MapFile = None,
+    phase: Annotated[str | None, options.option("Phase of result and log (default: the only one).", options.INPUT, metavar="NAME")] = None,
+    assign: options.Assign = None,
+    limit: Annotated[
+        float, options.option("Confidence level of the test; a result passes where p is above 1 - LEVEL.", options.DEMANDS, metavar="LEVEL")
+    ] = 0.95,
+    allow_contradicted: options.AllowContradicted = False,
+    as_json: Annotated[bool, options.as_json("all of it as JSON")] = False,
+    quiet: Annotated[bool, options.quiet("No table, no warnings.")] = False,
+    no_color: options.NoColor = False,
+) -> None:
+    """Test whether a result predicts a log that it was not made from, and how much of the motion its values explain.
+
+    Writes nothing. Exit 0 where it predicts the log, 3 where that cannot be tested, 6 where a value of either is contradicted,
+    5 where the log's motion differs from the prediction by more than the uncertainty of both.
+
+    Examples:
+        massprop predict massprop-out/monday friday.parquet
+        massprop predict massprop-out/monday friday.parquet --vehicle vehicle.toml --limit 0.99 --json
+    """
+    if not 0 < limit < 1:
+        raise UsageError(f"--limit {limit}: give a confidence level between 0 and 1, such as 0.95")
+    from massprop_cli import job
+    from massprop_cli.predict import flow, table
+    from massprop_cli.result import read
+
+    recorded = read.read(result)
+    with progress(quiet or as_json) as told:
+        judged = job.of_file(log, vehicle, assign or [], None, told, map_file)
+    found = flow.predict(recorded, log, judged, phase, limit)
+    warn(judged.analysis.notices, quiet, no_color)
+    if as_json:
+        sys.stdout.write(escape.document(found))
+    elif not quiet:
+        table.show(found, console(no_color))
+    used = (recorded.path, flow.chosen(recorded.path, recorded.result, phase)), (log, flow.chosen(log, judged.result, phase))
+    bad = [] if allow_contradicted else [said for one in used if (said := flow.contradicted(*one))]
+    if bad:
+        fail("; ".join(bad), exits.CONTRADICTED)
+    if missed := flow.failure(found):
+        fail(missed, exits.NOT_EXPECTED)

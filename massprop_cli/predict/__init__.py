@@ -1,0 +1,1 @@
+"""Whether a result predicts a log that it was not made from."""

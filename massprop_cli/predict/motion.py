@@ -1,0 +1,103 @@
+"""How much of a log's motion given values explain, by channel and by manoeuvre, without fitting any body to it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from massprop_cli import QUANTITIES
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import elements, tensor
+from massprop_cli.conclude.analysis import Analysis
+from massprop_cli.estimate import offline
+from massprop_cli.estimate.pivot import ABOUT_PIVOT
+from massprop_cli.model.plant import Reference
+from massprop_cli.model.resolved import Resolved
+from massprop_cli.predict.document import Explained, MotionItem
+from massprop_cli.result.schema import PhaseItem, VehicleInfo
+
+CHANNELS = ("rate_x", "rate_y", "rate_z", "specific_force_x", "specific_force_y", "specific_force_z")
+MANOEUVRES = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z", "rest")
+ALL = "all"
+RESTING = 0.05
+"""Part of the largest command about or along every axis, below which a cycle is at rest."""
+
+
+def explained(found: Analysis, number: int, sides: tuple[tuple[VehicleInfo, PhaseItem], tuple[VehicleInfo, PhaseItem]]) -> list[MotionItem]:
+    """Of phase ``number`` of a log, by the values of a result and by its own; empty where either tells of no body."""
+    settled, vehicle = found.settled[number], found.vehicle
+    own = settled.reference
+    if own is None or not isinstance(vehicle, Resolved):
+        return []
+    used = vehicle.in_phase(settled.phase)
+    references = [one for side in sides if (one := reference(own, used, *side)) is not None]
+    if len(references) < len(sides):
+        return []
+    passes = [offline.predicted(found.samples, settled.cycles, one, used) for one in references]
+    groups = _manoeuvres(found, settled.cycles)
+    items = []
+    for c, channel in enumerate(CHANNELS):
+        for manoeuvre in (ALL, *MANOEUVRES):
+            chosen = np.ones(len(groups), dtype=bool) if manoeuvre == ALL else groups == manoeuvre
+            chosen &= np.isfinite(passes[0][0].value[:, c]) & np.isfinite(passes[1][0].value[:, c])
+            if settled.unread[c] or not chosen.any():
+                continue
+            by_result, by_log = (_explained(*(of[chosen, c] for of in (left.value, left.sigma, motion.value))) for left, motion in passes)
+            unit = "rad/s" if c < 3 else "m/s^2"
+            rms = float(np.sqrt((passes[0][1].value[chosen, c] ** 2).mean()))
+            items.append(
+                MotionItem(
+                    channel=channel, manoeuvre=manoeuvre, unit=unit, cycles=int(chosen.sum()), motion_rms=rms, result=by_result, log=by_log
+                )
+            )
+    return items
+
+
+def _explained(left: Array, sigma: Array, motion: Array) -> Explained:
+    power = float((motion**2).sum())
+    return Explained(
+        percent=100 * (1 - float((left**2).sum()) / power) if power > 0 else None,
+        residual_rms=float(np.sqrt((left**2).mean())),
+        expected_rms=float(np.sqrt((sigma**2).mean())),
+        mean_square=float(((left / sigma) ** 2).mean()),
+    )
+
+
+def reference(own: Reference, used: Resolved, vehicle: VehicleInfo, phase: PhaseItem) -> Reference | None:
+    """A phase's values as the equations of motion take them, those without a value as in ``own``; None where that is no body.
+
+    Where a known mass says by how much the thrust is off, the motion is that of inertia and mass over this scale at the stated thrust.
+    """
+    if phase.about_pivot:
+        values = np.array([phase.about_pivot[name].value for name in ABOUT_PIVOT], dtype=float)
+        inertia, moment = values[:6], values[6:]
+        cg, mu = np.array(vehicle.bearing_position_m) + moment * own.mu, own.mu
+    else:
+        values = np.array([phase.estimates[name].value for name in QUANTITIES], dtype=float)
+        implied = phase.implied_thrust_scale
+        scale = implied.value if implied is not None and vehicle.thrust_scale_sigma > 0 else 1.0
+        held, bearing = vehicle.bearing_mass_kg, np.array(vehicle.bearing_position_m)
+        # what the weight shows is the first moment about the bearing of what turns with it
+        cg = bearing + (values[6:9] - bearing) * (values[9] - held) / (values[9] - held * scale) if held else values[6:9]
+        beyond: Array = sum((elements(device.beyond_reported) for device in used.spinning), np.zeros(6))
+        inertia, mu = values[:6] / scale + beyond, scale / values[9]
+    inertia = np.where(np.isfinite(inertia), inertia, elements(own.inertia))
+    told = bool(np.isfinite(mu))
+    chosen = replace(
+        own, inertia=tensor(inertia), cg=np.where(np.isfinite(cg), cg, own.cg), mu=float(mu) if told else own.mu, response=None
+    )
+    return chosen if np.linalg.eigvalsh(chosen.inertia)[0] > 0 and chosen.mu > 0 else None
+
+
+def _manoeuvres(found: Analysis, cycles: slice) -> Array:
+    """(K,) by the axis that is commanded most in each cycle, as a part of the most that is ever commanded there."""
+    parts = [found.samples.part(slice(at, min(at + offline.WHOLE, cycles.stop))) for at in range(cycles.start, cycles.stop, offline.WHOLE)]
+    executed = [part.executed for part in parts]
+    channels = np.concatenate([(one.channels.whole / one.duration_s[:, None]) @ one.channels.wrench for one in executed])
+    size = np.abs(channels).max(0)
+    # a force through a lever arm makes a torque, and several jets never push quite alike
+    size[:3] = np.where(size[:3] > RESTING * size[:3].max(), size[:3], np.inf)
+    size[3:] = np.where(size[3:] > RESTING * size[3:].max(), size[3:], np.inf)
+    share = np.abs(channels) / np.where(size > 0, size, np.inf)
+    return np.where(share.max(1) < RESTING, MANOEUVRES[-1], np.array(MANOEUVRES)[share.argmax(1)])
