@@ -12,8 +12,6 @@
 Units are SI, inertia is about the CG in body axes, products are tensor elements, the CG is from O.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial

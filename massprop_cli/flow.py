@@ -1,7 +1,5 @@
 """The composed flow: a log and its vehicle in, an :class:`Analysis` out."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

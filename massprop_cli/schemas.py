@@ -1,7 +1,5 @@
 """JSON Schemas of the files that massprop reads and writes; schemas/ holds the same, written by ``python -m massprop_cli.schemas``."""
 
-from __future__ import annotations
-
 import json
 import sys
 from importlib import import_module

@@ -1,7 +1,5 @@
 """What ``massprop balance --json`` prints: the models below are the schema (``massprop schema balance``)."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 import numpy as np

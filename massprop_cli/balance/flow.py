@@ -1,7 +1,5 @@
 """A result's first moment, the changes that make it what is wanted, and a later result held against them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

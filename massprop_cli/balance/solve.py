@@ -5,8 +5,6 @@ Engineering: moments add up). A weight m that slides by d along the unit vector 
 ``m (p − b)``. Both are linear, so the moves are a linear least-squares problem with bounds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

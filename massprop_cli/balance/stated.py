@@ -1,7 +1,5 @@
 """What a person states: ballast files, the remainder wanted (``--leave``), and what was moved (``--moved``)."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence

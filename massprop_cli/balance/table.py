@@ -1,7 +1,5 @@
 """What ``massprop balance`` prints."""
 
-from __future__ import annotations
-
 import math
 
 from rich.console import Console

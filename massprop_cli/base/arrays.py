@@ -1,7 +1,5 @@
 """The array type, freezing arrays that a stage hands on, and the factorisations that all square-root forms share."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Arrow columns from buffers: pa.array() would import pandas where it is installed, which takes longer than one estimate."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """TOML files checked against a pydantic model, with errors that name file, line, key and remedy."""
 
-from __future__ import annotations
-
 import difflib
 import json
 import re

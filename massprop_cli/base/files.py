@@ -4,8 +4,6 @@ Everything is written under a temporary name and moved into place. The lock is t
 behind; what it left half-written is cleared by the next that writes there.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Callable, Iterable, Iterator

@@ -1,7 +1,5 @@
 """Names of result folders, made from names of logs: one part of a path, whatever the log is called."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import unicodedata

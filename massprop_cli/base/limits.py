@@ -4,8 +4,6 @@ A limit is checked against what a file's own header, or the file system, says be
 may raise or lower each (docs/limits.md).
 """
 
-from __future__ import annotations
-
 import os
 import stat
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Variance of a signal that comes part by part, and its covariance with itself a step before: ``Σ x²/N`` and ``Σ x[k] x[k−1]/(N−1)``."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array

@@ -1,7 +1,5 @@
 """Linear algebra on one thread: on matrices this small further threads only wait for each other, and take cores from other processes."""
 
-from __future__ import annotations
-
 import os
 
 SETTINGS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")

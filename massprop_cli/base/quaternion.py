@@ -1,7 +1,5 @@
 """Unit quaternions wxyz, which turn body axes into world axes."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array

@@ -4,8 +4,6 @@ Every function works on stacks: vectors have shape (..., 3). Inertia is about th
 its six elements in the order ixx ixy ixz iyy iyz izz.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array

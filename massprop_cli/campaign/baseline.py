@@ -1,7 +1,5 @@
 """A campaign held against an earlier one: log by log where both have it, and vehicle by vehicle in the pooled values."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Iterator, Sequence

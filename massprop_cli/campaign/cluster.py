@@ -6,8 +6,6 @@ that kills its process doesn't take the worker along, and the result is the same
 again by the scheduler.
 """
 
-from __future__ import annotations
-
 import logging
 import queue
 import threading

@@ -1,7 +1,5 @@
 """From what the user names (files, folders, globs, campaign files) to logs, in an order that a person would give them."""
 
-from __future__ import annotations
-
 import glob
 import os
 import re

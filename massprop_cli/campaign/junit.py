@@ -1,7 +1,5 @@
 """A campaign as JUnit XML: a suite for each log; an error where it has no result, failures where it misses a demand or is not fit."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from massprop_cli.base import exits

@@ -1,7 +1,5 @@
 """What a campaign keeps of a result: values, sigmas, and how much of each sigma all logs of a vehicle file share."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

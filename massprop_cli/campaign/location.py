@@ -1,7 +1,5 @@
 """Where logs and their companions are read from: paths, and URLs. Every byte that a job reads comes through here."""
 
-from __future__ import annotations
-
 import os
 import posixpath
 from pathlib import Path, PurePosixPath

@@ -4,8 +4,6 @@ Limits: 1 MiB of summary for each step, and ten annotations of each kind for eac
 Actions, "Step isolation and limits"; Annotations).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

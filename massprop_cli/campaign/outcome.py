@@ -1,7 +1,5 @@
 """What became of one log, as outcome.json in its result folder holds it: enough for every table, without reading the result again."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Iterable, Sequence
 from typing import Literal, TypeVar, overload

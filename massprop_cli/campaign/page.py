@@ -3,8 +3,6 @@
 Without scripts it is a plain table. Same campaign, same bytes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from functools import partial
 from urllib.parse import quote

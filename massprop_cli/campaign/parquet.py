@@ -1,7 +1,5 @@
 """campaign.parquet and campaign.csv: a row for each log's phases and docked object, and one for each log without a result."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Callable, Iterator, Sequence

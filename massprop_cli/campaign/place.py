@@ -1,7 +1,5 @@
 """Where a campaign's results go. A result folder appears whole or not at all, whatever happens to the process or the machine."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import tempfile

@@ -1,7 +1,5 @@
 """What a campaign does: one :class:`Job` for each log, under a name that tells it from all others."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 

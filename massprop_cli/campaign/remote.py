@@ -1,7 +1,5 @@
 """Files at URLs, by fsspec. Addresses and credentials are what the store's own package finds in its configuration and environment."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar

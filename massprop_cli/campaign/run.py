@@ -1,7 +1,5 @@
 """The composed flow: what is there already is kept, the rest is worked and put in place one by one, then come the tables."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import closing
 

@@ -1,7 +1,5 @@
 """Where jobs run: here, in worker processes of this machine, which end when their parent does. Others need only :meth:`Executor.run`."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import queue

@@ -3,8 +3,6 @@
 Rows are written one by one, so that a campaign takes hardly more memory for many logs than for few.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal

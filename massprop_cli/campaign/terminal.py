@@ -1,7 +1,5 @@
 """What ``massprop batch`` prints: what each vehicle's logs say together."""
 
-from __future__ import annotations
-
 from rich.console import Console
 from rich.table import Table
 

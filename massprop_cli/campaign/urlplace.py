@@ -7,8 +7,6 @@ holder is gone and it is taken over. Clocks of two machines are never compared. 
 its own stops before it writes anything more.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import socket

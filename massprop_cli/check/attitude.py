@@ -1,7 +1,5 @@
 """Which way is up: a logged attitude against the gyro that turns it and the gravity that is felt; on a table, the IMU against both."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array

@@ -1,7 +1,5 @@
 """Commands as they stand: none at all, one that never ends, pairs that work against each other."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

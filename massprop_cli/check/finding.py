@@ -1,7 +1,5 @@
 """What a check says. The models below are the schema (``massprop schema check``)."""
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The composed flow: a log's table, its signals, an estimate of it, and what all of them say."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 

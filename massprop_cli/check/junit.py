@@ -1,7 +1,5 @@
 """A check as JUnit XML: a test case for each subject, which fails by its faults, and for each wanted quantity."""
 
-from __future__ import annotations
-
 from xml.etree import ElementTree as ET
 
 from massprop_cli.base.escape import line

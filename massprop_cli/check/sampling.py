@@ -1,7 +1,5 @@
 """Time of the records: duplicates, steps back, gaps, jitter. All that there are, where reading a log stops at the first."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The IMU's channels as they stand: dead, stuck, repeated, clipped, coarse."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

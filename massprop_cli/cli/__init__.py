@@ -1,7 +1,5 @@
 """Commands, one room each. Heavy rooms are imported inside the commands, so that ``--help`` stays fast."""
 
-from __future__ import annotations
-
 import gc
 import io
 import os

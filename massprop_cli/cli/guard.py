@@ -1,7 +1,5 @@
 """Exit codes: errors become one line on stderr and the contract's number."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from functools import wraps

@@ -1,7 +1,5 @@
 """What ``--help`` shows: a command's docstring with its examples, options in groups, and no type behind a flag."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Callable

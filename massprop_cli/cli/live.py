@@ -1,7 +1,5 @@
 """``massprop live``."""
 
-from __future__ import annotations
-
 import io
 import signal
 import sys

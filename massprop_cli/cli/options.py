@@ -1,7 +1,5 @@
 """Options that several commands take, and the groups in which help shows them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal

@@ -1,7 +1,5 @@
 """``massprop schema``."""
 
-from __future__ import annotations
-
 import json
 from enum import StrEnum
 from typing import Annotated

@@ -1,7 +1,5 @@
 """``massprop simulate``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

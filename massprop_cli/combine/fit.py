@@ -1,7 +1,5 @@
 """Several logs of one body fitted at once, where one alone doesn't tell every axis: its result can't be added to others."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

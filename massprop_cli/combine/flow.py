@@ -1,7 +1,5 @@
 """Results read, checked to be of one vehicle, added up phase by phase, and written as one result."""
 
-from __future__ import annotations
-
 import hashlib
 import platform
 from collections.abc import Callable, Sequence

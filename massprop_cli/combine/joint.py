@@ -11,8 +11,6 @@ a log tells that a thousand times better than mass or s, and a straight line thr
 And the object that docked, from what was found of the vehicle alone and with it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

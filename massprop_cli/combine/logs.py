@@ -1,7 +1,5 @@
 """The log behind a result, read again and made ready as it was for that result: where it lies, and whether it is still the same."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """One phase of several results: added up, or fitted at once from their logs; its verdicts, and what contradicts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple

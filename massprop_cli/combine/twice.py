@@ -1,7 +1,5 @@
 """The same log given twice, which would count its information twice: by its bytes, within joint results, and in another file format."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations, product
 

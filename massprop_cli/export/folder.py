@@ -1,7 +1,5 @@
 """The folder that flies: the kernel's sources, the vehicle's tables, a test vector, a Makefile and a README."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from pathlib import Path

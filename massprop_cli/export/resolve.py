@@ -1,7 +1,5 @@
 """What a flight starts with: a vehicle in which nothing is left to be found, phase by phase."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

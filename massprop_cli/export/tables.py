@@ -1,7 +1,5 @@
 """A vehicle's constants as C: tables of hexadecimal numbers, which every compiler reads to the last bit."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ against their own extreme, axis by axis and side by side: those that repeat it m
 sensor that is read more often than it measures.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The columns of a log that say what its actuators were told to do: jets, a wrench or rotors, and what stores momentum."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any, Literal
 

@@ -3,8 +3,6 @@
 The models below are the schema (``massprop schema expect``); TOML or JSON. truth.json of ``massprop simulate`` is one too.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """What a log's columns are, as a JSON Schema of one of its rows."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from massprop_cli.inputs import columns as names

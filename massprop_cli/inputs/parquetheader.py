@@ -4,8 +4,6 @@ A few kilobytes may say that they are a billion rows, or truly be that. Arrow be
 counted here before: cells by the footer, values and bytes by the header of every page, since the footer need not agree with those.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 

@@ -3,8 +3,6 @@
 ``"mass<2%, ixx, cg_z < 0.5 mm"``: the sign may be left out (``"mass 2 %"``). Per cent are of the quantity's own value; one sigma counts.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from typing import Annotated

@@ -3,8 +3,6 @@
 Arrow's own reader of these headers can't be asked: some of them make it end the whole process.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from massprop_cli.base.spill import Content

@@ -3,8 +3,6 @@
 A number is absolute in the quantity's unit; texts are ``"2 %"``, ``"4 sigma"`` and ``"0.05 kg m^2"``.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Annotated, Literal
 

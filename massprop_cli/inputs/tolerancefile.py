@@ -4,8 +4,6 @@ The models below are the schema (``massprop schema tolerance``). Tolerances are 
 would read as the value that an expect file has there.
 """
 
-from __future__ import annotations
-
 from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Literal, Self

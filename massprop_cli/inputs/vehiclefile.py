@@ -1,7 +1,5 @@
 """Vehicle files: found, read and checked, with ``KEY=VALUE`` assignments on top."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The causal pass in C99, one source for the ground and for flight, and where a compiler has built it, its library."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 from functools import cache

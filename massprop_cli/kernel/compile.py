@@ -3,8 +3,6 @@
 python massprop_cli/kernel/compile.py
 """
 
-from __future__ import annotations
-
 import os
 import shlex
 import shutil

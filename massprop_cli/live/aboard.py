@@ -1,7 +1,5 @@
 """The running estimate of vehicles that fly in software: what the testbed's control is handed."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray

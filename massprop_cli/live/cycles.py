@@ -1,7 +1,5 @@
 """Records to control cycles as they were flown."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """One flight through its phases, cycle by cycle."""
 
-from __future__ import annotations
-
 from typing import NamedTuple, Protocol
 
 from massprop_cli.base.arrays import Array

@@ -3,8 +3,6 @@
 Slow: with every cycle all commands before it are aligned anew.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Lines of telemetry to records: CSV with a header line, or a JSON object on each line. The first line says which."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """Standard input to estimates, cycle by cycle, and to a recording that is estimated in the end."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator

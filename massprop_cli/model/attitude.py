@@ -1,7 +1,5 @@
 """What logged attitudes measure of the state: the error of the attitude that the gyro carries."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

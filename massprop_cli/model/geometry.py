@@ -5,8 +5,6 @@ linear about the vehicle as stated; the regression finds these unknowns with the
 whatever the log tells of them is used, and what it doesn't tell is in every sigma.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field
 from typing import NamedTuple

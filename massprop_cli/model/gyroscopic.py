@@ -1,7 +1,5 @@
 """The gyroscopic torque ω × I ω as Γ(I) s: linear in I, and in the products s = (ωx ωx, ωx ωy, ωx ωz, ωy ωy, ωy ωz, ωz ωz)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array

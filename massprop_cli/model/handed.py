@@ -1,7 +1,5 @@
 """What is handed to the compiled kernel (:mod:`massprop_cli.kernel`), number by number, and what it doesn't know."""
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -4,8 +4,6 @@ What θ and φ are in each environment is said in :mod:`massprop_cli.model.plant
 to a body, and where in φ the gyroscopic coupling stands.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array

@@ -13,8 +13,6 @@ Translation. The accelerometer feels the CG's specific force ``+ ω̇ × ρ + ω
 rate, from which the state's departs by noise, and by what the gyro's bias is beyond the reference's.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -3,8 +3,6 @@
 Its state x stands as :mod:`massprop_cli.model.layout` has it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array

@@ -3,8 +3,6 @@
 And what an error of what is stated does, of a device or of all thrust.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array

@@ -1,7 +1,5 @@
 """What a method could learn from this vehicle at all, and what this log's commands told it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli import INERTIA, QUANTITIES

@@ -1,7 +1,5 @@
 """A reference as ten state parameters, the sizes that these have by nature, and the reference moved to others."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array

@@ -1,7 +1,5 @@
 """Integrals under the windows that IMU data carry, of quantities known by bins of each cycle."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ The gyro gives each cycle's mean rate; how the rate changes within, the commands
 acts). In B equal bins, of each of which mean, first moment and variance count, so that the error is of the fourth order in a bin's length.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which motions, and how long each: greedy, then exchanged, by the worst ratio of the sigma that is predicted to the one that is wanted."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import field
 from typing import Literal

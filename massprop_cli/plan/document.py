@@ -1,7 +1,5 @@
 """What ``massprop plan`` hands over: plan.json and the scenario that ``massprop simulate`` flies. The models below are the schema."""
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np

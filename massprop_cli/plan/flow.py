@@ -1,7 +1,5 @@
 """From files to a plan and its files."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

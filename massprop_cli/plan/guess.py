@@ -1,7 +1,5 @@
 """What a vehicle is guessed to be before its test: ten quantities, how far off they may be, and what its actuators and sensors do."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """What a plan must keep to, and what of it a flight takes."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 import numpy as np

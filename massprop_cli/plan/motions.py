@@ -1,7 +1,5 @@
 """Motions of the scenario grammar to choose from: pulses on single axes and on several at once, with the attitude held beneath them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal

@@ -1,7 +1,5 @@
 """The composed flow: what each motion tells, which are chosen, and the plan flown whole."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Motions flown in software before they are flown: what they tell of every body that the vehicle may be, and what they take."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

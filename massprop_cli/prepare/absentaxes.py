@@ -7,8 +7,6 @@ read.
 On a table the rates about X and Y are none, so that absent gyro axes leave the yaw alone to be read about a body axis as it is.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, frozen

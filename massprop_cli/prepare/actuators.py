@@ -5,8 +5,6 @@ Jets, commanded wrenches and rotors are three kinds, of which a log has one. Ano
 momentum, which may be beside either, is the last channels: :mod:`massprop_cli.prepare.stored` has what it does.
 """
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Iterator, Sequence
 

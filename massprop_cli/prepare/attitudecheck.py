@@ -1,7 +1,5 @@
 """Whether logged attitudes and the gyro agree within their noise; if not, and one key of the vehicle file explains it, which."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array

@@ -4,8 +4,6 @@ A first-order low-pass of time constant τ reports ``y[k] = a y[k−1] + (1 − 
 record k takes records k − 1 and k alone, and noise that the sensor had before its low-pass is white again.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Piecewise linear functions of time, what a first-order lag makes of them, and their exact integrals over bins."""
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Sequence
 

@@ -3,8 +3,6 @@
 A cycle's sum is the same whatever other cycles there are.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What values rest on and the log can't tell, or not well, as text: what one step of each assumption does, and what limits values."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What follows from the ten quantities for the body: principal moments and axes, inertia about O, the equivalent ellipsoid."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array

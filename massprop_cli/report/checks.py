@@ -1,7 +1,5 @@
 """What the log says about the model: whitened innovations and the delay, each beside what is expected of it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 A value whose verdict is no use (not excited, contradicted, unobservable) has two significant figures at most, whatever its sigma claims.
 """
 
-from __future__ import annotations
-
 import re
 from decimal import Context, Decimal
 

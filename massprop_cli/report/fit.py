@@ -1,7 +1,5 @@
 """Tables on terminals of any width: columns go, digits don't."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from rich.console import Console

@@ -6,8 +6,6 @@ cause, expected or not, unless contradictions are allowed. Where quantities were
 fails and names them. A log that could not be used is an error.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from xml.etree import ElementTree as ET
 

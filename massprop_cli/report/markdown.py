@@ -1,7 +1,5 @@
 """Results as Markdown, for summaries of jobs and merge requests."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 from massprop_cli.base.escape import markdown as shown

@@ -1,7 +1,5 @@
 """Inertia as a page shows it: 3 × 3 matrices, principal moments and axes, every number a text."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

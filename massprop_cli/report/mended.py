@@ -1,7 +1,5 @@
 """What a log gives if a fault that it names is mended, as text: beside the result, never in its place."""
 
-from __future__ import annotations
-
 import shlex
 
 from massprop_cli.base.escape import line

@@ -4,8 +4,6 @@ The columns are the same whatever the results: ``part`` is "phase" or "docked", 
 cell is empty. Inertia is about the CG in body axes, products are tensor elements, the CG is from O.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """A result as a page shows it: every number a text with as many figures as its sigma bears."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What every report says in words: names, units, conventions, verdicts, and why a value is not converged and what would help."""
 
-from __future__ import annotations
-
 from massprop_cli import CG
 from massprop_cli.conclude.reason import HARDLY_INFORMED, NOT_WHITE
 from massprop_cli.conclude.verdict import WANTED, Verdict

@@ -1,7 +1,5 @@
 """The result of an analysis: every key of result.json from what the flow found."""
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Mapping
 from typing import Any, Literal

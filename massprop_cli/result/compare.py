@@ -4,8 +4,6 @@ The sigma of a difference is ``sqrt(s1² + s2²)``: what both results have in co
 The models below are the schema (``massprop schema compare``).
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """history.parquet: every estimate and what it was made of, cycle by cycle."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import BinaryIO
 

@@ -1,7 +1,5 @@
 """A result folder read back: result.json, and history.parquet beside it where there is one."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """What ``massprop report`` rendered beside a result, known by the result's run.json: so that no page outlives the result it tells of."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping

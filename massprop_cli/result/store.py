@@ -3,8 +3,6 @@
 run.json names the log whose result a folder holds, so that no other log's takes its place unless it is told to.
 """
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Iterator
 from datetime import UTC, datetime

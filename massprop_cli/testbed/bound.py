@@ -6,8 +6,6 @@ phase are unknown too, and so are damping and, beside wheels, the scale of all t
 the attitude is known; disturbances, pulse errors and biases are not counted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Members of a scenario on their way: one control cycle after the other, from what is commanded to what the IMU senses."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

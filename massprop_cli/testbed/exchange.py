@@ -1,7 +1,5 @@
 """All devices of a vehicle that store momentum, kind by kind."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

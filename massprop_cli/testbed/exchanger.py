@@ -1,7 +1,5 @@
 """The seam of what stores momentum in the simulator: devices of one kind, whose momentum is followed cycle by cycle."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import NamedTuple

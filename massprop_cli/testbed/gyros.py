@@ -5,8 +5,6 @@ Each rotor holds ``h s`` relative to the body, s turned about the gimbal's axis 
 columns of A are ``h g × s`` and λ keeps the rates finite near singular directions (Nakamura and Hanafusa, 1986).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The mission plan: what is demanded about and along each axis in each cycle, and the on-times that serve it."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

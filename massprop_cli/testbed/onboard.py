@@ -1,7 +1,5 @@
 """The vehicle's own attitude control: attitude integrated from the gyro, gains as stated or made of what it takes its body to be."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 

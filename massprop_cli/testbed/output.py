@@ -1,7 +1,5 @@
 """What a flight leaves behind: log.parquet or log.csv, vehicle.toml, truth.json."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable, Iterator, Sequence

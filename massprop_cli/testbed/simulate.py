@@ -1,7 +1,5 @@
 """Fly a scenario: plan, commands, executed wrench, motion, IMU, cycle after cycle, all seeds at once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """True mass properties that change: an object docks, fuel burns."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array

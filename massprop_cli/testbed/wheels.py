@@ -4,8 +4,6 @@ A wheel of spin inertia J turns about its axis a at W relative to the body, whic
 ``h = J (W + a · ω)``, changes by the torque on it alone. The body without the wheels' spin inertia feels the opposite, and ``−ω × a h``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -4,8 +4,6 @@ The gyro must turn as the logged attitude does, and as far; on an air bearing th
 vertical. Another order of the axes, or another unit, that makes them agree is named.
 """
 
-from __future__ import annotations
-
 from itertools import permutations, product
 from pathlib import Path
 

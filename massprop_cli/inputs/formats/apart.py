@@ -5,8 +5,6 @@ told as any other damage. ``python -m massprop_cli.inputs.formats.apart`` is tha
 finds in a folder, the streams in ``streams.json`` and their numbers one after the other in ``numbers``.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

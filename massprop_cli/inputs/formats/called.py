@@ -4,8 +4,6 @@ A name may say that they are something else: a reference, an estimate, a field. 
 accelerometer whose unit nobody recorded.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """CSV as spreadsheets and loggers write it: compressed, in UTF-16, with semicolons or tabs, with decimal commas."""
 
-from __future__ import annotations
-
 import re
 import zlib
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A draft of the vehicle file out of a log. Each line says where it is from; what no log can tell is a comment with how to measure it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 

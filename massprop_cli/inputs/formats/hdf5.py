@@ -3,8 +3,6 @@
 A table of numbers gives a stream for each column, or for each row where it is wider than long; its path says which, as numpy writes it.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from functools import partial

@@ -1,7 +1,5 @@
 """A recording and its map to the table that a log is read from; what was done on the way is stated in words."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 ``imu.gyro(:,1)`` is the first column of a field, ``runs(2).t`` a field of a struct array's second element.
 """
 
-from __future__ import annotations
-
 import io
 import tempfile
 import zlib

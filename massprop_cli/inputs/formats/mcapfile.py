@@ -1,7 +1,5 @@
 """MCAP by mcap (MIT): messages of ROS 1 and 2 by rosbags (Apache), and JSON. Read in order, so that no index is needed."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """MDF4 by asammdf (LGPL, an extra): a channel by its name, or as ``group/channel`` where another group has one of that name."""
 
-from __future__ import annotations
-
 import io
 from collections import Counter
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Patterns of paths in a recording: ``*`` is any text within a level, ``**`` any text, ``?`` one character."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """A recording read: a table here, any other in a process of its own (:mod:`massprop_cli.inputs.formats.apart`)."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Callable, Sequence

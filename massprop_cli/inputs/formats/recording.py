@@ -3,8 +3,6 @@
 A new format is one module with ``read(path, data)`` and one line in :data:`KINDS`.
 """
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping

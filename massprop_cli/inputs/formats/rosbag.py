@@ -1,7 +1,5 @@
 """ROS bags by rosbags (Apache): ``.bag`` of ROS 1, ``.db3`` of ROS 2, with the definitions that they carry."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path

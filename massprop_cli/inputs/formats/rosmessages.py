@@ -1,7 +1,5 @@
 """Messages of ROS 1 and ROS 2, by whatever definitions their file carries, as flat fields: ``topic/field/part[0]``."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path

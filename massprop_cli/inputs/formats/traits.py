@@ -1,7 +1,5 @@
 """What a log tells of its vehicle without any vehicle file: cycles, noise, gravity, commands."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """PX4's ULog by pyulog (BSD): ``topic/field[0]``, further instances as ``topic.1/field``, units as PX4 defines its fields."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterator

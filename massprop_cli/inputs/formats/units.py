@@ -1,7 +1,5 @@
 """Units that recordings use, as factors to SI, one table for each quantity."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Streams that belong together as the axes of a vector, found by their names."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 

@@ -1,7 +1,5 @@
 """What an environment makes of commands and mass properties: one file for each, and the one that the vehicle file states."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.inputs.vehicle import Vehicle

@@ -1,7 +1,5 @@
 """A body on an air bearing."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array

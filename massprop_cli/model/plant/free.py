@@ -1,7 +1,5 @@
 """A body in free flight."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array

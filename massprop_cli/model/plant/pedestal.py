@@ -1,7 +1,5 @@
 """A body on a spherical bearing whose pedestal is fixed to the ground."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray

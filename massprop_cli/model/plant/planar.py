@@ -1,7 +1,5 @@
 """A body on a table: it slides and yaws."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray

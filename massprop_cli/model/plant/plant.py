@@ -10,8 +10,6 @@ says where its CG is: the response is linear in φ, products of θ. With s the p
 Arrays of motion are per bin, (K, B, ...): B equal parts of each of K cycles.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import field
 from typing import NamedTuple

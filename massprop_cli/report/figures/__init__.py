@@ -3,8 +3,6 @@
 A picture is made of panels (:mod:`panel`), each of which says in words what it shows; :mod:`canvas` draws them.
 """
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Callable
 

@@ -3,8 +3,6 @@
 A colour never carries a meaning alone: line style, marker or label say the same.
 """
 
-from __future__ import annotations
-
 PAPER, INK, MUTED, GRID, SHADE = "#ffffff", "#1b1f24", "#5b646e", "#d8dde3", "#eef1f4"
 BLUE, ORANGE, GREEN, PURPLE, RED = "#0072b2", "#d55e00", "#00805e", "#a3507f", "#b3001b"
 

@@ -1,7 +1,5 @@
 """The history of a result, asked for by a figure."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What of a long series is drawn, and over which range."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

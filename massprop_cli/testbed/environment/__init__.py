@@ -1,7 +1,5 @@
 """What the simulated environments change in the motion of a free body: one file for each, and the one that a vehicle file states."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

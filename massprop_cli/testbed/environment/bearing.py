@@ -6,8 +6,6 @@ the rotating and m the whole mass: ``A ω̇ = M w − ω × (A₀ ω + h) + p (�
 moment about the CG of jets and reaction, the base's horizontal acceleration and its reaction eliminated.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np

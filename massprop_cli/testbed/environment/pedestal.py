@@ -1,7 +1,5 @@
 """Motion on a spherical bearing whose pedestal is fixed to the ground: the sliding bearing's, with a base that no force moves."""
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np

@@ -5,8 +5,6 @@ table, and gravity along Z. Where the table slopes, the weight pulls the body al
 accelerometer, which follows too, feels nothing of it; of what something holds of that pull it feels all.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np
