@@ -6,11 +6,28 @@ from typing import Annotated
 
 import typer
 
-from massprop_cli import schemas
 from massprop_cli.cli.guard import guarded
 
-SchemaName = StrEnum("SchemaName", [(name, name) for name in schemas.NAMES])  # type: ignore[misc]
-"""Files with a schema."""
+
+class SchemaName(StrEnum):
+    """Files with a schema."""
+
+    log = "log"
+    vehicle = "vehicle"
+    scenario = "scenario"
+    expect = "expect"
+    result = "result"
+    tolerance = "tolerance"
+    compare = "compare"
+    campaign = "campaign"
+    summary = "summary"
+    map = "map"
+    plan = "plan"
+    guess = "guess"
+    check = "check"
+    ballast = "ballast"
+    balance = "balance"
+    predict = "predict"
 
 
 @guarded
@@ -20,4 +37,6 @@ def schema(name: Annotated[SchemaName, typer.Argument(help="Which file.")]) -> N
     Examples:
         massprop schema vehicle > vehicle.schema.json
     """
+    from massprop_cli import schemas
+
     typer.echo(json.dumps(schemas.schema(name.value), indent=1, ensure_ascii=False))
