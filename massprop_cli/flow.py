@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from massprop_cli import QUANTITIES
 from massprop_cli.base.errors import AttitudeError, InputError, UntoldError
 from massprop_cli.conclude import mend, split
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
@@ -12,18 +13,15 @@ from massprop_cli.conclude.assumptions import assumptions
 from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.judge import judged
 from massprop_cli.conclude.pivot import with_pivot
+from massprop_cli.conclude.reason import Reason
+from massprop_cli.conclude.verdict import in_doubt
 from massprop_cli.diagnosis import UNKNOWN, sensorkernel
-from massprop_cli.errorparameters.table import LATE
 from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs import clipped, vehiclefile
 from massprop_cli.inputs.actuators.actuator import called
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehiclefile import VehicleSource
-
-USUAL = (1, 0, 2)
-"""Cycles; delays of most testbeds."""
-
 
 UNFIT = (
     "with columns quat_w … quat_z the log does not fit, and without them it does: they were left out; check their convention (wxyz, world "
@@ -51,7 +49,7 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
     except UntoldError as error:
         if source is not stated:  # of a low-pass that is too short to be found
             return _examined(read, sensorkernel.without(stated), assignments, say)
-        raise InputError(f"{error}{_by_any_delay(log, source, say)}") from None
+        return _by_likeliest(log, source, assignments, say, error)
     except AttitudeError as error:
         return _examined(
             _without_attitude(log, f"{str(error).removeprefix(f'{log.path}, ')}: they were left out"), source, assignments, say
@@ -117,22 +115,20 @@ def _wheels_backwards(told: Analysis, source: VehicleSource, say: Progress) -> l
     return [Notice("command-sign", f"{what}: mend the sign of their columns, or their axis")]
 
 
-def _by_any_delay(log: Log, source: VehicleSource, say: Progress) -> str:
-    """What is wrong with a log that can't tell its delay, if it is named under one of a few: then its commands explain the motion again.
+def _by_likeliest(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, error: UntoldError) -> Analysis:
+    """What the likeliest timing gives where the log can't tell it; no value is called converged then.
 
-    Not what makes motion late: another delay than the right one looks like that.
+    Another fault may hide it, which has a name under about the right one.
     """
-    for delay in USUAL:
-        settings = [f"cycle.command_delay_cycles={delay}"] + ["thrust.lag_s=0"] * (source.vehicle.thrust.lag_s == "auto")
-        try:
-            found = estimated(log, replace(source, vehicle=vehiclefile.changed(source.vehicle, settings)), (), say)
-        except (InputError, np.linalg.LinAlgError):
-            continue
-        told = [*(fault.notice for fault in found.faults), *(notice for notice in found.notices if notice.code == "outliers")]
-        named = next((notice for notice in told if notice.code not in LATE), None)
-        if named is not None:
-            return f". With {delay} cycles {named.message}"
-    return ""
+    if not error.settings:
+        raise error
+    found = _examined(log, replace(source, vehicle=vehiclefile.changed(source.vehicle, error.settings)), assignments, say)
+    taken = " and ".join(error.settings[::2])
+    told = Notice(
+        "timing-untold", f"{str(error).removeprefix(f'{log.path}: ')}; the likeliest was taken: {taken}, and no value is called converged"
+    )
+    conclusions = tuple(in_doubt(one, dict.fromkeys(QUANTITIES, Reason.of("timing-untold", taken=taken))) for one in found.conclusions)
+    return replace(found, source=source, conclusions=conclusions, notices=(told, *found.notices))
 
 
 __all__ = ["Analysis", "MendedAnswer", "Progress", "examine"]

@@ -17,7 +17,11 @@ class MachineError(InputError):
 
 
 class UntoldError(InputError):
-    """Where a log can't tell its own delay or lag, which may have a cause that it tells under another one."""
+    """Where a log can't tell its own delay or lag; ``settings`` are the likeliest, each with a sigma, if any is likelier than others."""
+
+    def __init__(self, message: str, settings: tuple[str, ...] = ()) -> None:
+        super().__init__(message)
+        self.settings = settings
 
 
 class AttitudeError(InputError):

@@ -173,14 +173,22 @@ def near(stated: Timing, later: float, sigma: float, before: float, after: float
     return Found(stated._replace(delay=stated.delay + later), Timing(sigma, 0.0), after, before, covariance=np.array([[sigma**2]]))
 
 
+class Rated(NamedTuple):
+    """A timing that was tried."""
+
+    at: Timing
+    cost: float
+    """−2 log likelihood, but for a constant."""
+
+
 def search(
     log: Log,
     vehicle: Vehicle,
     lags: Sequence[float],
     delays: Sequence[float] = DELAYS,
     pieces: Sequence[slice] | None = None,
-) -> Timing | None:
-    """The candidates at which a plain regression of motion on commands leaves least; over the whole log without ``pieces``."""
+) -> list[Rated]:
+    """The candidates, those first at which a plain regression of motion on commands leaves least; over the whole log without ``pieces``."""
     candidates = [Timing(float(delay), lag) for lag in lags for delay in delays if delay <= max(log.cycles // 4, min(delays))]
     unknown = LONGEST + int(LAGS_FORGOTTEN * max(lags))
     costs, motion = [], None
@@ -195,7 +203,7 @@ def search(
         whole = [slice(p.start + unknown, p.stop) for p in pieces or [slice(0, log.cycles)]]  # the same cycles for every candidate
         parts = [sum(_unexplained(motion, made, piece)) for piece in whole if piece.stop - piece.start > LEAST]
         costs.append(float(np.sum(parts)) if parts else np.inf)
-    return candidates[int(np.argmin(costs))] if np.isfinite(costs).any() else None
+    return [Rated(candidates[i], costs[i]) for i in np.argsort(costs, kind="stable") if np.isfinite(costs[i])]
 
 
 def unexplained_by(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0) -> tuple[float, float]:

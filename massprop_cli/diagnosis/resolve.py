@@ -12,7 +12,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import UntoldError
 from massprop_cli.diagnosis import delay, segment
-from massprop_cli.diagnosis.delay import Found
+from massprop_cli.diagnosis.delay import Found, Rated
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME, TABLE
 from massprop_cli.estimate import noiselevels
@@ -48,6 +48,10 @@ PAIRS = (
     ("gyro_cutoff", "accel_cutoff"),
 )
 """Of which a vehicle file may state a correlation: the first in thrust, the others in imu.filter_correlation."""
+ROUGHLY = 0.5
+"""Cycles of delay or lag, and part of a cutoff: one sigma of what a search over whole cycles finds where no fit makes it sharper."""
+NEXT = 4
+"""Delays that are named where none is told, and the next."""
 FIRST_HZ = 50.0
 """Cutoff that the search for one begins with."""
 NARROWER, FARTHEST = 0.5, 4.0
@@ -130,18 +134,36 @@ def found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | None
     latest = Timing(delay.LONGEST, max(lags))
     part, pieces = segment.bounded(log, vehicle, latest, [slice(0, log.cycles)], LONGEST)
     found, coarse = None, given if unknown == [f"{sensor}_cutoff" for sensor in open_] else None
-    if coarse is None:
-        coarse = delay.search(part, vehicle, lags, delay.DELAYS if automatic["delay"] else (given.delay,), pieces)
+    rated = [] if coarse else delay.search(part, vehicle, lags, delay.DELAYS if automatic["delay"] else (given.delay,), pieces)
+    coarse = rated[0].at if rated else coarse
     if coarse is not None:
         vehicle = delay.cutoffs(part, vehicle, coarse, open_)
         found = _beside_stated(log, vehicle, coarse, automatic) or _detected(log, vehicle, coarse, unknown)
     if found is None:
         raise UntoldError(
             f"{log.path}: {' and '.join(f'the {_NAMES[name]}' for name in unknown)} can't be told from this log; its commands explain too "
-            f"little of its motion. State {' and '.join(REMEDIES[name] for name in unknown)}; of commands that are stamped after they act "
-            "bring the clocks together first (clock.offset_s of a map)"
+            f"little of its motion{_compared(log, rated)}. State {' and '.join(REMEDIES[name] for name in unknown)}; of commands that are "
+            "stamped after they act bring the clocks together first (clock.offset_s of a map)",
+            () if coarse is None else _likeliest(Setup(log, vehicle, coarse), unknown),
         )
     return found
+
+
+def _compared(log: Log, rated: Sequence[Rated]) -> str:
+    """How much more the next delays leave of the motion than the likeliest does."""
+    others = {one.at.delay: np.exp((one.cost - rated[0].cost) / (2 * 6 * log.cycles)) for one in reversed(rated)}
+    each = [f"{cycles:g} leave {left:.3g} times" for cycles, left in sorted(others.items(), key=lambda one: one[1])[1:NEXT]]
+    return f" (by {rated[0].at.delay:g} cycles most; {', '.join(each)} as much unexplained)" if each else ""
+
+
+def _likeliest(setup: Setup, unknown: Sequence[str]) -> tuple[str, ...]:
+    """Keys that state what a search found roughly, with how roughly."""
+    settings = []
+    for one in map(BY_NAME.__getitem__, unknown):
+        value = float(setup.value(one.key or "")[0])
+        sigma = ROUGHLY * (value if one.name.endswith("_cutoff") else one.scale(setup.vehicle))
+        settings += [f"{one.key}={value:.9g}", f"{one.sigma_key}={sigma:.3g}"]
+    return tuple(settings)
 
 
 def _open(low_pass: LowPass | None) -> bool:

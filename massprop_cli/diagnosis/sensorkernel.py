@@ -89,7 +89,7 @@ def _costs(log: Log, vehicle: Vehicle, kinds: tuple[bool, ...]) -> dict[_Kernel,
     lag = 0.0 if vehicle.thrust.lag_s == "auto" else vehicle.thrust.lag_s / vehicle.cycle.period_s
     at = Timing(0.0, lag) if stated == "auto" else Timing(stated, lag)
     if stated == "auto":
-        at = delay.search(part, vehicle, [lag]) or at
+        at = next((rated.at for rated in delay.search(part, vehicle, [lag])), at)
     tried = [_Kernel(kind, 0, 0.0) for kind in kinds]
     tried += [_Kernel(kind, order, cutoff) for kind in kinds for order in (1, 2) for cutoff in CUTOFFS_HZ]
     phase, costs = PHASE * float(np.mean(log.interval_s)) / vehicle.cycle.period_s, {}
