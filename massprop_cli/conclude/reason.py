@@ -26,6 +26,8 @@ VerdictReason = Literal[
     "contradiction",
     "assumption-in-doubt",
     "cause-unknown",
+    "timing-untold",
+    "changed",
     "within-discrepancy",
     "discrepancy",
     "noise-correlated",
@@ -103,6 +105,11 @@ SENTENCES: dict[Code, str] = {
     "cause-unknown": (
         "log and vehicle file don't fit and the cause is unknown, so its sigma leaves out what the cause may do to it; look at what came "
         "nearest in the warning cause-unknown"
+    ),
+    "timing-untold": "the log can't tell when its commands act ({taken} was taken as the likeliest); state it",
+    "changed": (
+        "what the log says of {quantity} before {at_s:.6g} s ({before:.4g}) and after it ({after:.4g}) is apart by {sigmas:.2g} sigma: has "
+        "the IMU been changed, or ballast? Split the log there ([[phases]])"
     ),
     "within-discrepancy": (
         "informed and steady, and ± {percent:.2g} % of its natural size with all that log and vehicle file don't explain of one another; "
