@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from massprop_cli.inputs.vehicle import Vehicle
 
 Columns = dict[str, Any]
@@ -26,9 +24,11 @@ class Kind(NamedTuple):
     """Of recordings."""
 
     what: str
-    make: Callable[[Columns, Vehicle, np.random.Generator], Made | None]
-    """Changes a flown log's columns and vehicle file; None where a vehicle can't have this."""
+    make: Callable[..., Made | None]
+    """Changes a flown log's columns and vehicle file by an rng; None where a vehicle can't have this."""
     codes: tuple[str, ...] = ()
     """Codes of warnings, any of which names it; none: nothing is wrong, and nothing must be said."""
     refusals: tuple[str, ...] = ()
     """Words, any of which is in a refusal that is right too."""
+    knowing: bool = False
+    """Whether it is told the truth (10,), too, as ``truth``."""

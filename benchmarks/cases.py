@@ -16,10 +16,11 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
+import case_recorded
 import case_timing
 import numpy as np
 from any_vehicle import scenario_of
@@ -39,7 +40,7 @@ from massprop_cli.testbed import output, scenario, simulate
 
 FAR = 4.0
 """Sigmas beyond which a value is wrong."""
-KINDS: dict[str, Kind] = {**case_timing.KINDS}
+KINDS: dict[str, Kind] = {**case_recorded.KINDS, **case_timing.KINDS}
 SKETCH = """# Recordings that people have
 
 What massprop {version} at commit {commit} says of recordings with a fault of the recorder or of the person who set it up.
@@ -87,6 +88,7 @@ class Outcome:
         return sum(1 for found, _ in self.estimates.values() if found == verdict)
 
 
+@lru_cache(64)
 def flown(number: int) -> Flown | None:
     """A drawn vehicle's log by its columns; None where the vehicle can't fly its plan."""
     data, _ = scenario_of(number)
@@ -117,7 +119,8 @@ def run(name: str, number: int) -> Outcome | None:
     one, kind = flown(number), KINDS[name]
     if one is None:
         return None
-    made = kind.make(dict(one.columns), one.vehicle, np.random.default_rng([number, zlib.crc32(name.encode())]))
+    knows = {"truth": one.truth[0]} if kind.knowing else {}
+    made = kind.make(dict(one.columns), one.vehicle, np.random.default_rng([number, zlib.crc32(name.encode())]), **knows)
     if made is None:
         return None
     outcome = partial(Outcome, name, number, made.what)

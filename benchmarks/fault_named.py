@@ -24,6 +24,7 @@ CAUSES = frozenset(
         *("accel-units", "accel-scale", "accel-bias", "accel-filter", "accelerometer-saturated", "outliers"),
         *("imu-mounting", "imu-position", "attitude-start", "bearing-position", "gravity", "mass-change", "phase-border", "fuel-use"),
         *("steady-torque", "disturbance-torque", "periodic-torque", "rate-torque"),
+        *("column-kind", "accel-axes", "wrench-point", "commands-limited", "commands-normalised", "gravity-felt"),
     }
 )
 """Codes that name a cause."""

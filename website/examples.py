@@ -89,6 +89,19 @@ def _unstated(log: str) -> Told:
     return _told(flow.examine(telemetry.read(table, used.vehicle), used))
 
 
+def _recorded(kind: str, number: int) -> Told:
+    """A recording of benchmarks/cases.py."""
+    from cases import KINDS, flown, log_of
+
+    one = flown(number)
+    knows = {"truth": one.truth[0]} if one is not None and KINDS[kind].knowing else {}
+    made = None if one is None else KINDS[kind].make(dict(one.columns), one.vehicle, np.random.default_rng(number), **knows)
+    if made is None:
+        raise ValueError(f"vehicle {number} can't have {kind}")
+    with np.errstate(all="ignore"):
+        return _told(flow.examine(log_of(made.columns, made.vehicle), VehicleSource(made.vehicle, "", "")))
+
+
 def _sampled() -> Told:
     """A log of an IMU that is sampled, which nobody states."""
     sys.path.insert(0, str(ROOT))
@@ -185,6 +198,7 @@ WARNINGS: dict[str, Example] = {
         ("jet-sign", "free-flyer/log.parquet", (TURNED,), RATE),
         ("cause-unknown", "crazyflie/thrust.parquet", (), WHITE),
         ("model-discrepancy", "crazyflie/yaw.parquet", (), WHITE),
+        ("timing-untold", "crazyflie/yaw.parquet", ('cycle.command_delay_cycles="auto"', 'thrust.lag_s="auto"'), WHITE),
         ("accelerometer-misfit", "crazyflie/thrust.parquet", (), FORCE),
         ("gyro-misfit", "free-flyer/log.parquet", ("imu.gyro_noise_rad_s=5e-5",), WHITE),
         ("long-interval", "crazyflie/roll-pitch.parquet", (), RATE),
@@ -201,6 +215,12 @@ WARNINGS: dict[str, Example] = {
         ("unphysical-inertia", "scenarios/refined/log.parquet", ("estimator.method=thesis",), INERTIA),
     )
 } | {
+    "column-kind": Example(partial(_recorded, "rates-in-increments", 9000), *SEEN),
+    "accel-axes": Example(partial(_recorded, "delta-v-start", 9006), *FORCE),
+    "wrench-point": Example(partial(_recorded, "wrench-about-cg", 9004), *FORCE),
+    "commands-limited": Example(partial(_recorded, "saturated", 9004), *RATE),
+    "commands-normalised": Example(partial(_recorded, "normalised", 9004), *RATE),
+    "gravity-felt": Example(partial(_recorded, "grounded", 9003), *FORCE),
     "cycle-period": Example(partial(_sample, "free-flyer/log.parquet", "cycle.period_s=0.0505"), *RATE),
     "noise-estimated": Example(partial(_unstated, "free-flyer/log.parquet"), *RATE),
     "attitude-misfit": Example(partial(_flown, "testbed", *LATE), *RATE),

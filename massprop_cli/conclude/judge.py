@@ -8,8 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
+from massprop_cli.conclude.constancy import changing
 from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known, by_lost, by_misfit, by_no_body, together, unheld
 from massprop_cli.conclude.discrepancy import Discrepancy, discrepancy, with_discrepancy, with_touched
 from massprop_cli.conclude.docking import Docked, docked_object, lighter, masses_apart
@@ -28,6 +30,8 @@ from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
 
+AT_ORIGIN = (4.0, 0.005)
+"""Sigmas, and part of the vehicle's size, within which a CG is at O."""
 SWINGS = 8.0
 """Cycles beyond which what swings on is no misfit of timing."""
 
@@ -40,7 +44,8 @@ def judged(found: Analysis, mended: Sequence[MendedAnswer], widen: bool = True) 
     each = [_one(found, i, mended, widen) for i in range(len(found.conclusions))]
     conclusions, told = tuple(one.conclusion for one in each), tuple(one.discrepancy for one in each)
     docked = docked_object(conclusions, found.vehicle)
-    notices = (*_discrepancies(conclusions, told), *_notices(found, conclusions, docked))
+    named = any(fault.notice.code != UNKNOWN for fault in found.faults)
+    notices = (*_discrepancies(conclusions, told, named), *_notices(found, conclusions, docked))
     factors = tuple(one.factor for one in each)
     return replace(
         found, conclusions=conclusions, docked=docked, notices=notices, lack_of_fit=factors, mended=tuple(mended), discrepancies=told
@@ -64,7 +69,7 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer], widen: bool) -
     nameless = [] if own else nameless
     # a disturbance that is no noise stands for something else
     unlike = {} if own else _unlike_noise(found, settled)
-    biased = {} if own and not unnamed else _biased(found, settled)
+    biased = {} if own and not unnamed else _biased(found, settled) | changing(found.histories[i])
     misfit = unnamed or bool(nameless)
     told = _told(found, i) if widen and (own or misfit or (unlike and sized(found.vehicle, found.stated))) else None
     known, vehicle = by_known(found.histories[i]), found.vehicle.in_phase(conclusion.phase)
@@ -135,9 +140,9 @@ def _explained(against: Contradiction | None, unknown: str) -> Contradiction | N
     )
 
 
-def _discrepancies(conclusions: Sequence[Conclusion], told: Sequence[Discrepancy | None]) -> Iterator[Notice]:
+def _discrepancies(conclusions: Sequence[Conclusion], told: Sequence[Discrepancy | None], named: bool) -> Iterator[Notice]:
     for conclusion, one in zip(conclusions, told, strict=True):
-        if one is not None and not one.refuted and not any(cause.code == "named-fault" for cause in conclusion.causes):
+        if one is not None and not one.refuted and not any(cause.code == "named-fault" for cause in conclusion.causes) and not named:
             like = f"; it behaves like {' and '.join(one.behaves_like)}, or something else that does the same" if one.behaves_like else ""
             usual = f"whatever a careful lab may have stated wrongly, times {max(one.scale, LEAST):.2g}, and what none of that explains"
             message = f"log and vehicle file don't explain one another, and every sigma includes what may be wrong: {usual}{like}"
@@ -152,6 +157,7 @@ def _notices(found: Analysis, conclusions: tuple[Conclusion, ...], docked: Docke
             yield Notice("contradicted", f"phase {conclusion.phase.name}: {conclusion.contradiction}")
     yield from found.notices
     yield from _physical(found.conclusions)
+    yield from _at_origin(found, conclusions)
     yield from _docking_notices(docked, conclusions, found.vehicle)
 
 
@@ -167,6 +173,24 @@ def _docking_notices(docked: Docked | None, conclusions: tuple[Conclusion, ...],
     if docked is None or mass is None or mass > 0:
         return []
     return [Notice("docked-mass", str(lighter(mass, f"phase {docked.after}", f"phase {docked.before}", "mend [docking]")))]
+
+
+def _at_origin(found: Analysis, conclusions: Sequence[Conclusion]) -> Iterator[Notice]:
+    """That a CG is found just where commanded torques are about: as if they were about it, which no log tells from one that is there."""
+    if found.log.command_kind != "wrench" or "wrench_point_m" in found.vehicle.thrust.model_fields_set:
+        return
+    for conclusion, settled in zip(conclusions, found.settled, strict=True):
+        own = [conclusion.estimates[name] for name in CG]
+        near = all(
+            one.verdict == "converged" and one.value is not None and abs(one.value) < AT_ORIGIN[0] * (one.sigma or 0.0) for one in own
+        )
+        size = float(settled.natural_sizes[QUANTITIES.index("cg_x")])
+        if near and float(np.linalg.norm(conclusion.values[6:9])) < AT_ORIGIN[1] * size:
+            said = f"phase {conclusion.phase.name}: the CG is found at O, about which commanded torques are taken to be"
+            remedy = (
+                "if they are about the CG, it is somewhere else; state thrust.wrench_point_m: where they are about, or [0, 0, 0] if it is O"
+            )
+            yield Notice("wrench-point", f"{said}: {remedy}")
 
 
 def _physical(conclusions: Sequence[Conclusion]) -> list[Notice]:

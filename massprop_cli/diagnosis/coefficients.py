@@ -77,7 +77,8 @@ class Model:
             force, couple = vehicle.jet_wrench[free.fired, 3:], np.zeros((len(free.fired), 3))
         else:
             wrench = np.eye(6)[free.fired]
-            position, couple, force = np.zeros((len(wrench), 3)), wrench[:, :3], wrench[:, 3:]
+            position = np.tile(vehicle.thrust.wrench_point_m, (len(wrench), 1))
+            couple, force = wrench[:, :3], wrench[:, 3:]
         bearing = np.array(vehicle.environment.bearing_position_m) if vehicle.pivoted else None
         gravity = vehicle.environment.gravity_m_s2 if vehicle.pivoted else 0.0
         imu, mounting = np.array(vehicle.imu.position_m), np.array(vehicle.imu.body_from_imu)

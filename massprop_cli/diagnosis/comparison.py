@@ -88,7 +88,7 @@ class Fitted:
         errors, sigmas = ({name: of(name) for name in ENTRIES} for of in (self.error, self.sigma))
         turns, force = (self.hypothesis.gyro, self.hypothesis.accelerometer), (self.model.force, self.model.wrench(self.x)[1])
         about = (self.hypothesis.subject, tuple(names), errors, sigmas, stated, corrected)
-        return Finding(*about, self.model.mounting, turns, force, float(self.x[MU]))
+        return Finding(*about, self.model.mounting, turns, force, float(self.x[MU]), self.x[MOMENT])
 
     @cached_property
     def moved(self) -> Array:

@@ -16,18 +16,19 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.design import Designs
-from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, TABLE
-from massprop_cli.errorparameters.thrust import NEAR
+from massprop_cli.errorparameters.thrust import NEAR, about_cg
 from massprop_cli.inputs.columns import WRENCH, Column
 from massprop_cli.inputs.telemetry import Log
+from massprop_cli.model.plant.plant import MOMENT
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.timing import Timing
 
 Matrix = tuple[tuple[float, ...], ...]
 MOUNTING = BY_NAME["mounting"]
-ROUNDING = 1e-12
-"""Of a turn or a scale, what is none."""
+ROUNDING, ALMOST = 1e-12, 1e-2
+"""Of a turn or a scale, what is none; of the columns of a rotation, how far they may be from orthonormal."""
 SECTIONS = ("jets", "imu", "environment", "thrust", "cycle")
 """In the order in which a correction lists what it changes."""
 SKEWED = 0.02
@@ -149,7 +150,8 @@ def applied(case: Case, found: Fitted, fired: IntArray) -> Case | None:
     moved = [one for one in TABLE if one.name in ENTRIES and found.error(one.name).any()]
     if any(one.by_hand for one in moved):
         return None
-    setup = Setup(_on_columns(found).log(case.log), case.vehicle, case.timing, tuple(fired), found.model.clock_s)
+    vehicle = stating(case.vehicle, found.hypothesis.states)
+    setup = Setup(_on_columns(found).log(case.log), vehicle, case.timing, tuple(fired), found.model.clock_s)
     for one in moved:
         further = setup if one.by_columns else one.apply(setup, found.error(one.name))
         if further is None:
@@ -186,7 +188,8 @@ def _both_turned(found: Fitted) -> Array | None:
         for name, base in (("gyro", found.hypothesis.gyro), ("accel", found.hypothesis.accelerometer))
     ]
     same = np.abs(turns[0] - turns[1]).max() < ROUNDING
-    if not same or np.abs(turns[0] - np.eye(3)).max() < ROUNDING or np.linalg.det(turns[0]) < 0:
+    rigid = np.abs(turns[0] @ turns[0].T - np.eye(3)).max() < ALMOST and np.linalg.det(turns[0]) > 0
+    if not (same and rigid) or np.abs(turns[0] - np.eye(3)).max() < ROUNDING:
         return None
     left, _, right = np.linalg.svd(turns[0].T @ found.model.mounting)
     nearest: Array = left @ right
@@ -209,6 +212,7 @@ def _settings(before: Setup, after: Setup, found: Fitted) -> Iterator[str]:
     each = [(key, np.any(np.atleast_2d(before.value(key).T != after.value(key).T), 0)) for key in of_jets]
     for i in range(len(before.vehicle.jets)):
         yield from (f"jets.{i}.{key.partition('.')[2]}={_literal(after.value(key)[i])}" for key, differs in each if differs[i])
+    yield from (f"{key}={configfile.written(value)}" for key, value in found.hypothesis.states.items())
     said = found.finding((), before, after)
     for one in sorted(supposed, key=lambda one: SECTIONS.index((one.key or "cycle").partition(".")[0])):
         if one.key in differing and one.key not in of_jets:
@@ -227,6 +231,11 @@ def around(case: Case, found: Fitted, fired: IntArray) -> tuple[Correction, ...]
     for name in ENTRIES:
         stated[found.model.place(name)] = bool(BY_NAME[name].states)
     corrections = []
+    for states in found.hypothesis.further:
+        further = replace(found, hypothesis=replace(found.hypothesis, states=states))
+        then = applied(case, further, fired)
+        correction = None if then is None else correction_of(case, then, further)
+        corrections += [] if correction is None else [correction]
     for move, sigma in zip(found.hypothesis.free.T, found.spread, strict=True):
         further = replace(found, x=found.x + sigma * move)
         then = None if at_once(found) or move[stated].any() else applied(case, further, fired)
@@ -250,6 +259,13 @@ def skewed(correction: Correction | None, found: Fitted) -> tuple[Correction, ..
 def at_once(found: Fitted) -> bool:
     """Whether it says of channels that they are dead or push the other way round, and nothing else."""
     return found.hypothesis.code == "thrust-scale" and bool((np.abs(found.factors[:, None] - [-1.0, 0.0]).min(1) < NEAR).all())
+
+
+def certain(found: Fitted) -> bool:
+    """Whether its unknowns are just what they are in a case that is no matter of degree: a dead jet, torques about the CG."""
+    if found.hypothesis.code != "wrench-point":
+        return at_once(found)
+    return about_cg(found.model.position[0] + found.error("position")[:3], found.value("theta")[MOMENT])
 
 
 def _command(case: Case, found: Fitted) -> tuple[float, ...]:

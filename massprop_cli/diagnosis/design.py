@@ -24,7 +24,7 @@ from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.lifted import integrals_about
 from massprop_cli.model.plant import plant_of
-from massprop_cli.prepare import lowpass
+from massprop_cli.prepare import recorded
 from massprop_cli.prepare.actuators import channel_wrench, together
 from massprop_cli.prepare.align import Impulses, impulses
 from massprop_cli.prepare.compensate import Samples
@@ -187,7 +187,8 @@ class Designs:
     def _impulses(self, log: Log, vehicle: Vehicle, delay: float, lag_s: float) -> Impulses:
         """What the commands do, as before where nothing differs that they go by."""
         times = tuple((jet.rise_s, jet.fall_s) for jet in vehicle.jets)
-        supply = vehicle.thrust.droop, vehicle.thrust.cycle_droop, vehicle.thrust.failures
+        thrust = vehicle.thrust
+        supply = thrust.droop, thrust.cycle_droop, thrust.failures, thrust.wrench_limits
         key = (id(log.command), delay, lag_s, vehicle.imu.clock_drift_ppm, times, supply)
         if key not in self._made:
             if len(self._made) == KEPT:
@@ -297,7 +298,7 @@ def _lagging(vehicle: Vehicle, growth: Array, mean: Array) -> list[_Part]:
     imu, period = vehicle.imu, vehicle.cycle.period_s
     if imu.gyro_lag_s == 0 and imu.accel_lag_s == 0:
         return []
-    seen = [lowpass.applied(part, period, lag) for part, lag in ((growth, imu.gyro_lag_s), (mean, imu.accel_lag_s))]
+    seen = [recorded.applied(part, period, lag) for part, lag in ((growth, imu.gyro_lag_s), (mean, imu.accel_lag_s))]
     return [_Part("lagging", *seen)]
 
 

@@ -24,6 +24,7 @@ from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.episode import episodes
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.phaseboundary import border
+from massprop_cli.diagnosis.recordings import by_noise, otherwise, seen
 from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, helped, hopeless, refined, tried
 from massprop_cli.diagnosis.screening import CLEAR, Screening, about_its_body, beside_a_torque, busiest, screened
 from massprop_cli.diagnosis.search import codes, same, searched
@@ -39,6 +40,8 @@ FINALISTS = (6, 12)
 FIRST, SECOND = (2, 3), 2
 """How many are tried with a second one, in free flight and on a bearing, where gravity tells several mountings apart from the stated but
 not from one another; and how many of these each time if none makes the log fit. docs/faults.md moves, dead-turned."""
+EXCHANGES = 4
+"""Most pairs of jets that are exchanged one after another."""
 CHANNELS = 3
 """How many pairs of channels are tried."""
 LEFT = 0.5
@@ -107,6 +110,9 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     screening = max(driven or screenings, key=lambda one: one.misfit)
     if screening.free.dead:
         return Diagnosis(unknown=DEAD)
+    shown = seen(screening.case)
+    if shown is not None:
+        return Diagnosis((Explanation(shown.code, shown.message, None),))
     screening = about_its_body(screening)
     alone, wandering = _alone(screening), beside_a_torque(screening)
     found = _instead(screening, alone, wandering) or _chosen(screening, alone)
@@ -124,6 +130,8 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     at = next((placed for one in screenings if (placed := border(one, float(log.time_s[-1]))) is not None), None)
     if at is not None:  # all the rest needs no torque that wanders
         return Diagnosis((Explanation("phase-border", at.words, at.correction),))
+    if screening.fits and (units := _chosen(screening, by_noise(screening))) is not None:
+        return units
     if not moved and screening.loud:
         return Diagnosis(unknown=UNANSWERED)
     return Diagnosis() if wandering.close or with_it else Diagnosis(unknown=_in_vain(screening))
@@ -162,7 +170,7 @@ def _alone(screening: Screening) -> list[Refit]:
     """The likeliest causes, each put to the test."""
     begun = _turned(screening) if screening.upset else []
     most = SECOND if screening.upset else FINALISTS[screening.model.bearing is not None]
-    best = searched(screening, begun, (most, most), beyond(screening))
+    best = [*searched(screening, begun, (most, most), beyond(screening)), *otherwise(screening)]
     return best if screening.upset or any(refit.fits for refit in best) else [*best, *_turned(screening)]
 
 
@@ -229,9 +237,10 @@ def _by_wander(refit: Refit, screening: Screening) -> bool:
 def _much_later(screening: Screening) -> Diagnosis | None:
     """Another command delay, further off than a small step leads to: where free coefficients leave least."""
     log, vehicle, timing, _ = screening.case
-    at = delay.search(log, vehicle, [timing.lag], pieces=[screening.piece])
-    if at is None:
+    rated = delay.search(log, vehicle, [timing.lag], pieces=[screening.piece])
+    if not rated:
         return None
+    at = rated[0].at
     x = screening.stated.x.copy()
     x[screening.model.place("delay")] = at.delay - timing.delay
     supposed = Hypothesis("delay-mismatch", (), hypotheses.along(screening.model, ("delay", np.ones(1))))
@@ -363,12 +372,27 @@ def _beside(screening: Screening, first: Refit | None, others: Sequence[Refit], 
 
 
 def _swapped(screening: Screening) -> Diagnosis | None:
-    """Two jets, each of which does what is stated of the other."""
-    supposed = hypotheses.swapped(screening.model, screening.names) if screening.case.log.command_kind == "jets" else []
-    found = fitted(screening.model, screening.free, screening.free.variance, supposed, still=ROUGHLY) if supposed else []
-    likeliest = sorted(found, key=lambda one: (screening.likelihood(one.chi_square), one.hypothesis.subject))[:CHANNELS]
-    refits = (tried(screening, one) for one in likeliest if not hopeless(screening, one, beyond(screening)))
-    return _chosen(screening, [refit for refit in refits if refit is not None])
+    """Jets, each of which does what is stated of another: two, or more of which two after two are exchanged."""
+    if screening.case.log.command_kind != "jets":
+        return None
+    refits, does, least = list[Refit](), tuple[int, ...](), np.inf
+    for _ in range(EXCHANGES):
+        found = fitted(
+            screening.model,
+            screening.free,
+            screening.free.variance,
+            hypotheses.swapped(screening.model, screening.names, does),
+            still=ROUGHLY,
+        )
+        likeliest = sorted(found, key=lambda one: (screening.likelihood(one.chi_square), one.hypothesis.subject))[:CHANNELS]
+        if not likeliest or screening.likelihood(likeliest[0].chi_square) > least - CLEAR:
+            break
+        least, does = screening.likelihood(likeliest[0].chi_square), likeliest[0].hypothesis.does
+        hopeful = (tried(screening, one) for one in likeliest if not hopeless(screening, one, beyond(screening)))
+        refits += [refit for refit in hopeful if refit is not None]
+        if any(refit.fits for refit in refits):
+            break
+    return _chosen(screening, refits)
 
 
 def _two_channels(screening: Screening) -> Diagnosis | None:

@@ -17,13 +17,16 @@ from massprop_cli.errorparameters.table import BY_NAME, PRIORS
 from massprop_cli.prepare.actuators import NOWHERE, lines_of
 
 AXES = "xyz"
+TWO = 9.2
+"""−2 log of the odds, 1 : 100, that a unit is another as well."""
 ROUNDING = 1e-9
 """Between elements of matrices that are the same."""
 
 
 def listed(model: Model, names: Sequence[str], by_jets: bool) -> list[Hypothesis]:
     """All that move x by a little at a time, for a log whose channels that fired have ``names``."""
-    return [*_channels(model, names), *_groups(model, names), *timing(model, by_jets), *_sensors(model), *_tilts(model), *_others(model)]
+    of_channels = [*_channels(model, names, by_jets), *_groups(model, names), *([] if by_jets else [_wrench_point(model, len(names))])]
+    return [*of_channels, *timing(model, by_jets), *_sensors(model), *_tilts(model), *_others(model)]
 
 
 def along(model: Model, *moves: tuple[str, Array]) -> Array:
@@ -40,7 +43,12 @@ def _free(model: Model, *names: str, subject: tuple[str, ...] = ()) -> Hypothesi
     return Hypothesis(BY_NAME[names[-1]].code, subject, np.hstack(units))
 
 
-def _channels(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
+def _wrench_point(model: Model, count: int) -> Hypothesis:
+    """Commanded torques about another point, as if all forces acted there."""
+    return Hypothesis("wrench-point", (), np.hstack([along(model, ("position", np.tile(unit, count))) for unit in np.eye(3)]))
+
+
+def _channels(model: Model, names: Sequence[str], by_jets: bool) -> Iterator[Hypothesis]:
     count = len(names)
     for i, (name, force) in enumerate(zip(names, model.force, strict=True)):
         column = along(model, ("thrust", np.eye(count)[i]))
@@ -48,7 +56,7 @@ def _channels(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
         for begin in (0.0, -1.0):  # dead, and the other way round: too far to be led there where two jets always fire together
             yield Hypothesis("thrust-scale", (name,), column, start={model.place("thrust").start + i: begin})
         size = float(np.linalg.norm(force))
-        if size == 0 or model.couple[i].any():
+        if size == 0 or not by_jets:
             continue
         # across its own line only: along it nothing changes
         _, _, across = np.linalg.svd(force[None])
@@ -65,19 +73,25 @@ def two_channels(model: Model, names: Sequence[str]) -> list[Hypothesis]:
     return [Hypothesis("thrust-scale", (names[i], names[j]), np.hstack([units[i], units[j]]), suspects=(i, j)) for i, j in pairs]
 
 
-def swapped(model: Model, names: Sequence[str]) -> list[Hypothesis]:
-    """Any two jets, each of which does what is stated of the other: nothing is left to be found."""
+def swapped(model: Model, names: Sequence[str], does: Sequence[int] = ()) -> list[Hypothesis]:
+    """Any two jets, each of which does what is stated of the other, where jets do what is stated of those that ``does`` says already.
+
+    Nothing is left to be found.
+    """
     size, place = np.linalg.norm(model.force, axis=1), {name: model.place(name).start for name in ("thrust", "position", "direction")}
     found, none = [], np.zeros((len(model.stated), 0))
     for i, j in itertools.combinations(range(len(names)), 2):
         if not size[i] * size[j]:
             continue
+        order = list(does or range(len(names)))
+        order[i], order[j] = order[j], order[i]
         start: dict[int, float] = {}
-        for one, other in ((i, j), (j, i)):
-            start[place["thrust"] + one] = float(size[other] / size[one])
+        others = tuple(k for k, other in enumerate(order) if other != k)
+        for k in others:
+            start[place["thrust"] + k] = float(size[order[k]] / size[k])
             for name, stated in (("position", model.position), ("direction", model.force)):
-                start |= {place[name] + 3 * one + k: float(by) for k, by in enumerate(stated[other] - stated[one])}
-        found.append(Hypothesis("jets-swapped", (names[i], names[j]), none, start=start, suspects=(i, j)))
+                start |= {place[name] + 3 * k + axis: float(by) for axis, by in enumerate(stated[order[k]] - stated[k])}
+        found.append(Hypothesis("jets-swapped", tuple(names[k] for k in others), none, start=start, suspects=others, does=tuple(order)))
     return found
 
 
@@ -135,14 +149,49 @@ def _tilts(model: Model) -> Iterator[Hypothesis]:
     yield from (_free(model, f"{sensor}_turn", subject=(word,)) for sensor, word in WORDS.items())
 
 
-def units(model: Model) -> list[Hypothesis]:
-    """Another unit of a sensor."""
-    none, degree, g = np.zeros((len(model.stated), 0)), np.eye(3) / DEGREE, np.eye(3) / GRAVITY
-    return [
-        Hypothesis("gyro-units", ("degrees",), none, gyro=degree),
-        Hypothesis("gyro-units", ("radians twice",), none, gyro=np.eye(3) * DEGREE),
-        Hypothesis("accel-units", ("g",), none, accelerometer=g),
+def units(model: Model, record_s: float, increments: bool) -> list[Hypothesis]:
+    """Other units of a sensor, of some of its axes or of all; increments for rates, or the other way, over records of ``record_s``."""
+    # of numbers that stand for rates in columns of increments they show as much more as a record is short, and the other way round
+    kind, held = (1 / record_s, "hold rates, not increments") if increments else (record_s, "hold increments, not rates")
+    none, every = np.zeros((len(model.stated), 0)), tuple(AXES)
+    some = [axes for count in (1, 2, 3) for axes in itertools.combinations(AXES, count)]
+    of_gyro = [(axes, 1 / DEGREE, "are in degrees, not radians") for axes in some] + [(every, DEGREE, "were turned into radians twice")]
+    of_accel = [(axes, 1 / GRAVITY, "are in g") for axes in some]
+
+    def turned(axes: Sequence[str], factor: float) -> Array:
+        shows: Array = model.mounting @ np.diag([factor if axis in axes else 1.0 for axis in AXES]) @ model.mounting.T
+        return shows
+
+    def named(sensor: str, axes: Sequence[str]) -> str:
+        return f"{sensor} columns" if len(axes) == len(AXES) else f"{sensor} {' and '.join(axes)} column{'s'[: len(axes) - 1]}"
+
+    def said(words: str, axes: Sequence[str]) -> str:
+        return words if len(axes) > 1 else {"are in": "is in"}.get(words[:6], words[:6]) + words[6:]
+
+    gyro = [
+        Hypothesis("gyro-units", (f"{named('gyro', axes)} {said(words, axes)}",), none, gyro=turned(axes, factor))
+        for axes, factor, words in of_gyro
     ]
+    accel = [
+        Hypothesis("accel-units", (f"{named('accelerometer', axes)} {said(words, axes)}",), none, accelerometer=turned(axes, factor))
+        for axes, factor, words in of_accel
+    ]
+    kinds = [
+        Hypothesis(
+            "column-kind", (f"{which} columns {held}{more}",), none, gyro=g * np.eye(3), accelerometer=a * np.eye(3), rare=TWO * bool(more)
+        )
+        for which, more, g, a in (
+            ("gyro and accelerometer", "", kind, kind),
+            ("gyro and accelerometer", ", the gyro's in degrees", kind / DEGREE, kind),
+            ("gyro and accelerometer", ", the accelerometer's in g", kind, kind / GRAVITY),
+            ("gyro and accelerometer", ", in degrees and in g", kind / DEGREE, kind / GRAVITY),
+            ("gyro", "", kind, 1.0),
+            ("gyro", ", in degrees", kind / DEGREE, 1.0),
+            ("accelerometer", "", 1.0, kind),
+            ("accelerometer", ", in g", 1.0, kind / GRAVITY),
+        )
+    ]
+    return [*gyro, *accel, *kinds]
 
 
 def mountings(model: Model) -> list[Hypothesis]:

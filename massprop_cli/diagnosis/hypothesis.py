@@ -36,6 +36,14 @@ class Hypothesis:
     """Channels whose commands are not to be relied on to find a body first."""
     parts: tuple[Hypothesis, ...] = ()
     """Of two at once, each."""
+    states: Mapping[str, object] = field(default_factory=dict)
+    """Keys of the vehicle file that have other values by it, in which the motion is not linear."""
+    rare: float = 0.0
+    """−2 log of its odds against others of its kind."""
+    further: tuple[Mapping[str, object], ...] = ()
+    """The same with each number that was sought in the log one sigma away."""
+    does: tuple[int, ...] = ()
+    """The channel of which each does what is stated, where some are wired as others are."""
     freed: int | None = None
     """A channel of which nothing at all is supposed: what it does is free."""
 
@@ -51,12 +59,13 @@ class Hypothesis:
 
     def beside(self, other: Hypothesis) -> Hypothesis:
         """Both at once; what begins elsewhere or is turned must be in place already."""
-        return Hypothesis("", (), np.hstack([self.free, other.free]), parts=(self, other))
+        both = {**self.states, **other.states}
+        return Hypothesis("", (), np.hstack([self.free, other.free]), parts=(self, other), states=both)
 
     def whatever(self, channel: int) -> Hypothesis:
         """The same where nothing is supposed of what one channel does."""
         # by position: thousands are made, which takes ``replace`` thrice as long
-        return Hypothesis(self.code, self.subject, self.free, self.start, self.gyro, self.accelerometer, (channel,), (), channel)
+        return Hypothesis(self.code, self.subject, self.free, self.start, self.gyro, self.accelerometer, (channel,), freed=channel)
 
     @property
     def moves(self) -> Hypothesis:

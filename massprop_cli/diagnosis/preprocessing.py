@@ -18,7 +18,7 @@ from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.sensitivity import Consider, with_geometry
-from massprop_cli.prepare import attitudecheck, lowpass
+from massprop_cli.prepare import attitudecheck, recorded
 from massprop_cli.prepare.actuators import check_supply
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.sums import of_records
@@ -72,7 +72,7 @@ def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
 
 def _with_attitude_noise(log: Log, vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
     """With the noise of logged attitudes that measure something, and what to tell where the log alone shows it."""
-    shown = attitudecheck.checked(lowpass.undone(log, vehicle), vehicle)
+    shown = attitudecheck.checked(recorded.undone(log, vehicle), vehicle)
     if shown is None or vehicle.imu.attitude_sigma_rad is not None:
         return vehicle, []
     sigma = shown.attitude_rad

@@ -14,7 +14,7 @@ from massprop_cli.diagnosis.corrections import Case, applied, at_once
 from massprop_cli.diagnosis.screening import CLEAR, FITS, Screening, about_its_body, screened
 from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, PRIORS
 from massprop_cli.estimate.whitening import Disturbance
-from massprop_cli.prepare.lowpass import narrowed
+from massprop_cli.prepare.recorded import narrowed
 
 PROMISED = 0.5
 """Part of what a look promises of a cause that an exact fit must gain by it: a look's own misfit, by the motion within the cycles, is none
@@ -211,14 +211,12 @@ def refined(screening: Screening, found: Fitted, case: Case, best: float = np.in
         beside = () if mended is None or mended.free.beside == beside else mended.free.beside
     if mended is None:
         return None
+    rounded = _rounded(screening, found)
+    if rounded is not found:
+        # what is lighter by as much as its forces are weaker looks like one whose forces are none, but for what these do to it
+        case = applied(screening.case, rounded, screening.free.fired) or case
+        found, mended = rounded, screened(case, screening.piece, mended.free.beside, found.value("theta")) or mended
     found = replace(found, chi_square=mended.stated.chi_square)
-    thrust = screening.model.place("thrust")
-    exact = [part.hypothesis.free[thrust].any(1) for part in found.parts if at_once(part)]
-    if exact:
-        x = found.x.copy()
-        x[thrust] = np.where(np.any(exact, 0), x[thrust].round(), x[thrust])
-        found = replace(found, x=x)
-        case = applied(screening.case, found, screening.free.fired) or case
     much = mended.misfit < PART * screening.misfit
     fits = mended.close and (much or not mended.loud) and not _no_drift(found) and not any(map(_nothing, found.parts))
     # noise that was stated too small may be all that is wrong with a log that fits as it is
@@ -226,6 +224,17 @@ def refined(screening: Screening, found: Fitted, case: Case, best: float = np.in
     excess = mended.score(mended.stated.chi_square, found)
     units = _by_units(mended, found, screening.case)
     return Refit(found, case, excess, mended.free_cost + excess + units, fits, mended, units)
+
+
+def _rounded(screening: Screening, found: Fitted) -> Fitted:
+    """With the factors of channels that are dead or push the other way round as they are then."""
+    thrust = screening.model.place("thrust")
+    exact = [part.hypothesis.free[thrust].any(1) for part in found.parts if at_once(part)]
+    if not exact:
+        return found
+    x = found.x.copy()
+    x[thrust] = np.where(np.any(exact, 0), x[thrust].round(), x[thrust])
+    return replace(found, x=x)
 
 
 def _gained(screening: Screening, mended: Screening) -> float:

@@ -17,7 +17,7 @@ from massprop_cli.diagnosis import hypotheses, segment
 from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_response
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import ROUGHLY, TINY, Fitted, compared, fitted
-from massprop_cli.diagnosis.corrections import Case, at_once
+from massprop_cli.diagnosis.corrections import Case, certain
 from massprop_cli.diagnosis.design import verticals
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.ranking import Ranking
@@ -199,8 +199,11 @@ class Screening:
         Each unknown has its price (Schwarz 1978), but none that is just what a jet does that is dead or mounted the other way round.
         """
         each = np.log(self.free.gyro.spare)
-        price = sum(np.log(2) if at_once(part) else part.unlikely + part.unknowns * each for part in found.parts)
-        return self.likelihood(left) + float(price + 2 * np.log(alternatives))
+        price = sum(
+            np.log(2) if certain(part) else part.unlikely + (part.unknowns + len(part.hypothesis.further)) * each for part in found.parts
+        )
+        rare = sum(part.hypothesis.rare for part in found.parts)
+        return self.likelihood(left) + float(price + rare + 2 * np.log(alternatives))
 
     @property
     def noisy(self) -> bool:
@@ -260,7 +263,7 @@ class Screening:
 
     def _likely_turns(self) -> list[Hypothesis]:
         """The few units and mountings that leave least before any is fitted well; on a bearing, as far as gravity is where it should be."""
-        every = self._turns
+        every = self.turns
         if self.model.bearing is not None:
             rough = np.array(self._gravity[: len(every)])
         else:
@@ -277,12 +280,12 @@ class Screening:
             return []
         *rough, stated = self._gravity
         order = [i for i in np.argsort(rough, kind="stable")[:UPRIGHT] if rough[i] < stated * AS_WELL]
-        return [Fitted(self._turns[i], self.model, self.stated.x, self.stated.chi_square, np.zeros(0)) for i in order]
+        return [Fitted(self.turns[i], self.model, self.stated.x, self.stated.chi_square, np.zeros(0)) for i in order]
 
     @cached_property
     def turned_beside_a_channel(self) -> list[Hypothesis]:
         """The unit or mounting that leaves least whatever one of the channels does; none on a bearing (:attr:`upright`)."""
-        turns, channels = [] if self.model.bearing is not None else self._turns, range(len(self.names))
+        turns, channels = [] if self.model.bearing is not None else self.turns, range(len(self.names))
 
         if not turns or not channels:
             return []
@@ -301,13 +304,16 @@ class Screening:
         return bool(self.upright) and min(self._gravity) < UPSET * self._gravity[-1]
 
     @cached_property
-    def _turns(self) -> list[Hypothesis]:
-        return [*hypotheses.units(self.model), *hypotheses.mountings(self.model)]
+    def turns(self) -> list[Hypothesis]:
+        """Units and mountings."""
+        log = self.case.log
+        units = hypotheses.units(self.model, median(log.interval_s), log.rate_columns[0].startswith("delta"))
+        return [*units, *hypotheses.mountings(self.model)]
 
     @cached_property
     def _gravity(self) -> list[float]:
         """Of each, and as stated."""
-        return self._by_gravity([*self._turns, self.stated.hypothesis])
+        return self._by_gravity([*self.turns, self.stated.hypothesis])
 
     def _by_gravity(self, supposed: Sequence[Hypothesis]) -> list[float]:
         """Mean square of what is left of the specific force once the vertical, integrated from the rates as supposed, is taken out."""

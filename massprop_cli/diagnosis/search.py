@@ -103,7 +103,7 @@ def same(one: Fitted, other: Fitted, wherever: bool = False) -> bool:
     """Whether they say the same of the same, found from elsewhere; of one that fits already ``wherever`` it begins."""
     ours, theirs = one.hypothesis, other.hypothesis
     turned = not (np.array_equal(ours.gyro, theirs.gyro) and np.array_equal(ours.accelerometer, theirs.accelerometer))
-    if turned or (ours.code, ours.subject, one.unknowns) != (theirs.code, theirs.subject, other.unknowns):
+    if turned or (ours.code, ours.subject, ours.states, one.unknowns) != (theirs.code, theirs.subject, theirs.states, other.unknowns):
         return False
     return wherever or float(np.abs(one.moved - other.moved).max(initial=0.0)) < NO_FURTHER
 

@@ -41,6 +41,8 @@ class Finding:
     """(C, 3) of the channels that fired, as stated and as estimated."""
     inverse_mass: float
     """As estimated, 1/kg."""
+    cg: Array
+    """(3,) as estimated."""
 
     @property
     def channel(self) -> int:

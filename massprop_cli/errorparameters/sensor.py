@@ -17,6 +17,8 @@ from massprop_cli.inputs.vehicle import Vehicle
 
 FINE, SHORTEST = 0.005, 0.05
 """Cycles behind derivatives by a low-pass that is shorter than a cycle; part of its time constant below which none gets."""
+NO_FACTOR = 1e-9
+"""Away from 1, of a factor that is none."""
 UNSEEN = 200.0
 """Cutoff of a low-pass that changes nothing, times a cycle."""
 DEGREE = float(np.pi / 180)
@@ -199,20 +201,18 @@ PARAMETERS = (
     *_stated_lowpass("gyro"),
     *_stated_lowpass("accel"),
 )
-_SCALE_COLUMNS = "mend the log, or scale its columns under [columns]"
-_TWICE = "its gyro columns were turned into radians twice"
+
+
+def _columns_held(finding: Finding) -> Mapping[str, object]:
+    """What columns hold, and by which factors they are mended."""
+    shows = [np.diag(finding.mounting.T @ turn @ finding.mounting) for turn in finding.turns]
+    factors = dict.fromkeys(f"{1 / factor:.6g}" for own in shows for factor in own if abs(factor - 1) > NO_FACTOR)
+    return {"which": finding.subject[0], "factors": " and ".join(factors)}
+
+
+_HELD = Wording("its {which}", "mend the log, or scale its columns under [columns] ({factors})", _columns_held)
+_AXES = Wording("velocity increments are in the axes that the IMU had at the start of each record", 'state imu.accel_axes = "start"')
 SPECIAL_CASES = (
-    SpecialCase(
-        "gyro-units",
-        "gyro-units",
-        lambda finding: finding.subject[0] == "degrees",
-        Wording("its gyro columns are in degrees, not radians", f"{_SCALE_COLUMNS} ({DEGREE:.6g})"),
-    ),
-    SpecialCase("gyro-units", "gyro-units", lambda _: True, Wording(_TWICE, f"{_SCALE_COLUMNS} ({1 / DEGREE:.6g})")),
-    SpecialCase(
-        "accel-units",
-        "accel-units",
-        lambda _: True,
-        Wording("its accelerometer columns are in g", f"{_SCALE_COLUMNS} ({GRAVITY:.6g})"),
-    ),
+    SpecialCase("accel-axes", "accel-axes", lambda _: True, _AXES),
+    *(SpecialCase(code, code, lambda _: True, _HELD) for code in ("gyro-units", "accel-units", "column-kind")),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -53,6 +54,15 @@ class Setup(NamedTuple):
         # constructed anew: a copy would keep what was computed of the jets before
         used = type(self.vehicle).model_construct(self.vehicle.model_fields_set, **{**dict(self.vehicle), section: changed})
         return self._replace(vehicle=used)
+
+
+def stating(vehicle: Vehicle, values: Mapping[str, Any]) -> Vehicle:
+    """The vehicle with other values of dotted keys, which are no numbers or whole tables."""
+    for key, value in values.items():
+        section, _, name = key.partition(".")
+        changed = _with(getattr(vehicle, section), name, value)
+        vehicle = type(vehicle).model_construct(vehicle.model_fields_set, **{**dict(vehicle), section: changed})
+    return vehicle
 
 
 def stated(vehicle: Vehicle, key: str) -> Array:

@@ -10,11 +10,12 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.errorparameters.parameter import ErrorParameter, Finding, SpecialCase, Step, Wording, vector
 from massprop_cli.errorparameters.setup import Setup
-from massprop_cli.inputs.equipment import MOST_DROOP
+from massprop_cli.inputs.equipment import MOST_DROOP, Jet
 from massprop_cli.prepare.actuators import together
 
 NEAR = 0.05
 """Parts of the stated thrust within which a jet is dead or reversed: a sixth of the prior sigma of a jet that is neither."""
+WRENCH_POINT = "thrust.wrench_point_m"
 _REFIT = "a correction is refitted one sigma further on instead"
 
 
@@ -47,7 +48,13 @@ def _scaled(setup: Setup, error: Array) -> Setup:
     return _at_jets(setup, "jets.force_n", setup.value("jets.force_n")[fired] * (1 + error[:, None]))
 
 
+def _about(setup: Setup, error: Array) -> Setup:
+    return setup.having(WRENCH_POINT, setup.value(WRENCH_POINT) + error)
+
+
 def _moved(setup: Setup, error: Array) -> Setup:
+    if setup.log.command_kind == "wrench":  # torques about another point: all its forces are moved alike
+        return _about(setup, error.reshape(-1, 3).mean(0))
     if setup.log.command_kind != "jets":
         return setup
     return _at_jets(setup, "jets.position_m", setup.value("jets.position_m")[list(setup.fired)] + error.reshape(-1, 3))
@@ -71,8 +78,30 @@ def _who(finding: Finding) -> Mapping[str, object]:
     return {"who": who, "factor": finding.factor, "scale": "mend force_n or calibrate" if finding.by_jets else scale, **verbs}
 
 
+def _apart(one: Jet, other: Jet) -> float:
+    """Between two jets, m and N."""
+    return float(
+        np.hypot(np.linalg.norm(np.subtract(one.position_m, other.position_m)), np.linalg.norm(np.subtract(one.force_n, other.force_n)))
+    )
+
+
 def _swapped(finding: Finding) -> Mapping[str, object]:
-    return dict(zip(("one", "other"), finding.subject, strict=True))
+    jets, stated = finding.subject, finding.stated.vehicle.jets
+    wired = [one for one in finding.corrected.vehicle.jets if one.name in jets]
+    does = {one.name: min(stated, key=lambda other: _apart(one, other)).name for one in wired}
+    as_another = "; ".join(f"{name} does what is stated of {does[name]}" for name in jets)
+    how = "swapped: each does what is stated of the other" if len(jets) == 2 else f"wired round: {as_another}"
+    return {"jets": f"{', '.join(jets[:-1])} and {jets[-1]}", "how": how}
+
+
+def _limits(finding: Finding) -> Mapping[str, object]:
+    limits, largest = finding.corrected.vehicle.thrust.wrench_limits or (), np.abs(finding.stated.log.command).max(0)
+    said = [
+        f"{limit:.4g} {unit} {word} {axis}"
+        for limit, most, (word, unit), axis in zip(limits, largest, 3 * [("about", "N m")] + 3 * [("along", "N")], 2 * "XYZ", strict=True)
+        if limit < most
+    ]
+    return {"limits": ", ".join(said)}
 
 
 def _ramps(finding: Finding) -> Mapping[str, object]:
@@ -84,6 +113,20 @@ def _ramps(finding: Finding) -> Mapping[str, object]:
     ramp, valve, gives = ("rise", "opens", by < 0) if rise else ("fall", "closes", by > 0)
     effect = f"of a valve that {valve} {abs(by) / 2:.3g} ms {'later' if by > 0 else 'earlier'}, so each pulse gives"
     return {"ramps": f"{longer} to {ramp} than {ramp}_s says, as {effect} {'more' if gives else 'less'}", "them": "it"}
+
+
+def about_cg(point: Array, cg: Array) -> bool:
+    """Whether a point that is found for torques is the CG."""
+    return bool(np.linalg.norm(point - cg) < NEAR * np.linalg.norm(point))
+
+
+def _point_of(finding: Finding) -> Array:
+    found: Array = finding.stated.value(WRENCH_POINT) + finding.errors["position"][:3]
+    return found
+
+
+def _point(finding: Finding) -> Mapping[str, object]:
+    return {"point": vector(_point_of(finding), 1e3)}
 
 
 def _droop_stated(setup: Setup) -> bool:
@@ -195,6 +238,22 @@ PARAMETERS = (
         uncertain=("jet-position", "jets sit where they are stated to within jets.position_sigma_m"),
         wording=Wording("jet {jet} sits {by} mm away from its position_m", "mend it", _place),
     ),
+    ErrorParameter(
+        "wrench_point",
+        "wrench-point",
+        "point about which commanded torques are",
+        "m",
+        prior=0.03,  # as far as a CG is from where its controller has it
+        usual=0.01,
+        key=WRENCH_POINT,
+        no_sigma=_REFIT,
+        size=3,
+        change=lambda setup, error: _about(setup, error) if setup.log.command_kind == "wrench" else None,
+        redone="commands",
+        difference=0.001,
+        entries=("position",),
+        wording=Wording("commanded torques are about {point} mm and not about thrust.wrench_point_m", "state it", _point),
+    ),
     _ramp("rise", "rising", "time that thrust takes to rise"),
     _ramp("fall", "falling", "time that thrust takes to fall"),
     _droop("droop", "sagging", "thrust lost to other jets that are open", "while that is open"),
@@ -213,7 +272,9 @@ def _all_reversed(finding: Finding) -> bool:
 _ALL_JETS = "all jets push the other way: force_n is what pushes the vehicle, not the plume"
 _ALL_COMMANDS = "all commands act the other way: commands are what acts on the vehicle, not what it reacts to"
 _OTHER_WAY = "{who} {push} the other way than stated"
-_SWAPPED = "jets {one} and {other} are swapped: each does what is stated of the other"
+_ABOUT_CG = "commanded torques are about the CG, {point} mm from O, and not about O"
+_LIMITED = "of commanded wrenches no more acts than {limits}, as of an allocation that saturates"
+_SWAPPED = "jets {jets} are {how}"
 SPECIAL_CASES = (
     SpecialCase("thrust-scale", "jet-sign", lambda f: f.by_jets and _all_reversed(f), Wording(_ALL_JETS, "mend the sign of every force_n")),
     SpecialCase("thrust-scale", "command-sign", _all_reversed, Wording(_ALL_COMMANDS, "mend their signs under [columns]")),
@@ -225,5 +286,12 @@ SPECIAL_CASES = (
         lambda f: abs(f.factor) < NEAR,
         Wording("{who} {do} not push at all", "look at valves and wiring", _who),
     ),
+    SpecialCase(
+        "wrench-point",
+        "wrench-point",
+        lambda finding: about_cg(_point_of(finding), finding.cg),
+        Wording(_ABOUT_CG, "state thrust.wrench_point_m, or log them about O", _point),
+    ),
+    SpecialCase("commands-limited", "commands-limited", lambda _: True, Wording(_LIMITED, "state thrust.wrench_limits", _limits)),
     SpecialCase("jets-swapped", "jets-swapped", lambda _: True, Wording(_SWAPPED, "swap wires, columns or entries", _swapped)),
 )

@@ -45,6 +45,12 @@ def beyond(vehicle: Vehicle, timing: Timing, shortest_s: float) -> str:
         return "imu.gyro_lag_s or imu.accel_lag_s is not 0, and the kernel knows no low-pass"
     if vehicle.imu.measures == "sample" or vehicle.imu.gyro_filter is not None or vehicle.imu.accel_filter is not None:
         return 'imu.measures is "sample" or a filter of the IMU is stated, and the kernel takes increments as they are'
+    if vehicle.imu.accel_axes != "imu":
+        return 'imu.accel_axes is "start", and the kernel takes increments in the IMU\'s own axes'
+    if any(vehicle.thrust.wrench_point_m):
+        return "thrust.wrench_point_m is not O, and the kernel takes torques about O"
+    if vehicle.thrust.wrench_limits is not None:
+        return "thrust.wrench_limits are stated, and the kernel takes a wrench as it is commanded"
     if timing.lag != 0:
         return "thrust.lag_s is not 0, and the kernel knows no lag"
     if vehicle.thrust.droop != 0 or vehicle.thrust.cycle_droop != 0:

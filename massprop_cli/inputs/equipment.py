@@ -8,6 +8,7 @@ from pydantic import Field, FiniteFloat, field_validator, model_validator
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.inputs.section import IDENTITY, ZERO, NonNegative, Place, Positive, Real, Section, Vector
 
+Limits = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
 FASTEST_PPM = 1e5
 EDGE = 1e-9
 """s, within which a pulse begins at a time."""
@@ -81,6 +82,9 @@ class Imu(Section):
     )
     gyro_filter: LowPass | None = None
     accel_filter: LowPass | None = None
+    accel_axes: Literal["imu", "start"] = Field(
+        "imu", description="axes of the velocity increments: the IMU's own as it turns, or those that it had when each record began"
+    )
     filter_correlation: Annotated[tuple[FiniteFloat, ...], Field(min_length=5, max_length=5)] | None = Field(
         None,
         description="of the errors of time constants, 1 / (2 pi cutoff): gyro's and accelerometer's with the delay, the same with the lag, "
@@ -209,6 +213,10 @@ class Thrust(Section):
     cycle_droop: Droop = Field(0.0, description="the same for each further one that fires in the cycle: of a supply slower than a pulse")
     failures: tuple[Failure, ...] = Field((), max_length=64, description="of jets, each for a time")
     lag_delay_correlation: FiniteFloat = Field(0.0, ge=-1, le=1, description="of the errors of lag and command delay")
+    wrench_point_m: Place = Field(ZERO, description="from O: the point about which commanded torques are")
+    wrench_limits: Limits | None = Field(
+        None, description="N m about and N along X, Y, Z: the most of a commanded wrench that acts; absent: all of it"
+    )
 
     @property
     def stated_lag_s(self) -> float:

@@ -438,9 +438,12 @@ def _check_gravity(source: LogTable, vehicle: Vehicle, velocity: Array, interval
         return
     usual = median(np.concatenate([np.linalg.norm(velocity[part], axis=1) / interval_s[part] for part in spill.parts(len(velocity))]))
     if usual < FELT * gravity:
+        remedy = f'state environment.kind = "free" instead of "{kind}", or log specific force without gravity taken off'
+        if abs(usual / median(interval_s) / gravity - 1) < FELT:
+            remedy = "its columns seem to hold increments, not rates: rename them, or scale them under [columns]"
         raise InputError(
             f"{source.table.path}: the accelerometer feels {usual:.3g} m/s^2 (median), and what stands on the ground feels gravity, "
-            f'{gravity:.4g} m/s^2; state environment.kind = "free" instead of "{kind}", or log specific force without gravity taken off'
+            f"{gravity:.4g} m/s^2; {remedy}"
         )
 
 

@@ -248,6 +248,12 @@ class Vehicle(Section):
         return np.hstack([np.cross(position, force), force])
 
     @cached_property
+    def unit_wrench(self) -> Array:
+        """(6, 6) torque about O and force of a unit of each component of a commanded wrench, body axes."""
+        about = np.cross(self.thrust.wrench_point_m, np.eye(3))
+        return np.block([[np.eye(3), np.zeros((3, 3))], [about, np.eye(3)]])
+
+    @cached_property
     def rotor_wrench(self) -> Array:
         """(rotors, 6) torque about O and force of one newton of each rotor's thrust, body axes."""
         return np.array([rotor.wrench for rotor in self.rotors]).reshape(-1, 6)

@@ -43,7 +43,7 @@ def channel_wrench(log: Log, vehicle: Vehicle) -> Array:
 
     Jets at full, a wrench's components, rotors' newtons; momentum devices' N m.
     """
-    own = {"jets": vehicle.jet_wrench, "wrench": np.eye(6), "rotors": vehicle.rotor_wrench}[log.command_kind]
+    own = {"jets": vehicle.jet_wrench, "wrench": vehicle.unit_wrench, "rotors": vehicle.rotor_wrench}[log.command_kind]
     found: Array = np.vstack([own, vehicle.momentum_wrench]) * vehicle.environment.moving
     return found
 
@@ -91,7 +91,7 @@ def executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s:
     By the commands of the cycles ``issued``, which are executed from ``begin_s`` on, with the lag ``lag_s`` where an actuator has none of
     its own.
     """
-    command = log.command[issued].T
+    command = _limited(log.command[issued], vehicle).T
     if log.command_kind == "rotors":
         at_once = by_commands_clock(log, vehicle, log.command_start_s[issued])
         told = zip(vehicle.rotors, command, strict=True)
@@ -99,6 +99,12 @@ def executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s:
     if log.command_kind == "jets":
         return jet_integrals(begin_s, command, vehicle, edges_s, lag_s)
     return window_integrals([held(begin_s, value) for value in command], edges_s, lag_s)
+
+
+def _limited(command: Array, vehicle: Vehicle) -> Array:
+    """(K, n) what acts of commands, of which those of a wrench may have limits."""
+    limits = vehicle.thrust.wrench_limits
+    return command if limits is None else np.clip(command, -np.array(limits), limits)
 
 
 FINE = 4
@@ -117,7 +123,7 @@ def signals(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s: 
         both = executed(log, vehicle, issued, begin_s, fine, lag_s)
         return [of_bins(fine, *one) for one in zip(*(each.T for each in both), strict=True)], 0.0
     if log.command_kind == "wrench":
-        return [held(begin_s, value) for value in command], lag_s
+        return [held(begin_s, value) for value in _limited(command.T, vehicle).T], lag_s
     touching_s = TOUCHING * vehicle.cycle.period_s
     lasting = opened(begin_s, command, vehicle)
     each = ([(part, pulses(begin_s, on_s[jet], vehicle.jets[jet], touching_s)) for part, on_s in lasting] for jet in range(len(command)))

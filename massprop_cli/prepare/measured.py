@@ -21,7 +21,7 @@ import numpy as np
 from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, IntArray, frozen
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.base.errors import AttitudeError, InputError
+from massprop_cli.base.errors import AttitudeError
 from massprop_cli.base.quaternion import inverse, matrices, quaternion_of, quaternion_product, rotation_vector, turns_between
 from massprop_cli.base.rigidbody import mean_rotation, rotation, times
 from massprop_cli.inputs.telemetry import Log
@@ -370,7 +370,7 @@ def _check_turns(log: Log, off: Array, turns: Array, variance: float) -> None:
     left = max(float((off**2).sum()) - 2 * variance * off.size, 0.0) ** 0.5
     turned = float((turns**2).sum()) ** 0.5
     if left > OPPOSED * turned and left > STILL * len(off) ** 0.5:
-        raise InputError(
+        raise AttitudeError(
             f"{log.path}, columns quat_w … quat_z: the attitude turns by {left / turned:.2g} times the gyro's angles away from the gyro; "
             "quaternions are wxyz, world from body, of the axes of imu.body_from_imu. Correct the columns, or leave them out"
         )

@@ -11,7 +11,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import times
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.prepare import lowpass
+from massprop_cli.prepare import recorded
 from massprop_cli.prepare.absentaxes import force_axes, ignored, unread
 from massprop_cli.prepare.actuators import capability, channel_wrench
 from massprop_cli.prepare.align import Aligned, align, first_usable_s, shown_late_s
@@ -32,7 +32,7 @@ class Alignment:
     """Of one log under one timing; the part that was asked for last is kept, since what is varied beside it asks for the same."""
 
     def __init__(self, log: Log, vehicle: Vehicle, timing: Timing) -> None:
-        self.log, self.vehicle, self.timing = lowpass.undone(log, vehicle), vehicle, timing
+        self.log, self.vehicle, self.timing = recorded.undone(log, vehicle), vehicle, timing
         self.usable_s = first_usable_s(log, vehicle, timing.delay * vehicle.cycle.period_s, timing.lag_s(vehicle))
         self._held = slice(0, min(LEAST, log.cycles))
         self._aligned = self._align(self._held)

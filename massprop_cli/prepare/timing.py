@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.prepare import lowpass
+from massprop_cli.prepare import recorded
 from massprop_cli.prepare.align import Impulses, align
 from massprop_cli.prepare.compensate import Samples, compensate
 from massprop_cli.prepare.measured import measured
@@ -21,7 +21,7 @@ class Timing(NamedTuple):
 
     def of(self, log: Log, vehicle: Vehicle, made: Impulses | None = None) -> Samples:
         """The log's samples under this timing; ``made`` is what commands do under it, where that is known."""
-        log = lowpass.undone(log, vehicle)
+        log = recorded.undone(log, vehicle)
         return compensate(align(log, vehicle, self.delay, self.lag_s(vehicle), made=made), vehicle, measured=measured(log, vehicle))
 
     def lag_s(self, vehicle: Vehicle) -> float:

@@ -60,7 +60,7 @@ def test_what_is_left_of_anything_is_what_numpy_says(kind: str, monkeypatch: pyt
 def test_fits_begin_where_numpy_begins(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     model, free = reduced(kind)
     names = [f"jet {i}" for i in range(len(model.force))]
-    supposed = [*hypotheses.listed(model, names, True), *hypotheses.units(model), *map(model.without, range(len(names)))]
+    supposed = [*hypotheses.listed(model, names, True), *hypotheses.units(model, 0.05, True), *map(model.without, range(len(names)))]
     alone = [Hypothesis("", (), np.zeros((len(model.stated), 0)), suspects=tuple(range(1, len(names))))]  # hardly any are left to go by
     rows = _Rows.of_all(model, free, NOISE, [*supposed, *alone])
     x, sizes = rows.begun([*supposed, *alone])
@@ -88,7 +88,7 @@ def test_a_sum_that_cancels_but_for_rounding_begins_no_body() -> None:
 def test_every_supposition_ends_where_numpy_ends(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     model, free = reduced(kind)
     names = [f"jet {i}" for i in range(len(model.force))]
-    supposed = [*hypotheses.listed(model, names, True), *hypotheses.units(model), model.without(2)]
+    supposed = [*hypotheses.listed(model, names, True), *hypotheses.units(model, 0.05, True), model.without(2)]
     own = fitted(model, free, NOISE, supposed)
     monkeypatch.setattr(comparison, "compiled", lambda: False)
     for one, other in zip(own, fitted(model, free, NOISE, supposed), strict=True):

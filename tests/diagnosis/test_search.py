@@ -72,7 +72,10 @@ def test_what_would_leave_a_multiple_of_what_another_leaves_is_not_tried(monkeyp
 def test_what_a_gyro_gets_wrong_bends_what_is_measured_on_a_bearing_alone(name: str, bent: bool) -> None:
     """There it moves the vertical. A unit makes another motion within the cycles, and nothing that is late follows a straight line."""
     screening = look_of(*faulty.sample(name))
-    supposed = {one.code: one for one in (*hypotheses.listed(screening.model, screening.names, True), *hypotheses.units(screening.model))}
+    supposed = {
+        one.code: one
+        for one in (*hypotheses.listed(screening.model, screening.names, True), *hypotheses.units(screening.model, 0.05, True))
+    }
     expected = {"gyro-scale": bent, "gyro-bias": bent, "gyro-units": True, "jet-position": False, "clock-drift": True}
     for code, curved in expected.items():
         found = Fitted(supposed[code], screening.model, screening.stated.x, screening.stated.chi_square, np.zeros(0))

@@ -20,7 +20,7 @@ def finding(**errors: np.ndarray) -> Finding:
     setup = Setup(flown.log(), flown.used, Timing(2.0, 0.0))
     none = {name: np.zeros(BY_NAME[name].size) for name in ENTRIES}
     eye = np.eye(3)
-    return Finding((), (), none | errors, none, setup, setup, eye, (eye, eye), (eye, eye), 0.1)
+    return Finding((), (), none | errors, none, setup, setup, eye, (eye, eye), (eye, eye), 0.1, np.zeros(3))
 
 
 def said(mass: float, inertia: float) -> str:

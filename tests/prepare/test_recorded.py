@@ -10,7 +10,7 @@ import pytest
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.prepare import lowpass
+from massprop_cli.prepare import recorded
 from massprop_cli.testbed.simulate import Flight
 from tests.flown import fly
 
@@ -36,7 +36,7 @@ def test_what_a_low_pass_does_is_undone_record_by_record() -> None:
     kept = np.exp(-log.interval_s[0] / LAG_S)
     seen = replace(log, delta_theta_imu_rad=by_definition(log.delta_theta_imu_rad, kept))
     stated = used.model_copy(update={"imu": used.imu.model_copy(update={"gyro_lag_s": LAG_S})})
-    back = lowpass.undone(seen, stated)
+    back = recorded.undone(seen, stated)
     assert np.abs(seen.delta_theta_imu_rad - log.delta_theta_imu_rad).max() > 1e-3 * np.abs(log.delta_theta_imu_rad).max()
     np.testing.assert_allclose(back.delta_theta_imu_rad, log.delta_theta_imu_rad, atol=1e-12)
     assert back.delta_v_imu_m_s is log.delta_v_imu_m_s
@@ -90,4 +90,4 @@ def test_what_a_low_pass_leaves_of_a_cycles_variance(lag_s: float, records: int)
     part = slice(cycles // 2)
     # later cycles alone: the first ones are narrower still, nothing was before them
     logs = np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(covariance[part, part])[1]
-    assert lowpass.narrowed(lag_s, record_s, records) == pytest.approx(logs / (cycles - cycles // 2), rel=1e-6)
+    assert recorded.narrowed(lag_s, record_s, records) == pytest.approx(logs / (cycles - cycles // 2), rel=1e-6)

@@ -1,7 +1,10 @@
-"""A low-pass within a sensor, undone: what it would have reported without.
+"""What a recorder or a sensor did to a log, undone: what an IMU would have reported without.
 
 A first-order low-pass of time constant τ reports ``y[k] = a y[k−1] + (1 − a) u[k]``, ``a = exp(−T / τ)`` for a record of length T. Undone,
 record k takes records k − 1 and k alone, and noise that the sensor had before its low-pass is white again.
+
+A strapdown unit reports velocity increments in the axes that it had when the record began (rotation and sculling compensated: Savage, J.
+Guidance, Control, and Dynamics 21, 1998): half of the record's turn takes them back.
 """
 
 from dataclasses import replace
@@ -9,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import rotation
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 
@@ -17,15 +21,23 @@ REACH = 64
 
 
 def undone(log: Log, vehicle: Vehicle) -> Log:
-    """The log without the low-passes that ``imu.gyro_lag_s`` and ``imu.accel_lag_s`` state; that of a steady motion before it began."""
+    """The log without the low-passes that ``imu.gyro_lag_s`` and ``imu.accel_lag_s`` state; that of a steady motion before it began.
+
+    With velocity increments in the IMU's own axes where ``imu.accel_axes`` says that they are in those of each record's start.
+    """
     gyro, accelerometer = vehicle.imu.gyro_lag_s, vehicle.imu.accel_lag_s
-    if gyro == 0 and accelerometer == 0:
+    if gyro == 0 and accelerometer == 0 and vehicle.imu.accel_axes == "imu":
         return log
-    return replace(
-        log,
-        delta_theta_imu_rad=_undone(log.delta_theta_imu_rad, log.interval_s, gyro),
-        delta_v_imu_m_s=_undone(log.delta_v_imu_m_s, log.interval_s, accelerometer),
-    )
+    turned = _undone(log.delta_theta_imu_rad, log.interval_s, gyro)
+    velocity = _undone(log.delta_v_imu_m_s, log.interval_s, accelerometer)
+    velocity = velocity if vehicle.imu.accel_axes == "imu" else _halfway(velocity, turned)
+    return replace(log, delta_theta_imu_rad=turned, delta_v_imu_m_s=velocity)
+
+
+def _halfway(velocity: Array, turned: Array) -> Array:
+    """(n, 3) velocity increments in the axes that the IMU has halfway through each record, of those in the axes of the record's start."""
+    found: Array = (rotation(-turned / 2) @ velocity[:, :, None])[..., 0]
+    return found
 
 
 def _undone(increments: Array, interval_s: Array, lag_s: float) -> Array:

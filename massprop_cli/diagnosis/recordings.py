@@ -1,0 +1,142 @@
+"""How a log may have been written otherwise than its vehicle file says: keys of it in which the motion is far from linear.
+
+Free coefficients (:func:`massprop_cli.diagnosis.delay.unexplained_by`) say in milliseconds how much commands explain under any of them. The
+one that explains most is put to the test like any other hypothesis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from operator import itemgetter
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, median
+from massprop_cli.base.errors import InputError
+from massprop_cli.diagnosis.comparison import Fitted
+from massprop_cli.diagnosis.corrections import Case
+from massprop_cli.diagnosis.delay import unexplained_by
+from massprop_cli.diagnosis.hypothesis import Hypothesis
+from massprop_cli.diagnosis.refit import Refit, tried
+from massprop_cli.diagnosis.screening import CLEAR, Screening
+from massprop_cli.errorparameters.setup import stating
+from massprop_cli.inputs.columns import WRENCH
+from massprop_cli.inputs.telemetry import Notice
+
+States = dict[str, object]
+"""Values of keys of the vehicle file."""
+PARTS = np.linspace(1.0, 0.25, 16)
+"""Of the largest command, at which a component of a wrench may end."""
+FINEST, NEAR, FLAT = 1e-5, 0.01, 1e3
+"""Step at which the search for them ends, and behind the curvature of what they leave; the least curvature that tells a sigma: of 4 %."""
+
+NORMALISED = 1e-6
+"""Away from 1, of the largest value of a column that is divided by its largest value."""
+AS_NOISE, FAR_OFF = 0.26, 1.1
+"""Logarithms of the factors within which noise is what is stated, and beyond which it is another in both sensors: 1.3 and 3."""
+WEIGHT, ONE_WAY = 0.03, 0.5
+"""Part of gravity within which an accelerometer feels it; part of its usual size beyond which a mean force may hold a vehicle up."""
+
+
+def seen(case: Case) -> Notice | None:
+    """What the numbers themselves show of a log that doesn't fit."""
+    log, environment = case.log, case.vehicle.environment
+    if log.command_kind == "wrench":
+        ones = [name for name, most in zip(WRENCH, np.abs(log.command).max(0), strict=True) if abs(most - 1) < NORMALISED]
+        if max(sum("torque" in name for name in ones), sum("force" in name for name in ones)) > 1:
+            words = f"the largest values of {', '.join(ones)} are 1: they are normalised, and not in N m and N; state the scale of each"
+            return Notice("commands-normalised", f"{words} under [columns]")
+    if environment.kind != "free":
+        return None
+    samples = case.timing.of(log, case.vehicle)
+    felt = median(np.linalg.norm(samples.specific_force_m_s2, axis=1))
+    pushed = samples.executed.channels.whole @ samples.wrench[:, 3:]
+    held_up = float(np.linalg.norm(pushed.mean(0))) > ONE_WAY * float(np.sqrt((pushed**2).sum(1).mean()))
+    if held_up or abs(felt / environment.gravity_m_s2 - 1) > WEIGHT:
+        return None
+    words = f'the accelerometer feels {felt:.4g} m/s^2 (median), as on the ground, and environment.kind is "free"'
+    return Notice("gravity-felt", f'{words}; state "air_bearing", "pedestal" or "planar"')
+
+
+def otherwise(screening: Screening) -> list[Refit]:
+    """What explains more of the motion than what is stated, put to the test."""
+    case = screening.case
+    none = np.zeros((len(screening.model.stated), 0))
+    stated = _left(case, {})
+    found = []
+    for code, states, further in _supposed(case):
+        if _left(case, states) < stated - CLEAR:
+            hypothesis = Hypothesis(code, (), none, states=states, further=further)
+            begun = Fitted(hypothesis, screening.model, screening.stated.x, screening.stated.chi_square, np.zeros(0))
+            found.append(tried(screening, begun))
+    return [refit for refit in found if refit is not None]
+
+
+def by_noise(screening: Screening) -> list[Refit]:
+    """Units of both sensors that make their noise what is stated, of a log that fits either way: a larger body moves alike by less."""
+    ratio = np.sqrt(screening.free.pure / screening.noise).reshape(2, 3)
+    away = np.log([median(own) for own in ratio])
+
+    def off(supposed: Hypothesis) -> float:
+        sizes = [abs(float(np.linalg.det(turn))) ** (1 / 3) for turn in (supposed.gyro, supposed.accelerometer)]
+        return float(np.abs(away - np.log(sizes)).max())
+
+    units = [one for one in screening.turns if one.code == "column-kind"]
+    nearest = min(units, key=off, default=None)
+    if nearest is None or off(nearest) > AS_NOISE or np.abs(away).min() < FAR_OFF:
+        return []
+    refit = tried(screening, Fitted(nearest, screening.model, screening.stated.x, screening.stated.chi_square, np.zeros(0)))
+    return [] if refit is None or refit.screening is None or not refit.screening.close else [replace(refit, fits=True)]
+
+
+def _supposed(case: Case) -> Iterator[tuple[str, States, tuple[States, ...]]]:
+    """Code, keys, and keys with each number that was sought one sigma away."""
+    if case.vehicle.imu.accel_axes == "imu":
+        yield "accel-axes", {"imu.accel_axes": "start"}, ()
+    if case.log.command_kind == "wrench" and case.vehicle.thrust.wrench_limits is None:
+        found = _limits(case)
+        if found is not None:
+            yield "commands-limited", found[0], found[1]
+
+
+def _left(case: Case, states: States) -> float:
+    try:
+        return sum(unexplained_by(case.log, stating(case.vehicle, states), case.timing))
+    except (InputError, np.linalg.LinAlgError):
+        return np.inf
+
+
+def _limits(case: Case) -> tuple[States, tuple[States, ...]] | None:
+    """Of each component, by which commands explain most, and with each that was sought one sigma away; None where it is more without any.
+
+    One part of each one's largest command, as of an allocation that saturates; of a component by itself only where that explains more: of
+    commands that are as large whenever there are any a limit is a scale.
+    """
+    largest = np.abs(case.log.command).max(0)
+    commanded = np.flatnonzero(largest)
+    largest[largest == 0] = 1.0
+
+    def states(parts: Array) -> States:
+        return {"thrust.wrench_limits": tuple((parts * largest).tolist())}
+
+    def tried(parts: Array, which: Sequence[int], part: float) -> tuple[float, Array]:
+        changed = parts.copy()
+        changed[list(which)] = part
+        return _left(case, states(changed)), changed
+
+    none: Array = np.ones(len(largest))
+    (left, parts), further = (_left(case, {}), none), list[States]()
+    for which in (commanded.tolist(), *([int(i)] for i in commanded)):
+        best = min((tried(parts, which, float(part)) for part in PARTS), key=itemgetter(0))
+        step = float(PARTS[0] - PARTS[1])
+        while step > FINEST:
+            step /= 2
+            now = float(best[1][which[0]])
+            best = min((best, tried(parts, which, now - step), tried(parts, which, now + step)), key=itemgetter(0))
+        if best[0] < left - CLEAR:
+            left, parts = best
+            now = float(parts[which[0]])
+            bent = (tried(parts, which, now - NEAR)[0] - 2 * left + tried(parts, which, now + NEAR)[0]) / NEAR**2
+            further.append(states(tried(parts, which, now + (2 / max(bent, FLAT)) ** 0.5)[1]))
+    return (states(parts), tuple(further)) if further else None

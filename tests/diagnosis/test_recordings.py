@@ -1,0 +1,116 @@
+"""What a recorder or a person wrote otherwise than the vehicle file says is named, and mended by its keys."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import rotation
+from massprop_cli.flow import Analysis
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.testbed.simulate import Flight
+from tests import faulty
+from tests.flown import PLAN, fly
+
+Mistake = Callable[[Log, Vehicle, Array], tuple[Log, Vehicle]]
+WRENCH = ("vehicle.jets=[]", "actuators.max_torque_n_m=[0.1, 0.4, 0.4]", "actuators.max_force_n=[2.0, 2.0, 2.0]")
+ASIDE = ("truth.cg_x=0.031", "truth.cg_y=-0.022", "truth.cg_z=0.017")
+
+
+def flight() -> Flight:
+    return fly("free-flyer", *PLAN, *WRENCH, *ASIDE, "vehicle.imu.accel_noise_m_s2=0.001")
+
+
+def about_its_cg(log: Log, used: Vehicle, truth: Array) -> tuple[Log, Vehicle]:
+    """Torques as a controller has them."""
+    torque = log.command[:, :3] - np.cross(truth[6:9], log.command[:, 3:])
+    return replace(log, command=np.hstack([torque, log.command[:, 3:]])), used
+
+
+def saturated(log: Log, used: Vehicle, _: Array) -> tuple[Log, Vehicle]:
+    """A part of the peaks is what an allocation of 80 % left of more."""
+    peaks = (np.abs(log.command) > 0.999 * np.abs(log.command).max(0)) & (np.random.default_rng(1).random(log.command.shape) < 0.4)
+    return replace(log, command=np.where(peaks, log.command / 0.8, log.command)), used
+
+
+def normalised(log: Log, used: Vehicle, _: Array) -> tuple[Log, Vehicle]:
+    return replace(log, command=log.command / np.append(np.abs(log.command[:, :3]).max(0), np.ones(3))), used
+
+
+def at_the_start_of_records(log: Log, used: Vehicle, _: Array) -> tuple[Log, Vehicle]:
+    """As a strapdown unit with compensated rotation and sculling has its velocity increments."""
+    seen = (rotation(log.delta_theta_imu_rad / 2) @ log.delta_v_imu_m_s[..., None])[..., 0]
+    return replace(log, delta_v_imu_m_s=seen), used
+
+
+@cache
+def examined(mistake: Mistake) -> tuple[Analysis, Array]:
+    flown = flight()
+    true = flown.truth[0][0]
+    return faulty.examined(*mistake(flown.log(0), flown.vehicle, true)), true
+
+
+@pytest.mark.parametrize(
+    ("mistake", "code", "key"),
+    [
+        (about_its_cg, "wrench-point", "thrust.wrench_point_m"),
+        (saturated, "commands-limited", "thrust.wrench_limits"),
+        (normalised, "commands-normalised", ""),
+    ],
+)
+def test_what_a_commanded_wrench_may_be_otherwise_is_named(mistake: Mistake, code: str, key: str) -> None:
+    found, _ = examined(mistake)
+    assert [notice.code for notice in found.notices if notice.code != "unphysical-inertia"] == [code]
+    assert not any(one.verdict == "converged" for name, one in found.conclusions[0].estimates.items() if name == "mass") or key
+    if key:
+        assert found.mended[0].settings[0].startswith(f"{key}=")
+
+
+@pytest.mark.parametrize("mistake", [about_its_cg, saturated])
+def test_mended_by_its_key_values_are_within_their_sigmas(mistake: Mistake) -> None:
+    found, true = examined(mistake)
+    estimates = found.mended[0].conclusions[0].estimates
+    for (name, one), value in zip(estimates.items(), true, strict=True):
+        assert one.value is not None, name
+        assert one.sigma is not None, name
+        assert abs(one.value - value) < 4 * one.sigma, name
+
+
+def test_torques_about_the_cg_put_it_at_the_origin_and_that_is_said() -> None:
+    """Of a log in which the accelerometer hardly tells where it is itself; where its point is stated there is nothing to be said."""
+    flown = fly("free-flyer", *PLAN, *WRENCH, *ASIDE)
+    log, used = about_its_cg(flown.log(0), flown.vehicle, flown.truth[0][0])
+    (said,) = faulty.examined(log, used).notices
+    assert (said.code, "the CG is found at O" in said.message) == ("wrench-point", True)
+    stated = faulty.examined(log, faulty.stated(used, "thrust.wrench_point_m=[0.031, -0.022, 0.017]"))
+    assert stated.notices == ()
+    estimates = stated.conclusions[0].estimates.values()
+    for one, value in zip(estimates, flown.truth[0][0], strict=True):
+        assert one.value is not None
+        assert abs(one.value - value) < 4 * (one.sigma or 0.0)
+
+
+def test_increments_in_the_axes_of_each_records_start_are_taken_back() -> None:
+    """Where a body turns by 0.02 rad in a record under a specific force of gravity."""
+    flown = fly("testbed", *PLAN)
+    log, used = at_the_start_of_records(flown.log(0), flown.vehicle, flown.truth[0][0])
+    codes = [notice.code for notice in faulty.examined(log, used).notices]
+    assert codes == ["accel-axes"], codes
+    back = faulty.examined(log, faulty.stated(used, 'imu.accel_axes="start"'))
+    clean = faulty.examined(flown.log(0), flown.vehicle)
+    assert back.notices == ()
+    apart = np.abs(back.conclusions[0].values - clean.conclusions[0].values) / clean.conclusions[0].sigmas
+    assert apart.max() < 0.05
+
+
+def test_a_log_made_on_a_bearing_is_not_one_of_free_flight() -> None:
+    log, used = faulty.sample("air-bearing", 15.0)
+    found = faulty.examined(log, faulty.stated(used, 'environment.kind="free"'))
+    assert found.notices[0].code == "gravity-felt"
+    assert {one.verdict for one in found.conclusions[0].estimates.values()} <= {"contradicted", "unobservable", "not_excited"}
