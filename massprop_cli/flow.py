@@ -59,12 +59,14 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         again = _examined(found.log, parts, assignments, say)
         changes = (fault.notice for fault in found.faults if fault.change_s is not None)
         return replace(again, source=source, notices=(*changes, *again.notices))
-    told = judged(found, mend.mended(found, say))
-    if log.attitude_wxyz is not None and source.vehicle.pivoted and not _fits(told):
-        left = _without_attitude(log, UNFIT)
-        again = _examined(left, source, assignments, say)
+    carried = log.attitude_wxyz is not None and source.vehicle.pivoted
+    # before anything else is doubted of a log that does not fit
+    told = None if carried and (found.faults or found.unknown) else judged(found, mend.mended(found, say))
+    if carried and (told is None or not _fits(told)):
+        again = _examined(_without_attitude(log, UNFIT), source, assignments, say)
         if _fits(again):
             return again
+    told = told or judged(found, mend.mended(found, say))
     if not told.faults and not _fits(told):
         filtered = sensorkernel.found(log, source, say, unfit=True)
         tried = None if filtered[0] is log else _tried(*filtered, assignments, say)

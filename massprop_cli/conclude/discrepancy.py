@@ -48,6 +48,20 @@ UNITS = {"direction": "rad"}
 """Of what has another unit elsewhere."""
 
 
+TELLS = {
+    "thrust": "a calibration of the thrust",
+    "timing": "commands and IMU on one clock, or a stated delay and lag",
+    "sensor": "a calibration of the IMU, and its filter stated",
+    "mounting": "where and how the IMU is mounted, measured",
+    "body": "a log in which nothing moves within the body",
+    "environment": "a rest without commands, for what acts by itself",
+    COMMON: "one calibrated jet, or a weighed vehicle ([known])",
+    NOISE: "a longer log, or stronger commands",
+    UNSPANNED: "a second log of the same kind, to see what repeats",
+}
+"""What would tell most, by what makes most of the sigmas."""
+
+
 class PlainFits(NamedTuple):
     """Off-line fits of every phase with the noise that is stated, beside those with disturbances that were sized."""
 
@@ -99,6 +113,11 @@ class Discrepancy:
     def refuted(self) -> bool:
         """Whether errors would have to be far beyond any that a lab makes."""
         return self.scale > MOST
+
+    def tells(self, which: Sequence[int]) -> str:
+        """The one check or experiment that would tell most of these quantities."""
+        mains = [self.main(i) for i in which]
+        return TELLS[max(dict.fromkeys(mains), key=mains.count)] if mains else TELLS[NOISE]
 
     def main(self, i: int) -> str:
         """What makes most of a quantity's sigma."""

@@ -69,7 +69,7 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer], widen: bool) -
     nameless = [] if own else nameless
     # a disturbance that is no noise stands for something else
     unlike = {} if own else _unlike_noise(found, settled)
-    biased = {} if own and not unnamed else _biased(found, settled) | changing(found.histories[i])
+    biased = {} if own and not unnamed else _biased(found, settled) | changing(settled, found.samples.end_s, settled.values[-1])
     misfit = unnamed or bool(nameless)
     told = _told(found, i) if widen and (own or misfit or (unlike and sized(found.vehicle, found.stated))) else None
     known, vehicle = by_known(found.histories[i]), found.vehicle.in_phase(conclusion.phase)
@@ -145,6 +145,8 @@ def _discrepancies(conclusions: Sequence[Conclusion], told: Sequence[Discrepancy
         if one is not None and not one.refuted and not any(cause.code == "named-fault" for cause in conclusion.causes) and not named:
             like = f"; it behaves like {' and '.join(one.behaves_like)}, or something else that does the same" if one.behaves_like else ""
             usual = f"whatever a careful lab may have stated wrongly, times {max(one.scale, LEAST):.2g}, and what none of that explains"
+            given = [i for i, each in enumerate(conclusion.estimates.values()) if each.value is not None]
+            like += f". What would tell most: {one.tells(given)}"
             message = f"log and vehicle file don't explain one another, and every sigma includes what may be wrong: {usual}{like}"
             yield Notice("model-discrepancy", f"phase {conclusion.phase.name}: {message}")
 

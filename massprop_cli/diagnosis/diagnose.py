@@ -28,7 +28,7 @@ from massprop_cli.diagnosis.recordings import by_noise, otherwise, seen
 from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, helped, hopeless, refined, tried
 from massprop_cli.diagnosis.screening import CLEAR, Screening, about_its_body, beside_a_torque, busiest, screened
 from massprop_cli.diagnosis.search import codes, same, searched
-from massprop_cli.diagnosis.wording import ABSENT, DEAD, TRIED, UNANSWERED, alone, words_of
+from massprop_cli.diagnosis.wording import ABSENT, DEAD, UNANSWERED, alone, words_of
 from massprop_cli.errorparameters.table import PRIORS
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.telemetry import JITTER, Log, Notice, jitter
@@ -429,4 +429,4 @@ def _in_vain(screening: Screening) -> str:
     scatter = jitter(screening.case.log.interval_s)
     if scatter > JITTER:
         near += f"; records' intervals scatter by {100 * scatter:.2g} %: times of arrival? State even = true under the clock in a map"
-    return f"log and vehicle file don't fit, cause unknown: what the model leaves is {screening.misfit:.3g} times pure error{near}; {TRIED}"
+    return f"log and vehicle file don't fit, cause unknown: what the model leaves is {screening.misfit:.3g} times pure error{near}"

@@ -9,16 +9,11 @@ from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Case
 from massprop_cli.errorparameters import table
 
-TRIED = (
-    "tried: sign, thrust, place and direction of each channel, groups of channels, jets swapped, delay, rise, lag, droop, clock drift, "
-    "units, scales, biases, low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and "
-    "rate-proportional torque, fuel use, a change of the mass properties, a phase's borders, a jet that fails for a time, and pairs"
-)
 ABSENT = "log and vehicle file don't fit; causes are looked for only in logs with all three axes of gyro and accelerometer"
 DEAD = "the gyro or the accelerometer reads 0 in every cycle: it is not recorded, or dead"
 UNANSWERED = (
     "log and vehicle file don't fit, cause unknown: the motion is no noise, and hardly follows the commands; are they this recording's, on "
-    f"its clock, and were they executed? {TRIED}"
+    "its clock, and were they executed?"
 )
 IN_VEHICLE_FILE, IN_MAP = "under [columns]", "in the map (unit, scale, axes)"
 """Where the columns of a plain log are mended, and those of a recording."""

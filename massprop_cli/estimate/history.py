@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from massprop_cli.base import spill
-from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.arrays import Array, BoolArray, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.moments import Moments
@@ -21,6 +21,17 @@ from massprop_cli.prepare.stream import Stream
 
 if TYPE_CHECKING:
     from massprop_cli.estimate.residual import Residual
+
+
+class Stages(NamedTuple):
+    """What a log says up to S of its cycles, all about its last estimate: of ixx … izz, CG and 1/m."""
+
+    ends: IntArray
+    """(S,) the cycle before which each ends."""
+    mean: Array
+    """(S, 10) departure from that estimate."""
+    variance: Array
+    """(S, 10)"""
 
 
 @dataclass(frozen=True)
@@ -70,6 +81,8 @@ class History:
     """Known quantities that the log contradicts, each with why."""
     residual: Residual | None = None
     """Of an off-line fit: what its values leave of rate and specific force."""
+    stages: Callable[[], Stages] | None = None
+    """Of an off-line fit: what parts of the log say."""
 
     def __post_init__(self) -> None:
         rows = len(self.time_s)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
-from massprop_cli.estimate.history import History
+from massprop_cli.base.arrays import Array, triangle_of
+from massprop_cli.estimate.history import History, Stages
 from massprop_cli.estimate.nuisance import Taken
 from massprop_cli.estimate.quantities import quantities
 from massprop_cli.estimate.regression import Regression
@@ -32,6 +33,9 @@ WHOLE = 1024
 """Cycles taken in at a time by what is off-line."""
 HELD = 4096
 """Cycles of which an off-line fit keeps what it took in until it stands; of more it takes them in once again."""
+
+STAGES = 32
+"""Moments, evenly over a phase, up to which its log is looked at by itself."""
 
 
 class Settled(NamedTuple):
@@ -64,13 +68,35 @@ def settle(
     last = _last_pass(regression, reference, passes, bound)
     told, left = Told(samples, cycles, vehicle, every=vehicle.estimator.refine), Residual.empty(cycles.stop - cycles.start)
     phi = coefficients(regression, last.run.estimate)
+    stops, passed = np.linspace(cycles.start, cycles.stop, STAGES + 1).astype(int)[1:], list[Run]()
     for before, taken, after in last.held or blocks(regression, last.begun):
         about = replace(before, estimate=last.run.estimate, bound=last.run.bound)
         rows = regression.rows(about, taken, regression.posed(about, taken)) if told.every else regression.innovations(about, taken)
         part = slice(before.at - cycles.start, after.at - cycles.start)
         left.value[part], left.sigma[part] = residual(regression, before, taken, phi)
         told.add(rows.ending(regression.row(last.run)) if after.at == cycles.stop else rows)
-    return Settled(replace(told.history(phase, last.run.estimate), residual=left), last.stands, last.run.bound)
+        passed += [after] if len(passed) < STAGES and after.at >= stops[len(passed)] else []
+    history = replace(told.history(phase, last.run.estimate), residual=left, stages=partial(_stages, regression, last, passed))
+    return Settled(history, last.stands, last.run.bound)
+
+
+def _stages(regression: Regression, last: _Pass, passed: Sequence[Run]) -> Stages:
+    """What the log says up to a few moments, about the same estimate."""
+    runs = _split(regression, last) if last.held else passed
+    each = [regression.linear(replace(run, estimate=last.run.estimate, bound=last.run.bound)) for run in runs]
+    return Stages(np.array([run.at for run in runs]), *(np.array(part) for part in zip(*each, strict=True)))
+
+
+def _split(regression: Regression, last: _Pass) -> list[Run]:
+    """Runs up to the moments, of a short phase that was taken in by larger blocks."""
+    stops, runs = np.linspace(regression.cycles.start, regression.cycles.stop, STAGES + 1).astype(int)[1:], list[Run]()
+    for before, taken, after in last.held:
+        run, rows = before, regression.ordered(taken).reshape(after.at - before.at, -1, len(before.triangle))
+        for stop in stops[(stops > before.at) & (stops <= after.at)]:
+            more = rows[run.at - before.at : stop - before.at].reshape(-1, rows.shape[-1])
+            run = replace(run, at=int(stop), triangle=triangle_of(np.vstack([run.triangle, more])))
+            runs.append(run)
+    return runs
 
 
 def predicted(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved) -> tuple[Residual, Residual]:

@@ -251,6 +251,13 @@ class Regression(Triangle):
         found = self._told(run, theta, scale, triangle, told, () if run.state is None else (run.state,))
         return Rows.untold(1).parameters if run.stuck else found
 
+    def linear(self, run: Run) -> tuple[Array, Array]:
+        """(10,) by how much what a run has taken in departs from its estimate, linear about that, and (10,) its variance."""
+        theta, scale, triangle = self._about(run)
+        own = self._nuisances(run.bound)
+        root = self.lift.slopes(theta) * scale @ np.linalg.inv(triangle[own : own + 10, own : own + 10])
+        return root @ triangle[own : own + 10, own + 10], (root**2).sum(1)
+
     def _about(self, run: Run) -> tuple[Array, Array, Array]:
         """(10,) θ of a run's estimate, its prior's sigmas, and the triangle about them."""
         if self._last is None or self._last[0] is not run:

@@ -18,8 +18,8 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 
-FAMILIES = ("assumptions", "channels", "motion and commands", "oscillations", "whiteness", "lost commands", "constancy")
-"""conclude/score, follows, ..., diagnosis/lackoffit, conclude/swing, white, executed, constancy."""
+FAMILIES = ("assumptions", "channels", "motion and commands", "oscillations", "whiteness", "lost commands")
+"""conclude/score, follows, ..., diagnosis/lackoffit, conclude/swing, white, executed."""
 REFUTED = 1e-4
 """Clean logs that are contradicted by chance: one in 10,000. benchmarks/faults.py --clean moves."""
 DOUBTFUL = 1e-2

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from statistics import NormalDist
 
 import numpy as np
 import pytest
 
 from massprop_cli.base.rigidbody import cross
-from massprop_cli.conclude.constancy import FIRST, LAST, changing, threshold
-from massprop_cli.estimate.residualtest import DOUBTFUL, share
+from massprop_cli.conclude.constancy import FIRST, LAST, RATE, by_chance, changing, threshold
 from tests import faulty
 from tests.flown import fly, sound
 
@@ -20,19 +18,16 @@ RANDOM = (
 )
 
 
-def test_the_threshold_is_that_of_a_bridge() -> None:
-    """Running means of white noise against the last one: simulated, at a threshold that chance exceeds often enough to be counted."""
-    rng, steps, runs = np.random.default_rng(1), 400, 20_000
-    paths = np.cumsum(rng.normal(size=(runs, steps)), 1)
-    told = np.arange(1, steps + 1) / steps
+def test_the_chance_is_that_of_a_bridge() -> None:
+    """Running means of white noise against the last one: simulated, where chance exceeds it often enough to be counted."""
+    rng, steps, runs, c = np.random.default_rng(1), 400, 20_000, 3.0
+    told = np.arange(1, steps) / steps
     inside = (told > FIRST) & (told < LAST)
-    deviates = np.abs(paths / told - paths[:, -1:]) / steps / np.sqrt((1 / told - 1) / steps + 1e-12)
-    largest = deviates[:, inside].max(1)
-    normal, span, c = NormalDist(), np.log(LAST * (1 - FIRST) / (FIRST * (1 - LAST))), 3.0
-    expected = c * normal.pdf(c) * ((1 - c**-2) * span + 4 * c**-2)
-    assert 0.7 * expected < np.mean(largest > c) < 1.05 * expected  # a path in steps exceeds it less often
-    c = threshold()
-    assert c * normal.pdf(c) * ((1 - c**-2) * span + 4 * c**-2) == pytest.approx(share(DOUBTFUL, 10), rel=1e-6)
+    paths = np.cumsum(rng.normal(size=(runs, steps)), 1)
+    apart = np.abs(paths[:, :-1] / told - paths[:, -1:]) / steps
+    largest = (apart / np.sqrt((1 / told - 1) / steps))[:, inside].max(1)
+    assert 0.7 * by_chance(c) < np.mean(largest > c) < 1.05 * by_chance(c)  # a path in steps exceeds it less often
+    assert by_chance(threshold()) == pytest.approx(RATE / 10, rel=1e-6)
 
 
 def test_another_imu_from_some_moment_on_takes_the_cg_its_verdict() -> None:
@@ -56,4 +51,34 @@ def test_another_imu_from_some_moment_on_takes_the_cg_its_verdict() -> None:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_body_that_stays_the_same_is_so_to_the_log(seed: int) -> None:
-    assert changing(sound(seed).histories[0]) == {}
+    found = sound(seed)
+    assert changing(found.settled[0], found.samples.end_s, found.settled[0].values[-1]) == {}
+
+
+def test_stages_are_what_parts_of_the_log_give() -> None:
+    """Held against fits of the first part alone, which are about another estimate by second orders."""
+    found = sound(1)
+    stages = found.settled[0].stages
+    assert stages is not None
+    ends, mean, variance = stages()
+    assert np.abs(mean[-1] / np.sqrt(variance[-1])).max() < 0.01
+    at = len(ends) // 2
+    log = found.log.part(0, int(ends[at]))
+    part = faulty.examined(log, found.source.vehicle).settled[0]
+    last = found.settled[0].values[-1]
+    sigmas, apart = np.sqrt(variance[at]), part.values[-1] - last
+    np.testing.assert_allclose(mean[at][:9], apart[:9], atol=0.05 * sigmas[:9].max(), rtol=0.02)
+    np.testing.assert_allclose(sigmas[:9], part.sigmas[-1][:9], rtol=0.03)
+
+
+@pytest.mark.thorough
+def test_a_log_by_larger_blocks_has_the_same_stages() -> None:
+    """Of logs that are longer than is held, blocks end at the moments."""
+    flown = fly("free-flyer", "duration_s=240.0", RANDOM[1].replace("40.0", "240.0"))
+    settled = faulty.examined(flown.log(0), flown.vehicle).settled[0]
+    assert settled.stages is not None
+    ends, mean, variance = settled.stages()
+    assert ends[-1] == settled.cycles.stop
+    assert (np.diff(ends) > 0).all()
+    assert (np.abs(mean / np.sqrt(variance)) < 6).all()
+    assert (np.diff(variance, axis=0) < 1e-12 * variance[1:]).all()
