@@ -21,6 +21,8 @@ LONGEST, MOST = 128, 0.25
 """Most cycles that are left out, and the most of them as a part of all."""
 BEYOND = 8.0
 """Sigmas of chance beyond which a look leaves more than noise."""
+LEFT = 0.3
+"""Part of what is beyond noise that may be left without them."""
 NEAR = 3
 """Cycles, beside those whose commands are not known yet, within which a stretch begins with its phase."""
 
@@ -80,6 +82,8 @@ def border(screening: Screening, end_s: float) -> Border | None:
         return None
     sides = [_fewest(screening, most, begins) for begins in (True, False)]
     found = min((one for one in sides if one is not None), key=lambda one: one[0], default=None)
+    if found is not None and _beyond_noise(found[2]) > LEFT * _beyond_noise(screening):
+        return None  # what is left is spread over all of it: noise that was stated too small
     return None if found is None else _placed(screening, *found, end_s)
 
 

@@ -70,7 +70,8 @@ def otherwise(screening: Screening) -> list[Refit]:
             hypothesis = Hypothesis(code, (), none, states=states, further=further)
             begun = Fitted(hypothesis, screening.model, screening.stated.x, screening.stated.chi_square, np.zeros(0))
             found.append(tried(screening, begun))
-    return [refit for refit in found if refit is not None]
+    # such a fault leaves nothing once it is mended: beside a torque of its own it would be one of many that leave less
+    return [refit for refit in found if refit is not None and refit.screening is not None and not refit.screening.free.beside]
 
 
 def by_noise(screening: Screening) -> list[Refit]:
