@@ -62,9 +62,9 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
     carried = log.attitude_wxyz is not None and source.vehicle.pivoted
     # before anything else is doubted of a log that does not fit
     told = None if carried and (found.faults or found.unknown) else judged(found, mend.mended(found, say))
-    if carried and (told is None or not _fits(told)):
+    if carried and (told is None or not _explained(told)):
         again = _examined(_without_attitude(log, UNFIT), source, assignments, say)
-        if _fits(again):
+        if _explained(again):
             return again
     told = told or judged(found, mend.mended(found, say))
     if not told.faults and not _fits(told):
@@ -91,6 +91,11 @@ def _fits(found: Analysis) -> bool:
     """Whether nothing is known to be wrong with a log."""
     verdicts = {one.verdict for conclusion in found.conclusions for one in conclusion.estimates.values()}
     return not found.faults and "contradicted" not in verdicts and UNKNOWN not in {notice.code for notice in found.notices}
+
+
+def _explained(found: Analysis) -> bool:
+    """Whether nothing is, and its sigmas are those of what is stated."""
+    return _fits(found) and not any(found.discrepancies)
 
 
 def _without_attitude(log: Log, why: str) -> Log:

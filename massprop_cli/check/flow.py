@@ -27,9 +27,19 @@ from massprop_cli.result.schema import PhaseItem, Result
 
 IMU = ("gyro", "accel", "imu", "outliers")
 """How codes of notices about the IMU begin."""
-TIMING = ("delay-mismatch", "clock-drift", "thrust-lag", "thrust-rise", "long-interval", "cycle-period")
+TIMING = (
+    "delay-mismatch",
+    "clock-drift",
+    "thrust-lag",
+    "thrust-rise",
+    "long-interval",
+    "cycle-period",
+    "clock-rebuilt",
+    "records-doubled",
+    "timing-untold",
+)
 """Codes of notices that are about time."""
-NOTES = ("noise-floor", "long-interval", "unphysical-inertia", "no-docked-object", "docked-mass")
+NOTES = ("noise-floor", "long-interval", "clock-rebuilt", "records-doubled", "unphysical-inertia", "no-docked-object", "docked-mass")
 """Codes of notices beside which values hold."""
 QUIET = 0.5
 """Mean squared normalised innovation below which the stated noise is too large: sigmas are too."""
@@ -65,18 +75,19 @@ def of_table(
     """The same of a table and a vehicle at hand."""
     vehicle, place = source.vehicle, table.places.of
     found = sampling(_times(table, vehicle), place)
-    if any(one.grade == "unusable" for one in found):
-        # each is told already, and reading the log would tell the first of them again
-        return _told(table, vehicle, found, [], "", exits.INPUT)
+    unusable = any(one.grade == "unusable" for one in found)
     with np.errstate(all="ignore"):
         try:
             with vehiclefile.refused(table.path, source):
                 log = telemetry.read(table, vehicle)
+                # what is wrong with its times was put right, and is a notice of the log
+                found, unusable = [one for one in found if one.grade != "unusable"], False
                 found += seen(log, vehicle, place)
                 estimated = flow.examine(log, source, assignments, say)
                 told = build.result(estimated)
         except InputError as error:
-            return _told(table, vehicle, [*found, _unusable(str(error))], [], "", exits.INPUT)
+            # its times are told already
+            return _told(table, vehicle, found if unusable else [*found, _unusable(str(error))], [], "", exits.INPUT)
     found = with_estimate(found, estimated, told, vehicle)
     expected = _expected(told, wants)
     found += _idle(log, vehicle, expected)

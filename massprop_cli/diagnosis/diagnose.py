@@ -428,5 +428,5 @@ def _in_vain(screening: Screening) -> str:
     near = f"; nearest: {said} of the misfit" if said else ""
     scatter = jitter(screening.case.log.interval_s)
     if scatter > JITTER:
-        near += f"; records' intervals scatter by {100 * scatter:.2g} %: times of arrival? State even = true under the clock in a map"
+        near += f"; records' intervals scatter by {100 * scatter:.2g} %: times of arrival? State imu.clock_even = true"
     return f"log and vehicle file don't fit, cause unknown: what the model leaves is {screening.misfit:.3g} times pure error{near}"

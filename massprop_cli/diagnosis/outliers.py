@@ -33,6 +33,8 @@ TAIL = 5.0
 """There are no more than half as many readings between so many sigmas and ``SIGMAS`` as outliers: what shades off is a misfit."""
 SHARE = 0.015
 """Part of the rows that may be outliers."""
+SELDOM = 0.1
+"""Part of the records that may come late."""
 RETURNS = 0.5
 """Of a gyro's outlier, what may be left of the two steps together."""
 FARTHEST = 0.5
@@ -73,7 +75,17 @@ class Found(NamedTuple):
 
 def screened(log: Log, vehicle: Vehicle, samples: Stream, pieces: Sequence[slice]) -> tuple[Vehicle, list[Notice]]:
     """The vehicle with the times of what is not to be used in ``pieces`` where it doesn't state them, and what to tell of it."""
-    times, notices = {}, []
+    times, notices = {}, list[Notice]()
+    empty = _doubled(log)
+    if len(empty) and vehicle.imu.gyro_outliers_s is None and vehicle.imu.accel_outliers_s is None:
+        both = tuple(round(float(log.time_s[row]), 9) for row in np.unique(np.append(empty, empty + 1)).tolist())
+        where = f"{len(empty)} record(s), the first at row {int(empty[0])}, hold 0 throughout, and the next ones what both should have"
+        told = Notice(
+            "records-doubled", f"{where}: they came late; these and the next are not used (imu.gyro_outliers_s, accel_outliers_s)"
+        )
+        return vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update={"gyro_outliers_s": both, "accel_outliers_s": both})}), [
+            told
+        ]
     for sensor, found in zip(SENSORS, _search(log, vehicle, samples, pieces), strict=True):
         key = f"{sensor}_outliers_s"
         if getattr(vehicle.imu, key) is None and len(found.cycles):
@@ -88,6 +100,16 @@ def screened(log: Log, vehicle: Vehicle, samples: Stream, pieces: Sequence[slice
                 )
             )
     return vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=times)}) if times else vehicle, notices
+
+
+def _doubled(log: Log) -> IntArray:
+    """Rows whose increments came with those of the next: 0 in all that was logged, between others that are not."""
+    every = np.hstack([log.delta_theta_imu_rad, log.delta_v_imu_m_s])[:, list(log.axes)]
+    none = (every == 0).all(1)
+    alone = none & ~np.append(none[1:], True) & ~np.append(True, none[:-1])
+    if not log.rate_columns[0].startswith("delta") or none.sum() != alone.sum() or alone.sum() > SELDOM * len(none):
+        return np.zeros(0, dtype=int)
+    return np.flatnonzero(alone)
 
 
 def without(log: Log, vehicle: Vehicle) -> Log:

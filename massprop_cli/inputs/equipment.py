@@ -58,6 +58,11 @@ class Imu(Section):
         le=FASTEST_PPM,
         description="by how much the IMU's clock runs faster than that of the commands; they agree where the log begins",
     )
+    clock_even: bool | None = Field(
+        None,
+        description="true: records come at even intervals and none is missing, whatever their stamps; false: stamps hold as they are; "
+        "absent: where stamps are uneven the increments decide",
+    )
     position_m: Place = Field(ZERO, description="from O, body axes")
     position_sigma_m: NonNegative = Field(0.0, le=1.0, description="uncertainty of position_m, along each axis")
     body_from_imu: tuple[Vector, Vector, Vector] = Field(IDENTITY, description="rotation matrix by rows")

@@ -18,7 +18,7 @@ from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, BoolArray, frozen, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs import commands
+from massprop_cli.inputs import commands, stamps
 from massprop_cli.inputs.actuators.actuator import MomentumLog
 from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_V, GYRO, QUATERNION
 from massprop_cli.inputs.formats import agreement
@@ -166,9 +166,11 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     Raises :class:`InputError` with file, row (Parquet, from 0) or line (CSV), column, value and remedy.
     """
     source = LogTable(table, vehicle.columns)
-    time_s = source.required("time_s")
-    interval_s, notices = _intervals(source, time_s)
-    command_s = _command_times(source, time_s)
+    stamped = stamps.examined(source, vehicle, source.required("time_s"))
+    time_s = stamped.time_s
+    interval_s, notices = _intervals(source, time_s, stamped.remedy)
+    notices += [Notice("clock-rebuilt", f"{source.name('time_s')}: {stamped.message}")] if stamped.message else []
+    command_s = _command_times(source, time_s, stamped.moved_s)
     records, paced = _grouped(source, time_s, interval_s, command_s, vehicle.cycle.period_s)
     notices += paced
     n = table.rows // records * records
@@ -231,13 +233,16 @@ def _group(records: float, interval_s: float) -> int:
     return max(round(records / math.ceil(records * interval_s / LONGEST_S)), 1)
 
 
-def _command_times(source: LogTable, time_s: Array) -> Array | None:
-    """(M,) when commands were issued, where they have times of their own; their rows are then :attr:`LogTable.issued`."""
+def _command_times(source: LogTable, time_s: Array, moved_s: Array | None) -> Array | None:
+    """(M,) when commands were issued, where they have times of their own; their rows are then :attr:`LogTable.issued`.
+
+    ``moved_s`` (n,) is what was taken off the clock at each row.
+    """
     if not source.has(COMMAND_TIME):
         return None
-    stamps = source.optional(COMMAND_TIME)
-    rows = np.flatnonzero(~np.isnan(stamps))
-    found = stamps[rows]
+    issued_s = source.optional(COMMAND_TIME)
+    rows = np.flatnonzero(~np.isnan(issued_s))
+    found = issued_s[rows] - (0.0 if moved_s is None else moved_s[rows])
     if len(rows) < 2:
         raise InputError(f"{source.table.path}, column {source.name(COMMAND_TIME)}: {len(rows)} command(s); a log needs at least two")
     bad = np.flatnonzero(~np.isfinite(found))
@@ -346,7 +351,7 @@ def _by_yaw(theta: Array, vehicle: Vehicle, logged: Sequence[bool]) -> None:
         theta[part, ~read] = turned[:, None] * yaw[~read]
 
 
-def _intervals(source: LogTable, time_s: Array) -> tuple[Array, list[Notice]]:
+def _intervals(source: LogTable, time_s: Array, remedy: str = "") -> tuple[Array, list[Notice]]:
     if len(time_s) < 2:
         raise InputError(f"{source.table.path}: one row only; a log needs at least two control cycles")
     steps = np.diff(time_s)
@@ -354,7 +359,9 @@ def _intervals(source: LogTable, time_s: Array) -> tuple[Array, list[Notice]]:
     if back.size:
         row = int(back[0]) + 1
         verb = "stands still" if steps[back[0]] == 0 else "goes back"
-        raise source.error(row, "time_s", f"time {verb}: {time_s[row]:.9g} s after {time_s[row - 1]:.9g} s; sort or cut the log")
+        raise source.error(
+            row, "time_s", f"time {verb}: {time_s[row]:.9g} s after {time_s[row - 1]:.9g} s; {remedy or 'sort or cut the log'}"
+        )
     usual = median(steps)
     gap = np.flatnonzero(steps > GAP * usual)
     if gap.size:
@@ -362,7 +369,8 @@ def _intervals(source: LogTable, time_s: Array) -> tuple[Array, list[Notice]]:
         raise source.error(
             row,
             "time_s",
-            f"a gap of {steps[gap[0]]:.6g} s after {time_s[row - 1]:.9g} s (median interval {usual:.6g} s); split the log there",
+            f"a gap of {steps[gap[0]]:.6g} s after {time_s[row - 1]:.9g} s (median interval {usual:.6g} s); "
+            f"{remedy or 'split the log there'}",
         )
     long = np.flatnonzero(steps > LONG * usual)
     notices = []

@@ -23,7 +23,7 @@ _ROUNDED = 0.01
 """Part of the times that stand still, from which on it is no row that stands twice."""
 _USUAL = 0.98
 """Part of the steps, the shortest, that tell the usual one."""
-_WRAPS = {
+WRAPS = {
     **{
         2.0**bits * factor: f"its counter wraps: add 2^{bits} {unit} to all that follows"
         for bits in (16, 24, 31, 32)
@@ -68,7 +68,7 @@ def problem(times_s: Array, place: Callable[[int], str], zero_s: float, sensor: 
     if back.size:
         first = int(back[0])
         fallen = median(np.abs(steps)) - float(steps[first])
-        wrapped = next((cure for length, cure in _WRAPS.items() if abs(fallen / length - 1) < _WRAPPED), None)
+        wrapped = next((cure for length, cure in WRAPS.items() if abs(fallen / length - 1) < _WRAPPED), None)
         cure = wrapped or "name another clock, or sort and cut the recording"
         if (steps >= 0).all():
             cure = "drop the row that stands twice, or name another clock"

@@ -1,0 +1,329 @@
+"""Stamps of a log's records, examined by themselves: whose fault it is where they are not even, the clock's or the records'.
+
+The stamps are compared with an even clock, ``t_k = t_0 + k p + e_k``. Where their resolution explains all e_k, the clock is even. Else the
+increments decide: an increment over a stamped interval d_k is rate times d_k, one over an even interval rate times p. With
+
+    θ_k / p − θ_(k−1) / p = f(commands, rates) + β (ω_k δ_k − ω_(k−1) δ_(k−1)) / p,        δ_k = d_k − p,
+
+β is 1 where the records are as long as stamped, and 0 where only the stamps scatter; f is linear in the commanded wrench of this cycle and
+those before, whose coefficients are of no interest, and in products of the rates. Where a clock leaps, back or over more than a record, the
+same regression tells whether the motion goes on as if no record were missing. A leap that it leaves open stays: such a log is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, median
+from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V, GYRO, WRENCH, jet
+from massprop_cli.inputs.formats.clocks import WRAPS
+from massprop_cli.inputs.logtable import GAP, LONG, LogTable
+from massprop_cli.inputs.vehicle import Vehicle
+
+EXACT = 1e-4
+"""Part of the interval by which stamps may be off an even clock, and nothing is examined."""
+FAR = 0.1
+"""Part of the interval by which intervals must be off for the increments to be asked, where the stamps' resolution doesn't explain it."""
+LEAP = 0.75
+"""Records by which a clock's leap is more than scatter."""
+ROBUST = 1.4826
+SPANS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 24, 48)
+"""Records over which the usual interval is measured: packets of so many come evenly."""
+MOSTLY = 0.85
+"""Part of these intervals whose scatter is compared."""
+LEAST = 24
+"""Records below which nothing is examined."""
+WINDOW = 12
+"""Records at least on each side of a leap, whose earliest stamps are compared."""
+MOST = 50
+"""Leaps of one log."""
+ROWS = 4000
+"""Records on each side of a place that are regressed."""
+CYCLES = 5
+"""Control cycles for which a command may act."""
+SURE = 4.0
+"""Sigmas between what the increments say and the mean of both hypotheses."""
+SIGMAS, FURTHEST = 5.0, 5e-3
+"""Within which an interval is an equal part of a control cycle, and the most of it."""
+TOGETHER, MANY = 0.3, 0.3
+"""Records that follow another within this part of the interval come in packets, if at least this part of them does."""
+TWICE = 0.01
+"""Part of the stamps that stand still, up to which they are records that stand twice."""
+
+
+class Stamps(NamedTuple):
+    """What the records' times are."""
+
+    time_s: Array
+    """(n,) end of each record."""
+    moved_s: Array | None = None
+    """(n,) what is taken off the clock at each record where it leaps."""
+    message: str = ""
+    """What was found and done; empty where the stamps are as recorded."""
+    remedy: str = ""
+    """Where a leap is left: what to do."""
+
+
+class _Leap(NamedTuple):
+    row: int
+    by_s: float
+    wraps: bool
+
+
+class _Motion(NamedTuple):
+    """What predicts the growth of the rates."""
+
+    growth: Array
+    """(n, axes) of the mean rate from the record before, in units of its scatter."""
+    by: Array
+    """(n, m)"""
+    rate: Array | None
+    """(n, axes) smoothed, in units of the growth's scatter; None where records hold rates, to which stamps do nothing."""
+
+
+def examined(source: LogTable, vehicle: Vehicle, time_s: Array) -> Stamps:
+    """Times of the records, rebuilt where the stamps and not the records are uneven."""
+    stated = vehicle.imu.clock_even
+    steps = np.diff(time_s)
+    if stated is False or len(time_s) < LEAST:
+        return Stamps(time_s)
+    mean = float(steps.mean())
+    if mean > 0 and np.abs(steps - mean).max() <= EXACT * mean:
+        return Stamps(time_s)
+    usual_s, span = _usual(time_s)
+    if usual_s <= 0:
+        return Stamps(time_s)
+    if stated:
+        number = np.arange(len(time_s))
+        return Stamps(median(time_s - usual_s * number) + usual_s * number)
+    standing = np.flatnonzero(steps == 0)
+    if 0 < len(standing) <= TWICE * len(steps):
+        return Stamps(time_s)
+    return _decided(source, vehicle, time_s, usual_s, span)
+
+
+def _decided(source: LogTable, vehicle: Vehicle, time_s: Array, usual_s: float, span: int) -> Stamps:
+    leaps = _leaps(time_s, usual_s, span)
+    if leaps is None:
+        return Stamps(time_s)
+    moved, lost, said, remedy = np.zeros(len(time_s)), np.zeros(len(time_s)), [], ""
+    for leap in leaps:
+        records = leap.by_s / usual_s
+        single = 0 < records <= GAP - 1 and abs(records - 1) < 0.25
+        goes_on = leap.wraps or (not single and _goes_on(source, vehicle, leap, usual_s))
+        if goes_on:
+            moved[leap.row :] += leap.by_s
+            verb = "wraps" if leap.wraps else "was set"
+            said.append(f"the clock {verb} at {source.place(leap.row)}, by {leap.by_s:.9g} s")
+        elif 0 < records <= GAP - 1:
+            lost[leap.row :] += max(round(records), 1) if single else records
+        else:
+            remedy = "split the log there, or if no record is missing there state imu.clock_even = true"
+    if remedy:
+        return Stamps(time_s, None, "", remedy)
+    own = [leap.row for leap in leaps]
+    even, why = _even(source, vehicle, time_s - moved, usual_s, lost, own)
+    if not why and not said:
+        return Stamps(time_s)
+    found = even if why else time_s - moved
+    every = f"taken as coming every {median(np.diff(even)):.6g} s" if why else "put on one clock"
+    message = (
+        f"{'; '.join([*said, *([why] if why else [])])}. Records are {every}; stamp them by the IMU's own clock, or state "
+        "imu.clock_even = true (false: the stamps hold)"
+    )
+    return Stamps(found, moved if said else None, message)
+
+
+def _usual(time_s: Array) -> tuple[float, int]:
+    """The usual interval, and over how many records it comes most evenly: leaps, packets and scatter are left out."""
+    best, found, span = np.inf, 0.0, 1
+    for lag in SPANS:
+        if 4 * lag > len(time_s):
+            break
+        mean = (time_s[lag:] - time_s[:-lag]) / lag
+        middle = median(mean)
+        scatter = float(np.quantile(np.abs(mean - middle), MOSTLY))  # most of rounded stamps' intervals are the same
+        if scatter * lag**0.5 < best:
+            near = np.abs(mean - middle) <= max(3 * scatter, 1e-9 * abs(middle))
+            best, found, span = scatter * lag**0.5, float(mean[near].mean()), lag
+    return found, span
+
+
+def _leaps(time_s: Array, usual_s: float, span: int) -> list[_Leap] | None:
+    """Where the clock goes back or on by more than a record for good; None where stamps go back and return, or leap too often."""
+    steps = np.diff(time_s)
+    late = time_s - usual_s * np.arange(len(time_s))
+    found = []
+    for row in (np.flatnonzero((steps < 0) | (steps > LONG * usual_s)) + 1).tolist():
+        step = float(steps[row - 1])
+        width = min(max(WINDOW, int(3 * abs(step) / usual_s)), 400)
+        width = span * -(-width // span)
+        # what comes late takes no part in the earliest
+        by_s = float(late[row : row + width].min() - late[max(row - width, 0) : row].min())
+        if abs(by_s) < LEAP * usual_s:
+            if step < 0:
+                return None
+            continue
+        wrapped = next((length for length in WRAPS if abs(step + length - usual_s) < 0.5 * usual_s and length > 10 * usual_s), None)
+        found.append(_Leap(row, -wrapped if wrapped else by_s, wrapped is not None))
+        late[row:] -= found[-1].by_s
+        if len(found) > MOST:
+            return None
+    return found
+
+
+def _even(source: LogTable, vehicle: Vehicle, time_s: Array, usual_s: float, lost: Array, leaps: Sequence[int]) -> tuple[Array, str]:
+    """Times on an even clock, and why; the reason is empty where the stamps hold."""
+    number = np.arange(len(time_s)) + lost
+    tick, line = _resolution(time_s), np.polyval(np.polyfit(number, time_s, 1), number)
+    if EXACT * usual_s < np.abs(time_s - line).max() <= 0.75 * tick:
+        return line, f"the stamps are rounded to {tick:.3g} s"
+    usual_s = _nominal(time_s, number, vehicle.cycle.period_s)
+    away = time_s - usual_s * number
+    away -= median(away)
+    off = np.diff(time_s, prepend=time_s[0] - usual_s) - usual_s
+    off[[0, *leaps]] = 0.0
+    even = time_s - away
+    if np.abs(off).max() <= EXACT * usual_s:
+        return time_s, ""
+    if np.abs(off).max() <= FAR * usual_s:
+        return time_s, ""
+    follows = _follows(source, vehicle, off, usual_s, leaps)
+    scatter = float(np.std(off))
+    if follows is None and float(np.std(away)) > 1.5 * scatter:
+        return time_s, ""  # what each interval adds is not taken back: records of other lengths
+    if follows is not None and follows[0] > 0.5:
+        return time_s, ""
+    steps, bursts = off + usual_s, float(np.mean(off < (TOGETHER - 1) * usual_s)) > MANY
+    few = float(np.mean(np.abs(off) > FAR * usual_s)) < 0.1
+    what = "come in packets" if bursts else "step" if few else "scatter"
+    why = f"the stamps {what} (intervals of {steps[1:].min():.3g} to {steps[1:].max():.3g} s)"
+    if follows is not None:
+        why += f" and the increments do not follow them (by {follows[0]:.2g} ± {follows[1]:.2g} of 1)"
+    return even, why
+
+
+def _nominal(time_s: Array, number: Array, period_s: float) -> float:
+    """The interval of an even clock: an equal part of the control cycle where the stamps allow it, else as they have it."""
+    slope = float(np.polyfit(number, time_s, 1)[0])
+    # of stamps that step, as of a random walk: those that scatter about their times tell it better
+    error = float(np.std(np.diff(time_s) - slope * np.diff(number))) * len(time_s) ** -0.5
+    nominal = period_s / max(round(period_s / slope), 1)
+    return nominal if abs(nominal - slope) < min(SIGMAS * error + EXACT * nominal, FURTHEST * nominal) else slope
+
+
+def _resolution(time_s: Array) -> float:
+    """The coarsest steps in which all stamps are, s: of float32, or of decimals."""
+    top = np.abs(time_s[[0, -1]]).max()
+    if (time_s.astype(np.float32) == time_s).all():
+        return float(np.spacing(np.float32(top)))
+    for power in range(7):
+        counts = time_s * 10.0**power
+        if np.abs(counts - np.round(counts)).max() < 1e-3:
+            return float(10.0**-power)
+    return 0.0
+
+
+def _follows(source: LogTable, vehicle: Vehicle, off_s: Array, usual_s: float, leaps: Sequence[int]) -> tuple[float, float] | None:
+    """β and its sigma: by how much increments follow the stamped intervals. None where the motion doesn't tell."""
+    place = int(np.argmax(np.abs(off_s)))
+    part = slice(max(place - ROWS, 0), min(place + ROWS, len(off_s)))
+    motion = _motion(source, vehicle, usual_s, part)
+    if motion is None or motion.rate is None:
+        return None
+    share = (off_s[part] / usual_s)[:, None] * motion.rate
+    uneven = np.diff(share, axis=0, prepend=share[:1])
+    used = np.ones(len(share), dtype=bool)
+    used[[0, *(row - part.start for row in leaps if part.start <= row < part.stop)]] = False
+    left = [_left(motion.by[used], one[used]) for one in (motion.growth, uneven)]
+    growth, by = (one.ravel() for one in left)
+    size = float(by @ by)
+    if size == 0:
+        return None
+    beta = float(by @ growth) / size
+    sigma = float(np.sqrt(((by * (growth - beta * by)) ** 2).sum())) / size
+    return (beta, sigma) if abs(beta - 0.5) > SURE * sigma else None
+
+
+def _left(by: Array, of: Array) -> Array:
+    """What a regression leaves."""
+    found: Array = of - by @ np.linalg.lstsq(by, of, rcond=1e-9)[0]
+    return found
+
+
+def _goes_on(source: LogTable, vehicle: Vehicle, leap: _Leap, usual_s: float) -> bool:
+    """Whether the motion goes on over a leap as over any other step, where it hardly would if records were missing."""
+    rows = source.table.rows
+    part = slice(max(leap.row - ROWS, 0), min(leap.row + ROWS, rows))
+    motion, at = _motion(source, vehicle, usual_s, part), leap.row - part.start
+    if motion is None:
+        return False
+    used = np.ones(len(motion.by), dtype=bool)
+    used[[0, at]] = False
+    solved = np.linalg.lstsq(motion.by[used], motion.growth[used], rcond=1e-9)[0]
+    left = motion.growth - motion.by @ solved
+    scale = ROBUST * np.array([median(np.abs(column)) for column in left[used].T])
+    scale = np.maximum(scale, 1e-12)
+    far = ((left / scale) ** 2).sum(1)
+    usual = float(np.quantile(far[used], 0.99))
+    if far[at] > usual:
+        return False
+    # from the record before to any other: how many would look as well
+    level = np.cumsum(motion.growth, 0)
+    level[at:] -= motion.growth[at]
+    away = level - level[at - 1] - motion.by[at] @ solved
+    apart = np.abs(np.arange(len(away)) - at) > WINDOW
+    return bool(np.mean(((away[apart] / scale) ** 2).sum(1) <= usual) < 0.02)
+
+
+def _motion(source: LogTable, vehicle: Vehicle, usual_s: float, part: slice) -> _Motion | None:
+    """Growth of the rates and what may predict it; None where there are no three rates, or too few records for the commands."""
+    increments = all(source.has(name) for name in DELTA_THETA)
+    names = DELTA_THETA if increments else GYRO
+    if not all(source.has(name) for name in names):
+        return None
+    rate = np.stack([source.optional(name)[part] for name in names], 1) / (usual_s if increments else 1.0)
+    pushed = _pushed(source, vehicle, part)
+    if not np.isfinite(rate).all():
+        return None
+    lags = 1 + CYCLES * max(round(vehicle.cycle.period_s / usual_s), 1)
+    products = np.stack([rate[:, i] * rate[:, j] for i in range(3) for j in range(i + 1)], 1)
+    before = [np.vstack([np.zeros((lag, pushed.shape[1])), pushed[: len(pushed) - lag]]) for lag in range(lags)]
+    by = np.hstack([*before, products, np.roll(products, 1, 0), np.ones((len(rate), 1))])
+    felt = _felt(source, vehicle, part, usual_s)
+    if felt is not None:
+        by = np.hstack([by, felt])
+    size = np.sqrt((by**2).mean(0))
+    by = by[:, size > 0] / size[size > 0]
+    if 3 * by.shape[1] > len(by):
+        return None
+    smooth = np.stack([np.convolve(column, np.ones(7) / 7, "same") for column in rate.T], 1) if increments else None
+    growth = np.diff(rate, axis=0, prepend=rate[:1])
+    return _Motion(growth, by, smooth)
+
+
+def _felt(source: LogTable, vehicle: Vehicle, part: slice, usual_s: float) -> Array | None:
+    """(n, 3) the vertical in IMU axes where a vehicle stands on the ground: what its weight turns it by."""
+    if vehicle.environment.kind == "free" or not all(source.has(name) for name in DELTA_V):
+        return None
+    found: Array = np.stack([source.optional(name)[part] for name in DELTA_V], 1) / usual_s
+    return found if np.isfinite(found).all() else None
+
+
+def _pushed(source: LogTable, vehicle: Vehicle, part: slice) -> Array:
+    """(n, up to 6) the commanded wrench about O in the rows in which it stands, zeros in the others."""
+    found: Array
+    if all(not source.has(name) for name in WRENCH):
+        each = [one for one in vehicle.jets if source.has(jet(one.name))]
+        if not each:
+            return np.zeros((part.stop - part.start, 0))
+        on_s = np.stack([source.optional(jet(one.name))[part] for one in each], 1)
+        force = np.array([one.force_n for one in each])
+        arm = np.array([one.position_m for one in each])
+        found = np.nan_to_num(on_s) @ np.hstack([np.cross(arm, force), force])
+    else:
+        found = np.nan_to_num(np.stack([source.optional(name)[part] for name in WRENCH if source.has(name)], 1))
+    return found[:, np.abs(found).max(0) > 0]

@@ -1,0 +1,117 @@
+"""Uneven stamps are told from uneven records by the increments, and put right; true gaps stay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from massprop_cli import job
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.flow import Analysis
+
+SAMPLE = Path(__file__).parents[2] / "sample_logs" / "free-flyer"
+ROWS, STEP_S = 600, 0.05
+Change = Callable[[Array], Array]
+
+
+def examined(tmp_path: Path, change: Change, keep: slice | Array = slice(None)) -> Analysis:
+    """What is found in the first 30 s of the free flyer's log with other stamps, or without some rows."""
+    table = pq.read_table(SAMPLE / "log.parquet")[:ROWS]
+    columns = {name: table.column(name).to_numpy()[keep] for name in table.column_names}
+    columns["time_s"] = change(np.asarray(table.column("time_s"), float))[keep]
+    path = tmp_path / "log.parquet"
+    pq.write_table(pa.table(columns), path)
+    return job.of_file(path, SAMPLE / "vehicle.toml").analysis
+
+
+def packets(time_s: Array) -> Array:
+    """Two in each: 98, 2, 98, 2 ms."""
+    stamps = time_s.copy()
+    stamps[::2] = time_s[1::2] - 0.002
+    return stamps
+
+
+def arrival(time_s: Array) -> Array:
+    late: Array = np.maximum.accumulate(time_s + np.random.default_rng(1).exponential(0.01, len(time_s)))
+    return late + 1e-9 * np.arange(len(time_s))
+
+
+def steps(time_s: Array) -> Array:
+    stamps, rng = time_s.copy(), np.random.default_rng(2)
+    for at in rng.integers(20, ROWS - 20, 12):
+        stamps[at:] += rng.choice([-1, 1]) * 0.4 * STEP_S
+    return stamps
+
+
+def in_float32(time_s: Array) -> Array:
+    return np.asarray(np.asarray(time_s + 500.0, np.float32), float)
+
+
+def wraps(time_s: Array) -> Array:
+    wrapped: Array = np.mod(time_s + 2.0**32 * 1e-6 - 12.3, 2.0**32 * 1e-6)
+    return wrapped
+
+
+def begins_again(time_s: Array) -> Array:
+    stamps = time_s.copy()
+    stamps[250:] -= time_s[250] - 0.04
+    return stamps
+
+
+@pytest.mark.parametrize("change", [packets, arrival, steps, in_float32, wraps, begins_again])
+def test_a_clock_that_is_at_fault_is_put_right_and_said(change: Change, tmp_path: Path) -> None:
+    right = examined(tmp_path, lambda time_s: time_s)
+    found = examined(tmp_path, change)
+    assert [notice.code for notice in found.notices] == ["clock-rebuilt"]
+    apart = (found.histories[0].values[-1] - right.histories[0].values[-1]) / right.histories[0].sigmas[-1]
+    assert np.abs(apart[:9]).max() < 0.3
+
+
+@pytest.mark.parametrize("restarts", [False, True])
+def test_a_gap_stays_one(restarts: bool, tmp_path: Path) -> None:
+    """Fifty records are missing, whatever the clock says of it."""
+    keep = np.r_[:200, 250:ROWS]
+    change = (lambda time_s: np.where(np.arange(ROWS) < 250, time_s, time_s - time_s[250] + 0.02)) if restarts else (lambda time_s: time_s)
+    with pytest.raises(InputError, match="split the log there"):
+        examined(tmp_path, change, keep)
+
+
+def test_records_that_are_as_long_as_their_stamps_say_are_left_as_they_are(tmp_path: Path) -> None:
+    """Of a log whose increments follow: every tenth record is longer by a quarter, and the next one shorter."""
+    table = pq.read_table(SAMPLE / "log.parquet")[:ROWS]
+    time_s = np.asarray(table.column("time_s"), float)
+    uneven = time_s + np.where(np.arange(ROWS) % 10, 0.0, STEP_S / 4)
+    share = np.diff(uneven, prepend=0.0) / STEP_S
+    columns = {name: table.column(name).to_numpy() for name in table.column_names}
+    for name in columns:
+        if name.startswith("delta"):
+            columns[name] = columns[name] * share
+    path = tmp_path / "log.parquet"
+    pq.write_table(pa.table(columns | {"time_s": uneven}), path)
+    found = job.of_file(path, SAMPLE / "vehicle.toml").analysis
+    assert "clock-rebuilt" not in [notice.code for notice in found.notices]
+
+
+def test_records_that_came_with_the_next_are_not_used(tmp_path: Path) -> None:
+    table = pq.read_table(SAMPLE / "log.parquet")[:ROWS]
+    columns = {name: table.column(name).to_numpy().copy() for name in table.column_names}
+    rows = np.array([100, 222, 311, 450])
+    for name, values in columns.items():
+        if name.startswith("delta"):
+            values[rows + 1] += values[rows]
+            values[rows] = 0.0
+            columns[name] = values
+    path = tmp_path / "log.parquet"
+    pq.write_table(pa.table(columns), path)
+    found = job.of_file(path, SAMPLE / "vehicle.toml").analysis
+    (said,) = found.notices
+    assert (said.code, "4 record(s), the first at row 100" in said.message) == ("records-doubled", True)
+    right = examined(tmp_path, lambda time_s: time_s)
+    apart = (found.histories[0].values[-1] - right.histories[0].values[-1]) / right.histories[0].sigmas[-1]
+    assert np.abs(apart[:9]).max() < 1.5
