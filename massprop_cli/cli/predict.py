@@ -35,7 +35,7 @@ def predict(
 
     Examples:
         massprop predict massprop-out/monday friday.parquet
-        massprop predict massprop-out/monday friday.parquet --vehicle vehicle.toml --limit 0.99 --json
+        massprop predict massprop-out/monday friday.parquet --vehicle friday/vehicle.toml --limit 0.99 --json
     """
     if not 0 < limit < 1:
         raise UsageError(f"--limit {limit}: give a confidence level between 0 and 1, such as 0.95")

@@ -76,7 +76,9 @@ def settle(
         left.value[part], left.sigma[part] = residual(regression, before, taken, phi)
         told.add(rows.ending(regression.row(last.run)) if after.at == cycles.stop else rows)
         passed += [after] if len(passed) < STAGES and after.at >= stops[len(passed)] else []
-    history = replace(told.history(phase, last.run.estimate), residual=left, stages=partial(_stages, regression, last, passed))
+    # of a long phase they are had at once, and nothing of it is held for them
+    stages = partial(_stages, regression, last, passed) if last.held else partial(Stages, *_stages(regression, last, passed))
+    history = replace(told.history(phase, last.run.estimate), residual=left, stages=stages)
     return Settled(history, last.stands, last.run.bound)
 
 

@@ -50,8 +50,8 @@ SIGMAS, FURTHEST = 5.0, 5e-3
 """Within which an interval is an equal part of a control cycle, and the most of it."""
 TOGETHER, MANY = 0.3, 0.3
 """Records that follow another within this part of the interval come in packets, if at least this part of them does."""
-TWICE = 0.01
-"""Part of the stamps that stand still, up to which they are records that stand twice."""
+TWICE, STILL = 0.01, 1e-6
+"""Part of the stamps that stand still, up to which they are records that stand twice; part of the interval that is none."""
 
 
 class Stamps(NamedTuple):
@@ -99,8 +99,10 @@ def examined(source: LogTable, vehicle: Vehicle, time_s: Array) -> Stamps:
     if stated:
         number = np.arange(len(time_s))
         return Stamps(median(time_s - usual_s * number) + usual_s * number)
-    standing = np.flatnonzero(steps == 0)
-    if 0 < len(standing) <= TWICE * len(steps):
+    standing = np.flatnonzero(np.abs(steps) < STILL * usual_s)
+    beside = np.append(standing, standing + 1).clip(0, len(steps) - 1)
+    others = np.abs(np.delete(steps, np.append(beside, (standing - 1).clip(0))) - usual_s)
+    if 0 < len(standing) <= max(TWICE * len(steps), 2) and others.max(initial=0.0) <= FAR * usual_s:
         return Stamps(time_s)
     return _decided(source, vehicle, time_s, usual_s, span)
 
@@ -121,7 +123,7 @@ def _decided(source: LogTable, vehicle: Vehicle, time_s: Array, usual_s: float, 
         elif 0 < records <= GAP - 1:
             lost[leap.row :] += max(round(records), 1) if single else records
         else:
-            remedy = "split the log there, or if no record is missing there state imu.clock_even = true"
+            remedy = ", or if no record is missing there state imu.clock_even = true"
     if remedy:
         return Stamps(time_s, None, "", remedy)
     own = [leap.row for leap in leaps]

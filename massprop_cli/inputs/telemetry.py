@@ -359,9 +359,7 @@ def _intervals(source: LogTable, time_s: Array, remedy: str = "") -> tuple[Array
     if back.size:
         row = int(back[0]) + 1
         verb = "stands still" if steps[back[0]] == 0 else "goes back"
-        raise source.error(
-            row, "time_s", f"time {verb}: {time_s[row]:.9g} s after {time_s[row - 1]:.9g} s; {remedy or 'sort or cut the log'}"
-        )
+        raise source.error(row, "time_s", f"time {verb}: {time_s[row]:.9g} s after {time_s[row - 1]:.9g} s; sort or cut the log{remedy}")
     usual = median(steps)
     gap = np.flatnonzero(steps > GAP * usual)
     if gap.size:
@@ -369,8 +367,7 @@ def _intervals(source: LogTable, time_s: Array, remedy: str = "") -> tuple[Array
         raise source.error(
             row,
             "time_s",
-            f"a gap of {steps[gap[0]]:.6g} s after {time_s[row - 1]:.9g} s (median interval {usual:.6g} s); "
-            f"{remedy or 'split the log there'}",
+            f"a gap of {steps[gap[0]]:.6g} s after {time_s[row - 1]:.9g} s (median interval {usual:.6g} s); split the log there{remedy}",
         )
     long = np.flatnonzero(steps > LONG * usual)
     notices = []

@@ -152,7 +152,6 @@ def write(flight: Flight, member: int, scenario: Scenario, folder: Path, kind: K
     other = folder / f"log.{'csv' if kind == 'parquet' else 'parquet'}"
     if other.exists():
         raise InputError(f"{other}: another log is in the way; move it, or choose another folder", option="out")
-    folder.mkdir(parents=True, exist_ok=True)
     with files.staged(folder) as stage:
         _save(stage, flight, member, scenario, kind)
         stage.place()

@@ -50,6 +50,8 @@ massprop estimate log.parquet -q --out baseline/log
 for name in alone docked; do massprop simulate $([ $name = alone ] && echo testbed || echo testbed-joined) -q --out at-$name; done
 for name in alone docked; do massprop estimate at-$name/log.parquet -q --out $name; done
 massprop batch flights -q
+massprop simulate free-flyer -q --seed 7 --out friday && cp friday/log.parquet friday.parquet
+massprop estimate flights/seed-0001/log.parquet -q --out massprop-out/monday
 massprop simulate pedestal -q --out table && massprop estimate table/log.parquet -q --out before
 massprop simulate pedestal -q --seed 2 --set truth.cg_x=0.0 --set truth.cg_y=0.0 --out moved
 massprop estimate moved/log.parquet -q --out after
