@@ -9,6 +9,8 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 
+AT_ONCE = 512
+"""Cycles whose products are held at once."""
 CANCELLED = 1e-12
 """Part of what each channel makes alone below which their sum is rounding."""
 
@@ -59,5 +61,11 @@ class Wrenches(NamedTuple):
 
 def wrenches(integral: Array, moment: Array, duration: Array, each: tuple[Array, Array, Array], wrench: Array) -> Wrenches:
     """Of integrals, moments and ``duration`` as :func:`windows` takes them, and of ``each`` of three windows; :func:`net` of all."""
-    late = moment / (duration / integral.shape[1])[:, None, None] - integral / 2
-    return Wrenches(*net(np.stack([integral, late]), wrench), *net(np.stack(each), wrench))
+    parts = []
+    for first in range(
+        0, max(len(duration), 1), AT_ONCE
+    ):  # of many channels and bins the products are several times as large as their sums
+        own = slice(first, first + AT_ONCE)
+        late = moment[own] / (duration[own] / integral.shape[1])[:, None, None] - integral[own] / 2
+        parts.append((*net(np.stack([integral[own], late]), wrench), *net(np.stack([one[own] for one in each]), wrench)))
+    return Wrenches(*map(np.concatenate, zip(*parts, strict=True)))
