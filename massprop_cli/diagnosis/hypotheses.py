@@ -153,28 +153,21 @@ def units(model: Model, record_s: float, increments: bool) -> list[Hypothesis]:
     """Other units of a sensor, of some of its axes or of all; increments for rates, or the other way, over records of ``record_s``."""
     # of numbers that stand for rates in columns of increments they show as much more as a record is short, and the other way round
     kind, held = (1 / record_s, "hold rates, not increments") if increments else (record_s, "hold increments, not rates")
-    none, every = np.zeros((len(model.stated), 0)), tuple(AXES)
+    none = np.zeros((len(model.stated), 0))
     some = [axes for count in (1, 2, 3) for axes in itertools.combinations(AXES, count)]
-    of_gyro = [(axes, 1 / DEGREE, "are in degrees, not radians") for axes in some] + [(every, DEGREE, "were turned into radians twice")]
-    of_accel = [(axes, 1 / GRAVITY, "are in g") for axes in some]
+
+    def of(sensor: str, axes: Sequence[str], words: str) -> tuple[str]:
+        which = "" if len(axes) == len(AXES) else f" of {' and '.join(axes)}"
+        return (f"{sensor} columns{which} {words}",)
 
     def turned(axes: Sequence[str], factor: float) -> Array:
         shows: Array = model.mounting @ np.diag([factor if axis in axes else 1.0 for axis in AXES]) @ model.mounting.T
         return shows
 
-    def named(sensor: str, axes: Sequence[str]) -> str:
-        return f"{sensor} columns" if len(axes) == len(AXES) else f"{sensor} {' and '.join(axes)} column{'s'[: len(axes) - 1]}"
-
-    def said(words: str, axes: Sequence[str]) -> str:
-        return words if len(axes) > 1 else {"are in": "is in"}.get(words[:6], words[:6]) + words[6:]
-
-    gyro = [
-        Hypothesis("gyro-units", (f"{named('gyro', axes)} {said(words, axes)}",), none, gyro=turned(axes, factor))
-        for axes, factor, words in of_gyro
-    ]
+    gyro = [Hypothesis("gyro-units", of("gyro", axes, "are in degrees, not radians"), none, gyro=turned(axes, 1 / DEGREE)) for axes in some]
+    gyro.append(Hypothesis("gyro-units", of("gyro", AXES, "were turned into radians twice"), none, gyro=turned(AXES, DEGREE)))
     accel = [
-        Hypothesis("accel-units", (f"{named('accelerometer', axes)} {said(words, axes)}",), none, accelerometer=turned(axes, factor))
-        for axes, factor, words in of_accel
+        Hypothesis("accel-units", of("accelerometer", axes, "are in g"), none, accelerometer=turned(axes, 1 / GRAVITY)) for axes in some
     ]
     kinds = [
         Hypothesis(

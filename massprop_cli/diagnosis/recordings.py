@@ -139,5 +139,6 @@ def _limits(case: Case) -> tuple[States, tuple[States, ...]] | None:
             left, parts = best
             now = float(parts[which[0]])
             bent = (tried(parts, which, now - NEAR)[0] - 2 * left + tried(parts, which, now + NEAR)[0]) / NEAR**2
-            further.append(states(tried(parts, which, now + (2 / max(bent, FLAT)) ** 0.5)[1]))
+            sigma = (2 / max(bent, FLAT)) ** 0.5 if np.isfinite(bent) else NEAR
+            further.append(states(tried(parts, which, now + sigma)[1]))
     return (states(parts), tuple(further)) if further else None

@@ -85,7 +85,7 @@ class _Motion(NamedTuple):
 
 
 def examined(source: LogTable, vehicle: Vehicle, time_s: Array) -> Stamps:
-    """Times of the records, rebuilt where the stamps and not the records are uneven."""
+    """Times of the records, rebuilt where the stamps (n,), s, and not the records are uneven."""
     stated = vehicle.imu.clock_even
     steps = np.diff(time_s)
     if stated is False or len(time_s) < LEAST:
@@ -97,8 +97,7 @@ def examined(source: LogTable, vehicle: Vehicle, time_s: Array) -> Stamps:
     if usual_s <= 0:
         return Stamps(time_s)
     if stated:
-        number = np.arange(len(time_s))
-        return Stamps(median(time_s - usual_s * number) + usual_s * number)
+        return Stamps(_on_even_clock(time_s, np.arange(len(time_s), dtype=float), vehicle.cycle.period_s))
     standing = np.flatnonzero(np.abs(steps) < STILL * usual_s)
     beside = np.append(standing, standing + 1).clip(0, len(steps) - 1)
     others = np.abs(np.delete(steps, np.append(beside, (standing - 1).clip(0))) - usual_s)
@@ -183,14 +182,10 @@ def _even(source: LogTable, vehicle: Vehicle, time_s: Array, usual_s: float, los
     tick, line = _resolution(time_s), np.polyval(np.polyfit(number, time_s, 1), number)
     if EXACT * usual_s < np.abs(time_s - line).max() <= 0.75 * tick:
         return line, f"the stamps are rounded to {tick:.3g} s"
-    usual_s = _nominal(time_s, number, vehicle.cycle.period_s)
-    away = time_s - usual_s * number
-    away -= median(away)
+    even = _on_even_clock(time_s, number, vehicle.cycle.period_s)
+    away, usual_s = time_s - even, median(np.diff(even))
     off = np.diff(time_s, prepend=time_s[0] - usual_s) - usual_s
     off[[0, *leaps]] = 0.0
-    even = time_s - away
-    if np.abs(off).max() <= EXACT * usual_s:
-        return time_s, ""
     if np.abs(off).max() <= FAR * usual_s:
         return time_s, ""
     follows = _follows(source, vehicle, off, usual_s, leaps)
@@ -206,6 +201,13 @@ def _even(source: LogTable, vehicle: Vehicle, time_s: Array, usual_s: float, los
     if follows is not None:
         why += f" and the increments do not follow them (by {follows[0]:.2g} ± {follows[1]:.2g} of 1)"
     return even, why
+
+
+def _on_even_clock(time_s: Array, number: Array, period_s: float) -> Array:
+    """(n,) times of records that are so many intervals from the first (n,), through the middle of their stamps."""
+    every = _nominal(time_s, number, period_s) * number
+    found: Array = median(time_s - every) + every
+    return found
 
 
 def _nominal(time_s: Array, number: Array, period_s: float) -> float:
