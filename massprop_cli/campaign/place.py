@@ -49,7 +49,13 @@ class LocalPlace:
     def lock(self) -> Iterator[None]:
         """Held by the kernel for as long as this process lives, so a killed batch leaves none behind."""
         check_own(self.folder, [name for name in _TABLES if not (self.folder / name).is_dir()], RESULTS)
-        with files.writing(self.folder), files.made(self.folder / RESULTS), files.lock(self.folder / _LOCK, self.folder, 0.0):
+        # the folder of results under the lock: who is turned away would clear it away while it is empty
+        with (
+            files.writing(self.folder),
+            files.made(self.folder),
+            files.lock(self.folder / _LOCK, self.folder, 0.0),
+            files.made(self.folder / RESULTS),
+        ):
             taken = [name for name in _TABLES if (self.folder / name).is_dir()]
             if taken:
                 raise InputError(f"{self.folder / taken[0]}: is a folder; move it, or choose another folder", option="out")
