@@ -1,4 +1,4 @@
-"""Members of a scenario on their way: one control cycle after the other, from what is commanded to what the IMU senses."""
+"""Members of a scenario on their way: one control cycle, or a few, after the other, from what is commanded to what the IMU senses."""
 
 from collections.abc import Mapping, Sequence
 
@@ -31,6 +31,8 @@ AHEAD = 512
 """So many cycles of all members together are executed at once, where nothing that is sensed changes the commands."""
 FINE = 100
 """... where the IMU is sampled or filtered: a pulse that ends within a bin is taken as spread over it."""
+TOGETHER = 8
+"""So many cycles are flown as one where nothing that is sensed or done in one decides on the next."""
 STREAMS = ("plan", "pulses", "gyro", "accelerometer", "disturbance", "attitude")
 """Each has random numbers of its own, so that switching one off leaves the others as they were."""
 
@@ -50,7 +52,7 @@ class Change:
 
 
 class Cycles:
-    """S members, K cycles of N records, body axes; :meth:`fly` takes one cycle after the other, in their order."""
+    """S members, K cycles of N records, body axes; :meth:`fly` takes a few cycles after the others, in their order."""
 
     def __init__(
         self,
@@ -68,7 +70,7 @@ class Cycles:
         scenario = self.scenario = source.scenario
         rngs = self.rngs = {name: [np.random.default_rng([seed, i]) for seed in seeds] for i, name in enumerate(STREAMS)}
         self.members, self.period = len(seeds), scenario.vehicle.cycle.period_s
-        bins = _bins(scenario)
+        bins = self.bins = _bins(scenario)
         self.width = self.period / bins
         self.allocated = mission.allocation(source)
         self.plan = mission.plan(scenario, self.allocated, rngs["plan"]) if issued is None else None
@@ -95,7 +97,9 @@ class Cycles:
         """(S, K + 1, 3) at the edges of cycles, rad/s."""
         initial = np.array(scenario.vehicle.environment.initial_attitude_wxyz)
         self.attitude[:, 0], self.rate[:, 0] = initial, scenario.initial.rate_rad_s
-        self.onboard = None if issued is not None else _onboard(source, np.repeat(initial[:, None], self.members, 1), running)
+        alone = not self.open_loop or self.exchange.kinds or scenario.fuel or (scenario.modelled and issued is None)
+        self.together = 1 if alone else TOGETHER
+        self.onboard = _onboard(source, np.repeat(initial[:, None], self.members, 1), running) if alone and issued is None else None
         self.modelled = np.zeros((self.members, scenario.cycles if scenario.modelled and issued is None else 0, 10))
         """(S, K, 10) what the control took the body to be in each cycle; none without a model."""
         self.position = np.array(scenario.vehicle.imu.position_m)
@@ -104,12 +108,15 @@ class Cycles:
         """(S, 10) quantities of the bodies as they are now."""
         return truth.values(self.body)
 
-    def fly(self, k: int) -> None:
-        """Cycle k: events, commands, what executes, motion, what the IMU senses, fuel."""
+    def fly(self, k: int) -> int:
+        """Cycle k and those flown as one with it: events, commands, what executes, motion, what the IMU senses, fuel. The next cycle."""
         jump = self._begin(k)
         self._command(k)
-        mean, gathered, burn_s = self._execute(k)
-        disturbing = self.torque[:, :, k, None]
+        # no group of cycles depends on how many members there are, or on what comes after it
+        breaks = self.scenario.cycles, *self.events, *self.changes
+        until = min(k - k % self.together + self.together, *(cycle for cycle in breaks if cycle > k))
+        mean, gathered, burn_s = self._execute(k, until)
+        disturbing = np.repeat(self.torque[:, :, k:until], self.bins, -1)
         mean[:3] += disturbing
         gathered[:3] += disturbing * (self.width / 2)
         spin = self.exchange.spin(k, self.rate[:, k].T, mean.shape[-1])
@@ -120,10 +127,13 @@ class Cycles:
         wrench = Wrench(mean, gathered, spin.momentum, spin.torque, self.damping)
         motion = dynamics.advance(self.rate[:, k].T, dynamics.fixed(here), wrench, self.width)
         self.exchange.log(k, motion)
-        self.rate[:, k + 1] = motion.rate_end.T
-        self.attitude[:, k * self.records + 1 : (k + 1) * self.records + 1] = _attitudes(here, motion, self.width, self.records)
-        self._sense(k, motion, dynamics.specific_force(motion, mean[3:], self.position, self.width), jump)
+        self.rate[:, k + 1 : until + 1] = motion.ends.reshape(3, self.members, until - k, -1)[..., -1].transpose(1, 2, 0)
+        records = slice(k * self.records + 1, until * self.records + 1)
+        self.attitude[:, records] = _attitudes(here, motion, self.width, records.stop - records.start)
+        self._sense(slice(k, until), motion, dynamics.specific_force(motion, mean[3:], self.position, self.width), jump)
         self._burn(k, burn_s)
+        self._check_motion(k, until)
+        return until
 
     def _dynamics(self) -> Dynamics:
         """Of the bodies as they are now."""
@@ -131,13 +141,14 @@ class Cycles:
             self._moved = self.body, self.dynamics_of(self.exchange.bare(self.body))
         return self._moved[1]
 
-    def check_motion(self, k: int) -> None:
-        """:class:`InputError` where a member turns too fast at the end of cycle k."""
-        wild = ~(np.abs(self.rate[:, k + 1]).max(1) <= 1 / self.period)
+    def _check_motion(self, first: int, last: int) -> None:
+        """:class:`InputError` where a member turns too fast at the end of a cycle from ``first`` to before ``last``."""
+        wild = ~(np.abs(self.rate[:, first + 1 : last + 1]).max(2) <= 1 / self.period)
         if wild.any():
+            k = int(wild.any(0).argmax())
             raise InputError(
-                f"{self.source.source}, seed {self.seeds[int(np.argmax(wild))]}: the vehicle turns faster than one radian per cycle at "
-                f"{self.period * (k + 1):g} s; check gains, delay, torques, disturbance and inertia"
+                f"{self.source.source}, seed {self.seeds[int(wild[:, k].argmax())]}: the vehicle turns faster than one radian per cycle at "
+                f"{self.period * (first + k + 1):g} s; check gains, delay, torques, disturbance and inertia"
             )
 
     def _begin(self, k: int) -> Array | float:
@@ -171,28 +182,30 @@ class Cycles:
             self.actuators.issue(k, self.allocated.commands(demand))
         self.exchange.issue(k, turning)
 
-    def _execute(self, k: int) -> tuple[Array, Array, Array]:
-        """What the actuators execute in cycle k. Where the commands are known before the flight, many cycles are computed at once."""
+    def _execute(self, k: int, until: int) -> tuple[Array, Array, Array]:
+        """What the actuators execute from cycle k to before ``until``. Where all commands are known, many cycles are computed at once."""
         first, last, executed = self._executed
         if k >= last:
-            ahead = max(AHEAD // self.members, 1) if self.open_loop else 1
-            first, last = k, min([k + ahead, self.scenario.cycles, *(cycle for cycle in self.changes if cycle > k)])
+            ahead = self.together * max(AHEAD // self.members // self.together, 1) if self.open_loop else 1
+            ends = k - k % self.together + ahead, self.scenario.cycles, *(cycle for cycle in self.changes if cycle > k)
+            first, last = k, min(ends)
             executed = self.actuators.execute(first, last)
             self._executed = first, last, executed
         mean, gathered, burn_s = executed
-        return mean[:, :, k - first], gathered[:, :, k - first], burn_s[:, k - first]
+        mean, gathered = (part[:, :, k - first : until - first].reshape(6, self.members, -1) for part in (mean, gathered))
+        return mean, gathered, burn_s[:, k - first : until - first].sum(1)
 
-    def _sense(self, k: int, motion: CycleMotion, felt: Array, jump: Array | float) -> None:
+    def _sense(self, cycles: slice, motion: CycleMotion, felt: Array, jump: Array | float) -> None:
         """Rate and specific force (3, S, bins) as both sensors log them; the vehicle's own control hears the gyro."""
-        angle = self.gyro.sense(k, self._shown(self.gyro, motion.rate, motion.rate_dot * (self.width / 2)))
-        velocity = self.accelerometer.sense(k, self._shown(self.accelerometer, felt, np.zeros_like(felt)), jump)
+        angle = self.gyro.sense(cycles, self._shown(self.gyro, motion.rate, motion.rate_dot * (self.width / 2)))
+        velocity = self.accelerometer.sense(cycles, self._shown(self.accelerometer, felt, np.zeros_like(felt)), jump)
         if self.onboard is not None:
-            self.onboard.learn((k + 1) * self.period, self.actuators.issued[:, k], angle.T, velocity.T)
+            self.onboard.learn(cycles.stop * self.period, self.actuators.issued[:, cycles.start], angle.T, velocity.T)
             self.onboard.sense(angle, np.array(self.scenario.vehicle.imu.body_from_imu), self.period)
 
     def _shown(self, sensor: imu.Sensor, mean: Array, grown: Array) -> Array:
         """(3, S, N) what records show of means (3, S, bins), which grow by so much from a bin's middle to its end."""
-        per_record = (3, self.members, self.records, -1)
+        per_record = (3, self.members, self.records * (mean.shape[-1] // self.bins), -1)
         if sensor.response is None:
             found: Array = mean.reshape(per_record).mean(-1)
             return found

@@ -82,12 +82,13 @@ class Sensor:
         self._left = np.zeros(self.noise.shape[:2])
         self._last: Array | None = None
 
-    def sense(self, cycle: int, mean: Array, jump: Array | float = 0.0) -> Array:
-        """Log one cycle from (3, S, N) what its records show and return the sum of its increments, (3, S).
+    def sense(self, cycles: slice, mean: Array, jump: Array | float = 0.0) -> Array:
+        """Log cycles from (3, S, N) what their records show and return the sum of their increments, (3, S).
 
         ``jump`` (3, S) comes on top of the first increment.
         """
-        seen: Array = apply(self.imu_from_body[..., None, None], mean) + self.bias[:, None, None] + self.noise[:, :, cycle]
+        seen: Array = apply(self.imu_from_body[..., None, None], mean) + self.bias[:, None, None]
+        seen += self.noise[:, :, cycles].reshape(seen.shape)
         if np.ndim(jump):
             seen[..., 0] += apply(self.imu_from_body[..., None], np.asarray(jump)) / self.record_s
         if self.kept > 0:
@@ -101,7 +102,7 @@ class Sensor:
             exact = self._left + step.sum(-1)
             step = np.diff(whole, axis=-1, prepend=0.0)
             self._left = exact - whole[..., -1]
-        self.increments[:, :, cycle] = step
+        self.increments[:, :, cycles] = step.reshape(*step.shape[:2], -1, self.increments.shape[-1])
         total: Array = step.sum(-1)
         return total
 

@@ -1,11 +1,11 @@
-"""Rigid-body motion of all members through one control cycle.
+"""Rigid-body motion of all members through one or several control cycles.
 
 Every environment has the form ``A ω̇ = M w − ω × (A₀ ω + h) − d ω + what holds it``, with the commands' wrench w(t), the wheels' momentum h
 and the damping d known exactly. In free flight (6 degrees of freedom) ``A = A₀ = I`` about the CG, ``M w = τ − c × F``, and nothing holds
 the body; what another environment changes in that stands in its file of :mod:`massprop_cli.testbed.environment`.
 
 A cycle is cut into bins. Within a bin ω is the exact answer to the commands plus a smooth rest, whose bin mean and slope are taken to
-second order; the bins of a cycle are solved together by fixed-point iteration, which converges by a factor |ω| T or better each time.
+second order; the bins of all cycles are solved together by fixed-point iteration, which converges by a factor |ω| T or better each time.
 """
 
 from __future__ import annotations
@@ -20,7 +20,10 @@ from massprop_cli.base.dataclass import dataclass
 
 TOLERANCE = 1e-11
 """Iteration ends for a member when its rates change by less than this times (1 rad/s + their size)."""
-ITERATIONS = 60
+ITERATIONS = 300
+WINDOW = 1.0
+"""rad: bins that lie further behind the first that has not converged wait."""
+TINY = np.finfo(float).tiny
 NEXT = np.array([1, 2, 0])
 """The component after each, of three."""
 PARTNERS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
@@ -87,7 +90,7 @@ class Wrench:
 
 @dataclass(frozen=True)
 class CycleMotion:
-    """Motion within one cycle; (3, S, B) bin means unless said otherwise."""
+    """Motion within one cycle, or several; (3, S, B) bin means unless said otherwise."""
 
     rate: Array
     """rad/s."""
@@ -95,8 +98,14 @@ class CycleMotion:
     """rad/s²; also the slope of the rate within a bin."""
     fixed: Array
     """What stands still in the world (:meth:`Dynamics.fixed`), body axes."""
-    rate_end: Array
-    """(3, S) rate at the cycle's end, rad/s."""
+    ends: Array
+    """Rate at the bins' ends, rad/s."""
+
+    @property
+    def rate_end(self) -> Array:
+        """(3, S) rate at the last bin's end, rad/s."""
+        end: Array = self.ends[..., -1]
+        return end
 
 
 class Driven(NamedTuple):
@@ -164,7 +173,7 @@ class Dynamics:
         return Held(state.fixed, loose.rest[:, 0], loose.rest[:, 1])
 
     def advance(self, rate: Array, fixed: Array, wrench: Wrench, width_s: float) -> CycleMotion:
-        """Through one cycle from ``rate`` (3, S), with :meth:`fixed` (3, S) there."""
+        """Through all bins of ``wrench`` from ``rate`` (3, S), with :meth:`fixed` (3, S) there."""
         h = width_s
         inverse = self.inverse[..., None]
         driven, gathered = apply(inverse, self.moment(wrench.mean)), apply(inverse, self.moment(wrench.gathered))
@@ -172,16 +181,19 @@ class Dynamics:
         state = State(rate[..., None] + h * np.cumsum(driven, -1), np.zeros_like(driven), driven, rest, rest + fixed[..., None], rest)
         momentum = paired(rest + wrench.momentum, rest + wrench.momentum_slope)
         constant = Driven(driven, gathered, momentum, (np.zeros((3, 1, 1)) + wrench.damping)[:, None])
-        open_members = np.ones(rate.shape[1], dtype=bool)
+        open_members, bins = np.ones(rate.shape[1], dtype=bool), np.arange(driven.shape[-1])
         for _ in range(ITERATIONS):
             found = self._iterate(state, rate, fixed, constant, wrench, h)
-            moved = np.abs(found.end - state.end).max((0, 2)) > TOLERANCE * (1 + np.abs(found.end).max((0, 2)))
+            fastest = np.abs(found.end).max((0, 2))[:, None]
+            moved = np.abs(found.end - state.end).max(0) > TOLERANCE * (1 + fastest)
+            near = (bins - moved.argmax(1)[:, None]) * (h * fastest) < WINDOW
             # a member's own convergence alone decides when it stops, so that its bytes don't depend on who flies beside it
-            state = found if open_members.all() else state.where(open_members, found)
-            open_members = open_members & moved
+            chosen = open_members[:, None] & near
+            state = found if chosen.all() else state.where(chosen, found)
+            open_members = open_members & moved.any(1)
             if not open_members.any():
                 break
-        return CycleMotion(state.mean, state.dot, state.fixed, state.end[..., -1])
+        return CycleMotion(state.mean, state.dot, state.fixed, state.end)
 
     def _iterate(self, state: State, rate: Array, fixed: Array, driven: Driven, wrench: Wrench, h: float) -> State:
         start = np.concatenate([rate[..., None], state.end[..., :-1]], -1)
@@ -224,9 +236,8 @@ class State:
     fixed: Array
     rest_slope: Array
 
-    def where(self, members: Array, other: State) -> State:
-        """The other one's of some ``members`` (S,)."""
-        chosen = members[:, None]
+    def where(self, chosen: Array, other: State) -> State:
+        """The other one's where ``chosen`` (S, B)."""
         fields = ("end", "mean", "dot", "rest", "fixed", "rest_slope")
         return State(*(np.where(chosen, getattr(other, name), getattr(self, name)) for name in fields))
 
@@ -240,8 +251,9 @@ def rotation_vectors(motion: CycleMotion, width_s: float) -> Array:
 
 def quaternions(rotation: Array) -> Array:
     """(4, …) unit quaternions of rotation vectors (3, …) in rad."""
-    angle = np.sqrt(dot(rotation, rotation))
-    return np.concatenate([np.cos(angle / 2)[None], 0.5 * np.sinc(angle / (2 * np.pi)) * rotation])
+    half = np.sqrt(dot(rotation, rotation)) / 2
+    share = np.sin(half) / np.maximum(half, TINY) / 2
+    return np.concatenate([np.cos(half)[None], np.where(half > 0, share, 0.5) * rotation])
 
 
 def compose(a: Array, b: Array) -> Array:

@@ -132,14 +132,12 @@ def fly(
     flying = Cycles(source, seeds, issued, changes or {}, running)
     ends = [_end_cycle(phase, period, cycles) for phase in phases]
     truth = np.zeros((len(seeds), len(phases), 10))
-    for k in range(cycles):
-        flying.fly(k)
-        for i, end in enumerate(ends):
-            if end == k + 1:
-                truth[:, i] = flying.truth()
-        flying.check_motion(k)
+    k = 0
+    while k < cycles:
+        begun, k = k, flying.fly(k)
+        truth[:, [i for i, end in enumerate(ends) if begun < end <= k]] = flying.truth()[:, None]
         if progress is not None and k % 16 == 0:
-            progress((k + 1) / cycles)
+            progress(k / cycles)
     for name, sensor in (("gyro", flying.gyro), ("accelerometer", flying.accelerometer)):
         _check_sensor(source, name, sensor)
     return Flight(
