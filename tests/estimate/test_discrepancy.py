@@ -167,9 +167,9 @@ def beyond(log: Log, rng: np.random.Generator) -> list[Log]:
 
 @pytest.mark.thorough
 def test_sigmas_cover_what_nobody_foresaw() -> None:
-    """Sixteen logs; of commands that are lost values are too large by that part, which is 2.5 %."""
+    """Eight logs; of commands that are lost values are too large by that part, which is 2.5 %."""
     off, wide = list[Array](), 0
-    for seed in range(21, 25):
+    for seed in range(21, 23):
         flight = fly("free-flyer", *RANDOM, seeds=(seed,))
         for log in beyond(flight.log(0), np.random.default_rng(seed)):
             found = examined(log, flight.vehicle)
@@ -178,6 +178,6 @@ def test_sigmas_cover_what_nobody_foresaw() -> None:
             off.append(np.abs(conclusion.values - flight.truth[0][-1]) / conclusion.sigmas)
     z = np.concatenate(off)
     z = z[np.isfinite(z)]
-    assert wide >= 8
+    assert wide >= 4
     assert (z < 1.96).mean() > 0.9
     assert (z > 4).mean() < 0.02
