@@ -5,10 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from fault_named import Due
+
+from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.testbed.scenario import ScenarioSource
+from massprop_cli.testbed.simulate import Flight
 
 Columns = dict[str, Any]
 """A log's columns by the contract's names, as arrays of any type; they are written to a file as they are."""
+
+
+class Flown(NamedTuple):
+    """One vehicle's flight without a fault."""
+
+    columns: Columns
+    vehicle: Vehicle
+    truth: tuple[Array, ...]
+    """(10,) of each phase."""
+    flight: Flight
+    source: ScenarioSource
 
 
 class Made(NamedTuple):
@@ -18,6 +34,10 @@ class Made(NamedTuple):
     vehicle: Vehicle
     what: str
     """For a reader: what was drawn."""
+    dues: tuple[Due, ...] = ()
+    """Warnings that name what was drawn; none: those of its kind."""
+    truth: tuple[Array, ...] = ()
+    """(10,) of each body, if other than flown."""
 
 
 class Kind(NamedTuple):
@@ -31,4 +51,4 @@ class Kind(NamedTuple):
     refusals: tuple[str, ...] = ()
     """Words, any of which is in a refusal that is right too."""
     knowing: bool = False
-    """Whether it is told the truth (10,), too, as ``truth``."""
+    """Whether it is handed the :class:`Flown`, too, as ``flown``."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from case_kind import Columns, Kind, Made
+from case_kind import Columns, Flown, Kind, Made
 
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.rigidbody import rotation
@@ -112,12 +112,12 @@ def _commanding(columns: Columns, vehicle: Vehicle, command: Array | None, what:
     return None if command is None else Made(columns | dict(zip(WRENCH, command.T, strict=True)), vehicle, what)
 
 
-def _about(columns: Columns, vehicle: Vehicle, rng: Random, truth: Array, exactly: bool) -> Made | None:
+def _about(columns: Columns, vehicle: Vehicle, rng: Random, flown: Flown, exactly: bool) -> Made | None:
     """Torques about the CG, or about where a controller has it."""
     command = _wrench(columns)
     if command is None:
         return None
-    point = truth[6:9] * (1.0 if exactly else rng.uniform(0.3, 0.7, 3))
+    point = flown.truth[0][6:9] * (1.0 if exactly else rng.uniform(0.3, 0.7, 3))
     torque = command[:, :3] - np.cross(point, command[:, 3:])
     return _commanding(columns, vehicle, np.hstack([torque, command[:, 3:]]), f"{1e3 * np.linalg.norm(point):.3g} mm")
 

@@ -2,9 +2,11 @@
 
     python benchmarks/cases.py
     python benchmarks/cases.py --kind clock-bursts --variants 20 --show
+    python benchmarks/cases.py --pairs 200 --show
 
 Each variant is a vehicle of its own (benchmarks/any_vehicle.py: its size, rate, axes and environment are drawn), flown without a fault.
 A kind changes the log's columns, or the vehicle file, as a recorder or a person does, and the log is read and estimated as from a file.
+``--pairs``: two kinds at once, drawn at random by the vehicle's number from all of these and from the faults of benchmarks/faults.py.
 """
 
 from __future__ import annotations
@@ -13,34 +15,40 @@ import argparse
 import json
 import time
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from pathlib import Path
 from typing import NamedTuple
 
+import case_fault
 import case_recorded
 import case_timing
 import numpy as np
 from any_vehicle import scenario_of
-from case_kind import Columns, Kind
+from case_fault import log_of
+from case_kind import Flown, Kind, Made
 from commit import commit
-from fault_named import CAUSES
+from fault_named import CAUSES, SIZED, Due
+from fault_runs import PART
 
 from massprop_cli import __version__, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.conclude.verdict import Estimate
-from massprop_cli.inputs import telemetry
-from massprop_cli.inputs.tablefile import columns_of
+from massprop_cli.conclude.verdict import Conclusion
+from massprop_cli.inputs.columns import WRENCH
+from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import output, scenario, simulate
 
 FAR = 4.0
-"""Sigmas beyond which a value is wrong."""
+"""Sigmas beyond which, and beyond a part of its size, a value is wrong."""
 KINDS: dict[str, Kind] = {**case_recorded.KINDS, **case_timing.KINDS}
+PAIRED: dict[str, Kind] = {
+    name: kind for name, kind in {**KINDS, **case_fault.KINDS}.items() if kind.codes or kind.refusals or kind.knowing
+}
+"""Without those that have no fault."""
 SKETCH = """# Recordings that people have
 
 What massprop {version} at commit {commit} says of recordings with a fault of the recorder or of the person who set it up.
@@ -48,44 +56,53 @@ What massprop {version} at commit {commit} says of recordings with a fault of th
 
 - **named**: a warning or a refusal says what is wrong. Kinds without a fault must have none.
 - **refused**: no estimate, but a remedy.
-- **wrong**: values off by more than {far:g} of their own sigma; called converged or not.
+- **wrong**: values off by more than {far:g} of their own sigma and {part:.1%} of their natural size; called converged or not.
 - **other causes**: warnings that name another cause.
 """
+HEAD = """| kind | logs | named | refused | values | converged | wrong (converged) | other causes |
+|---|--:|--:|--:|--:|--:|--:|---|"""
 
 
-class Flown(NamedTuple):
-    """One vehicle's flight without a fault."""
+class Value(NamedTuple):
+    """One that is given."""
 
-    columns: Columns
-    vehicle: Vehicle
-    truth: tuple[Array, ...]
-    """(10,) of each phase."""
+    name: str
+    verdict: str
+    off: float
+    """Error over sigma."""
+    apart: float
+    """... and over its natural size."""
+
+    @property
+    def wrong(self) -> bool:
+        """Whether it is off."""
+        return abs(self.off) > FAR and self.apart > PART
 
 
 @dataclass(frozen=True)
 class Outcome:
     """What is said of one variant."""
 
-    kind: str
+    kinds: tuple[str, ...]
     number: int
     what: str
-    named: bool
+    named: tuple[bool, ...]
+    """Of each kind."""
     refused: str
-    others: tuple[str, ...]
-    """Codes that name another cause."""
+    others: tuple[Notice, ...]
+    """Those that name another cause."""
     codes: tuple[str, ...]
-    estimates: Mapping[str, tuple[str, float]]
-    """Verdict, and error over sigma, of each value that is given."""
+    values: tuple[Value, ...]
     seconds: float
-
-    @property
-    def wrong(self) -> list[str]:
-        """Values that are off."""
-        return [name for name, (_, off) in self.estimates.items() if abs(off) > FAR]
 
     def among(self, verdict: str) -> int:
         """How many values have it."""
-        return sum(1 for found, _ in self.estimates.values() if found == verdict)
+        return sum(value.verdict == verdict for value in self.values)
+
+    @property
+    def sure(self) -> list[Value]:
+        """Values that are wrong and called converged."""
+        return [value for value in self.values if value.wrong and value.verdict == "converged"]
 
 
 @lru_cache(64)
@@ -101,57 +118,65 @@ def flown(number: int) -> Flown | None:
         return None
     columns = {name: table.column(name).to_numpy() for name in table.column_names}
     vehicle = Vehicle.model_validate(flight.vehicle.model_dump(by_alias=True, exclude_unset=True, exclude={"columns"}))
-    return Flown(columns, vehicle, tuple(flight.truth[0]))
+    return Flown(columns, vehicle, tuple(flight.truth[0]), flight, source)
 
 
-def log_of(columns: Columns, vehicle: Vehicle) -> telemetry.Log:
-    """The log, read as from a file of these columns."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    sink = pa.BufferOutputStream()
-    pq.write_table(pa.table(dict(columns)), sink)
-    return telemetry.read(columns_of(Path("log.parquet"), sink.getvalue().to_pybytes()), vehicle)
-
-
-def run(name: str, number: int) -> Outcome | None:
-    """One variant; None where the vehicle can't have this kind."""
-    one, kind = flown(number), KINDS[name]
+def run(names: Sequence[str], number: int) -> Outcome | None:
+    """One variant, with these kinds one after the other; None where the vehicle can't have them."""
+    one = flown(number)
     if one is None:
         return None
-    knows = {"truth": one.truth[0]} if kind.knowing else {}
-    made = kind.make(dict(one.columns), one.vehicle, np.random.default_rng([number, zlib.crc32(name.encode())]), **knows)
-    if made is None:
-        return None
-    outcome = partial(Outcome, name, number, made.what)
-    begin = time.process_time()
+    made, what, dues = Made(dict(one.columns), one.vehicle, "", (), one.truth), list[str](), list[tuple[Due, ...]]()
+    for name in names:
+        kind, rng = PAIRED.get(name) or KINDS[name], np.random.default_rng([number, zlib.crc32(name.encode())])
+        try:
+            changed = kind.make(made.columns, made.vehicle, rng, **({"flown": one} if kind.knowing else {}))
+        except InputError:
+            return None
+        if changed is None:
+            return None
+        made = changed if changed.truth else changed._replace(truth=made.truth)
+        what.append(made.what)
+        dues.append(made.dues or ((Due(kind.codes),) if kind.codes else ()))
+    outcome, begin = partial(Outcome, tuple(names), number, "; ".join(what)), time.process_time()
     try:
         with np.errstate(all="ignore"):
             found = flow.examine(log_of(made.columns, made.vehicle), VehicleSource(made.vehicle, "", ""))
     except InputError as error:
-        said = str(error)
-        return outcome(any(word in said for word in kind.refusals), said, (), (), {}, time.process_time() - begin)
+        named = tuple(any(word in str(error) for word in (PAIRED.get(name) or KINDS[name]).refusals) for name in names)
+        return outcome(named, str(error), (), (), (), time.process_time() - begin)
+    channels = [jet.name for jet in made.vehicle.jets] or list(WRENCH)
+    met = [[any(due.met_by(notice, channels) for due in own) for notice in found.notices] for own in dues]
+    others = tuple(notice for i, notice in enumerate(found.notices) if notice.code in CAUSES - SIZED and not any(own[i] for own in met))
     codes = tuple(dict.fromkeys(notice.code for notice in found.notices))
-    named = bool(set(codes) & set(kind.codes)) if kind.codes else not set(codes) & CAUSES
-    others = tuple(code for code in codes if code in CAUSES and code not in kind.codes)
-    phases = zip(found.conclusions, one.truth, strict=False)
-    values = {key: told for conclusion, truth in phases for key, told in _told(conclusion.estimates, truth)}
+    named = tuple(any(own) if due else not set(codes) & CAUSES for own, due in zip(met, dues, strict=True))
+    sizes = [settled.natural_sizes for settled in found.settled]
+    values = tuple(
+        value for conclusion, own in zip(found.conclusions, sizes, strict=True) for value in _values(conclusion, own, made.truth)
+    )
     return outcome(named, "", others, codes, values, time.process_time() - begin)
 
 
-def _told(estimates: Mapping[str, Estimate], truth: Array) -> Iterator[tuple[str, tuple[str, float]]]:
-    for (name, estimate), true in zip(estimates.items(), truth, strict=True):
+def _values(conclusion: Conclusion, sizes: Array, truth: Sequence[Array]) -> Iterator[Value]:
+    """Each against the nearest body."""
+    for i, (name, estimate) in enumerate(conclusion.estimates.items()):
         if estimate.value is not None and estimate.sigma:
-            yield name, (estimate.verdict, float((estimate.value - true) / estimate.sigma))
+            away = min((estimate.value - float(body[i]) for body in truth), key=abs)
+            yield Value(name, estimate.verdict, away / estimate.sigma, abs(away) / float(sizes[i]))
+
+
+def pair(number: int) -> Outcome | None:
+    """Two kinds, drawn by the vehicle's number; faults of the flight come first."""
+    drawn = np.random.default_rng([number, 2]).choice(list(PAIRED), 2, replace=False).tolist()
+    return run(sorted(drawn, key=lambda name: name not in case_fault.KINDS), number)
 
 
 def row(name: str, runs: Sequence[Outcome]) -> str:
     """Of the table."""
-    values = sum(len(one.estimates) for one in runs)
-    converged, wrong = sum(one.among("converged") for one in runs), sum(len(one.wrong) for one in runs)
-    sure = sum(1 for one in runs for name in one.wrong if one.estimates[name][0] == "converged")
-    others = ", ".join(sorted({code for one in runs for code in one.others})) or "none"
-    counts = f"{sum(one.named for one in runs)} | {sum(bool(one.refused) for one in runs)} | {values} | {converged} | {wrong} ({sure})"
+    values, converged = sum(len(one.values) for one in runs), sum(one.among("converged") for one in runs)
+    wrong, sure = sum(value.wrong for one in runs for value in one.values), sum(len(one.sure) for one in runs)
+    others = ", ".join(sorted({notice.code for one in runs for notice in one.others})) or "none"
+    counts = f"{sum(all(one.named) for one in runs)} | {sum(bool(one.refused) for one in runs)} | {values} | {converged} | {wrong} ({sure})"
     return f"| {name}: {KINDS[name].what} | {len(runs)} | {counts} | {others} |"
 
 
@@ -159,30 +184,57 @@ def main() -> None:
     """The page, or some kinds of it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kind", action="append", choices=list(KINDS))
+    parser.add_argument("--pairs", type=int, default=0, metavar="N", help="pairs of kinds, instead of kinds")
     parser.add_argument("--variants", type=int, default=12)
     parser.add_argument("--first", type=int, default=9000, help="number of the first vehicle")
     parser.add_argument("--jobs", type=int, default=None, help="processes")
     parser.add_argument("--show", action="store_true", help="each log by itself")
     asked = parser.parse_args()
-    print(SKETCH.format(version=__version__, commit=commit(), far=FAR))
-    print("| kind | logs | named | refused | values | converged | wrong (converged) | other causes |\n|---|--:|--:|--:|--:|--:|--:|---|")
     with ProcessPoolExecutor(asked.jobs) as pool:
+        if asked.pairs:
+            _pairs(list(_some(pool, pair, asked.first, asked.pairs, asked.show)))
+            return
+        print(SKETCH.format(version=__version__, commit=commit(), far=FAR, part=PART))
+        print(
+            "| kind | logs | named | refused | values | converged | wrong (converged) | other causes |\n|---|--:|--:|--:|--:|--:|--:|---|"
+        )
         for name in asked.kind or KINDS:
-            runs = _some(pool.map(partial(run, name), range(asked.first, asked.first + 2 * asked.variants)), asked.variants)
+            runs = list(_some(pool, partial(run, (name,)), asked.first, asked.variants, asked.show))
             print(row(name, runs), flush=True)
-            if asked.show:
-                for one in runs:
-                    print("   ", _shown(one))
 
 
-def _some(runs: Iterator[Outcome | None], count: int) -> list[Outcome]:
-    return [one for one in runs if one is not None][:count]
+def _some(pool: Executor, one_of: Callable[[int], Outcome | None], first: int, count: int, show: bool) -> Iterator[Outcome]:
+    """So many, of the first vehicles that can have it."""
+    last = first + 6 * count
+    while count and first < last:
+        for one in pool.map(one_of, range(first, first + count)):
+            first += 1
+            if one is not None:
+                count -= 1
+                if show:
+                    print("   ", _shown(one), flush=True)
+                yield one
+
+
+def _pairs(runs: Sequence[Outcome]) -> None:
+    """In a few lines."""
+    named = [sum(one.named) for one in runs]
+    print(f"{len(runs)} logs with two faults: both named in {named.count(2)}, one in {named.count(1)}, none in {named.count(0)};")
+    print(f"refused {sum(bool(one.refused) for one in runs)}; another cause is named in {sum(bool(one.others) for one in runs)};")
+    print(
+        f"of {sum(one.among('converged') for one in runs)} values that are called converged {sum(len(one.sure) for one in runs)} are wrong"
+    )
+    print(f"in {sum(bool(one.sure) for one in runs)} logs; {sum(one.seconds for one in runs):.0f} s of CPU")
 
 
 def _shown(one: Outcome) -> str:
-    off = " ".join(f"{name}:{verdict[:4]}{off:+.1f}" for name, (verdict, off) in one.estimates.items())
-    flags = "" if one.named else "NOT NAMED "
-    return f"{one.number} {one.what}: {flags}{', '.join(one.codes)} {one.refused[:300]} {off} ({one.seconds:.1f} s)"
+    off = " ".join(f"{value.name}:{value.verdict[:4]}{value.off:+.1f}" for value in one.values)
+    flags = "".join(f"NOT NAMED {name} " for name, named in zip(one.kinds, one.named, strict=True) if not named)
+    flags += "".join(f"\n      WRONG {notice.code}: {notice.message}\n      " for notice in one.others)
+    flags += "".join(f"CONVERGED {value.name} {value.off:+.1f} sigma, {100 * value.apart:.1f} % " for value in one.sure)
+    return (
+        f"{one.number} {' and '.join(one.kinds)}: {one.what}: {flags}{', '.join(one.codes)} {one.refused[:300]} {off} ({one.seconds:.1f} s)"
+    )
 
 
 if __name__ == "__main__":

@@ -91,10 +91,11 @@ def _unstated(log: str) -> Told:
 
 def _recorded(kind: str, number: int) -> Told:
     """A recording of benchmarks/cases.py."""
-    from cases import KINDS, flown, log_of
+    from case_fault import log_of
+    from cases import KINDS, flown
 
     one = flown(number)
-    knows = {"truth": one.truth[0]} if one is not None and KINDS[kind].knowing else {}
+    knows = {"flown": one} if KINDS[kind].knowing else {}
     made = None if one is None else KINDS[kind].make(dict(one.columns), one.vehicle, np.random.default_rng(number), **knows)
     if made is None:
         raise ValueError(f"vehicle {number} can't have {kind}")

@@ -1,0 +1,121 @@
+"""Faults of benchmarks/faults.py and benchmarks/unforeseen.py on vehicles that nobody chose, as kinds of recordings."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from case_kind import Columns, Flown, Kind, Made
+from fault_kinds import FAULTS
+from fault_named import Drawn, Due, Fault
+from fault_unforeseen import UNFORESEEN
+from fault_vehicles import Body, Case, Subject
+
+from massprop_cli.base import configfile
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs import columns as named
+from massprop_cli.inputs import telemetry
+from massprop_cli.inputs.tablefile import columns_of
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.testbed import scenario, simulate
+from massprop_cli.testbed.simulate import Flight
+
+Draw = Callable[[Subject, np.random.Generator], Drawn | None]
+
+
+class UnreachableError(Exception):
+    """A fault of the flight, of a log that has another fault already."""
+
+
+@dataclass(frozen=True)
+class AnyVehicle(Subject):
+    """A drawn vehicle's log, which may have a fault already."""
+
+    found: Case
+    untouched: bool
+    """Whether it is as flown."""
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """Its file."""
+        return self.found.vehicle
+
+    @property
+    def clean(self) -> Case:
+        """The log at hand."""
+        return self.found
+
+    def again(self, *keys: str) -> Flight:
+        """The same seed flown with other keys of the scenario."""
+        if not self.untouched:
+            raise UnreachableError
+        data = json.loads(self.source.scenario.model_dump_json(by_alias=True, exclude_unset=True))
+        changed = scenario.Scenario.model_validate(configfile.override(data, keys))
+        return simulate.fly(scenario.ScenarioSource(changed, self.source.source), [self.seed])
+
+
+def log_of(columns: Columns, vehicle: Vehicle) -> telemetry.Log:
+    """The log, read as from a file of these columns."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    sink = pa.BufferOutputStream()
+    pq.write_table(pa.table(dict(columns)), sink)
+    return telemetry.read(columns_of(Path("log.parquet"), sink.getvalue().to_pybytes()), vehicle)
+
+
+def _made(columns: Columns, vehicle: Vehicle, rng: np.random.Generator, flown: Flown, draw: Draw) -> Made | None:
+    untouched = vehicle is flown.vehicle and all(values is flown.columns[name] for name, values in columns.items())
+    bodies = tuple(Body(0.0, float("inf"), values) for values in flown.truth)
+    case = Case(log_of(columns, vehicle), vehicle, bodies)
+    subject = AnyVehicle(flown.vehicle.name, int(flown.flight.seeds[0]), flown.source, flown.flight, case, untouched)
+    try:
+        drawn = draw(subject, rng)
+    except UnreachableError:
+        return None
+    if drawn is None:
+        return None
+    # a size or a time is as near as the other fault lets it be
+    dues = tuple(replace(due, words=tuple(word for word in due.words if isinstance(word, str))) for due in drawn.dues)
+    truth = tuple(body.values for body in drawn.case.bodies)
+    return Made(_columns(columns, case, drawn.case), drawn.case.vehicle, drawn.what, dues, truth)
+
+
+def _columns(columns: Columns, before: Case, after: Case) -> Columns:
+    """What a log was read from, with what is otherwise in another."""
+    log, rows = after.log, after.log.rows
+    blocks: list[tuple[tuple[str, ...], Array]] = [(named.DELTA_THETA, log.delta_theta_imu_rad), (named.DELTA_V, log.delta_v_imu_m_s)]
+    if log.attitude_wxyz is not None:
+        blocks.append((named.QUATERNION, log.attitude_wxyz))
+    if log.command is not before.log.command:
+        in_first = np.full((rows, log.command.shape[1]), np.nan)
+        in_first[:: log.records_per_cycle] = log.command
+        names = [named.jet(jet.name) for jet in after.vehicle.jets] or list(named.WRENCH)
+        blocks.append((tuple(names), in_first))
+    found = {name: values[:rows] for name, values in columns.items()}
+    changed: Mapping[str, Array] = {name: column for names, block in blocks for name, column in zip(names, block.T, strict=True)}
+    return found | {name: column for name, column in changed.items() if name in columns}
+
+
+def _of_fault(fault: Fault) -> Kind:
+    return Kind(fault.what, partial(_made, draw=fault.draw), knowing=True)
+
+
+def _unforeseen(name: str, *codes: str) -> Kind:
+    """Codes that are near enough to what no error parameter describes."""
+    what, maker = UNFORESEEN[name]
+
+    def draw(subject: Subject, rng: np.random.Generator) -> Drawn | None:
+        case = maker(subject, rng)
+        return None if case is None else Drawn(case, (Due(codes),) if codes else (), "")
+
+    return Kind(what, partial(_made, draw=draw), codes, knowing=True)
+
+
+UNTOLD = ("all-scale",)
+"""Of the faults, what no log can tell."""
+KINDS = {f"fault-{name}": _of_fault(fault) for name, fault in FAULTS.items() if name not in UNTOLD}
