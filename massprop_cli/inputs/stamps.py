@@ -38,6 +38,8 @@ LEAST = 24
 """Records below which nothing is examined."""
 WINDOW = 12
 """Records at least on each side of a leap, whose earliest stamps are compared."""
+WIDEST = 400
+"""... and at most; of so many the scatter is taken, where one side has fewer than WINDOW."""
 MOST = 50
 """Leaps of one log."""
 ROWS = 4000
@@ -160,11 +162,14 @@ def _leaps(time_s: Array, usual_s: float, span: int) -> list[_Leap] | None:
     found = []
     for row in (np.flatnonzero((steps < 0) | (steps > LONG * usual_s)) + 1).tolist():
         step = float(steps[row - 1])
-        width = min(max(WINDOW, int(3 * abs(step) / usual_s)), 400)
+        width = min(max(WINDOW, int(3 * abs(step) / usual_s)), WIDEST)
         width = span * -(-width // span)
         # what comes late takes no part in the earliest
-        by_s = float(late[row : row + width].min() - late[max(row - width, 0) : row].min())
-        if abs(by_s) < LEAP * usual_s:
+        before, after = late[max(row - width, 0) : row], late[row : row + width]
+        by_s, scatter_s = float(after.min() - before.min()), 0.0
+        if min(len(before), len(after)) < WINDOW:  # of a few records each may be as late as one ever is
+            scatter_s = float(np.ptp(late[max(row - WIDEST, 0) : row] if len(after) < WINDOW else late[row : row + WIDEST]))
+        if abs(by_s) < max(LEAP * usual_s, scatter_s):
             if step < 0:
                 return None
             continue

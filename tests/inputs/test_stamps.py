@@ -42,6 +42,15 @@ def arrival(time_s: Array) -> Array:
     return late + 1e-9 * np.arange(len(time_s))
 
 
+def last_one_later(time_s: Array) -> Array:
+    """The last record comes a record late, no later than others before it."""
+    late = arrival(time_s)
+    late[300] = late[299] + 1.5 * STEP_S
+    late[301:330] = np.maximum(late[301:330], late[300] + 1e-3 * np.arange(1, 30))
+    late[-1] = time_s[-1] + STEP_S
+    return late
+
+
 def steps(time_s: Array) -> Array:
     stamps, rng = time_s.copy(), np.random.default_rng(2)
     for at in rng.integers(20, ROWS - 20, 12):
@@ -64,7 +73,7 @@ def begins_again(time_s: Array) -> Array:
     return stamps
 
 
-@pytest.mark.parametrize("change", [packets, arrival, steps, in_float32, wraps, begins_again])
+@pytest.mark.parametrize("change", [packets, arrival, last_one_later, steps, in_float32, wraps, begins_again])
 def test_a_clock_that_is_at_fault_is_put_right_and_said(change: Change, tmp_path: Path) -> None:
     right = examined(tmp_path, lambda time_s: time_s)
     found = examined(tmp_path, change)
