@@ -45,12 +45,15 @@ class Combine(Section):
     logs: tuple[Text, ...] = Field((), description="patterns of paths from this file's folder: two logs or more of one vehicle")
     before: tuple[Text, ...] = Field((), description="the same of the vehicle alone; with after, instead of logs")
     after: tuple[Text, ...] = Field((), description="the same of the vehicle with the docked object")
+    added: Text | None = Field(None, description="mass and place of that object, as `massprop combine --added` takes it: the scale of all")
     require: Stated | None = Field(None, description="what must converge in every phase of it, and how precisely")
 
     @model_validator(mode="after")
     def _has_one_of_both(self) -> Combine:
         if bool(self.logs) == bool(self.before or self.after) or bool(self.before) != bool(self.after):
             raise ValueError("name logs alone, or before and after")
+        if self.added is not None and self.logs:
+            raise ValueError("added is an object between two logs; name before and after")
         return self
 
 

@@ -35,6 +35,7 @@ class Joining:
     before: tuple[Job, ...]
     after: tuple[Job, ...]
     require: tuple[Requirement, ...]
+    added: str | None = None
 
     @property
     def allow_contradicted(self) -> bool:
@@ -65,7 +66,7 @@ def joinings(named: Sequence[str], jobs: Sequence[Job]) -> list[Joining]:
             sides = {key: _fitting(below, getattr(stated, key), f"{where}.{key}") for key in ("logs", "before", "after")}
             if len(sides["logs"]) == 1:
                 raise InputError(f"{where}.logs = {list(stated.logs)}: fits one log alone, {sides['logs'][0].shown}; name two or more")
-            found.append(Joining(name, **sides, require=stated.require or ()))
+            found.append(Joining(name, **sides, require=stated.require or (), added=stated.added))
     return found
 
 
@@ -125,7 +126,7 @@ def _combined(one: Joining, place: Place) -> Result:
         if one.logs:
             return flow.together([recorded[job.name] for job in one.logs], ready)
         before, after = ([recorded[job.name] for job in side] for side in (one.before, one.after))
-        return flow.together_docked(before, after, ready)
+        return flow.together_docked(before, after, ready, one.added)
 
 
 def _recorded(job: Job, place: Place) -> Recorded:

@@ -22,6 +22,12 @@ def combine(
     after: Annotated[
         list[Path] | None, options.option("Of the vehicle with the docked object; may be repeated.", options.INPUT, metavar="RESULT")
     ] = None,
+    added: Annotated[
+        str | None,
+        options.option(
+            "Mass and place of the object (kg, m from O): the scale of all values.", options.INPUT, metavar='"mass=KG position=X,Y,Z"'
+        ),
+    ] = None,
     out: Annotated[Path | None, options.out("Folder (default: massprop-out/combined).")] = None,
     require: options.Require = None,
     allow_contradicted: options.AllowContradicted = False,
@@ -32,12 +38,14 @@ def combine(
     """One joint estimate from the results of several logs of one vehicle, or of an object from logs before and after it docked.
 
     Information adds up; the thrust's scale and what is known count once; what contradicts is told. Writes result.json and run.json.
+    With --added the object between --before and --after is known: all values are in absolute terms, whatever thrust or wheels give.
     Exit 3 where the results are not of one vehicle, 6 where a quantity is contradicted, 4 where a required one is not converged, or
     not that precise.
 
     Examples:
         massprop combine run-1 run-2 --out joint
         massprop combine --before alone --after docked --out object
+        massprop combine --before empty --after loaded --added "mass=0.5+-0.001 position=0.1,0,0.2+-0.001"
     """
     from massprop_cli.inputs.require import requirements
 
@@ -48,13 +56,15 @@ def combine(
         raise UsageError("name results alone, or those --before and those --after docking")
     if not docked and len(results or []) < 2:
         raise UsageError("name two results or more, or those --before and those --after docking")
+    if added is not None and not docked:
+        raise UsageError("--added: names the object between two logs; name those without it by --before and those with it by --after")
     import numpy as np
 
     from massprop_cli import job
     from massprop_cli.combine import flow
 
     with np.errstate(all="ignore"):
-        found = flow.combine_docked(before or [], after or []) if docked else flow.combine(results or [])
+        found = flow.combine_docked(before or [], after or [], added) if docked else flow.combine(results or [])
     folder = out or Path("massprop-out") / "combined"
     flow.write(folder, found, [*(results or []), *(before or []), *(after or [])])
     warn(found.warnings, quiet, no_color)

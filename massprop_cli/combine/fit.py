@@ -16,9 +16,11 @@ from massprop_cli.estimate import disturbances, noiselevels, offline
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.jointly import Joint as Fit
 from massprop_cli.estimate.jointly import Jointly, Member
+from massprop_cli.estimate.pivot import about_pivot
 from massprop_cli.estimate.quantities import alone, quantities
 from massprop_cli.inputs.equipment import EnvironmentKind
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.layout import MU
 from massprop_cli.result.schema import Result
 from massprop_cli.testbed.bound import natural_sizes
 
@@ -66,12 +68,20 @@ def fitted(behind: Sequence[Behind], pieces: Sequence[Piece]) -> Joint | None:
         chosen = zip(behind, members, strange, strict=True)
         members = [_member(one, logs.sized(one.result, one.ready.stated)) if odd else member for one, member, odd in chosen]
         found = _fit(members) or found
-    values, covariance = quantities(found.told, alone(members[0].vehicle))
-    values, covariance = with_shared(*_told(values[0], covariance[0]), pieces)
+    bare = _quantities(found, members[0].vehicle)
+    values, covariance = with_shared(*bare, pieces)
     chi_square, freedom = (sum(part) for part in zip(*found.apart, strict=True))
     untold = tuple(np.full(10, np.nan) for _ in pieces)
     return Joint(
-        values, covariance, float(chi_square), int(freedom) - int(np.isfinite(values).sum()), untold, untold, found.apart, tuple(strange)
+        values,
+        covariance,
+        bare,
+        float(chi_square),
+        int(freedom) - int(np.isfinite(values).sum()),
+        untold,
+        untold,
+        found.apart,
+        tuple(strange),
     )
 
 
@@ -103,6 +113,16 @@ def _misfits(one: Behind, member: Member, found: Fit) -> bool:
     phase = next(phase for phase, _ in one.ready.phases if phase.name == one.phase)
     own = offline.settle(member.samples, member.cycles, phase, found.reference, member.vehicle, member.consider, 1, bound=True)
     return not np.isnan(disturbances.misfit([own.history], member.vehicle)).all()
+
+
+def _quantities(found: Fit, vehicle: Vehicle) -> tuple[Array, Array]:
+    """(10,), (10, 10) by the logs alone; on a pedestal the nine about the pivot, and no mass."""
+    values, covariance = quantities(found.told, alone(vehicle))
+    if vehicle.on_pedestal:
+        nine, spread = about_pivot(values, covariance, np.array(vehicle.environment.bearing_position_m), 1 / found.told.mean[:, MU])
+        values, covariance = np.full((1, 10), np.nan), np.full((1, 10, 10), np.nan)
+        values[:, :9], covariance[:, :9, :9] = nine, spread
+    return _told(values[0], covariance[0])
 
 
 def _told(values: Array, covariance: Array) -> tuple[Array, Array]:

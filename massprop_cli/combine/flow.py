@@ -12,9 +12,9 @@ import numpy as np
 from massprop_cli import __version__
 from massprop_cli.base import escape, files
 from massprop_cli.base.errors import InputError
-from massprop_cli.combine import logs, twice
+from massprop_cli.combine import logs, pivot, twice
 from massprop_cli.combine.joint import backwards, docked_object
-from massprop_cli.combine.phase import Part, Phased, together_phase
+from massprop_cli.combine.phase import Part, Phased, by_object, gathered, together_phase
 from massprop_cli.diagnosis.preprocessing import Ready
 from massprop_cli.result import rendered
 from massprop_cli.result.read import MEMBERS, Recorded, labels, read
@@ -49,12 +49,20 @@ def together(recorded: Sequence[Recorded], ready: Callable[[Recorded], Ready] = 
     return _result(recorded, names, [together_phase(own[0][i], part) for i, part in enumerate(parts)], None)
 
 
-def combine_docked(before: Sequence[Path], after: Sequence[Path]) -> Result:
-    """The vehicle alone, with the object, and the object itself, each of any number of results."""
-    return together_docked([read(path) for path in before], [read(path) for path in after])
+def combine_docked(before: Sequence[Path], after: Sequence[Path], added: str | None = None) -> Result:
+    """The vehicle alone, with the object, and the object itself, each of any number of results.
+
+    ``added`` states mass and place of the object (:mod:`massprop_cli.combine.added`): then it is the scale of all.
+    """
+    return together_docked([read(path) for path in before], [read(path) for path in after], added=added)
 
 
-def together_docked(before: Sequence[Recorded], after: Sequence[Recorded], ready: Callable[[Recorded], Ready] = logs.of_result) -> Result:
+def together_docked(
+    before: Sequence[Recorded],
+    after: Sequence[Recorded],
+    ready: Callable[[Recorded], Ready] = logs.of_result,
+    added: str | None = None,
+) -> Result:
     """The same of results at hand; ``ready`` has the log of each."""
     # a log may hold both: its phases are told apart
     sides = before, after
@@ -70,6 +78,11 @@ def together_docked(before: Sequence[Recorded], after: Sequence[Recorded], ready
     parts = [Part(label, one, _chosen(one, side), partial(ready, one)) for label, one, side in zip(names, recorded, sided, strict=True)]
     alone, joined = parts[: len(before)], parts[len(before) :]
     twice.refuse_across(*([(part.recorded, part.phase) for part in side] for side in (alone, joined)))
+    if added is not None:
+        found, docked = by_object(gathered("before", alone), gathered("after", joined), added)
+        result = _result(recorded, names, found, docked)
+        result.provenance.settings["added"] = added
+        return result
     single, combined = together_phase("before", alone), together_phase("after", joined)
     docked = docked_object((alone[0].vehicle, joined[0].vehicle), single.item, combined.item)
     return _result(recorded, names, [single, combined], docked)
@@ -102,6 +115,7 @@ def _chosen(one: Recorded, side: str) -> PhaseItem:
 
 
 def _check_alike(recorded: Sequence[Recorded], bearing: bool) -> None:
+    pivot.refuse(recorded)
     first = recorded[0]
     for one in recorded:
         made, vehicle, old = one.result.provenance.settings.get("estimator.method"), one.result.vehicle, first.result.vehicle

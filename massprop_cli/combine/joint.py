@@ -48,9 +48,13 @@ class Piece:
     """Relative, of the thrust's common error, as it is in ``covariance``."""
     bearing: BearingBody | None = None
     """On which it turned."""
+    about_pivot: bool = False
+    """Whether the values are inertia and first moment about a fixed pivot, and no mass (NaN)."""
 
     def by_scale(self, values: Array) -> Array:
         """(10,) derivative by the thrust's scale of these ten quantities of the body; 0 where nothing can be said."""
+        if self.about_pivot:
+            return np.nan_to_num(values)
         mass, at = (self.bearing.bearing_mass, self.bearing.bearing) if self.bearing else (0.0, np.zeros(3))
         return np.nan_to_num(by_scale_beside(values, mass, at))
 
@@ -61,6 +65,8 @@ class Joint:
 
     values: Array
     covariance: Array
+    bare: tuple[Array, Array]
+    """Both by the logs alone: without what is known, and with the thrust taken as exact."""
     chi_square: float
     freedom: int
     """Equations beyond the unknowns."""
@@ -78,9 +84,9 @@ class Joint:
 def joint(pieces: Sequence[Piece]) -> Joint:
     """Add up; values are NaN where no piece says anything."""
     curved = all(is_body(piece.values) for piece in pieces)
-    bare = [_bare(piece) for piece in pieces]
-    bearing = pieces[0].bearing if curved and all(np.isfinite(values).all() for values, _ in bare) else None
-    linear = [_about(bearing, *piece) if bearing else _to_linear(*piece, curved) for piece in bare]
+    alone = [_bare(piece) for piece in pieces]
+    bearing = pieces[0].bearing if curved and all(np.isfinite(values).all() for values, _ in alone) else None
+    linear = [_about(bearing, *piece) if bearing else _to_linear(*piece, curved) for piece in alone]
     told = [_information(values, covariance) for values, covariance in linear]
     values, covariance = _solved([information for information, _ in told], [vector for _, vector in told])
     chi_square, ranks = 0.0, 0
@@ -90,10 +96,10 @@ def joint(pieces: Sequence[Piece]) -> Joint:
         chi_square += float(left @ information[np.ix_(at, at)] @ left)
         ranks += int(at.sum())
     apart = tuple(_apart(number, linear, told) for number in range(len(pieces)))
-    back, spread = _back(bearing, values, covariance) if bearing else _to_quantities(values, covariance, curved)
-    back, spread = with_shared(back, spread, pieces)
+    bare = _back(bearing, values, covariance) if bearing else _to_quantities(values, covariance, curved)
+    back, spread = with_shared(*bare, pieces)
     pulled = tuple((values - theta) / np.sqrt(np.diag(own)) for theta, own in linear)
-    return Joint(back, spread, chi_square, ranks - int(np.isfinite(values).sum()), apart, pulled)
+    return Joint(back, spread, bare, chi_square, ranks - int(np.isfinite(values).sum()), apart, pulled)
 
 
 def is_body(values: Array) -> bool:
@@ -256,11 +262,8 @@ def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, 
     found = docking.difference(values[:10], values[10:])
     slope = docking.difference_slope(values[:10], values[10:])
     covariance = slope @ joint_covariance @ slope.T
-    verdicts = [item.verdict for phase in (single, combined) for item in phase.estimates.values()]
-    verdict: Verdict = "contradicted" if "contradicted" in verdicts else "converged" if set(verdicts) == {"converged"} else "not_converged"
-    told: dict[Verdict, Reason] = {"converged": Reason("sides-converged"), "contradicted": Reason("sides-contradicted")}
-    reason = told.get(verdict, Reason("sides-not-converged"))
-    contradictions = [docking.of_phase(phase.name, phase.contradiction) for phase in (single, combined) if phase.contradiction]
+    verdict, reason = _of_sides(single, combined)
+    contradictions = _contradictions(single, combined)
     if docking.backwards(found, covariance):
         verdict, reason = "contradicted", _swapped(float(found[9]))
         contradictions.append(str(reason))
@@ -268,6 +271,31 @@ def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, 
     return DockedObject(
         before=single.name, after=combined.name, estimates=estimates, covariance=matrix(covariance), contradiction="; ".join(contradictions)
     )
+
+
+def known_object(
+    single: PhaseItem, combined: PhaseItem, found: tuple[Array, Array], known: Mapping[str, tuple[float, float]]
+) -> DockedObject:
+    """An object that is known, with what logs without it and with it add: (10,) and (10, 10)."""
+    return DockedObject(
+        before=single.name,
+        after=combined.name,
+        estimates=estimate_items(docking.estimates_of(*found, *_of_sides(single, combined))),
+        covariance=matrix(found[1]),
+        contradiction="; ".join(_contradictions(single, combined)),
+        known=dict(known),
+    )
+
+
+def _of_sides(single: PhaseItem, combined: PhaseItem) -> tuple[Verdict, Reason]:
+    verdicts = {item.verdict for phase in (single, combined) for item in (phase.about_pivot or phase.estimates).values()}
+    if "contradicted" in verdicts:
+        return "contradicted", Reason("sides-contradicted")
+    return ("converged", Reason("sides-converged")) if verdicts == {"converged"} else ("not_converged", Reason("sides-not-converged"))
+
+
+def _contradictions(single: PhaseItem, combined: PhaseItem) -> list[str]:
+    return [docking.of_phase(phase.name, phase.contradiction) for phase in (single, combined) if phase.contradiction]
 
 
 def backwards(docked: DockedObject | None) -> list[WarningItem]:

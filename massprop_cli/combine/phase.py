@@ -2,23 +2,26 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli import QUANTITIES, UNITS
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.combine import fit
-from massprop_cli.combine.joint import BEYOND, Joint, Piece, joint
+from massprop_cli.combine import added, fit, pivot
+from massprop_cli.combine.joint import BEYOND, Joint, Piece, joint, known_object
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Conclusion, Estimate, Verdict
 from massprop_cli.diagnosis.preprocessing import Ready
-from massprop_cli.inputs.vehicle import Phase
+from massprop_cli.estimate.pivot import ABOUT_PIVOT, PIVOT_UNITS
+from massprop_cli.inputs.vehicle import ASSUMED_KG, Phase
 from massprop_cli.model.plant import BearingBody
 from massprop_cli.result.build import estimate_items, matrix, physical
 from massprop_cli.result.read import Recorded
-from massprop_cli.result.schema import PhaseItem, VehicleInfo, WarningItem
+from massprop_cli.result.schema import DockedObject, EstimateItem, ImpliedScale, PhaseItem, VehicleInfo, WarningItem
 from massprop_cli.testbed.bound import natural_sizes
 
 INFORMED = 0.5
@@ -45,6 +48,19 @@ class Part:
         return self.recorded.result.vehicle
 
 
+class Gathered(NamedTuple):
+    """Results of one phase, and what they say together."""
+
+    name: str
+    parts: Sequence[Part]
+    joint: Joint
+    notes: list[WarningItem]
+    scale: ImpliedScale | None = None
+    """Of the thrust or wheels, by an object that was added."""
+    against: str = ""
+    """What contradicts that object."""
+
+
 class Phased(NamedTuple):
     """What came of a phase."""
 
@@ -56,6 +72,8 @@ class Phased(NamedTuple):
 
 def piece(label: str, vehicle: VehicleInfo, phase: PhaseItem) -> Piece:
     """One phase of a result."""
+    if vehicle.environment == "pedestal":
+        return pivot.piece(label, vehicle, phase)
     values = np.array([np.nan if e.value is None or e.sigma is None else e.value for e in phase.estimates.values()])
     covariance = np.array(phase.covariance, dtype=float)
     at = np.array(vehicle.bearing_position_m)
@@ -67,30 +85,80 @@ def piece(label: str, vehicle: VehicleInfo, phase: PhaseItem) -> Piece:
 
 def together_phase(name: str, parts: Sequence[Part]) -> Phased:
     """Added up, or fitted at once."""
-    found, left_out = _joint(name, parts)
-    bearing = parts[0].recorded.result.vehicle.bearing_mass_kg
-    against = _contradictions(parts, found)
-    notes = [*left_out, *(WarningItem(code="results-disagree", message=f"phase {name}: {message}") for message in against)]
-    estimates = {quantity: _estimate(i, quantity, parts, found) for i, quantity in enumerate(QUANTITIES)}
+    return phased(gathered(name, parts))
+
+
+def gathered(name: str, parts: Sequence[Part]) -> Gathered:
+    """Added up, or fitted at once, without verdicts."""
+    return Gathered(name, parts, *_joint(name, parts))
+
+
+def phased(of: Gathered) -> Phased:
+    """With verdicts, as a result has it."""
+    name, parts, found = of.name, of.parts, of.joint
+    vehicle = parts[0].vehicle
+    against = [*_contradictions(parts, found), *([of.against] if of.against else [])]
+    notes = [*of.notes, *(WarningItem(code="results-disagree", message=f"phase {name}: {message}") for message in against)]
+    about_pivot: dict[str, Estimate] = {}
+    values, covariance = found.values, found.covariance
+    if vehicle.environment == "pedestal":
+        about_pivot = {name: _estimate(i, name, of) for i, name in enumerate(ABOUT_PIVOT)}
+        at = np.array(vehicle.bearing_position_m)
+        values, covariance = pivot.ten(values, covariance, at, pivot.weighed([part.phase for part in parts]))
+        estimates = pivot.estimates(about_pivot, values, covariance)
+    else:
+        estimates = {quantity: _estimate(i, quantity, of) for i, quantity in enumerate(QUANTITIES)}
     duration = sum(part.phase.end_s - part.phase.start_s for part in parts)
     phase = Phase(name=name, start_s=0.0, end_s=duration)
-    whole = Conclusion(phase, estimates, found.covariance, float(found.values[9]) - bearing, (found.values, found.covariance))
+    whole = Conclusion(phase, estimates, covariance, float(values[9]) - vehicle.bearing_mass_kg, (values, covariance))
     about = whole.inertia_about_origin
-    contradicted = any(item.verdict == "contradicted" for item in estimates.values())
+    contradicted = any(item.verdict == "contradicted" for item in (estimates | about_pivot).values())
     item = PhaseItem(
         name=name,
         start_s=0.0,
         end_s=duration,
         estimates=estimate_items(estimates),
-        covariance=matrix(found.covariance),
+        covariance=matrix(covariance),
         inertia_about_origin=matrix(about) if np.isfinite(about).all() else None,
         physical=physical(whole),
+        about_pivot=estimate_items(about_pivot),
+        about_pivot_covariance=matrix(found.covariance[:9, :9]) if about_pivot else None,
         innovations=None,
         contradiction="; ".join(against) if contradicted else "",
         known={quantity: pair for part in parts for quantity, pair in part.phase.known.items()},
+        implied_thrust_scale=of.scale,
     )
     explained = frozenset(part.label for part, odd in zip(parts, found.strange, strict=False) if not odd)
     return Phased(item, notes, explained)
+
+
+def by_object(before: Gathered, after: Gathered, text: str) -> tuple[list[Phased], DockedObject]:
+    """Both sides in absolute terms by the object that ``text`` states, and the object."""
+    known = added.stated(text)
+    vehicle = before.parts[0].vehicle
+    scales = [piece(part.label, part.vehicle, part.phase).scale_sigma for of in (before, after) for part in of.parts]
+    found = added.calibrated((_side(before), _side(after)), known, max(scales) if vehicle.thrust_scale_sigma > 0 else 0.0)
+    against = ""
+    if _chance(found.chi_square, found.freedom) < RARE:
+        against = (
+            f"mass and place stated by --added do not fit the logs (chi-square {found.chi_square:.4g} of {found.freedom}): check its mass, "
+            "its position from O in body axes, and that nothing else was changed"
+        )
+    scale = ImpliedScale(by="added object", value=found.scale[0], sigma=found.scale[1])
+    sides = [
+        phased(of._replace(joint=replace(of.joint, values=values, covariance=covariance), scale=scale, against=against))
+        for of, (values, covariance) in zip((before, after), found.sides, strict=True)
+    ]
+    return sides, known_object(sides[0].item, sides[1].item, found.added, known)
+
+
+def _side(of: Gathered) -> added.Side:
+    vehicle, known = of.parts[0].vehicle, {name: pair for part in of.parts for name, pair in part.phase.known.items()}
+    pedestal = vehicle.environment == "pedestal"
+    labels = ", ".join(part.label for part in of.parts)
+    return added.Side(
+        labels, *of.joint.bare, np.array(vehicle.bearing_position_m), vehicle.bearing_mass_kg, pedestal, {} if pedestal else known
+    )
 
 
 def _joint(name: str, parts: Sequence[Part]) -> tuple[Joint, list[WarningItem]]:
@@ -141,27 +209,48 @@ def _chance(chi_square: float, freedom: int) -> float:
     return float(gammaincc(freedom / 2, chi_square / 2)) if freedom > 0 else 1.0
 
 
-def _estimate(i: int, quantity: str, parts: Sequence[Part], found: Joint) -> Estimate:
+def _estimate(i: int, quantity: str, of: Gathered) -> Estimate:
+    parts, found = of.parts, of.joint
     value, variance = found.values[i], found.covariance[i, i]
     told = bool(np.isfinite(value) and variance > 0)
-    own = [part.phase.estimates[quantity].verdict for part in parts]
+    own = [_items(part)[quantity].verdict for part in parts]
     sigma = math.sqrt(variance) if told else None
-    verdict, reason = _verdict(i, own, found, sigma)
+    size = _sizes(parts, found.values)[i]
+    if of.scale is not None and sigma is not None and sigma > SETTLED * size:  # converged but for the scale
+        own = ["not_converged" if one == "converged" else one for one in own]
+    verdict, reason = _verdict(own, sigma, size)
     off = [max(abs(apart[i]), abs(pulled[i])) for apart, pulled in zip(found.apart, found.pulled, strict=True)]
     bad = [part.label for part, z in zip(parts, off, strict=True) if z > BEYOND]
     bad += [part.label for part, alone in zip(parts, found.alone, strict=False) if _chance(*alone) < RARE]
     odd = found.strange or [True] * len(parts)  # what one log's own fit didn't explain, the others' body may
     bad += [part.label for part, one, may in zip(parts, own, odd, strict=True) if one == "contradicted" and may]
-    if bad:
+    if of.against:
+        verdict, reason = "contradicted", Reason("object-contradicted")
+    elif bad:
         verdict, reason = "contradicted", Reason.of("logs-contradicted", logs=", ".join(dict.fromkeys(bad)))
-    return Estimate(float(value) if told else None, sigma, UNITS[quantity], verdict, None, reason)
+    return Estimate(float(value) if told else None, sigma, PIVOT_UNITS.get(quantity, UNITS.get(quantity, "")), verdict, None, reason)
 
 
-def _verdict(i: int, own: Sequence[Verdict], found: Joint, sigma: float | None) -> tuple[Verdict, Reason]:
+def _items(part: Part) -> dict[str, EstimateItem]:
+    """The quantities that its environment makes observable: about the pivot on a pedestal."""
+    return part.phase.about_pivot or part.phase.estimates
+
+
+def _sizes(parts: Sequence[Part], values: Array) -> Array:
+    """(10,) natural sizes; a moment of inertia that nothing told, as on a table, adds nothing to the body's size."""
+    known = np.concatenate([np.nan_to_num(values[:6]), values[6:]])
+    if parts[0].vehicle.environment != "pedestal":
+        return natural_sizes(known)
+    weighed, nominal = pivot.weighed([part.phase for part in parts]), parts[0].phase.estimates["mass"].nominal
+    known[9] = weighed[0] if weighed else nominal or ASSUMED_KG
+    sizes = natural_sizes(known)
+    sizes[6:9] *= known[9]
+    return sizes
+
+
+def _verdict(own: Sequence[Verdict], sigma: float | None, size: float) -> tuple[Verdict, Reason]:
     if all(one == "unobservable" for one in own):
         return "unobservable", Reason("logs-unobservable")
-    # a moment of inertia that nothing told, as on a table, adds nothing to the body's size
-    size = natural_sizes(np.concatenate([np.nan_to_num(found.values[:6]), found.values[6:]]))[i]
     if sigma is None or not sigma <= INFORMED * size:
         return "not_excited", Reason("logs-not-excited")
     if "converged" in own or sigma < SETTLED / 4 * size:

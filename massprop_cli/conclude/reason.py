@@ -47,6 +47,7 @@ VerdictReason = Literal[
     "logs-converged",
     "logs-not-converged",
     "logs-contradicted",
+    "object-contradicted",
 ]
 """Of one quantity's verdict."""
 Cause = Literal[
@@ -148,6 +149,7 @@ SENTENCES: dict[Code, str] = {
     "logs-converged": "{converged} of {logs} logs converged; together ± {percent:.2g} % of its natural size",
     "logs-not-converged": "informed, but converged in no log, and together above a quarter of the tolerance",
     "logs-contradicted": "contradicted by or in {logs}",
+    "object-contradicted": "the object that --added states does not fit the logs",
     "named-fault": "{message}",
     "known-mismatch": "{message}",
     "unexplained": "{message}",

@@ -40,13 +40,21 @@ def about_cg(mean: Array, covariance: Array, vehicle: Vehicle) -> AboutCg:
     if weighed is None:
         values[:, 9] = slope[:, 9, 9] = np.nan
         return AboutCg(values, slope @ covariance @ slope.transpose(0, 2, 1), np.zeros((count, 10, 10)))
-    pivot, share = np.array(vehicle.environment.bearing_position_m), 1 / (weighed.value * mean[:, 9])
-    arm = (mean[:, 6:9] - pivot) * share[:, None]
-    values[:, :6] -= weighed.value * elements(_spread(arm))
-    values[:, 6:9], values[:, 9] = pivot + arm, weighed.value
-    slope[:, :6, 6:9] = -weighed.value * _spread_by_arm(arm) * share[:, None, None]
-    slope[:, range(6, 9), range(6, 9)] = share[:, None]
-    by_mass = weighed.sigma * np.column_stack([elements(_spread(arm)), -arm / weighed.value, np.ones(count)])
+    pivot, assumed = np.array(vehicle.environment.bearing_position_m), 1 / mean[:, 9, None]
+    slope[:, range(6, 9), range(6, 9)] = assumed
+    moments = np.concatenate([mean[:, :6], (mean[:, 6:9] - pivot) * assumed], 1)
+    nine = (slope @ covariance @ slope.transpose(0, 2, 1))[:, :9, :9]
+    return beside_mass(moments, nine, pivot, weighed.value, weighed.sigma)
+
+
+def beside_mass(about: Array, covariance: Array, pivot: Array, mass: float, sigma: float) -> AboutCg:
+    """Of inertia about the pivot (3,) and first moment, K rows (K, 9), their covariance (K, 9, 9), and a mass that was weighed, kg."""
+    count, arm = len(about), about[:, 6:9] / mass
+    values = np.column_stack([about[:, :6] - mass * elements(_spread(arm)), pivot + arm, np.full(count, mass)])
+    slope = np.zeros((count, 10, 9))
+    slope[:, range(9), range(9)] = np.repeat([1.0, 1 / mass], [6, 3])
+    slope[:, :6, 6:9] = -_spread_by_arm(arm)
+    by_mass = sigma * np.column_stack([elements(_spread(arm)), -arm / mass, np.ones(count)])
     return AboutCg(values, slope @ covariance @ slope.transpose(0, 2, 1), by_mass[:, :, None] * by_mass[:, None, :])
 
 

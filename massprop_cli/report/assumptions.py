@@ -88,7 +88,8 @@ def implied_thrust(body: PhaseItem | DockedObject) -> str:
         return ""
     found = body.implied_thrust_scale
     value, sigma = digits.numbers(found.value, found.sigma)
-    return f"the {found.by.replace('.', ' ')} implies {value} ± {sigma} of the stated thrust"
+    stated = "stated thrust, or momentum of wheels" if found.by == "added object" else "stated thrust"
+    return f"the {found.by.replace('.', ' ')} implies {value} ± {sigma} of the {stated}"
 
 
 KINDS = {

@@ -175,10 +175,10 @@ class DiscrepancyItem(Item):
 
 
 class ImpliedScale(Item):
-    """The thrust, as a part of what the vehicle file states, that a mass from elsewhere implies."""
+    """The thrust, as a part of what the vehicle file states, that a mass from elsewhere implies; without jets, momentum of wheels."""
 
-    by: str = Field(description='where the mass comes from: "known.mass" or "expected mass"')
-    value: float = Field(description="thrust over stated thrust; 1 if the vehicle file is right")
+    by: str = Field(description='where the mass comes from: "known.mass", "expected mass" or "added object"')
+    value: float = Field(description="thrust over stated thrust; 1 if the vehicle file is right; without jets, momentum of wheels likewise")
     sigma: float
 
 

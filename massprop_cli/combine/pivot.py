@@ -1,0 +1,71 @@
+"""Results of a fixed pedestal: values about the pivot add up, and a weighed mass makes CG and inertia about it of them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from massprop_cli import QUANTITIES, UNITS
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.combine.joint import Piece
+from massprop_cli.conclude.reason import Reason
+from massprop_cli.conclude.verdict import Estimate
+from massprop_cli.estimate.pivot import ABOUT_PIVOT, beside_mass
+from massprop_cli.result.read import Recorded
+from massprop_cli.result.schema import PhaseItem, VehicleInfo
+
+
+def refuse(recorded: Sequence[Recorded]) -> None:
+    """:class:`InputError` where values about a pivot can't be added: they rest on a known inertia, or are about other points."""
+    for one in recorded:
+        if one.result.vehicle.environment != "pedestal":
+            continue
+        where = one.result.vehicle.bearing_position_m
+        if where != recorded[0].result.vehicle.bearing_position_m:
+            raise InputError(
+                f"{one.path}: the pivot is at {where} m, and at {recorded[0].result.vehicle.bearing_position_m} m in {recorded[0].path}; "
+                "make the results with the same environment.bearing_position_m"
+            )
+        for phase in one.result.phases:
+            if phase.about_pivot_covariance is None:
+                raise InputError(f"{one.path}: has no about_pivot with its covariance; make the result again with this version")
+            known = ", ".join(f"known.{name}" for name in phase.known if name != "mass")
+            if known:
+                raise InputError(f"{one.path}: its values about the pivot include {known}; make the result again without it")
+
+
+def piece(label: str, vehicle: VehicleInfo, phase: PhaseItem) -> Piece:
+    """The nine of one phase, and no mass."""
+    values, covariance = np.full(10, np.nan), np.full((10, 10), np.nan)
+    values[:9] = [np.nan if one.value is None or one.sigma is None else one.value for one in map(phase.about_pivot.get, ABOUT_PIVOT) if one]
+    covariance[:9, :9] = np.array(phase.about_pivot_covariance, dtype=float)
+    beyond = phase.discrepancy.thrust_scale_sigma if phase.discrepancy else 0.0
+    return Piece(label, values, covariance, {}, float(np.hypot(vehicle.thrust_scale_sigma, beyond)), about_pivot=True)
+
+
+def weighed(phases: Sequence[PhaseItem]) -> tuple[float, float] | None:
+    """Mass and sigma that the phases of one body state, each once; None where none does."""
+    known = list(dict.fromkeys(phase.known["mass"] for phase in phases if "mass" in phase.known))
+    if not known:
+        return None
+    weight = np.array([1 / sigma**2 for _, sigma in known])
+    return float(weight @ np.array([value for value, _ in known]) / weight.sum()), float(weight.sum() ** -0.5)
+
+
+def ten(values: Array, covariance: Array, pivot: Array, mass: tuple[float, float] | None) -> tuple[Array, Array]:
+    """(10,) and (10, 10) quantities of the nine (10,), (10, 10); NaN where no mass makes them known."""
+    if mass is None or not np.isfinite(values[:9]).all():
+        return np.full(10, np.nan), np.full((10, 10), np.nan)
+    found = beside_mass(values[None, :9], covariance[None, :9, :9], pivot, *mass)
+    return found.values[0], (found.covariance + found.by_mass)[0]
+
+
+def estimates(nine: Mapping[str, Estimate], values: Array, covariance: Array) -> dict[str, Estimate]:
+    """The ten, with the verdicts of the nine that they correspond to."""
+    if not np.isfinite(values).all():
+        return {name: Estimate(None, None, UNITS[name], "unobservable", None, Reason("unweighed-pedestal")) for name in QUANTITIES}
+    like, found = [*nine.values(), nine["moment_z"]], {}
+    for one, name, value, variance in zip(like, QUANTITIES, values, np.diag(covariance), strict=True):
+        found[name] = replace(one, value=float(value), sigma=float(np.sqrt(variance)), unit=UNITS[name])
+    return found
