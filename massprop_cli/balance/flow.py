@@ -87,12 +87,12 @@ def chosen(recorded: Recorded, phase: str | None) -> PhaseItem:
     if phase is not None and phase not in phases:
         raise InputError(f"{recorded.path}: has no phase {phase!r}; it has {has}. Name one of these with --phase")
     item = phases[phase or has]
-    if not item.about_pivot:
+    if not item.about_pivot or recorded.result.vehicle.environment != "pedestal":
         kind = recorded.result.vehicle.environment
         why = "is a joint result, which has none" if recorded.joint else f'its log is of environment.kind = "{kind}"'
         raise InputError(
-            f'{recorded.path}: has no about_pivot: {why}. Estimate a log of a table on a fixed pedestal (environment.kind = "pedestal", '
-            "bearing_position_m) that is turned by wheels, jets or control moment gyros"
+            f"{recorded.path}: has no about_pivot of a fixed pedestal: {why}. Estimate a log of a table on a fixed pedestal "
+            '(environment.kind = "pedestal", bearing_position_m) that is turned by wheels, jets or control moment gyros'
         )
     if item.about_pivot_covariance is None or None in (recorded.result.vehicle.gravity_m_s2, recorded.result.vehicle.initial_up):
         raise InputError(f"{recorded.path}: has no about_pivot_covariance: it was written by an earlier version; make it again")

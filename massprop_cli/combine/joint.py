@@ -288,7 +288,12 @@ def known_object(
 
 
 def _of_sides(single: PhaseItem, combined: PhaseItem) -> tuple[Verdict, Reason]:
-    verdicts = {item.verdict for phase in (single, combined) for item in (phase.about_pivot or phase.estimates).values()}
+    verdicts = {
+        item.verdict
+        for phase in (single, combined)
+        for item in (phase.estimates | phase.about_pivot).values()
+        if item.verdict != "unobservable"
+    }
     if "contradicted" in verdicts:
         return "contradicted", Reason("sides-contradicted")
     return ("converged", Reason("sides-converged")) if verdicts == {"converged"} else ("not_converged", Reason("sides-not-converged"))

@@ -13,15 +13,17 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.combine import added, fit, pivot
 from massprop_cli.combine.joint import BEYOND, Joint, Piece, joint, known_object
+from massprop_cli.conclude.pivot import estimates_about
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Conclusion, Estimate, Verdict
 from massprop_cli.diagnosis.preprocessing import Ready
 from massprop_cli.estimate.pivot import ABOUT_PIVOT, PIVOT_UNITS
+from massprop_cli.estimate.pivot import about_pivot as pivot_of
 from massprop_cli.inputs.vehicle import ASSUMED_KG, Phase
 from massprop_cli.model.plant import BearingBody
 from massprop_cli.result.build import estimate_items, matrix, physical
 from massprop_cli.result.read import Recorded
-from massprop_cli.result.schema import DockedObject, EstimateItem, ImpliedScale, PhaseItem, VehicleInfo, WarningItem
+from massprop_cli.result.schema import BY_OBJECT, DockedObject, EstimateItem, ImpliedScale, PhaseItem, VehicleInfo, WarningItem
 from massprop_cli.testbed.bound import natural_sizes
 
 INFORMED = 0.5
@@ -100,17 +102,21 @@ def phased(of: Gathered) -> Phased:
     against = [*_contradictions(parts, found), *([of.against] if of.against else [])]
     notes = [*of.notes, *(WarningItem(code="results-disagree", message=f"phase {name}: {message}") for message in against)]
     about_pivot: dict[str, Estimate] = {}
-    values, covariance = found.values, found.covariance
+    values, covariance, at = found.values, found.covariance, np.array(vehicle.bearing_position_m)
+    nine = found.values[:9], found.covariance[:9, :9]
     if vehicle.environment == "pedestal":
         about_pivot = {name: _estimate(i, name, of) for i, name in enumerate(ABOUT_PIVOT)}
-        at = np.array(vehicle.bearing_position_m)
         values, covariance = pivot.ten(values, covariance, at, pivot.weighed([part.phase for part in parts]))
         estimates = pivot.estimates(about_pivot, values, covariance)
     else:
         estimates = {quantity: _estimate(i, quantity, of) for i, quantity in enumerate(QUANTITIES)}
+        turning = values - np.append(np.zeros(9), vehicle.bearing_mass_kg)
+        nine = pivot_of(turning, covariance, at, turning[9])
     duration = sum(part.phase.end_s - part.phase.start_s for part in parts)
     phase = Phase(name=name, start_s=0.0, end_s=duration)
-    whole = Conclusion(phase, estimates, covariance, float(values[9]) - vehicle.bearing_mass_kg, (values, covariance))
+    whole = Conclusion(phase, estimates, covariance, float(values[9]) - vehicle.bearing_mass_kg, (values, covariance), nine)
+    if vehicle.environment == "air_bearing":
+        about_pivot = estimates_about(whole)
     about = whole.inertia_about_origin
     contradicted = any(item.verdict == "contradicted" for item in (estimates | about_pivot).values())
     item = PhaseItem(
@@ -122,7 +128,7 @@ def phased(of: Gathered) -> Phased:
         inertia_about_origin=matrix(about) if np.isfinite(about).all() else None,
         physical=physical(whole),
         about_pivot=estimate_items(about_pivot),
-        about_pivot_covariance=matrix(found.covariance[:9, :9]) if about_pivot else None,
+        about_pivot_covariance=matrix(nine[1]) if about_pivot else None,
         innovations=None,
         contradiction="; ".join(against) if contradicted else "",
         known={quantity: pair for part in parts for quantity, pair in part.phase.known.items()},
@@ -144,7 +150,7 @@ def by_object(before: Gathered, after: Gathered, text: str) -> tuple[list[Phased
             f"mass and place stated by --added do not fit the logs (chi-square {found.chi_square:.4g} of {found.freedom}): check its mass, "
             "its position from O in body axes, and that nothing else was changed"
         )
-    scale = ImpliedScale(by="added object", value=found.scale[0], sigma=found.scale[1])
+    scale = ImpliedScale(by=BY_OBJECT, value=found.scale[0], sigma=found.scale[1])
     sides = [
         phased(of._replace(joint=replace(of.joint, values=values, covariance=covariance), scale=scale, against=against))
         for of, (values, covariance) in zip((before, after), found.sides, strict=True)
@@ -233,7 +239,7 @@ def _estimate(i: int, quantity: str, of: Gathered) -> Estimate:
 
 def _items(part: Part) -> dict[str, EstimateItem]:
     """The quantities that its environment makes observable: about the pivot on a pedestal."""
-    return part.phase.about_pivot or part.phase.estimates
+    return part.phase.about_pivot if part.vehicle.environment == "pedestal" else part.phase.estimates
 
 
 def _sizes(parts: Sequence[Part], values: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Set
+from collections.abc import Set
 from dataclasses import replace
 from typing import Literal
 
@@ -19,8 +19,8 @@ from massprop_cli.inputs.vehicle import Vehicle
 
 
 def with_pivot(found: Analysis) -> Analysis:
-    """The analysis with ``about_pivot`` in each conclusion, where the pivot is fixed."""
-    if not found.vehicle.on_pedestal:
+    """The analysis with ``about_pivot`` in each conclusion, on a bearing or a fixed pedestal."""
+    if not found.vehicle.pivoted:
         return found
     swings = not len(found.samples.capability)
     conclusions = tuple(_with_pivot(one, found.vehicle.in_phase(one.phase), swings) for one in found.conclusions)
@@ -40,9 +40,11 @@ def _beside_mass(assumption: Assumption, unweighed: Set[str]) -> Assumption:
 
 
 def _with_pivot(conclusion: Conclusion, vehicle: Vehicle, swings: bool) -> Conclusion:
-    """The verdicts about the pivot are those of the ten that they correspond to; these are hidden where no mass makes them known."""
+    """With the nine; on a pedestal the ten are hidden where no mass makes them known."""
+    if not vehicle.on_pedestal:
+        return replace(conclusion, about_pivot={} if conclusion.pivot is None else estimates_about(conclusion))
     untold = swings and not knows_inertia(vehicle)
-    about = {} if conclusion.pivot is None else _about_pivot(conclusion, "ratios-only" if untold else "")
+    about = {} if conclusion.pivot is None else estimates_about(conclusion, "ratios-only" if untold else "")
     if "mass" in vehicle.known and not untold:
         return replace(conclusion, about_pivot=about)
     unweighed = "mass" not in vehicle.known
@@ -57,7 +59,8 @@ def _with_pivot(conclusion: Conclusion, vehicle: Vehicle, swings: bool) -> Concl
     )
 
 
-def _about_pivot(conclusion: Conclusion, untold: Literal["", "ratios-only"]) -> Mapping[str, Estimate]:
+def estimates_about(conclusion: Conclusion, untold: Literal["", "ratios-only"] = "") -> dict[str, Estimate]:
+    """The nine with the verdicts of the ten that they correspond to; ``untold`` is why they have no values."""
     assert conclusion.pivot is not None
     values, sigmas = conclusion.pivot[0], np.sqrt(np.maximum(np.diag(conclusion.pivot[1]), 0.0))
     found = {}

@@ -78,9 +78,9 @@ class Conclusion:
     bare: tuple[Array, Array]
     """(10,) values and (10, 10) covariance by the log alone: nothing known from elsewhere, thrust taken as exact. NaN as above."""
     pivot: tuple[Array, Array] | None = None
-    """(9,) and (9, 9) inertia and first moment about a fixed pivot, and their covariance; None without one."""
+    """(9,) and (9, 9) inertia and first moment about a pivot or bearing, and their covariance; None without one."""
     about_pivot: Mapping[str, Estimate] = field(default_factory=dict)
-    """The nine of :data:`massprop_cli.estimate.pivot.ABOUT_PIVOT`; empty without a fixed pivot."""
+    """The nine of :data:`massprop_cli.estimate.pivot.ABOUT_PIVOT`; empty without a pivot or bearing."""
     thrust_scale_sigma: float = 0.0
     """Relative, of an error common to all thrust: what ``covariance`` has of it beyond what is stated."""
     causes: tuple[Reason, ...] = ()
@@ -155,9 +155,10 @@ def conclude(history: History, vehicle: Vehicle) -> Conclusion:
 
 
 def about_its_pivot(values: Array, covariance: Array, history: History, vehicle: Vehicle) -> tuple[Array, Array] | None:
-    """(9,) and (9, 9) of ten values (10,), (10, 10); None without a fixed pivot."""
-    if not vehicle.on_pedestal:
+    """(9,) and (9, 9) of ten values (10,), (10, 10); None where nothing pivots."""
+    if not vehicle.pivoted:
         return None
+    values = values - np.append(np.zeros(9), vehicle.bearing_mass_kg)  # of what turns
     at, mass = np.array(vehicle.environment.bearing_position_m), np.nan if history.reference is None else 1 / history.reference.mu
     return about_pivot(values, covariance, at, np.array(mass))
 

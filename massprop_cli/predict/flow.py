@@ -13,7 +13,7 @@ from massprop_cli.predict.difference import Compared, compared
 from massprop_cli.predict.document import PredictedQuantity, Prediction, PredictionSource, PredictionTest
 from massprop_cli.predict.motion import explained
 from massprop_cli.result.read import Recorded
-from massprop_cli.result.schema import PhaseItem, Result
+from massprop_cli.result.schema import BY_OBJECT, PhaseItem, Result
 
 _REMEDY = "Give the vehicle file that the result was made with (--vehicle), or make the result again"
 
@@ -103,6 +103,11 @@ def _check_alike(recorded: Recorded, log: Path, own: Result) -> None:
 
 
 def _check_told(path: Path, item: PhaseItem, pivoted: bool) -> None:
+    if item.implied_thrust_scale is not None and item.implied_thrust_scale.by == BY_OBJECT:
+        raise InputError(
+            f"{path}: its values are in absolute terms by an added object; multiply the forces (or wheels' inertia) of the vehicle file by "
+            f"{item.implied_thrust_scale.value:.6g}, and name the result of a log that is estimated with them"
+        )
     if pivoted and (not item.about_pivot or item.about_pivot_covariance is None):
         raise InputError(
             f"{path}: has no about_pivot with its covariance; name the result of one log on the pedestal, made by this version"

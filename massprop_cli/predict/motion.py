@@ -69,7 +69,7 @@ def reference(own: Reference, used: Resolved, vehicle: VehicleInfo, phase: Phase
 
     Where a known mass says by how much the thrust is off, the motion is that of inertia and mass over this scale at the stated thrust.
     """
-    if phase.about_pivot:
+    if vehicle.environment == "pedestal":
         values = np.array([phase.about_pivot[name].value for name in ABOUT_PIVOT], dtype=float)
         inertia, moment = values[:6], values[6:]
         cg, mu = np.array(vehicle.bearing_position_m) + moment * own.mu, own.mu

@@ -8,7 +8,7 @@ from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.docking import difference_slope
 from massprop_cli.report import digits, vocabulary
-from massprop_cli.result.schema import Assumption, DockedObject, Effect, PhaseItem, Result
+from massprop_cli.result.schema import BY_OBJECT, Assumption, DockedObject, Effect, PhaseItem, Result
 
 TOLD = 5.0
 """Sigmas of misfit from which on the log itself would tell that an assumption is one step off."""
@@ -88,7 +88,7 @@ def implied_thrust(body: PhaseItem | DockedObject) -> str:
         return ""
     found = body.implied_thrust_scale
     value, sigma = digits.numbers(found.value, found.sigma)
-    stated = "stated thrust, or momentum of wheels" if found.by == "added object" else "stated thrust"
+    stated = "stated thrust, or momentum of wheels" if found.by == BY_OBJECT else "stated thrust"
     return f"the {found.by.replace('.', ' ')} implies {value} ± {sigma} of the {stated}"
 
 

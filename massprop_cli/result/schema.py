@@ -174,6 +174,10 @@ class DiscrepancyItem(Item):
     )
 
 
+BY_OBJECT = "added object"
+"""Of an implied scale: of a joint result."""
+
+
 class ImpliedScale(Item):
     """The thrust, as a part of what the vehicle file states, that a mass from elsewhere implies; without jets, momentum of wheels."""
 
@@ -195,8 +199,8 @@ class PhaseItem(Item):
     innovations: Innovations | None
     about_pivot: dict[str, EstimateItem] = Field(
         {},
-        description="on a fixed pedestal: inertia about the pivot (ixx ... izz, kg m^2) and first moment about it, mass times offset of "
-        "the CG (moment_x, moment_y, moment_z, kg m), body axes; absent elsewhere",
+        description="on a bearing or fixed pedestal: inertia about that point (ixx ... izz, kg m^2) and first moment about it, mass "
+        "(without the bearing's) times offset of the CG (moment_x, moment_y, moment_z, kg m), body axes; absent elsewhere",
     )
     about_pivot_covariance: Matrix9 | None = Field(None, description="of about_pivot, in its order; absent with it")
     contradiction: str = Field("", description="why log and vehicle file contradict each other in this phase; empty where they don't")

@@ -225,10 +225,15 @@ def test_a_docked_object_that_is_known_calibrates_vehicle_and_both_together(bear
     done = massprop(bearings, "combine", "--before", "testbed", "--after", "testbed-joined", "--added", CUBE, "--out", "known", "--json")
     assert done.returncode == 0, done.stderr
     found = schema.Result.model_validate_json(done.stdout)
-    for phase, name in zip(found.phases, ("testbed", "testbed-joined"), strict=True):
+    for phase, name, at in zip(found.phases, ("testbed", "testbed-joined"), np.array([[0.0, 0, 0], [0.3, 0, 0]]), strict=True):
         truth = scenario.load(name).scenario.truth.values
         z = [(item.value - true) / item.sigma for item, true in zip(phase.estimates.values(), truth, strict=True)]
         assert np.abs(z).max() < 4
+        arm = truth[6:9] - at
+        about = of_points(*point_masses(np.array([*truth[:6], *truth[6:9], truth[9] - 5.0])))
+        turning = about[9] * ((arm @ arm) * np.eye(3) - np.outer(arm, arm))[np.triu_indices(3)] + about[:6]
+        values, sigmas = nine_of(phase)
+        assert np.abs((values - np.concatenate([turning, about[9] * arm])) / sigmas).max() < 4
         implied = phase.implied_thrust_scale
         assert implied is not None
         assert abs(implied.value - 0.94) < 4 * implied.sigma < 0.005
@@ -236,6 +241,17 @@ def test_a_docked_object_that_is_known_calibrates_vehicle_and_both_together(bear
     assert found.docked_object.known["mass"] == (12.0, 0.006)
     assert massprop(bearings, "report", "known", "--format", "md", "--out", "page").returncode == 0
     assert "The added object implies 0.94" in (bearings / "page" / "report.md").read_text()
+
+
+def test_a_log_of_a_sliding_bearing_tells_the_first_moment_about_it_better_than_the_cg(bearings: Path) -> None:
+    """By jets at 0.94 of what is stated inertia and first moment come out as 1/0.94 of the true ones, mass without the bearing's."""
+    phase = schema.Result.model_validate_json((bearings / "testbed" / "result.json").read_text()).phases[0]
+    truth = scenario.load("testbed").scenario.truth.values
+    values, sigmas = nine_of(phase)
+    moment = truth[6:9] * (truth[9] - 5.0) / 0.94
+    assert np.abs((values[6:] - moment) / sigmas[6:]).max() < 4
+    assert (sigmas[6:] < 2e-3 * np.abs(moment)).all()
+    assert {item.verdict for item in phase.about_pivot.values()} == {"converged"}
 
 
 @pytest.mark.parametrize(
