@@ -238,7 +238,9 @@ def quarter(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
     [
         ((degrees, giving(-1.0, "pitch_p1")), "", {"gyro-units", "jet-sign"}, ("pitch_p1", "degrees")),
         pytest.param((quarter,), dead("roll_p1"), {"imu-mounting", "jet-dead"}, ("roll_p1", "90 degrees"), marks=pytest.mark.thorough),
-        ((askew, quarter), dead("roll_p1"), {"imu-mounting", "jet-dead"}, ("roll_p1", "90 degrees")),
+        pytest.param(
+            (askew, quarter), dead("roll_p1"), {"imu-mounting", "jet-dead"}, ("roll_p1", "90 degrees"), marks=pytest.mark.thorough
+        ),
         pytest.param(
             *((tilted, giving(0.8, "yaw_n2")), "", {"imu-mounting", "thrust-scale"}, ("yaw_n2 (+0.8", "3 degrees")),
             marks=pytest.mark.thorough,
@@ -349,8 +351,8 @@ ANOTHERS = "another's commands"
     [
         ("free-flyer", ANOTHERS),
         pytest.param("air-bearing", ANOTHERS, marks=pytest.mark.thorough),
-        ("free-flyer", "a dead gyro"),
-        ("air-bearing", "a dead accelerometer"),
+        pytest.param("free-flyer", "a dead gyro", marks=pytest.mark.thorough),
+        pytest.param("air-bearing", "a dead accelerometer", marks=pytest.mark.thorough),
         pytest.param("free-flyer", "a dead accelerometer", marks=pytest.mark.thorough),
         pytest.param("air-bearing", "a dead gyro", marks=pytest.mark.thorough),
     ],
@@ -401,7 +403,8 @@ def test_thrust_that_sags_with_the_jets_that_fire_is_named_and_mended(key: str, 
     assert all(abs((one.value or 0.0) - value) < 4 * (one.sigma or 0.0) for one, value in zip(estimates, true, strict=True))
 
 
-@pytest.mark.parametrize("memory_s", [pytest.param(0.3, marks=pytest.mark.thorough), 0.7])
+@pytest.mark.thorough
+@pytest.mark.parametrize("memory_s", [0.3, 0.7])
 def test_a_supply_that_remembers_leaves_no_value_wrong(memory_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Thrust falls by up to 3 % with what was taken before: a disturbance stood for it, and moments of inertia were called converged."""
     flown = fly("free-flyer", *pulses(600), "vehicle.imu.gyro_noise_rad_s=3e-4", seeds=(1,))

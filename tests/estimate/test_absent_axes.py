@@ -50,8 +50,7 @@ CASES = {
     "air bearing, gyro alone": Case("testbed", (NO_ACCELEROMETER,), QUANTITIES, 60),
     "jets, two accelerations askew": Case("free-flyer", (*FREE, *TURNED, 'sensors.accel_axes=["x", "z"]'), QUANTITIES, 12),
 }
-REPEATED = ("air bearing, gyro alone", "jets, two accelerations askew")
-"""Tried under the linear algebra of other processors."""
+FIRST = ("jets, gyro alone", "table, yaw gyro and two accelerations")
 VERDICTS = {"mass": "sensor-absent-mass"}
 
 
@@ -80,7 +79,8 @@ def conclusion_of(flight: Flight, member: int) -> Conclusion:
     return analysis.conclusions[0]
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.numerical] * (name in REPEATED)) for name in CASES])
+@pytest.mark.numerical
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.thorough] * (name not in FIRST)) for name in CASES])
 def test_sigmas_are_the_bound_and_nothing_else_is_given(name: str) -> None:
     case = CASES[name]
     source, flight = flown(name, 1)

@@ -119,7 +119,9 @@ SIMULATED = {
 }
 
 
-@pytest.mark.parametrize("settings", SIMULATED.values(), ids=SIMULATED.keys())
+@pytest.mark.parametrize(
+    "settings", [pytest.param(one, id=name, marks=[pytest.mark.thorough] * (name != "turned")) for name, one in SIMULATED.items()]
+)
 def test_what_is_stated_of_the_attitude_is_followed(settings: tuple[str, ...]) -> None:
     """Beside none at all; a log of four records a cycle has its own noise."""
     fine = settings[:1] if "records_per_cycle" in settings[0] else ()
@@ -162,7 +164,10 @@ UNSTATED = {
 }
 
 
-@pytest.mark.parametrize("unstated", UNSTATED.values(), ids=UNSTATED.keys())
+@pytest.mark.parametrize(
+    "unstated",
+    [pytest.param(one, id=name, marks=[pytest.mark.thorough] * (name in ("very late", "scatter"))) for name, one in UNSTATED.items()],
+)
 def test_an_attitude_that_does_not_fit_is_left_out_with_what_to_state(unstated: tuple[tuple[str, ...], str]) -> None:
     settings, message = unstated
     flight = flown(1, *MILLIRADIAN, *settings)
