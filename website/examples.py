@@ -148,6 +148,11 @@ def _combined(*parts: tuple[str, str]) -> Told:
 
 LOOSE = (f"estimator.thesis.q1={[1e-3] * 9}", "estimator.thesis.r1=1e-3")
 VIBRATING = ("disturbance.periodic_n_m=[0.05, 0.05, 0.05]", "disturbance.periodic_s=0.11")
+PULSES = ", ".join(
+    f'{{motion="random", axes=["{axis}"], level={level}, start_s={4 * n}, end_s={4 * n + 4}}}'
+    for n, (axis, level) in enumerate((("roll", 0.3), ("pitch", 0.4), ("yaw", 0.5), ("x", 0.6), ("y", 0.3), ("z", 0.5)))
+)
+CENTRED = "duration_s=24.0", f"plan=[{PULSES}]", 'actuators.pulse_at="centre"'
 LATE = "sensors.log_attitude=true", "sensors.attitude_noise_rad=1e-3", "sensors.attitude_latency_s=0.05"
 STRONG = 'plan=[{motion="steady",axes=["x"],force_n=9.0,start_cycle=0,end_cycle=5}]'
 TURNED = "jets.0.force_n=[0.0, 0.0, -1.112]"
@@ -226,6 +231,7 @@ WARNINGS: dict[str, Example] = {
     "gravity-felt": Example(partial(_recorded, "grounded", 9003), *FORCE),
     "cycle-period": Example(partial(_sample, "free-flyer/log.parquet", "cycle.period_s=0.0505"), *RATE),
     "noise-estimated": Example(partial(_unstated, "free-flyer/log.parquet"), *RATE),
+    "pulse-position": Example(partial(_flown, "free-flyer", *CENTRED), *RATE),
     "attitude-misfit": Example(partial(_flown, "testbed", *LATE), *RATE),
     "imu-kernel": Example(_sampled, *FORCE),
     "model-misfit": Example(partial(_flown, "free-flyer", *VIBRATING), *WHITE),

@@ -189,7 +189,7 @@ class Designs:
         times = tuple((jet.rise_s, jet.fall_s) for jet in vehicle.jets)
         thrust = vehicle.thrust
         supply = thrust.droop, thrust.cycle_droop, thrust.failures, thrust.wrench_limits
-        key = (id(log.command), delay, lag_s, vehicle.imu.clock_drift_ppm, times, supply)
+        key = (id(log.command), delay, lag_s, vehicle.cycle.pulse_at, vehicle.imu.clock_drift_ppm, times, supply)
         if key not in self._made:
             if len(self._made) == KEPT:
                 del self._made[next(iter(self._made))]

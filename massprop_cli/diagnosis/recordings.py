@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from operator import itemgetter
 
 import numpy as np
@@ -17,12 +18,14 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Case
 from massprop_cli.diagnosis.delay import unexplained_by
+from massprop_cli.diagnosis.hypotheses import along
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.refit import Refit, tried
 from massprop_cli.diagnosis.screening import CLEAR, Screening
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.prepare.actuators import LATE
 
 States = dict[str, object]
 """Values of keys of the vehicle file."""
@@ -62,14 +65,15 @@ def seen(case: Case) -> Notice | None:
 def otherwise(screening: Screening) -> list[Refit]:
     """What explains more of the motion than what is stated, put to the test."""
     case = screening.case
-    none = np.zeros((len(screening.model.stated), 0))
     stated = _left(case, {})
     found = []
-    for code, states, further in _supposed(case):
-        if _left(case, states) < stated - CLEAR:
-            hypothesis = Hypothesis(code, (), none, states=states, further=further)
-            begun = Fitted(hypothesis, screening.model, screening.stated.x, screening.stated.chi_square, np.zeros(0))
-            found.append(tried(screening, begun))
+    for code, states, further, later in _supposed(case):
+        if _left(case, states, later) < stated - CLEAR:
+            model, x = screening.model, screening.stated.x.copy()
+            x[model.place("delay")] += later
+            free = along(model, ("delay", np.ones(1))) if later else np.zeros((len(x), 0))
+            hypothesis = Hypothesis(code, (), free, states=states, further=further)
+            found.append(tried(screening, Fitted(hypothesis, model, x, screening.stated.chi_square, np.zeros(free.shape[1]))))
     # such a fault leaves nothing once it is mended: beside a torque of its own it would be one of many that leave less
     return [refit for refit in found if refit is not None and refit.screening is not None and not refit.screening.free.beside]
 
@@ -91,19 +95,39 @@ def by_noise(screening: Screening) -> list[Refit]:
     return [] if refit is None or refit.screening is None or not refit.screening.close else [replace(refit, fits=True)]
 
 
-def _supposed(case: Case) -> Iterator[tuple[str, States, tuple[States, ...]]]:
-    """Code, keys, and keys with each number that was sought one sigma away."""
+def _supposed(case: Case) -> Iterator[tuple[str, States, tuple[States, ...], float]]:
+    """Code, keys, keys with each number that was sought one sigma away, and by how many cycles later commands act with it."""
     if case.vehicle.imu.accel_axes == "imu":
-        yield "accel-axes", {"imu.accel_axes": "start"}, ()
+        yield "accel-axes", {"imu.accel_axes": "start"}, (), 0.0
     if case.log.command_kind == "wrench" and case.vehicle.thrust.wrench_limits is None:
         found = _limits(case)
         if found is not None:
-            yield "commands-limited", found[0], found[1]
+            yield "commands-limited", found[0], found[1], 0.0
+    if case.log.command_kind == "jets":
+        yield from _pulses_elsewhere(case)
 
 
-def _left(case: Case, states: States) -> float:
+def _pulses_elsewhere(case: Case) -> Iterator[tuple[str, States, tuple[States, ...], float]]:
+    """With the delay as stated, or one by which pulses act about when they now do in the mean."""
+    on, cycle = case.log.command[:, : len(case.vehicle.jets)], case.vehicle.cycle
+    idle = 1 - float((on**2).sum() / max(on.sum(), 1e-300)) / cycle.period_s
+    for at in [at for at in LATE if at != cycle.pulse_at] if idle > NEAR else []:
+        states: States = {"cycle.pulse_at": at}
+        tried = partial(_left, case, states)
+        step, by = 0.1, (LATE[cycle.pulse_at] - LATE[at]) * idle
+        if tried(0.0) > tried(by):
+            while step > NEAR / 4:
+                step /= 2
+                by = min((by, by - step, by + step), key=tried)
+        else:
+            by = 0.0
+        if case.timing.delay + by >= 0:
+            yield "pulse-position", states, (), by
+
+
+def _left(case: Case, states: States, later: float = 0.0) -> float:
     try:
-        return sum(unexplained_by(case.log, stating(case.vehicle, states), case.timing))
+        return sum(unexplained_by(case.log, stating(case.vehicle, states), case.timing.moved(("delay",), (later,))))
     except (InputError, np.linalg.LinAlgError):
         return np.inf
 

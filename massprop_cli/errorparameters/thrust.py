@@ -104,6 +104,12 @@ def _limits(finding: Finding) -> Mapping[str, object]:
     return {"limits": ", ".join(said)}
 
 
+def _pulse_at(finding: Finding) -> Mapping[str, object]:
+    cycle, place = finding.corrected.vehicle.cycle, {"begin": "begin with", "centre": "lie in the middle of", "end": "end with"}
+    delay = f" and act {finding.corrected.timing.delay:.4g} cycles after their commands" if finding.errors["delay"].any() else ""
+    return {"place": place[cycle.pulse_at], "delay": delay, "key": f'cycle.pulse_at = "{cycle.pulse_at}"'}
+
+
 def _ramps(finding: Finding) -> Mapping[str, object]:
     rise, fall = (2e3 * finding.mean(name) * finding.stated.period_s for name in ("rise", "fall"))
     by = rise or fall
@@ -291,6 +297,9 @@ SPECIAL_CASES = (
         "wrench-point",
         lambda finding: about_cg(_point_of(finding), finding.cg),
         Wording(_ABOUT_CG, "state thrust.wrench_point_m, or log them about O", _point),
+    ),
+    SpecialCase(
+        "pulse-position", "pulse-position", lambda _: True, Wording("pulses {place} their cycles{delay}", "state {key}", _pulse_at)
     ),
     SpecialCase("commands-limited", "commands-limited", lambda _: True, Wording(_LIMITED, "state thrust.wrench_limits", _limits)),
     SpecialCase("jets-swapped", "jets-swapped", lambda _: True, Wording(_SWAPPED, "swap wires, columns or entries", _swapped)),

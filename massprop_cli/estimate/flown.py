@@ -41,6 +41,8 @@ def beyond(vehicle: Vehicle, timing: Timing, shortest_s: float) -> str:
     """What of the commands' timing the kernel can't hold; empty where it holds all."""
     if vehicle.imu.clock_drift_ppm != 0:
         return "imu.clock_drift_ppm is not 0, and the kernel knows one clock"
+    if vehicle.cycle.pulse_at != "begin":
+        return f'cycle.pulse_at is "{vehicle.cycle.pulse_at}", and the kernel begins pulses with their cycles'
     if vehicle.imu.gyro_lag_s != 0 or vehicle.imu.accel_lag_s != 0:
         return "imu.gyro_lag_s or imu.accel_lag_s is not 0, and the kernel knows no low-pass"
     if vehicle.imu.measures == "sample" or vehicle.imu.gyro_filter is not None or vehicle.imu.accel_filter is not None:

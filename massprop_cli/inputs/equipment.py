@@ -30,6 +30,7 @@ class Cycle(Section):
         0.0, description="from the start of the cycle that issued a command to the start of its execution"
     )
     command_delay_sigma_cycles: NonNegative = Field(0.0, description="one sigma of a stated delay; goes into every sigma")
+    pulse_at: Literal["begin", "centre", "end"] = Field("begin", description="where in its cycle a jet's pulse lies, after the delay")
 
 
 class LowPass(Section):

@@ -315,12 +315,12 @@ static void add_pulse(long events, long most, const double *room, double weight,
 }
 
 /* The same of jets' pulses (massprop_cli/prepare/actuators.py), `weight` times, added to what is there: on-times (jets, count) from `begin`
- * (count) on, ramps (jets, 2) of rise and fall; room: 12 count + 2 bins. */
+ * (jets, count) on, ramps (jets, 2) of rise and fall; room: 12 count + 2 bins. */
 int mp_host_pulses(long jets, long count, const double *begin, const double *on, const double *ramps, const double *touching, double weight,
                    long bins, const double *edges, const double *lag, double *room, double *integral, double *moment) {
     long j, k, b, most = 4 * count;
     double *lagging = room + 3 * most;
-    for (j = 0; j < jets; j++, on += count, ramps += 2, integral += bins, moment += bins) {
+    for (j = 0; j < jets; j++, begin += count, on += count, ramps += 2, integral += bins, moment += bins) {
         double rise = ramps[0], fall = ramps[1], since = 0.0, end = 0.0;
         long events = 0, first = 0;
         int open = 0;

@@ -126,17 +126,25 @@ def signals(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s: 
         return [held(begin_s, value) for value in _limited(command.T, vehicle).T], lag_s
     touching_s = TOUCHING * vehicle.cycle.period_s
     lasting = opened(begin_s, command, vehicle)
-    each = ([(part, pulses(begin_s, on_s[jet], vehicle.jets[jet], touching_s)) for part, on_s in lasting] for jet in range(len(command)))
+    each = (
+        [(part, pulses(at_s[jet], on_s[jet], vehicle.jets[jet], touching_s)) for part, at_s, on_s in lasting] for jet in range(len(command))
+    )
     return [joined(parts) for parts in each], lag_s
 
 
 def jet_integrals(start_s: Array, on_s: Array, vehicle: Vehicle, edges_s: Array, lag_s: float) -> tuple[Array, Array]:
     """Integrals as of :func:`window_integrals`, of the vehicle's jets with on-times (jets, K)."""
-    return pulse_integrals(start_s, opened(start_s, on_s, vehicle), vehicle.jets, TOUCHING * vehicle.cycle.period_s, edges_s, lag_s)
+    return pulse_integrals(opened(start_s, on_s, vehicle), vehicle.jets, TOUCHING * vehicle.cycle.period_s, edges_s, lag_s)
 
 
-def opened(start_s: Array, on_s: Array, vehicle: Vehicle) -> list[tuple[float, Array]]:
-    """Parts of the thrust, each with on-times (jets, K), that sum to what jets give: each jet's pulses, less what it loses.
+Opened = tuple[float, Array, Array]
+"""A part of the thrust, with when it begins and how long it lasts, (jets, K) s."""
+LATE = {"begin": 0.0, "centre": 0.5, "end": 1.0}
+"""Part of what a pulse leaves of its cycle that is over when it begins."""
+
+
+def opened(start_s: Array, on_s: Array, vehicle: Vehicle) -> list[Opened]:
+    """Parts of the thrust, of on-times (jets, K) in cycles from ``start_s`` on, that sum to what jets give: pulses, less what they lose.
 
     Beside each further jet that is the droop's part of a pulse that lasts while both are open, or of its whole pulse. While a jet fails it
     gives another part of its thrust.
@@ -150,7 +158,8 @@ def opened(start_s: Array, on_s: Array, vehicle: Vehicle) -> list[tuple[float, A
     if strength is not None:
         levels = np.unique(strength[strength != 0]).tolist()
         lasting = [(part * level, np.where(strength == level, lasts_s, 0.0)) for part, lasts_s in lasting for level in levels]
-    return lasting
+    late, period_s = LATE[vehicle.cycle.pulse_at], vehicle.cycle.period_s
+    return [(part, start_s + late * np.maximum(period_s - lasts_s, 0.0), lasts_s) for part, lasts_s in lasting]
 
 
 def strengths(start_s: Array, vehicle: Vehicle) -> Array | None:
@@ -190,25 +199,23 @@ def beside_others(on_s: Array, while_open: bool) -> Iterator[Array]:
         yield np.minimum(on_s, other_s) if while_open else np.where(other_s > 0, on_s, 0.0)
 
 
-def pulse_integrals(
-    start_s: Array, lasting: Sequence[tuple[float, Array]], jets: Sequence[Jet], touching_s: float, edges_s: Array, lag_s: float
-) -> tuple[Array, Array]:
-    """Integrals as of :func:`window_integrals`, of jets with :func:`pulses`: a sum of parts of the thrust, each with on-times (jets, K)."""
+def pulse_integrals(lasting: Sequence[Opened], jets: Sequence[Jet], touching_s: float, edges_s: Array, lag_s: float) -> tuple[Array, Array]:
+    """Integrals as of :func:`window_integrals`, of jets with :func:`pulses`: a sum of parts of the thrust."""
     library = kernel().library
     found = np.zeros((2, len(jets), len(edges_s) - 1))
     if library is None:
-        for part, on_s in lasting:
-            signals = [pulses(start_s, on, jet, touching_s) for on, jet in zip(on_s, jets, strict=True)]
+        for part, at_s, on_s in lasting:
+            signals = [pulses(*one, touching_s) for one in zip(at_s, on_s, jets, strict=True)]
             found += part * np.swapaxes(window_integrals(signals, edges_s, lag_s), 1, 2)
         return found[0].T, found[1].T
-    start, edges = np.ascontiguousarray(start_s, dtype=float), np.ascontiguousarray(edges_s)
+    edges, count = np.ascontiguousarray(edges_s), lasting[0][1].shape[1]
     ramps, touching, lag = np.array([(jet.rise_s, jet.fall_s) for jet in jets]), np.array([touching_s]), np.array([lag_s])
-    room = np.empty(12 * len(start) + (2 * found.shape[2] if lag_s > 0 else 0))
-    sizes = [ctypes.c_long(n) for n in (len(jets), len(start), found.shape[2])]
-    for part, on_s in lasting:
-        on, weight = np.ascontiguousarray(on_s, dtype=float), ctypes.c_double(part)
+    room = np.empty(12 * count + (2 * found.shape[2] if lag_s > 0 else 0))
+    sizes = [ctypes.c_long(n) for n in (len(jets), count, found.shape[2])]
+    for part, *times in lasting:
+        pulsed = [np.ascontiguousarray(each, dtype=float) for each in times]
         among = map(pointer, (edges, lag, room, found[0], found[1]))
-        library.mp_host_pulses(*sizes[:2], *map(pointer, (start, on, ramps, touching)), weight, sizes[2], *among)
+        library.mp_host_pulses(*sizes[:2], *map(pointer, (*pulsed, ramps, touching)), ctypes.c_double(part), sizes[2], *among)
     return found[0].T, found[1].T
 
 

@@ -41,6 +41,7 @@ class Actuators:
         lag = self.scenario.actuators.lag_s
         self.lag_s = self.scenario.vehicle.thrust.stated_lag_s if lag is None else lag
         thrust, real = self.scenario.vehicle.thrust, self.scenario.actuators
+        self.late = {"begin": 0.0, "centre": 0.5, "end": 1.0}[real.pulse_at or self.scenario.vehicle.cycle.pulse_at]
         self.droop = thrust.droop if real.droop is None else real.droop
         self.cycle_droop = thrust.cycle_droop if real.cycle_droop is None else real.cycle_droop
         self.issued = np.zeros((members, cycles, channels))
@@ -111,7 +112,7 @@ class Actuators:
             on = command[member, channel]
             full = self.period_s * (1 - TOUCHING)
             before, after = previous[member, channel], following[member, channel]
-            joined, joins = before >= full, (on >= full) & (after > 0)
+            joined, joins = self._touch(before, on, full), self._touch(on, after, full)
         else:
             strength = strength * command[member, channel]
             on = np.full(len(member), self.period_s)
@@ -119,8 +120,8 @@ class Actuators:
         rise = np.where(joined, 0.0, np.minimum(self.rise_s[channel], on))
         reached = np.where(joined | (self.rise_s[channel] == 0), 1.0, rise / np.where(self.rise_s[channel] > 0, self.rise_s[channel], 1.0))
         fall = np.where(joins, 0.0, reached * self.fall_s[channel])
-        on = np.where(joins, self.period_s, on)
-        begin, end = np.full(len(on), start_s), start_s + on
+        late = self.late * (self.period_s - on)
+        begin, end = start_s + late, start_s + np.where(joins, self.period_s, late + on)
         height = strength * reached
         ramps = Ramp(np.concatenate([begin, end]), np.concatenate([begin + rise, end + fall]), np.concatenate([height, -height]))
         first, second = (_both(integral) for integral in ramps.integrals(self.edges_s))
@@ -129,6 +130,11 @@ class Actuators:
         if self.lag_s > 0:
             thrust.initial[member, channel] += _both(ramps.value_at_zero())
             thrust.lagged[member, channel] += _both(ramps.lagged(self.edges_s, self.lag_s))
+
+    def _touch(self, first: Array, second: Array, full: float) -> Array:
+        """Whether a pulse ends as the one of the next cycle begins."""
+        ends, begins = self.late == 1 or first >= full, self.late == 0 or second >= full
+        return np.asarray((first > 0) & (second > 0) & ends & begins)
 
     def _lag(self, thrust: _Thrust) -> None:
         """Turn thrust u into y, ``lag y' + y = u``: its integrals are ``∫y = ∫u − lag (y − y₀)`` and that once more integrated."""

@@ -92,6 +92,7 @@ class Actuators(Section):
     minimum_pulse_s: NonNegative = Field(0.0, description="shorter pulses are not fired")
     delay_cycles: NonNegative | None = Field(None, description="true delay, may be fractional")
     lag_s: NonNegative | None = Field(None, description="true first-order lag")
+    pulse_at: Literal["begin", "centre", "end"] | None = Field(None, description="where in its cycle a jet's pulse lies in truth")
     scale: Positive = Field(1.0, description="true thrust over the vehicle file's")
     droop: Droop | None = Field(None, description="part of its thrust that a jet loses for each further one while that is open")
     cycle_droop: Droop | None = Field(None, description="the same for each further one that fires in the cycle")

@@ -131,6 +131,7 @@ def test_what_is_stated_of_the_attitude_is_followed(settings: tuple[str, ...]) -
     assert (with_it.sigma < 1.01 * without.sigma).all()
 
 
+@pytest.mark.thorough
 def test_gaps_and_signs_of_the_quaternion_do_no_harm() -> None:
     flight = flown(1, *biased(1), *MILLIRADIAN)
     log, rng = flight.log(0), np.random.default_rng(3)

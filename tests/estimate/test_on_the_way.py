@@ -28,8 +28,8 @@ tells them."""
 
 BEGINNINGS = {"vehicle-58": 450, "vehicle-161": 450, "vehicle-18, known": 450, "vehicle-28, large": 760}
 """Cycles after which what makes them unkind is over."""
-WHOLE = ("vehicle-282, weak", "vehicle-26, pushed on and on", "vehicle-40, slow torque")
-"""Cheap enough, or flown for another test anyway."""
+WHOLE = ("vehicle-282, weak", "vehicle-26, pushed on and on")
+"""Cheap enough."""
 
 
 MORE = {"vehicle-40, slow torque": (1, 2, 14)}

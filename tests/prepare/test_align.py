@@ -71,12 +71,12 @@ def test_pulses_of_all_jets_at_once_are_those_of_each(lag: float) -> None:
     on[0, 10:14] = 0.05  # held on from cycle to cycle
     on[3] = 0.0
     on[3, ::7] = 0.03
-    found = pulse_integrals(start, [(1.0, on)], jets, 5e-5, EDGES, lag)
+    found = pulse_integrals([(1.0, np.broadcast_to(start, on.shape), on)], jets, 5e-5, EDGES, lag)
     expected = window_integrals([pulses(start, own, one, 5e-5) for own, one in zip(on, jets, strict=True)], EDGES, lag)
     assert (expected[0] > 0).any(0).all()
     for ours, each in zip(found, expected, strict=True):
         np.testing.assert_allclose(ours, each, rtol=1e-12, atol=1e-16)
-    none = pulse_integrals(start, [(1.0, np.zeros((1, 40)))], jets[:1], 5e-5, EDGES, lag)
+    none = pulse_integrals([(1.0, np.broadcast_to(start, (1, 40)), np.zeros((1, 40)))], jets[:1], 5e-5, EDGES, lag)
     assert not none[0].any()
     assert not none[1].any()
 
@@ -96,7 +96,7 @@ def test_scattered_times_take_no_impulse_from_pulses_that_fill_their_cycles(jitt
     on = np.repeat(rng.choice([0.0, 0.05], 40), 10)
     edges = np.linspace(-0.1, 20.2, 407)
     alone, _ = integrals(pulses(start, on, jet(0.003, 0.003), 5e-5), edges)
-    together, _ = pulse_integrals(start, [(1.0, on[None])], [jet(0.003, 0.003)], 5e-5, edges, 0.0)
+    together, _ = pulse_integrals([(1.0, start[None], on[None])], [jet(0.003, 0.003)], 5e-5, edges, 0.0)
     # what is summed over all events keeps a rounding after each pulse, where nothing is left of one by itself
     np.testing.assert_allclose(together[:, 0], alone, rtol=1e-12, atol=1e-14)
     # what touches is one, from the first begin to the last end: on the average as long as its parts

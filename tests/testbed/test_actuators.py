@@ -16,9 +16,10 @@ from tests import flight
 CYCLES, BINS = 60, 20
 
 
-def scenario(delay: float = 0.0, rise_s: float = 0.0, lag_s: float = 0.0, **actuators: Any) -> Scenario:
+def scenario(delay: float = 0.0, rise_s: float = 0.0, lag_s: float = 0.0, pulse_at: str = "begin", **actuators: Any) -> Scenario:
     used = flight.vehicle("free", delay, jets=flight.jets(rise_s=rise_s), thrust={"lag_s": lag_s})
-    used = used.model_copy(update={"estimator": used.estimator.model_copy(update={"bins_per_cycle": BINS})})
+    parts = {"estimator": used.estimator.model_copy(update={"bins_per_cycle": BINS})}
+    used = used.model_copy(update=parts | {"cycle": used.cycle.model_copy(update={"pulse_at": pulse_at})})
     body = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0, "mass": 10.0}
     return Scenario.model_validate({"schema": 1, "duration_cycles": CYCLES, "vehicle": used, "truth": body, "actuators": actuators})
 
@@ -47,18 +48,29 @@ FEW = [(0.0, 0.0, 0.0), (1.37, 0.003, 0.0), (2.0, 0.02, 0.03), (1.37, 0.02, 0.03
 ALL = [(delay, rise_s, lag_s) for delay in (0.0, 2.0, 1.37) for rise_s in (0.0, 0.003, 0.02) for lag_s in (0.0, 0.03)]
 
 
+@pytest.mark.parametrize("pulse_at", ["begin", "centre", "end"])
 @pytest.mark.parametrize(
     ("delay", "rise_s", "lag_s"), [case if case in FEW else pytest.param(*case, marks=pytest.mark.thorough) for case in ALL]
 )
-def test_executed_impulse_is_what_alignment_makes_of_the_same_commands(delay: float, rise_s: float, lag_s: float) -> None:
-    flown = scenario(delay, rise_s, lag_s)
+def test_executed_impulse_is_what_alignment_makes_of_the_same_commands(delay: float, rise_s: float, lag_s: float, pulse_at: str) -> None:
+    flown = scenario(delay, rise_s, lag_s, pulse_at)
     issued = flight.pulses(CYCLES, seed=4)
     issued[30:33, 0] = 0.05  # touching pulses
-    issued[33, 0] = 0.02
+    issued[[29, 33], 0] = 0.02
     log = flight.Flight(flown.vehicle, issued, np.zeros((CYCLES, 3)), np.zeros((CYCLES, 3))).log()
     aligned = align(log, flown.vehicle, delay, lag_s)
     for found in (executed(flown, issued), executed_at_once(flown, issued)):
         assert np.allclose(found, aligned.impulse_bins, rtol=0, atol=1e-15 + 1e-12 * np.abs(aligned.impulse_bins).max())
+
+
+@pytest.mark.parametrize(("pulse_at", "middle"), [("begin", 0.01), ("centre", 0.025), ("end", 0.04)])
+def test_a_pulse_is_where_it_is_said_to_be_in_its_cycle(pulse_at: str, middle: float) -> None:
+    """Of 20 ms in 50: when the middle of its impulse acts."""
+    issued = np.zeros((CYCLES, len(flight.jets())))
+    issued[3, 0] = 0.02
+    found = executed_at_once(scenario(1.0, pulse_at=pulse_at), issued)[4, :, 5]
+    at = flight.CYCLE / BINS * (np.arange(BINS) + 0.5)
+    assert (found * at).sum() / found.sum() == pytest.approx(middle, abs=1e-9)
 
 
 def test_gathered_impulse_is_the_mean_of_the_running_integral() -> None:
