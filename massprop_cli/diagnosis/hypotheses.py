@@ -87,6 +87,8 @@ def swapped(model: Model, names: Sequence[str], does: Sequence[int] = ()) -> lis
         order[i], order[j] = order[j], order[i]
         start: dict[int, float] = {}
         others = tuple(k for k, other in enumerate(order) if other != k)
+        if not others:  # swapped back
+            continue
         for k in others:
             start[place["thrust"] + k] = float(size[order[k]] / size[k])
             for name, stated in (("position", model.position), ("direction", model.force)):

@@ -90,3 +90,13 @@ def test_one_that_came_by_another_way_than_as_a_rival_is_not_too_faint() -> None
     (_, first), *_ = ranked.within(np.inf)
     ranked._most = -np.inf  # whatever its rough score, which on a bearing says nothing of a turned gyro
     assert not ranked.faint(first.hypothesis)
+
+
+def test_jets_that_are_swapped_back_are_no_hypothesis() -> None:
+    """A second exchange may undo the first: then nothing is wired otherwise than stated."""
+    screening = weak(3)
+    first, count = hypotheses.swapped(screening.model, screening.names), len(screening.names)
+    assert len(first) == count * (count - 1) // 2
+    again = hypotheses.swapped(screening.model, screening.names, first[0].does)
+    assert len(again) == len(first) - 1
+    assert all(len(one.subject) > 1 for one in again)
