@@ -60,6 +60,8 @@ class Bodies:
     bearing_mass: Array
     """0: free."""
     bearing: bool = False
+    planar: bool = False
+    """Whether they turn about Z alone as they are released."""
 
 
 def bodies(rng: np.random.Generator, count: int, bearing: bool = False) -> Bodies:
@@ -211,7 +213,7 @@ def _begun(rng: np.random.Generator, own: Bodies) -> tuple[Array, Array]:
     if own.bearing:
         q[:, 1:] = rng.normal(0, 0.01, (count, 3))
         q = q / np.linalg.norm(q, axis=1, keepdims=True)
-    return rng.normal(0, 0.02, (count, 3)), q
+    return rng.normal(0, 0.02, (count, 3)) * ([0, 0, 1] if own.planar else 1), q
 
 
 def fly(

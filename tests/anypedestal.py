@@ -115,7 +115,8 @@ def _up(q: Array) -> Array:
 
 
 class _Motion:
-    def __init__(self, own: Tables) -> None:
+    def __init__(self, own: Tables, gravity: float) -> None:
+        self.gravity = gravity
         self.inertia, self.inverse = own.about_pivot, np.linalg.inv(own.about_pivot)
         self.moment, self.arm = own.mass[:, None] * own.arm, own.imu - own.pivot
 
@@ -125,8 +126,8 @@ class _Motion:
         h, grown = momentum[0] + at_s * momentum[1], momentum[1]
         up = _up(q) / (q**2).sum(1, keepdims=True)
         inner = np.einsum("vij,vj->vi", self.inertia, rate) + h
-        turned = np.einsum("vij,vj->vi", self.inverse, torque - GRAVITY * cross(self.moment, up) - grown - cross(rate, inner))
-        felt = GRAVITY * up + cross(turned, self.arm) + cross(rate, cross(rate, self.arm))
+        turned = np.einsum("vij,vj->vi", self.inverse, torque - self.gravity * cross(self.moment, up) - grown - cross(rate, inner))
+        felt = self.gravity * up + cross(turned, self.arm) + cross(rate, cross(rate, self.arm))
         w, v = q[:, :1], q[:, 1:]
         spun = 0.5 * np.concatenate([-(v * rate).sum(1, keepdims=True), w * rate + cross(v, rate)], 1)
         return np.concatenate([spun, turned, rate, felt], 1)
@@ -139,10 +140,13 @@ class _Motion:
         return y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
-def fly(rng: np.random.Generator, own: Tables, kind: Kind, period_s: float, duration_s: float) -> Flown:
-    """From a small tilt on; what acts is drawn at random, of several draws the one that brings the table back best."""
+def fly(rng: np.random.Generator, own: Tables, kind: Kind, period_s: float, duration_s: float, gravity: float = GRAVITY) -> Flown:
+    """From a small tilt on; what acts is drawn at random, of several draws the one that brings the table back best.
+
+    Without ``gravity`` and with the pivot at its CG a body that wheels turn is free.
+    """
     count, cycles = len(own.mass), round(duration_s / period_s)
-    motion = _Motion(own)
+    motion = _Motion(own, gravity)
     y: Array = np.zeros((count, 13))
     y[:, 0], y[:, 1:4] = 1.0, rng.normal(0, 0.03 if kind == "swing" else 0.005, (count, 3))
     y[:, :4] /= np.linalg.norm(y[:, :4], axis=1, keepdims=True)
