@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.assumptions import Examined, examined, sound
@@ -15,6 +18,7 @@ from massprop_cli.conclude.verdict import conclude
 from massprop_cli.diagnosis import UNKNOWN, delay
 from massprop_cli.diagnosis.delay import Found
 from massprop_cli.diagnosis.preprocessing import Ready, ready
+from massprop_cli.errorparameters.setup import stating
 from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.phases import Estimates, Progress, as_stated, by_thesis, estimates
@@ -23,10 +27,15 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.actuators import along_one_line, always_together, channel_names, channel_wrench, pushing
+from massprop_cli.prepare.compensate import biased_attitude
 from massprop_cli.prepare.timing import Timing
 
 if TYPE_CHECKING:
     from massprop_cli.diagnosis.diagnose import Diagnosis
+
+
+NO_BIAS = 6.0
+"""Sigmas of a gyro's bias beyond which what a fit finds stands for something else."""
 
 
 class Checked(NamedTuple):
@@ -42,7 +51,7 @@ class Checked(NamedTuple):
 
 def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, check: bool = True) -> Analysis:
     """Timing, noise levels, causes, estimates. Disturbances are sized where nothing that has a name explains what is left."""
-    begun = ready(log, source, say)
+    begun = _without_its_bias(ready(log, source, say), log, source, say)
     if begun.stated.estimator.method == "thesis":
         told = Checked(detected=begun.detected)
         answer: Estimates[Vehicle] = by_thesis(begun.samples, begun.phases, begun.stated)
@@ -74,6 +83,23 @@ def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         doubts=tuple(told.doubts),
         plain=told.plain,
     )
+
+
+def _without_its_bias(begun: Ready, log: Log, source: VehicleSource, say: Progress) -> Ready:
+    """The log less the gyro's bias that a first fit finds, where that carries the attitude under gravity.
+
+    The estimators are linear about the attitude as carried. What gravity alone tells of a bias is put astray by thrust and rotation, and
+    what is left is of second order: tilt times heading, and g φ²/2.
+    """
+    known, sigma = begun.stated.imu.gyro_bias_rad_s, begun.stated.imu.gyro_bias_sigma_rad_s
+    if begun.stated.estimator.method == "thesis" or any(known) or not biased_attitude(begun.samples.attitude_logged, begun.stated):
+        return begun
+    fits = as_stated(begun.samples, begun.phases, begun.stated, begun.consider).fits
+    reference = None if not fits or fits[0] is None else fits[0].history.reference
+    if reference is None or np.linalg.norm(reference.gyro_bias) > NO_BIAS * sigma:
+        return begun
+    found = np.array(begun.stated.imu.body_from_imu).T @ reference.gyro_bias
+    return ready(log, replace(source, vehicle=stating(source.vehicle, {"imu.gyro_bias_rad_s": tuple(found.tolist())})), say)
 
 
 def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Resolved], Checked]:

@@ -43,6 +43,8 @@ def beyond(vehicle: Vehicle, timing: Timing, shortest_s: float) -> str:
         return "imu.clock_drift_ppm is not 0, and the kernel knows one clock"
     if vehicle.cycle.pulse_at != "begin":
         return f'cycle.pulse_at is "{vehicle.cycle.pulse_at}", and the kernel begins pulses with their cycles'
+    if any(vehicle.imu.gyro_bias_rad_s):
+        return "imu.gyro_bias_rad_s is not 0, and the kernel takes the gyro as it is"
     if vehicle.imu.gyro_lag_s != 0 or vehicle.imu.accel_lag_s != 0:
         return "imu.gyro_lag_s or imu.accel_lag_s is not 0, and the kernel knows no low-pass"
     if vehicle.imu.measures == "sample" or vehicle.imu.gyro_filter is not None or vehicle.imu.accel_filter is not None:

@@ -77,7 +77,8 @@ class Imu(Section):
     attitude_misalignment_sigma_rad: NonNegative = Field(
         0.0, le=0.3, description="constant turn of the logged attitude's body axes from the vehicle's, about each axis; estimated"
     )
-    gyro_bias_sigma_rad_s: NonNegative = 0.0
+    gyro_bias_rad_s: Vector = Field(ZERO, description="known bias of the gyro, IMU axes; taken off what it shows")
+    gyro_bias_sigma_rad_s: NonNegative = Field(0.0, description="one sigma of what the bias may be beside that, about each axis; estimated")
     accel_bias_sigma_m_s2: NonNegative = 0.0
     gyro_lag_s: NonNegative = Field(0.0, description="time constant of a first-order low-pass within the gyro; undone, record by record")
     accel_lag_s: NonNegative = Field(0.0, description="the same within the accelerometer; noise is what is before it")

@@ -222,6 +222,7 @@ def _carried(aligned: Aligned, vehicle: Vehicle, rate: Array, before: Before | N
         found = bias_seen(attitude, level, aligned.duration_s, BiasSeen.none() if before is None else before.seen)
         tilted = vehicle.imu.accel_bias_sigma_m_s2 / vehicle.environment.gravity_m_s2
         off = found.off(vehicle.imu.gyro_bias_sigma_rad_s, tilted, LEVELLED if vehicle.on_pedestal else FELT)
+        off = off if not any(vehicle.imu.gyro_bias_rad_s) else np.zeros_like(off)  # a bias that is known is in the rates no more
         error[..., :4] = attitude_error(attitude, off, found)[:-1]
         attitude, turns = freed(attitude, turns, off)
         carried = turns / aligned.duration_s[:, None]

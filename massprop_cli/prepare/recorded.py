@@ -23,12 +23,13 @@ REACH = 64
 def undone(log: Log, vehicle: Vehicle) -> Log:
     """The log without the low-passes that ``imu.gyro_lag_s`` and ``imu.accel_lag_s`` state; that of a steady motion before it began.
 
-    With velocity increments in the IMU's own axes where ``imu.accel_axes`` says that they are in those of each record's start.
+    Without the bias that ``imu.gyro_bias_rad_s`` states. With velocity increments in the IMU's own axes where ``imu.accel_axes`` says
+    that they are in those of each record's start.
     """
     gyro, accelerometer = vehicle.imu.gyro_lag_s, vehicle.imu.accel_lag_s
-    if gyro == 0 and accelerometer == 0 and vehicle.imu.accel_axes == "imu":
+    if gyro == 0 and accelerometer == 0 and vehicle.imu.accel_axes == "imu" and not any(vehicle.imu.gyro_bias_rad_s):
         return log
-    turned = _undone(log.delta_theta_imu_rad, log.interval_s, gyro)
+    turned = _undone(log.delta_theta_imu_rad, log.interval_s, gyro) - np.outer(log.interval_s, vehicle.imu.gyro_bias_rad_s)
     velocity = _undone(log.delta_v_imu_m_s, log.interval_s, accelerometer)
     velocity = velocity if vehicle.imu.accel_axes == "imu" else _halfway(velocity, turned)
     return replace(log, delta_theta_imu_rad=turned, delta_v_imu_m_s=velocity)

@@ -280,6 +280,7 @@ def effective_settings(analysis: Analysis) -> dict[str, Any]:
     ):
         keys |= {k: v for k, v in vehicle.flat(getattr(used, section), section).items() if k.split(".")[1] in names}
     found = "gyro_filter", "accel_filter", "filter_correlation", *(["measures"] if used.imu.measures == "sample" else [])
+    found = *found, *(["gyro_bias_rad_s"] if any(used.imu.gyro_bias_rad_s) else [])
     keys |= {k: v for k, v in vehicle.flat(used.imu, "imu").items() if k.split(".")[1] in found}
     estimator = vehicle.flat(used.estimator, "estimator") | {"estimator.adapt_noise": False}
     if used.estimator.accel_noise_scale == UNWIDENED:

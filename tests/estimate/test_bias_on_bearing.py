@@ -59,6 +59,25 @@ def test_errors_are_within_their_sigmas_and_nothing_is_warned_of(bias: float, se
     assert np.abs(z.mean(0)).max() < 3.2 / np.sqrt(seeds)
 
 
+QUIET = ("duration_s=60.0", "sensors.gyro_noise_rad_s=1e-5", "vehicle.imu.gyro_noise_rad_s=1e-5", "vehicle.imu.gyro_bias_sigma_rad_s=1e-3")
+
+
+@pytest.mark.parametrize(
+    "bias", [(2e-3, -2.6e-3, 4e-4), *(pytest.param(one, marks=pytest.mark.thorough) for one in ((-6e-4, -1e-4, 1.6e-3), (0.0, 0.0, 0.0)))]
+)
+def test_a_quiet_gyro_shows_nothing_of_how_the_attitude_was_carried(bias: tuple[float, ...]) -> None:
+    """For a minute: what levelling took for the bias had left 5 of 10 such logs a torque, or no cause that explains them."""
+    truth, flight = flown(1, *QUIET, f"sensors.gyro_bias_rad_s={list(bias)}")
+    log, source = flight.log(0), VehicleSource(flight.vehicle, "", "")
+    found = flow.examine(log, source)
+    z = (found.conclusions[0].values - truth) / found.conclusions[0].sigmas
+    assert (found.notices, np.abs(z).max() < 4) == ((), True)
+    known = flow.examine(log, VehicleSource(changed(flight.vehicle, [f"imu.gyro_bias_rad_s={list(bias)}"]), "", ""))
+    assert any(bias) or known.vehicle.imu.gyro_bias_rad_s != (0.0, 0.0, 0.0)
+    apart = (found.conclusions[0].values - known.conclusions[0].values) / found.conclusions[0].sigmas
+    assert np.abs(apart).max() < 0.1
+
+
 def test_a_phase_that_begins_later_is_as_good() -> None:
     """By then the attitude is 12 mrad off, which is no error of where that phase begins."""
     assert 0.7 < np.sqrt((errors(flown(4, *settings(1e-3)), LATE) ** 2).mean()) < 1.3
