@@ -25,6 +25,7 @@ from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import POSITIVE, Conclusion, Estimate
 from massprop_cli.diagnosis.lackoffit import correlation, hidden_error, innovation_test
 from massprop_cli.estimate.history import History
+from massprop_cli.estimate.phases import LOST, astray
 from massprop_cli.estimate.quantities import by_scale, in_common
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
@@ -46,9 +47,6 @@ AGREES, ALIKE = 1.0, 1.5
 """Sigmas within which a mended value is the same, and the ratio within which its sigma is."""
 STRAINED = 3.0
 """By how much wider most of the mended sigmas may be."""
-LOST = 3.0
-"""Sigmas by which the causal estimate of a whole phase may differ from the off-line fit of the same data. They use the same measurements,
-so where both hold they differ by much less than one."""
 TOLD = ("converged", "not_converged")
 PROPORTIONAL = (*INERTIA, "mass")
 
@@ -181,10 +179,9 @@ def _own_variance(conclusion: Conclusion, vehicle: Vehicle) -> Array:
 
 
 def by_lost(causal: History, settled: History) -> Contradiction | None:
-    """Of a causal estimate that lost its way: it is not where the fit of the same data is, by more than rounding and second orders make."""
-    with np.errstate(invalid="ignore"):
-        away = np.abs(causal.bare[0] - settled.bare[0]) / np.sqrt(np.diag(settled.bare[1]))
-        touched = away > LOST
+    """Of a causal estimate that lost its way where no fit stands that could lead it."""
+    away = astray(causal, settled)
+    touched = away > LOST
     if not touched.any():
         return None
     worst = int(np.nanargmax(np.where(touched, away, np.nan)))

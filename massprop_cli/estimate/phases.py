@@ -28,6 +28,9 @@ ROUNDS = 8
 """How often disturbances may be raised until the innovations are explained."""
 SIZING = 2
 """Passes of an off-line fit that disturbances are sized by."""
+LOST = 3.0
+"""Sigmas by which the causal estimate of a whole phase may differ from the off-line fit of the same data. They use the same measurements,
+so where both hold they differ by much less than one."""
 BEGINNING, LONGER = 1024, 4
 """Cycles that a long phase is fitted over first, and how many times as many come next."""
 Progress = Callable[[str, float], None]
@@ -78,7 +81,7 @@ class Estimates(NamedTuple, Generic[Used]):
     used: Used
     """With the noise levels and disturbances that were found."""
     histories: tuple[History, ...]
-    """The causal pass; the off-line fits with ``estimator.refine``."""
+    """The causal pass, about the off-line fit's estimate where it lost its way; the off-line fits with ``estimator.refine``."""
     settled: list[History]
     """The off-line fits that it is judged by; the causal pass where there is none; nothing by the thesis's method."""
     notices: list[Notice]
@@ -148,11 +151,27 @@ def estimates(
     for (phase, cycles), fit in zip(phases, fits, strict=True):
         own = used.in_phase(phase)
         causal = engine.replay(samples, cycles, phase, own, consider, partial(say, f"estimating, phase {phase.name}"))
+        if fit is not None and fit.stands and not used.estimator.refine and (astray(causal, fit.history) > LOST).any():
+            causal = _led(samples, cycles, phase, own, consider, fit)
         first, last = informed((causal, causal if fit is None else fit.history), samples, own)
         histories.append(last if used.estimator.refine else first)
         settled.append(last)
     notices = disturbances.disturbance_notices(plain.used, used, excess) if size else []
     return Estimates(used, tuple(histories), settled, plain.notices + notices)
+
+
+def astray(causal: History, settled: History) -> Array:
+    """(10,) sigmas between the causal estimate of a whole phase and the off-line fit of the same data; NaN where nothing is told."""
+    with np.errstate(invalid="ignore"):
+        found: Array = np.abs(causal.bare[0] - settled.bare[0]) / np.sqrt(np.diag(settled.bare[1]))
+    return found
+
+
+def _led(samples: Source, cycles: slice, phase: Phase, used: Resolved, consider: Consider, fit: offline.Settled) -> History:
+    """A causal estimate about that of the whole phase: equations that are linear about its own on the way led it astray."""
+    refined = used.model_copy(update={"estimator": used.estimator.model_copy(update={"refine": True})})
+    assert fit.history.reference is not None
+    return offline.settle(samples, cycles, phase, fit.history.reference, refined, consider, 1, fit.bound).history
 
 
 def by_thesis(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Vehicle) -> Estimates[Vehicle]:
