@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.assumptions import Examined, examined, sound
 from massprop_cli.conclude.contradict import Fault
@@ -21,7 +22,7 @@ from massprop_cli.diagnosis.preprocessing import Ready, ready
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History
-from massprop_cli.estimate.phases import Estimates, Progress, as_stated, by_thesis, estimates
+from massprop_cli.estimate.phases import AsStated, Estimates, Progress, as_stated, by_thesis, estimates
 from massprop_cli.inputs.telemetry import SATURATED, VOID, Log, Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -86,25 +87,57 @@ def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
 
 
 def _without_its_bias(begun: Ready, log: Log, source: VehicleSource, say: Progress) -> Ready:
-    """The log less the gyro's bias that a first fit finds, where that carries the attitude under gravity.
+    """The log less the gyro's bias that first fits find, where that turns the weight's pull in the body's axes.
 
     The estimators are linear about the attitude as carried. What gravity alone tells of a bias is put astray by thrust and rotation, and
-    what is left is of second order: tilt times heading, and g φ²/2.
+    what is left is of second order: tilt times heading, and g φ²/2. On a table it is the slope times the heading.
     """
-    known, sigma = begun.stated.imu.gyro_bias_rad_s, begun.stated.imu.gyro_bias_sigma_rad_s
-    if begun.stated.estimator.method == "thesis" or any(known) or not biased_attitude(begun.samples.attitude_logged, begun.stated):
+    stated = begun.stated
+    biased, tilted = stated.imu.gyro_bias_sigma_rad_s > 0, biased_attitude(begun.samples.attitude_logged, stated)
+    sloping = stated.environment.kind == "planar" and stated.environment.table_tilt_sigma_rad > 0
+    if stated.estimator.method == "thesis" or not biased or any(stated.imu.gyro_bias_rad_s) or not (tilted or sloping):
         return begun
-    fits = as_stated(begun.samples, begun.phases, begun.stated, begun.consider).fits
-    reference = None if not fits or fits[0] is None else fits[0].history.reference
-    if reference is None or np.linalg.norm(reference.gyro_bias) > NO_BIAS * sigma:
+
+    def less(bias: Array) -> Ready:
+        known = tuple((np.array(stated.imu.body_from_imu).T @ bias).tolist())
+        return ready(log, replace(source, vehicle=stating(source.vehicle, {"imu.gyro_bias_rad_s": known})), say)
+
+    plain = _as_begun(begun)
+    first = plain.fits[0] if plain.fits else None
+    if first is None or first.history.reference is None:
         return begun
-    found = np.array(begun.stated.imu.body_from_imu).T @ reference.gyro_bias
-    return ready(log, replace(source, vehicle=stating(source.vehicle, {"imu.gyro_bias_rad_s": tuple(found.tolist())})), say)
+    if tilted:
+        bias = first.history.reference.gyro_bias
+        return less(bias) if np.linalg.norm(bias) < NO_BIAS * stated.imu.gyro_bias_sigma_rad_s else begun
+    return _less_yaw_bias(begun, plain, less) if plain.misfit else begun
+
+
+def _less_yaw_bias(begun: Ready, plain: AsStated, less: Callable[[Array], Ready]) -> Ready:
+    """With the bias about Z by which a log on a table fits: of three fits, what they leave is quadratic in it."""
+    sigma = begun.stated.imu.gyro_bias_sigma_rad_s
+    step = np.array([0.0, 0.0, sigma])
+    left = [_left(_as_begun(less(-step))), _left(plain), _left(_as_begun(less(step)))]
+    bent = left[0] - 2 * left[1] + left[2]
+    parts = (left[0] - left[2]) / (2 * bent) if bent > 0 else np.inf
+    if not abs(parts) < NO_BIAS:
+        return begun
+    found = less(parts * step)
+    return begun if _as_begun(found).misfit else found
+
+
+def _as_begun(begun: Ready) -> AsStated:
+    return as_stated(begun.samples, begun.phases, begun.stated, begun.consider)
+
+
+def _left(plain: AsStated) -> float:
+    """Chi-square of the off-line fits."""
+    each = [fit.history.moments() for fit in plain.fits if fit is not None]
+    return float(sum(np.nansum(one.count * one.variance) for one in each))
 
 
 def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Resolved], Checked]:
     """By the default method, and what the values rest on is examined; with ``check`` the causes of a misfit are looked for."""
-    plain = as_stated(begun.samples, begun.phases, begun.stated, begun.consider)
+    plain = _as_begun(begun)
     diagnosis = _diagnosis(begun, plain.used, say) if check and (plain.dubious or plain.quiet) else None
     if diagnosis is not None and not plain.dubious and not diagnosis.explanations:
         diagnosis = None  # noise that was stated too large is no fault

@@ -103,6 +103,8 @@ class Regression(Triangle):
             theta, others, response, chi_square, stuck = tied, begun, None, left, tied_stuck
         layout, reference = Layout.of(self.samples, self.vehicle), run.reference
         bias = self._state(run, layout.gyro_bias, theta, others, reference.gyro_bias)
+        if lift.plant.tilts and not lift.plant.pivoted:  # on a slope steps have no derivative by it, and led astray
+            bias = reference.gyro_bias
         scale = self._state(run, layout.scale, theta, others, reference.scale)
         damping = self._state(run, layout.damping, theta, others, reference.damping)
         # until commands alone tell each axis, a steady torque may be anything; on a bearing the weight that it holds up may be as much

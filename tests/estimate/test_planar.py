@@ -80,3 +80,16 @@ def test_a_stated_gyro_bias_makes_no_difference() -> None:
 
     (plain, sigma), (biased, _) = values(1e-9), values(3e-3)
     assert (np.abs(biased - plain) < 0.1 * sigma).all()
+
+
+def test_a_gyro_bias_that_turns_a_held_slope_is_found() -> None:
+    """The slope's direction in the body goes with the heading: 0.1 rad after a minute. It had been a specific force 20 times its noise."""
+    quiet = "vehicle.imu.accel_noise_m_s2=1e-3", "sensors.accel_noise_m_s2=1e-3"
+    biased = "vehicle.imu.gyro_bias_sigma_rad_s=1e-3", "sensors.gyro_bias_rad_s=[0, 0, 1.8e-3]", "vehicle.imu.accel_bias_sigma_m_s2=0.01"
+    held = "disturbance.table_tilt_rad=[-0.002, 0.003]", "disturbance.table_hold=1.0"
+    flight = simulate.fly(scenario.load("planar", [*quiet, *biased, *held]), [1])
+    found = flow.examine(flight.log(0), VehicleSource(flight.vehicle, "", ""))
+    assert found.notices == ()
+    assert found.vehicle.imu.gyro_bias_rad_s[2] == pytest.approx(1.8e-3, abs=3e-4)
+    z = (found.conclusions[0].values - flight.truth[0, 0])[TOLD] / found.conclusions[0].sigmas[TOLD]
+    assert np.abs(z).max() < 4
