@@ -158,10 +158,11 @@ PLATFORMS: dict[str, Callable[[np.random.Generator], Motion]] = {
 
 def estimated(platform: str, seed: int, count: int, noise: float) -> list[Told]:
     """What is said of ``count`` bodies of one batch, in every case."""
-    motion, found = PLATFORMS[platform](np.random.default_rng([seed, list(PLATFORMS).index(platform)])), []
+    number = list(PLATFORMS).index(platform)
+    motion, found = PLATFORMS[platform](np.random.default_rng([seed, number])), []
     for body in range(count):
         for case in (Case(platform, biases, auto) for biases in (False, True) for auto in (False, True)[: 1 + motion.delayed]):
-            log, used = motion.logged(body, case, np.random.default_rng([seed, body, case.biases]), noise)
+            log, used = motion.logged(body, case, np.random.default_rng([seed, body, case.biases, number]), noise)
             found.append(_told(case, BATCH * seed + body, log, used, motion.truth(body)))
     return found
 
