@@ -90,7 +90,7 @@ def _columns(columns: Columns, before: Case, after: Case) -> Columns:
     log, rows = after.log, after.log.rows
     blocks: list[tuple[tuple[str, ...], Array]] = [(named.DELTA_THETA, log.delta_theta_imu_rad), (named.DELTA_V, log.delta_v_imu_m_s)]
     if log.attitude_wxyz is not None:
-        blocks.append((named.QUATERNION, log.attitude_wxyz))
+        blocks.append((named.QUATERNION, log.attitude_wxyz[:rows]))
     if log.command is not before.log.command:
         in_first = np.full((rows, log.command.shape[1]), np.nan)
         in_first[:: log.records_per_cycle] = log.command

@@ -15,6 +15,8 @@ from massprop_cli.prepare.actuators import together
 
 NEAR = 0.05
 """Parts of the stated thrust within which a jet is dead or reversed: a sixth of the prior sigma of a jet that is neither."""
+REVERSED = -0.5
+"""Part of the stated thrust below which a jet pushes the other way: beside another error that is near to as much as stated."""
 WRENCH_POINT = "thrust.wrench_point_m"
 _REFIT = "a correction is refitted one sigma further on instead"
 
@@ -75,7 +77,14 @@ def _who(finding: Finding) -> Mapping[str, object]:
     who = listed if not finding.by_jets else f"jets {listed}" if several else f"jet {listed}"
     scale = "mend the unit or scale of these, or of the others, under [columns]" if several else "mend the scale under [columns]"
     verbs = {"push": "push", "give": "give", "do": "do"} if several else {"push": "pushes", "give": "gives", "do": "does"}
-    return {"who": who, "factor": finding.factor, "scale": "mend force_n or calibrate" if finding.by_jets else scale, **verbs}
+    turned = "" if abs(finding.factor + 1) < NEAR else f", with {-finding.factor:.3g} of the thrust"
+    return {
+        "who": who,
+        "factor": finding.factor,
+        "turned": turned,
+        "scale": "mend force_n or calibrate" if finding.by_jets else scale,
+        **verbs,
+    }
 
 
 def _apart(one: Jet, other: Jet) -> float:
@@ -268,7 +277,7 @@ PARAMETERS = (
 
 
 def _reversed(finding: Finding) -> bool:
-    return abs(finding.factor + 1) < NEAR
+    return finding.factor < REVERSED
 
 
 def _all_reversed(finding: Finding) -> bool:
@@ -277,7 +286,7 @@ def _all_reversed(finding: Finding) -> bool:
 
 _ALL_JETS = "all jets push the other way: force_n is what pushes the vehicle, not the plume"
 _ALL_COMMANDS = "all commands act the other way: commands are what acts on the vehicle, not what it reacts to"
-_OTHER_WAY = "{who} {push} the other way than stated"
+_OTHER_WAY = "{who} {push} the other way than stated{turned}"
 _ABOUT_CG = "commanded torques are about the CG, {point} mm from O, and not about O"
 _LIMITED = "of commanded wrenches no more acts than {limits}, as of an allocation that saturates"
 _SWAPPED = "jets {jets} are {how}"

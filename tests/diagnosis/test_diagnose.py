@@ -130,6 +130,7 @@ def examined(mistake: Mistake = nothing, *keys: str, seed: int = 3) -> flow.Anal
         (in_g, "", "accel-units", "in g"),
         (transposed, "", "imu-mounting", "the transpose of what is stated"),
         pytest.param(giving(-1.0, "pitch_p1"), "", "jet-sign", "pitch_p1", marks=pytest.mark.numerical),
+        (giving(-1.1, "pitch_p1"), "", "jet-sign", "pitch_p1 pushes the other way than stated, with 1.1 of the thrust"),
         pytest.param(giving(-1.0, "divert_zn"), "", "jet-sign", "divert_zn", marks=pytest.mark.thorough),
         (nothing, dead("roll_p1"), "jet-dead", "roll_p1"),
         (giving(0.8, "divert_xp", "divert_xn"), "", "thrust-scale", "divert_xp, divert_xn (+0.8"),
