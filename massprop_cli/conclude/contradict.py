@@ -2,7 +2,7 @@
 
 Three things contradict: a fault that has a name (a unit, a jet, the delay, a saturated sensor), a value known from elsewhere that the log
 does not bear out, and a misfit without a name: what the model leaves still follows the commands or the motion after all noise was sized
-(:mod:`massprop_cli.diagnosis.lackoffit`). A value is touched
+(:mod:`massprop_cli.diagnosis.lackoffit`), or it would be a disturbance larger than the vehicle's own commands. A value is touched
 
 - by a named fault, unless the log, mended, contradicts nothing any more, tells as much as it seemed to, and gives the same value and
   sigma;
@@ -24,6 +24,7 @@ from massprop_cli.conclude.physical import breach
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import POSITIVE, Conclusion, Estimate
 from massprop_cli.diagnosis.lackoffit import correlation, hidden_error, innovation_test
+from massprop_cli.estimate.disturbances import BEYOND, UNEXPLAINED, beyond_commands
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.phases import LOST, astray
 from massprop_cli.estimate.quantities import by_scale, in_common
@@ -127,6 +128,15 @@ def by_known(history: History) -> Contradiction | None:
     turned = any(name in CG for name in history.belied)
     touched = np.array([turned or name in PROPORTIONAL for name in QUANTITIES])
     return Contradiction(tuple(Reason.of("known-mismatch", message=message) for message in history.belied.values()), touched)
+
+
+def by_size(conclusion: Conclusion, used: Vehicle, stated: Vehicle, samples: Source) -> Contradiction | None:
+    """Of a disturbance that would be larger than what the vehicle's own commands do."""
+    beyond = beyond_commands(used, stated, samples)
+    if beyond is None:
+        return None
+    given = np.array([one.value is not None for one in conclusion.estimates.values()])
+    return Contradiction((Reason.of("beyond-commands", message=UNEXPLAINED + BEYOND.format(torque=beyond[0], commanded=beyond[1])),), given)
 
 
 def by_misfit(

@@ -14,6 +14,7 @@ from massprop_cli.conclude.assumptions import Examined, examined, sound
 from massprop_cli.conclude.contradict import Fault
 from massprop_cli.conclude.discrepancy import PlainFits
 from massprop_cli.conclude.follows import followed
+from massprop_cli.conclude.reason import sigmas
 from massprop_cli.conclude.score import Doubt, doubts
 from massprop_cli.conclude.verdict import conclude
 from massprop_cli.diagnosis import UNKNOWN, delay
@@ -23,7 +24,7 @@ from massprop_cli.errorparameters.setup import stating
 from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.phases import AsStated, Estimates, Progress, as_stated, by_thesis, estimates
-from massprop_cli.inputs.telemetry import SATURATED, VOID, Log, Notice
+from massprop_cli.inputs.telemetry import UNREAD, VOID, Log, Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.resolved import Resolved
@@ -169,8 +170,8 @@ def _doubted(examination: Examined, begun: Ready, answer: Estimates[Resolved]) -
 
 
 def _diagnosis(begun: Ready, used: Resolved, say: Progress) -> Diagnosis | None:
-    """None where causes are not looked for: of what is saturated, and of wheels and rotors, none of which has been thought of yet."""
-    if _saturated(begun.log) or used.spinning or used.rotors:
+    """None where causes are not looked for: of a sensor that saturates or stands still; of wheels and rotors, as yet."""
+    if _unread(begun.log) or used.spinning or used.rotors:
         return None
     say("looking for the cause", 1.0)
     from massprop_cli.diagnosis.diagnose import diagnose  # nine modules that a clean log does without
@@ -192,12 +193,12 @@ def _baffled(told: Checked, used: Vehicle, begun: Ready) -> str:
     what = first.what.replace("-", " ")
     return (
         f"log and vehicle file don't fit, cause unknown: beside the disturbance that stands for what is left the log would fit better by "
-        f"{first.sigmas:.2g} sigma with another {what}; so it is no disturbance, and if not that, something that goes with the commands"
+        f"{sigmas(first.sigmas)} sigma with another {what}; so it is no disturbance, and if not that, something that goes with the commands"
     )
 
 
-def _saturated(log: Log) -> list[Notice]:
-    return [notice for notice in log.notices if notice.code in SATURATED]
+def _unread(log: Log) -> list[Notice]:
+    return [notice for notice in log.notices if notice.code in UNREAD]
 
 
 def _checked_timing(settled: Sequence[History], at: Timing, examination: Examined) -> Found | None:

@@ -12,7 +12,7 @@ from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.constancy import changing
-from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known, by_lost, by_misfit, by_no_body, together, unheld
+from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known, by_lost, by_misfit, by_no_body, by_size, together, unheld
 from massprop_cli.conclude.discrepancy import Discrepancy, discrepancy, with_discrepancy, with_touched
 from massprop_cli.conclude.docking import Docked, docked_object, lighter, masses_apart
 from massprop_cli.conclude.executed import unexecuted
@@ -24,7 +24,7 @@ from massprop_cli.conclude.verdict import Conclusion, contradicted, in_doubt
 from massprop_cli.conclude.white import unlike_noise
 from massprop_cli.diagnosis import UNKNOWN
 from massprop_cli.estimate.discrepancy import LEAST
-from massprop_cli.estimate.disturbances import sized
+from massprop_cli.estimate.disturbances import beyond_commands, sized
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
@@ -98,7 +98,8 @@ def _nameless(found: Analysis, i: int) -> tuple[list[Contradiction], Array]:
         return [], np.ones(6)
     misfit, factor = by_misfit(conclusion, settled, found.samples, found.vehicle, found.stated)
     doubted, lost = by_doubts(conclusion, i, found.doubts), by_lost(found.histories[i], settled)
-    every = (_explained(misfit, found.unknown), doubted, lost, by_no_body(conclusion))
+    size = by_size(conclusion, found.vehicle, found.stated, found.samples)
+    every = (size, _explained(misfit, found.unknown), doubted, lost, by_no_body(conclusion))
     return [one for one in every if one is not None], factor
 
 
@@ -111,6 +112,8 @@ def _slow(biased: Mapping[str, Reason], stated: Vehicle) -> dict[str, Reason]:
 def _told(found: Analysis, i: int) -> Discrepancy | None:
     if not isinstance(found.vehicle, Resolved) or found.plain is None:
         return None
+    if beyond_commands(found.vehicle, found.stated, found.samples) is not None:
+        return None  # no error parameter's usual size is one of this
     return discrepancy(found.samples, found.timing, found.vehicle, found.settled[i], found.plain, i)
 
 

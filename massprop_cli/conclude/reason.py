@@ -54,6 +54,7 @@ Cause = Literal[
     "named-fault",
     "known-mismatch",
     "unexplained",
+    "beyond-commands",
     "innovations-too-large",
     "residuals-follow",
     "assumption-contradicted",
@@ -62,10 +63,12 @@ Cause = Literal[
 ]
 """Of a contradiction between log and vehicle file."""
 Code = VerdictReason | Cause
-REPORTED: tuple[Code, ...] = ("named-fault", "known-mismatch", "unexplained")
+REPORTED: tuple[Code, ...] = ("named-fault", "known-mismatch", "unexplained", "beyond-commands")
 """Causes that are warnings by themselves."""
 NOT_WHITE: tuple[Code, ...] = ("noise-correlated", "noise-heavy-tailed", "commands-lost")
 """Reasons by which a disturbance stands for what is not noise."""
+MANY = 100.0
+"""Sigmas beyond which a number of them says nothing more: by then they are too small."""
 HARDLY_INFORMED = "the motion in this phase hardly informed it"
 
 _LOOK_FOR = (
@@ -153,6 +156,7 @@ SENTENCES: dict[Code, str] = {
     "named-fault": "{message}",
     "known-mismatch": "{message}",
     "unexplained": "{message}",
+    "beyond-commands": "{message}",
     "innovations-too-large": "innovations are {ratio:.3g} times as large as all noise that was sized makes them: the model does not hold",
     "residuals-follow": (
         "the residuals still follow the commands or the motion, so they are no noise and the sigmas are not valid ({quantities}; {worst} "
@@ -186,4 +190,16 @@ class Reason:
 
     def __str__(self) -> str:
         """The sentence."""
-        return SENTENCES[self.code].format_map(dict(self.data))
+        return SENTENCES[self.code].format_map({name: _Sigmas(value) if name == "sigmas" else value for name, value in self.data})
+
+
+class _Sigmas(float):
+    """How many, as far as anybody believes them."""
+
+    def __format__(self, spec: str) -> str:
+        return float.__format__(self, spec) if self < MANY else f"more than {MANY:g}"
+
+
+def sigmas(count: float) -> str:
+    """In words."""
+    return f"{_Sigmas(count):.2g}"

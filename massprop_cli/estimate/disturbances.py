@@ -41,6 +41,14 @@ GROSS, GROSS_LEAST = 1.5, 50
 """Disturbances are sized at once, before any fit, where the differenced rates vary by this many times what is stated, over more cycles than
 this: a variance scatters by a fifth of itself over so many."""
 
+ACTING = 1e-6
+"""Part of the largest square of a commanded torque above which a cycle counts as commanded."""
+UNEXPLAINED = "the stated noise does not explain the rates"
+BEYOND = (
+    ", and no disturbance does: it would be {torque:.3g} N m per cycle, and commands give {commanded:.3g} N m (rms). Doubt the data before "
+    "the vehicle: units, axes and clock of the gyro and of the commands, and which column is which"
+)
+
 
 def misfit(histories: Sequence[History], vehicle: Resolved, sized: bool = False) -> Array:
     """(6,) variance of the normalised innovations per channel where it is in excess of 1, NaN where noise explains them.
@@ -162,20 +170,34 @@ def sized(used: Vehicle, stated: Vehicle) -> bool:
     return (used.environment, used.estimator) != (stated.environment, stated.estimator)
 
 
-def disturbance_notices(stated: Resolved, used: Resolved, excess: Array) -> list[Notice]:
+def beyond_commands(used: Vehicle, stated: Vehicle, samples: Source) -> tuple[float, float] | None:
+    """A torque that was sized, N m per cycle, and that of the commands (rms of those that give any), where it is the larger.
+
+    What disturbs a vehicle more in each cycle than its own commands do is no disturbance of it: the log is not what it is taken for.
+    """
+    now = max(used.environment.disturbance_torque_n_m, used.environment.disturbance_walk_n_m)
+    if now <= max(stated.environment.disturbance_torque_n_m, stated.environment.disturbance_walk_n_m):
+        return None
+    squares = gathered(samples, slice(0, len(samples)), _commanded)
+    acting = squares[squares > ACTING * squares.max(initial=0.0)]
+    commanded = float(np.sqrt(acting.mean())) if len(acting) else np.inf
+    return (now, commanded) if now > commanded else None
+
+
+def _commanded(samples: Samples) -> Array:
+    """(K,) square of the mean torque about O that commands give in each cycle, (N m)²."""
+    channels = samples.executed.channels
+    torque = channels.whole @ channels.wrench[:, :3] / samples.executed.duration_s[:, None]
+    square: Array = (torque**2).sum(1)
+    return square
+
+
+def disturbance_notices(stated: Resolved, used: Resolved, excess: Array, samples: Source) -> list[Notice]:
     """What was added to the stated noise, and what is still not explained."""
     found = []
     now, before = used.environment, stated.environment
     if (now.disturbance_torque_n_m, now.disturbance_walk_n_m) != (before.disturbance_torque_n_m, before.disturbance_walk_n_m):
-        parts = (("white", now.disturbance_torque_n_m), ("slowly varying by", now.disturbance_walk_n_m))
-        added = ", ".join(f"{what} {size:.3g} N m per cycle" for what, size in parts if size > 0)
-        found.append(
-            Notice(
-                "disturbance-torque",
-                f"the stated noise does not explain the rates; a disturbance torque was added: {added}. Sigmas include it as noise. "
-                "Look for a lag of the thrust, damping by air, friction, thrust errors, times that scatter, a wrong delay or jet",
-            )
-        )
+        found.append(Notice("disturbance-torque", UNEXPLAINED + _torque(stated, used, samples)))
     if used.imu.gyro_noise_rad_s != stated.imu.gyro_noise_rad_s:
         wider = used.imu.gyro_noise_rad_s / stated.imu.gyro_noise_rad_s
         found.append(
@@ -203,6 +225,19 @@ def disturbance_notices(stated: Resolved, used: Resolved, excess: Array) -> list
             )
         )
     return found
+
+
+def _torque(stated: Resolved, used: Resolved, samples: Source) -> str:
+    """What is said of a torque that was sized."""
+    beyond = beyond_commands(used, stated, samples)
+    if beyond is not None:
+        return BEYOND.format(torque=beyond[0], commanded=beyond[1])
+    parts = (("white", used.environment.disturbance_torque_n_m), ("slowly varying by", used.environment.disturbance_walk_n_m))
+    added = ", ".join(f"{what} {size:.3g} N m per cycle" for what, size in parts if size > 0)
+    return (
+        f"; a disturbance torque was added: {added}. Sigmas include it as noise. "
+        "Look for a lag of the thrust, damping by air, friction, thrust errors, times that scatter, a wrong delay or jet"
+    )
 
 
 def _changed(vehicle: Resolved, **sections: dict[str, Any]) -> Resolved:

@@ -156,7 +156,7 @@ def estimates(
         first, last = informed((causal, causal if fit is None else fit.history), samples, own)
         histories.append(last if used.estimator.refine else first)
         settled.append(last)
-    notices = disturbances.disturbance_notices(plain.used, used, excess) if size else []
+    notices = disturbances.disturbance_notices(plain.used, used, excess, samples) if size else []
     return Estimates(used, tuple(histories), settled, plain.notices + notices)
 
 

@@ -14,6 +14,7 @@ from massprop_cli.conclude import contradict
 from massprop_cli.conclude.analysis import MendedAnswer
 from massprop_cli.conclude.contradict import Fault, by_lost
 from massprop_cli.conclude.judge import judged
+from massprop_cli.conclude.reason import Reason
 from massprop_cli.diagnosis.corrections import Correction
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Notice
@@ -75,6 +76,26 @@ def test_two_strong_jets_contradict_what_they_turn_and_not_what_the_others_push(
     assert abs(history.values[-1, 0] - TRUTH[0]) > 20 * history.sigmas[-1, 0]
     assert faulty.verdicts(found)["ixx"] == "contradicted"
     assert faulty.looks_good_and_is_wrong(found, TRUTH) == []
+
+
+def test_a_disturbance_beyond_the_commands_is_doubt_of_the_data() -> None:
+    """Two gyro axes in units that nobody uses: what they show would need newton metres where jets give a tenth of one."""
+    log, used = faulty.sample("free-flyer", 20.0)
+    found = faulty.examined(replace(log, delta_theta_imu_rad=log.delta_theta_imu_rad * [40.0, -13.0, 1.0]), used)
+    assert [cause.code for cause in found.conclusions[0].causes] == ["beyond-commands"]
+    told = [one for one in found.conclusions[0].estimates.values() if one.value is not None]
+    assert told
+    assert {one.verdict for one in told} == {"contradicted"}
+    (said,) = [notice.message for notice in found.notices if notice.code == "disturbance-torque"]
+    assert "no disturbance does: it would be" in said
+    assert "Doubt the data before the vehicle" in said
+    assert "model-discrepancy" not in [notice.code for notice in found.notices]
+
+
+def test_so_many_sigmas_that_nobody_believes_them_are_many() -> None:
+    few, many = (Reason.of("assumption-in-doubt", sigmas=by, assumption="delay", quantity="mass", moved=2.0) for by in (5.0, 1500.0))
+    assert "by 5 sigma" in str(few)
+    assert "by more than 100 sigma" in str(many)
 
 
 @pytest.mark.parametrize("seconds", [20.0, pytest.param(60.0, marks=pytest.mark.slow)])
