@@ -186,7 +186,7 @@ KINDS = {
     "unit-changes": Kind("another unit from some moment on", _unit_changes, (*UNITS, "mass-change", "cause-unknown", "outliers")),
     "delta-v-start": Kind("velocity increments in the axes of each record's start", _by_records, ("accel-axes",)),
     "other-imu": Kind("another IMU, some way off, from some moment on", _other_imu, ("imu-position", "mass-change", "cause-unknown")),
-    "frozen": Kind("a sensor repeats a reading while it starts", _frozen, ("phase-border", "outliers", "model-discrepancy")),
+    "frozen": Kind("a sensor repeats a reading while it starts", _frozen, ("sensor-frozen", "phase-border")),
     "grounded": Kind("on the ground, stated to be free", _grounded, ("gravity-felt",)),
     "afloat": Kind("free, stated to be on a bearing", _afloat, (), ("gravity",)),
     "wrench-about-cg": Kind("torques about the CG", partial(_about, exactly=True), ("wrench-point",), knowing=True),

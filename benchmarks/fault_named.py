@@ -21,7 +21,7 @@ CAUSES = frozenset(
         *("jet-sign", "jet-dead", "jet-position", "jet-direction", "jets-swapped", "thrust-scale", "command-sign"),
         *("thrust-rise", "thrust-droop", "thrust-lag", "delay-mismatch", "clock-drift"),
         *("gyro-units", "gyro-scale", "gyro-sign", "gyro-bias", "gyro-filter", "gyro-saturated"),
-        *("accel-units", "accel-scale", "accel-bias", "accel-filter", "accelerometer-saturated", "outliers"),
+        *("accel-units", "accel-scale", "accel-bias", "accel-filter", "accelerometer-saturated", "outliers", "sensor-frozen"),
         *("imu-mounting", "imu-position", "attitude-start", "bearing-position", "gravity", "mass-change", "phase-border", "fuel-use"),
         *("steady-torque", "disturbance-torque", "periodic-torque", "rate-torque"),
         *("column-kind", "accel-axes", "wrench-point", "commands-limited", "commands-normalised", "gravity-felt"),

@@ -223,6 +223,7 @@ WARNINGS: dict[str, Example] = {
 } | {
     "clock-rebuilt": Example(partial(_recorded, "clock-bursts", 9000), *RATE),
     "records-doubled": Example(partial(_recorded, "records-late", 9000), *RATE),
+    "sensor-frozen": Example(partial(_recorded, "frozen", 9008), *SEEN),
     "column-kind": Example(partial(_recorded, "rates-in-increments", 9000), *SEEN),
     "accel-axes": Example(partial(_recorded, "delta-v-start", 9006), *FORCE),
     "wrench-point": Example(partial(_recorded, "wrench-about-cg", 9004), *FORCE),

@@ -25,7 +25,7 @@ from massprop_cli.report import vocabulary
 from massprop_cli.result import build
 from massprop_cli.result.schema import PhaseItem, Result
 
-IMU = ("gyro", "accel", "imu", "outliers")
+IMU = ("gyro", "accel", "imu", "sensor", "outliers")
 """How codes of notices about the IMU begin."""
 TIMING = (
     "delay-mismatch",

@@ -1,9 +1,12 @@
-"""Saturation that no stated range tells of: readings that repeat at the end of what a sensor shows.
+"""Saturation that no stated range tells of, and sensors that stand still: readings that repeat.
 
 A sensor that goes no further gives its last value again and again, where noise makes any two other readings differ. So readings are held
 against their own extreme, axis by axis and side by side: those that repeat it must be several, far more than any of the next few values
 (of which counts have one each) has, and readings must not repeat elsewhere, as they do in coarse counts, of a log without noise, of a
 sensor that is read more often than it measures.
+
+A sensor that stands still repeats all its axes at once while the other sensor moves. Counts and logs without noise do so at rest; then
+single axes repeat elsewhere, or the other sensor rests as well.
 """
 
 from dataclasses import replace
@@ -28,17 +31,25 @@ CHANCE = 1e-5
 FAR = 0.5
 """Times the middle distance of readings from the middle one that an extreme must be from it at least: rest is no extreme, nor is what is
 the same but for rounding."""
+STANDS = 8
+"""Records in a row in which all axes repeat."""
+FINE = 0.01
+"""Part of the readings elsewhere that may repeat on any axis of a sensor that is seen to stand still."""
+MOSTLY = 0.5
+"""Part of the records in which a sensor that measures may stand still: one that has no noise does so most of the time."""
 LISTED = 8
 UNITS = ("rad/s", "m/s^2")
 
 
 def with_unstated(log: Log) -> Log:
-    """The log with a notice of each sensor that saturates at a range that the vehicle file doesn't state."""
-    found = list(log.notices)
-    for code, increments, unit in zip(SATURATED, (log.delta_theta_imu_rad, log.delta_v_imu_m_s), UNITS, strict=True):
+    """The log with a notice of each sensor that saturates at a range that the vehicle file doesn't state, or stands still."""
+    both = (log.delta_theta_imu_rad, log.delta_v_imu_m_s)
+    still = [standing(one, other, log.interval_s) for one, other in (both, both[::-1])]
+    found = [*log.notices, *(_stands(log, name, rows) for name, rows in zip(("gyro", "accelerometer"), still, strict=True) if rows.any())]
+    for code, increments, unit, stands in zip(SATURATED, both, UNITS, still, strict=True):
         if any(notice.code == code for notice in found):
             continue
-        clipped = at_extremes(increments, log.interval_s)
+        clipped = at_extremes(increments, log.interval_s) & ~stands[:, None]
         rows = np.flatnonzero(clipped.any(1))
         if len(rows):
             limit = float(np.abs((increments[rows] / log.interval_s[rows, None])[clipped[rows]]).max())
@@ -53,6 +64,44 @@ def with_unstated(log: Log) -> Log:
                 )
             )
     return replace(log, notices=tuple(found)) if len(found) > len(log.notices) else log
+
+
+def _stands(log: Log, sensor: str, rows: BoolArray) -> Notice:
+    at = np.flatnonzero(rows)
+    first, last = int(at[0]), int(at[-1])
+    where = f"{len(at)} record(s), rows (from 0) {first} to {last} ({log.time_s[first]:.6g} to {log.time_s[last]:.6g} s)"
+    return Notice(
+        "sensor-frozen",
+        f"the {sensor} repeats one reading in {where}, while the other sensor moves: it stands still there. Cut these records, or leave "
+        "them out by [[phases]]",
+    )
+
+
+def standing(increments: Array, others: Array, interval_s: Array) -> BoolArray:
+    """(n,) records in which a sensor repeats its reading on all axes, run by run, while the other one (n, 3) moves."""
+    axes = [_repeats(axis, interval_s) for axis in increments.T if np.ptp(axis) > 0]
+    none = np.zeros(len(interval_s), dtype=bool)
+    if len(axes) < 2:
+        return none
+    together = np.logical_and.reduce(axes)
+    edges = np.flatnonzero(np.diff(together.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    runs = edges[np.diff(edges, axis=1)[:, 0] >= STANDS]
+    if not len(runs):
+        return none
+    found = none.copy()
+    moves = ~np.logical_and.reduce([_repeats(axis, interval_s) for axis in others.T])
+    for start, stop in runs.tolist():
+        found[start - 1 : stop] = moves[start:stop].all()
+    if found.mean() > MOSTLY or any(float(axis[~found].mean()) > FINE for axis in axes):
+        return none
+    return found
+
+
+def _repeats(increments: Array, interval_s: Array) -> BoolArray:
+    """(n,) whether each reading of an axis is the one before."""
+    rates = increments / interval_s
+    found: BoolArray = np.abs(np.diff(rates, prepend=np.nan)) <= SAME * np.abs(rates)
+    return found
 
 
 def at_extremes(increments: Array, interval_s: Array) -> BoolArray:

@@ -37,7 +37,9 @@ OFF_UNIT = 1e-2
 """By which the norm of a logged quaternion may differ from 1: what rounding and averaging do."""
 SATURATED = ("gyro-saturated", "accelerometer-saturated")
 """Codes of notices that a sensor was at the end of its range."""
-VOID = (*SATURATED, "cycle-period")
+UNREAD = (*SATURATED, "sensor-frozen")
+"""... or repeated one reading: no cause is looked for in what such a sensor shows."""
+VOID = (*UNREAD, "cycle-period")
 """Codes of notices beside which no value holds, and which nothing mends."""
 LONGEST_S = 0.06
 """s that are taken together where commands have times of their own: a body turns by little in them, and a pulse still stands out."""

@@ -9,7 +9,7 @@ import pytest
 
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
-from massprop_cli.inputs.clipped import at_extremes
+from massprop_cli.inputs.clipped import at_extremes, standing
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from tests import faulty
 
@@ -90,6 +90,32 @@ def test_a_pause_at_the_fastest_in_counts_as_coarse_as_the_noise_is_no_saturatio
     limit = 0.6
     clipped = at_extremes(np.clip(seen, -limit, limit), np.ones(COUNT))
     np.testing.assert_array_equal(clipped, np.abs(seen) >= limit)
+
+
+@pytest.mark.parametrize("name", CLEAN)
+def test_what_measures_does_not_stand_still(name: str) -> None:
+    assert not standing(CLEAN[name], NOISE, np.ones(COUNT)).any()
+
+
+@pytest.mark.parametrize("first", [0, 200])
+def test_a_sensor_that_stands_still_is_told_row_by_row(first: int) -> None:
+    values = WAVES + NOISE
+    values[first : first + 30] = values[first + 30]
+    told = np.flatnonzero(standing(values, NOISE, np.ones(COUNT)))
+    np.testing.assert_array_equal(told, np.arange(first, first + 31))
+    assert not standing(values, np.zeros((COUNT, 3)), np.ones(COUNT)).any()  # nothing moves: a rest without noise
+
+
+@pytest.mark.parametrize("first", [0, 150])
+def test_a_sensor_that_stands_still_leaves_nothing_converged(first: int) -> None:
+    log, used = faulty.sample("free-flyer", 20.0)
+    velocity = log.delta_v_imu_m_s.copy()
+    velocity[first : first + 30] = velocity[first + 30]
+    found = flow.examine(replace(log, delta_v_imu_m_s=velocity), VehicleSource(used, "", ""))
+    (said,) = [notice.message for notice in found.notices if notice.code == "sensor-frozen"]
+    assert said.startswith(f"the accelerometer repeats one reading in 31 record(s), rows (from 0) {first} to {first + 30}")
+    assert "gyro-saturated" not in [notice.code for notice in found.notices]
+    assert set(faulty.verdicts(found).values()) == {"contradicted"}
 
 
 def test_a_sensor_that_saturates_leaves_nothing_converged() -> None:
