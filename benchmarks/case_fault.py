@@ -10,13 +10,16 @@ from pathlib import Path
 
 import numpy as np
 from case_kind import Columns, Flown, Kind, Made
+from fault_commands import clock, throttled
+from fault_imu import Sensor, with_columns
+from fault_imu import columns as increments
 from fault_kinds import FAULTS
 from fault_named import Drawn, Due, Fault
 from fault_unforeseen import UNFORESEEN
 from fault_vehicles import Body, Case, Subject
 
 from massprop_cli.base import configfile
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.inputs import columns as named
 from massprop_cli.inputs import telemetry
 from massprop_cli.inputs.tablefile import columns_of
@@ -105,17 +108,43 @@ def _of_fault(fault: Fault) -> Kind:
     return Kind(fault.what, partial(_made, draw=fault.draw), knowing=True)
 
 
-def _unforeseen(name: str, *codes: str) -> Kind:
-    """Codes that are near enough to what no error parameter describes."""
-    what, maker = UNFORESEEN[name]
+def _changed(what: str, maker: Callable[[Subject, np.random.Generator], Case | None], *codes: str) -> Kind:
+    """A kind of another case; any of these codes names it."""
 
     def draw(subject: Subject, rng: np.random.Generator) -> Drawn | None:
         case = maker(subject, rng)
-        return None if case is None else Drawn(case, (Due(codes),) if codes else (), "")
+        return None if case is None else Drawn(case, (Due(codes),), "")
 
     return Kind(what, partial(_made, draw=draw), codes, knowing=True)
 
 
+def _falling(subject: Subject, rng: np.random.Generator) -> Case:
+    """All thrust falls steadily by this part."""
+    return throttled(subject, 1 - float(rng.uniform(0.15, 0.3)) * clock(subject) + np.zeros_like(subject.clean.log.command))
+
+
+def _sparse(subject: Subject, rng: np.random.Generator) -> Case:
+    """Of so many commands only the first is logged, and stands for the others."""
+    command, every = subject.clean.log.command, int(rng.choice([2, 3, 5, 10]))
+    return subject.clean.logging(command=frozen(command[np.arange(len(command)) // every * every]))
+
+
+def _later(subject: Subject, rng: np.random.Generator, sensor: Sensor) -> Case:
+    """By so many records; the first is repeated."""
+    readings, by = increments(subject.clean, sensor), int(rng.integers(1, 4))
+    return with_columns(subject.clean, sensor, np.concatenate([np.repeat(readings[:1], by, 0), readings[:-by]]))
+
+
+UNKNOWN = ("model-discrepancy", "cause-unknown", "contradicted")
+"""That is right of what has no name."""
+ACTUATED: dict[str, Kind] = {
+    "thrust-falls": _changed("thrust that falls by 15 to 30 % over the log", _falling, "fuel-use", *UNKNOWN),
+    "one-late": _changed("one channel a cycle later than the others", UNFORESEEN["one-late"][1], *UNKNOWN),
+    "leak": _changed("a jet that leaks 2 % of its thrust", UNFORESEEN["leak"][1], "steady-torque", *UNKNOWN),
+    "commands-sparse": _changed("every second to tenth command is logged", _sparse, *UNKNOWN),
+    "gyro-late": _changed("gyro 1 to 3 records later than the accelerometer", partial(_later, sensor="gyro"), "gyro-filter", *UNKNOWN),
+    "accel-late": _changed("accelerometer 1 to 3 records later than the gyro", partial(_later, sensor="accel"), "accel-filter", *UNKNOWN),
+}
 UNTOLD = ("all-scale",)
 """Of the faults, what no log can tell."""
 KINDS = {f"fault-{name}": _of_fault(fault) for name, fault in FAULTS.items() if name not in UNTOLD}

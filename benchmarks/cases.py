@@ -44,7 +44,7 @@ from massprop_cli.testbed import output, scenario, simulate
 
 FAR = 4.0
 """Sigmas beyond which, and beyond a part of its size, a value is wrong."""
-KINDS: dict[str, Kind] = {**case_recorded.KINDS, **case_timing.KINDS}
+KINDS: dict[str, Kind] = {**case_recorded.KINDS, **case_timing.KINDS, **case_fault.ACTUATED}
 PAIRED: dict[str, Kind] = {
     name: kind for name, kind in {**KINDS, **case_fault.KINDS}.items() if kind.codes or kind.refusals or kind.knowing
 }
@@ -52,7 +52,8 @@ PAIRED: dict[str, Kind] = {
 SKETCH = """# Recordings that people have
 
 What massprop {version} at commit {commit} says of recordings with a fault of the recorder or of the person who set it up.
-`python benchmarks/cases.py` prints this table; a kind alone, log by log: `--kind NAME --show`.
+`python benchmarks/cases.py --variants {variants}` prints this page: of each kind so many logs, each of another vehicle drawn at random, the first being number {first}.
+A kind alone, log by log: `--kind NAME --show`.
 
 - **named**: a warning or a refusal says what is wrong. Kinds without a fault must have none.
 - **refused**: no estimate, but a remedy.
@@ -194,7 +195,7 @@ def main() -> None:
         if asked.pairs:
             _pairs(list(_some(pool, pair, asked.first, asked.pairs, asked.show)))
             return
-        print(SKETCH.format(version=__version__, commit=commit(), far=FAR, part=PART))
+        print(SKETCH.format(version=__version__, commit=commit(), far=FAR, part=PART, variants=asked.variants, first=asked.first))
         print(
             "| kind | logs | named | refused | values | converged | wrong (converged) | other causes |\n|---|--:|--:|--:|--:|--:|--:|---|"
         )

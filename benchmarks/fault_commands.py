@@ -22,12 +22,12 @@ def _logged(s: Subject, command: Array) -> Case:
     return s.clean.logging(command=frozen(command))
 
 
-def _clock(s: Subject) -> Array:
+def clock(s: Subject) -> Array:
     """(K, 1) from 0 to 1."""
     return np.linspace(0.0, 1.0, len(_command(s)))[:, None]
 
 
-def _throttled(s: Subject, part: Array) -> Case:
+def throttled(s: Subject, part: Array) -> Case:
     """Commands that give as much as they did, of which the log says ``part`` (K, C) times that; right in the mean."""
     flown, logged = _command(s), _command(s) * part
     mean = float(np.abs(logged).sum() / np.abs(flown).sum())
@@ -42,20 +42,20 @@ def _used(s: Subject, rng: Random) -> int:
 
 def _warming(s: Subject, _: Random) -> Case:
     pulses = np.cumsum(_command(s) != 0, 0)
-    return _throttled(s, 1 / (1 + 0.3 * (1 - np.exp(-pulses / 10.0))))
+    return throttled(s, 1 / (1 + 0.3 * (1 - np.exp(-pulses / 10.0))))
 
 
 def _stepping(s: Subject, rng: Random) -> Case:
     count = len(_command(s))
-    return _throttled(s, np.repeat(rng.uniform(0.85, 1.0, 8), -(-count // 8))[:count, None] + np.zeros_like(_command(s)))
+    return throttled(s, np.repeat(rng.uniform(0.85, 1.0, 8), -(-count // 8))[:count, None] + np.zeros_like(_command(s)))
 
 
 def _rippling(s: Subject, rng: Random) -> Case:
-    return _throttled(s, 0.9 + 0.1 * np.sin(2 * np.pi * (rng.uniform(3, 8) * _clock(s) + rng.uniform())) + np.zeros_like(_command(s)))
+    return throttled(s, 0.9 + 0.1 * np.sin(2 * np.pi * (rng.uniform(3, 8) * clock(s) + rng.uniform())) + np.zeros_like(_command(s)))
 
 
 def _scattering(s: Subject, rng: Random, sigma: float) -> Case:
-    return _throttled(s, np.clip(1 - 3 * sigma + sigma * rng.standard_normal(_command(s).shape), 0.6, 1.0))
+    return throttled(s, np.clip(1 - 3 * sigma + sigma * rng.standard_normal(_command(s).shape), 0.6, 1.0))
 
 
 def _least_bit(s: Subject, _: Random) -> Case | None:
@@ -87,7 +87,7 @@ def _weaker_later(s: Subject, rng: Random) -> Case:
 
 
 def _all_weaker_later(s: Subject, _: Random) -> Case:
-    return _throttled(s, np.where(_clock(s) < 0.5, 1.0, 0.9) + np.zeros_like(_command(s)))
+    return throttled(s, np.where(clock(s) < 0.5, 1.0, 0.9) + np.zeros_like(_command(s)))
 
 
 def _missing(s: Subject, rng: Random) -> Case:
@@ -118,7 +118,7 @@ def _delay_alternates(s: Subject, _: Random) -> Case:
 
 COMMANDS: dict[str, tuple[str, Maker]] = {
     "warm-up": ("thrust that grows by 30 % over the first pulses of each jet", _warming),
-    "tank": ("thrust that falls by 20 % over the log", lambda s, _: _throttled(s, 0.8 + 0.2 * _clock(s) + np.zeros_like(_command(s)))),
+    "tank": ("thrust that falls by 20 % over the log", lambda s, _: throttled(s, 0.8 + 0.2 * clock(s) + np.zeros_like(_command(s)))),
     "supply-ripple": ("thrust that goes up and down by 10 %", _rippling),
     "supply-steps": ("thrust that steps by up to 15 %", _stepping),
     "pulse-scatter-5": ("pulses that scatter by 5 %", partial(_scattering, sigma=0.05)),
