@@ -52,8 +52,8 @@ PAIRED: dict[str, Kind] = {
 SKETCH = """# Recordings that people have
 
 What massprop {version} at commit {commit} says of recordings with a fault of the recorder or of the person who set it up.
-`python benchmarks/cases.py --variants {variants}` prints this page: of each kind so many logs, each of another vehicle drawn at random, the first being number {first}.
-A kind alone, log by log: `--kind NAME --show`.
+`python benchmarks/cases.py --variants {variants}` prints this page: of each kind so many logs, each of another vehicle drawn at random,
+from number {first} on. Two faults at once: `--pairs 100`. A kind alone, log by log: `--kind NAME --show`.
 
 - **named**: a warning or a refusal says what is wrong. Kinds without a fault must have none.
 - **refused**: no estimate, but a remedy.

@@ -20,6 +20,7 @@ GOOD = [
     "geometry.md",
     "faults.md",
     "unforeseen.md",
+    "cases.md",
     "check.md",
     "causal.md",
     "aboard.md",
