@@ -194,7 +194,7 @@ KINDS = {
     "clock-wraps": Kind("a counter of 31 or 32 bits wraps", _wraps, REBUILT),
     "clock-restart": Kind("the clock begins again, the motion goes on", _restart, REBUILT, SPLIT),
     "records-cut": Kind("2 to 80 s are missing, as the clock says", partial(_cut, restarted=False), (), ("gap",)),
-    "records-cut-restart": Kind("the same, and the clock begins again", partial(_cut, restarted=True), (), ("split",)),
+    "records-cut-restart": Kind("the same, and the clock begins again", partial(_cut, restarted=True), (), ("split", "cut the log")),
     "records-dropped": Kind("single cycles are missing", _dropped, ("long-interval",)),
     "records-late": Kind("increments of a record in the next one", _late, ("records-doubled",)),
     "attitude-occluded": Kind("attitude lost for some seconds", _occluded),
