@@ -40,6 +40,10 @@ NO_BIAS = 6.0
 """Sigmas of a gyro's bias beyond which what a fit finds stands for something else."""
 
 
+ROUNDED = 1.05
+"""Factor on the gyro's noise below which what a tachometer adds is none."""
+
+
 class Checked(NamedTuple):
     """What the log says of that which its estimate rests on."""
 
@@ -53,7 +57,7 @@ class Checked(NamedTuple):
 
 def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, check: bool = True) -> Analysis:
     """Timing, noise levels, causes, estimates. Disturbances are sized where nothing that has a name explains what is left."""
-    begun = _without_its_bias(ready(log, source, say), log, source, say)
+    begun = _with_scattered_speeds(_without_its_bias(ready(log, source, say), log, source, say))
     if begun.stated.estimator.method == "thesis":
         told = Checked(detected=begun.detected)
         answer: Estimates[Vehicle] = by_thesis(begun.samples, begun.phases, begun.stated)
@@ -111,6 +115,33 @@ def _without_its_bias(begun: Ready, log: Log, source: VehicleSource, say: Progre
         bias = first.history.reference.gyro_bias
         return less(bias) if np.linalg.norm(bias) < NO_BIAS * stated.imu.gyro_bias_sigma_rad_s else begun
     return _less_yaw_bias(begun, plain, less) if plain.misfit else begun
+
+
+def _with_scattered_speeds(begun: Ready) -> Ready:
+    """The gyro as noisy as the rate that momentum of logged speeds gives a body, beside its own noise.
+
+    An error e of a momentum is one of the rate by I⁻¹ e, which the next speed takes back: white in the rate, and none of a torque's.
+    """
+    devices = begun.stated.spinning
+    sizes = np.array([device.scatter(said) for device, said in zip(devices, begun.log.spinning, strict=True)])
+    if begun.stated.estimator.method == "thesis" or not sizes.any():
+        return begun
+    plain = _as_begun(begun)
+    first = next((fit.history.reference for fit in plain.fits if fit is not None), None)
+    if first is None:
+        return begun
+    parts = [size * device.axes @ np.linalg.inv(first.inertia) for size, device in zip(sizes, devices, strict=True)]
+    own, added = plain.used.imu.gyro_noise_rad_s, float(np.sqrt((np.concatenate(parts) ** 2).sum(0).max()))
+    level = float(np.hypot(own, added))
+    if level < ROUNDED * own:
+        return begun
+    notice = Notice(
+        "noise-estimated",
+        f"speeds of wheels scatter as their tachometers count or as is stated (speed_sigma_rad_s, speed_step_rad_s): {added:.3g} rad/s of "
+        f"the body's rate; with it the gyro's noise counts as {level:.3g} rad/s",
+    )
+    stated = stating(begun.stated, {"imu.gyro_noise_rad_s": level})
+    return begun._replace(stated=stated, notices=[*begun.notices, notice])
 
 
 def _less_yaw_bias(begun: Ready, plain: AsStated, less: Callable[[Array], Ready]) -> Ready:

@@ -40,6 +40,20 @@ BALLAST = "".join(
     "position_m = [0.0, 0.0, 0.0]\\ntravel_m = [-0.1, 0.1]\\n"
     for name, axis in (("x", [1, 0, 0]), ("y", [0, 1, 0]), ("z", [0, 0, 1]))
 )
+BODY = {
+    "ixx": 0.617954444,
+    "ixy": 0.0514666667,
+    "ixz": -0.0711466667,
+    "iyy": 2.72468889,
+    "iyz": 0.102322222,
+    "izz": 2.40734556,
+    "cg_x": -0.0173333333,
+    "cg_y": 0.0244444444,
+    "cg_z": 0.0142222222,
+    "mass": 22.5,
+}
+"""The free flyer with 0.5 kg more at (0.1, 0, 0.2) m."""
+LOADED = " ".join(f"--set truth.{name}={value}" for name, value in BODY.items())
 COMMANDS_BEFORE = f"""
 {SAMPLE}
 printf 'spread = 0.2\\n[body]\\nixx = 0.6\\niyy = 2.7\\nizz = 2.4\\nmass = 22.0\\n' > guess.toml
@@ -56,6 +70,9 @@ massprop simulate pedestal -q --out table && massprop estimate table/log.parquet
 massprop simulate pedestal -q --seed 2 --set truth.cg_x=0.0 --set truth.cg_y=0.0 --out moved
 massprop estimate moved/log.parquet -q --out after
 printf '{BALLAST}' > ballast.toml
+massprop simulate free-flyer -q --out flown-empty
+massprop simulate free-flyer -q --seed 2 {LOADED} --out flown-loaded
+for n in empty loaded; do massprop estimate flown-$n/log.parquet -q --out $n; done
 """
 
 

@@ -138,6 +138,10 @@ class MomentumDevice(Actuator):
     def momentum(self, said: MomentumLog, log: LogTimes) -> Grown:
         """What it holds in time."""
 
+    def scatter(self, said: MomentumLog) -> float:  # noqa: ARG002
+        """By how much the momentum that a record says scatters from record to record, one sigma, N m s: not at all."""
+        return 0.0
+
     @property
     def channels(self) -> tuple[str, ...]:
         """(a,) names of its axes."""

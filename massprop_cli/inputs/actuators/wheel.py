@@ -44,6 +44,19 @@ FOR_A_PARABOLA = 8
 """Records, of which fewer make one too noisy at its end."""
 
 
+DISTINCT, WHOLE = 10, 1e-4
+"""Values of a column that are needed to tell a step, and parts of it by which each may be off a whole multiple."""
+
+
+def step_of(values: Array) -> float:
+    """The step of which all are whole multiples; 0 where there is none."""
+    apart = np.diff(np.unique(values))
+    if len(apart) < DISTINCT:
+        return 0.0
+    counts = values / apart.min()
+    return float(apart.min()) if np.abs(counts - counts.round()).max() < WHOLE else 0.0
+
+
 class Wheel(MomentumDevice):
     """One reaction wheel: its axis, what it weighs about it, and which of its columns the log has."""
 
@@ -61,6 +74,10 @@ class Wheel(MomentumDevice):
     column: Literal["speed", "torque"] = Field(
         "speed",
         description="what the log has: wheel_NAME_rad_s, relative to the body at time_s, or wheel_NAME_n_m on the wheel over the cycle",
+    )
+    speed_sigma_rad_s: NonNegative = Field(0.0, description="one sigma of the noise of each logged speed, white. For a speed column")
+    speed_step_rad_s: NonNegative | None = Field(
+        None, description="of which logged speeds are whole multiples; absent: found in the log. For a speed column"
     )
     torque_is: Literal["commanded", "measured"] = Field(
         "commanded", description="of a torque column: commanded torque acts after cycle.command_delay_cycles, measured torque at once"
@@ -156,6 +173,16 @@ class Wheel(MomentumDevice):
         """
         pairs = [(wheel.start_rad_s, one.speed_rad_s) for wheel, one in zip(own, said, strict=True) if isinstance(one, WheelLog)]
         refuse_other_units(source, "speed of each wheel", "start_rad_s", SPEEDS, pairs)
+
+    def scatter(self, said: MomentumLog) -> float:
+        """Of a speed by its tachometer: noise, and a twelfth of a step's square."""
+        if not isinstance(said, WheelLog) or said.speed_rad_s is None:
+            return 0.0
+        step = step_of(said.speed_rad_s) if self.speed_step_rad_s is None else self.speed_step_rad_s
+        # while a count stands still, so does its error: as one of so many times the variance
+        lengths = np.diff(np.flatnonzero(np.diff(said.speed_rad_s, prepend=np.nan, append=np.nan)))
+        held = float((lengths**2).sum() / lengths.sum())
+        return self.spin_inertia_kg_m2 * float(np.sqrt(self.speed_sigma_rad_s**2 + held * step**2 / 12))
 
     def momentum(self, said: MomentumLog, log: LogTimes) -> Grown:
         """By its speed at the records' ends, relative to the body; or all of it, by the torque on it over each cycle, less friction."""
