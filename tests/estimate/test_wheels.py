@@ -265,7 +265,8 @@ def test_speeds_in_whole_rpm_are_counted_with_their_steps() -> None:
     z = []
     for k in range(4):
         log = flight.log(k)
-        counted = [replace(one, speed_rad_s=np.round(one.speed_rad_s / rpm) * rpm) for one in log.spinning if isinstance(one, WheelLog)]
+        speeds = [np.asarray(one.speed_rad_s) for one in log.spinning if isinstance(one, WheelLog)]
+        counted = [WheelLog(np.round(speed / rpm) * rpm, None, None) for speed in speeds]
         found = flow.examine(replace(log, spinning=tuple(counted)), VehicleSource(flight.vehicle, "", ""))
         assert [notice.code for notice in found.notices] == ["noise-estimated"]
         z.append((found.conclusions[0].values - flight.truth[k, 0])[:6] / found.conclusions[0].sigmas[:6])
