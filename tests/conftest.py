@@ -34,6 +34,11 @@ def pytest_runtest_call() -> Generator[None, None, None]:
         return (yield)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """A page whose blocks all run takes as long as hundreds of other tests: at the end one worker would wait for it."""
+    items.sort(key=lambda item: "website" not in item.nodeid)
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--kills", type=int, default=6, help="how often tests/cli/test_kill.py ends each command")
 

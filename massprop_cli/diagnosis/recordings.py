@@ -34,6 +34,8 @@ PARTS = np.linspace(1.0, 0.25, 16)
 FINEST, NEAR, FLAT = 1e-5, 0.01, 1e3
 """Step at which the search for them ends, and behind the curvature of what they leave; the least curvature that tells a sigma: of 4 %."""
 
+ANOTHER = 0.25
+"""Cycles by which a delay that is found with something else is another one."""
 NORMALISED = 1e-6
 """Away from 1, of the largest value of a column that is divided by its largest value."""
 AS_NOISE, FAR_OFF = 0.26, 1.1
@@ -73,9 +75,11 @@ def otherwise(screening: Screening) -> list[Refit]:
             x[model.place("delay")] += later
             free = along(model, ("delay", np.ones(1))) if later else np.zeros((len(x), 0))
             hypothesis = Hypothesis(code, (), free, states=states, further=further)
-            found.append(tried(screening, Fitted(hypothesis, model, x, screening.stated.chi_square, np.zeros(free.shape[1]))))
+            refit = tried(screening, Fitted(hypothesis, model, x, screening.stated.chi_square, np.zeros(free.shape[1])))
+            # what is led to another delay is that delay
+            found += [refit] if refit is not None and abs(refit.case.timing.delay - case.timing.delay - later) < ANOTHER else []
     # such a fault leaves nothing once it is mended: beside a torque of its own it would be one of many that leave less
-    return [refit for refit in found if refit is not None and refit.screening is not None and not refit.screening.free.beside]
+    return [refit for refit in found if refit.screening is not None and not refit.screening.free.beside]
 
 
 def by_noise(screening: Screening) -> list[Refit]:
