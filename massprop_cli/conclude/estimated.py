@@ -2,46 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
-from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.assumptions import Examined, examined, sound
 from massprop_cli.conclude.contradict import Fault
 from massprop_cli.conclude.discrepancy import PlainFits
+from massprop_cli.conclude.firstfit import first_fits
 from massprop_cli.conclude.follows import followed
 from massprop_cli.conclude.reason import sigmas
 from massprop_cli.conclude.score import Doubt, doubts
 from massprop_cli.conclude.verdict import conclude
 from massprop_cli.diagnosis import UNKNOWN, delay
 from massprop_cli.diagnosis.delay import Found
-from massprop_cli.diagnosis.preprocessing import Ready, ready
-from massprop_cli.errorparameters.setup import stating
+from massprop_cli.diagnosis.preprocessing import Ready
 from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History
-from massprop_cli.estimate.phases import AsStated, Estimates, Progress, as_stated, by_thesis, estimates
+from massprop_cli.estimate.phases import AsStated, Estimates, Progress, by_thesis, estimates
 from massprop_cli.inputs.telemetry import UNREAD, VOID, Log, Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.actuators import along_one_line, always_together, channel_names, channel_wrench, pushing
-from massprop_cli.prepare.compensate import biased_attitude
 from massprop_cli.prepare.timing import Timing
 
 if TYPE_CHECKING:
     from massprop_cli.diagnosis.diagnose import Diagnosis
-
-
-NO_BIAS = 6.0
-"""Sigmas of a gyro's bias beyond which what a fit finds stands for something else."""
-
-
-ROUNDED = 1.05
-"""Factor on the gyro's noise below which what a tachometer adds is none."""
 
 
 class Checked(NamedTuple):
@@ -57,12 +44,12 @@ class Checked(NamedTuple):
 
 def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, check: bool = True) -> Analysis:
     """Timing, noise levels, causes, estimates. Disturbances are sized where nothing that has a name explains what is left."""
-    begun = _with_scattered_speeds(_without_its_bias(ready(log, source, say), log, source, say))
-    if begun.stated.estimator.method == "thesis":
+    begun, plain = first_fits(log, source, say)
+    if plain is None:
         told = Checked(detected=begun.detected)
         answer: Estimates[Vehicle] = by_thesis(begun.samples, begun.phases, begun.stated)
     else:
-        answer, told = _by_default(begun, check, say)
+        answer, told = _by_default(begun, plain, check, say)
     explanations = told.diagnosis.explanations if told.diagnosis else ()
     unknown = _unexplained(told.diagnosis, answer.notices) or _baffled(told, answer.used, begun)
     void = (Fault(notice, None) for notice in begun.log.notices if notice.code in VOID)
@@ -91,85 +78,8 @@ def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
     )
 
 
-def _without_its_bias(begun: Ready, log: Log, source: VehicleSource, say: Progress) -> Ready:
-    """The log less the gyro's bias that first fits find, where that turns the weight's pull in the body's axes.
-
-    The estimators are linear about the attitude as carried. What gravity alone tells of a bias is put astray by thrust and rotation, and
-    what is left is of second order: tilt times heading, and g φ²/2. On a table it is the slope times the heading.
-    """
-    stated = begun.stated
-    biased, tilted = stated.imu.gyro_bias_sigma_rad_s > 0, biased_attitude(begun.samples.attitude_logged, stated)
-    sloping = stated.environment.kind == "planar" and stated.environment.table_tilt_sigma_rad > 0
-    if stated.estimator.method == "thesis" or not biased or any(stated.imu.gyro_bias_rad_s) or not (tilted or sloping):
-        return begun
-
-    def less(bias: Array) -> Ready:
-        known = tuple((np.array(stated.imu.body_from_imu).T @ bias).tolist())
-        return ready(log, replace(source, vehicle=stating(source.vehicle, {"imu.gyro_bias_rad_s": known})), say)
-
-    plain = _as_begun(begun)
-    first = plain.fits[0] if plain.fits else None
-    if first is None or first.history.reference is None:
-        return begun
-    if tilted:
-        bias = first.history.reference.gyro_bias
-        return less(bias) if np.linalg.norm(bias) < NO_BIAS * stated.imu.gyro_bias_sigma_rad_s else begun
-    return _less_yaw_bias(begun, plain, less) if plain.misfit else begun
-
-
-def _with_scattered_speeds(begun: Ready) -> Ready:
-    """The gyro as noisy as the rate that momentum of logged speeds gives a body, beside its own noise.
-
-    An error e of a momentum is one of the rate by I⁻¹ e, which the next speed takes back: white in the rate, and none of a torque's.
-    """
-    devices = begun.stated.spinning
-    sizes = np.array([device.scatter(said) for device, said in zip(devices, begun.log.spinning, strict=True)])
-    if begun.stated.estimator.method == "thesis" or not sizes.any():
-        return begun
-    plain = _as_begun(begun)
-    first = next((fit.history.reference for fit in plain.fits if fit is not None), None)
-    if first is None:
-        return begun
-    parts = [size * device.axes @ np.linalg.inv(first.inertia) for size, device in zip(sizes, devices, strict=True)]
-    own, added = plain.used.imu.gyro_noise_rad_s, float(np.sqrt((np.concatenate(parts) ** 2).sum(0).max()))
-    level = float(np.hypot(own, added))
-    if level < ROUNDED * own:
-        return begun
-    notice = Notice(
-        "noise-estimated",
-        f"speeds of wheels scatter as their tachometers count or as is stated (speed_sigma_rad_s, speed_step_rad_s): {added:.3g} rad/s of "
-        f"the body's rate; with it the gyro's noise counts as {level:.3g} rad/s",
-    )
-    stated = stating(begun.stated, {"imu.gyro_noise_rad_s": level})
-    return begun._replace(stated=stated, notices=[*begun.notices, notice])
-
-
-def _less_yaw_bias(begun: Ready, plain: AsStated, less: Callable[[Array], Ready]) -> Ready:
-    """With the bias about Z by which a log on a table fits: of three fits, what they leave is quadratic in it."""
-    sigma = begun.stated.imu.gyro_bias_sigma_rad_s
-    step = np.array([0.0, 0.0, sigma])
-    left = [_left(_as_begun(less(-step))), _left(plain), _left(_as_begun(less(step)))]
-    bent = left[0] - 2 * left[1] + left[2]
-    parts = (left[0] - left[2]) / (2 * bent) if bent > 0 else np.inf
-    if not abs(parts) < NO_BIAS:
-        return begun
-    found = less(parts * step)
-    return begun if _as_begun(found).misfit else found
-
-
-def _as_begun(begun: Ready) -> AsStated:
-    return as_stated(begun.samples, begun.phases, begun.stated, begun.consider)
-
-
-def _left(plain: AsStated) -> float:
-    """Chi-square of the off-line fits."""
-    each = [fit.history.moments() for fit in plain.fits if fit is not None]
-    return float(sum(np.nansum(one.count * one.variance) for one in each))
-
-
-def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Resolved], Checked]:
+def _by_default(begun: Ready, plain: AsStated, check: bool, say: Progress) -> tuple[Estimates[Resolved], Checked]:
     """By the default method, and what the values rest on is examined; with ``check`` the causes of a misfit are looked for."""
-    plain = _as_begun(begun)
     diagnosis = _diagnosis(begun, plain.used, say) if check and (plain.dubious or plain.quiet) else None
     if diagnosis is not None and not plain.dubious and not diagnosis.explanations:
         diagnosis = None  # noise that was stated too large is no fault

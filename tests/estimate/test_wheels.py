@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from massprop_cli import QUANTITIES, flow
+from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.campaign import kept
 from massprop_cli.conclude import docking
@@ -267,11 +268,15 @@ def test_speeds_in_whole_rpm_are_counted_with_their_steps() -> None:
         log = flight.log(k)
         speeds = [np.asarray(one.speed_rad_s) for one in log.spinning if isinstance(one, WheelLog)]
         counted = [WheelLog(np.round(speed / rpm) * rpm, None, None) for speed in speeds]
-        found = flow.examine(replace(log, spinning=tuple(counted)), VehicleSource(flight.vehicle, "", ""))
+        log = replace(log, spinning=tuple(counted))
+        found = flow.examine(log, VehicleSource(flight.vehicle, "", ""))
         assert [notice.code for notice in found.notices] == ["noise-estimated"]
         z.append((found.conclusions[0].values - flight.truth[k, 0])[:6] / found.conclusions[0].sigmas[:6])
     assert 0.4 < np.sqrt((np.array(z) ** 2).mean()) < 1.4
     assert np.abs(z).max() < 4
+    keys = [f"{key}={configfile.written(value)}" for key, value in build.effective_settings(found).items() if value is not None]
+    again = flow.examine(log, VehicleSource(vehiclefile.changed(flight.vehicle, keys), "", ""))
+    np.testing.assert_array_equal(again.conclusions[0].sigmas, found.conclusions[0].sigmas)  # counted once
 
 
 def test_a_step_is_told_by_the_speeds_themselves() -> None:

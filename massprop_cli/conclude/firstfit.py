@@ -1,0 +1,105 @@
+"""First fits of a log, and what later ones take as known by them: the gyro's bias, and what tachometers add to its noise.
+
+The estimators are linear about the attitude as carried. What gravity alone tells of a gyro's bias is put astray by thrust and rotation, and
+what is left is of second order: tilt times heading, and g φ²/2; on a table, the slope times the heading. So the log is read again less the
+bias that a first fit finds.
+
+An error e of a device's momentum, N m s, is one of the rate by I⁻¹ e, which the next record takes back: white in the rate, and none of a
+torque's.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.diagnosis.preprocessing import Ready, ready
+from massprop_cli.errorparameters.setup import stating
+from massprop_cli.estimate.phases import AsStated, Progress, as_stated
+from massprop_cli.inputs.telemetry import Log, Notice
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.prepare.compensate import biased_attitude
+
+NO_BIAS = 6.0
+"""Sigmas of a gyro's bias beyond which what a fit finds stands for something else."""
+NOTHING = 1.05
+"""Factor on the gyro's noise below which what tachometers add is none."""
+
+
+class _First(NamedTuple):
+    begun: Ready
+    plain: AsStated
+
+
+def first_fits(log: Log, source: VehicleSource, say: Progress) -> tuple[Ready, AsStated | None]:
+    """A log as it is estimated from, and the fits that nothing was sized for; none by the thesis's method."""
+    begun = ready(log, source, say)
+    if begun.stated.estimator.method == "thesis":
+        return begun, None
+
+    def less(bias: Array) -> _First:
+        known = tuple((np.array(begun.stated.imu.body_from_imu).T @ bias).tolist())
+        return _fitted(ready(log, replace(source, vehicle=stating(source.vehicle, {"imu.gyro_bias_rad_s": known})), say))
+
+    return _with_scattered_speeds(_without_its_bias(_fitted(begun), less))
+
+
+def _fitted(begun: Ready) -> _First:
+    return _First(begun, as_stated(begun.samples, begun.phases, begun.stated, begun.consider))
+
+
+def _without_its_bias(first: _First, less: Callable[[Array], _First]) -> _First:
+    """Less the gyro's bias, where that turns the weight's pull in the body's axes; ``less`` one (3,) in rad/s, body axes."""
+    stated, samples = first.begun.stated, first.begun.samples
+    sigma = stated.imu.gyro_bias_sigma_rad_s
+    if sigma == 0 or any(stated.imu.gyro_bias_rad_s):
+        return first
+    if stated.environment.kind == "planar":
+        return _without_its_yaw_bias(first, less) if stated.environment.table_tilt_sigma_rad > 0 and first.plain.misfit else first
+    fit = first.plain.fits[0]
+    if fit is None or fit.history.reference is None or not biased_attitude(samples.attitude_logged, stated):
+        return first
+    bias = fit.history.reference.gyro_bias
+    return less(bias) if np.linalg.norm(bias) < NO_BIAS * sigma else first
+
+
+def _without_its_yaw_bias(first: _First, less: Callable[[Array], _First]) -> _First:
+    """Less the bias about Z with which the log fits, where there is one: what three fits leave is quadratic in it."""
+    step = np.array([0.0, 0.0, first.begun.stated.imu.gyro_bias_sigma_rad_s])
+    before, now, after = (_left(one.plain) for one in (less(-step), first, less(step)))
+    bent = before - 2 * now + after
+    parts = (before - after) / (2 * bent) if bent > 0 else np.inf
+    if not abs(parts) < NO_BIAS:
+        return first
+    found = less(parts * step)
+    return first if found.plain.misfit else found
+
+
+def _left(plain: AsStated) -> float:
+    """Chi-square of the off-line fits."""
+    each = [fit.history.moments() for fit in plain.fits if fit is not None]
+    return float(sum(np.nansum(one.count * one.variance) for one in each))
+
+
+def _with_scattered_speeds(first: _First) -> _First:
+    """The gyro as noisy as the rate that logged momentum gives a body, beside its own noise; speeds are exact then."""
+    begun, devices = first.begun, first.begun.stated.spinning
+    sizes = np.array([device.scatter(said) for device, said in zip(devices, begun.log.spinning, strict=True)])
+    reference = next((fit.history.reference for fit in first.plain.fits if fit is not None), None)
+    if reference is None or not sizes.any():
+        return first
+    parts = [size * device.axes @ np.linalg.inv(reference.inertia) for size, device in zip(sizes, devices, strict=True)]
+    own, added = first.plain.used.imu.gyro_noise_rad_s, float(np.sqrt((np.concatenate(parts) ** 2).sum(0).max()))
+    level = float(np.hypot(own, added))
+    if level < NOTHING * own:
+        return first
+    notice = Notice(
+        "noise-estimated",
+        f"speeds of wheels scatter as their tachometers count or as is stated (speed_sigma_rad_s, speed_step_rad_s): {added:.3g} rad/s of "
+        f"the body's rate; with it the gyro's noise counts as {level:.3g} rad/s",
+    )
+    exact = tuple(wheel.model_copy(update={"speed_sigma_rad_s": 0.0, "speed_step_rad_s": 0.0}) for wheel in begun.stated.wheels)
+    stated = stating(begun.stated.model_copy(update={"wheels": exact}), {"imu.gyro_noise_rad_s": level})
+    return _fitted(begun._replace(stated=stated, notices=[*begun.notices, notice]))
