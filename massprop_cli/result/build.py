@@ -301,7 +301,7 @@ def setting_sources(analysis: Analysis) -> dict[str, str]:
         part = getattr(stated, section, None)
         if key in options:
             found[key] = "option"
-        elif part is None or vehicle.flat(part, section).get(key) != value:
+        elif part is None or isinstance(part, tuple) or vehicle.flat(part, section).get(key) != value:
             found[key] = "log"
         else:
             found[key] = "vehicle file" if name.partition(".")[0] in part.model_fields_set else "default"

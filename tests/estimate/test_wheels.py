@@ -274,6 +274,7 @@ def test_speeds_in_whole_rpm_are_counted_with_their_steps() -> None:
         z.append((found.conclusions[0].values - flight.truth[k, 0])[:6] / found.conclusions[0].sigmas[:6])
     assert 0.4 < np.sqrt((np.array(z) ** 2).mean()) < 1.4
     assert np.abs(z).max() < 4
+    assert build.result(found).provenance.setting_sources["wheels.0.speed_step_rad_s"] == "log"
     keys = [f"{key}={configfile.written(value)}" for key, value in build.effective_settings(found).items() if value is not None]
     again = flow.examine(log, VehicleSource(vehiclefile.changed(flight.vehicle, keys), "", ""))
     np.testing.assert_array_equal(again.conclusions[0].sigmas, found.conclusions[0].sigmas)  # counted once
