@@ -1,9 +1,5 @@
 """Pictures of what a vehicle's logs say together: each value by log with the mean, and how far logs scatter in their own sigmas."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,11 +10,8 @@ from massprop_cli.campaign import pool
 from massprop_cli.campaign.pooled import Group, Pool, Pooled
 from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
-from massprop_cli.report.figures.panel import LENGTH, Panel, Picture
+from massprop_cli.report.figures.panel import LENGTH, Axes, Panel, Picture
 from massprop_cli.report.figures.series import padded, said, thin
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 BUCKETS = 100
 """Parts of the campaign, each drawn by its least and its largest value."""

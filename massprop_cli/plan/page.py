@@ -1,19 +1,12 @@
 """plan.html: the tables of a plan and every sigma against time, complete in itself."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from massprop_cli.plan import limits as limited
 from massprop_cli.plan import table
 from massprop_cli.plan.document import PlanFile, QuantityItem
 from massprop_cli.report import digits, html, vocabulary
 from massprop_cli.report.figures import axis, canvas, palette
-from massprop_cli.report.figures.panel import Panel
+from massprop_cli.report.figures.panel import Axes, Panel
 from massprop_cli.report.svg import gathered, inline
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 
 def text(found: PlanFile) -> str:

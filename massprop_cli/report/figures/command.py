@@ -1,24 +1,18 @@
 """What the prediction leaves, against the command: a slope says that torque, force, inertia or mass is not what it is said to be."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.report.figures import axis, palette
-from massprop_cli.report.figures.panel import Panel, Picture
+from massprop_cli.report.figures.panel import Axes, Panel, Picture
 from massprop_cli.report.figures.prediction import channel, columns
 from massprop_cli.report.figures.recording import Covered, covered, sensed
 from massprop_cli.report.figures.series import padded
 from massprop_cli.result.historyfile import SIGNALS
+from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import AXES
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from massprop_cli.result.read import Recorded
 
 POINTS = 240
 """Cycles that are drawn of each panel."""

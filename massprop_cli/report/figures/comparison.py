@@ -1,22 +1,15 @@
 """Several results side by side: each quantity with error bars."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.escape import line
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
-from massprop_cli.report.figures.panel import BOTTOM, HEIGHT, LENGTH, Panel, Picture
+from massprop_cli.report.figures.panel import BOTTOM, HEIGHT, LENGTH, Axes, Panel, Picture
 from massprop_cli.report.figures.series import Limits, padded
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from massprop_cli.result.schema import EstimateItem
+from massprop_cli.result.schema import EstimateItem
 
 MARKERS: dict[Verdict, tuple[str, bool]] = {
     "converged": ("o", True),

@@ -1,23 +1,15 @@
 """The covariance as a picture of correlations."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.escape import line
 from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
-from massprop_cli.report.figures.panel import LENGTH, Panel, Picture
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from massprop_cli.result.read import Recorded
-    from massprop_cli.result.schema import Matrix
-from massprop_cli.base.escape import line
+from massprop_cli.report.figures.panel import LENGTH, Axes, Panel, Picture
+from massprop_cli.result.read import Recorded
+from massprop_cli.result.schema import Matrix
 
 CAPTION = (
     "Correlation of the errors of each two quantities, from the covariance: 1 means that they are off together, −1 oppositely, 0 "

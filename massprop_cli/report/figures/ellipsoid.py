@@ -1,23 +1,15 @@
 """The body as its equivalent inertia ellipsoid: from an oblique direction, and along each body axis."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from massprop_cli import INERTIA
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.escape import line
 from massprop_cli.report import body
 from massprop_cli.report.figures import axis, palette
-from massprop_cli.report.figures.panel import Panel, Picture
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from massprop_cli.result.read import Recorded
-    from massprop_cli.result.schema import PhaseItem
-from massprop_cli.base.escape import line
+from massprop_cli.report.figures.panel import Axes, Panel, Picture
+from massprop_cli.result.read import Recorded
+from massprop_cli.result.schema import PhaseItem
 
 SIDE = 2.5
 """Inches."""

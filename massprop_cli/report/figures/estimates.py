@@ -1,26 +1,19 @@
 """Each estimate against time with its sigma band: inertia, CG, mass."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.escape import line
 from massprop_cli.report import digits, vocabulary
 from massprop_cli.report.figures import axis, palette
-from massprop_cli.report.figures.panel import Panel, Picture
+from massprop_cli.report.figures.panel import Axes, Panel, Picture
 from massprop_cli.report.figures.recording import Columns, Covered, covered
 from massprop_cli.report.figures.series import Limits, broken, padded, parts_of, row_at, said, settled, thin
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from massprop_cli.result.read import Recorded
-    from massprop_cli.result.schema import EstimateItem, PhaseItem
-from massprop_cli.base.escape import line
+from massprop_cli.result.read import Recorded
+from massprop_cli.result.schema import EstimateItem, PhaseItem
 
 FAR = 3.0
 """An expectation or nominal value farther off than this many heights of the picture is named at its edge instead of drawn."""

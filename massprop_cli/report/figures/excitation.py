@@ -1,27 +1,20 @@
 """Excitation against time: which motion informed which quantity, and when."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.escape import line
 from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
-from massprop_cli.report.figures.panel import LENGTH, Panel, Picture
+from massprop_cli.report.figures.panel import LENGTH, Axes, Panel, Picture
 from massprop_cli.report.figures.recording import Columns, covered
 from massprop_cli.result.historyfile import SIGNALS
-from massprop_cli.result.schema import AXES
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from massprop_cli.result.read import Recorded
-    from massprop_cli.result.schema import PhaseItem
-from massprop_cli.base.escape import line
+from massprop_cli.result.read import Recorded
+from massprop_cli.result.schema import AXES, PhaseItem
 
 BINS = 60
 """Parts of a phase."""

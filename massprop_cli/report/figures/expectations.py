@@ -1,21 +1,14 @@
 """All ten quantities against what was expected of them, in tolerances: one look says which are met."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 from massprop_cli.base.escape import line
 from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.comparison import MARKERS
-from massprop_cli.report.figures.panel import LENGTH, Panel, Picture
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from massprop_cli.result.read import Recorded
-    from massprop_cli.result.schema import EstimateItem
+from massprop_cli.report.figures.panel import LENGTH, Axes, Panel, Picture
+from massprop_cli.result.read import Recorded
+from massprop_cli.result.schema import EstimateItem
 
 FAR = 3.0
 """Tolerances beyond which a value stands at the edge, as an arrow."""

@@ -1,26 +1,18 @@
 """Which jet executed when: a raster with a row for each jet, those that a warning names marked."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.escape import line
 from massprop_cli.report.figures import axis, palette
-from massprop_cli.report.figures.panel import LENGTH, Panel, Picture
+from massprop_cli.report.figures.panel import LENGTH, Axes, Panel, Picture
 from massprop_cli.report.figures.recording import Covered, covered, extent
 from massprop_cli.result.historyfile import EXECUTED
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from matplotlib.axes import Axes
-
-    from massprop_cli.result.read import Recorded
-    from massprop_cli.result.schema import Result
+from massprop_cli.result.read import Recorded
+from massprop_cli.result.schema import Result
 
 BINS = 240
 """Parts of the time axis; each shows the share of it that a jet pushed."""

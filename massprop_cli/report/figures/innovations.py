@@ -1,21 +1,13 @@
 """Innovations with their bounds: measured less predicted, in torque and force."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.report.figures import axis, palette
-from massprop_cli.report.figures.panel import Panel, Picture
+from massprop_cli.report.figures.panel import Axes, Panel, Picture
 from massprop_cli.report.figures.recording import Columns, Covered, covered, extent, sensed
 from massprop_cli.report.figures.series import Limits, padded, parts_of, said, thin
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from massprop_cli.result.read import Recorded
+from massprop_cli.result.read import Recorded
 
 UNITS = {"torque": "N m", "force": "N"}
 SENSORS = {"torque": "rate", "force": "acceleration"}

@@ -1,14 +1,14 @@
 """A panel is one pair of axes with what it says in words; a picture is the panels that belong together under one name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from massprop_cli.base.dataclass import dataclass
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    from matplotlib.axes import Axes as Axes
+else:
+    Axes = Any  # matplotlib is imported once something is drawn
 
 LENGTH, HEIGHT = 4.0, 2.1
 """Inches of an ordinary panel; its text is readable at the width of a phone."""

@@ -1,25 +1,18 @@
 """Measured against predicted: rate and specific force overlaid, what is left of them, and what is left against the command."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.report.figures import axis, palette
-from massprop_cli.report.figures.panel import Panel, Picture
+from massprop_cli.report.figures.panel import Axes, Panel, Picture
 from massprop_cli.report.figures.recording import Columns, Covered, covered, extent, sensed
 from massprop_cli.report.figures.series import Limits, padded, parts_of, said, span, thin
 from massprop_cli.result.historyfile import PREDICTED
+from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import AXES
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from massprop_cli.result.read import Recorded
 
 BOUND = 2.0
 """Sigmas; 95.4 % of normal residuals lie within."""

@@ -1,26 +1,18 @@
 """How each estimate came to rest: its distance from where it ends, its sigma and the tolerance, against time on a logarithmic scale."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from massprop_cli import CG, INERTIA, QUANTITIES
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.escape import line
 from massprop_cli.conclude.verdict import allowed
 from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
-from massprop_cli.report.figures.panel import Panel, Picture
+from massprop_cli.report.figures.panel import Axes, Panel, Picture
 from massprop_cli.report.figures.recording import Columns, covered
 from massprop_cli.report.figures.series import parts_of, said, thin
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from massprop_cli.base.arrays import Array
-    from massprop_cli.result.read import Recorded
-    from massprop_cli.result.schema import PhaseItem, Result
+from massprop_cli.result.read import Recorded
+from massprop_cli.result.schema import PhaseItem, Result
 
 
 def picture(recorded: Recorded) -> Picture:

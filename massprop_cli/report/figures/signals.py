@@ -1,24 +1,16 @@
 """What the vehicle was told and felt, against time: executed torque and force, rate, compensated acceleration."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.equipment import PIVOTED
 from massprop_cli.report.figures import axis, palette
-from massprop_cli.report.figures.panel import Panel, Picture
+from massprop_cli.report.figures.panel import Axes, Panel, Picture
 from massprop_cli.report.figures.recording import Covered, covered, extent, sensed
 from massprop_cli.report.figures.series import Limits, gathered, parts_of, said, span, thin
 from massprop_cli.result.historyfile import SIGNALS
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from massprop_cli.result.read import Recorded
+from massprop_cli.result.read import Recorded
 
 
 @dataclass(frozen=True)

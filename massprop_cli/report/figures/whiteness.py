@@ -1,23 +1,15 @@
 """Whether innovations are what the model expects: independent standard normal numbers."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.report import checks
 from massprop_cli.report.figures import axis, palette
-from massprop_cli.report.figures.panel import Panel, Picture
+from massprop_cli.report.figures.panel import Axes, Panel, Picture
 from massprop_cli.report.figures.recording import Covered, covered, extent, sensed
 from massprop_cli.report.figures.series import Limits, padded, parts_of, said, thin
+from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import AXES
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from massprop_cli.result.read import Recorded
 
 KINDS = {"rate": "Rate", "specific_force": "Specific force"}
 COLUMNS = [f"whitened_{kind}_{letter}" for kind in KINDS for letter in AXES]
