@@ -1,11 +1,9 @@
 """The campaign file: which logs, and what is said of which. The models below are the schema (``massprop schema campaign``)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, StringConstraints, model_validator
 
@@ -49,7 +47,7 @@ class Combine(Section):
     require: Stated | None = Field(None, description="what must converge in every phase of it, and how precisely")
 
     @model_validator(mode="after")
-    def _has_one_of_both(self) -> Combine:
+    def _has_one_of_both(self) -> Self:
         if bool(self.logs) == bool(self.before or self.after) or bool(self.before) != bool(self.after):
             raise ValueError("name logs alone, or before and after")
         if self.added is not None and self.logs:

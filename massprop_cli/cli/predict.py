@@ -1,7 +1,5 @@
 """``massprop predict``."""
 
-from __future__ import annotations
-
 import sys
 from typing import Annotated
 

@@ -3,7 +3,7 @@
 Those of actuators are each in its own module (:mod:`massprop_cli.inputs.actuators`).
 """
 
-from __future__ import annotations
+from typing import Self
 
 from pydantic import Field, model_validator
 
@@ -35,7 +35,7 @@ class Column(Section):
     scale: Real = 1.0
 
     @model_validator(mode="after")
-    def _scales(self) -> Column:
+    def _scales(self) -> Self:
         if self.scale == 0:
             raise ValueError("scale is zero")
         return self

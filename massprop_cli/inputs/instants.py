@@ -1,7 +1,5 @@
 """Dates and times as texts: the forms of ISO 8601, and what loggers write beside them."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -15,8 +15,6 @@ Cᵢ is the reported covariance: with noise, stated uncertainties, and model dis
 no more than what they share has no variance left in V, and counts for nothing.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """What ``massprop predict --json`` prints: the models below are the schema (``massprop schema predict``)."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from pydantic import Field

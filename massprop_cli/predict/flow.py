@@ -1,7 +1,5 @@
 """A result held against a log that it was not made from."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How much of a log's motion given values explain, by channel and by manoeuvre, without fitting any body to it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

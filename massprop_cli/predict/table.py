@@ -1,7 +1,5 @@
 """What ``massprop predict`` prints."""
 
-from __future__ import annotations
-
 from rich.console import Console
 
 from massprop_cli.base import escape

@@ -1,8 +1,6 @@
 """What a scenario states of the body, its sensors and actuators as they really are, and of what disturbs it."""
 
-from __future__ import annotations
-
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, FiniteFloat, model_validator
@@ -32,7 +30,7 @@ class Body(Section):
     mass: Positive = Field(description="on an air bearing with the bearing's")
 
     @model_validator(mode="after")
-    def _is_body(self) -> Body:
+    def _is_body(self) -> Self:
         moments = np.linalg.eigvalsh(self.inertia)
         if moments[0] <= 1e-9 * moments[-1]:
             raise ValueError(f"the inertia is singular or not positive definite (least principal moment {moments[0]:.4g} kg m^2)")
@@ -152,7 +150,7 @@ class Control(Section):
     damping: Positive | None = Field(None, description="of each axis over critical, with a model")
 
     @model_validator(mode="after")
-    def _has_gains(self) -> Control:
+    def _has_gains(self) -> Self:
         given = {name for name in self.model_fields_set if getattr(self, name) is not None}
         stated, made = {"rate_gain_n_m_s", "attitude_gain_n_m"}, {"natural_frequency_rad_s", "damping"}
         wanted, unwanted = (stated, made) if self.model is None else (made, stated | {"inertia_kg_m2"})

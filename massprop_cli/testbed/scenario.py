@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -74,7 +74,7 @@ class Scenario(Timed):
         return plan
 
     @model_validator(mode="after")
-    def _is_coherent(self) -> Scenario:
+    def _is_coherent(self) -> Self:
         jets = [jet.name for jet in self.vehicle.jets]
         for failure in self.actuators.failures or ():
             if failure.jet not in jets:

@@ -1,8 +1,6 @@
 """The mission as a scenario file states it: segments of the plan and events, each with a place in time."""
 
-from __future__ import annotations
-
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, FiniteFloat, model_validator
 
@@ -53,7 +51,7 @@ class Segment(Timed):
     by_wheels: bool = Field(False, description="turn by wheels, or what else stores momentum, and not by the jets")
 
     @model_validator(mode="after")
-    def _is_whole(self) -> Segment:
+    def _is_whole(self) -> Self:
         for edge in ("start", "end"):
             if (getattr(self, f"{edge}_cycle") is None) == (getattr(self, f"{edge}_s") is None):
                 raise ValueError(f"give either {edge}_cycle or {edge}_s")
@@ -112,7 +110,7 @@ class Event(Timed):
     phase: str | None = Field(None, description="name of the phase that begins here")
 
     @model_validator(mode="after")
-    def _has_time(self) -> Event:
+    def _has_time(self) -> Self:
         if (self.cycle is None) == (self.at_s is None):
             raise ValueError("give either cycle or at_s")
         given = self.model_fields_set & {"motion", "docked_rate_rad_s", "docked_velocity_m_s"}

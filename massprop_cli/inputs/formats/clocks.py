@@ -1,7 +1,5 @@
 """Clocks of a recording: times in seconds, and what is wrong with those that are none."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -3,8 +3,6 @@
 PX4's ``vehicle_imu/delta_angle[0]`` stands beside ``vehicle_imu/delta_angle_dt``.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 

@@ -1,10 +1,8 @@
 """The map file: which stream of a recording is which quantity. The models below are the schema (``massprop schema map``)."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, FiniteFloat, StringConstraints, model_validator
 
@@ -52,7 +50,7 @@ class Mapped(Section):
     clock: Clock | None = Field(None, description="absent: the file's, or the map's own [clock]")
 
     @model_validator(mode="after")
-    def _scales(self) -> Mapped:
+    def _scales(self) -> Self:
         if self.scale == 0:
             raise ValueError("scale is zero")
         return self
@@ -94,7 +92,7 @@ class Jet(Mapped):
     holds: Literal["until_next", "since_last"] = "until_next"
 
     @model_validator(mode="after")
-    def _is_a_bit(self) -> Jet:
+    def _is_a_bit(self) -> Self:
         if self.bit is not None and (self.unit not in (None, "open") or self.offset != 0):
             raise ValueError("bit is a valve that is open or shut; drop unit and offset")
         return self
@@ -154,7 +152,7 @@ class Records(Section):
     zero: Literal["file", "start"] = Field("file", description="what time_s counts from: as the clock does, or from the log's start")
 
     @model_validator(mode="after")
-    def _is_one(self) -> Records:
+    def _is_one(self) -> Self:
         if (self.samples is None) == (self.interval_s is None):
             raise ValueError("takes either samples or interval_s")
         if self.start_s is not None and self.end_s is not None and self.end_s <= self.start_s:
@@ -180,7 +178,7 @@ class MapFile(Section):
     records: Records | None = None
 
     @model_validator(mode="after")
-    def _commands(self) -> MapFile:
+    def _commands(self) -> Self:
         wrench = (self.torque is not None) + (self.force is not None)
         if wrench == 1:
             missing = "force" if self.force is None else "torque"

@@ -1,7 +1,5 @@
 """A recording whose streams have clocks of their own, put on records and control cycles as its map states."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

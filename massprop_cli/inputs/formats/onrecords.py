@@ -4,8 +4,6 @@ Nothing is put on another clock, so a step of thrust within a record stays where
 states them, :mod:`massprop_cli.inputs.formats.oncycles` sums them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

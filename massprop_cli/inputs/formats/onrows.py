@@ -1,7 +1,5 @@
 """A recording whose streams share one clock: its rows are the log's."""
 
-from __future__ import annotations
-
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import resample, units

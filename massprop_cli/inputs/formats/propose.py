@@ -3,8 +3,6 @@
 A question is written "?", which no reader of the map takes, so that nothing is guessed.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping, Sequence

@@ -4,8 +4,6 @@ A rate is integrated and an increment summed, so that a record holds what happen
 the next and its mean over each control cycle is taken, so that no impulse is lost.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal
 

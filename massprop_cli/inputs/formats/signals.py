@@ -1,7 +1,5 @@
 """What a map names, found in a recording: numbers in SI units with the times at which they hold."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, Literal
