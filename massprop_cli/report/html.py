@@ -162,7 +162,7 @@ def _report(recorded: Recorded) -> Mapping[str, Any]:
         "mended": mended,
         "fit": [_figure(name, recorded, name) for name in OF_FIT],
         "stacked": STACKED,
-        "expectations": _figure("expectations", recorded, "expectations") if any(table.expected for table in tables) else None,
+        "expectations": _figure("expectations", recorded, "expectations") if any(table.has("expected") for table in tables) else None,
         "signals": [_figure(name, recorded, name) for name in OF_LOG],
         "delay": [*checks.delay(result.delay), checks.lag(result.lag)],
         "settings": settings(result),

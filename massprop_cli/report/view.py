@@ -60,40 +60,13 @@ class Table:
     contradiction: str
     """Why log and vehicle file contradict each other; empty where they don't."""
 
-    @property
-    def nominal(self) -> bool:
-        """Whether any has a nominal value."""
-        return any(row.nominal for row in self.rows)
+    def has(self, column: str) -> bool:
+        """Whether any row says something in a column."""
+        return any(getattr(row, column) for row in self.rows)
 
-    @property
-    def final(self) -> bool:
-        """Whether any was final at some moment."""
-        return any(row.final for row in self.rows)
-
-    @property
-    def precise(self) -> bool:
-        """Whether any has a sigma in parts of its value."""
-        return any(row.percent for row in self.rows)
-
-    @property
-    def expected(self) -> bool:
-        """Whether any was expected."""
-        return any(row.expected for row in self.rows)
-
-    @property
-    def limited(self) -> bool:
-        """Whether of any is known what limits it."""
-        return any(row.limit for row in self.rows)
-
-    @property
-    def converged(self) -> int:
-        """How many are converged."""
-        return sum(row.verdict == "converged" for row in self.rows)
-
-    @property
-    def contradicted(self) -> int:
-        """How many are contradicted."""
-        return sum(row.verdict == "contradicted" for row in self.rows)
+    def count(self, verdict: str) -> int:
+        """How many have a verdict."""
+        return sum(row.verdict == verdict for row in self.rows)
 
     @property
     def open(self) -> tuple[Row, ...]:
