@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import PydanticCustomError
 
 from massprop_cli.base import limits
 from massprop_cli.base.errors import InputError
@@ -19,7 +20,7 @@ _HEADER = re.compile(r"^\s*\[(\[?)\s*([^\]]+?)\s*\]")
 _INTERNAL = ("function-", "literal[", "constrained-", "[key]")
 """Parts of an error's place that pydantic adds to the keys of the file."""
 KEY = "key"
-"""A validator that raises PydanticCustomError names the key at fault under this name of its context."""
+"""Under which the context of an error names the key at fault."""
 _SHOWN = 40
 """Characters of what is too long to be shown."""
 _QUOTED = re.compile(r"""\"{3}[\s\S]*?(?:\"{3}|\Z)|'{3}[\s\S]*?(?:'{3}|\Z)|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|#[^\n]*""")
@@ -186,6 +187,18 @@ def _explain(model: type[BaseModel], error: Any, path: list[str]) -> str:
     value = repr(error["input"])
     shown = value if len(value) <= 80 else value[:77] + "..."
     return f"{key} = {shown}: {message}" if key else message
+
+
+def at_key(key: str, problem: str) -> PydanticCustomError:
+    """What a validator of a table raises of one of its keys."""
+    return PydanticCustomError("key", "{problem}", {KEY: key, "problem": problem})
+
+
+def check_once(names: Iterable[str], what: str, remedy: str) -> None:
+    """ValueError where two of a file's tables have one name."""
+    twice = repeated(names)
+    if twice is not None:
+        raise ValueError(f"{what} name {twice!r} is used twice; {remedy}")
 
 
 def repeated(names: Iterable[str]) -> str | None:

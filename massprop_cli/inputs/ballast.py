@@ -3,13 +3,12 @@
 The models below are the schema (``massprop schema ballast``); a vehicle file holds the same [[ballast]] tables.
 """
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field, model_validator
 
-from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.configfile import at_key, check_once
 from massprop_cli.inputs.actuators.actuator import pointing, unit
 from massprop_cli.inputs.section import Metres, NonNegative, Place, Positive, Section, Vector
 
@@ -22,7 +21,9 @@ class Ballast(Section):
     name: str = Field(min_length=1, pattern=r"^[^\x00-\x1f\x7f=,]+$")
     position_m: Place = Field(description="of its centre of mass from O, body axes: at zero of travel, or of the weight that is added")
     mass_kg: Positive | None = Field(None, description="of a weight that slides")
-    axis: Vector | None = Field(None, description="direction of positive travel, body axes; of any length")
+    axis: Annotated[Vector, pointing("positive travel")] | None = Field(
+        None, description="direction of positive travel, body axes; of any length"
+    )
     travel_m: tuple[Metres, Metres] | None = Field(None, description="least and greatest travel along the axis")
     at_m: Metres = Field(0.0, description="its travel while the log was recorded")
     max_mass_kg: Positive | None = Field(None, description="most weight that can be added at the place")
@@ -31,30 +32,25 @@ class Ballast(Section):
         0.0, le=1.0, description="one sigma of setting a travel, along the axis; of where weight is added, along each body axis"
     )
 
-    @field_validator("axis")
-    @classmethod
-    def _points(cls, axis: Vector | None) -> Vector | None:
-        return axis and pointing(axis, "positive travel")
-
     @model_validator(mode="after")
     def _is_one_of_both(self) -> Self:
         stated = [key for key in _SLIDING if getattr(self, key) is not None]
         missing = next((key for key in _SLIDING if key not in stated), None)
         if self.max_mass_kg is not None and stated:
-            raise _wrong(stated[0], "does not go with max_mass_kg; a ballast slides, or is a place where weight is added: state two")
+            raise at_key(stated[0], "does not go with max_mass_kg; a ballast slides, or is a place where weight is added: state two")
         if self.max_mass_kg is None and missing:
-            raise _wrong(missing, "is missing; a weight that slides needs mass_kg, axis and travel_m, a place to add weight max_mass_kg")
+            raise at_key(missing, "is missing; a weight that slides needs mass_kg, axis and travel_m, a place to add weight max_mass_kg")
         if self.travel_m is not None and not self.travel_m[0] < self.travel_m[1]:
-            raise _wrong(
+            raise at_key(
                 "travel_m", f"[{self.travel_m[0]:g}, {self.travel_m[1]:g}] has no length; give the least travel, then the greatest"
             )
         if self.travel_m is not None and not self.travel_m[0] <= self.at_m <= self.travel_m[1]:
             low, high = self.travel_m
-            raise _wrong("at_m", f"{self.at_m:g} m is outside of travel_m = [{low:g}, {high:g}]; correct the one or the other")
+            raise at_key("at_m", f"{self.at_m:g} m is outside of travel_m = [{low:g}, {high:g}]; correct the one or the other")
         if self.mass_sigma_kg > (self.mass_kg or self.max_mass_kg or 0.0):
-            raise _wrong("mass_sigma_kg", f"{self.mass_sigma_kg:g} kg is more than the weight itself; state one sigma of it in kg")
+            raise at_key("mass_sigma_kg", f"{self.mass_sigma_kg:g} kg is more than the weight itself; state one sigma of it in kg")
         if self.max_mass_kg is not None and self.at_m:
-            raise _wrong("at_m", "is of a weight that slides; leave it out where weight is added")
+            raise at_key("at_m", "is of a weight that slides; leave it out where weight is added")
         return self
 
     @property
@@ -75,10 +71,6 @@ class Ballast(Section):
         return low - self.at_m, high - self.at_m
 
 
-def _wrong(key: str, problem: str) -> PydanticCustomError:
-    return PydanticCustomError("ballast", "{problem}", {configfile.KEY: key, "problem": problem})
-
-
 class BallastFile(Section):
     """A whole ballast file."""
 
@@ -87,7 +79,5 @@ class BallastFile(Section):
 
     @model_validator(mode="after")
     def _names_each_once(self) -> Self:
-        twice = configfile.repeated(one.name for one in self.ballast)
-        if twice is not None:
-            raise ValueError(f"ballast name {twice!r} is used twice; give each its own")
+        check_once((one.name for one in self.ballast), "ballast", "give each its own")
         return self

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, Literal, Self
 
 from pydantic import Field, FiniteFloat, JsonValue, model_validator
-from pydantic_core import PydanticCustomError
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base import configfile
@@ -19,7 +18,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.require import Stated as Required
 from massprop_cli.inputs.section import Section
-from massprop_cli.inputs.tolerance import FOUR_SIGMA, Stated, Tolerance
+from massprop_cli.inputs.tolerance import FOUR_SIGMA, Stated, Tolerance, check_units
 from massprop_cli.inputs.vehicle import PRODUCTS
 
 Convention = Literal["tensor", "positive_integral"]
@@ -63,16 +62,8 @@ class Body(Section, json_schema_extra=_numbers_too):
 
     @model_validator(mode="after")
     def _fits_units(self) -> Self:
-        for name, quantity in self.quantities.items():
-            problem = quantity.tolerance.misfit(name) if quantity.tolerance else ""
-            if problem:
-                raise PydanticCustomError("unit", "{problem}", {configfile.KEY: name, "problem": problem})
-        if self.tolerance and self.tolerance.kind == "absolute":
-            raise PydanticCustomError("unit", "{problem}", {configfile.KEY: "tolerance", "problem": NOT_FOR_ALL})
+        check_units({name: quantity.tolerance for name, quantity in self.quantities.items()}, self.tolerance)
         return self
-
-
-NOT_FOR_ALL = 'is for quantities of several units; give "2 %" or "4 sigma" here, and absolute tolerances quantity by quantity'
 
 
 class PhaseBody(Body):
@@ -96,12 +87,8 @@ class ExpectFile(Section):
 
     @model_validator(mode="after")
     def _is_coherent(self) -> Self:
-        names = [phase.name for phase in self.phases]
-        twice = configfile.repeated(names)
-        if twice is not None:
-            raise ValueError(f"phase name {twice!r} is used twice; write its expectations in one table")
-        if self.tolerance and self.tolerance.kind == "absolute":
-            raise PydanticCustomError("unit", "{problem}", {configfile.KEY: "tolerance", "problem": NOT_FOR_ALL})
+        configfile.check_once((phase.name for phase in self.phases), "phase", "write its expectations in one table")
+        check_units({}, self.tolerance)
         return self
 
 

@@ -4,11 +4,13 @@ A number is absolute in the quantity's unit; texts are ``"2 %"``, ``"4 sigma"`` 
 """
 
 import re
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 from pydantic import PlainValidator
 
 from massprop_cli import UNITS
+from massprop_cli.base.configfile import at_key
 from massprop_cli.base.dataclass import dataclass
 
 _TEXT = re.compile(r"\s*\+?((?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", re.DOTALL)
@@ -43,6 +45,17 @@ class Tolerance:
         if self.unit in ("", unit):
             return ""
         return f'the tolerance "{self.amount:g} {self.unit}" is not in the unit of {quantity}; give it in {unit}'
+
+
+def check_units(stated: Mapping[str, Tolerance | None], of_all: Tolerance | None) -> None:
+    """A validator's error where the tolerance of a quantity is in the unit of another, or that of all quantities in any."""
+    for quantity, own in stated.items():
+        problem = own.misfit(quantity) if own is not None else ""
+        if problem:
+            raise at_key(quantity, problem)
+    if of_all is not None and of_all.kind == "absolute":
+        said = 'is for quantities of several units; give "2 %" or "4 sigma" here, and absolute tolerances quantity by quantity'
+        raise at_key("tolerance", said)
 
 
 FOUR_SIGMA = Tolerance(4.0, "sigma")

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, PlainValidator, model_validator
-from pydantic_core import PydanticCustomError
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base import configfile
@@ -17,7 +16,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import expect
 from massprop_cli.inputs.section import Section
-from massprop_cli.inputs.tolerance import FOUR_SIGMA, Tolerance, parse
+from massprop_cli.inputs.tolerance import FOUR_SIGMA, Tolerance, check_units, parse
 
 
 def _text(given: object) -> Tolerance:
@@ -46,13 +45,7 @@ class Limits(Section):
 
     @model_validator(mode="after")
     def _fits_units(self) -> Self:
-        for name in QUANTITIES:
-            stated: Tolerance | None = getattr(self, name)
-            problem = stated.misfit(name) if stated else ""
-            if problem:
-                raise PydanticCustomError("unit", "{problem}", {configfile.KEY: name, "problem": problem})
-        if self.tolerance and self.tolerance.kind == "absolute":
-            raise PydanticCustomError("unit", "{problem}", {configfile.KEY: "tolerance", "problem": expect.NOT_FOR_ALL})
+        check_units({name: getattr(self, name) for name in QUANTITIES}, self.tolerance)
         return self
 
     def of(self, quantity: str) -> Tolerance | None:
@@ -77,9 +70,7 @@ class ToleranceFile(Section):
 
     @model_validator(mode="after")
     def _names_each_phase_once(self) -> Self:
-        twice = configfile.repeated(phase.name for phase in self.phases)
-        if twice is not None:
-            raise ValueError(f"phase name {twice!r} is used twice; write its tolerances in one table")
+        configfile.check_once((phase.name for phase in self.phases), "phase", "write its tolerances in one table")
         return self
 
 

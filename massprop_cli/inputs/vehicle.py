@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 from pydantic import AfterValidator, Field, FiniteFloat, ValidationInfo, field_validator, model_validator
-from pydantic_core import PydanticCustomError, to_jsonable_python
+from pydantic_core import to_jsonable_python
 
 from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
@@ -72,7 +72,7 @@ def _positive_known(known: dict[Quantity, Known]) -> dict[Quantity, Known]:
     for name, quantity in known.items():
         if quantity.value <= 0 and name in ("ixx", "iyy", "izz", "mass"):
             problem = f"value = {quantity.value}: must be greater than 0, as the {name} of any body is"
-            raise PydanticCustomError("not_positive", "{problem}", {configfile.KEY: name, "problem": problem})
+            raise configfile.at_key(name, problem)
     return known
 
 
@@ -143,9 +143,7 @@ class Vehicle(Section):
             *((kind.NOUN, own) for kind, own in self.actuators),
             ("phase", self.phases),
         ):
-            twice = configfile.repeated(one.name for one in named)
-            if twice is not None:
-                raise ValueError(f"{kind} name {twice!r} is used twice; give each its own")
+            configfile.check_once((one.name for one in named), kind, "give each its own")
         jets = [jet.name for jet in self.jets]
         unknown = next((failure.jet for failure in self.thrust.failures if failure.jet not in jets), None)
         if unknown is not None:
@@ -196,9 +194,7 @@ class Vehicle(Section):
         for name in mapping:
             if name not in known:
                 hint = configfile.nearest(name, known, "the nearest is")
-                raise PydanticCustomError(
-                    "unknown_column", "{problem}", {configfile.KEY: name, "problem": f"maps unknown column {name!r}{hint}"}
-                )
+                raise configfile.at_key(name, f"maps unknown column {name!r}{hint}")
         return mapping
 
     def in_phase(self, phase: Phase) -> Self:

@@ -114,10 +114,7 @@ class Scenario(Timed):
         period = self.vehicle.cycle.period_s
         if self.vehicle.phases and any(event.phase for event in self.events):
             raise ValueError("the vehicle states its own phases: drop phase from [[events]], or [[vehicle.phases]]")
-        names = [phase.name for phase in self.phases]
-        twice = configfile.repeated(names)
-        if twice is not None:
-            raise ValueError(f"phase name {twice!r} is used twice; give each event another phase")
+        configfile.check_once((phase.name for phase in self.phases), "phase", "give each event another phase")
         for phase in self.phases:
             whole = min(self.cycles, phase.end_s / period) - max(self.delay_cycles, phase.start_s / period)
             if whole < 2 - WHOLE:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import nearest
@@ -253,8 +253,12 @@ def unit(axis: Vector) -> Array:
     return found
 
 
-def pointing(axis: Vector, what: str) -> Vector:
-    """The axis; ValueError where it has no length."""
-    if not any(axis):
-        raise ValueError(f"points nowhere; give the direction of {what} in body axes")
-    return axis
+def pointing(what: str) -> AfterValidator:
+    """Of an axis in a file, which must have a length."""
+
+    def checked(axis: Vector) -> Vector:
+        if not any(axis):
+            raise ValueError(f"points nowhere; give the direction of {what} in body axes")
+        return axis
+
+    return AfterValidator(checked)

@@ -15,10 +15,10 @@ The gimbals' own momentum is not in it, nor how the inertia of a rotor that is n
 import json
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.base.dataclass import dataclass
@@ -51,6 +51,8 @@ FASTEST_RAD = 1.0
 FINE_RAD = 0.02
 """Turn between two times at which the momentum is given: the chord is shorter than the arc by 2e-5 then."""
 
+_Axis = Annotated[Vector, pointing("this axis")]
+
 
 class ControlMomentGyro(MomentumDevice):
     """One single-gimbal control moment gyro: its axes and the momentum of its rotor."""
@@ -59,8 +61,8 @@ class ControlMomentGyro(MomentumDevice):
     NOUN: ClassVar = "control moment gyro"
     COLUMNS: ClassVar = (GIMBAL, SPEED)
 
-    gimbal_axis: Vector = Field(description="about which positive gimbal angles turn, body axes; of any length")
-    spin_axis: Vector = Field(description="of the spin momentum at gimbal angle 0, body axes; of any length, orthogonal to gimbal_axis")
+    gimbal_axis: _Axis = Field(description="about which positive gimbal angles turn, body axes; of any length")
+    spin_axis: _Axis = Field(description="of the spin momentum at gimbal angle 0, body axes; of any length, orthogonal to gimbal_axis")
     h_n_m_s: Positive | None = Field(
         None, description="constant spin momentum relative to the body; absent: spin_inertia_kg_m2 times the speed in column cmg_NAME_rad_s"
     )
@@ -78,11 +80,6 @@ class ControlMomentGyro(MomentumDevice):
     start_rad_s: Real | None = Field(
         None, description="spin speed as the log begins: speeds that begin at this in another unit, or with the other sign, are refused"
     )
-
-    @field_validator("gimbal_axis", "spin_axis")
-    @classmethod
-    def _points(cls, axis: Vector) -> Vector:
-        return pointing(axis, "this axis")
 
     @model_validator(mode="after")
     def _is_coherent(self) -> Self:

@@ -10,7 +10,7 @@ from math import factorial
 from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.inputs.actuators.actuator import Actuator, LogColumn, own_column, pointing, unit
@@ -35,7 +35,9 @@ class Rotor(Actuator):
     THRUSTS: ClassVar = True
 
     position_m: Place
-    axis: Vector = Field(description="direction of its thrust on the vehicle, body axes; of any length")
+    axis: Annotated[Vector, pointing("the rotor's thrust")] = Field(
+        description="direction of its thrust on the vehicle, body axes; of any length"
+    )
     spin: Literal[1, -1] = Field(
         description="1: it turns right-handed about the axis, and its drag turns the vehicle left-handed; -1: the other way"
     )
@@ -54,11 +56,6 @@ class Rotor(Actuator):
     spin_inertia_kg_m2: Positive | None = Field(None, description="about its axis, of blades and motor; needs its speed")
     spin_inertia_sigma_kg_m2: NonNegative = 0.0
     locked_in_inertia: bool = Field(True, description="whether the body's inertia has it in it as if it were locked")
-
-    @field_validator("axis")
-    @classmethod
-    def _points(cls, axis: Vector) -> Vector:
-        return pointing(axis, "the rotor's thrust")
 
     @model_validator(mode="after")
     def _fits_its_column(self) -> Self:

@@ -11,10 +11,10 @@ opposite of. All moments on body and wheels together:
 import json
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.base.dataclass import dataclass
@@ -64,7 +64,7 @@ class Wheel(MomentumDevice):
     NOUN: ClassVar = "wheel"
     COLUMNS: ClassVar = (SPEED, ON_WHEEL)
 
-    axis: Vector = Field(description="direction of positive speed, body axes; of any length")
+    axis: Annotated[Vector, pointing("the wheel's axis")] = Field(description="direction of positive speed, body axes; of any length")
     spin_inertia_kg_m2: Positive = Field(description="about its axis")
     spin_inertia_sigma_kg_m2: NonNegative = Field(0.0, description="one sigma of it; goes into every sigma")
     locked_in_inertia: bool = Field(
@@ -92,11 +92,6 @@ class Wheel(MomentumDevice):
     start_sigma_rad_s: NonNegative = Field(0.0, description="one sigma of that speed; goes into every sigma")
     coulomb_friction_n_m: NonNegative = Field(0.0, description="against the speed, whatever that is. For a torque column")
     viscous_friction_n_m_s: NonNegative = Field(0.0, description="against the speed, over it. For a torque column")
-
-    @field_validator("axis")
-    @classmethod
-    def _points(cls, axis: Vector) -> Vector:
-        return pointing(axis, "the wheel's axis")
 
     @classmethod
     def draft(cls, name: str, has: LogColumn, span: str) -> list[str]:  # noqa: ARG003
