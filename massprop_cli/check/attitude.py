@@ -33,7 +33,7 @@ def on_table(log: Log, vehicle: Vehicle) -> list[Finding]:
     if off > TILTED * vehicle.environment.gravity_m_s2:
         said = f"the accelerometer feels {', '.join(f'{x:.4g}' for x in felt)} m/s^2 along the body's X, Y and Z on the mean; Z points up"
         remedy = "mend imu.body_from_imu, the accelerometer's signs and unit, or environment.gravity_m_s2"
-        found.append(finding("attitude", "table-gravity", "fault", said, "", remedy))
+        found.append(finding("attitude", "table-gravity", "fault", said, remedy))
     rate = log.delta_theta_imu_rad @ mount.T / log.interval_s[:, None]
     slow = rate - rate.mean(0)
     noise = (vehicle.imu.gyro_noise_rad_s or 0.0) * np.sqrt(log.records_per_cycle)
@@ -41,9 +41,7 @@ def on_table(log: Log, vehicle: Vehicle) -> list[Finding]:
     if rocking > ROCKING * yaw and rocking > noise:
         said = f"the vehicle yaws by {yaw:.3g} rad/s (rms), and the gyro shows {rocking:.3g} rad/s about the axes that lie in the table"
         found.append(
-            finding(
-                "attitude", "table-rocking", "fault", said, "", "mend imu.body_from_imu; or see to the pads, on which the vehicle rocks"
-            )
+            finding("attitude", "table-rocking", "fault", said, "mend imu.body_from_imu; or see to the pads, on which the vehicle rocks")
         )
     return found
 
@@ -70,9 +68,7 @@ def attitude(log: Log, vehicle: Vehicle) -> list[Finding]:
         inverse = float(np.sqrt(((turned + logged - (turned + logged).mean(0)) ** 2).sum()))
         hint = "it turns the other way: is it body from world? Give its conjugate" if inverse < left / 2 else "are both in the same axes?"
         said = f"the logged attitude turns otherwise than the gyro: {100 * left / max(size, STILL):.3g} % of its turning is unexplained"
-        found.append(
-            finding("attitude", "attitude-gyro", "fault", said, "", f"{hint} (quat_* is wxyz, world from body; imu.body_from_imu)")
-        )
+        found.append(finding("attitude", "attitude-gyro", "fault", said, f"{hint} (quat_* is wxyz, world from body; imu.body_from_imu)"))
     if vehicle.pivoted and all(log.axes[3:]):
         found += _gravity(log, mount)
     return found
@@ -93,7 +89,6 @@ def _gravity(log: Log, mount: Array) -> list[Finding]:
             "attitude-gravity",
             "fault",
             said,
-            "",
             "mend the attitude's reference (Z up), imu.body_from_imu, or the accelerometer's signs",
         )
     ]

@@ -26,7 +26,6 @@ def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
                 "nothing-commanded",
                 "fault",
                 "no command other than 0 in the whole log",
-                "",
                 "see that commands were recorded, under the vehicle file's names",
             )
         ]
@@ -38,7 +37,7 @@ def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
         if (share[:, number] > ALWAYS).mean() > ALWAYS:
             said = f"jet {jet.name} is on in every cycle, all of it"
             found.append(
-                finding("commands", "jet-always-on", "fault", said, "", "see whether its column holds what was executed; is it a constant?")
+                finding("commands", "jet-always-on", "fault", said, "see whether its column holds what was executed; is it a constant?")
             )
     for first, second in _opposed(vehicle):
         # of two on-times in one cycle at least this much overlaps or wastes thrust
@@ -47,7 +46,7 @@ def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
             names = f"{vehicle.jets[first].name} and {vehicle.jets[second].name}"
             said = f"jets {names} push against each other in {int(both.sum())} cycles: their errors stay and their thrust cancels"
             where = rows(np.repeat(both, log.records_per_cycle), place)
-            found.append(finding("commands", "opposed-jets", "note", said, where, "allocate the commands so that only one of them fires"))
+            found.append(finding("commands", "opposed-jets", "note", said, "allocate the commands so that only one of them fires", where))
     return found
 
 

@@ -66,7 +66,7 @@ class Check(Item):
     exit_code: int
 
 
-def finding(subject: Subject, code: str, grade: Grade, what: str, where: str, remedy: str) -> Finding:
+def finding(subject: Subject, code: str, grade: Grade, what: str, remedy: str, where: str = "") -> Finding:
     """One that the log itself makes certain."""
     return Finding(subject=subject, code=code, grade=grade, what=what, where=where, sure="certain", remedy=remedy)
 

@@ -119,7 +119,7 @@ def _times(table: Table, vehicle: Vehicle) -> Array:
 
 
 def _unusable(message: str) -> Finding:
-    return finding("reading", "unusable", "unusable", message, "", "")
+    return finding("reading", "unusable", "unusable", message, "")
 
 
 def _noticed(estimated: Analysis, said: set[str]) -> list[Finding]:
@@ -208,7 +208,7 @@ def _idle(log: Log, vehicle: Vehicle, expected: Sequence[Expected]) -> list[Find
         return []
     cures = "; ".join(dict.fromkeys(f"{name}: {vocabulary.cure(name)}" for name in missing))
     said = f"never commanded: {', '.join(idle)}; {', '.join(missing)} can't be told without motion"
-    return [finding("excitation", "never-fired", "note", said, "", f"fly what is missing ({cures}); massprop plan finds it")]
+    return [finding("excitation", "never-fired", "note", said, f"fly what is missing ({cures}); massprop plan finds it")]
 
 
 def _delay(told: Result) -> str:

@@ -32,7 +32,7 @@ def sampling(time_s: Array, place: Place) -> list[Finding]:
             worst = float(np.max(np.abs(steps[which])))
             size = "" if code == "duplicate-time" else f", the largest of {worst:.6g} s"
             said = f"{int(which.sum())} {what} (usual interval {usual:.6g} s{size})"
-            found.append(finding("sampling", code, "unusable", said, rows(which, place), remedy))
+            found.append(finding("sampling", code, "unusable", said, remedy, rows(which, place)))
     if found:
         return found
     scatter = jitter(steps[1:])
@@ -40,12 +40,12 @@ def sampling(time_s: Array, place: Place) -> list[Finding]:
         off = np.abs(steps - usual) > 3 * scatter * usual
         remedy = "stamp records by the IMU's own clock, not at arrival, or state even = true under their clock in a map file"
         found.append(
-            finding("sampling", "jitter", "fault", f"intervals scatter by {100 * scatter:.2g} % of {usual:.6g} s", rows(off, place), remedy)
+            finding("sampling", "jitter", "fault", f"intervals scatter by {100 * scatter:.2g} % of {usual:.6g} s", remedy, rows(off, place))
         )
     short = steps < usual / LONG
     if short.any() and scatter <= JITTER:
         said = f"{int(short.sum())} intervals shorter than {1 / LONG:.2g} of the usual {usual:.6g} s"
         found.append(
-            finding("sampling", "short-interval", "note", said, rows(short, place), "see that the recorder dropped and made up nothing")
+            finding("sampling", "short-interval", "note", said, "see that the recorder dropped and made up nothing", rows(short, place))
         )
     return found

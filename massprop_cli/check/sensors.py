@@ -37,8 +37,8 @@ def sensors(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
                 "repeated-record",
                 "fault",
                 f"{100 * repeated.mean():.3g} % of the records repeat the one before in all six channels: the log is faster than the IMU",
-                rows(repeated, place),
                 "log each sample once, or with its own time",
+                rows(repeated, place),
             )
         )
     for (name, columns, increments, noise, limit), logged in zip(rates, (log.axes[:3], log.axes[3:]), strict=True):
@@ -69,27 +69,27 @@ def _channel(
         if noise == 0:
             return []  # a perfect sensor of an axis that is left alone
         remedy = "see to the sensor and its channel in the recorder"
-        return [finding("imu", "dead-axis", "fault", f"{column} is {values[0]:g} throughout: the {name}'s axis is dead", "", remedy)]
+        return [finding("imu", "dead-axis", "fault", f"{column} is {values[0]:g} throughout: the {name}'s axis is dead", remedy)]
     found = []
     if limit is not None:
         full = np.abs(values) >= 0.999 * limit
         if full.any():
             remedy = "fly a gentler motion, or widen the sensor's range; the phase before is good"
             said = f"{column} at the {name}'s range in {int(full.sum())} records"
-            found.append(finding("imu", f"{name}-saturated", "fault", said, rows(full, place), remedy))
+            found.append(finding("imu", f"{name}-saturated", "fault", said, remedy, rows(full, place)))
     else:
         full = _clipped(values)
         if full.any():
             remedy = f"state the {name}'s range in the vehicle file if it is one, and fly a gentler motion"
             said = f"{column} is {values[full][0]:.6g} per second in {int(full.sum())} records and never beyond: clipped"
-            found.append(finding("imu", f"{name}-saturated", "fault", said, rows(full, place), remedy))
+            found.append(finding("imu", f"{name}-saturated", "fault", said, remedy, rows(full, place)))
             full = np.abs(values) >= 0.999 * np.abs(values[full][0])
     run = standing(values, repeated) & ~full  # at the end of its range it stands still
     if noise != 0 and run.any():
         remedy = "see to the sensor; cut these records ([[phases]])"
         found.append(
             finding(
-                "imu", "stuck", "fault", f"{column} stands still in {int(run.sum())} records while others move", rows(run, place), remedy
+                "imu", "stuck", "fault", f"{column} stands still in {int(run.sum())} records while others move", remedy, rows(run, place)
             )
         )
     return found
@@ -132,6 +132,4 @@ def _coarse(name: str, values: Array, noise: float | None, records: int) -> list
     if coarsest <= COARSE * noise * np.sqrt(records):
         return []
     said = f"the {name} counts in steps of {coarsest:.3g} per second, {coarsest / (noise * np.sqrt(records)):.3g} times its stated noise"
-    return [
-        finding("imu", "quantised", "fault", said, "", f"state the noise with the step in it (step / sqrt(12)), or log the {name} finer")
-    ]
+    return [finding("imu", "quantised", "fault", said, f"state the noise with the step in it (step / sqrt(12)), or log the {name} finer")]
