@@ -5,7 +5,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
-from massprop_cli.report.figures.recording import Columns, Covered, covered, extent, sensed
+from massprop_cli.report.figures.recording import Columns, Covered, covered, over_time, sensed
 from massprop_cli.report.figures.series import Limits, padded, parts_of, said, thin
 from massprop_cli.result.read import Recorded
 
@@ -44,9 +44,7 @@ def _panel(kind: str, letter: str, parts: list[Covered], limits: Limits, power: 
     heading = f"{kind.capitalize()} {letter.upper()}, body"
 
     def paint(axes: Axes) -> None:
-        axis.time(axes, *extent(parts))
-        axis.values(axes, limits, heading, UNITS[kind], power)
-        axis.phases(axes, [phase for _, phase, _ in parts])
+        over_time(axes, parts, limits, heading, UNITS[kind], power)
         for number, _, columns in parts:
             _series(axes, column, number, columns, parts_of(len(parts)))
 
@@ -57,10 +55,15 @@ def _series(axes: Axes, column: str, number: int, columns: Columns, buckets: int
     time_s, values, sigmas = columns["time_s"], columns[column], columns[f"{column}_sigma"]
     rows = thin(values, buckets=buckets)
     axes.plot(time_s[rows], values[rows], color=palette.BLUE, linewidth=0.6, gid=f"{column}-value-{number}")
-    rows = thin(sigmas, buckets=buckets // 3)
+    bounds(axes, f"{column}-{{}}-{number}", time_s, sigmas, buckets // 3)
+
+
+def bounds(axes: Axes, gid: str, time_s: Array, sigmas: Array, buckets: int) -> None:
+    """Dashes at both ends of what is expected to hold nearly all."""
+    rows = thin(sigmas, buckets=buckets)
     for sign, side in ((1, "upper"), (-1, "lower")):
-        bound = sign * BOUND * sigmas[rows]
-        axes.plot(time_s[rows], bound, color=palette.ORANGE, linestyle=(0, (4, 2)), linewidth=0.9, gid=f"{column}-{side}-{number}")
+        at = sign * BOUND * sigmas[rows]
+        axes.plot(time_s[rows], at, color=palette.ORANGE, linestyle=(0, (4, 2)), linewidth=0.9, gid=gid.format(side))
 
 
 def _limits(column: str, parts: list[Covered]) -> Limits:

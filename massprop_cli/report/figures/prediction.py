@@ -7,15 +7,14 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.report.figures import axis, palette
+from massprop_cli.report.figures.innovations import BOUND, bounds
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
-from massprop_cli.report.figures.recording import Columns, Covered, covered, extent, sensed
+from massprop_cli.report.figures.recording import Columns, Covered, covered, over_time, sensed
 from massprop_cli.report.figures.series import Limits, padded, parts_of, said, span, thin
 from massprop_cli.result.historyfile import PREDICTED
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import AXES
 
-BOUND = 2.0
-"""Sigmas; 95.4 % of normal residuals lie within."""
 SHOWN = {"rate": ("Rate", "rad/s"), "specific_force": ("Specific force at the IMU", "m/s²")}
 """Heading and unit of each kind."""
 NOTHING = 1e-3
@@ -104,9 +103,7 @@ def _overlay(kind: str, letter: str, each: Sequence[Channel], limits: Limits, po
     heading, unit = SHOWN[kind]
 
     def paint(axes: Axes) -> None:
-        axis.time(axes, *extent(parts))
-        axis.values(axes, limits, f"{heading} {letter.upper()}", unit, power)
-        axis.phases(axes, [phase for _, phase, _ in parts])
+        over_time(axes, parts, limits, f"{heading} {letter.upper()}", unit, power)
         buckets = parts_of(len(parts))
         for one in each:
             gid = f"{kind}_{letter}-{{}}-{one.number}"
@@ -130,19 +127,14 @@ def _residual(kind: str, letter: str, each: Sequence[Channel], limits: Limits, p
     heading, unit = SHOWN[kind]
 
     def paint(axes: Axes) -> None:
-        axis.time(axes, *extent(parts))
-        axis.values(axes, limits, f"{letter.upper()}: measured less predicted", unit, power)
-        axis.phases(axes, [phase for _, phase, _ in parts])
+        over_time(axes, parts, limits, f"{letter.upper()}: measured less predicted", unit, power)
         if not any(np.isfinite(one.residual).any() for one in each):
             axes.text(0.5, 0.5, "not predicted", transform=axes.transAxes, ha="center", va="center", color=palette.MUTED)
         for one in each:
             rows = thin(one.residual, buckets=parts_of(len(parts)))
             gid = f"{kind}_{letter}_residual-{{}}-{one.number}"
             axes.plot(one.time_s[rows], one.residual[rows], color=palette.BLUE, linewidth=0.6, gid=gid.format("residual"))
-            rows = thin(one.sigma, buckets=parts_of(len(parts)) // 6)
-            for sign, side in ((1, "upper"), (-1, "lower")):
-                bound = sign * BOUND * one.sigma[rows]
-                axes.plot(one.time_s[rows], bound, color=palette.ORANGE, linestyle=(0, (4, 2)), linewidth=0.9, gid=gid.format(side))
+            bounds(axes, gid, one.time_s, one.sigma, parts_of(len(parts)) // 6)
 
     says = f"{heading} {letter.upper()}, measured less predicted, against time: {_told(each, unit)}"
     return Panel(f"{kind}_{letter}_residual", says, paint)

@@ -8,7 +8,9 @@ import numpy as np
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError, UsageError
-from massprop_cli.report.figures.axis import beginning
+from massprop_cli.report.figures import axis
+from massprop_cli.report.figures.panel import Axes
+from massprop_cli.report.figures.series import Limits
 from massprop_cli.result.historyfile import SIGNALS
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import AXES, PhaseItem
@@ -57,7 +59,14 @@ def only(recorded: Recorded, phase: str) -> Recorded:
     return replace(recorded, result=recorded.result.model_copy(update={"phases": found, "docked_object": None}))
 
 
+def over_time(axes: Axes, parts: list[Covered], limits: Limits, heading: str, unit: str, power: int | None = None) -> None:
+    """Set both axes of a panel over all phases, and shade and name these."""
+    axis.time(axes, *extent(parts))
+    axis.values(axes, limits, heading, unit, power)
+    axis.phases(axes, [phase for _, phase, _ in parts])
+
+
 def extent(parts: list[Covered]) -> tuple[float, float]:
     """From the first to the last moment of all phases."""
-    start = min(beginning(phase, columns["time_s"]) for _, phase, columns in parts)
+    start = min(axis.beginning(phase, columns["time_s"]) for _, phase, columns in parts)
     return start, max(float(columns["time_s"][-1]) for *_, columns in parts)

@@ -7,7 +7,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.equipment import PIVOTED
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
-from massprop_cli.report.figures.recording import Covered, covered, extent, sensed
+from massprop_cli.report.figures.recording import Covered, covered, over_time, sensed
 from massprop_cli.report.figures.series import Limits, gathered, parts_of, said, span, thin
 from massprop_cli.result.historyfile import SIGNALS
 from massprop_cli.result.read import Recorded
@@ -79,9 +79,7 @@ def _panel(kind: str, letter: str, heading: str, parts: list[Covered], limits: L
     unit = KINDS[kind].unit
 
     def paint(axes: Axes) -> None:
-        axis.time(axes, *extent(parts))
-        axis.values(axes, limits, f"{heading} {letter.upper()}", unit, power)
-        axis.phases(axes, [phase for _, phase, _ in parts])
+        over_time(axes, parts, limits, f"{heading} {letter.upper()}", unit, power)
         for number, _, columns in parts:
             gid = f"{kind}_{letter}-{{}}-{number}"
             if kind in COMMANDED:

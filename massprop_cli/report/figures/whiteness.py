@@ -6,7 +6,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.report import checks
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
-from massprop_cli.report.figures.recording import Covered, covered, extent, sensed
+from massprop_cli.report.figures.recording import Covered, covered, over_time, sensed
 from massprop_cli.report.figures.series import Limits, padded, parts_of, said, thin
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import AXES
@@ -123,9 +123,7 @@ def _running(kind: str, parts: list[Covered]) -> Panel:
     limits = padded(0.0, max(expected + 1.3 * spread, highest), 0.03)
 
     def paint(axes: Axes) -> None:
-        axis.time(axes, *extent(parts))
-        axis.values(axes, limits, f"{KINDS[kind]}: normalised innovation squared", "1")
-        axis.phases(axes, [phase for _, phase, _ in parts])
+        over_time(axes, parts, limits, f"{KINDS[kind]}: normalised innovation squared", "1")
         axes.axhspan(max(expected - spread, 0.0), expected + spread, color=palette.MUTED, alpha=0.18, linewidth=0)
         axes.axhline(expected, color=palette.MUTED, linestyle=(0, (4, 2)), linewidth=0.9)
         for number, time_s, values in lines:
