@@ -5,20 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli.balance import solve, stated
-from massprop_cli.balance.document import (
-    G_CM,
-    Balance,
-    BalanceSource,
-    BallastChange,
-    BallastPlan,
-    MoveCheck,
-    Moved,
-    RefinedMass,
-    WantedMoment,
-    hang,
-    moment,
-)
+from massprop_cli.balance import document, solve, stated
+from massprop_cli.balance.document import G_CM, hang, moment
 from massprop_cli.balance.solve import Compared, Hanging
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
@@ -41,7 +29,7 @@ CHANCE = 1e-3
 
 def balance(
     recorded: Recorded, ballast: Sequence[Ballast], leave: str | None, phase: str | None, after: Recorded | None, moved: Sequence[str]
-) -> Balance:
+) -> document.Balance:
     """What to do next; with ``after`` the check of what was done. :class:`InputError` where the results can't tell."""
     item = chosen(recorded, phase)
     before = _hanging(recorded, item, ballast)
@@ -59,7 +47,7 @@ def balance(
             raise InputError(f"{after.path}: {said}", "ballast") from None
         check, now = _check(found, ballast, done, bool(moved), before.gravity), found.hanging
         ballast = [_since(one, by) for one, by in zip(ballast, done.tolist(), strict=True)]
-    return Balance(
+    return document.Balance(
         result=_source(recorded, item),
         after=_source(after, later) if after else None,
         vehicle=recorded.result.vehicle.name,
@@ -171,7 +159,7 @@ def _solved(hanging: Hanging, ballast: Sequence[Ballast], wanted: Mapping[int, f
     return change, aim
 
 
-def _plan(hanging: Hanging, ballast: Sequence[Ballast], wanted: Mapping[int, float]) -> BallastPlan:
+def _plan(hanging: Hanging, ballast: Sequence[Ballast], wanted: Mapping[int, float]) -> document.BallastPlan:
     change, aim = _solved(hanging, ballast, wanted)
     left = solve.moved(hanging, ballast, change)
     if np.linalg.eigvalsh(left.inertia)[0] <= 0:
@@ -193,8 +181,8 @@ def _plan(hanging: Hanging, ballast: Sequence[Ballast], wanted: Mapping[int, flo
     if free and off[axis] and stable:
         note += "; as near to it as the ballasts reach"
     default = [name for n, name in enumerate(("x", "y", "z")) if n not in wanted]
-    return BallastPlan(
-        wanted=WantedMoment(kg_m=aim.tolist(), g_cm=(G_CM * aim).tolist(), default=default, note=note if free else ""),
+    return document.BallastPlan(
+        wanted=document.WantedMoment(kg_m=aim.tolist(), g_cm=(G_CM * aim).tolist(), default=default, note=note if free else ""),
         changes=changes,
         remainder=hang(left),
         reached=not missed and stable,
@@ -202,14 +190,14 @@ def _plan(hanging: Hanging, ballast: Sequence[Ballast], wanted: Mapping[int, flo
     )
 
 
-def _change(hanging: Hanging, ballast: Sequence[Ballast], n: int, by: float) -> BallastChange:
+def _change(hanging: Hanging, ballast: Sequence[Ballast], n: int, by: float) -> document.BallastChange:
     one, arm = ballast[n], np.array(ballast[n].position_m) - hanging.pivot
     low, high = one.room
     slack = REACHED * (high - low)
     spread = solve.placing(one, arm, float(hanging.masses[n]) if one.slides else by, by)
     if one.slides:
         spread = spread + by**2 * hanging.covariance[3 + n, 3 + n] * np.outer(one.direction, one.direction)
-    return BallastChange(
+    return document.BallastChange(
         name=one.name,
         what="move" if one.slides else "add",
         by_mm=1000 * by if one.slides else None,
@@ -220,14 +208,16 @@ def _change(hanging: Hanging, ballast: Sequence[Ballast], n: int, by: float) -> 
     )
 
 
-def _check(found: Compared, ballast: Sequence[Ballast], change: Array, given: bool, gravity: float) -> MoveCheck:
+def _check(found: Compared, ballast: Sequence[Ballast], change: Array, given: bool, gravity: float) -> document.MoveCheck:
     from scipy.special import gammaincc
 
     difference, none = found.measured - found.predicted, np.zeros((3, 3))
     p = float(gammaincc(1.5, found.chi_square / 2))
     done = [(n, one, float(change[n])) for n, one in enumerate(ballast) if change[n]]
-    return MoveCheck(
-        moved=[Moved(name=one.name, by_mm=1000 * by if one.slides else None, add_kg=None if one.slides else by) for _, one, by in done],
+    return document.MoveCheck(
+        moved=[
+            document.Moved(name=one.name, by_mm=1000 * by if one.slides else None, add_kg=None if one.slides else by) for _, one, by in done
+        ],
         source="stated" if given else "recommended",
         predicted=moment(found.predicted, none, gravity),
         measured=moment(found.measured, none, gravity),
@@ -237,7 +227,7 @@ def _check(found: Compared, ballast: Sequence[Ballast], change: Array, given: bo
         p=p,
         as_predicted=p >= CHANCE,
         masses=[
-            RefinedMass(
+            document.RefinedMass(
                 name=one.name,
                 stated_kg=one.mass_kg if one.mass_kg is not None else by,
                 stated_sigma_kg=one.mass_sigma_kg,
@@ -251,7 +241,7 @@ def _check(found: Compared, ballast: Sequence[Ballast], change: Array, given: bo
     )
 
 
-def failure(found: Balance) -> str:
+def failure(found: document.Balance) -> str:
     """Why the exit code is 5; empty where it is 0."""
     check = found.check
     said = [f"cannot be reached: {found.plan.note}"] if not found.plan.reached else []
@@ -263,7 +253,7 @@ def failure(found: Balance) -> str:
     return ". ".join(said)
 
 
-def _source(recorded: Recorded, item: PhaseItem) -> BalanceSource:
+def _source(recorded: Recorded, item: PhaseItem) -> document.BalanceSource:
     made = recorded.result.provenance
     path = f"{recorded.name}/{Path(recorded.path).name}"
-    return BalanceSource(path=path, phase=item.name, input_sha256=made.input_sha256, vehicle_sha256=made.vehicle_sha256)
+    return document.BalanceSource(path=path, phase=item.name, input_sha256=made.input_sha256, vehicle_sha256=made.vehicle_sha256)

@@ -9,7 +9,6 @@ import numpy as np
 from massprop_cli import __version__
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.configfile import literal
-from massprop_cli.conclude import assumptions
 from massprop_cli.conclude.discrepancy import Discrepancy
 from massprop_cli.conclude.docking import Docked
 from massprop_cli.conclude.physical import breach, nearest_consistent
@@ -23,38 +22,16 @@ from massprop_cli.inputs.section import ZERO
 from massprop_cli.inputs.vehicle import Known, Nominal, Quantity, Vehicle
 from massprop_cli.prepare.attitude import world_up_b
 from massprop_cli.prepare.clock import cycle_edges
-from massprop_cli.result.schema import (
-    Assumption,
-    Conventions,
-    Delay,
-    DiscrepancyItem,
-    DockedObject,
-    Effect,
-    EstimateItem,
-    ImpliedScale,
-    Innovations,
-    Lag,
-    LogInfo,
-    Matrix,
-    Mended,
-    MendedEstimate,
-    MendedPhase,
-    PhaseItem,
-    Physical,
-    Provenance,
-    Result,
-    VehicleInfo,
-    WarningItem,
-)
+from massprop_cli.result import schema
 
 
-def result(analysis: Analysis) -> Result:
+def result(analysis: Analysis) -> schema.Result:
     """The result of an analysis."""
     log = analysis.log
     start, length = cycle_edges(log, slice(0, log.cycles))
-    return Result(
+    return schema.Result(
         schema="massprop/result/1",
-        provenance=Provenance(
+        provenance=schema.Provenance(
             massprop=__version__,
             input_sha256=log.sha256,
             vehicle_sha256=analysis.source.sha256,
@@ -64,7 +41,7 @@ def result(analysis: Analysis) -> Result:
             versions={"python": platform.python_version(), "numpy": np.__version__},
         ),
         vehicle=_vehicle(analysis),
-        log=LogInfo(
+        log=schema.LogInfo(
             path=log.path.name,
             rows=log.rows,
             cycles=log.cycles,
@@ -74,21 +51,21 @@ def result(analysis: Analysis) -> Result:
         ),
         delay=_delay(analysis),
         lag=_lag(analysis),
-        conventions=Conventions(),
+        conventions=schema.Conventions(),
         phases=[
             _phase(*each, analysis.vehicle)
             for each in zip(analysis.conclusions, analysis.settled, analysis.lack_of_fit, analysis.discrepancies, strict=True)
         ],
         docked_object=_docked(analysis.docked, analysis.vehicle),
         mended=[_mended(answer) for answer in analysis.mended],
-        assumptions=[_assumption(assumption) for assumption in analysis.assumptions],
-        warnings=[WarningItem(code=notice.code, message=notice.message) for notice in analysis.notices],
+        assumptions=[schema.Assumption.model_validate(one, from_attributes=True) for one in analysis.assumptions],
+        warnings=[schema.WarningItem.model_validate(one, from_attributes=True) for one in analysis.notices],
     )
 
 
-def _vehicle(analysis: Analysis) -> VehicleInfo:
+def _vehicle(analysis: Analysis) -> schema.VehicleInfo:
     used = analysis.vehicle
-    return VehicleInfo(
+    return schema.VehicleInfo(
         name=used.name,
         environment=used.environment.kind,
         bearing_mass_kg=used.bearing_mass_kg,
@@ -104,10 +81,10 @@ def _vehicle(analysis: Analysis) -> VehicleInfo:
     )
 
 
-def _delay(analysis: Analysis) -> Delay:
+def _delay(analysis: Analysis) -> schema.Delay:
     found = analysis.detected
     told = found is not None and found.sigma.delay > 0
-    return Delay(
+    return schema.Delay(
         cycles=analysis.timing.delay,
         source=_source(analysis, "cycle", "command_delay_cycles"),
         detected_cycles=found.at.delay if found is not None and told else None,
@@ -115,9 +92,9 @@ def _delay(analysis: Analysis) -> Delay:
     )
 
 
-def _lag(analysis: Analysis) -> Lag:
+def _lag(analysis: Analysis) -> schema.Lag:
     found, period = analysis.detected, analysis.source.vehicle.cycle.period_s
-    return Lag(
+    return schema.Lag(
         lag_s=analysis.timing.lag_s(analysis.vehicle),
         source=_source(analysis, "thrust", "lag_s"),
         sigma_s=found.sigma.lag * period if found is not None and found.sigma.lag > 0 else None,
@@ -133,9 +110,9 @@ def _source(analysis: Analysis, section: str, key: str) -> Literal["vehicle", "o
     return "vehicle" if key in stated.model_fields_set else "default"
 
 
-def _phase(conclusion: Conclusion, settled: History, factors: Array, told: Discrepancy | None, used: Vehicle) -> PhaseItem:
+def _phase(conclusion: Conclusion, settled: History, factors: Array, told: Discrepancy | None, used: Vehicle) -> schema.PhaseItem:
     about_origin = conclusion.inertia_about_origin
-    return PhaseItem(
+    return schema.PhaseItem(
         name=conclusion.phase.name,
         start_s=conclusion.phase.start_s,
         end_s=conclusion.phase.end_s,
@@ -153,23 +130,23 @@ def _phase(conclusion: Conclusion, settled: History, factors: Array, told: Discr
     )
 
 
-def _pivot_covariance(conclusion: Conclusion) -> Matrix | None:
+def _pivot_covariance(conclusion: Conclusion) -> schema.Matrix | None:
     if conclusion.pivot is None or not conclusion.about_pivot:
         return None
     known = np.array([one.value is not None for one in conclusion.about_pivot.values()])
     return matrix(np.where(known[:, None] & known, conclusion.pivot[1], np.nan))
 
 
-def _discrepancy(told: Discrepancy, common: float) -> DiscrepancyItem:
+def _discrepancy(told: Discrepancy, common: float) -> schema.DiscrepancyItem:
     shares = {name: [float(sigma) if np.isfinite(sigma) else None for sigma in sigmas] for name, sigmas in told.shares.items()}
-    return DiscrepancyItem(scale=told.scale, thrust_scale_sigma=common, behaves_like=list(told.behaves_like), shares=shares)
+    return schema.DiscrepancyItem(scale=told.scale, thrust_scale_sigma=common, behaves_like=list(told.behaves_like), shares=shares)
 
 
-def physical(conclusion: Conclusion) -> Physical:
+def physical(conclusion: Conclusion) -> schema.Physical:
     """Whether a real body could have this inertia."""
     moments, broken = conclusion.principal_moments, breach(conclusion)
     told = bool(np.isfinite(moments).all())
-    return Physical(
+    return schema.Physical(
         consistent=not (broken and broken.certain) if told else None,
         principal_moments=[float(moment) for moment in moments] if told else None,
         note=broken.said if broken else "",
@@ -181,37 +158,31 @@ def _known(known: Mapping[Quantity, Known]) -> dict[str, tuple[float, float]]:
     return {name: (quantity.value, quantity.sigma) for name, quantity in known.items()}
 
 
-def _implied(conclusion: Conclusion, known: Known | None) -> ImpliedScale | None:
+def _implied(conclusion: Conclusion, known: Known | None) -> schema.ImpliedScale | None:
     """A known mass over the one that the log gives by itself."""
     mass, variance = float(conclusion.bare[0][9]), float(conclusion.bare[1][9, 9])
     if known is None or variance <= 0 or not np.isfinite(mass + variance) or mass <= 0:
         return None
     value = known.value / mass
-    return ImpliedScale(by="known.mass", value=value, sigma=value * float(np.hypot(known.sigma / known.value, np.sqrt(variance) / mass)))
+    return schema.ImpliedScale(
+        by="known.mass", value=value, sigma=value * float(np.hypot(known.sigma / known.value, np.sqrt(variance) / mass))
+    )
 
 
-def _mended(answer: MendedAnswer) -> Mended:
+def _mended(answer: MendedAnswer) -> schema.Mended:
     phases = [
-        MendedPhase(
+        schema.MendedPhase(
             name=conclusion.phase.name,
-            estimates={
-                name: MendedEstimate(value=e.value, sigma=e.sigma, unit=e.unit, verdict=e.verdict)
-                for name, e in conclusion.estimates.items()
-            },
+            estimates={n: schema.MendedEstimate.model_validate(e, from_attributes=True) for n, e in conclusion.estimates.items()},
             contradiction=conclusion.contradiction,
         )
         for conclusion in answer.conclusions
     ]
     notice = answer.fault.notice
-    return Mended(code=notice.code, message=notice.message, settings=list(answer.settings), whole=answer.whole, phases=phases)
+    return schema.Mended(code=notice.code, message=notice.message, settings=list(answer.settings), whole=answer.whole, phases=phases)
 
 
-def _assumption(found: assumptions.Assumption) -> Assumption:
-    effects = [Effect(phase=e.phase, change=e.change, seen_sigma=e.seen_sigma) for e in found.effects]
-    return Assumption(code=found.code, message=found.message, step=found.step, stated=found.stated, effects=effects)
-
-
-def _innovations(history: History, factors: Array) -> Innovations | None:
+def _innovations(history: History, factors: Array) -> schema.Innovations | None:
     found = history.moments()
     if found.count < 3:
         return None
@@ -220,7 +191,7 @@ def _innovations(history: History, factors: Array) -> Innovations | None:
     def read(values: Array) -> list[float | None]:
         return [None if unread else float(value) for value, unread in zip(values, history.unread, strict=True)]
 
-    return Innovations(
+    return schema.Innovations(
         cycles=found.count,
         nis=float(found.variance.sum()),
         channel_variance=read(found.variance),
@@ -229,10 +200,10 @@ def _innovations(history: History, factors: Array) -> Innovations | None:
     )
 
 
-def estimate_items(estimates: Mapping[str, Estimate], nominal: Nominal | None = None) -> dict[str, EstimateItem]:
+def estimate_items(estimates: Mapping[str, Estimate], nominal: Nominal | None = None) -> dict[str, schema.EstimateItem]:
     """The ten quantities as a result has them."""
     return {
-        name: EstimateItem(
+        name: schema.EstimateItem(
             value=e.value,
             sigma=e.sigma,
             unit=e.unit,
@@ -246,10 +217,10 @@ def estimate_items(estimates: Mapping[str, Estimate], nominal: Nominal | None = 
     }
 
 
-def _docked(found: Docked | None, used: Vehicle) -> DockedObject | None:
+def _docked(found: Docked | None, used: Vehicle) -> schema.DockedObject | None:
     if found is None:
         return None
-    return DockedObject(
+    return schema.DockedObject(
         before=found.before,
         after=found.after,
         estimates=estimate_items(found.estimates),
@@ -259,7 +230,7 @@ def _docked(found: Docked | None, used: Vehicle) -> DockedObject | None:
     )
 
 
-def matrix(values: Array) -> Matrix:
+def matrix(values: Array) -> schema.Matrix:
     """As JSON has it: null where nothing can be said."""
     return [[float(cell) if np.isfinite(cell) else None for cell in row] for row in values]
 

@@ -22,24 +22,13 @@ from pydantic import Field, model_validator
 
 from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.inputs.actuators.actuator import (
-    SPEEDS,
-    Grown,
-    LogColumn,
-    LogTimes,
-    MomentumDevice,
-    MomentumLog,
-    Unknown,
-    pointing,
-    refuse_other_units,
-    unit,
-)
+from massprop_cli.inputs.actuators import actuator
 from massprop_cli.inputs.formats.units import ANGLE, SPIN
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.section import NonNegative, Positive, Real, Vector
 
-GIMBAL = LogColumn("cmg_", "_gimbal_rad", "gimbal", ANGLE, True, False, "gimbal angle of a control moment gyro at time_s, rad")
-SPEED = LogColumn(
+GIMBAL = actuator.LogColumn("cmg_", "_gimbal_rad", "gimbal", ANGLE, True, False, "gimbal angle of a control moment gyro at time_s, rad")
+SPEED = actuator.LogColumn(
     "cmg_", "_rad_s", "speed", SPIN, True, False, "a control moment gyro's spin speed, relative to its gimbal, at time_s, rad/s"
 )
 ANGLES = {180 / np.pi: "it is in degrees", np.pi / 180: "{} is in degrees", -1.0: "it has the other sign"}
@@ -51,10 +40,10 @@ FASTEST_RAD = 1.0
 FINE_RAD = 0.02
 """Turn between two times at which the momentum is given: the chord is shorter than the arc by 2e-5 then."""
 
-_Axis = Annotated[Vector, pointing("this axis")]
+_Axis = Annotated[Vector, actuator.pointing("this axis")]
 
 
-class ControlMomentGyro(MomentumDevice):
+class ControlMomentGyro(actuator.MomentumDevice):
     """One single-gimbal control moment gyro: its axes and the momentum of its rotor."""
 
     TABLE: ClassVar = "control_moment_gyros"
@@ -83,7 +72,7 @@ class ControlMomentGyro(MomentumDevice):
 
     @model_validator(mode="after")
     def _is_coherent(self) -> Self:
-        apart = float(unit(self.gimbal_axis) @ unit(self.spin_axis))
+        apart = float(actuator.unit(self.gimbal_axis) @ actuator.unit(self.spin_axis))
         if abs(apart) > SQUARE:
             raise ValueError(
                 f"spin_axis is {np.degrees(np.arccos(np.clip(apart, -1, 1))):.6g} degrees from gimbal_axis, not 90: give the spin axis at "
@@ -96,7 +85,7 @@ class ControlMomentGyro(MomentumDevice):
         return self
 
     @classmethod
-    def draft(cls, name: str, has: LogColumn, span: str) -> list[str]:  # noqa: ARG003
+    def draft(cls, name: str, has: actuator.LogColumn, span: str) -> list[str]:  # noqa: ARG003
         """All of it as comments: each needs what no log tells."""
         return [
             "# [[control_moment_gyros]]   # each of these is needed; data sheet or drawing",
@@ -111,8 +100,8 @@ class ControlMomentGyro(MomentumDevice):
     @property
     def axes(self) -> Array:
         """(2, 3) the spin axis at gimbal angles of 0 and of 90 degrees."""
-        spin = unit(self.spin_axis)
-        return np.stack([spin, np.cross(unit(self.gimbal_axis), spin)])
+        spin = actuator.unit(self.spin_axis)
+        return np.stack([spin, np.cross(actuator.unit(self.gimbal_axis), spin)])
 
     @property
     def beyond_reported(self) -> Array:
@@ -121,11 +110,11 @@ class ControlMomentGyro(MomentumDevice):
         return found
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
+    def unknowns(self) -> tuple[actuator.Unknown, ...]:
         """Its spin momentum, relative; and the gimbal angle, which turns the momentum by g × h."""
         stated, sigma = (self.h_n_m_s, self.h_sigma_n_m_s) if self.h_n_m_s else (self.spin_inertia_kg_m2, self.spin_inertia_sigma_kg_m2)
         by = (sigma / (stated or 1.0), np.eye(2)), (self.gimbal_sigma_rad, np.array([[0.0, -1.0], [1.0, 0.0]]))
-        return tuple(Unknown(size, matrix, np.zeros(2), False) for size, matrix in by if size > 0)
+        return tuple(actuator.Unknown(size, matrix, np.zeros(2), False) for size, matrix in by if size > 0)
 
     def scaled(self, factor: float) -> Self:
         """The same with so many times its spin momentum."""
@@ -149,15 +138,15 @@ class ControlMomentGyro(MomentumDevice):
         return GyroLog(frozen(np.unwrap(angle)), None if speed is None else frozen(speed), None)
 
     @classmethod
-    def check_together(cls, source: LogTable, own: Sequence[Self], said: Sequence[MomentumLog]) -> None:
+    def check_together(cls, source: LogTable, own: Sequence[Self], said: Sequence[actuator.MomentumLog]) -> None:
         """:class:`InputError` where all begin at what is stated in another unit, which nothing in the motion tells."""
         pairs = [(gyro, one) for gyro, one in zip(own, said, strict=True) if isinstance(one, GyroLog)]
         angles = [(gyro.start_gimbal_rad, one.angle_rad) for gyro, one in pairs]
-        refuse_other_units(source, "gimbal angle of each control moment gyro", "start_gimbal_rad", ANGLES, angles)
+        actuator.refuse_other_units(source, "gimbal angle of each control moment gyro", "start_gimbal_rad", ANGLES, angles)
         speeds = [(gyro.start_rad_s, one.speed_rad_s) for gyro, one in pairs]
-        refuse_other_units(source, "speed of each control moment gyro", "start_rad_s", SPEEDS, speeds)
+        actuator.refuse_other_units(source, "speed of each control moment gyro", "start_rad_s", actuator.SPEEDS, speeds)
 
-    def momentum(self, said: MomentumLog, log: LogTimes) -> Grown:
+    def momentum(self, said: actuator.MomentumLog, log: actuator.LogTimes) -> actuator.Grown:
         """By the gimbal's angle at the records' ends, between which it turns evenly."""
         assert isinstance(said, GyroLog)
         begun = said.before is not None
@@ -169,7 +158,7 @@ class ControlMomentGyro(MomentumDevice):
         fine = np.arange((len(angle) - 1) * parts + 1) / parts
         time_s, angle, speed = (np.interp(fine, np.arange(len(values)), values) for values in (time_s, angle, speed))
         held = (self.spin_inertia_kg_m2 or 0.0) * speed if self.h_n_m_s is None else self.h_n_m_s
-        return Grown(time_s, np.stack([held * np.cos(angle), held * np.sin(angle)]))
+        return actuator.Grown(time_s, np.stack([held * np.cos(angle), held * np.sin(angle)]))
 
 
 @dataclass(frozen=True)

@@ -19,25 +19,13 @@ from pydantic import Field
 from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.actuators.actuator import (
-    SPEEDS,
-    Grown,
-    LogColumn,
-    LogTimes,
-    MomentumDevice,
-    MomentumLog,
-    Unknown,
-    own_column,
-    pointing,
-    refuse_other_units,
-    unit,
-)
+from massprop_cli.inputs.actuators import actuator
 from massprop_cli.inputs.formats.units import SPIN, TORQUE
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.section import NonNegative, Positive, Real, Vector
 
-SPEED = LogColumn("wheel_", "_rad_s", "speed", SPIN, True, True, "a wheel's speed relative to the body at time_s, rad/s")
-ON_WHEEL = LogColumn(
+SPEED = actuator.LogColumn("wheel_", "_rad_s", "speed", SPIN, True, True, "a wheel's speed relative to the body at time_s, rad/s")
+ON_WHEEL = actuator.LogColumn(
     "wheel_", "_n_m", "torque", TORQUE, False, True, "torque on a wheel over this control cycle, N m; the body feels the opposite"
 )
 FOR_A_PARABOLA = 8
@@ -57,14 +45,16 @@ def step_of(values: Array) -> float:
     return float(apart.min()) if np.abs(counts - counts.round()).max() < WHOLE else 0.0
 
 
-class Wheel(MomentumDevice):
+class Wheel(actuator.MomentumDevice):
     """One reaction wheel: its axis, what it weighs about it, and which of its columns the log has."""
 
     TABLE: ClassVar = "wheels"
     NOUN: ClassVar = "wheel"
     COLUMNS: ClassVar = (SPEED, ON_WHEEL)
 
-    axis: Annotated[Vector, pointing("the wheel's axis")] = Field(description="direction of positive speed, body axes; of any length")
+    axis: Annotated[Vector, actuator.pointing("the wheel's axis")] = Field(
+        description="direction of positive speed, body axes; of any length"
+    )
     spin_inertia_kg_m2: Positive = Field(description="about its axis")
     spin_inertia_sigma_kg_m2: NonNegative = Field(0.0, description="one sigma of it; goes into every sigma")
     locked_in_inertia: bool = Field(
@@ -94,7 +84,7 @@ class Wheel(MomentumDevice):
     viscous_friction_n_m_s: NonNegative = Field(0.0, description="against the speed, over it. For a torque column")
 
     @classmethod
-    def draft(cls, name: str, has: LogColumn, span: str) -> list[str]:  # noqa: ARG003
+    def draft(cls, name: str, has: actuator.LogColumn, span: str) -> list[str]:  # noqa: ARG003
         """All of it as comments: each needs what no log tells."""
         return [
             "# [[wheels]]            # each of these is needed; data sheet or drawing",
@@ -109,7 +99,7 @@ class Wheel(MomentumDevice):
     @property
     def direction(self) -> Array:
         """(3,) the axis, of length one."""
-        return unit(self.axis)
+        return actuator.unit(self.axis)
 
     @property
     def axes(self) -> Array:
@@ -129,15 +119,15 @@ class Wheel(MomentumDevice):
         return found
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
+    def unknowns(self) -> tuple[actuator.Unknown, ...]:
         """By speed its inertia, relative; by torque the speed that it began with, rad/s, and the torque, relative."""
         relative = self.spin_inertia_sigma_kg_m2 / self.spin_inertia_kg_m2
         if self.column == "speed":
-            found = [Unknown(relative, np.eye(1), np.zeros(1), False)]
+            found = [actuator.Unknown(relative, np.eye(1), np.zeros(1), False)]
         else:
             start = float(np.hypot(self.start_sigma_rad_s, relative * (self.start_rad_s or 0.0)))
-            begun = Unknown(start, np.zeros((1, 1)), np.array([self.spin_inertia_kg_m2]), False)
-            found = [begun, Unknown(self.torque_scale_sigma, np.eye(1), np.zeros(1), True)]
+            begun = actuator.Unknown(start, np.zeros((1, 1)), np.array([self.spin_inertia_kg_m2]), False)
+            found = [begun, actuator.Unknown(self.torque_scale_sigma, np.eye(1), np.zeros(1), True)]
         return tuple(one for one in found if one.sigma > 0)
 
     def scaled(self, factor: float) -> Self:
@@ -146,7 +136,7 @@ class Wheel(MomentumDevice):
 
     def read(self, source: LogTable, records: int, n: int) -> "WheelLog":
         """By the column that the vehicle file names."""
-        column, speed = own_column(source, self, self.column), SPEED.of(self.name)
+        column, speed = actuator.own_column(source, self, self.column), SPEED.of(self.name)
         if self.column == "speed":
             return WheelLog(frozen(source.required(column)[:n]), None, None)
         start = self.start_rad_s
@@ -161,15 +151,15 @@ class Wheel(MomentumDevice):
         return WheelLog(None, frozen(source.per_cycle(column, records, n)), start)
 
     @classmethod
-    def check_together(cls, source: LogTable, own: Sequence[Self], said: Sequence[MomentumLog]) -> None:
+    def check_together(cls, source: LogTable, own: Sequence[Self], said: Sequence[actuator.MomentumLog]) -> None:
         """:class:`InputError` where all speeds begin at what the vehicle file states of them in another unit, or the other way round.
 
         Nothing in the motion tells the unit: inertia grows with the speeds.
         """
         pairs = [(wheel.start_rad_s, one.speed_rad_s) for wheel, one in zip(own, said, strict=True) if isinstance(one, WheelLog)]
-        refuse_other_units(source, "speed of each wheel", "start_rad_s", SPEEDS, pairs)
+        actuator.refuse_other_units(source, "speed of each wheel", "start_rad_s", actuator.SPEEDS, pairs)
 
-    def scatter(self, said: MomentumLog) -> float:
+    def scatter(self, said: actuator.MomentumLog) -> float:
         """Of a speed by its tachometer: noise, and a twelfth of a step's square."""
         if not isinstance(said, WheelLog) or said.speed_rad_s is None:
             return 0.0
@@ -179,20 +169,20 @@ class Wheel(MomentumDevice):
         held = float((lengths**2).sum() / lengths.sum())
         return self.spin_inertia_kg_m2 * float(np.sqrt(self.speed_sigma_rad_s**2 + held * step**2 / 12))
 
-    def momentum(self, said: MomentumLog, log: LogTimes) -> Grown:
+    def momentum(self, said: actuator.MomentumLog, log: actuator.LogTimes) -> actuator.Grown:
         """By its speed at the records' ends, relative to the body; or all of it, by the torque on it over each cycle, less friction."""
         assert isinstance(said, WheelLog)
         if said.speed_rad_s is not None:
             speed, begun = said.speed_rad_s, said.start_rad_s is not None
-            return Grown(log.edge_s[1 - begun :], self.spin_inertia_kg_m2 * np.append([said.start_rad_s] * begun, speed)[None])
+            return actuator.Grown(log.edge_s[1 - begun :], self.spin_inertia_kg_m2 * np.append([said.start_rad_s] * begun, speed)[None])
         at = log.delayed_s if self.torque_is == "commanded" else log.at_once_s
         time_s = np.append(at, at[-1] + log.length_s[-1])
         turned = log.turn_rad(slice(None)).reshape(len(log.length_s), -1, 3).sum(1)
         about = turned @ self.direction / log.length_s
         turning = np.append(self._turning_at(log, float(at[0])), np.interp(at[1:], log.start_s, about))
-        return Grown(time_s, self._driven(said, np.diff(time_s), turning)[None])
+        return actuator.Grown(time_s, self._driven(said, np.diff(time_s), turning)[None])
 
-    def _turning_at(self, log: LogTimes, moment_s: float) -> float:
+    def _turning_at(self, log: actuator.LogTimes, moment_s: float) -> float:
         """The body's own rate about the axis when the first torque acts, by the records before: those after it have answered already.
 
         What a parabola (of few records a line) through those of two cycles comes to then; where there is none, that of the first.
