@@ -9,7 +9,7 @@ estimated without and with biases of gyro and accelerometer (1e-3 rad/s and 0.01
 
 Columns: values within 1.96 sigma, rms and largest deviation in sigmas; values that are converged beyond 4.5 sigma; logs of which a cause
 is named, that are contradicted, or refused; values of these environments that are not converged. Not among the platforms: docking, rotors,
-jets beside wheels, tachometers with noise.
+jets beside wheels.
 """
 
 from __future__ import annotations
@@ -31,12 +31,14 @@ from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.estimate.pivot import ABOUT_PIVOT
+from massprop_cli.inputs.actuators.wheel import WheelLog
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from tests import anyimu, anypedestal
 
 BATCH, PERIOD_S, DELAY = 4, 0.05, 2.0
+RPM = np.pi / 30
 BIAS = anypedestal.BIAS
 BEYOND = 4.5
 """Sigmas beyond which a converged value is wrong."""
@@ -113,8 +115,8 @@ def _flat(own: anyimu.Bodies) -> anyimu.Bodies:
     )
 
 
-def about_a_point(rng: np.random.Generator, kind: anypedestal.Kind, free: bool = False) -> Motion:
-    """Tables on a fixed pedestal, or free bodies that wheels turn about their CG."""
+def about_a_point(rng: np.random.Generator, kind: anypedestal.Kind, free: bool = False, whole_rpm: bool = False) -> Motion:
+    """Tables on a fixed pedestal, or free bodies that wheels turn about their CG; the speeds of these as they are, or in whole rpm."""
     own = anypedestal.tables(rng, BATCH)
     own = replace(own, pivot=own.cg) if free else own
     flown = anypedestal.fly(rng, own, kind, PERIOD_S, 60.0 if kind == "swing" else 30.0, 0.0 if free else anypedestal.GRAVITY)
@@ -127,12 +129,19 @@ def about_a_point(rng: np.random.Generator, kind: anypedestal.Kind, free: bool =
             known = {name: {"value": float(value + noise * size * draw.normal()), "sigma": size} for name, value in pairs}
         more: dict[str, Any] = {"environment": {"kind": "free"}} if free else {}
         used = _stated(anypedestal.vehicle_of(own, body, flown, case.biases, **known), case, more)
-        return anypedestal.log_of(draw, own, body, flown, used, noise, case.biases), used
+        log = anypedestal.log_of(draw, own, body, flown, used, noise, case.biases)
+        return _in_whole_rpm(log) if whole_rpm else log, used
 
     def truth(body: int) -> dict[str, float]:
         return dict(zip(QUANTITIES if free else ABOUT_PIVOT, (own.ten if free else own.nine)[body].tolist(), strict=True))
 
     return Motion(logged, truth, kind == "jets")
+
+
+def _in_whole_rpm(log: Log) -> Log:
+    """As a tachometer counts."""
+    logged = (np.asarray(one.speed_rad_s) for one in log.spinning if isinstance(one, WheelLog))
+    return replace(log, spinning=tuple(WheelLog(np.round(speed / RPM) * RPM, None, None) for speed in logged))
 
 
 def _stated(used: Vehicle, case: Case, more: dict[str, Any]) -> Vehicle:
@@ -150,8 +159,10 @@ PLATFORMS: dict[str, Callable[[np.random.Generator], Motion]] = {
     "bearing": partial(by_jets, bearing=True),
     "planar": partial(by_jets, bearing=False, planar=True),
     "wheels": partial(about_a_point, kind="wheels", free=True),
+    "wheels in whole rpm": partial(about_a_point, kind="wheels", free=True, whole_rpm=True),
     "pedestal, jets": partial(about_a_point, kind="jets"),
     "pedestal, wheels": partial(about_a_point, kind="wheels"),
+    "pedestal, wheels in whole rpm": partial(about_a_point, kind="wheels", whole_rpm=True),
     "pedestal, swing": partial(about_a_point, kind="swing"),
 }
 

@@ -4,8 +4,8 @@ The estimators are linear about the attitude as carried. What gravity alone tell
 what is left is of second order: tilt times heading, and g φ²/2; on a table, the slope times the heading. So the log is read again less the
 bias that a first fit finds.
 
-An error e of a device's momentum, N m s, is one of the rate by I⁻¹ e, which the next record takes back: white in the rate, and none of a
-torque's.
+An error e of a device's momentum, N m s, is one of the rate by I⁻¹ e, which the next record takes back: white in the rate. But the
+total momentum H = I ω + h turns by the rate that all this gives, so (I⁻¹ e) × H is a white torque, whose sum is not taken back.
 """
 
 from collections.abc import Callable
@@ -15,17 +15,18 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import cross
 from massprop_cli.diagnosis.preprocessing import Ready, ready
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.estimate.phases import AsStated, Progress, as_stated
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.prepare.compensate import biased_attitude
+from massprop_cli.prepare.compensate import Samples, Source, biased_attitude, gathered
 
 NO_BIAS = 6.0
 """Sigmas of a gyro's bias beyond which what a fit finds stands for something else."""
-NOTHING = 1.05
-"""Factor on the gyro's noise below which what tachometers add is none."""
+NOTHING = 1.005
+"""Factor on the gyro's noise below which what tachometers add is none: a tenth of it, whose torque adds less than a tenth to a variance."""
 
 
 class _First(NamedTuple):
@@ -84,22 +85,43 @@ def _left(plain: AsStated) -> float:
 
 
 def _with_scattered_speeds(first: _First) -> _First:
-    """The gyro as noisy as the rate that logged momentum gives a body, beside its own noise; speeds are exact then."""
+    """Errors of logged momentum as noise of the gyro and as a torque, beside what is stated of both; speeds are exact then."""
     begun, devices = first.begun, first.begun.stated.spinning
     sizes = np.array([device.scatter(said) for device, said in zip(devices, begun.log.spinning, strict=True)])
     reference = next((fit.history.reference for fit in first.plain.fits if fit is not None), None)
     if reference is None or not sizes.any():
         return first
-    parts = [size * device.axes @ np.linalg.inv(reference.inertia) for size, device in zip(sizes, devices, strict=True)]
-    own, added = first.plain.used.imu.gyro_noise_rad_s, float(np.sqrt((np.concatenate(parts) ** 2).sum(0).max()))
+    scattered = np.concatenate([size * device.axes for size, device in zip(sizes, devices, strict=True)]) @ np.linalg.inv(reference.inertia)
+    own, added = first.plain.used.imu.gyro_noise_rad_s, _largest(scattered**2)
     level = float(np.hypot(own, added))
     if level < NOTHING * own:
         return first
+    torque = float(np.hypot(begun.stated.environment.disturbance_torque_n_m, _turned(scattered, begun.samples, reference.inertia)))
     notice = Notice(
         "noise-estimated",
         f"speeds of wheels scatter as their tachometers count or as is stated (speed_sigma_rad_s, speed_step_rad_s): {added:.3g} rad/s of "
-        f"the body's rate; with it the gyro's noise counts as {level:.3g} rad/s",
+        f"the body's rate; with it the gyro's noise counts as {level:.3g} rad/s. What it turns "
+        f"the stored momentum astray by counts as a white torque of {torque:.3g} N m per cycle",
     )
     exact = tuple(wheel.model_copy(update={"speed_sigma_rad_s": 0.0, "speed_step_rad_s": 0.0}) for wheel in begun.stated.wheels)
-    stated = stating(begun.stated.model_copy(update={"wheels": exact}), {"imu.gyro_noise_rad_s": level})
+    noise = {"imu.gyro_noise_rad_s": level, "environment.disturbance_torque_n_m": torque}
+    stated = stating(begun.stated.model_copy(update={"wheels": exact}), noise)
     return _fitted(begun._replace(stated=stated, notices=[*begun.notices, notice]))
+
+
+def _turned(scattered: Array, samples: Source, inertia: Array) -> float:
+    """N m, one sigma of (I⁻¹ e) × H about the axis where it is largest, of errors (a, 3) of the rate, rad/s."""
+
+    def square(part: Samples) -> Array:
+        stored = part.executed.stored
+        assert stored is not None
+        momentum = part.rate_rad_s @ inertia + stored.mean.mean(1) @ stored.axis
+        found: Array = (cross(scattered[:, None], momentum[None]) ** 2).sum(0)
+        return found
+
+    return _largest(gathered(samples, slice(0, len(samples)), square).mean(0, keepdims=True))
+
+
+def _largest(squares: Array) -> float:
+    """The root of the sum of squares (n, 3) of the axis where that is largest."""
+    return float(np.sqrt(squares.sum(0).max()))

@@ -259,12 +259,25 @@ def test_weak_thrust_on_a_bearing_is_weak_in_what_moves_the_base_too(seed: int) 
     assert 0.9 < sigmas[9] / limits(source, flight)[9] < 1.2
 
 
-def test_speeds_in_whole_rpm_are_counted_with_their_steps() -> None:
-    """While a count stands still, so does its error: values had been 2.6 sigma off in the root mean square."""
+SMALL = [
+    *(f"truth.{name}={value}" for name, value in zip(QUANTITIES[:6], (0.36, 0.041, 0.011, 0.368, 0.04, 0.389), strict=True)),
+    *("truth.mass=8.7", "vehicle.imu.gyro_noise_rad_s=1.2e-4", "vehicle.cycle.period_s=0.1", "duration_s=118"),
+    *(f"vehicle.wheels.{number}.spin_inertia_kg_m2=9.4e-4" for number in range(3)),
+    *("control.rate_gain_n_m_s=[0.3, 0.3, 0.3]", "control.attitude_gain_n_m=[0.1, 0.1, 0.1]"),
+]
+"""A vehicle whose momentum turns by more than a thousandth of itself in each cycle."""
+
+
+@pytest.mark.parametrize("settings", [[], SMALL], ids=["scenario", "small"])
+def test_speeds_in_whole_rpm_are_counted_with_their_steps(settings: list[str]) -> None:
+    """While a count stands still, so does its error: values had been 2.6 sigma off in the root mean square.
+
+    An error of the momentum turns the rest of it astray: of the small vehicle they had been 2.2 sigma off, and up to 8.5.
+    """
     rpm = np.pi / 30
-    flight = simulate.fly(scenario.load("wheels"), [1, 2, 3, 4])
+    flight = simulate.fly(scenario.load("wheels", settings), [1, 2, 3])
     z = []
-    for k in range(4):
+    for k in range(3):
         log = flight.log(k)
         speeds = [np.asarray(one.speed_rad_s) for one in log.spinning if isinstance(one, WheelLog)]
         counted = [WheelLog(np.round(speed / rpm) * rpm, None, None) for speed in speeds]
@@ -272,7 +285,7 @@ def test_speeds_in_whole_rpm_are_counted_with_their_steps() -> None:
         found = flow.examine(log, VehicleSource(flight.vehicle, "", ""))
         assert [notice.code for notice in found.notices] == ["noise-estimated"]
         z.append((found.conclusions[0].values - flight.truth[k, 0])[:6] / found.conclusions[0].sigmas[:6])
-    assert 0.4 < np.sqrt((np.array(z) ** 2).mean()) < 1.4
+    assert 0.25 < np.sqrt((np.array(z) ** 2).mean()) < 1.4
     assert np.abs(z).max() < 4
     assert build.result(found).provenance.setting_sources["wheels.0.speed_step_rad_s"] == "log"
     keys = [f"{key}={configfile.written(value)}" for key, value in build.effective_settings(found).items() if value is not None]
