@@ -45,7 +45,10 @@ def largest(log: Path, folder: Path, *settings: str, vehicle: Path = SAMPLE / "v
 
 
 def assert_no_growth(logs: Sequence[Path], folder: Path, *settings: str, vehicle: Path = SAMPLE / "vehicle.toml") -> None:
-    """8 MB at most for the 24,000 cycles that a second log has more, in the quietest of three runs: what threads hold for a moment is no growth."""
+    """8 MB at most for the 24,000 cycles that a second log has more.
+
+    In the quietest of three runs: what threads hold for a moment is no growth.
+    """
     for last in (False, False, True):
         less, more = (largest(log, folder, *settings, vehicle=vehicle) for log in logs)
         assert more < 300
