@@ -87,27 +87,12 @@ def joined(one: Joining, place: Place) -> Produced:
     except InputError as error:
         return _failed(str(error))
     unmet = judge.unmet(found, judge.Demands(one.require, allow_contradicted=one.allow_contradicted))
-    told = Outcome(
-        schema="massprop/outcome/1",
-        fingerprint=outcome.UNKEPT,
-        exit_code=unmet.exit_code,
-        message=line(unmet.message),
-        input_sha256=found.provenance.input_sha256,
-        vehicle=kept.vehicle(found),
-        method="combined",
-        duration_s=found.log.duration_s,
-        cycles=found.log.cycles,
-        delay_cycles=found.delay.cycles,
-        warnings=[warning.code for warning in found.warnings],
-        missed=unmet.phrases,
-        bodies=kept.joint_bodies(found),
-        files=["result.json"],
-    )
+    told = kept.of_result(found, unmet, kept.joint_bodies(found), ["result.json"], "combined")
     return Produced(told, {"result.json": escape.document(found).encode(), outcome.FILE: outcome.to_json(told)})
 
 
 def _failed(message: str) -> Produced:
-    told = Outcome(schema="massprop/outcome/1", fingerprint=outcome.UNKEPT, exit_code=exits.INPUT, message=line(message), input_sha256=None)
+    told = Outcome(fingerprint=outcome.UNKEPT, exit_code=exits.INPUT, message=line(message), input_sha256=None)
     return Produced(told, {outcome.FILE: outcome.to_json(told)})
 
 

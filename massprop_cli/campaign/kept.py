@@ -6,6 +6,7 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.escape import line
 from massprop_cli.campaign import outcome
 from massprop_cli.campaign.outcome import Body, Value
 from massprop_cli.check.finding import Expected
@@ -13,6 +14,7 @@ from massprop_cli.errorparameters.timing import DELAY_STEP
 from massprop_cli.estimate.quantities import by_scale, by_scale_beside, in_common
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.job import Unmet
 from massprop_cli.result.schema import DockedObject, PhaseItem, Result
 
 
@@ -32,6 +34,27 @@ def stated(source: VehicleSource) -> outcome.Vehicle:
     of = source.vehicle
     bearing = of.environment.bearing_mass_kg if of.on_air_bearing else 0.0
     return outcome.Vehicle(name=of.name, sha256=source.sha256, environment=of.environment.kind, bearing_mass_kg=bearing)
+
+
+def of_result(
+    found: Result, unmet: Unmet, bodies: list[Body], files: list[str], method: str, fingerprint: str = outcome.UNKEPT
+) -> outcome.Outcome:
+    """The outcome of a log, or of several, with a result."""
+    return outcome.Outcome(
+        fingerprint=fingerprint,
+        exit_code=unmet.exit_code,
+        message=line(unmet.message),
+        input_sha256=found.provenance.input_sha256,
+        vehicle=vehicle(found),
+        method=method,
+        duration_s=found.log.duration_s,
+        cycles=found.log.cycles,
+        delay_cycles=found.delay.cycles,
+        warnings=[warning.code for warning in found.warnings],
+        missed=unmet.phrases,
+        bodies=bodies,
+        files=files,
+    )
 
 
 def expected(found: Sequence[Expected]) -> list[Body]:

@@ -5,6 +5,7 @@ Without scripts it is a plain table. Same campaign, same bytes.
 
 from collections.abc import Iterator, Sequence
 from functools import partial
+from typing import Any
 from urllib.parse import quote
 
 from massprop_cli import QUANTITIES, UNITS
@@ -43,38 +44,6 @@ class Cell:
     """Whether its verdict makes the value no use."""
 
 
-@dataclass(frozen=True)
-class Entry:
-    """One log."""
-
-    number: int
-    name: str
-    link: str
-    """To its report or its result, relative; empty where there is none."""
-    log: str
-    tags: str
-    vehicle: str
-    state: str
-    sign: str
-    mark: str
-    message: str
-    parts: tuple[str, ...]
-    cells: tuple[tuple[Cell, ...], ...]
-    """By quantity, then by part."""
-    mass: tuple[Cell, ...]
-    """By part; it stands beside the outcome."""
-    verdicts: str
-    """Those that occur, with spaces between."""
-    converged: int
-    contradicted: int
-    estimates: int
-    worst: str
-    """The warning that matters most."""
-    codes: str
-    """Of all its warnings, with spaces between."""
-    warnings: str
-
-
 def page(found: Summary) -> Iterator[str]:
     """The whole page, piece by piece; it loads nothing from anywhere."""
     several = tagged = False
@@ -82,11 +51,11 @@ def page(found: Summary) -> Iterator[str]:
     vehicles: dict[str, None] = {}
     verdicts: dict[str, str] = {}
     for entry in _entries(found):
-        several |= len(entry.parts) > 1
-        tagged |= bool(entry.tags)
-        states[entry.state] = None
-        vehicles |= {entry.vehicle: None} if entry.vehicle else {}
-        verdicts |= {cell.verdict: cell.sign for cells in (*entry.cells, entry.mass) for cell in cells}
+        several |= len(entry["parts"]) > 1
+        tagged |= bool(entry["tags"])
+        states[entry["state"]] = None
+        vehicles |= {entry["vehicle"]: None} if entry["vehicle"] else {}
+        verdicts |= {cell.verdict: cell.sign for cells in (*entry["cells"], entry["mass"]) for cell in cells}
     return (
         html.environment()
         .get_template("campaign.html.j2")
@@ -125,11 +94,12 @@ def told_of(row: Row) -> str:
     return f"{state(row.outcome)}{doubts}" + (f": {row.outcome.message}" if row.outcome and row.outcome.message else "")
 
 
-def _entries(found: Summary) -> Iterator[Entry]:
+def _entries(found: Summary) -> Iterator[dict[str, Any]]:
     return (_entry(number, row) for number, row in enumerate(found.logs, 1))
 
 
-def _entry(number: int, row: Row) -> Entry:
+def _entry(number: int, row: Row) -> dict[str, Any]:
+    """What the page says of one log; quantities are by part."""
     found = row.outcome
     code = found.exit_code if found else None
     sign, mark = _SIGNS[code], _MARKS.get(code, "unobservable")
@@ -137,28 +107,28 @@ def _entry(number: int, row: Row) -> Entry:
         sign, mark = _CONTRADICTED if contradicted(found) else _WARNED
     bodies = found.bodies if found else []
     items = [item for body in bodies for item in body.estimates.values()]
-    return Entry(
-        number=number,
-        name=row.name,
-        link=_link(row.name, found),
-        log=row.log,
-        tags=", ".join(row.tags),
-        vehicle=found.vehicle.name if found and found.vehicle else "",
-        state=state(found),
-        sign=sign,
-        mark=mark,
-        message=found.message if found else "",
-        parts=tuple(title(body) for body in bodies),
-        cells=tuple(tuple(_cell(body.estimates[name]) for body in bodies) for name in QUANTITIES if name != "mass"),
-        mass=tuple(_cell(body.estimates["mass"]) for body in bodies),
-        verdicts=" ".join(dict.fromkeys(item.verdict for item in items)),
-        converged=sum(item.verdict == "converged" for item in items),
-        contradicted=contradicted(found),
-        estimates=len(items),
-        worst=worst(found.warnings) if found else "",
-        codes=" ".join(dict.fromkeys(found.warnings)) if found else "",
-        warnings=", ".join(dict.fromkeys(found.warnings)) if found else "",
-    )
+    return {
+        "number": number,
+        "name": row.name,
+        "link": _link(row.name, found),
+        "log": row.log,
+        "tags": ", ".join(row.tags),
+        "vehicle": found.vehicle.name if found and found.vehicle else "",
+        "state": state(found),
+        "sign": sign,
+        "mark": mark,
+        "message": found.message if found else "",
+        "parts": tuple(title(body) for body in bodies),
+        "cells": tuple(tuple(_cell(body.estimates[name]) for body in bodies) for name in QUANTITIES if name != "mass"),
+        "mass": tuple(_cell(body.estimates["mass"]) for body in bodies),
+        "verdicts": " ".join(dict.fromkeys(item.verdict for item in items)),
+        "converged": sum(item.verdict == "converged" for item in items),
+        "contradicted": contradicted(found),
+        "estimates": len(items),
+        "worst": worst(found.warnings) if found else "",
+        "codes": " ".join(dict.fromkeys(found.warnings)) if found else "",
+        "warnings": ", ".join(dict.fromkeys(found.warnings)) if found else "",
+    }
 
 
 def worst(codes: Sequence[str]) -> str:

@@ -92,8 +92,9 @@ def _numbers(values: Sequence[float | None]) -> Any:
 
 _UNITS = {"kg m^2": "kg_m2", "m": "m", "kg": "kg"}
 _PARTS = ("verdict", "expected", "met")
+_ABOUT = ("number", "name", "log", "tags", "outcome", "exit_code", "message", "vehicle", "part", "phase", "warnings")
 COLUMNS = (
-    *("number", "name", "log", "tags", "outcome", "exit_code", "message", "vehicle", "part", "phase", "warnings"),
+    *_ABOUT,
     *(
         column
         for name in QUANTITIES
@@ -108,21 +109,11 @@ def csv_rows(found: Summary) -> Iterator[str]:
     yield _line(COLUMNS)
     for number, row in enumerate(found.logs, 1):
         one = row.outcome
-        about = [
-            str(number),
-            cell(row.name),
-            cell(row.log),
-            cell("; ".join(row.tags)),
-            state(one),
-            "" if one is None else str(one.exit_code),
-        ]
-        about += ["not tried" if one is None else cell(one.message), "" if one is None or one.vehicle is None else cell(one.vehicle.name)]
-        warnings = "" if one is None else cell("; ".join(one.warnings))
-        bodies: list[Body | None] = [*one.bodies] if one is not None and one.bodies else [None]
-        for body in bodies:
-            part = ["", ""] if body is None else [body.part, cell(body.name)]
+        for body in _bodies(one):
+            said = {name: cell(tell(row, one, body) or "") for name, tell in _TEXTS.items()}
+            said |= {"number": str(number), "outcome": state(one), "exit_code": "" if one is None else str(one.exit_code)}
             values = [""] * (5 * len(QUANTITIES)) if body is None else [v for name in QUANTITIES for v in _value(body.estimates[name])]
-            yield _line([*about, *part, warnings, *values])
+            yield _line([*(said[name] for name in _ABOUT), *values])
 
 
 def _value(item: Value) -> tuple[str, ...]:

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from massprop_cli.inputs.formats.mapfile import MapSource
     from massprop_cli.inputs.tablefile import Table
     from massprop_cli.inputs.vehiclefile import VehicleSource
-    from massprop_cli.job import Judged
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ def process(job: Job, known: str | None = None, sent: Mapping[str, bytes] | None
 def failed(job: Job, code: int, message: str, mark: str = outcome.UNKEPT, input_sha256: str | None = None) -> Produced:
     """The outcome of a job without a result."""
     shown = line(_as_shown(job, message))
-    found = Outcome(schema="massprop/outcome/1", fingerprint=mark, exit_code=code, message=shown, input_sha256=input_sha256)
+    found = Outcome(fingerprint=mark, exit_code=code, message=shown, input_sha256=input_sha256)
     return Produced(found, {outcome.FILE: outcome.to_json(found)})
 
 
@@ -92,12 +91,12 @@ def _as_shown(job: Job, message: str) -> str:
 
 def own_files(job: Job) -> dict[str, bytes]:
     """Files of a job that only this machine can read, by location; :class:`InputError` where one can't be."""
-    named = (job.settings.vehicle, "vehicle file"), (job.settings.map, "map file"), (job.settings.expect, "expect file")
+    settings = job.settings
+    named = (settings.vehicle, "vehicle file"), (settings.map, "map file"), (settings.expect, "expect file")
     wanted = [(job.log, "log"), *((place, what) for place, what in named if place is not None)]
-    if job.settings.vehicle is None and not location.shared(job.log):
-        wanted += [(place, "vehicle file") for place in _beside(job.log) if location.exists(place)]
-    if job.settings.map is None and not location.shared(job.log):
-        wanted += [(place, "map file") for place in _maps_beside(job.log) if location.exists(place)]
+    if not location.shared(job.log):
+        beside = ((settings.vehicle, _beside(job.log), "vehicle file"), (settings.map, _maps_beside(job.log), "map file"))
+        wanted += [(place, what) for named, places, what in beside if named is None for place in places if location.exists(place)]
     return {place: location.read(place, what) for place, what in wanted if not location.shared(place)}
 
 
@@ -167,6 +166,7 @@ def versions(report: bool = False) -> dict[str, str]:
 
 
 def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
+    from massprop_cli.campaign import kept
     from massprop_cli.job import Demands, of_table
 
     settings, expected = job.settings, _expected(job, inputs)
@@ -176,7 +176,10 @@ def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
     files = {"result.json": escape.document(judged.result).encode(), "history.parquet": _history(judged.analysis)}
     if settings.report:
         files["report.html"] = _report(job, files)
-    told = _outcome(judged, mark, sorted(files))
+    found, analysis = judged.result, judged.analysis
+    bodies = kept.bodies(found, analysis.vehicle, analysis.source.vehicle)
+    method = str(found.provenance.settings.get("estimator.method", ""))
+    told = kept.of_result(found, judged.unmet, bodies, sorted(files), method, mark)
     return Produced(told, files | {outcome.FILE: outcome.to_json(told)})
 
 
@@ -192,7 +195,6 @@ def _checked(job: Job, inputs: Inputs, mark: str) -> Produced:
     allowed = job.settings.allow_contradicted
     found = flow.of_table(table, source, wants, job.settings.assignments, allow_contradicted=allowed)
     told = Outcome(
-        schema="massprop/outcome/1",
         fingerprint=mark,
         exit_code=found.exit_code,
         message=line(flow.message(found)),
@@ -270,25 +272,3 @@ def _report(job: Job, files: Mapping[str, bytes]) -> bytes:
             (folder / name).write_bytes(content)
         recorded = [read.read(folder)]
         return html.stamped(html.page(recorded), recorded).encode()
-
-
-def _outcome(judged: Judged, mark: str, files: list[str]) -> Outcome:
-    from massprop_cli.campaign import kept
-
-    found = judged.result
-    return Outcome(
-        schema="massprop/outcome/1",
-        fingerprint=mark,
-        exit_code=judged.exit_code,
-        message=line(judged.message),
-        input_sha256=found.provenance.input_sha256,
-        vehicle=kept.vehicle(found),
-        method=str(found.provenance.settings.get("estimator.method", "")),
-        duration_s=found.log.duration_s,
-        cycles=found.log.cycles,
-        delay_cycles=found.delay.cycles,
-        warnings=[warning.code for warning in found.warnings],
-        missed=judged.unmet.phrases,
-        bodies=kept.bodies(found, judged.analysis.vehicle, judged.analysis.source.vehicle),
-        files=files,
-    )

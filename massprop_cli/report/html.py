@@ -43,60 +43,6 @@ class Figure:
     panels: tuple[Markup, ...]
 
 
-@dataclass(frozen=True)
-class Phase:
-    """What the page says of one phase, beside its table."""
-
-    anchor: str
-    title: str
-    pivot: view.Table | None
-    """What is about a fixed pivot; None without one."""
-    grids: list[matrices.Grid]
-    axes: list[matrices.Axis]
-    note: str
-    nearest: matrices.Grid | None
-    ellipsoid: Figure
-    excitation: Figure
-    correlation: Figure
-    correlations: list[tuple[str, list[str]]]
-    against_time: list[Figure]
-    checks: list[checks.Check]
-
-
-@dataclass(frozen=True)
-class Docked:
-    """What the page says of the docked object, beside its table."""
-
-    anchor: str
-    title: str
-    grids: list[matrices.Grid]
-    axes: list[matrices.Axis]
-    correlation: Figure
-    correlations: list[tuple[str, list[str]]]
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One of several results."""
-
-    anchor: str
-    name: str
-    result: Result
-    tables: list[view.Table]
-
-
-@dataclass(frozen=True)
-class Vehicle:
-    """All results of one vehicle."""
-
-    name: str
-    figure: Figure
-    first: str
-    """The result that the others are held against."""
-    differences: list[tuple[str, list[tuple[str, str]]]]
-    """Each other result with what it differs by in each quantity, and in how many sigmas."""
-
-
 def page(recorded: Sequence[Recorded]) -> str:
     """A full report of one result; several are compared. The page loads nothing from anywhere."""
     if not recorded:
@@ -148,7 +94,7 @@ def _report(recorded: Recorded) -> Mapping[str, Any]:
     result = recorded.result
     tables = view.tables(result)
     phases = [_phase(recorded, number, item, table) for (number, item), table in zip(enumerate(result.phases, 1), tables, strict=False)]
-    held = [check.inside for phase in phases for check in phase.checks]
+    held = [check.inside for phase in phases for check in phase["checks"]]
     return {
         "result": result,
         "tables": tables,
@@ -186,38 +132,38 @@ def _setting(value: object) -> str:
     return str(value)
 
 
-def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.Table) -> Phase:
+def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.Table) -> dict[str, Any]:
     bearing_mass = recorded.result.vehicle.bearing_mass_kg
-    return Phase(
-        anchor=table.anchor,
-        title=table.title,
-        pivot=view.about_pivot(item, table, recorded.result),
-        grids=matrices.matrices(item, bearing_mass, body.array(item.inertia_about_origin)),
-        axes=matrices.axes(item),
-        note=item.physical.note,
-        nearest=matrices.nearest(item),
-        ellipsoid=_figure("ellipsoid", recorded, f"ellipsoid{number}", item.name),
-        excitation=_figure("excitation", recorded, f"excitation{number}", item.name),
-        correlation=_figure("correlation", recorded, f"correlation{number}", item.name),
-        correlations=_correlations(item.covariance),
-        against_time=[_figure(name, recorded, f"{name}{number}", item.name) for name in OF_PHASE],
-        checks=checks.innovations(item.innovations) if item.innovations else [],
-    )
+    return {
+        "anchor": table.anchor,
+        "title": table.title,
+        "pivot": view.about_pivot(item, table, recorded.result),
+        "grids": matrices.matrices(item, bearing_mass, body.array(item.inertia_about_origin)),
+        "axes": matrices.axes(item),
+        "note": item.physical.note,
+        "nearest": matrices.nearest(item),
+        "ellipsoid": _figure("ellipsoid", recorded, f"ellipsoid{number}", item.name),
+        "excitation": _figure("excitation", recorded, f"excitation{number}", item.name),
+        "correlation": _figure("correlation", recorded, f"correlation{number}", item.name),
+        "correlations": _correlations(item.covariance),
+        "against_time": [_figure(name, recorded, f"{name}{number}", item.name) for name in OF_PHASE],
+        "checks": checks.innovations(item.innovations) if item.innovations else [],
+    }
 
 
-def _docked(recorded: Recorded, table: view.Table) -> Docked | None:
+def _docked(recorded: Recorded, table: view.Table) -> dict[str, Any] | None:
     found = recorded.result.docked_object
     if found is None:
         return None
     alone = replace(recorded, result=recorded.result.model_copy(update={"phases": []}))
-    return Docked(
-        anchor=table.anchor,
-        title=table.title,
-        grids=matrices.matrices(found, 0.0, body.about_origin(found)),
-        axes=matrices.axes(found),
-        correlation=drawn("correlation", figures.TITLES["correlation"], correlation.picture(alone), "correlation-docked"),
-        correlations=_correlations(found.covariance),
-    )
+    return {
+        "anchor": table.anchor,
+        "title": table.title,
+        "grids": matrices.matrices(found, 0.0, body.about_origin(found)),
+        "axes": matrices.axes(found),
+        "correlation": drawn("correlation", figures.TITLES["correlation"], correlation.picture(alone), "correlation-docked"),
+        "correlations": _correlations(found.covariance),
+    }
 
 
 def _correlations(covariance: Matrix) -> list[tuple[str, list[str]]]:
@@ -244,11 +190,11 @@ def drawn(name: str, title: str, picture: Picture, prefix: str) -> Figure:
 
 
 def _comparison(recorded: Sequence[Recorded]) -> Mapping[str, Any]:
-    entries = [
-        Entry(f"result-{n}", name, one.result, view.tables(one.result))
+    entries: list[dict[str, Any]] = [
+        {"anchor": f"result-{n}", "name": name, "result": one.result, "tables": view.tables(one.result)}
         for n, (one, name) in enumerate(zip(recorded, labels(recorded), strict=True), 1)
     ]
-    rows = [(entry, table) for entry in entries for table in entry.tables]
+    rows = [(entry, table) for entry in entries for table in entry["tables"]]
     return {
         "entries": entries,
         "rows": rows,
@@ -257,17 +203,17 @@ def _comparison(recorded: Sequence[Recorded]) -> Mapping[str, Any]:
     }
 
 
-def _vehicles(rows: Sequence[tuple[Entry, view.Table]]) -> list[Vehicle]:
+def _vehicles(rows: Sequence[tuple[dict[str, Any], view.Table]]) -> list[dict[str, Any]]:
     """Results of each vehicle side by side: two vehicles on one axis would hide what differs between results of each."""
-    groups: dict[str, list[tuple[Entry, view.Table]]] = {}
+    groups: dict[str, list[tuple[dict[str, Any], view.Table]]] = {}
     for entry, table in rows:
-        groups.setdefault(entry.result.vehicle.name, []).append((entry, table))
+        groups.setdefault(entry["result"].vehicle.name, []).append((entry, table))
     found = []
     for number, (vehicle, group) in enumerate(groups.items(), 1):
-        names = [f"{entry.name}{f', {table.short}' if len(entry.tables) > 1 else ''}" for entry, table in group]
+        names = [f"{entry['name']}{f', {table.short}' if len(entry['tables']) > 1 else ''}" for entry, table in group]
         picture = comparison.picture([table.estimates for _, table in group], names)
         figure = drawn("comparison", f"Values side by side: {vehicle or 'vehicle without a name'}", picture, f"comparison{number}")
         first = group[0][1].estimates
         apart = [view.differences(table.estimates, first) for _, table in group[1:]]
-        found.append(Vehicle(vehicle, figure, names[0], list(zip(names[1:], apart, strict=True))))
+        found.append({"name": vehicle, "figure": figure, "first": names[0], "differences": list(zip(names[1:], apart, strict=True))})
     return found
