@@ -178,8 +178,7 @@ def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
         files["report.html"] = _report(job, files)
     found, analysis = judged.result, judged.analysis
     bodies = kept.bodies(found, analysis.vehicle, analysis.source.vehicle)
-    method = str(found.provenance.settings.get("estimator.method", ""))
-    told = kept.of_result(found, judged.unmet, bodies, sorted(files), method, mark)
+    told = kept.of_result(found, judged.unmet, bodies, sorted(files), found.provenance.method, mark)
     return Produced(told, files | {outcome.FILE: outcome.to_json(told)})
 
 

@@ -69,7 +69,7 @@ def report(
     once = {realpath(path): path for path in results}
     recorded = [_held(read.read(path), wanted) for path in once.values()]
     with np.errstate(all="ignore"):  # of numbers that are orders of magnitude apart
-        files = _texts(recorded, texts) | _figures(recorded, figure or [], kinds)
+        files = {TEXTS[name]: _writer(name)(recorded).encode() for name in texts} | _figures(recorded, figure or [], kinds)
     folder = out or (recorded[0].path.parent if len(recorded) == 1 else Path("massprop-out"))
     own = len(recorded) == 1 and realpath(folder) == realpath(recorded[0].path.parent)
     for path in _write(folder, files, own):
@@ -113,10 +113,6 @@ def _held(item: Recorded, wanted: Expectations | None) -> Recorded:
         return item if wanted is None else replace(item, result=judge.judge(item.result, wanted))
     except InputError as error:
         raise InputError(f"{item.path}: {error}") from None
-
-
-def _texts(recorded: Sequence[Recorded], formats: Sequence[str]) -> dict[str, bytes]:
-    return {TEXTS[name]: _writer(name)(recorded).encode() for name in formats}
 
 
 def _writer(name: str) -> Callable[[Sequence[Recorded]], str]:

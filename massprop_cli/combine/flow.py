@@ -118,7 +118,7 @@ def _check_alike(recorded: Sequence[Recorded], bearing: bool) -> None:
     pivot.refuse(recorded)
     first = recorded[0]
     for one in recorded:
-        made, vehicle, old = one.result.provenance.settings.get("estimator.method"), one.result.vehicle, first.result.vehicle
+        made, vehicle, old = one.result.provenance.method, one.result.vehicle, first.result.vehicle
         if made == "thesis":
             raise InputError(f"{one.path}: was made by --method thesis, whose sigmas are no errors; make it again by the default")
         stated = {

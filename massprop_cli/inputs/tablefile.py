@@ -149,7 +149,7 @@ def _read_csv(path: Path, data: Content) -> _File:
     import pyarrow as pa
 
     data, before = csvdialect.body(csvdialect.utf8(path, data))
-    header, lines = _lines(path, data)
+    header, lines = _plain_lines(data) or _any_lines(path, data)
     if before:
         lines = [number + before for number in lines]
     cut, top = csvdialect.delimiter(header), f"{path}, line {before + 1}"
@@ -193,11 +193,6 @@ def _units(table: Any) -> Mapping[str, str]:
     named = {name: cell for name, cell in first.items() if cell.strip("[]()-")}
     known = sum(map(units.is_any, named.values()))
     return named if 2 * known > len(named) and not any(map(_NUMBER.match, named.values())) else {}
-
-
-def _lines(path: Path, data: Content) -> tuple[str, Sequence[int]]:
-    """A CSV file's header, and the numbers of the lines that hold its rows."""
-    return _plain_lines(data) or _any_lines(path, data)
 
 
 def _plain_lines(data: Content) -> tuple[str, Sequence[int]] | None:

@@ -159,20 +159,17 @@ def _whole(rehearsal: Rehearsal, order: Order, tried: Sequence[Tried], block: in
 
     chosen: list[int] = []
     upto = most
+    cheapest = int(np.argmin([one.used["impulse_n_s"] for one in tried]))
     for attempt in range(ROUNDS):
         say("flying the plan", attempt / ROUNDS)
         chosen = choose(tried, few, order.criterion, upto, enough, fits, chosen)
         found = _flown(rehearsal, order, tried, chosen, block)
         worst = float(found.ratios()[-1].max())
-        if worst <= ENOUGH or len(chosen) >= most or not fits([*chosen, _cheapest(tried)]):
+        if worst <= ENOUGH or len(chosen) >= most or not fits([*chosen, cheapest]):
             break
         # information grows with the time
         upto, enough = min(most, max(len(chosen) + 1, round(len(chosen) * (worst / ENOUGH) ** 2 + 0.5))), 0.0
     return _cut(rehearsal, order, found)
-
-
-def _cheapest(tried: Sequence[Tried]) -> int:
-    return int(np.argmin([one.used["impulse_n_s"] for one in tried]))
 
 
 def _flown(rehearsal: Rehearsal, order: Order, tried: Sequence[Tried], chosen: Sequence[int], block: int) -> Planned:

@@ -87,7 +87,7 @@ def _check_other(recorded: Recorded, log: Path, own: Result) -> None:
 def _check_alike(recorded: Recorded, log: Path, own: Result) -> None:
     told = recorded.result
     for path, one in ((recorded.path, told), (log, own)):
-        if one.provenance.settings.get("estimator.method") == "thesis":
+        if one.provenance.method == "thesis":
             raise InputError(f"{path}: estimator.method is thesis, whose sigmas are no errors; use the default method")
     for what, mine, theirs in (
         ("vehicle", own.vehicle.name, told.vehicle.name),

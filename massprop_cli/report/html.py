@@ -72,7 +72,7 @@ def environment() -> Environment:
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        finalize=_clean,
+        finalize=lambda value: visible(value) if type(value) is str else value,
     )
     found.filters["quoted"] = lambda text: Markup(quoted(text))
     found.globals |= {
@@ -84,10 +84,6 @@ def environment() -> Environment:
         "printed": script("printed.js"),
     }
     return found
-
-
-def _clean(value: object) -> object:
-    return visible(value) if type(value) is str else value
 
 
 def _report(recorded: Recorded) -> Mapping[str, Any]:

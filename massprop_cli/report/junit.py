@@ -85,7 +85,7 @@ def _properties(found: Result) -> ET.Element:
     stated = {
         "log": found.log.path,
         "vehicle": found.vehicle.name,
-        "method": str(found.provenance.settings.get("estimator.method", "")),
+        "method": found.provenance.method,
         "massprop": found.provenance.massprop,
         "input_sha256": found.provenance.input_sha256,
         "conventions": " ".join(vocabulary.conventions(found)),

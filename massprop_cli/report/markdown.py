@@ -115,11 +115,10 @@ def _alarm(found: Result) -> list[str]:
 
 
 def _origin(found: Result) -> str:
-    method = found.provenance.settings.get("estimator.method", "default")
     log = found.log
     return (
         f"Log {shown(log.path)} ({log.duration_s:.6g} s, {log.cycles} cycles), vehicle {shown(found.vehicle.name)}, "
-        f"method {shown(str(method))}, command delay {found.delay.cycles:.6g} cycles ({found.delay.source}), "
+        f"method {shown(found.provenance.method)}, command delay {found.delay.cycles:.6g} cycles ({found.delay.source}), "
         f"thrust lag {found.lag.lag_s:.6g} s ({found.lag.source}), "
         f"massprop {shown(found.provenance.massprop)}."
     )

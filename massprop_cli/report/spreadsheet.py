@@ -49,7 +49,7 @@ def _row(name: str, found: Result, part: PhaseItem | DockedObject) -> list[str]:
     contradicted = contradiction(part)
     return [
         *(cell(name), cell(found.log.path), cell(found.vehicle.name), found.vehicle.environment),
-        *(cell(str(found.provenance.settings.get("estimator.method", ""))), *_part(part)),
+        *(cell(found.provenance.method), *_part(part)),
         *(value for quantity in QUANTITIES for value in _quantity(part.estimates[quantity])),
         *(found.conventions.inertia_about, "body", found.conventions.products_of_inertia, repr(found.delay.cycles)),
         cell(contradicted),

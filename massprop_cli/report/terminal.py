@@ -92,7 +92,7 @@ def _dimmed(verdict: str, *texts: str) -> tuple[str, ...]:
 def _legend(found: Result) -> list[str]:
     vehicle = found.vehicle
     bearing = vehicle.environment == "air_bearing"
-    method = found.provenance.settings.get("estimator.method")
+    method = found.provenance.method
     lines = [
         f"{vehicle.name}, --method {method}. Inertia of the {'rotating body' if bearing else 'body'} about its CG in body axes; "
         "products are the tensor's own elements,",

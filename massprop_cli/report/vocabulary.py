@@ -56,7 +56,7 @@ def conventions(result: Result) -> list[str]:
         "Products are the tensor's own elements, ixy = −Σ m x y; in the positive-integral convention they have the opposite sign.",
         "CG is from O, the vehicle's declared reference point, in body axes.",
     ]
-    if result.provenance.settings.get("estimator.method") != "thesis":
+    if result.provenance.method != "thesis":
         contradicted = any(contradiction(body) for _, body in parts(result))
         lines.append(f"± is one standard deviation{'; of a contradicted quantity it does not hold' if contradicted else ''}.")
     if bearing:
@@ -81,7 +81,7 @@ def thrust_scale(result: Result) -> str:
 
 def _thrust_scale(result: Result) -> str:
     vehicle = result.vehicle
-    if result.provenance.settings.get("estimator.method") == "thesis":
+    if result.provenance.method == "thesis":
         return "Sigmas of the thesis's filters are its “precision”: they shrink with noise alone and are no errors."
     if vehicle.wheels:
         return "Inertia and mass have their scale from stored momentum and from the thrust; what the log tells of both is in every sigma."

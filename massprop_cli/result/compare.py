@@ -145,7 +145,7 @@ def _docking(found: Result) -> str:
 
 def _notes(new: Result, old: Result) -> list[str]:
     made, before = new.provenance, old.provenance
-    methods = [str(provenance.settings.get("estimator.method", "default")) for provenance in (made, before)]
+    methods = [provenance.method for provenance in (made, before)]
     notes = []
     if made.input_sha256 == before.input_sha256:
         notes.append(

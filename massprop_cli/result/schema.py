@@ -38,6 +38,11 @@ class Provenance(Item):
     )
     versions: dict[str, str]
 
+    @property
+    def method(self) -> str:
+        """The estimator's."""
+        return str(self.settings.get("estimator.method", "default"))
+
 
 class VehicleInfo(Item):
     """The vehicle as its file states it."""

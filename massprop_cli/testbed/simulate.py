@@ -130,7 +130,7 @@ def fly(
     scenario = source.scenario
     period, cycles, phases = scenario.vehicle.cycle.period_s, scenario.cycles, scenario.phases
     flying = Cycles(source, seeds, issued, changes or {}, running)
-    ends = [_end_cycle(phase, period, cycles) for phase in phases]
+    ends = [int(min(cycles, np.floor(phase.end_s / period + 1e-6))) for phase in phases]
     truth = np.zeros((len(seeds), len(phases), 10))
     k = 0
     while k < cycles:
@@ -164,10 +164,6 @@ def fly(
 def _check_sensor(source: ScenarioSource, name: str, sensor: Sensor) -> None:
     if not np.abs(sensor.increments).max() / sensor.record_s < ABSURD:
         raise InputError(f"{source.source}: the {name} would log more than {ABSURD:g} per second; check noise, bias, IMU position, forces")
-
-
-def _end_cycle(phase: Phase, period_s: float, cycles: int) -> int:
-    return int(min(cycles, np.floor(phase.end_s / period_s + 1e-6)))
 
 
 def _record_ends(scenario: Scenario) -> Array:

@@ -32,13 +32,9 @@ def _streams(file: Any) -> Iterator[Stream]:
 
         clock = "" if master is None else spelt(master)
         for number, channel in enumerate(group.channels):
-            unit = "s" if number == master else str(getattr(channel, "unit", "") or _conversion_unit(channel))
+            unit = "s" if number == master else str(getattr(channel, "unit", "") or getattr(channel.conversion, "unit", "") or "")
             load = partial(_master, file, at) if number == master else partial(_values, file, at, number)
             yield Stream(spelt(number), rows, load, "" if number == master else clock, unit)
-
-
-def _conversion_unit(channel: Any) -> str:
-    return str(getattr(channel.conversion, "unit", "") or "") if channel.conversion is not None else ""
 
 
 def _master(file: Any, group: int) -> Numbers:

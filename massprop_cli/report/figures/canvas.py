@@ -11,6 +11,7 @@ import io
 import re
 import warnings
 from collections.abc import Sequence
+from html import escape
 from typing import TYPE_CHECKING, Any, Literal
 
 from massprop_cli.base.escape import line
@@ -87,7 +88,7 @@ def _readable(svg: str, figure: Figure, logarithmic: Sequence[bool], says: str) 
     for axes, is_log in zip(figure.axes, logarithmic, strict=True):
         scales = _scales(axes, figure) + ' data-log=""' * is_log
         svg = svg.replace(f'<g id="{axes.get_gid()}">', f'<g id="{axes.get_gid()}" {scales}>', 1)
-    return re.sub(r"(<svg[^>]*>)", lambda opening: f"{opening[1]}\n <title>{_escaped(says)}</title>", svg, count=1)
+    return re.sub(r"(<svg[^>]*>)", lambda opening: f"{opening[1]}\n <title>{escape(line(says), quote=False)}</title>", svg, count=1)
 
 
 def _rounded(path: str) -> str:
@@ -103,7 +104,3 @@ def _scales(axes: Axes, figure: Figure) -> str:
     (x0, y0), (x1, y1) = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)]) * points
     bx, by = 1 / (x1 - x0), -1 / (y1 - y0)
     return f'data-x="{-x0 * bx:.17g} {bx:.17g}" data-y="{-(height - y0) * by:.17g} {by:.17g}"'
-
-
-def _escaped(text: str) -> str:
-    return line(text).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

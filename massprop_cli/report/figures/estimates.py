@@ -30,7 +30,7 @@ def picture(recorded: Recorded, names: Sequence[str], columns: int) -> Picture:
 
 
 def _caption(recorded: Recorded, names: Sequence[str], parts: list[Covered]) -> str:
-    sigma = "the thesis's “precision”, which is no error" if _thesis(recorded) else "one standard deviation"
+    sigma = "the thesis's “precision”, which is no error" if recorded.result.provenance.method == "thesis" else "one standard deviation"
     text = (
         f"Line: the estimate after each cycle; band: ± sigma, {sigma}; point with bars: the reported value; dashed upright line: final "
         "from there on. The range fits the settled part; where sigma exceeds it, nothing is drawn. Green on the right: what was expected, "
@@ -52,10 +52,6 @@ def cut_off_s(name: str, phase: PhaseItem, columns: Columns) -> float | None:
     with np.errstate(invalid="ignore"):
         outside = np.flatnonzero((columns[name] < limits.low) | (columns[name] > limits.high))
     return float(columns["time_s"][outside[-1]]) if outside.size else None
-
-
-def _thesis(recorded: Recorded) -> bool:
-    return recorded.result.provenance.settings.get("estimator.method") == "thesis"
 
 
 def _range(name: str, phase: PhaseItem, columns: Columns) -> Limits | None:

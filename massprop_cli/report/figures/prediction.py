@@ -69,7 +69,7 @@ def picture(recorded: Recorded, kind: str) -> Picture:
 
 
 def _caption(recorded: Recorded, parts: list[Covered]) -> str:
-    if recorded.result.provenance.settings.get("estimator.method") == "thesis":
+    if recorded.result.provenance.method == "thesis":
         return (
             "Blue: measured, body axes. The thesis's filters predict torque and force from the motion, not the motion: see the innovations."
         )

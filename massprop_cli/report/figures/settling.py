@@ -35,7 +35,7 @@ def tolerance(name: str, phase: PhaseItem, result: Result) -> float | None:
     As the settings state it, or relative to the body's own size: the inertia's trace, √(trace/mass), the mass.
     """
     settings = result.provenance.settings
-    thesis = settings.get("estimator.method") == "thesis"
+    thesis = result.provenance.method == "thesis"
     kind = "inertia" if name in INERTIA else "cg" if name in CG else "mass"
     relative = settings.get("convergence.relative", not thesis)
     given = allowed(kind, settings.get(f"convergence.{kind}_tolerance"), relative)
