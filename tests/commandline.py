@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import marshal
 import os
 import resource
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
+from threading import Thread
 
 from massprop_cli.cli import main
 
@@ -78,17 +82,11 @@ def begun(
 
 
 def _run(folder: Path, arguments: tuple[str, ...], said: list[Path], settings: dict[str, str], first: Callable[[], None] | None) -> None:
-    for key in [key for key in os.environ if key.startswith(("MASSPROP_", "GITHUB_"))]:
-        del os.environ[key]
-    os.environ |= {"COLUMNS": "200", "NO_COLOR": "1", "PYTHONUTF8": "1"} | settings
-    os.chdir(folder)
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # as massprop_cli.__main__ has it before anything else
+    kept = {key: value for key, value in os.environ.items() if not key.startswith(("MASSPROP_", "GITHUB_"))}
+    streams = [os.open(path, os.O_WRONLY | os.O_CREAT) for path in said[:2]]
     with suppress(FileNotFoundError):
-        os.dup2(os.open(folder / STDIN, os.O_RDONLY), 0)
-        sys.stdin = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
-    for descriptor, path in zip((1, 2), said[:2], strict=True):
-        os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT), descriptor)
-    sys.stdout, sys.stderr = (open(descriptor, "w", encoding="utf-8", closefd=False) for descriptor in (1, 2))  # noqa: SIM115
+        streams.insert(0, os.open(folder / STDIN, os.O_RDONLY))
+    _enter(folder, kept | {"COLUMNS": "200", "NO_COLOR": "1", "PYTHONUTF8": "1"} | settings, streams)
     sys.argv = ["massprop", *arguments]
     if first is not None:
         first()
@@ -96,3 +94,71 @@ def _run(folder: Path, arguments: tuple[str, ...], said: list[Path], settings: d
         main()
     finally:
         said[2].write_text(str(1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss), encoding="utf-8")
+
+
+def _enter(folder: str | Path, environment: Mapping[str, str], streams: Sequence[int]) -> None:
+    """This process becomes one in ``folder`` with such an environment and such streams: the last two, or all three."""
+    os.environ.clear()
+    os.environ |= environment
+    os.chdir(folder)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # as massprop_cli.__main__ has it before anything else
+    for descriptor, stream in zip((2, 1, 0), reversed(streams), strict=False):
+        os.dup2(stream, descriptor)
+    if len(streams) == 3:
+        sys.stdin = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
+    sys.stdout, sys.stderr = (open(descriptor, "w", encoding="utf-8", closefd=False) for descriptor in (1, 2))  # noqa: SIM115
+
+
+_TOOL = """#!{python} -SI
+import marshal, os, socket, sys
+with socket.socket(socket.AF_UNIX) as line:
+    line.connect({address!r})
+    socket.send_fds(line, [b" "], [0, 1, 2])
+    line.sendall(marshal.dumps((os.getcwd(), sys.argv[1:], dict(os.environ))))
+    line.shutdown(socket.SHUT_WR)
+    sys.exit(int(line.recv(16)))
+"""
+
+
+@contextmanager
+def tool(folder: Path) -> Iterator[None]:
+    """``folder/massprop``, for scripts that have the folder on their ``PATH``: each call is such a process."""
+    with tempfile.TemporaryDirectory() as kept, socket.socket(socket.AF_UNIX) as calls:
+        calls.bind(f"{kept}/calls")
+        calls.listen()
+        (folder / "massprop").write_text(_TOOL.format(python=sys.executable, address=f"{kept}/calls"), encoding="utf-8")
+        (folder / "massprop").chmod(0o755)
+        thread = Thread(target=_answer, args=(calls,))
+        thread.start()
+        try:
+            yield
+        finally:
+            calls.shutdown(socket.SHUT_RDWR)
+            thread.join()
+
+
+def _answer(calls: socket.socket) -> None:
+    """One call after the other: no script here makes two at a time, or pipes one into another."""
+    while True:
+        try:
+            call, _ = calls.accept()
+        except OSError:
+            return
+        with call:
+            _, descriptors, _, _ = socket.recv_fds(call, 1, 3)
+            with call.makefile("rb") as said:
+                called = marshal.loads(said.read())
+            streams = [Connection(one) for one in descriptors]
+            process = _FORKS.Process(target=_called, args=(streams, *called))
+            process.start()
+            # or whoever reads what the process prints waits for ever
+            for one in streams:
+                one.close()
+            process.join()
+            call.sendall(str(process.exitcode).encode())
+
+
+def _called(streams: Sequence[Connection], folder: str, arguments: Sequence[str], environment: Mapping[str, str]) -> None:
+    _enter(folder, environment, [one.fileno() for one in streams])
+    sys.argv = ["massprop", *arguments]
+    main()

@@ -23,6 +23,7 @@ import typer
 
 from massprop_cli.cli import app
 from massprop_cli.inputs import vehiclefile
+from tests import commandline
 from website import commands, python
 from website.stage import ROOT
 
@@ -54,25 +55,30 @@ BODY = {
 }
 """The free flyer with 0.5 kg more at (0.1, 0, 0.2) m."""
 LOADED = " ".join(f"--set truth.{name}={value}" for name, value in BODY.items())
+TABLE = (
+    "massprop simulate pedestal -q --set duration_s=20.0 --set "
+    '\'plan=[{motion="random",axes=["roll","pitch","yaw"],every_cycles=6,max_cycles=4,closed_loop=true,start_s=0.0,end_s=20.0}]\''
+)
+RECORDS = """--csv -q --set duration_s=10.0 --set 'plan=[{motion="random",axes=["yaw","x"],start_s=0.0,end_s=10.0}]'"""
 COMMANDS_BEFORE = f"""
 {SAMPLE}
 printf 'spread = 0.2\\n[body]\\nixx = 0.6\\niyy = 2.7\\nizz = 2.4\\nmass = 22.0\\n' > guess.toml
 massprop simulate free-flyer --seeds 2 -q --out flights
-massprop simulate free-flyer --csv -q --out records && cp records/log.csv .
+massprop simulate free-flyer {RECORDS} --out records && cp records/log.csv .
 for n in 1 2; do massprop estimate flights/seed-000$n/log.parquet -q --out run-$n; done
 massprop estimate log.parquet -q --out baseline/log
-for name in alone docked; do massprop simulate $([ $name = alone ] && echo testbed || echo testbed-joined) -q --out at-$name; done
-for name in alone docked; do massprop estimate at-$name/log.parquet -q --out $name; done
-massprop batch flights -q
-massprop simulate free-flyer -q --seed 7 --out friday && cp friday/log.parquet friday.parquet
-massprop estimate flights/seed-0001/log.parquet -q --out massprop-out/monday
-massprop simulate pedestal -q --out table && massprop estimate table/log.parquet -q --out before
-massprop simulate pedestal -q --seed 2 --set truth.cg_x=0.0 --set truth.cg_y=0.0 --out moved
+massprop simulate testbed-joined -q --out at-docked
+massprop estimate sample_logs/scenarios/testbed/log.parquet -q --out alone
+massprop estimate at-docked/log.parquet -q --out docked
+mkdir massprop-out && cp -r run-1 massprop-out/monday
+cp -r flights/seed-0002 friday && cp friday/log.parquet friday.parquet
+{TABLE} --out table && massprop estimate table/log.parquet -q --out before
+{TABLE} --seed 2 --set truth.cg_x=0.0 --set truth.cg_y=0.0 --out moved
 massprop estimate moved/log.parquet -q --out after
 printf '{BALLAST}' > ballast.toml
-massprop simulate free-flyer -q --out flown-empty
 massprop simulate free-flyer -q --seed 2 {LOADED} --out flown-loaded
-for n in empty loaded; do massprop estimate flown-$n/log.parquet -q --out $n; done
+massprop estimate flown-loaded/log.parquet -q --out loaded
+cp -r run-1 empty
 """
 
 
@@ -114,15 +120,17 @@ RUN = [name for name, text in PAGES.items() if any(block.language in ("bash", "p
 
 @pytest.mark.parametrize("page", [pytest.param(name, marks=() if name in QUICK else pytest.mark.thorough) for name in RUN])
 def test_the_blocks_of_a_page_run_as_they_stand(page: str, tmp_path: Path) -> None:
-    tools = tmp_path / "tools"
+    tools, folder = tmp_path / "tools", tmp_path / "clone"
     tools.mkdir()
-    (tools / "massprop").write_text(f'#!/bin/sh\nexec "{sys.executable}" -m massprop_cli "$@"\n')
-    (tools / "massprop").chmod(0o755)
-    folder = tmp_path / "clone"
     folder.mkdir()
     (folder / "sample_logs").symlink_to(ROOT / "sample_logs")
     kept = {key: value for key, value in os.environ.items() if not key.startswith("MASSPROP_")}
     settings = kept | {"PATH": f"{tools}:{kept['PATH']}", "PYTHONPATH": str(ROOT), "BROWSER": "true", "NO_COLOR": "1"}
+    with commandline.tool(tools):
+        run(page, folder, settings)
+
+
+def run(page: str, folder: Path, settings: dict[str, str]) -> None:
     for block in blocks(PAGES[page]):
         if block.title:
             (folder / block.title).write_text(block.text, encoding="utf-8")
