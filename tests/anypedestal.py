@@ -1,11 +1,13 @@
 """Bodies that turn about a fixed pivot under their weight, written apart from massprop: by jets, by wheels, or swinging freely.
 
-The classic Runge-Kutta method on attitude, rate and the integrals of rate and specific force; commands are constant within a step. Wheels
-turn relative to the body with a constant acceleration within a cycle, so that their logged speeds are exact.
+The classic Runge-Kutta method on attitude, rate and the integrals of rate and specific force, from one begin or end of a pulse to the next,
+half a cycle at most: tables turn by 3 mrad in that at most, and increments are within 1e-6 of those of an eighth of it. Wheels turn
+relative to the body with a constant acceleration within a cycle, so that their logged speeds are exact.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -23,7 +25,6 @@ from tests.anyimu import cross
 
 GRAVITY = 9.80665
 JETS, PARTS = 12, 8
-STEP_S = 0.0065
 CANDIDATES = 6
 BIAS = 1e-3, 0.01
 """rad/s and m/s², one sigma."""
@@ -156,7 +157,6 @@ def fly(rng: np.random.Generator, own: Tables, kind: Kind, period_s: float, dura
     issued = np.zeros((count, cycles, {"jets": JETS, "wheels": 4, "swing": 0}[kind]))
     speed: Array = rng.uniform(-50, 50, (count, 4))
     part_s, nothing = period_s / PARTS, np.zeros((count, 3))
-    steps = int(np.ceil(part_s / STEP_S))
     for k in range(cycles):
         on: Array = np.zeros((count, JETS))
         growth: Array = np.zeros((count, 4))
@@ -166,12 +166,11 @@ def fly(rng: np.random.Generator, own: Tables, kind: Kind, period_s: float, dura
         if kind == "wheels" and k * period_s > 0.5:
             drawn = rng.uniform(-1, 1, (CANDIDATES, count, 4)) - speed / 400
             growth = 40.0 * _best(drawn, -40.0 * period_s * own.spin[:, None] * (drawn @ TETRAHEDRON), motion, y)
-        for n in range(PARTS):
-            torque: Array = np.einsum("vj,vjk->vk", (n < on).astype(float), jets) if kind == "jets" else nothing
-            for i in range(steps):
-                at_s = n * part_s + i * part_s / steps
-                momentum = (own.spin[:, None] * (v @ TETRAHEDRON) * (kind == "wheels") for v in (speed + at_s * growth, growth))
-                y = motion.stepped(y, torque, (next(momentum), next(momentum)), part_s / steps)
+        of_wheels = own.spin[:, None] * (kind == "wheels")
+        for begin, end in itertools.pairwise(np.unique([0, PARTS // 2, *on.ravel(), PARTS])):
+            torque: Array = np.einsum("vj,vjk->vk", (begin < on).astype(float), jets) if kind == "jets" else nothing
+            momentum = of_wheels * ((speed + begin * part_s * growth) @ TETRAHEDRON), of_wheels * (growth @ TETRAHEDRON)
+            y = motion.stepped(y, torque, momentum, (end - begin) * part_s)
         y = np.concatenate([y[:, :4] / np.linalg.norm(y[:, :4], axis=1, keepdims=True), y[:, 4:]], 1)
         sums[k + 1] = y[:, 7:]
         speed = speed + period_s * growth

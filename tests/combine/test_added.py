@@ -68,11 +68,14 @@ def drawn(seed: int, mass: float, sigma: float, scale: float) -> tuple[Array, Ar
     return BODY, both, added.calibrated((sides[0], sides[1]), said, 0.0)
 
 
-@pytest.mark.parametrize(("mass", "sigma"), [(2.0, 2e-3), (0.5, 2e-2)])
-def test_over_many_draws_values_and_scale_lie_within_their_sigmas(mass: float, sigma: float) -> None:
-    """Body and weight are point masses; each draw has logs of its own precision."""
+@pytest.mark.parametrize(
+    ("mass", "sigma", "draws"),
+    [(2.0, 2e-3, 50), *(pytest.param(*one, 200, marks=pytest.mark.thorough) for one in ((2.0, 2e-3), (0.5, 2e-2)))],
+)
+def test_over_many_draws_values_and_scale_lie_within_their_sigmas(mass: float, sigma: float, draws: int) -> None:
+    """Body and weight are point masses; each draw has logs of its own precision. Bounds are 2.4 sigma and more of what chance leaves."""
     deviations, scales, chi_squares = [], [], []
-    for seed in range(200):
+    for seed in range(draws):
         *truths, found = drawn(seed, mass, sigma, 0.85)
         scales.append(((found.scale[0] - 0.85) / found.scale[1], found.scale[1] / 0.85))
         chi_squares.append(found.chi_square / found.freedom)
@@ -80,9 +83,10 @@ def test_over_many_draws_values_and_scale_lie_within_their_sigmas(mass: float, s
             deviations.append((values - true) / np.sqrt(np.diag(covariance)))
         assert found.added[0][9] == pytest.approx(mass, abs=5 * sigma)
     z = np.array(deviations)
-    assert abs((np.abs(z) < 1.96).mean() - 0.95) < 0.03
-    assert abs(np.sqrt((np.array(scales)[:, 0] ** 2).mean()) - 1) < 0.12
-    assert abs(np.mean(chi_squares) - 1) < 0.25
+    chance = np.sqrt(200 / draws)
+    assert abs((np.abs(z) < 1.96).mean() - 0.95) < 0.03 * chance
+    assert abs(np.sqrt((np.array(scales)[:, 0] ** 2).mean()) - 1) < 0.12 * chance
+    assert abs(np.mean(chi_squares) - 1) < 0.25 * chance
     # at best as well as the weight is known; at worst as the logs tell its mass
     logs = 3e-4 * 2**0.5 * BODY[9] / mass
     assert sigma / mass < np.median(np.array(scales)[:, 1]) < np.hypot(sigma / mass, logs) * 1.05
@@ -135,15 +139,18 @@ def loaded(own: anypedestal.Tables, mass: Array, place: Array) -> anypedestal.Ta
 
 
 def on_pedestals(
-    seed: int, kind: anypedestal.Kind, count: int, scale: float, logs: int = 1
+    seed: int, kind: anypedestal.Kind, count: int, scale: float, logs: int = 1, sides: int = 2
 ) -> tuple[anypedestal.Tables, list[tuple[list[Recorded], list[Recorded], str]]]:
-    """Results of logs of tables without and with a weight of 2 g per kg, whose mass is known to 0.2 % and its place to 0.1 mm."""
+    """Results of logs of tables without and with a weight of 2 g per kg, whose mass is known to 0.2 % and its place to 0.1 mm.
+
+    With one of the ``sides`` those without it alone.
+    """
     rng = np.random.default_rng(seed)
     own = anypedestal.tables(rng, count)
     mass = 2e-3 * own.mass
     place = own.pivot + 0.13 * own.mass[:, None] ** (1 / 3) * np.array([0.5, -0.3, -0.6])
     found: list[tuple[list[Recorded], list[Recorded]]] = [([], []) for _ in range(count)]
-    for half, bodies in enumerate((own, loaded(own, mass, place))):
+    for half, bodies in enumerate((own, loaded(own, mass, place))[:sides]):
         for number in range(logs):
             flown = anypedestal.fly(rng, bodies, kind, 0.05, 30.0)
             for body in range(count):
@@ -164,7 +171,7 @@ def nine_of(phase: schema.PhaseItem) -> tuple[Array, Array]:
 
 
 def test_logs_of_a_table_on_a_pedestal_add_up_about_its_pivot() -> None:
-    own, ((before, _, _),) = on_pedestals(1, "jets", 1, 1.0, logs=2)
+    own, ((before, _, _),) = on_pedestals(1, "jets", 1, 1.0, logs=2, sides=1)
     (phase,) = together(before).phases
     values, sigmas = nine_of(phase)
     single = [np.array(one.result.phases[0].about_pivot_covariance, dtype=float) for one in before]
@@ -176,7 +183,7 @@ def test_logs_of_a_table_on_a_pedestal_add_up_about_its_pivot() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "count"), [("jets", 1), *(pytest.param(kind, 12, marks=pytest.mark.thorough) for kind in ("jets", "wheels"))]
+    ("kind", "count"), [("jets", 1), *(pytest.param(kind, 6, marks=pytest.mark.thorough) for kind in ("jets", "wheels"))]
 )
 def test_a_weight_on_a_pedestal_is_the_scale(kind: anypedestal.Kind, count: int) -> None:
     """Thrust and wheels give 0.9 of what is stated; motion is integrated apart (tests/anypedestal.py)."""
