@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from massprop_cli import flow
 from massprop_cli.inputs.actuators.wheel import WheelLog
@@ -13,6 +14,7 @@ from tests import faulty
 from tests.flown import fly
 
 
+@pytest.mark.thorough
 def test_a_log_that_can_not_tell_its_delay_is_estimated_at_the_likeliest() -> None:
     """In degrees, as a new log often comes, commands explain nothing of the motion; under the likeliest delay that has a name."""
     log, used = faulty.sample("air-bearing", 15.0)

@@ -244,7 +244,7 @@ def page(browser: Browser, page_file: Path) -> Page:
     return opened
 
 
-needs_browser = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")]
+needs_browser = [pytest.mark.thorough, pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")]
 ORDER = [f"log-{n}" for n in range(1, 13)]
 
 

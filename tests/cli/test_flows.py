@@ -257,6 +257,7 @@ def test_a_known_value_that_the_log_contradicts_is_pointed_out(tmp_path: Path) -
     assert job.of_file(log, assignments=("known.ixx={value=0.62, sigma=1e-3}",)).analysis.notices == ()
 
 
+@pytest.mark.thorough
 def test_a_logged_attitude_that_turns_against_the_gyro_is_left_out(tmp_path: Path) -> None:
     """The air-bearing log with its integrated attitude as columns: accepted as it is, left out and said when conjugated."""
     import pyarrow as pa
@@ -305,7 +306,7 @@ def test_an_automatic_delay_is_written_into_the_settings_and_reproduces_the_resu
     assert again.phases == found.phases
 
 
-@pytest.mark.parametrize(("stated", "sigma", "heard"), [(1.9, 0.1, True), (2.3, 0.05, False)])
+@pytest.mark.parametrize(("stated", "sigma", "heard"), [(1.9, 0.1, True), pytest.param(2.3, 0.05, False, marks=pytest.mark.thorough)])
 def test_a_delay_that_is_stated_with_a_sigma_is_narrowed_by_the_log(tmp_path: Path, stated: float, sigma: float, heard: bool) -> None:
     """2.0 cycles: a sigma off it is found within 0.003 and nothing is warned of, six sigmas off it is a fault; settings give it back."""
     log = short(tmp_path)

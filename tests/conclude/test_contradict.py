@@ -78,6 +78,7 @@ def test_two_strong_jets_contradict_what_they_turn_and_not_what_the_others_push(
     assert faulty.looks_good_and_is_wrong(found, TRUTH) == []
 
 
+@pytest.mark.thorough
 def test_a_disturbance_beyond_the_commands_is_doubt_of_the_data() -> None:
     """Two gyro axes in units that nobody uses: what they show would need newton metres where jets give a tenth of one."""
     log, used = faulty.sample("free-flyer", 20.0)
@@ -125,11 +126,14 @@ def test_an_accelerometer_behind_a_low_pass_has_no_converged_mass() -> None:
 @pytest.mark.parametrize(
     "assignments",
     [
-        tuple(f"jets.{i}.{key}=0.013" for i in range(18) for key in ("rise_s", "fall_s")),
-        ("imu.position_m=[0.1, -0.06, 0.22]",),
-        ("cycle.command_delay_cycles=2.3",),
+        pytest.param(
+            tuple(f"jets.{i}.{key}=0.013" for i in range(18) for key in ("rise_s", "fall_s")),
+            id="a rise of 13 ms for 3",
+            marks=pytest.mark.thorough,
+        ),
+        pytest.param(("imu.position_m=[0.1, -0.06, 0.22]",), id="an IMU 10 cm off"),
+        pytest.param(("cycle.command_delay_cycles=2.3",), id="a delay 0.3 cycles off", marks=pytest.mark.thorough),
     ],
-    ids=["a rise of 13 ms for 3", "an IMU 10 cm off", "a delay 0.3 cycles off"],
 )
 def test_no_wrong_value_is_converged_under(assignments: tuple[str, ...]) -> None:
     flight = fly("free-flyer", *RANDOM, seeds=(3,))
@@ -145,6 +149,7 @@ def test_a_steady_torque_on_a_bearing_that_nobody_stated_is_not_taken_for_mass()
     assert faulty.looks_good_and_is_wrong(found, flight.truth[0, 0]) == []
 
 
+@pytest.mark.thorough
 def test_a_recorded_flight_that_nothing_explains_gives_a_mass_with_an_honest_sigma() -> None:
     log, used = faulty.sample("crazyflie", file="yaw.parquet")
     found = faulty.examined(log, used)
@@ -177,6 +182,7 @@ def test_a_known_value_that_the_log_denies_contradicts_what_is_proportional_to_i
     assert "known.mass = 44" in found.conclusions[0].contradiction
 
 
+@pytest.mark.thorough
 def test_a_contradicted_docked_object_names_its_phase_once() -> None:
     log, used = faulty.sample("docking")
     single = used.phases[0].model_copy(update={"known": {"mass": Known(value=44.0, sigma=0.1)}})
@@ -352,6 +358,7 @@ def test_a_gyros_scale_beside_a_fault_of_the_accelerometer_leaves_no_inertia_con
     assert [name for name in QUANTITIES if verdicts[name] == "converged" and abs(z[name]) > 4] == []
 
 
+@pytest.mark.thorough
 def test_on_times_of_another_scale_leave_no_mass_converged() -> None:
     """They look like commands that act later, which moves no mass: it was converged, and a fifth too small."""
     log, used = faulty.sample("free-flyer")

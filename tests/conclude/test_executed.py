@@ -81,7 +81,8 @@ def test_lost_commands_are_told_of_beside_a_disturbance_that_stands_for_them(sec
     assert all(lost.conclusions[0].estimates[name].verdict != "converged" for name in found)
 
 
-@pytest.mark.parametrize(("seconds", "seed"), [(25.0, 2), pytest.param(60.0, 3, marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize(("seconds", "seed"), [(25.0, 2), (60.0, 3)])
 def test_pulses_that_scatter_are_not_lost(seconds: float, seed: int) -> None:
     """They leave squares that grow with the command as well, and no bias."""
     log, vehicle = flown(seed, seconds, 0.004, "vehicle.thrust.pulse_sigma=0.25")

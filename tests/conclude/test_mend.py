@@ -30,9 +30,9 @@ SMALL, LARGE = (written((rotation(np.radians(angle) * np.array([0.6, 0.0, 0.8]))
 FAULTS = {
     "jet-weak": ("jets.4.force_n=[1.2, 0.0, 0.0]",),
     "delay": ("cycle.command_delay_cycles=1.4",),
-    "gyro-scale": GYRO,
 }
 MORE = {
+    "gyro-scale": GYRO,
     "jet-displaced": ("jets.0.position_m=[0.0, 0.17, 0.01]",),
     "jet-canted": ("jets.1.force_n=[0.15, 0.0, -1.1]",),
     "imu-displaced": ("imu.position_m=[0.4, -0.06, 0.1]",),
@@ -84,6 +84,7 @@ def test_following_a_remedy_reproduces_the_corrected_estimate(kind: str) -> None
     assert max(abs(off[name]) for name, verdict in faulty.verdicts(corrected).items() if verdict == "converged") < 4
 
 
+@pytest.mark.thorough
 def test_a_sigma_of_what_was_found_is_in_every_sigma() -> None:
     """A jet's thrust that is a tenth uncertain, stated as another value of its key, makes sigmas wider by what it moves the values."""
     used = faulty.sample("free-flyer")[1]

@@ -85,7 +85,8 @@ def test_an_error_that_no_channel_shows_is_doubted_and_leaves_nothing_standing_t
         assert (found.conclusions[0].estimates["mass"].verdict == "contradicted") == wrong
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.thorough) for n in (1, 2))])
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", range(3))
 def test_pulses_that_scatter_hide_no_wrong_assumption(seed: int) -> None:
     """With thrust.pulse_sigma stated nothing was tested: pitch jets at 90 % left iyy over eight sigma off and converged."""
     keys = (*RANDOM, "vehicle.thrust.pulse_sigma=0.02")

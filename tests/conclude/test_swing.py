@@ -186,7 +186,8 @@ def test_an_inertia_beside_a_part_that_swings_within_few_cycles_holds_with_its_s
         assert abs(one.value - true) < 2 * one.sigma
 
 
-@pytest.mark.parametrize("hertz", [0.3, pytest.param(0.8, marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("hertz", [0.3, 0.8])
 def test_no_inertia_beside_a_flexible_part_is_called_converged(hertz: float) -> None:
     found = swung(0.1, hertz, turning=True).conclusions[0].estimates
     assert all(found[name].verdict != "converged" for name in ("ixx", "iyy", "izz"))

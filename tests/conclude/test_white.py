@@ -131,8 +131,9 @@ def test_a_part_that_swings_leaves_no_value_wrong_and_converged(part: float, hz:
     assert not wrong(examined(swinging(log, part, hz), vehicle))
 
 
+@pytest.mark.thorough
 @pytest.mark.numerical
-@pytest.mark.parametrize("seed", [5, pytest.param(2, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("seed", [5, 2])
 def test_commands_that_were_not_executed_leave_no_value_wrong_and_converged(seed: int) -> None:
     """A twentieth of the cycles hold commands of others that no jet ever got: steps as large as theirs, and no white torque."""
     log, vehicle = flown(seed)

@@ -130,7 +130,10 @@ def examined(mistake: Mistake = nothing, *keys: str, seed: int = 3) -> flow.Anal
         (in_g, "", "accel-units", "in g"),
         (transposed, "", "imu-mounting", "the transpose of what is stated"),
         pytest.param(giving(-1.0, "pitch_p1"), "", "jet-sign", "pitch_p1", marks=pytest.mark.numerical),
-        (giving(-1.1, "pitch_p1"), "", "jet-sign", "pitch_p1 pushes the other way than stated, with 1.1 of the thrust"),
+        pytest.param(
+            *(giving(-1.1, "pitch_p1"), "", "jet-sign", "pitch_p1 pushes the other way than stated, with 1.1 of the thrust"),
+            marks=pytest.mark.thorough,
+        ),
         pytest.param(giving(-1.0, "divert_zn"), "", "jet-sign", "divert_zn", marks=pytest.mark.thorough),
         (nothing, dead("roll_p1"), "jet-dead", "roll_p1"),
         (giving(0.8, "divert_xp", "divert_xn"), "", "thrust-scale", "divert_xp, divert_xn (+0.8"),
@@ -234,18 +237,14 @@ def quarter(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
     return log, used.model_copy(update={"imu": used.imu.model_copy(update={"body_from_imu": rows})})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("mistakes", "key", "codes", "words"),
     [
         ((degrees, giving(-1.0, "pitch_p1")), "", {"gyro-units", "jet-sign"}, ("pitch_p1", "degrees")),
-        pytest.param((quarter,), dead("roll_p1"), {"imu-mounting", "jet-dead"}, ("roll_p1", "90 degrees"), marks=pytest.mark.thorough),
-        pytest.param(
-            (askew, quarter), dead("roll_p1"), {"imu-mounting", "jet-dead"}, ("roll_p1", "90 degrees"), marks=pytest.mark.thorough
-        ),
-        pytest.param(
-            *((tilted, giving(0.8, "yaw_n2")), "", {"imu-mounting", "thrust-scale"}, ("yaw_n2 (+0.8", "3 degrees")),
-            marks=pytest.mark.thorough,
-        ),
+        ((quarter,), dead("roll_p1"), {"imu-mounting", "jet-dead"}, ("roll_p1", "90 degrees")),
+        ((askew, quarter), dead("roll_p1"), {"imu-mounting", "jet-dead"}, ("roll_p1", "90 degrees")),
+        ((tilted, giving(0.8, "yaw_n2")), "", {"imu-mounting", "thrust-scale"}, ("yaw_n2 (+0.8", "3 degrees")),
     ],
 )
 def test_two_faults_at_once_are_both_named(mistakes: tuple[Mistake, ...], key: str, codes: set[str], words: tuple[str, ...]) -> None:
@@ -268,6 +267,7 @@ def test_any_two_dead_jets_are_found() -> None:
     assert {name for name in ("roll_p2", "divert_yp") if any(name in notice.message for notice in notices)} == {"roll_p2", "divert_yp"}
 
 
+@pytest.mark.thorough
 def test_what_nothing_explains_is_said_to_fit_no_cause() -> None:
     """A gyro that shows ever less of a rate the faster it turns."""
     flown = fly("free-flyer", *PLAN)
@@ -331,7 +331,7 @@ def test_a_drifting_clock_is_named_with_its_rate_and_mended() -> None:
         assert abs((e.value or 0.0) - true) < 4.5 * (e.sigma or 0.0)
 
 
-@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+@pytest.mark.parametrize("sensor", ["accel", pytest.param("gyro", marks=pytest.mark.thorough)])
 def test_a_low_passed_sensor_is_named_with_its_time_constant_and_mended(sensor: Literal["gyro", "accel"]) -> None:
     """Of a cycle and a half, stated by none: the time constant within its sigma, and the values that it gives within theirs."""
     lag_s = 0.075

@@ -31,7 +31,8 @@ EACH_THEN_ALL = ", ".join(
 )
 
 
-@pytest.mark.parametrize("seed", [1051, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in (1052, 1054))])
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [1051, 1052, 1054])
 def test_of_a_noisy_log_a_delay_of_cycles_is_no_turned_gyro(seed: int) -> None:
     """Beside a torque that nobody stated a gyro that is mounted the other way round leaves little more; the delay alone leaves nothing."""
     flown = fly("free-flyer", *NOISY, f"plan = [{EACH_THEN_ALL}]", seeds=(1051, 1052, 1054))
@@ -43,7 +44,8 @@ JOINING = "docked={ixx=0.072, iyy=0.48, izz=0.44, mass=5.0, cg_x=-0.0015, cg_y=0
 """A fifth of the vehicle, nearly balanced on its bearing."""
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [1, 2])
 def test_an_object_that_docks_is_no_fuel_that_burns(seed: int) -> None:
     """A body that changes all along the log leaves little more of it than one that changes at once; two bodies leave nothing."""
     event = 'events=[{kind="dock", cycle=280, motion="rates_kept"}]'

@@ -19,7 +19,10 @@ SCENARIOS = json.loads((Path(__file__).parent.parent / "data" / "weak.json").rea
 accelerometer's noise wants a mass below none. ``feedback``: with no delay, and commanded by what the noise of the gyro makes the controller
 do. ``torque``: a white torque is stated, beside which the rates walk by no more than the gyro's noise, but slowly."""
 
-each = pytest.mark.parametrize("name", [pytest.param(name, marks=THOROUGH if name == "unbalanced" else ()) for name in SCENARIOS])
+
+def each(*thorough: str) -> pytest.MarkDecorator:
+    """Each of these logs."""
+    return pytest.mark.parametrize("name", [pytest.param(name, marks=THOROUGH if name in thorough else ()) for name in SCENARIOS])
 
 
 @cache
@@ -29,7 +32,7 @@ def flown(name: str) -> simulate.Flight:
     return simulate.fly(source, [data["seed"] + 1000 * number for number in range(2)])
 
 
-@each
+@each("unbalanced")
 def test_what_a_clean_log_leaves_of_the_free_coefficients_is_chance(name: str) -> None:
     """It was 2 to 20,000 times pure error, and more where the CG is untold; a turned IMU, a jet or a steady torque explained it."""
     screening = look_of(flown(name).log(0), flown(name).vehicle)
@@ -38,6 +41,6 @@ def test_what_a_clean_log_leaves_of_the_free_coefficients_is_chance(name: str) -
 
 @pytest.mark.numerical
 @pytest.mark.parametrize("member", [0, pytest.param(1, marks=THOROUGH)])
-@each
+@each("unbalanced", "untold")
 def test_no_cause_is_named(name: str, member: int) -> None:
     assert faulty.examined(flown(name).log(member), flown(name).vehicle).notices == ()

@@ -69,7 +69,7 @@ def test_a_cutoff_is_found_with_its_sigma() -> None:
 @pytest.mark.parametrize(
     "imu",
     [
-        pytest.param(anyimu.Imu(measures="sample"), id="no low-pass"),
+        pytest.param(anyimu.Imu(measures="sample"), id="no low-pass", marks=pytest.mark.thorough),
         pytest.param(
             anyimu.Imu(measures="sample", order=2, cutoff_hz=25.0, gyro_noise=3e-4, accel_noise=5e-3),
             id="25 Hz",

@@ -101,7 +101,8 @@ def test_sigmas_hold(noise: float) -> None:
     assert abs(np.sqrt((z**2).mean()) - 1) < 2.5 / np.sqrt(z.size)
 
 
-@pytest.mark.parametrize("bias", [False, pytest.param(True, marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("bias", [False, True])
 def test_a_twin_without_noise_gives_the_truth(bias: bool) -> None:
     """Noise as stated, and none in the log: the estimator's own error is below a tenth of a sigma."""
     stated = "vehicle.imu.attitude_sigma_rad=1e-3", "sensors.attitude_noise_rad=0"
@@ -119,9 +120,8 @@ SIMULATED = {
 }
 
 
-@pytest.mark.parametrize(
-    "settings", [pytest.param(one, id=name, marks=[pytest.mark.thorough] * (name != "turned")) for name, one in SIMULATED.items()]
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize("settings", [pytest.param(one, id=name) for name, one in SIMULATED.items()])
 def test_what_is_stated_of_the_attitude_is_followed(settings: tuple[str, ...]) -> None:
     """Beside none at all; a log of four records a cycle has its own noise."""
     fine = settings[:1] if "records_per_cycle" in settings[0] else ()
@@ -145,6 +145,7 @@ def test_gaps_and_signs_of_the_quaternion_do_no_harm() -> None:
     assert np.abs(gaps.z).max() < 3.5
 
 
+@pytest.mark.thorough
 def test_a_later_phase_knows_what_the_attitudes_before_it_told() -> None:
     """Half a second of attitudes, 12 s before: what is known of bias and attitude goes on to where the phase begins."""
     late = 'phases=[{name = "late", start_s = 12.0, end_s = 24.0}]'
@@ -167,7 +168,7 @@ UNSTATED = {
 
 @pytest.mark.parametrize(
     "unstated",
-    [pytest.param(one, id=name, marks=[pytest.mark.thorough] * (name in ("very late", "scatter"))) for name, one in UNSTATED.items()],
+    [pytest.param(one, id=name, marks=[pytest.mark.thorough] * (name != "turn")) for name, one in UNSTATED.items()],
 )
 def test_an_attitude_that_does_not_fit_is_left_out_with_what_to_state(unstated: tuple[tuple[str, ...], str]) -> None:
     settings, message = unstated

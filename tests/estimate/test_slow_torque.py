@@ -33,11 +33,12 @@ def pushed() -> simulate.Flight:
     return simulate.fly(scenario.ScenarioSource(scenario.Scenario.model_validate(data), "vehicle-40"), range(1, 4))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("fly", "members"),
     [
         (lambda: flown(NAME, None), range(1, 3)),
-        pytest.param(pushed, range(3), marks=pytest.mark.thorough),
+        (pushed, range(3)),
     ],
     ids=["alone", "beside a steady one"],
 )

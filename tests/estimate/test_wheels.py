@@ -268,6 +268,7 @@ SMALL = [
 """A vehicle whose momentum turns by more than a thousandth of itself in each cycle."""
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("settings", [[], SMALL], ids=["scenario", "small"])
 def test_speeds_in_whole_rpm_are_counted_with_their_steps(settings: list[str]) -> None:
     """While a count stands still, so does its error: values had been 2.6 sigma off in the root mean square.

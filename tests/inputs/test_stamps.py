@@ -14,6 +14,9 @@ from massprop_cli import job
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.flow import Analysis
+from massprop_cli.inputs import vehiclefile
+from massprop_cli.inputs.logfile import read_table
+from massprop_cli.inputs.telemetry import read
 
 SAMPLE = Path(__file__).parents[2] / "sample_logs" / "free-flyer"
 ROWS, STEP_S = 600, 0.05
@@ -103,7 +106,7 @@ def test_records_that_are_as_long_as_their_stamps_say_are_left_as_they_are(tmp_p
             columns[name] = columns[name] * share
     path = tmp_path / "log.parquet"
     pq.write_table(pa.table(columns | {"time_s": uneven}), path)
-    found = job.of_file(path, SAMPLE / "vehicle.toml").analysis
+    found = read(read_table(path), vehiclefile.load(SAMPLE / "vehicle.toml").vehicle)
     assert "clock-rebuilt" not in [notice.code for notice in found.notices]
 
 

@@ -64,8 +64,9 @@ def first_change(flight: Flight, member: int) -> int:
     return int(np.argmax((used != used[0]).any(1)))
 
 
+@pytest.mark.thorough
 @compiled
-@pytest.mark.parametrize("member", [0, *(pytest.param(k, marks=pytest.mark.thorough) for k in range(1, len(SEEDS)))])
+@pytest.mark.parametrize("member", range(len(SEEDS)))
 def test_the_control_takes_what_live_says_of_its_log_once_that_has_converged(member: int) -> None:
     """Live can't look ahead; within its sigmas the values are the truth's."""
     source, flight = flown("estimate")
@@ -170,7 +171,7 @@ def said_of(name: str, cycles: int, *assignments: str, engine: type = Beside) ->
 
 
 @compiled
-@pytest.mark.parametrize("name", ["free-flyer", "air-bearing", pytest.param("docking", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("name", ["free-flyer", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("air-bearing", "docking"))])
 def test_numpy_says_cycle_by_cycle_what_the_kernel_says(name: str) -> None:
     """Delays of two cycles, a gap between phases."""
     said = said_of(name, 200, 'phases=[{name="a", start_s=0.0, end_s=2.0}, {name="b", start_s=2.5, end_s=100.0}]')
@@ -199,6 +200,7 @@ def test_either_sensors_noise_contradicts_where_it_is_stated_a_fifth_too_small_o
     assert any(e["verdict"] == "contradicted" for e in said[-1]["estimates"].values()) == contradicted
 
 
+@pytest.mark.thorough
 @compiled
 def test_without_a_compiler_numpy_flies_the_same_and_does_not_look_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(legs, "kernel", lambda: Kernel(None, "NumPy"))

@@ -15,17 +15,20 @@ from typer.testing import CliRunner, Result
 
 from massprop_cli import schemas
 from massprop_cli.cli import app
+from massprop_cli.testbed import output, scenario, simulate
 from tests.commandline import massprop
 
 KINDS = ("free-flyer", "testbed", "wheels", "pedestal", "planar")
 
 
-def record(folder: Path, kind: str, seed: int, *settings: str) -> Path:
-    """A log of a packaged scenario."""
-    out = f"{kind}-{seed}{'-'.join(['', *settings]).replace('=', '_')}"
-    words = [word for setting in settings for word in ("--set", setting)]
-    assert massprop(folder, "simulate", kind, "--seed", str(seed), "-q", "--out", out, *words).returncode == 0
-    return folder / out / "log.parquet"
+def record(folder: Path, kind: str, seed: int, *settings: str, count: int = 1) -> list[Path]:
+    """Logs of a packaged scenario, in ``KIND-SEED`` and with other settings in others."""
+    source, more = scenario.load(kind, settings), "-".join(["", *settings]).replace("=", "_")
+    flight, found = simulate.fly(source, range(seed, seed + count)), []
+    for member in range(count):
+        found.append(folder / f"{kind}-{seed + member}{more}" / "log.parquet")
+        output.write(flight, member, source.scenario, found[-1].parent)
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +39,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def stocked(folder: Path, kind: str) -> None:
     """Two logs of a kind, and the result of the first."""
     if not (folder / kind).exists():
-        log, _ = (record(folder, kind, seed) for seed in (1, 2))
+        log, _ = record(folder, kind, 1, count=2)
         assert massprop(folder, "estimate", log, "-q", "--out", kind).returncode == 0
 
 
@@ -130,7 +133,7 @@ def test_a_body_that_has_changed_is_not_predicted(lab: Path) -> None:
     truth = json.loads((lab / "free-flyer-1" / "truth.json").read_text(encoding="utf-8"))
     izz = truth["phases"][0]["izz"] if "phases" in truth else truth["izz"]
     izz = izz["value"] if isinstance(izz, dict) else izz
-    log = record(lab, "free-flyer", 2, f"truth.izz={1.005 * izz}")
+    (log,) = record(lab, "free-flyer", 2, f"truth.izz={1.005 * izz}")
     found = told(ran(lab, "free-flyer", str(log), "--json"), 5)
     (yaw,) = [one for one in found["motion"] if (one["channel"], one["manoeuvre"]) == ("rate_z", "torque_z")]
     assert yaw["result"]["mean_square"] > 4
@@ -140,7 +143,7 @@ def test_a_body_that_has_changed_is_not_predicted(lab: Path) -> None:
 
 def test_a_scale_that_both_logs_share_predicts_nothing(lab: Path) -> None:
     """The thrust is known to 2 %, and alike in both: inertia that is 1 % off is not within what one log's noise allows."""
-    logs = [record(lab, "free-flyer", seed, "vehicle.thrust.scale_sigma=0.02") for seed in (1, 2)]
+    logs = record(lab, "free-flyer", 1, "vehicle.thrust.scale_sigma=0.02", count=2)
     assert massprop(lab, "estimate", logs[0], "-q", "--out", "scaled").returncode == 0
     found = told(ran(lab, "scaled", str(logs[1]), "--json"))
     one = found["quantities"]["iyy"]
@@ -229,7 +232,7 @@ def test_a_contradicted_value_ends_with_six(lab: Path) -> None:
 def test_a_joint_result_predicts_a_third_log(lab: Path) -> None:
     assert massprop(lab, "estimate", "free-flyer-2/log.parquet", "-q", "--out", "second").returncode == 0
     assert massprop(lab, "combine", "free-flyer", "second", "-q", "--out", "joint").returncode == 0
-    found = told(ran(lab, "joint", str(record(lab, "free-flyer", 4)), "--json"))
+    found = told(ran(lab, "joint", str(*record(lab, "free-flyer", 4)), "--json"))
     assert len(found["result"]["input_sha256"]) == 2
     assert "proves nothing" in refused(ran(lab, "joint", "free-flyer-2/log.parquet"))
     sigmas = np.array([one["result_sigma"] for one in found["quantities"].values()])
