@@ -23,7 +23,7 @@ from massprop_cli.inputs.telemetry import Log, read
 from massprop_cli.inputs.vehicle import Vehicle
 
 GRAVITY = 9.80665
-LONGEST_S = 0.0065
+LONGEST_S = 0.0105
 JETS = 10
 FIRST = 2
 """Readings before the record begins."""
@@ -227,7 +227,8 @@ def fly(
     lasting_s = record_s / (1 + 1e-6 * imu.ppm)  # by the commands' clock
     labels = imu.offset_s + record_s * np.arange(1, int((duration_s - abs(imu.offset_s) - 0.1) / record_s))
     taken = labels / (1 + 1e-6 * imu.ppm) - imu.latency_s
-    edges = (command_s[:, None] + tick * np.arange(parts)).ravel() + delay_s
+    changes = np.array([(on == part).any((0, 2)) | (part == 0) for part in range(parts)]).T
+    edges = (command_s[:, None] + tick * np.arange(parts))[changes] + delay_s
     times = np.unique(np.round(np.concatenate([[0.0], edges, taken[taken > 0]]), 12))
     times = times[(times <= taken[-1] + 1e-12) & np.append(True, np.diff(times) > 1e-10)]
     plant, wrench = _Plant(own), np.concatenate([cross(own.jet_position, own.jet_force), own.jet_force], -1)
