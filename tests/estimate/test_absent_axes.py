@@ -18,7 +18,7 @@ from massprop_cli.testbed import bound, scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
 from massprop_cli.testbed.simulate import Flight
 
-TOGETHER, FEW = 10, 6
+TOGETHER, FEW = 10, 3
 """Seeds whose bounds are found side by side, and those whose bounds are found."""
 NO_ACCELEROMETER, YAW = "sensors.accel_axes=[]", 'sensors.gyro_axes=["z"]'
 ALL, INERTIA = QUANTITIES[:9], QUANTITIES[:6]

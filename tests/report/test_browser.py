@@ -59,8 +59,7 @@ FIGURES = {"docking": 2 * 26 + 1 + 43, "refined": 26 + 43, "comparison": 20}
 
 
 @pytest.mark.parametrize("name", FIGURES)
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [390, 1280])
+@pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1280, "dark")])
 def test_a_page_is_whole_quiet_and_as_wide_as_its_screen(
     browser: Browser, pages: dict[str, Path], name: str, scheme: str, width: int
 ) -> None:
