@@ -122,7 +122,7 @@ typedef struct {
 typedef struct {
     mp_real duration_s;
     mp_real raw_rate[3];
-    mp_real carried[3];         /* mean rate by which the attitude was carried on */
+    mp_real carried[3];         /* mean rate by which the attitude was carried on, less what it turned beyond */
     mp_real rate[3];            /* less the gyro's bias */
     mp_real rising[MP_CHANNELS]; /* what phi multiplies, under the halves of the window */
     mp_real falling[MP_CHANNELS];

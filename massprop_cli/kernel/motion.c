@@ -104,9 +104,10 @@ static void tilted(const mp_real up[3], const mp_real angle[3], mp_real out[3]) 
     }
 }
 
-/* Rate, angular acceleration and vertical in each bin, and the rate and the vertical at both ends. */
+/* Rate, angular acceleration and vertical in each bin, the rate and the vertical at both ends, and what the rotation vector has beyond the
+ * mean rate's. */
 static void within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, const mp_reference *about, const mp_real mean[3],
-                   bin *bins, mp_real rates[2][3], mp_real ups[2][3]) {
+                   bin *bins, mp_real rates[2][3], mp_real ups[2][3], mp_real coning[3]) {
     const mp_real zero[3] = {R(0), R(0), R(0)};
     int count = vehicle->bins, again, b, i;
     mp_real bin_s = cycle->duration_s / R(count);
@@ -119,8 +120,9 @@ static void within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycl
         }
     }
     for (i = 0; i < 3; i++) ups[0][i] = ups[1][i] = cycle->up[0][i];
+    for (i = 0; i < 3; i++) coning[i] = R(0);
     for (again = 0; again < PASSES; again++) {
-        mp_real change[3] = {R(0), R(0), R(0)}, behind[3] = {R(0), R(0), R(0)}, turned[3] = {R(0), R(0), R(0)};
+        mp_real change[3] = {R(0), R(0), R(0)}, behind[3] = {R(0), R(0), R(0)}, turned[3] = {R(0), R(0), R(0)}, coned[3] = {R(0), R(0), R(0)};
         for (b = 0; b < count; b++) {
             bin *here = bins + b;
             mp_real coupling[3], dot[3];
@@ -149,17 +151,28 @@ static void within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycl
         }
         for (b = 0; b < count; b++) {
             bin *here = bins + b;
-            mp_real angle[3];
+            mp_real angle[3], own[3], cone[3], bent[3];
             for (i = 0; i < 3; i++) here->rate[i] += rates[0][i];
             if (!MP_ON_BEARING(vehicle)) continue;
             for (i = 0; i < 3; i++) {
-                mp_real own = here->rate[i] * bin_s;
-                turned[i] += own;
-                angle[i] = turned[i] - own / R(2) - here->rate_dot[i] * (bin_s * bin_s) / R(12);
+                own[i] = here->rate[i] * bin_s;
+                turned[i] += own[i];
+            }
+            mp_cross(turned, own, cone);
+            mp_cross(here->rate, here->rate_dot, bent);
+            for (i = 0; i < 3; i++) {
+                cone[i] = cone[i] / R(2) + bent[i] * (bin_s * bin_s * bin_s) / R(12);
+                coned[i] += cone[i];
+                angle[i] = turned[i] - own[i] / R(2) - here->rate_dot[i] * (bin_s * bin_s) / R(12) + coned[i] - cone[i] / R(2);
             }
             tilted(cycle->up[0], angle, here->up);
         }
-        if (MP_ON_BEARING(vehicle)) tilted(cycle->up[0], turned, ups[1]);
+        if (!MP_ON_BEARING(vehicle)) continue;
+        for (i = 0; i < 3; i++) {
+            turned[i] += coned[i];
+            coning[i] = coned[i];
+        }
+        tilted(cycle->up[0], turned, ups[1]);
     }
 }
 
@@ -489,17 +502,22 @@ static void noise_of(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_
 
 void mp_motion_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about, mp_motion *out) {
     bin bins[MP_BINS];
-    mp_real rates[2][3], ups[2][3], whole[MP_CHANNELS];
+    mp_real rates[2][3], ups[2][3], coning[3], before[3], taken[3], whole[MP_CHANNELS];
     int i;
     out->duration_s = cycle->duration_s;
     for (i = 0; i < 3; i++) {
         out->raw_rate[i] = cycle->rate[i];
-        out->carried[i] = cycle->carried[i];
+        before[i] = cycle->rate[i] - cycle->rate_step[i];
         out->push[0][i] = cycle->rising[3 + i];
         out->push[1][i] = cycle->falling[3 + i];
         out->rate[i] = cycle->rate[i] - about->bias[i];
     }
-    within(vehicle, layout->channels, cycle, about, out->rate, bins, rates, ups);
+    within(vehicle, layout->channels, cycle, about, out->rate, bins, rates, ups, coning);
+    mp_cross(before, cycle->rate, taken); /* what the attitude was carried by took for coning */
+    for (i = 0; i < 3; i++) {
+        taken[i] *= cycle->duration_s / R(12);
+        out->carried[i] = cycle->carried[i] + taken[i] - coning[i] / cycle->duration_s;
+    }
     integrals(vehicle, layout, cycle, about, bins, rates, ups, out, whole);
     felt(vehicle, layout, cycle, about, bins, out);
     by_rate(vehicle, layout, about, out);

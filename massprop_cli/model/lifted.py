@@ -32,7 +32,7 @@ from massprop_cli.model.plant.bearing import level
 from massprop_cli.model.plant.plant import MU as THETA_MU
 from massprop_cli.model.plant.plant import Turning
 from massprop_cli.model.windows import Windows, windows
-from massprop_cli.model.within import STEEP, Within, motion_within, response_of
+from massprop_cli.model.within import STEEP, Within, motion_within, response_of, turned_beyond
 from massprop_cli.prepare.align import Aligned
 from massprop_cli.prepare.compensate import Samples, Source
 
@@ -213,7 +213,8 @@ def _rotation(about: _About, step: Array, known: Array, onto: Array | None) -> t
         kept, by_error, leaving, entering = about.tilting.kept, about.tilting.by_error, *(to_rate @ part for part in about.tilting.halves)
         transition[:, turning, tilt] = leaving + entering @ kept
         transition[:, tilt, tilt], transition[:, tilt, turning] = kept, by_error
-        drive[:, tilt, 0] = -times(by_error, here.carried_rad_s[:-1])
+        carried = here.carried_rad_s - turned_beyond(about.within, here) if lift.plant.pivoted else here.carried_rad_s
+        drive[:, tilt, 0] = -times(by_error, carried[:-1])
         transition[:, turning, turning] += entering @ by_error
         drive[:, turning, 0] += times(entering, drive[:, tilt, 0])
     if about.scaling is not None:

@@ -2,6 +2,8 @@
 
 The gyro gives each cycle's mean rate; how the rate changes within, the commands give (Φ of :mod:`massprop_cli.model.plant` times what
 acts). In B equal bins, of each of which mean, first moment and variance count, so that the error is of the fourth order in a bin's length.
+Where the vertical counts the body turns by the rotation vector ``∫ω dt + ½ ∫(∫ω dt) × ω dt`` (coning; Bortz 1971), which pulses make as
+large as a bearing's weight tells.
 """
 
 from typing import NamedTuple
@@ -43,6 +45,8 @@ class Within(NamedTuple):
     """(K, 3) the rate at the start and at the end of each cycle."""
     ups: tuple[Array, Array]
     """(K, 3) the vertical there."""
+    coning: Array
+    """(K, 3) what the rotation vector of each cycle has beyond its mean rate's, rad, where the vertical counts."""
     damping: Array
     """(3,) of the reference, N m s."""
 
@@ -62,6 +66,7 @@ def motion_within(samples: Samples, reference: Reference, lift: Lift) -> Within:
     rate, up = (by_component(np.broadcast_to(v[:, None], shape)) for v in (mean, up_start))
     motion = Motion(wrench, rate, np.zeros_like(rate), up)
     ups = up_start, up_start
+    coning: Array = np.zeros_like(mean)
     stored = executed.stored
     driven: Array = np.zeros(3)
     late: Array = driven
@@ -83,11 +88,25 @@ def motion_within(samples: Samples, reference: Reference, lift: Lift) -> Within:
         rate = start[:, None] + within
         up = motion.up
         if plant.pivoted:
-            turned = _summed(rate * bin_s)
-            up, end = (_turned(up_start, angle) for angle in (turned - rate * bin_s / 2 - rate_dot * bin_s**2 / 12, turned[:, -1:]))
-            ups = up_start, end[:, 0]
+            angle = rate * bin_s
+            turned, cone = _summed(angle), cross(rate, rate_dot) * bin_s**3 / 12
+            cone += cross(turned, angle) / 2
+            coned = _summed(cone)
+            middle = turned - angle / 2 - rate_dot * bin_s**2 / 12 + coned - cone / 2
+            up, end = (_turned(up_start, vector) for vector in (middle, turned[:, -1:] + coned[:, -1:]))
+            ups, coning = (up_start, end[:, 0]), coned[:, -1]
         motion = Motion(motion.wrench, rate, rate_dot, up)
-    return Within(theta, response, motion, (start, start + change[:, -1]), ups, reference.damping)
+    return Within(theta, response, motion, (start, start + change[:, -1]), ups, coning, reference.damping)
+
+
+def turned_beyond(within: Within, samples: Samples) -> Array:
+    """(K, 3) the mean rate that turns the body in a cycle beyond that by which its attitude is carried, rad/s.
+
+    Of the motion as it was rebuilt, less what :func:`massprop_cli.prepare.attitude.rotation_vectors` took for it, by two mean rates.
+    """
+    duration_s = samples.executed.duration_s[:, None]
+    taken = cross(samples.rate_rad_s - samples.rate_step_rad_s, samples.rate_rad_s) * duration_s**2 / 12
+    return (within.coning - taken) / duration_s
 
 
 def _beside(wrench: Array, torque: Array | float) -> Array:
