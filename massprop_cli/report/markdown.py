@@ -1,10 +1,9 @@
 """Results as Markdown, for summaries of jobs and merge requests."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from massprop_cli.base.escape import markdown as shown
-from massprop_cli.conclude.verdict import Verdict
-from massprop_cli.report import assumptions, digits, mended, vocabulary
+from massprop_cli.report import assumptions, mended, view, vocabulary
 from massprop_cli.report.vocabulary import gaps
 from massprop_cli.result.judge import contradiction, missed, parts
 from massprop_cli.result.read import Recorded, labels
@@ -16,6 +15,7 @@ OVERVIEW = 50_000
 """Of these for the table of all results."""
 _ROOM = 500
 """Of these for saying what was left out."""
+_WORDS = ("quantity", "unit", "verdict", "met")
 
 
 def text(recorded: Sequence[Recorded]) -> str:
@@ -136,26 +136,19 @@ def _verdict(found: Result) -> list[str]:
 
 def _part(part: str, body: PhaseItem | DockedObject, found: Result) -> list[str]:
     span = f", {body.start_s:.6g} to {body.end_s:.6g} s" if isinstance(body, PhaseItem) else ""
-    nominal = any(item.nominal is not None for item in body.estimates.values())
-    held = any(item.expected is not None for item in body.estimates.values())
-    columns = ["quantity", "value", assumptions.sigma_heading(found), "unit", "verdict", "final at"]
-    columns += (["nominal"] if nominal else []) + (["expected", "tolerance", "met"] if held else [])
-    alignment = "lrrllr" + ("r" if nominal else "") + ("rrl" if held else "")
-    rows = [
-        row(_cells(name, item) + (_nominal(item) if nominal else []) + (_expected(item) if held else []))
-        for name, item in body.estimates.items()
-    ]
-    pivot = _about_pivot(body, found) if isinstance(body, PhaseItem) and body.about_pivot else []
+    about = body.about_pivot if isinstance(body, PhaseItem) else {}
+    pivot = [f"{vocabulary.ABOUT_PIVOT.capitalize()}:", "", *_estimates(about, found), ""] if about else []
     note = [f"Physical consistency: {shown(body.physical.note)}.", ""] if isinstance(body, PhaseItem) and body.physical.note else []
     implied = assumptions.implied_thrust(body)
     note += [f"{shown(implied[0].upper() + implied[1:])}.", ""] if implied else []
-    return [f"### {shown(part[0].upper() + part[1:])}{span}", "", *table(columns, alignment), *rows, "", *pivot, *note]
+    return [f"### {shown(part[0].upper() + part[1:])}{span}", "", *_estimates(body.estimates, found), "", *pivot, *note]
 
 
-def _about_pivot(phase: PhaseItem, found: Result) -> list[str]:
-    columns = ["quantity", "value", assumptions.sigma_heading(found), "unit", "verdict", "final at"]
-    rows = [row(_cells(name, item)) for name, item in phase.about_pivot.items()]
-    return [f"{vocabulary.ABOUT_PIVOT.capitalize()}:", "", *table(columns, "lrrllr"), *rows, ""]
+def _estimates(estimates: dict[str, EstimateItem], found: Result) -> list[str]:
+    columns = view.texts(estimates, assumptions.sigma_heading(found))
+    said: dict[str, Callable[[str], str]] = {"quantity": shown, "tolerance": shown, "verdict": _verdict_words, "met": _met}
+    cells = [[said[name](text) if text and name in said else text or "–" for text in texts] for name, texts in columns.items()]
+    return [*table([*columns], "".join("l" if name in _WORDS else "r" for name in columns)), *map(row, zip(*cells, strict=True))]
 
 
 def _mended(one: Mended) -> list[str]:
@@ -191,24 +184,12 @@ def _sensitivity(one: assumptions.Sensitivity) -> list[str]:
     ]
 
 
-def _verdict_words(verdict: Verdict) -> str:
+def _verdict_words(verdict: str) -> str:
     return f"{vocabulary.SIGNS[verdict]} {verdict.replace('_', ' ')}"
 
 
-def _cells(name: str, item: EstimateItem) -> list[str]:
-    value, sigma = digits.numbers(item.value, item.sigma, item.verdict)
-    final = "–" if item.final_at_s is None else f"{item.final_at_s:.2f} s"
-    return [shown(name), value, sigma, vocabulary.unit(item.unit), _verdict_words(item.verdict), final]
-
-
-def _nominal(item: EstimateItem) -> list[str]:
-    return ["–" if item.nominal is None else digits.stated(item.nominal)]
-
-
-def _expected(item: EstimateItem) -> list[str]:
-    if item.expected is None:
-        return ["–", "–", "–"]
-    return [digits.stated(item.expected.value), shown(vocabulary.unit(item.expected.stated)), "✓ met" if item.expected.met else "✗ missed"]
+def _met(sign: str) -> str:
+    return f"{sign} {'met' if sign == '✓' else 'missed'}"
 
 
 def _warnings(found: Result) -> list[list[str]]:

@@ -4,12 +4,13 @@ from rich.console import Console
 from rich.table import Table
 
 from massprop_cli.base import escape
-from massprop_cli.report import assumptions, digits, mended, vocabulary
+from massprop_cli.report import assumptions, digits, mended, view, vocabulary
 from massprop_cli.report.fit import fitted, titled
 from massprop_cli.result.judge import INFORMED, contradiction
 from massprop_cli.result.schema import DockedObject, EstimateItem, Mended, PhaseItem, Result
 
 _STYLE = {"converged": "green", "not_converged": "yellow", "not_excited": "magenta", "contradicted": "bold red", "unobservable": "red"}
+_MET = {"✓": "[green]✓[/]", "✗": "[red]✗[/]"}
 _WORDS = ("quantity", "unit", "verdict", "met")
 _SPARE = ("final at", "nominal", "tolerance")
 """What a narrow terminal goes without, first things first: result.json and the report have all of it."""
@@ -105,30 +106,14 @@ def _legend(found: Result) -> list[str]:
 
 
 def _table(title: str, estimates: dict[str, EstimateItem], heading: str) -> Table:
-    nominal = any(item.nominal is not None for item in estimates.values())
-    expected = any(item.expected is not None for item in estimates.values())
-    names = ["quantity", "value", heading, "unit", "verdict", "final at"]
-    names += [*(["nominal"] if nominal else []), *(["expected", "tolerance", "met"] if expected else [])]
-    table = titled(escape.rich(title), names, _WORDS)
-    for name, item in estimates.items():
-        value, sigma = digits.numbers(item.value, item.sigma, item.verdict)
-        final = "" if item.final_at_s is None else f"{item.final_at_s:.2f} s"
-        verdict = f"[{_STYLE[item.verdict]}]{item.verdict}[/]"
-        cells = [*([_nominal(item)] if nominal else []), *(_expected(item) if expected else [])]
-        table.add_row(name, *_dimmed(item.verdict, value, sigma), vocabulary.unit(item.unit), verdict, final, *cells)
+    columns = view.texts(estimates, heading)
+    table = titled(escape.rich(title), [*columns], _WORDS)
+    for name, value, sigma, unit, verdict, *more in zip(*columns.values(), strict=True):
+        marked = [_MET.get(cell, cell) for cell in more]
+        table.add_row(name, *_dimmed(verdict, value, sigma), unit, f"[{_STYLE[verdict]}]{verdict}[/]", *marked)
     return table
 
 
 def _time(seconds: float) -> str:
     """To a tenth of a millisecond: what a clock's start leaves below that is rounding."""
     return digits.stated(round(seconds, 4))
-
-
-def _nominal(item: EstimateItem) -> str:
-    return "" if item.nominal is None else digits.stated(item.nominal)
-
-
-def _expected(item: EstimateItem) -> tuple[str, str, str]:
-    if item.expected is None:
-        return "", "", ""
-    return digits.stated(item.expected.value), vocabulary.unit(item.expected.stated), "[green]✓[/]" if item.expected.met else "[red]✗[/]"

@@ -93,6 +93,27 @@ def tables(result: Result) -> list[Table]:
     return found
 
 
+def texts(estimates: Mapping[str, EstimateItem], heading: str) -> dict[str, list[str]]:
+    """Estimates as plain text, column by column, "" where one says nothing; the last four only where any says something."""
+    items, expected = estimates.values(), [item.expected for item in estimates.values()]
+    numbers = [digits.numbers(item.value, item.sigma, item.verdict) for item in items]
+    always = {
+        "quantity": [*estimates],
+        "value": [value for value, _ in numbers],
+        heading: [sigma for _, sigma in numbers],
+        "unit": [vocabulary.unit(item.unit) for item in items],
+        "verdict": [item.verdict for item in items],
+        "final at": ["" if item.final_at_s is None else f"{item.final_at_s:.2f} s" for item in items],
+    }
+    more = {
+        "nominal": ["" if item.nominal is None else digits.stated(item.nominal) for item in items],
+        "expected": ["" if one is None else digits.stated(one.value) for one in expected],
+        "tolerance": ["" if one is None else vocabulary.unit(one.stated) for one in expected],
+        "met": ["" if one is None else "✓" if one.met else "✗" for one in expected],
+    }
+    return always | {name: cells for name, cells in more.items() if any(cells)}
+
+
 def about_pivot(phase: PhaseItem, own: Table, result: Result) -> Table | None:
     """What is about a fixed pivot, beside a phase's ``own`` table; None without one."""
     if not phase.about_pivot:
