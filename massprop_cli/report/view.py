@@ -97,7 +97,7 @@ def texts(estimates: Mapping[str, EstimateItem], heading: str) -> dict[str, list
     """Estimates as plain text, column by column, "" where one says nothing; the last four only where any says something."""
     items, expected = estimates.values(), [item.expected for item in estimates.values()]
     numbers = [digits.numbers(item.value, item.sigma, item.verdict) for item in items]
-    always = {
+    always: dict[str, list[str]] = {
         "quantity": [*estimates],
         "value": [value for value, _ in numbers],
         heading: [sigma for _, sigma in numbers],

@@ -20,7 +20,7 @@ VERDICTS: dict[Verdict, str] = {
     "contradicted": "log and vehicle file contradict each other: the value stands as found, its sigma does not hold; not to be used",
     "unobservable": "no motion of this vehicle could tell it by this method",
 }
-SIGNS: dict[Verdict, str] = {"converged": "✓", "not_converged": "~", "not_excited": "○", "contradicted": "‼", "unobservable": "✕"}
+SIGNS: dict[str, str] = {"converged": "✓", "not_converged": "~", "not_excited": "○", "contradicted": "‼", "unobservable": "✕"}
 """A sign for each verdict, so that colour is never the only one."""
 
 
