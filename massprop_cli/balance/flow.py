@@ -14,7 +14,7 @@ from massprop_cli.base.rigidbody import tensor
 from massprop_cli.estimate.pivot import ABOUT_PIVOT
 from massprop_cli.inputs.ballast import Ballast
 from massprop_cli.result.judge import INFORMED
-from massprop_cli.result.read import Recorded
+from massprop_cli.result.read import Recorded, check_same
 from massprop_cli.result.schema import PhaseItem
 
 PERIOD_S = 60.0
@@ -114,17 +114,14 @@ def _check_alike(before: Recorded, after: Recorded) -> None:
         raise InputError(
             f"{after.path}: is of the same log as {before.path}; name the result of a log that was taken after the moves", "after"
         )
-    for what, mine, theirs in (
-        ("vehicle", new.vehicle.name, old.vehicle.name),
-        ("environment.bearing_position_m", new.vehicle.bearing_position_m, old.vehicle.bearing_position_m),
-        ("environment.gravity_m_s2", new.vehicle.gravity_m_s2, old.vehicle.gravity_m_s2),
-        ("thrust.scale_sigma", new.vehicle.thrust_scale_sigma, old.vehicle.thrust_scale_sigma),
-    ):
-        if mine != theirs:
-            raise InputError(
-                f"{after.path}: {what} is {mine!r}, and {theirs!r} in {before.path}; their first moments cannot be compared. "
-                "Estimate both logs with the same vehicle file"
-            )
+    both = {
+        "vehicle": (new.vehicle.name, old.vehicle.name),
+        "environment.bearing_position_m": (new.vehicle.bearing_position_m, old.vehicle.bearing_position_m),
+        "environment.gravity_m_s2": (new.vehicle.gravity_m_s2, old.vehicle.gravity_m_s2),
+        "thrust.scale_sigma": (new.vehicle.thrust_scale_sigma, old.vehicle.thrust_scale_sigma),
+    }
+    so = "their first moments cannot be compared. Estimate both logs with the same vehicle file"
+    check_same(after.path, str(before.path), both, so)
 
 
 def _since(one: Ballast, by: float) -> Ballast:

@@ -17,7 +17,7 @@ from massprop_cli.combine.joint import backwards, docked_object
 from massprop_cli.combine.phase import Part, Phased, by_object, gathered, together_phase
 from massprop_cli.diagnosis.preprocessing import Ready
 from massprop_cli.result import rendered
-from massprop_cli.result.read import MEMBERS, Recorded, labels, read
+from massprop_cli.result.read import MEMBERS, Recorded, check_same, labels, read
 from massprop_cli.result.schema import DockedObject, PhaseItem, Result, WarningItem
 
 MISFIT = ("cause-unknown", "contradicted", "model-discrepancy", "disturbance-torque", "gyro-misfit", "accelerometer-misfit", "model-misfit")
@@ -130,11 +130,7 @@ def _check_alike(recorded: Sequence[Recorded], bearing: bool) -> None:
         }
         if bearing:
             stated["bearing mass [kg]"] = (vehicle.bearing_mass_kg, old.bearing_mass_kg)
-        for what, (mine, theirs) in stated.items():
-            if mine != theirs:
-                raise InputError(
-                    f"{one.path}: {what} is {mine!r}, and {theirs!r} in {first.path}; they are not of one vehicle. Combine results of one"
-                )
+        check_same(one.path, str(first.path), stated, "they are not of one vehicle. Combine results of one")
 
 
 def _result(recorded: Sequence[Recorded], names: Sequence[str], found: Sequence[Phased], docked: DockedObject | None) -> Result:

@@ -10,7 +10,7 @@ from massprop_cli.job import Judged
 from massprop_cli.predict.difference import Compared, compared
 from massprop_cli.predict.document import PredictedQuantity, Prediction, PredictionSource, PredictionTest
 from massprop_cli.predict.motion import explained
-from massprop_cli.result.read import Recorded
+from massprop_cli.result.read import Recorded, check_same
 from massprop_cli.result.schema import BY_OBJECT, PhaseItem, Result
 
 _REMEDY = "Give the vehicle file that the result was made with (--vehicle), or make the result again"
@@ -89,15 +89,15 @@ def _check_alike(recorded: Recorded, log: Path, own: Result) -> None:
     for path, one in ((recorded.path, told), (log, own)):
         if one.provenance.method == "thesis":
             raise InputError(f"{path}: estimator.method is thesis, whose sigmas are no errors; use the default method")
-    for what, mine, theirs in (
-        ("vehicle", own.vehicle.name, told.vehicle.name),
-        ("environment.kind", own.vehicle.environment, told.vehicle.environment),
-        ("environment.bearing_position_m", own.vehicle.bearing_position_m, told.vehicle.bearing_position_m),
-        ("environment.bearing_mass_kg", own.vehicle.bearing_mass_kg, told.vehicle.bearing_mass_kg),
-        ("thrust.scale_sigma", own.vehicle.thrust_scale_sigma, told.vehicle.thrust_scale_sigma),
-    ):
-        if mine != theirs:
-            raise InputError(f"{log}: {what} is {mine!r}, and {theirs!r} in {recorded.path}; they are not of one vehicle. {_REMEDY}")
+    mine, theirs = own.vehicle, told.vehicle
+    stated = {
+        "vehicle": (mine.name, theirs.name),
+        "environment.kind": (mine.environment, theirs.environment),
+        "environment.bearing_position_m": (mine.bearing_position_m, theirs.bearing_position_m),
+        "environment.bearing_mass_kg": (mine.bearing_mass_kg, theirs.bearing_mass_kg),
+        "thrust.scale_sigma": (mine.thrust_scale_sigma, theirs.thrust_scale_sigma),
+    }
+    check_same(log, str(recorded.path), stated, f"they are not of one vehicle. {_REMEDY}")
 
 
 def _check_told(path: Path, item: PhaseItem, pivoted: bool) -> None:

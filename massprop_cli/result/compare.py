@@ -12,12 +12,11 @@ from typing import Literal
 from pydantic import Field
 
 from massprop_cli import QUANTITIES
-from massprop_cli.base.errors import InputError
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.inputs.tolerancefile import Gate
 from massprop_cli.result.judge import INFORMED, parts
-from massprop_cli.result.read import Recorded
+from massprop_cli.result.read import Recorded, check_same
 from massprop_cli.result.schema import Conventions, EstimateItem, Item, Result
 
 
@@ -131,12 +130,8 @@ def _check_alike(result: Recorded, baseline: Recorded) -> None:
     }
     if new.docked_object and old.docked_object:
         stated["docked object"] = (_docking(new), _docking(old))
-    for what, (mine, theirs) in stated.items():
-        if mine != theirs:
-            raise InputError(
-                f"{result.path}: {what} is {mine!r}, and {theirs!r} in the baseline {baseline.path}; "
-                "their values mean different things. Name a baseline of the same vehicle and phases"
-            )
+    so = "their values mean different things. Name a baseline of the same vehicle and phases"
+    check_same(result.path, f"the baseline {baseline.path}", stated, so)
 
 
 def _docking(found: Result) -> str:

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +61,13 @@ def read(path: Path) -> Recorded:
         raise InputError(f"{path}: is a table, not a result; if it is a log, run massprop estimate {path}, and name the folder it writes")
     result = result_of(configfile.read_text(file, "result.json"), str(file))
     return Recorded(file, result, _history(file.with_name("history.parquet"), result), hashlib.sha256(file.read_bytes()).hexdigest())
+
+
+def check_same(path: Path, other: str, stated: Mapping[str, tuple[object, object]], so: str) -> None:
+    """:class:`InputError` where a result states something else than another; ``so`` is what follows, and what to do."""
+    for what, (mine, theirs) in stated.items():
+        if mine != theirs:
+            raise InputError(f"{path}: {what} is {mine!r}, and {theirs!r} in {other}; {so}")
 
 
 def result_of(text: str, file: str) -> Result:
