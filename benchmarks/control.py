@@ -12,7 +12,7 @@ import numpy as np
 from commit import commit
 
 from massprop_cli import QUANTITIES, __version__
-from massprop_cli.live.aboard import Aboard
+from massprop_cli.live.legs import Aboard
 from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.simulate import Flight
 

@@ -43,7 +43,7 @@ def simulate(
     """
     import numpy as np
 
-    from massprop_cli.live.aboard import Aboard
+    from massprop_cli.live.legs import Aboard
     from massprop_cli.testbed import output
     from massprop_cli.testbed import scenario as scenarios
 

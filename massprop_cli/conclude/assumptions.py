@@ -16,8 +16,7 @@ import numpy as np
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.conclude.assumed import assumed
-from massprop_cli.conclude.assumedvalue import AssumedValue
+from massprop_cli.conclude.assumed import AssumedValue, assumed
 from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import TABLE

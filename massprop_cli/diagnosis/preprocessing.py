@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import outliers
-from massprop_cli.diagnosis.alternatives import uncertain
 from massprop_cli.diagnosis.delay import Found
 from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertain_timing, with_phase, with_timing
 from massprop_cli.errorparameters.setup import Setup
@@ -16,8 +17,9 @@ from massprop_cli.estimate.history import phases_of
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
-from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.model.sensitivity import Consider, with_geometry
+from massprop_cli.inputs.vehiclefile import VehicleSource, alternative
+from massprop_cli.model.layout import Layout
+from massprop_cli.model.sensitivity import Consider, Restated, with_geometry
 from massprop_cli.prepare import attitudecheck, recorded
 from massprop_cli.prepare.actuators import check_supply
 from massprop_cli.prepare.stream import Stream
@@ -92,3 +94,39 @@ def finer(log: Log, vehicle: Vehicle) -> Vehicle:
     turn = float(turns[int(SELDOM * (len(turns) - 1))])
     bins = next((bins for least, bins in FINER if turn > least), vehicle.estimator.bins_per_cycle)
     return vehicle.model_copy(update={"estimator": vehicle.estimator.model_copy(update={"bins_per_cycle": bins})})
+
+
+def uncertain(consider: Consider, setup: Setup, samples: Stream) -> Consider:
+    """With what is stated to be ``uncertain``, each independent of all others.
+
+    :class:`InputError` where an alternative has other states than the vehicle as stated: a sigma of a bias, say.
+    """
+    if not setup.vehicle.uncertain:
+        return consider
+    variants = [_restated(values, setup, samples) for values in setup.vehicle.uncertain]
+    known = len(consider.variants)
+    covariance = np.eye(known + len(variants))
+    covariance[:known, :known] = consider.covariance
+    return replace(consider, variants=(*consider.variants, *variants), covariance=covariance)
+
+
+def _restated(values: Mapping[str, Any], setup: Setup, samples: Stream) -> Restated:
+    log, stated, timing = setup.log, setup.vehicle, setup.timing
+    vehicle = alternative(stated, values)
+    before, after = stated_timing(stated, timing), stated_timing(vehicle, timing)
+    moved = Timing(*(max(used + there - here, 0.0) for used, there, here in zip(timing, after, before, strict=True)))
+    there = Stream.of(_read(log, values), vehicle, moved)
+    if Layout.of(there, vehicle) != Layout.of(samples, stated):
+        raise InputError(f"uncertain: {', '.join(values)}: changes what is estimated, not what is stated; state it for itself")
+    return Restated(there, vehicle)
+
+
+def _read(log: Log, values: Mapping[str, Any]) -> Log:
+    """The log with the alternative's factors on what it holds."""
+    gyro, accelerometer, command = (values.get(f"{name}_factors") for name in ("gyro", "accel", "command"))
+    return replace(
+        log,
+        delta_theta_imu_rad=log.delta_theta_imu_rad if gyro is None else log.delta_theta_imu_rad @ np.array(gyro).T,
+        delta_v_imu_m_s=log.delta_v_imu_m_s if accelerometer is None else log.delta_v_imu_m_s @ np.array(accelerometer).T,
+        command=log.command if command is None or log.command_kind != "wrench" else log.command * np.array(command),
+    )

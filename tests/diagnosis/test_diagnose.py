@@ -13,7 +13,7 @@ import pytest
 
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
-from massprop_cli.conclude import estimated, supply
+from massprop_cli.conclude import assumed, estimated
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed import scenario, truth
@@ -418,7 +418,7 @@ def test_a_supply_that_remembers_leaves_no_value_wrong(memory_s: float, monkeypa
     found = faulty.examined(wrong, flown.vehicle)
     assert max(faulty.z_scores(found, true).values()) < 2.5
     assert found.conclusions[0].estimates["mass"].verdict != "converged"
-    monkeypatch.setattr(supply, "memory", lambda *_: ())
+    monkeypatch.setattr(assumed, "memory", lambda *_: ())
     monkeypatch.setattr(estimated, "_baffled", lambda *_: "")
     before = faulty.examined(wrong, flown.vehicle)
     assert faulty.looks_good_and_is_wrong(before, true) == ["ixx", "iyy", "izz"]

@@ -19,8 +19,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.kernel import Kernel, kernel
 from massprop_cli.live import legs, run
-from massprop_cli.live.aboard import Aboard
-from massprop_cli.live.legs import Compiled
+from massprop_cli.live.legs import Aboard, Compiled
 from massprop_cli.live.onnumpy import OnNumPy
 from massprop_cli.testbed import output, scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource

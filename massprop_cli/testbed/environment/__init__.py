@@ -4,8 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from massprop_cli.testbed.environment.bearing import Bearing, OnBearing
-from massprop_cli.testbed.environment.pedestal import OnPedestal
+from massprop_cli.testbed.environment.bearing import Bearing, OnBearing, OnPedestal
 from massprop_cli.testbed.environment.table import OnTable, Table
 from massprop_cli.testbed.motion import Bodies, Dynamics
 from massprop_cli.testbed.scenario import Scenario

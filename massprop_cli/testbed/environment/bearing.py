@@ -112,3 +112,21 @@ class OnBearing(Dynamics):
         size = dot(p, turned)
         solved: Array = driven + turned * (push - k * (dot(p, driven) + size * push) / (1 + k * size))
         return solved
+
+
+@dataclass(frozen=True)
+class OnPedestal(OnBearing):
+    """On a bearing whose pedestal is fixed to the ground, a base that no force moves.
+
+    ``I_p ω̇ = τ − b × F − m g s × u − ω × (I_p ω + h)``: the coefficients of a bearing in the limit m_r / m = 0.
+    """
+
+    @cached_property
+    def share(self) -> Array:
+        """(S,) none of a push moves the base."""
+        return np.zeros_like(self.bodies.mass)
+
+    def centre_force(self, motion: CycleMotion, force: Array, width_s: float) -> Array:  # noqa: ARG002
+        """(3, S, B) specific force of the pivot, m/s²: gravity's."""
+        felt: Array = self.bearing.gravity * motion.fixed
+        return felt
