@@ -27,8 +27,12 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize(
     ("require", "expected", "code"),
-    [(None, False, 0), ("Mass,iXX", False, 4), (None, True, 5), ("mass", True, 4)],
-    ids=["nothing is asked", "not converged", "not as expected", "both"],
+    [
+        pytest.param(None, False, 0, id="nothing is asked", marks=pytest.mark.thorough),
+        pytest.param("Mass,iXX", False, 4, id="not converged"),
+        pytest.param(None, True, 5, id="not as expected"),
+        pytest.param("mass", True, 4, id="both", marks=pytest.mark.thorough),
+    ],
 )
 def test_command_campaign_and_python_end_in_the_same_code_and_words(
     log: Path, require: str | None, expected: bool, code: int, tmp_path: Path

@@ -299,6 +299,7 @@ def without_extras() -> None:
     sys.meta_path.insert(0, Missing())
 
 
+@pytest.mark.thorough
 def test_without_the_extras_a_batch_runs_here_and_names_the_extra_otherwise(here: Path) -> None:
     assert batch(here, "logs/seed-0001", "--out", "with").returncode == 0
     assert batch(here, "logs/seed-0001", "--out", "without", first=without_extras).returncode == 0

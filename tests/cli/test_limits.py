@@ -22,8 +22,11 @@ def test_every_row_is_an_input_and_every_input_a_row() -> None:
     assert list(ROWS) == list(INPUTS)
 
 
-LARGE = ("Parquet: 60 texts of 10 MB, one page", "Parquet: lists of 700,000")
-"""Take seconds to be written; others of the same limit are less."""
+LARGE = (
+    *("Parquet: 60 texts of 10 MB, one page", "Parquet: lists of 700,000", "Parquet: values of 10 MB", "Parquet: 4,000 row groups"),
+    *("Parquet: 700,000 empty column chunks", "CSV: a cell of 1 MB"),
+)
+"""Take a second or more; others of the same format or limit are less."""
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.thorough] * (name in LARGE)) for name in INPUTS])

@@ -19,7 +19,8 @@ SHORT = {"wheels": [(TURNS, 0, 12)], "wheels-and-jets": [(TURNS, 0, 6), (PUSHES,
 @pytest.mark.parametrize(
     ("name", "jets", "whole"),
     [
-        *(("wheels", 0, False), ("wheels-and-jets", 18, False), ("control-moment-gyros", 0, False)),
+        *(("wheels", 0, False), ("control-moment-gyros", 0, False)),
+        pytest.param("wheels-and-jets", 18, False, marks=pytest.mark.thorough),
         *(pytest.param(*one, True, marks=pytest.mark.thorough) for one in (("wheels", 0), ("wheels-and-jets", 18))),
     ],
 )

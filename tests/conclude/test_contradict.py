@@ -309,7 +309,8 @@ def test_forces_in_another_unit_than_torques_give_no_converged_cg(factor: float)
             assert one.value is None or abs(one.value - true) < 4 * (one.sigma or 0.0)
 
 
-@pytest.mark.parametrize("factor", [1.25, pytest.param(0.8, marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("factor", [1.25, 0.8])
 def test_diverts_that_are_all_off_by_the_same_part_are_no_imu_out_of_place(factor: float) -> None:
     log, used = faulty.sample("free-flyer")
     diverts = [jet.name for jet in used.jets if jet.name.startswith("divert")]
@@ -343,7 +344,7 @@ def test_a_causal_estimate_that_lost_its_way_is_contradicted_by_the_fit_of_the_s
     assert [cause.code for cause in against.causes] == ["causal-estimate-lost"]
 
 
-@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize("seed", [2, pytest.param(3, marks=pytest.mark.thorough)])
 def test_a_gyros_scale_beside_a_fault_of_the_accelerometer_leaves_no_inertia_converged(seed: int) -> None:
     """The accelerometer's bias alone was named, and as it moves no inertia, this stayed converged, 11 to 16 sigma off."""
     flight = fly("free-flyer", *RANDOM, seeds=(3,))

@@ -28,10 +28,10 @@ ACCELEROMETER = 'columns.delta_v_y_m_s={ from = "delta_v_y_m_s", scale = 0.8 }'
 MOUNTED = np.array(faulty.sample("free-flyer")[1].imu.body_from_imu)
 SMALL, LARGE = (written((rotation(np.radians(angle) * np.array([0.6, 0.0, 0.8])) @ MOUNTED).tolist()) for angle in (0.8, 5.0))
 FAULTS = {
-    "jet-weak": ("jets.4.force_n=[1.2, 0.0, 0.0]",),
     "delay": ("cycle.command_delay_cycles=1.4",),
 }
 MORE = {
+    "jet-weak": ("jets.4.force_n=[1.2, 0.0, 0.0]",),
     "gyro-scale": GYRO,
     "jet-displaced": ("jets.0.position_m=[0.0, 0.17, 0.01]",),
     "jet-canted": ("jets.1.force_n=[0.15, 0.0, -1.1]",),

@@ -177,6 +177,7 @@ def test_the_log_looks_good_without_this_test_and_the_mass_is_ten_sigma_off(monk
     assert mass.value < 0.9 * MASS
 
 
+@pytest.mark.thorough
 def test_an_inertia_beside_a_part_that_swings_within_few_cycles_holds_with_its_sigma() -> None:
     found = swung(0.1, 2.0, turning=True).conclusions[0].estimates
     for name, true in zip(("ixx", "iyy", "izz"), INERTIA, strict=True):

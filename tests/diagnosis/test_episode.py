@@ -142,7 +142,13 @@ def test_pulses_begin_when_the_vehicle_file_says_that_they_fail() -> None:
             'jet = "divert_zn", thrust = -1.0, ',
             marks=pytest.mark.thorough,
         ),
-        ((failing("pitch_p1", 0.7, None, 10.0),), "thrust-scale", "of the stated thrust until ", 'jet = "pitch_p1", thrust = 0.'),
+        pytest.param(
+            (failing("pitch_p1", 0.7, None, 10.0),),
+            "thrust-scale",
+            "of the stated thrust until ",
+            'jet = "pitch_p1", thrust = 0.',
+            marks=pytest.mark.thorough,
+        ),
         pytest.param(
             (failing("divert_yp", 0.0, 9.0, 13.0), "disturbance.walk_n_m=1e-4"),
             "jet-dead",

@@ -59,7 +59,7 @@ def examined(mistake: Mistake) -> tuple[Analysis, Array]:
 @pytest.mark.parametrize(
     ("mistake", "code", "key"),
     [
-        (about_its_cg, "wrench-point", "thrust.wrench_point_m"),
+        pytest.param(about_its_cg, "wrench-point", "thrust.wrench_point_m", marks=pytest.mark.thorough),
         (saturated, "commands-limited", "thrust.wrench_limits"),
         (normalised, "commands-normalised", ""),
     ],

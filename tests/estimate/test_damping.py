@@ -28,7 +28,7 @@ CASES = {
 }
 """A plan of 10 s, and the torque against the rate about each axis over it, N m s: a turn dies away within ten seconds to a minute."""
 NAMES = pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.thorough] * (name in ("testbed", "wheels-and-jets"))) for name in CASES]
+    "name", [pytest.param(name, marks=[pytest.mark.thorough] * (name in ("testbed", "planar", "wheels-and-jets"))) for name in CASES]
 )
 
 

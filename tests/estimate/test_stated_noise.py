@@ -45,7 +45,10 @@ PULSES = ("vehicle.thrust.pulse_sigma=0.01",)
     "stated",
     [
         pytest.param(PULSES, marks=pytest.mark.thorough),
-        (*PULSES, "vehicle.imu.accel_bias_sigma_m_s2=0.01", "sensors.accel_bias_m_s2=[0.01, -0.005, 0.008]"),
+        pytest.param(
+            (*PULSES, "vehicle.imu.accel_bias_sigma_m_s2=0.01", "sensors.accel_bias_m_s2=[0.01, -0.005, 0.008]"),
+            marks=pytest.mark.thorough,
+        ),
         ("vehicle.environment.disturbance_torque_n_m=0.01",),
     ],
     ids=["pulses", "pulses and a bias", "torque"],

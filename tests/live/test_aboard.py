@@ -117,6 +117,7 @@ def test_a_flight_that_ends_sooner_begins_the_same() -> None:
     assert np.array_equal(cut.modelled[0], flown("estimate")[1].modelled[2, : cut.modelled.shape[1]])
 
 
+@pytest.mark.thorough
 @compiled
 def test_following_the_estimate_points_better_than_the_frozen_gains() -> None:
     """In each of the seeds, from two seconds after the plan begins to push."""

@@ -52,7 +52,7 @@ def followed(name: str, lines: Sequence[str], *assignments: str) -> tuple[list[d
     return said, record.getvalue(), warned
 
 
-@pytest.mark.parametrize("name", ["free-flyer", "docking", "high-rate", "air-bearing"])
+@pytest.mark.parametrize("name", ["free-flyer", "docking", "air-bearing", pytest.param("high-rate", marks=pytest.mark.thorough)])
 def test_each_cycle_says_what_the_replay_says(name: str) -> None:
     said, _, warned = followed(name, recorded(name))
     found = analysed(name)
