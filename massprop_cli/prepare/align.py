@@ -29,8 +29,8 @@ from massprop_cli.prepare.signal import Signal, window_integrals
 from massprop_cli.prepare.stored import Stored, first_known_s, turned
 from massprop_cli.prepare.sums import of_records, windows, wrenches
 
-LAGS_FORGOTTEN = 5.0
-"""After this many time constants a lagging actuator has forgotten what it did before the log began."""
+LAGS_FORGOTTEN = 10.0
+"""After this many time constants a lagging actuator has forgotten what it did before the log began: less than noise is left of it."""
 LAGS_KEPT = 40.0
 """... and after these to the last digit of a number."""
 
