@@ -15,6 +15,7 @@ from massprop_cli.estimate.quantities import by_scale, by_scale_beside, in_commo
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.job import Unmet
+from massprop_cli.report.body import values
 from massprop_cli.result.schema import DockedObject, PhaseItem, Result
 
 
@@ -107,7 +108,7 @@ def _values(body: PhaseItem | DockedObject, common: Array | None, alike: Array) 
 def shared(phase: PhaseItem, used: Vehicle) -> Array:
     """(10,) sigma of what the scale and what is known make of every log's error alike; NaN where there is no value."""
     known = {name: sigma for name, (_, sigma) in phase.known.items()}
-    return in_common(by_scale(_numbers(phase), used), _covariance(phase), known, used)
+    return in_common(by_scale(values(phase.estimates), used), np.array(phase.covariance, dtype=float), known, used)
 
 
 def _stated(found: Result, phase: PhaseItem, used: Vehicle, stated: Vehicle) -> Array:
@@ -129,12 +130,4 @@ def _stated(found: Result, phase: PhaseItem, used: Vehicle, stated: Vehicle) -> 
 
 def _docked_shared(docked: DockedObject, used: Vehicle) -> Array:
     """(10,) of the docked object; no part of it stays behind with a bearing, so the scale has no say in its CG."""
-    return in_common(by_scale_beside(_numbers(docked), 0.0, np.zeros(3)), _covariance(docked), {}, used)
-
-
-def _numbers(body: PhaseItem | DockedObject) -> Array:
-    return np.array([np.nan if item.value is None else item.value for item in body.estimates.values()])
-
-
-def _covariance(body: PhaseItem | DockedObject) -> Array:
-    return np.array([[np.nan if cell is None else cell for cell in row] for row in body.covariance], dtype=float)
+    return in_common(by_scale_beside(values(docked.estimates), 0.0, np.zeros(3)), np.array(docked.covariance, dtype=float), {}, used)

@@ -87,7 +87,7 @@ def _quantity(quantity: str, values: Sequence[Value | None]) -> dict[str, Any]:
 
 
 def _numbers(values: Sequence[float | None]) -> Any:
-    return arrow.numbers(np.array([np.nan if value is None else value for value in values], dtype=float))
+    return arrow.numbers(np.array(values, dtype=float))
 
 
 _UNITS = {"kg m^2": "kg_m2", "m": "m", "kg": "kg"}

@@ -73,10 +73,12 @@ def _within(limit: limits.Limit, url: str, files: Any, path: str) -> bytes:
 
 def content(url: str) -> bytes | None:
     """The same; None where there is no such file."""
-    return asked(url, "file", _content)
+    return asked(url, "file", content_at)
 
 
-def _content(files: Any, path: str) -> bytes | None:
+def content_at(files: Any, path: str) -> bytes | None:
+    """The same in a store; what another machine wrote in the meantime counts too."""
+    files.invalidate_cache()
     try:
         return bytes(files.cat_file(path))
     except FileNotFoundError:

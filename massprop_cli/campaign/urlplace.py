@@ -50,7 +50,7 @@ class Lease:
             stop.set()
             renewing.join()
             with suppress(Exception):
-                if self._is_own(_content(files, path)):
+                if self._is_own(remote.content_at(files, path)):
                     files.rm_file(path)
 
     def check(self) -> None:
@@ -60,32 +60,32 @@ class Lease:
 
     def _take(self, files: Any, path: str) -> None:
         while not self._create(files, path):
-            found = _content(files, path)
+            found = remote.content_at(files, path)
             if found is not None and self._is_alive(files, path, found):
                 raise InputError(
                     f"{self.url}: another batch is at work there ({_holder(found)}); wait for it, or choose another folder",
                     option="out",
                 )
-            if found is not None and _content(files, path) == found:
+            if found is not None and remote.content_at(files, path) == found:
                 files.rm_file(path)
 
     def _create(self, files: Any, path: str) -> bool:
         """Whether it is ours now."""
-        if _content(files, path) is not None:
+        if remote.content_at(files, path) is not None:
             return False
         with suppress(Exception):  # where it is refused because there is one, what is read next says so
             files.pipe_file(path, self._said(0), mode="create")
-            return self._is_own(_content(files, path))
-        if _content(files, path) is None:
+            return self._is_own(remote.content_at(files, path))
+        if remote.content_at(files, path) is None:
             files.pipe_file(path, self._said(0))  # a store that can't create only, or whose error is told now
-        return self._is_own(_content(files, path))
+        return self._is_own(remote.content_at(files, path))
 
     def _is_alive(self, files: Any, path: str, found: bytes) -> bool:
         """Whether it is renewed, or given back and taken anew, while we watch."""
         until = time.monotonic() + SILENT_S
         while time.monotonic() < until:
             time.sleep(min(_LOOK_S, SILENT_S / 4))
-            now = _content(files, path)
+            now = remote.content_at(files, path)
             if now is None:
                 return False
             if now != found:
@@ -97,7 +97,7 @@ class Lease:
         while not stop.wait(RENEWED_S):
             renewals += 1
             with suppress(Exception):  # a store that is out of reach for a while is asked again
-                if not self._is_own(_content(files, path)):
+                if not self._is_own(remote.content_at(files, path)):
                     self._lost = True
                     return
                 files.pipe_file(path, self._said(renewals))
@@ -108,14 +108,6 @@ class Lease:
 
     def _is_own(self, found: bytes | None) -> bool:
         return found is not None and self._token.encode() in found
-
-
-def _content(files: Any, path: str) -> bytes | None:
-    files.invalidate_cache()
-    try:
-        return bytes(files.cat_file(path))
-    except FileNotFoundError:
-        return None
 
 
 def _holder(found: bytes) -> str:

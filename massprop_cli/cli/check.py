@@ -1,9 +1,7 @@
 """``massprop check``."""
 
-from __future__ import annotations
-
 import sys
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -11,9 +9,6 @@ from massprop_cli.base import escape
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import check_junit, fail, guarded, put_junit
 from massprop_cli.cli.terminal import console, progress
-
-if TYPE_CHECKING:
-    pass
 
 
 @guarded

@@ -17,14 +17,12 @@ from massprop_cli.base import escape
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from massprop_cli.campaign.plan import Job
+    from massprop_cli.campaign.run import Step, Told
     from massprop_cli.inputs.tablefile import Made
     from massprop_cli.inputs.telemetry import Notice
     from massprop_cli.result.schema import Result, WarningItem
     from massprop_cli.result.store import Stored
-
-if TYPE_CHECKING:
-    from massprop_cli.campaign.plan import Job
-    from massprop_cli.campaign.run import Step, Told
 
 
 def say(message: str, colour: str | None = None) -> None:

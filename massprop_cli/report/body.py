@@ -47,7 +47,7 @@ class Ellipsoid:
 
 def values(estimates: dict[str, EstimateItem]) -> Array:
     """(10,) with NaN for what is not known."""
-    return np.array([np.nan if item.value is None else item.value for item in estimates.values()])
+    return np.array([item.value for item in estimates.values()], dtype=float)
 
 
 def inertia(phase: PhaseItem | DockedObject) -> Array:
@@ -57,7 +57,7 @@ def inertia(phase: PhaseItem | DockedObject) -> Array:
 
 def inertia_sigmas(phase: PhaseItem | DockedObject) -> Array:
     """(3, 3) about the CG, kg m²; NaN where nothing can be said."""
-    return tensor(np.array([np.nan if item.sigma is None else item.sigma for item in phase.estimates.values()])[:6])
+    return tensor(np.array([item.sigma for item in phase.estimates.values()][:6], dtype=float))
 
 
 def principal(phase: PhaseItem | DockedObject) -> Principal | None:
