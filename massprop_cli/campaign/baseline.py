@@ -9,9 +9,10 @@ from massprop_cli import UNITS
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import location, summary
 from massprop_cli.campaign.outcome import Body, Row, Value
-from massprop_cli.campaign.pooled import INFORMED, Key, Pool, pooled
+from massprop_cli.campaign.pooled import Key, Pool, pooled
 from massprop_cli.campaign.summary import Baseline, Beyond, Summary
 from massprop_cli.inputs.tolerancefile import Gate
+from massprop_cli.result.judge import INFORMED
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from massprop_cli.base import arrow
 from massprop_cli.base.escape import cell
 from massprop_cli.campaign.outcome import Body, Outcome, Row, Value, state
 from massprop_cli.campaign.summary import Summary
+from massprop_cli.report.spreadsheet import SPELT
 
 _TOGETHER = 250
 """Logs whose rows are held, and written, together."""
@@ -90,7 +91,6 @@ def _numbers(values: Sequence[float | None]) -> Any:
     return arrow.numbers(np.array(values, dtype=float))
 
 
-_UNITS = {"kg m^2": "kg_m2", "m": "m", "kg": "kg"}
 _PARTS = ("verdict", "expected", "met")
 _ABOUT = ("number", "name", "log", "tags", "outcome", "exit_code", "message", "vehicle", "part", "phase", "warnings")
 COLUMNS = (
@@ -98,7 +98,7 @@ COLUMNS = (
     *(
         column
         for name in QUANTITIES
-        for column in (f"{name}_{_UNITS[UNITS[name]]}", f"{name}_sigma_{_UNITS[UNITS[name]]}", *(f"{name}_{part}" for part in _PARTS))
+        for column in (f"{name}_{SPELT[UNITS[name]]}", f"{name}_sigma_{SPELT[UNITS[name]]}", *(f"{name}_{part}" for part in _PARTS))
     ),
 )
 """In their order."""

@@ -16,9 +16,7 @@ from massprop_cli.campaign import pool
 from massprop_cli.campaign.outcome import Item, Row, Value
 from massprop_cli.combine import twice
 from massprop_cli.inputs.equipment import EnvironmentKind
-
-INFORMED = ("converged", "not_converged")
-"""Verdicts of values that the motion told."""
+from massprop_cli.result.judge import INFORMED
 
 
 class Outlier(Item):

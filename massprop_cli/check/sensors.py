@@ -4,15 +4,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, median
+from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.check.finding import Finding, finding, rows
+from massprop_cli.inputs.clipped import at_extremes
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 
 STUCK = 6
 """Equal values in a row of a channel that never repeats itself otherwise."""
-CLIPPED = 5
-"""Records at just the same extreme value, where it is a range that nobody stated."""
 UNLIKELY = 1e-9
 """Chance below which a run of equal values is no chance."""
 COARSE = 3.0
@@ -42,11 +41,12 @@ def sensors(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
             )
         )
     for (name, columns, increments, noise, limit), logged in zip(rates, (log.axes[:3], log.axes[3:]), strict=True):
+        clipped = at_extremes(increments, log.interval_s)
         for axis, column in enumerate(columns):
             if not logged[axis] and column not in log.empty:
                 continue
             values = increments[:, axis] / log.interval_s
-            found += _channel(name, column, values, noise, limit, repeated, place)
+            found += _channel(name, column, values, noise, limit, clipped[:, axis], repeated, place)
         found += _coarse(name, increments / log.interval_s[:, None], noise, log.records_per_cycle)
     return found
 
@@ -63,7 +63,7 @@ def _same(values: Array) -> BoolArray:
 
 
 def _channel(
-    name: str, column: str, values: Array, noise: float | None, limit: float | None, repeated: BoolArray, place: Place
+    name: str, column: str, values: Array, noise: float | None, limit: float | None, clipped: BoolArray, repeated: BoolArray, place: Place
 ) -> list[Finding]:
     if _same(values).all():
         if noise == 0:
@@ -78,7 +78,7 @@ def _channel(
             said = f"{column} at the {name}'s range in {int(full.sum())} records"
             found.append(finding("imu", f"{name}-saturated", "fault", said, remedy, rows(full, place)))
     else:
-        full = _clipped(values)
+        full = clipped
         if full.any():
             remedy = f"state the {name}'s range in the vehicle file if it is one, and fly a gentler motion"
             said = f"{column} is {values[full][0]:.6g} per second in {int(full.sum())} records and never beyond: clipped"
@@ -93,20 +93,6 @@ def _channel(
             )
         )
     return found
-
-
-def _clipped(values: Array) -> BoolArray:
-    """Which records hold an extreme that is met again and again, far more than the value next to it."""
-    for extreme in (values.max(), values.min()):
-        tolerance = 1e-9 * abs(extreme)
-        full: BoolArray = np.abs(values - extreme) <= tolerance
-        inside = values[~full]
-        if full.sum() < CLIPPED or not len(inside) or median(values) == extreme:
-            continue
-        next_to = inside[np.argmin(np.abs(inside - extreme))]
-        if full.sum() > 3 * (np.abs(inside - next_to) <= tolerance).sum() + 1:
-            return full
-    return np.zeros(len(values), dtype=bool)
 
 
 def standing(values: Array, repeated: BoolArray) -> BoolArray:

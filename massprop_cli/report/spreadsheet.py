@@ -15,11 +15,12 @@ from massprop_cli.result.judge import contradiction, parts
 from massprop_cli.result.read import Recorded, labels
 from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
 
-_UNITS = {"kg m^2": "kg_m2", "m": "m", "kg": "kg"}
+SPELT = {"kg m^2": "kg_m2", "m": "m", "kg": "kg"}
+"""Units in names of columns."""
 
 
 def _of(quantity: str) -> tuple[str, ...]:
-    unit = _UNITS[UNITS[quantity]]
+    unit = SPELT[UNITS[quantity]]
     stated = (f"{quantity}_verdict", f"{quantity}_final_at_s", f"{quantity}_nominal_{unit}")
     held = (f"{quantity}_expected_{unit}", f"{quantity}_tolerance_{unit}", f"{quantity}_tolerance_stated", f"{quantity}_met")
     return f"{quantity}_{unit}", f"{quantity}_sigma_{unit}", *stated, *held
