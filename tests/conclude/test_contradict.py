@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -149,10 +150,16 @@ def test_a_steady_torque_on_a_bearing_that_nobody_stated_is_not_taken_for_mass()
     assert faulty.looks_good_and_is_wrong(found, flight.truth[0, 0]) == []
 
 
+@cache
+def yaw(*assignments: str) -> Analysis:
+    """What is found in a recorded flight."""
+    log, used = faulty.sample("crazyflie", file="yaw.parquet")
+    return faulty.examined(log, faulty.stated(used, *assignments))
+
+
 @pytest.mark.thorough
 def test_a_recorded_flight_that_nothing_explains_gives_a_mass_with_an_honest_sigma() -> None:
-    log, used = faulty.sample("crazyflie", file="yaw.parquet")
-    found = faulty.examined(log, used)
+    found = yaw()
     mass = found.conclusions[0].estimates["mass"]
     assert mass.value is not None
     assert mass.sigma is not None
@@ -163,10 +170,8 @@ def test_a_recorded_flight_that_nothing_explains_gives_a_mass_with_an_honest_sig
 
 @pytest.mark.thorough
 def test_nominal_values_never_enter_anything() -> None:
-    log, used = faulty.sample("crazyflie", file="yaw.parquet")
-    bare = used.model_copy(update={"nominal": type(used.nominal)()})
-    nominal = faulty.stated(bare, "nominal.mass=1.0", "nominal.ixx=1.0", "nominal.izz=3e-6")
-    without, beside = (faulty.examined(log, v) for v in (bare, nominal))
+    assert yaw().vehicle.nominal.ixx is None
+    without, beside = yaw(), yaw("nominal.mass=1.0", "nominal.ixx=1.0", "nominal.izz=3e-6")
     assert without.notices == beside.notices
     for one, other in zip(without.histories, beside.histories, strict=True):
         np.testing.assert_array_equal(one.values, other.values)

@@ -66,7 +66,6 @@ def test_gyros_tell_what_wheels_tell_at_the_bound() -> None:
     assert not analysis.notices
 
 
-@pytest.mark.thorough
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     """Of four logs: chi-square of 36 errors to 1 in 10,000, and no one beyond 4 sigma."""
     z = errors(4)
@@ -75,9 +74,9 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
 
 
 @pytest.mark.thorough
-def test_over_fifteen_seeds_intervals_of_95_percent_cover_as_many() -> None:
-    """Of the packaged scenario, 135 values; of 450 there were 95.3 %."""
-    z = errors(15, whole=True)
+def test_over_ten_seeds_intervals_of_95_percent_cover_as_many() -> None:
+    """Of the packaged scenario, 90 values; of 450 there were 95.3 %."""
+    z = errors(10, whole=True)
     assert abs((np.abs(z) < 1.96).mean() - 0.95) < 2 * np.sqrt(0.95 * 0.05 / z.size)
     assert abs(np.sqrt((z**2).mean()) - 1) < 2.4 / np.sqrt(2 * z.size)
 
