@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import json
-import shutil
 import unicodedata
 from pathlib import Path
 
@@ -142,7 +141,7 @@ NAMES = [
 @pytest.mark.parametrize("stem", NAMES)
 def test_a_log_of_any_name_is_estimated_or_refused_in_one_line(stem: str, tmp_path: Path) -> None:
     vehicle(tmp_path)
-    shutil.copy(SAMPLE / "log.parquet", tmp_path / f"{stem}.parquet")
+    save(flight(100), tmp_path / "log.parquet").rename(tmp_path / f"{stem}.parquet")
     done = massprop(tmp_path, "estimate", "-q", "--", f"{stem}.parquet")
     assert done.returncode in (0, 3), done.stderr
     assert not obeyed(done.stderr)

@@ -37,9 +37,9 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def stocked(folder: Path, kind: str) -> None:
-    """Two logs of a kind, and the result of the first."""
+    """Logs of a kind, four of the free flyer, and the result of the first."""
     if not (folder / kind).exists():
-        log, _ = record(folder, kind, 1, count=2)
+        log, *_ = record(folder, kind, 1, count=4 if kind == "free-flyer" else 2)
         assert massprop(folder, "estimate", log, "-q", "--out", kind).returncode == 0
 
 
@@ -143,16 +143,19 @@ def test_a_body_that_has_changed_is_not_predicted(lab: Path) -> None:
 
 def test_a_scale_that_both_logs_share_predicts_nothing(lab: Path) -> None:
     """The thrust is known to 2 %, and alike in both: inertia that is 1 % off is not within what one log's noise allows."""
-    logs = record(lab, "free-flyer", 1, "vehicle.thrust.scale_sigma=0.02", count=2)
-    assert massprop(lab, "estimate", logs[0], "-q", "--out", "scaled").returncode == 0
-    found = told(ran(lab, "scaled", str(logs[1]), "--json"))
+    stocked(lab, "free-flyer")
+    scaled = (lab / "free-flyer-1" / "vehicle.toml").read_text(encoding="utf-8") + "\n[thrust]\nscale_sigma = 0.02\n"
+    (lab / "scaled.toml").write_text(scaled, encoding="utf-8")
+    assert massprop(lab, "estimate", "free-flyer-1/log.parquet", "--vehicle", "scaled.toml", "-q", "--out", "scaled").returncode == 0
+    other = ("free-flyer-2/log.parquet", "--vehicle", "scaled.toml")
+    found = told(ran(lab, "scaled", *other, "--json"))
     one = found["quantities"]["iyy"]
     assert one["difference_sigma"] < 0.02 * one["result_sigma"]
     (lab / "off").mkdir()
     data = json.loads((lab / "scaled" / "result.json").read_text(encoding="utf-8"))
     data["phases"][0]["estimates"]["iyy"]["value"] *= 1.01
     (lab / "off" / "result.json").write_text(json.dumps(data), encoding="utf-8")
-    told(ran(lab, "off", str(logs[1]), "--json"), 5)
+    told(ran(lab, "off", *other, "--json"), 5)
 
 
 def test_a_level_may_be_stated(lab: Path) -> None:
@@ -230,9 +233,10 @@ def test_a_contradicted_value_ends_with_six(lab: Path) -> None:
 
 
 def test_a_joint_result_predicts_a_third_log(lab: Path) -> None:
+    stocked(lab, "free-flyer")
     assert massprop(lab, "estimate", "free-flyer-2/log.parquet", "-q", "--out", "second").returncode == 0
     assert massprop(lab, "combine", "free-flyer", "second", "-q", "--out", "joint").returncode == 0
-    found = told(ran(lab, "joint", str(*record(lab, "free-flyer", 4)), "--json"))
+    found = told(ran(lab, "joint", "free-flyer-4/log.parquet", "--json"))
     assert len(found["result"]["input_sha256"]) == 2
     assert "proves nothing" in refused(ran(lab, "joint", "free-flyer-2/log.parquet"))
     sigmas = np.array([one["result_sigma"] for one in found["quantities"].values()])

@@ -69,6 +69,7 @@ def test_every_link_leads_to_a_page_and_a_place_on_it(site: dict[str, Page]) -> 
     assert followed > 1000
 
 
+@pytest.mark.thorough
 def test_no_page_loads_anything_from_elsewhere(site: dict[str, Page]) -> None:
     loads = {load for page in site.values() for load in page.loads}
     assert loads
@@ -77,6 +78,7 @@ def test_no_page_loads_anything_from_elsewhere(site: dict[str, Page]) -> None:
     assert "```" not in site["theory.html"].text
 
 
+@pytest.mark.thorough
 def test_every_written_page_is_in_the_navigation(site: dict[str, Page]) -> None:
     linked = {(Path("/") / link.partition("#")[0]).resolve().relative_to("/").as_posix() for link in site["index.html"].links}
     for path in DOCS.rglob("*.md"):
