@@ -84,7 +84,7 @@ def test_a_contradicted_quantity_exits_6_unless_that_is_allowed() -> None:
     assert unmet(found, Demands(requirements("ixx"), allow_contradicted=True)).exit_code == 4
 
 
-@pytest.mark.parametrize("allowed", [False, True])
+@pytest.mark.parametrize("allowed", [False, pytest.param(True, marks=pytest.mark.thorough)])
 def test_code_junit_and_annotations_agree_on_a_contradicted_log(log: Path, allowed: bool, tmp_path: Path) -> None:
     """A delay that is stated a cycle short, by the command, the check, and in a campaign."""
     asked = ["--set", "cycle.command_delay_cycles=1.0", *(["--allow-contradicted"] if allowed else [])]
