@@ -144,12 +144,12 @@ def examined(mistake: Mistake = nothing, *keys: str, seed: int = 3) -> flow.Anal
         pytest.param(mirrored, "", "imu-mounting", "the gyro's axes alone", marks=pytest.mark.thorough),
         pytest.param(one_axis, "", "gyro-scale", "the gyro's z axis shows 1.03", marks=pytest.mark.numerical),
         (biased, "", "gyro-bias", "the gyro has a bias of ("),
-        (misplaced, "", "jet-position", "jet divert_xp sits"),
+        pytest.param(misplaced, "", "jet-position", "jet divert_xp sits", marks=pytest.mark.thorough),
         pytest.param(
             *(reversed_all, "", "jet-sign", "all jets push the other way: force_n is what pushes the vehicle, not the plume"),
             marks=pytest.mark.thorough,
         ),
-        (swapped, "", "jets-swapped", "jets roll_n2 and divert_yp are swapped"),
+        pytest.param(swapped, "", "jets-swapped", "jets roll_n2 and divert_yp are swapped", marks=pytest.mark.thorough),
         (nothing, "disturbance.constant_n_m=[0.0, 0.0, 0.02]", "steady-torque", "N m acts beside the commands"),
     ],
 )

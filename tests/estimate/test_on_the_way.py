@@ -50,8 +50,8 @@ def flown(name: str, cycles: int | None) -> simulate.Flight:
 @pytest.mark.parametrize(
     ("name", "cycles"),
     [
-        *BEGINNINGS.items(),
-        *((name, None) for name in WHOLE),
+        *(pytest.param(*one, marks=[pytest.mark.thorough] * (one[1] > 450)) for one in BEGINNINGS.items()),
+        *(pytest.param(name, None, marks=[pytest.mark.thorough] * (name != WHOLE[0])) for name in WHOLE),
         *(pytest.param(name, None, marks=pytest.mark.thorough) for name in SCENARIOS if name not in WHOLE and name not in BEGINNINGS),
     ],
 )
