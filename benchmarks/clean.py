@@ -8,8 +8,8 @@ estimated without and with biases of gyro and accelerometer (1e-3 rad/s and 0.01
 "auto". ``--twins`` logs them without noise, the vehicle file unchanged: there every deviation is the estimator's own error.
 
 Columns: values within 1.96 sigma, rms and largest deviation in sigmas; values that are converged beyond 4.5 sigma; logs of which a cause
-is named, that are contradicted, or refused; values of these environments that are not converged. Not among the platforms: docking, rotors,
-jets beside wheels.
+is named, that are contradicted, or refused; values of these environments that are not converged. Not among the platforms: docking, jets
+beside wheels.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from massprop_cli.inputs.actuators.wheel import WheelLog
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from tests import anyimu, anypedestal
+from tests import anyimu, anypedestal, anyrotors
 
 BATCH, PERIOD_S, DELAY = 4, 0.05, 2.0
 RPM = np.pi / 30
@@ -138,6 +138,18 @@ def about_a_point(rng: np.random.Generator, kind: anypedestal.Kind, free: bool =
     return Motion(logged, truth, kind == "jets")
 
 
+def by_rotors(rng: np.random.Generator) -> Motion:
+    """Multicopters whose record begins in mid-flight."""
+    own = anyrotors.multicopters(rng, BATCH)
+    flown = anyrotors.fly(rng, own, PERIOD_S / 4, 1600)
+
+    def logged(body: int, case: Case, draw: np.random.Generator, noise: float) -> tuple[Log, Vehicle]:
+        used = _stated(anyrotors.vehicle_of(own, body, flown), case, {})
+        return anypedestal.log_of(draw, own, body, flown, used, noise, case.biases), used
+
+    return Motion(logged, lambda body: dict(zip(QUANTITIES, own.ten[body].tolist(), strict=True)), True)
+
+
 def _in_whole_rpm(log: Log) -> Log:
     """As a tachometer counts."""
     logged = (np.asarray(one.speed_rad_s) for one in log.spinning if isinstance(one, WheelLog))
@@ -160,6 +172,7 @@ PLATFORMS: dict[str, Callable[[np.random.Generator], Motion]] = {
     "planar": partial(by_jets, bearing=False, planar=True),
     "wheels": partial(about_a_point, kind="wheels", free=True),
     "wheels in whole rpm": partial(about_a_point, kind="wheels", free=True, whole_rpm=True),
+    "rotors": by_rotors,
     "pedestal, jets": partial(about_a_point, kind="jets"),
     "pedestal, wheels": partial(about_a_point, kind="wheels"),
     "pedestal, wheels in whole rpm": partial(about_a_point, kind="wheels", whole_rpm=True),

@@ -11,7 +11,7 @@ import itertools
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -29,7 +29,17 @@ CANDIDATES = 6
 BIAS = 1e-3, 0.01
 """rad/s and m/s², one sigma."""
 TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / 3**0.5
-Kind = Literal["jets", "wheels", "swing"]
+Kind = Literal["jets", "wheels", "swing", "rotors"]
+COMMANDS = {"jets": "jet_j{}_s", "wheels": "wheel_w{}_rad_s", "swing": "{}", "rotors": "rotor_r{}_command"}
+"""Their columns."""
+
+
+class Sensed(Protocol):
+    """Bodies, of which the noise counts."""
+
+    @property
+    def noise(self) -> Array:
+        """(V, 2) of a cycle's mean rate and specific force."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +114,7 @@ class Flown:
     pushed: Array
     """(V, K, 3) velocity increments, m/s."""
     issued: Array
-    """(V, K, JETS) on-times, (V, K, 4) speeds, (V, K, 0)."""
+    """(V, K, JETS) on-times, (V, K, 4) speeds, (V, K, 0), (V, K, ROTORS) commands."""
     attitude: Array
     """(V, 4) at the start."""
     kind: Kind
@@ -205,7 +215,7 @@ def vehicle_of(own: Tables, body: int, flown: Flown, biases: bool = False, **kno
     return Vehicle.model_validate(data)
 
 
-def log_of(rng: np.random.Generator, own: Tables, body: int, flown: Flown, used: Vehicle, noise: float = 1.0, biases: bool = False) -> Log:
+def log_of(rng: np.random.Generator, own: Sensed, body: int, flown: Flown, used: Vehicle, noise: float = 1.0, biases: bool = False) -> Log:
     """The log of one of them; ``noise`` is a factor on the IMU's, ``biases`` are drawn."""
     increments, count = [flown.turned[body], flown.pushed[body]], flown.turned.shape[1]
     for i, (sigma, bias) in enumerate(zip(own.noise[body], BIAS, strict=True)):
@@ -214,8 +224,7 @@ def log_of(rng: np.random.Generator, own: Tables, body: int, flown: Flown, used:
     made = {columns.TIME: flown.period_s * np.arange(1, count + 1)}
     for names, values in zip((columns.DELTA_THETA, columns.DELTA_V), increments, strict=True):
         made |= dict(zip(names, values.T, strict=True))
-    name = "jet_j{}_s" if flown.kind == "jets" else "wheel_w{}_rad_s"
-    made |= {name.format(n): values for n, values in enumerate(flown.issued[body].T)}
+    made |= {COMMANDS[flown.kind].format(n): values for n, values in enumerate(flown.issued[body].T)}
     path, places = Path("any-pedestal"), Places(None)
     cells = {name: Cells(path, name, partial(arrow.numbers, values), places) for name, values in made.items()}
     return read(Table(path, "", cells, count, places, None), used)
