@@ -185,7 +185,7 @@ def test_a_put_that_ends_midway_leaves_no_whole_result(s3: Any, monkeypatch: pyt
 
 def test_one_batch_at_a_time_and_a_killed_ones_lock_is_taken_over(s3: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(urlplace, "RENEWED_S", 0.1)
-    monkeypatch.setattr(urlplace, "SILENT_S", 0.8)
+    monkeypatch.setattr(urlplace, "SILENT_S", 3.0)
     place = UrlPlace("s3://flights/locked")
     with place.lock():
         with pytest.raises(InputError, match=rf"another batch is at work there \(process {os.getpid()} on "), UrlPlace(place.url).lock():
