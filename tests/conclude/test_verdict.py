@@ -9,7 +9,7 @@ from scipy.optimize import nnls
 from massprop_cli import INERTIA
 from massprop_cli.conclude.physical import breach, nearest_consistent
 from massprop_cli.conclude.reason import Reason
-from massprop_cli.conclude.verdict import Conclusion, Estimate, conclude, contradicted
+from massprop_cli.conclude.verdict import Conclusion, Estimate, conclude, contradicted, in_doubt
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.result.build import physical
@@ -270,3 +270,58 @@ def test_a_quantity_that_was_not_excited_says_which_motion_it_wants() -> None:
     assert "force across Y (along X or Z)" in str(estimates["cg_y"].reason)
     assert estimates["mass"].verdict == "unobservable"
     assert "wants force" in str(estimates["mass"].reason)
+
+
+@pytest.mark.parametrize(("index", "limit"), [(0, 0.05), (7, 0.05), (9, 0.1)])
+def test_the_thesis_calls_steady_what_moves_by_no_more_than_its_tolerances(index: int, limit: float) -> None:
+    """0.05 kg m², 0.05 m and 0.1 kg from update to update (Wright 2000, chapter 4)."""
+    for share, verdict in ((0.98, "converged"), (1.02, "not_converged")):
+        found = history()
+        found.values[::2, index] += share * limit
+        assert list(conclude(found, vehicle("thesis")).estimates.values())[index].verdict == verdict
+
+
+def test_only_what_was_converged_is_held_back_by_doubt() -> None:
+    found = history()
+    found.sigmas[:, 9] = 5.0
+    before, why = conclude(found, vehicle()), Reason("changed")
+    after = in_doubt(before, {"ixx": why, "mass": why}).estimates
+    assert (after["ixx"].verdict, after["ixx"].value, after["ixx"].final_at_s, after["ixx"].reason) == ("not_converged", 1.0, None, why)
+    assert {name: one for name, one in after.items() if name != "ixx"} == {
+        name: one for name, one in before.estimates.items() if name != "ixx"
+    }
+
+
+def test_what_turns_on_a_bearing_has_its_inertia_about_it_too_and_a_free_body_has_not() -> None:
+    """Steiner's theorem for the mass less the bearing's."""
+    used = flight.vehicle("air_bearing", environment={"bearing_position_m": (0.2, -0.1, 0.3)})
+    pivot = conclude(history(), used).pivot
+    assert pivot is not None
+    arm, six = np.array([0.01, 0.01, 0.01]) - (0.2, -0.1, 0.3), [1.0, 0.1, 0.1, 1.5, 0.1, 1.5]
+    about = (11.0 * (arm @ arm * np.eye(3) - np.outer(arm, arm)))[np.triu_indices(3)] + six
+    np.testing.assert_allclose(pivot[0], np.append(about, 11.0 * arm), rtol=1e-12)
+    whole = conclude(history(), vehicle())
+    assert whole.pivot is None
+    assert whole.thrust_scale_sigma == 0.0
+
+
+def test_on_a_bearing_a_cg_without_a_mass_says_what_to_weigh() -> None:
+    found = history()
+    found.sigmas[:, 6:] = 50.0
+    hung = conclude(found, flight.vehicle("air_bearing")).estimates
+    assert {hung[name].reason.code for name in ("cg_x", "cg_y", "cg_z")} == {"unweighed"}
+    assert "unweighed" not in {one.reason.code for one in conclude(found, vehicle()).estimates.values()}
+    found.sigmas[:, 9] = 1e-3
+    assert "unweighed" not in {one.reason.code for one in conclude(found, flight.vehicle("air_bearing")).estimates.values()}
+
+
+def test_what_counts_is_what_is_informed_at_the_end_by_the_prior_of_its_own_method() -> None:
+    found = history()
+    found.sigmas[:100, 0] = 5.0
+    assert conclude(found, vehicle()).estimates["ixx"].verdict == "converged"
+    found.sigmas[-1, 0] = 5.0
+    assert conclude(found, vehicle()).estimates["ixx"].verdict == "not_excited"
+    sharp = {"p1": [1e-9] * 9}
+    for method, verdict in (("default", "converged"), ("thesis", "not_excited")):
+        used = flight.vehicle(estimator={"method": method, "thesis": sharp})
+        assert conclude(history(), used).estimates["iyy"].verdict == verdict

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scipy.signal import lfilter
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.actuators.wheel import WheelLog
 from massprop_cli.inputs.equipment import Failure, Jet
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -289,3 +291,41 @@ def test_a_log_that_begins_while_thrust_lags_is_estimated_from_when_that_is_forg
     found = flow.examine(begun, VehicleSource(flight.vehicle, "", ""))
     assert not found.notices
     assert np.abs((found.conclusions[0].values - flight.truth[0, 0]) / found.conclusions[0].sigmas).max() < 0.3
+
+
+def test_what_a_sampled_imu_shows_of_a_pulse_is_read_at_its_records_ends() -> None:
+    """Two records a cycle; a pulse of 0.6 cycles is on at the end of the first and not of the second."""
+    used, issued, half = flight.vehicle("free", 0.0), np.zeros((40, 18)), flight.CYCLE / 2
+    issued[20, 0] = 0.6 * flight.CYCLE
+    one, times, still = flight.Flight(used, issued, np.zeros((40, 3)), np.zeros((40, 3))).log(), half * np.arange(1, 81), np.zeros((80, 3))
+    log = replace(one, records_per_cycle=2, time_s=times, interval_s=np.full(80, half), delta_theta_imu_rad=still, delta_v_imu_m_s=still)
+    log = replace(log, sampled=(True, True))
+    found = align(log, used, 0.0, 0.0)
+    # the accelerometer: one of two readings shows the force. The gyro: after 0.5 and 1 cycle it has 0.5 and 0.6 cycles of torque, 0.55 in
+    # the mean, 0.25 of which stood at the middle of the first record, from which these readings are counted
+    for shown, cycles in ((found.whole[20], 0.5), (found.rising[19], 0.25), (found.falling[20], 0.3), (found.rising[20], 0.05)):
+        np.testing.assert_allclose(shown, cycles * flight.CYCLE * used.jet_wrench[0], atol=1e-3 * flight.CYCLE)
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.02])
+def test_a_wheel_turns_the_body_by_what_its_momentum_grows_by(lag_s: float) -> None:
+    """Also beside thrust that lags: a wheel's speed was measured, and doesn't."""
+    spin = {"name": "w", "axis": (0.0, 0.6, 0.8), "spin_inertia_kg_m2": 2e-3, "locked_in_inertia": True, "column": "speed"}
+    used = flight.vehicle("free", 0.0, wheels=[spin])
+    still, speed = np.zeros((40, 3)), 50 + 20 * np.sin(np.arange(40) / 3)
+    log = replace(flight.Flight(used, np.zeros((40, 18)), still, still).log(), spinning=(WheelLog(speed, None, None),))
+    found = align(log, used, 0.0, lag_s)
+    grown = 2e-3 * np.diff(speed)[:, None] * [0.0, 0.6, 0.8]
+    np.testing.assert_allclose(found.whole[1:, :3], -grown, atol=1e-12)
+    assert found.stored is not None
+    np.testing.assert_allclose(found.stored.mean[1:].mean(1)[:, 0], 2e-3 * (speed[1:] + speed[:-1]) / 2, rtol=1e-12)
+
+
+def test_ramps_and_lags_of_commands_before_a_part_of_a_log_reach_into_it() -> None:
+    """A part is what the whole is there, to the last digit: commands reach as far as delay, three cycles, ramps and forty lags."""
+    used = flight.vehicle("free", 2.0, jets=[jet | {"rise_s": 0.11, "fall_s": 0.13} for jet in flight.jets()])
+    log = flight.Flight(used, flight.pulses(200, seed=3), np.zeros((200, 3)), np.zeros((200, 3))).log()
+    for lag_s in (0.0, 0.05):
+        whole, part = align(log, used, 2.0, lag_s), align(log, used, 2.0, lag_s, slice(120, 200))
+        for name in ("rising", "falling", "whole", "impulse_bins", "skew_bins"):
+            np.testing.assert_allclose(getattr(part, name), getattr(whole, name)[120:], rtol=0, atol=1e-15)
