@@ -31,6 +31,10 @@ if TYPE_CHECKING:
     from massprop_cli.diagnosis.diagnose import Diagnosis
 
 
+UNITS = {"gyro-units", "accel-units", "column-kind"}
+"""Causes that readings are smaller or larger by."""
+
+
 class Checked(NamedTuple):
     """What the log says of that which its estimate rests on."""
 
@@ -81,7 +85,7 @@ def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
 def _by_default(begun: Ready, plain: AsStated, check: bool, say: Progress) -> tuple[Estimates[Resolved], Checked]:
     """By the default method, and what the values rest on is examined; with ``check`` the causes of a misfit are looked for."""
     diagnosis = _diagnosis(begun, plain.used, say) if check and (plain.dubious or plain.quiet) else None
-    if diagnosis is not None and not plain.dubious and not diagnosis.explanations:
+    if diagnosis is not None and not plain.dubious and not _found_in_quiet(diagnosis, plain):
         diagnosis = None  # noise that was stated too large is no fault
     size = begun.stated.estimator.adapt_noise and not (diagnosis and diagnosis.explanations)
     # what a wrong model leaves is a torque: noise would take half of it, and tell the sigmas nothing of the other
@@ -101,6 +105,13 @@ def _by_default(begun: Ready, plain: AsStated, check: bool, say: Progress) -> tu
     if detected is None and not sized(used, begun.stated):
         detected = _checked_timing(answer.settled, begun.timing, examination)  # no disturbance was added to explain a misfit
     return answer, Checked(diagnosis, examination, doubted, detected, fits)
+
+
+def _found_in_quiet(diagnosis: Diagnosis, plain: AsStated) -> bool:
+    """Whether it names causes of a log that fits; of one in which nothing is left, another unit alone, in which that would be more."""
+    codes = {one.code for one in diagnosis.explanations}
+    silent = all(fit is not None and fit.history.silent for fit in plain.fits)
+    return bool(codes) and (not silent or codes <= UNITS)
 
 
 def _doubted(examination: Examined, begun: Ready, answer: Estimates[Resolved]) -> list[Doubt]:

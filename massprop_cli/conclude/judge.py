@@ -96,7 +96,10 @@ def _nameless(found: Analysis, i: int) -> tuple[list[Contradiction], Array]:
     conclusion, settled = found.conclusions[i], found.settled[i]
     if not isinstance(found.vehicle, Resolved):
         return [], np.ones(6)
-    misfit, factor = by_misfit(conclusion, settled, found.samples, found.vehicle, found.stated)
+    factor: Array = np.ones(6)
+    misfit = None
+    if not settled.silent:
+        misfit, factor = by_misfit(conclusion, settled, found.samples, found.vehicle, found.stated)
     doubted, lost = by_doubts(conclusion, i, found.doubts), by_lost(found.histories[i], settled)
     size = by_size(conclusion, found.vehicle, found.stated, found.samples)
     every = (size, _explained(misfit, found.unknown), doubted, lost, by_no_body(conclusion))
@@ -117,20 +120,25 @@ def _told(found: Analysis, i: int) -> Discrepancy | None:
     return discrepancy(found.samples, found.timing, found.vehicle, found.settled[i], found.plain, i)
 
 
-def _judgeable(found: Analysis) -> Resolved | None:
-    """The vehicle whose residuals say something: against a floor that stands in for noise no model fits."""
-    return None if not isinstance(found.vehicle, Resolved) or any(one.code == "noise-floor" for one in found.notices) else found.vehicle
+def _judgeable(found: Analysis, settled: History) -> Resolved | None:
+    """The vehicle whose residuals say something.
+
+    Against a floor that stands in for noise no model fits; and where nothing is left, as of a log without noise, nothing in it moves a
+    value by a sigma: a template explains of squares no more than all of them.
+    """
+    floor = any(one.code == "noise-floor" for one in found.notices)
+    return None if floor or not isinstance(found.vehicle, Resolved) or settled.silent else found.vehicle
 
 
 def _unlike_noise(found: Analysis, settled: History) -> dict[str, Reason]:
     """Why values are not to be called converged where what is left is no noise."""
-    vehicle = _judgeable(found)
+    vehicle = _judgeable(found, settled)
     return {} if vehicle is None else unlike_noise(settled, vehicle)
 
 
 def _biased(found: Analysis, settled: History) -> dict[str, Reason]:
     """... and where it is of a kind that makes values too small or too large, by what no log tells."""
-    vehicle = _judgeable(found)
+    vehicle = _judgeable(found, settled)
     if vehicle is None:
         return {}
     return swinging(settled, found.samples, vehicle, found.stated) | unexecuted(settled, found.samples, vehicle)

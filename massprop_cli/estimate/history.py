@@ -102,6 +102,12 @@ class History:
             found.add(rows)
         return found
 
+    @property
+    def silent(self) -> bool:
+        """Whether the squares of all that is left add up to less than one sigma's, as of a log without noise."""
+        of_all = self.moments()
+        return bool(np.nansum(of_all.count * of_all.variance) < 1.0)
+
 
 def phase_cycles(phase: Phase, end_s: Array, usable: BoolArray) -> slice:
     """The cycles with ``start_s < time_s <= end_s`` whose executed command is known; empty where there are none."""
