@@ -361,8 +361,8 @@ def _pair(screening: Screening, alone: Sequence[Refit], worst: float) -> Diagnos
 
 def _beside(screening: Screening, first: Refit | None, others: Sequence[Refit], worst: float) -> list[Refit]:
     """Pairs with a first that is mended, where there are ``others``; what explains less than the ``worst`` score is none."""
-    if first is None or first.screening is None or len(first.screening.model.stated) != len(screening.model.stated):
-        return []  # nothing is beside what makes another testbed, with other coefficients
+    if first is None or first.screening is None:
+        return []
     most = beyond(first.screening)
     if first.fitted.unknowns and np.isfinite(first.score):
         # what a first was fitted to alone moves with a second, and so does what is left

@@ -101,7 +101,7 @@ def begin(screening: Screening, found: Fitted, first: Refit | None) -> Begun | N
     """A hypothesis with its values applied, perhaps beside a ``first`` one; None where that makes another testbed."""
     found = found if first is None else _beside(screening, first, found)
     case = applied(screening.case, found, screening.free.fired)
-    mended = None if case is None else _anew(screening, found, case, screening.free.beside)
+    mended = None if case is None else _anew(screening, case, screening.free.beside, _own_theta(found))
     if mended is None:
         return None
     (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.hypothesis.moves], found.value("theta"))
@@ -165,7 +165,7 @@ def corrected_alone(screening: Screening, part: Fitted) -> Refit | None:
     own = np.asarray(part.hypothesis.free.any(1)) | (np.arange(len(part.x)) < 10)
     found = replace(part, x=np.where(own, part.x, screening.model.stated))
     case = applied(screening.case, found, screening.free.fired)
-    mended = None if case is None else screened(case, screening.piece, theta=found.value("theta"))
+    mended = None if case is None else _anew(screening, case, (), found.value("theta"))
     if case is None or mended is None:
         return None
     return Refit(found, case, np.inf, np.inf, False, mended, _by_units(mended, found, screening.case))
@@ -268,7 +268,7 @@ def _led(
 
     Or until it promises too little to come near the ``best`` cost.
     """
-    mended = _anew(screening, found, case, likely) if begun is None else begun.screening
+    mended = _anew(screening, case, likely, _own_theta(found)) if begun is None else begun.screening
     if mended is None:
         return found, case, None
     if not found.unknowns:
@@ -303,10 +303,15 @@ def _led(
     return found, case, mended
 
 
-def _anew(screening: Screening, found: Fitted, case: Case, likely: tuple[Disturbance, ...]) -> Screening | None:
-    """A case mended by a hypothesis, reduced; None where that is too short, or other channels fire."""
-    mended = screened(case, screening.piece, likely, found.value("theta") if found.unknowns else None)
+def _anew(screening: Screening, case: Case, likely: tuple[Disturbance, ...], theta: Array | None) -> Screening | None:
+    """A case mended by a hypothesis, reduced about θ; None where that is too short, or other channels fire."""
+    mended = screened(case, screening.piece, likely, theta)
     return mended if mended is not None and np.array_equal(mended.free.fired, screening.free.fired) else None
+
+
+def _own_theta(found: Fitted) -> Array | None:
+    """θ of a hypothesis that was fitted; None of one without unknowns."""
+    return found.value("theta") if found.unknowns else None
 
 
 def _together(x: Array, more: Array, model: Model) -> Array:

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from massprop_cli.diagnosis import hypotheses, search
+from massprop_cli.diagnosis import hypotheses, refit, search
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.diagnose import _pair
-from massprop_cli.diagnosis.refit import Refit, beyond, drifts_no_more, hopeless, tried
+from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, drifts_no_more, hopeless, tried
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.diagnosis.search import _by_promise, codes, searched
 from tests import faulty
@@ -27,6 +27,19 @@ def delay_alone(screening: Screening) -> Refit:
     trial = tried(screening, of(screening, "delay-mismatch")[1])
     assert trial is not None
     return trial
+
+
+def test_a_cause_that_leaves_other_channels_is_no_first_of_two(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is known of the coefficients of one testbed says nothing of those of another: such pairs had ended in a traceback."""
+    screening = look_at("free-flyer", *PLAN, LAG)
+    _, found = of(screening, "delay-mismatch")
+    assert corrected_alone(screening, found) is not None
+    silent = screening.case.log.command.copy()
+    silent[:, 0] = 0.0
+    assert 0 in screening.free.fired
+    other = screening.case._replace(log=replace(screening.case.log, command=silent))
+    monkeypatch.setattr(refit, "applied", lambda *_: other)
+    assert corrected_alone(screening, found) is None
 
 
 def test_a_lag_is_followed_first_though_other_late_causes_seem_likelier() -> None:
