@@ -134,6 +134,10 @@ def run(names: Sequence[str], number: int) -> Outcome | None:
             changed = kind.make(made.columns, made.vehicle, rng, **({"flown": one} if kind.knowing else {}))
         except InputError:
             return None
+        except KeyError as missing:
+            if missing.args[0] in one.columns:
+                return None  # another kind has renamed it
+            raise
         if changed is None:
             return None
         made = changed if changed.truth else changed._replace(truth=made.truth)

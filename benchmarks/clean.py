@@ -31,14 +31,12 @@ from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.estimate.pivot import ABOUT_PIVOT
-from massprop_cli.inputs.actuators.wheel import WheelLog
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from tests import anyimu, anypedestal, anyrotors
 
 BATCH, PERIOD_S, DELAY = 4, 0.05, 2.0
-RPM = np.pi / 30
 BIAS = anypedestal.BIAS
 BEYOND = 4.5
 """Sigmas beyond which a converged value is wrong."""
@@ -130,7 +128,7 @@ def about_a_point(rng: np.random.Generator, kind: anypedestal.Kind, free: bool =
         more: dict[str, Any] = {"environment": {"kind": "free"}} if free else {}
         used = _stated(anypedestal.vehicle_of(own, body, flown, case.biases, **known), case, more)
         log = anypedestal.log_of(draw, own, body, flown, used, noise, case.biases)
-        return _in_whole_rpm(log) if whole_rpm else log, used
+        return anypedestal.in_whole_rpm(log) if whole_rpm else log, used
 
     def truth(body: int) -> dict[str, float]:
         return dict(zip(QUANTITIES if free else ABOUT_PIVOT, (own.ten if free else own.nine)[body].tolist(), strict=True))
@@ -148,12 +146,6 @@ def by_rotors(rng: np.random.Generator) -> Motion:
         return anypedestal.log_of(draw, own, body, flown, used, noise, case.biases), used
 
     return Motion(logged, lambda body: dict(zip(QUANTITIES, own.ten[body].tolist(), strict=True)), True)
-
-
-def _in_whole_rpm(log: Log) -> Log:
-    """As a tachometer counts."""
-    logged = (np.asarray(one.speed_rad_s) for one in log.spinning if isinstance(one, WheelLog))
-    return replace(log, spinning=tuple(WheelLog(np.round(speed / RPM) * RPM, None, None) for speed in logged))
 
 
 def _stated(used: Vehicle, case: Case, more: dict[str, Any]) -> Vehicle:

@@ -8,7 +8,7 @@ relative to the body with a constant acceleration within a cycle, so that their 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Literal, Protocol
@@ -18,12 +18,13 @@ import numpy as np
 from massprop_cli.base import arrow
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import columns
+from massprop_cli.inputs.actuators.wheel import WheelLog
 from massprop_cli.inputs.tablefile import Cells, Places, Table
 from massprop_cli.inputs.telemetry import Log, read
 from massprop_cli.inputs.vehicle import Vehicle
 from tests.anyimu import cross
 
-GRAVITY = 9.80665
+GRAVITY, RPM = 9.80665, np.pi / 30
 JETS, PARTS = 12, 8
 CANDIDATES = 6
 BIAS = 1e-3, 0.01
@@ -213,6 +214,12 @@ def vehicle_of(own: Tables, body: int, flown: Flown, biases: bool = False, **kno
         spin = {"spin_inertia_kg_m2": float(own.spin[body]), "locked_in_inertia": True, "column": "speed"}
         data["wheels"] = [{"name": f"w{n}", "axis": axis.tolist(), **spin} for n, axis in enumerate(TETRAHEDRON)]
     return Vehicle.model_validate(data)
+
+
+def in_whole_rpm(log: Log) -> Log:
+    """With the speeds of its wheels as a tachometer counts."""
+    logged = (np.asarray(one.speed_rad_s) for one in log.spinning if isinstance(one, WheelLog))
+    return replace(log, spinning=tuple(WheelLog(np.round(speed / RPM) * RPM, None, None) for speed in logged))
 
 
 def log_of(rng: np.random.Generator, own: Sensed, body: int, flown: Flown, used: Vehicle, noise: float = 1.0, biases: bool = False) -> Log:

@@ -80,8 +80,7 @@ def _without_its_yaw_bias(first: _First, less: Callable[[Array], _First]) -> _Fi
 
 def _left(plain: AsStated) -> float:
     """Chi-square of the off-line fits."""
-    each = [fit.history.moments() for fit in plain.fits if fit is not None]
-    return float(sum(np.nansum(one.count * one.variance) for one in each))
+    return sum(fit.history.left() for fit in plain.fits if fit is not None)
 
 
 def _with_scattered_speeds(first: _First) -> _First:

@@ -102,11 +102,15 @@ class History:
             found.add(rows)
         return found
 
+    def left(self) -> float:
+        """Sum of the squares of all that is left, in sigmas of the noise: chi-square."""
+        found = self.moments()
+        return float(np.nansum(found.count * found.variance))
+
     @property
     def silent(self) -> bool:
-        """Whether the squares of all that is left add up to less than one sigma's, as of a log without noise."""
-        of_all = self.moments()
-        return bool(np.nansum(of_all.count * of_all.variance) < 1.0)
+        """Whether all that is left is less than one sigma, as of a log without noise."""
+        return self.left() < 1.0
 
 
 def phase_cycles(phase: Phase, end_s: Array, usable: BoolArray) -> slice:

@@ -17,11 +17,12 @@ from massprop_cli.diagnosis import resolve
 from massprop_cli.estimate.quantities import in_common
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import vehiclefile
-from massprop_cli.inputs.actuators.wheel import WheelLog, step_of
+from massprop_cli.inputs.actuators.wheel import step_of
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.result import build
 from massprop_cli.testbed import bound, scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
+from tests import anypedestal
 
 TRUTH = np.array([0.6, 0.05, -0.06, 2.7, 0.1, 2.4, -0.02, 0.025, 0.01, 22.0])
 
@@ -275,14 +276,10 @@ def test_speeds_in_whole_rpm_are_counted_with_their_steps(settings: list[str]) -
 
     An error of the momentum turns the rest of it astray: of the small vehicle they had been 2.2 sigma off, and up to 8.5.
     """
-    rpm = np.pi / 30
     flight = simulate.fly(scenario.load("wheels", settings), [1, 2, 3])
     z = []
     for k in range(3):
-        log = flight.log(k)
-        speeds = [np.asarray(one.speed_rad_s) for one in log.spinning if isinstance(one, WheelLog)]
-        counted = [WheelLog(np.round(speed / rpm) * rpm, None, None) for speed in speeds]
-        log = replace(log, spinning=tuple(counted))
+        log = anypedestal.in_whole_rpm(flight.log(k))
         found = flow.examine(log, VehicleSource(flight.vehicle, "", ""))
         assert [notice.code for notice in found.notices] == ["noise-estimated"]
         z.append((found.conclusions[0].values - flight.truth[k, 0])[:6] / found.conclusions[0].sigmas[:6])
