@@ -30,7 +30,7 @@ from massprop_cli.conclude.verdict import POSITIVE
 from massprop_cli.estimate.flown import VERDICTS, cycles_of
 from massprop_cli.export import resolve
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.live.cycles import Cycle
+from massprop_cli.live.cycles import RecordedCycle
 from massprop_cli.live.legs import Completed, Legs
 from massprop_cli.model.handed import StatusError
 
@@ -92,7 +92,7 @@ def _flown(case: Case, name: str) -> Iterator[Completed]:
     legs = Legs(resolve.stated(VehicleSource(case.vehicle, name, ""), log.command_kind == "jets"))
     whole = slice(0, log.cycles)
     for end_s, numbers in zip(log.cycle_end_s, cycles_of(log, whole, whole), strict=True):
-        yield from legs.add(Cycle(float(end_s), numbers.copy()))
+        yield from legs.add(RecordedCycle(float(end_s), numbers.copy()))
     yield from legs.last()
 
 

@@ -25,7 +25,7 @@ from massprop_cli.inputs import telemetry
 from massprop_cli.inputs.tablefile import columns_of
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed import scenario, simulate
-from massprop_cli.testbed.simulate import Flight
+from massprop_cli.testbed.simulate import SimulatedFlight
 
 Draw = Callable[[Subject, np.random.Generator], Drawn | None]
 
@@ -52,7 +52,7 @@ class AnyVehicle(Subject):
         """The log at hand."""
         return self.found
 
-    def again(self, *keys: str) -> Flight:
+    def again(self, *keys: str) -> SimulatedFlight:
         """The same seed flown with other keys of the scenario."""
         if not self.untouched:
             raise UnreachableError

@@ -10,7 +10,7 @@ from fault_named import Due
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed.scenario import ScenarioSource
-from massprop_cli.testbed.simulate import Flight
+from massprop_cli.testbed.simulate import SimulatedFlight
 
 Columns = dict[str, Any]
 """A log's columns by the contract's names, as arrays of any type; they are written to a file as they are."""
@@ -23,7 +23,7 @@ class Flown(NamedTuple):
     vehicle: Vehicle
     truth: tuple[Array, ...]
     """(10,) of each phase."""
-    flight: Flight
+    flight: SimulatedFlight
     source: ScenarioSource
 
 

@@ -12,9 +12,9 @@ import numpy as np
 from commit import commit
 
 from massprop_cli import QUANTITIES, __version__
-from massprop_cli.live.legs import Aboard
+from massprop_cli.live.legs import OnboardEstimator
 from massprop_cli.testbed import scenario, simulate
-from massprop_cli.testbed.simulate import Flight
+from massprop_cli.testbed.simulate import SimulatedFlight
 
 GAINS = {
     "the single body, frozen": ("control.model=nominal",),
@@ -64,12 +64,12 @@ WORDS = """## In words
 """
 
 
-def impulse(flight: Flight) -> np.ndarray:
+def impulse(flight: SimulatedFlight) -> np.ndarray:
     """(S, K) of all jets, N s."""
     return np.asarray(flight.issued @ np.linalg.norm(flight.vehicle.jet_wrench[:, 3:], axis=1))
 
 
-def pointing(flight: Flight) -> np.ndarray:
+def pointing(flight: SimulatedFlight) -> np.ndarray:
     """(S, K) degrees between the attitude and that at the start, which is held."""
     cosine = np.abs((flight.attitude_wxyz[:, 1:] * flight.attitude_wxyz[:, :1]).sum(-1))
     return np.asarray(np.degrees(2 * np.arccos(np.minimum(cosine, 1.0))))
@@ -77,10 +77,10 @@ def pointing(flight: Flight) -> np.ndarray:
 
 def table(
     seeds: Sequence[int], stretches: Sequence[tuple[int, int, str]], assignments: Sequence[str] = (), without: str = ""
-) -> dict[str, Flight]:
+) -> dict[str, SimulatedFlight]:
     """A row for each stretch and kind of gains."""
     flights = {
-        name: simulate.fly(scenario.load("docked-hold", [*own, *assignments]), seeds, running=Aboard)
+        name: simulate.fly(scenario.load("docked-hold", [*own, *assignments]), seeds, running=OnboardEstimator)
         for name, own in GAINS.items()
         if name != without
     }
@@ -96,7 +96,7 @@ def table(
     return flights
 
 
-def learned(flight: Flight) -> None:
+def learned(flight: SimulatedFlight) -> None:
     """When each quantity of the control's body changes first, and how far it is from the truth in the end."""
     print(
         "When the running estimate first replaces a nominal value, median and last of the seeds, and how far the value in use is from the"

@@ -14,7 +14,7 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed import mission, scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
-from massprop_cli.testbed.simulate import Flight
+from massprop_cli.testbed.simulate import SimulatedFlight
 
 OWN = Path(__file__).parent / "vehicles"
 SELDOM = 5
@@ -136,7 +136,7 @@ class Subject:
     name: str
     seed: int
     source: ScenarioSource
-    flight: Flight
+    flight: SimulatedFlight
 
     @property
     def kind(self) -> Kind:
@@ -180,7 +180,7 @@ class Subject:
         """As flown."""
         return case(self.flight)
 
-    def again(self, *keys: str) -> Flight:
+    def again(self, *keys: str) -> SimulatedFlight:
         """The same seed flown with other keys of the scenario."""
         return _fly(self.name, self.seed, keys)
 
@@ -193,7 +193,7 @@ def _source(name: str, keys: tuple[str, ...] = ()) -> ScenarioSource:
     return scenario.load(VEHICLES[name].scenario, [*VEHICLES[name].keys, *keys])
 
 
-def _fly(name: str, seed: int, keys: tuple[str, ...] = ()) -> Flight:
+def _fly(name: str, seed: int, keys: tuple[str, ...] = ()) -> SimulatedFlight:
     return simulate.fly(_source(name, keys), [seed])
 
 
@@ -203,7 +203,7 @@ def subject(name: str, seed: int) -> Subject:
     return Subject(name, seed, _source(name), _fly(name, seed))
 
 
-def case(flight: Flight) -> Case:
+def case(flight: SimulatedFlight) -> Case:
     """A flight as it was; a phase's truth lasts until the next one's begins."""
     ends = [phase.start_s for phase in flight.phases[1:]] + [float("inf")]
     return Case(

@@ -26,7 +26,7 @@ from massprop_cli.base.arrays import Array  # noqa: E402
 from massprop_cli.inputs.require import precise  # noqa: E402
 from massprop_cli.inputs.vehiclefile import VehicleSource  # noqa: E402
 from massprop_cli.plan import flow, limits  # noqa: E402
-from massprop_cli.plan.choose import Wanted  # noqa: E402
+from massprop_cli.plan.choose import PlanGoal  # noqa: E402
 from massprop_cli.testbed import bound, output, scenario, simulate  # noqa: E402
 from massprop_cli.testbed.scenario import ScenarioSource  # noqa: E402
 
@@ -42,7 +42,7 @@ COLUMNS = (
 )
 
 
-def made_for(name: str) -> flow.Made:
+def made_for(name: str) -> flow.WrittenPlan:
     """The plan of a packaged vehicle, guessed to be what it is."""
     packaged = scenario.load(name).scenario
     want, (rate, travel) = PLANS[name]
@@ -62,13 +62,13 @@ def needed(name: str) -> float:
     body = flight.truth[0]
     told = bound.information(source, flight.issued, body)
     told[:, : int(float(flight.vehicle.cycle.command_delay_cycles))] = 0.0
-    wanted = Wanted(precise(PLANS[name][0]), body, flight.vehicle)
+    wanted = PlanGoal(precise(PLANS[name][0]), body, flight.vehicle)
     worst = wanted.ratios(np.swapaxes(np.cumsum(told, 1), 0, 1)).max((1, 2))
     reached = np.flatnonzero(worst <= 1)
     return float((reached[0] + 1) * flight.vehicle.cycle.period_s) if len(reached) else np.inf
 
 
-def flown(source: ScenarioSource, made: flow.Made, seed: int) -> tuple[Array, Array, bool]:
+def flown(source: ScenarioSource, made: flow.WrittenPlan, seed: int) -> tuple[Array, Array, bool]:
     """(10, 10) covariance and (10,) error of one log of the plan, and whether it keeps the limits."""
     flight = simulate.fly(source, [seed])
     found = analysis.examine(flight.log(0), VehicleSource(flight.vehicle, "plan", "")).conclusions[0]

@@ -51,7 +51,7 @@ TICKS = 20
 TICK_S = 0.0025
 
 
-def own_sensing(flown: simulate.Flight, quiet: simulate.Flight, rng: np.random.Generator) -> tuple[Samples, Vehicle]:
+def own_sensing(flown: simulate.SimulatedFlight, quiet: simulate.SimulatedFlight, rng: np.random.Generator) -> tuple[Samples, Vehicle]:
     """What the thesis's simulation fed its filters, from the same flight.
 
     Its cycle-mean rate is the sum of the rates at the *end* of each stretch of constant thrust, weighted with the stretch's length: with

@@ -29,7 +29,7 @@ from massprop_cli.campaign.cluster import ClusterExecutor
 from massprop_cli.campaign.outcome import Outcome
 from massprop_cli.campaign.plan import Settings
 from massprop_cli.campaign.pooled import Pooled
-from massprop_cli.campaign.run import Step
+from massprop_cli.campaign.run import LogDone
 from massprop_cli.campaign.runner import LocalExecutor
 from massprop_cli.campaign.summary import Summary
 from massprop_cli.inputs import expect
@@ -152,7 +152,7 @@ def run_campaign(
     report: bool = False,
     check: bool = False,
     baseline: Where | None = None,
-    told: Callable[[Step], None] | None = None,
+    told: Callable[[LogDone], None] | None = None,
     map_file: Where | None = None,
 ) -> Campaign:
     """Estimate logs, folders, globs or campaign files as ``massprop batch`` does, in ``jobs`` processes (default: one per core).

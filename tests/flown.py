@@ -8,7 +8,7 @@ from massprop_cli import flow
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import scenario, simulate
-from massprop_cli.testbed.simulate import Flight
+from massprop_cli.testbed.simulate import SimulatedFlight
 
 PLAN = (
     "duration_s=15.0",
@@ -23,7 +23,7 @@ RANDOM = (
 
 
 @cache
-def fly(name: str, *settings: str, seeds: tuple[int, ...] = (3,)) -> Flight:
+def fly(name: str, *settings: str, seeds: tuple[int, ...] = (3,)) -> SimulatedFlight:
     """Fly a packaged scenario with ``--set`` settings, one member per seed. Several members take little longer than one.
 
     The arrays are read-only: tests share them.

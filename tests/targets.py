@@ -110,7 +110,7 @@ UNITS = ("", "s", "ms", "us", "ns", "rad/s", "deg/s", "m/s^2", "g", "rad", "m/s"
 def streams(data: bytes) -> None:
     """A map up to the first zero byte, then streams: lengths of name and numbers, type, unit, clock in five bytes, then both of them."""
     text, _, rest = data.partition(b"\0")
-    found: list[recording.Stream] = []
+    found: list[recording.RecordedStream] = []
     while len(rest) >= 5:
         name, rows, kind, unit, clock = rest[:5]
         form = np.dtype(TYPES[kind % len(TYPES)])

@@ -7,7 +7,7 @@ import numpy as np
 
 from massprop_cli.balance import document, solve, stated
 from massprop_cli.balance.document import G_CM, hang, moment
-from massprop_cli.balance.solve import Compared, Hanging
+from massprop_cli.balance.solve import Hanging, MovedMoments
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import tensor
@@ -205,7 +205,7 @@ def _change(hanging: Hanging, ballast: Sequence[Ballast], n: int, by: float) -> 
     )
 
 
-def _check(found: Compared, ballast: Sequence[Ballast], change: Array, given: bool, gravity: float) -> document.MoveCheck:
+def _check(found: MovedMoments, ballast: Sequence[Ballast], change: Array, given: bool, gravity: float) -> document.MoveCheck:
     from scipy.special import gammaincc
 
     difference, none = found.measured - found.predicted, np.zeros((3, 3))

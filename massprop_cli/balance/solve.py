@@ -130,7 +130,7 @@ def placing(one: Ballast, arm: Array, mass: float, by: float) -> Array:
     return found
 
 
-class Compared(NamedTuple):
+class MovedMoments(NamedTuple):
     """What moved against what was predicted."""
 
     predicted: Array
@@ -148,7 +148,7 @@ class Compared(NamedTuple):
     """The table as it now is, with what both logs and the moves say of it."""
 
 
-def compared(before: Hanging, after: Hanging, ballast: Sequence[Ballast], change: Array, scale_sigma: float) -> Compared:
+def compared(before: Hanging, after: Hanging, ballast: Sequence[Ballast], change: Array, scale_sigma: float) -> MovedMoments:
     """Hold the difference of two logs' κ against the changes (n,) between them, and refine masses, κ and the thrust's scale by it.
 
     A log gives κ/(1 + e), e the common error of all thrust. With x = (κ₂, m, e), D the derivative of the changes by the masses and
@@ -184,6 +184,6 @@ def compared(before: Hanging, after: Hanging, ballast: Sequence[Ballast], change
     kept = np.concatenate([[True] * 3, slides])
     covariance = np.where(kept[:, None] & kept, refined[:-1, :-1], 0.0)
     now = Hanging(x[:3], after.inertia * (1 + x[-1]), np.where(slides, x[3:-1], 0.0), covariance, after.pivot, after.gravity, after.up)
-    return Compared(
+    return MovedMoments(
         step @ masses, after.moment - before.moment, spread, chi_square, x[3:-1], sigmas[3:-1], (1 + x[-1], float(sigmas[-1])), now
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 from massprop_cli import UNITS
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import location, summary
-from massprop_cli.campaign.outcome import Body, Row, Value
+from massprop_cli.campaign.outcome import CampaignRow, PhaseQuantities, Value
 from massprop_cli.campaign.pooled import Key, Pool, pooled
 from massprop_cli.campaign.summary import Baseline, Beyond, Summary
 from massprop_cli.inputs.tolerancefile import Gate
@@ -38,7 +38,7 @@ def phases(earlier: Earlier) -> list[str]:
     return list(dict.fromkeys(body.name for found in outcomes if found for body in found.bodies if body.part == "phase"))
 
 
-def compare(rows: Sequence[Row], earlier: Earlier, gate: Gate) -> Baseline:
+def compare(rows: Sequence[CampaignRow], earlier: Earlier, gate: Gate) -> Baseline:
     """What lies further from the baseline than the gate allows (4 sigma of the difference unless it says otherwise).
 
     The sigma of a difference is sqrt(s1² + s2²): what both have in common is not taken into account. What the baseline told and this
@@ -65,7 +65,7 @@ def compare(rows: Sequence[Row], earlier: Earlier, gate: Gate) -> Baseline:
     )
 
 
-def _log(name: str, now: Row | None, before: Row, gate: Gate) -> Iterator[Beyond]:
+def _log(name: str, now: CampaignRow | None, before: CampaignRow, gate: Gate) -> Iterator[Beyond]:
     if before.outcome is None:
         return
     vehicle = before.outcome.vehicle.name if before.outcome.vehicle else None
@@ -136,5 +136,5 @@ def _beyond(message: str, **told: str | float | None) -> Beyond:
     return Beyond.model_validate(dict.fromkeys(Beyond.model_fields) | told | {"message": " ".join(message.split())})
 
 
-def _title(body: Body | Pool) -> str:
+def _title(body: PhaseQuantities | Pool) -> str:
     return f"phase {body.name}" if body.part == "phase" else f"docked object ({body.name})"

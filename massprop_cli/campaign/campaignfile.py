@@ -9,7 +9,7 @@ from pydantic import Field, StringConstraints, model_validator
 
 from massprop_cli.base import configfile
 from massprop_cli.campaign import location
-from massprop_cli.campaign.plan import Found, Settings
+from massprop_cli.campaign.plan import FoundLog, Settings
 from massprop_cli.inputs.require import Stated
 from massprop_cli.inputs.section import NonNegative, Section
 
@@ -77,7 +77,7 @@ def fits(patterns: Sequence[str], below: str) -> bool:
     return any(fnmatchcase(below, pattern.removeprefix("./")) for pattern in patterns)
 
 
-def applied(file: CampaignFile, base: str, log: Found, below: str) -> Found:
+def applied(file: CampaignFile, base: str, log: FoundLog, below: str) -> FoundLog:
     """The log with what the file says of it."""
     said: Sequence[Said] = [file, *(rule for rule in file.match if fits(rule.logs, below))]
     vehicle = _last([one.vehicle for one in said])

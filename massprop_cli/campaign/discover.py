@@ -10,7 +10,7 @@ from pathlib import Path, PurePath, PurePosixPath
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import campaignfile, location
-from massprop_cli.campaign.plan import Found, Job, Settings, jobs
+from massprop_cli.campaign.plan import FoundLog, Job, Settings, jobs
 from massprop_cli.inputs.formats.recording import SUFFIXES
 
 OWN = {"history.parquet": "result.json", "campaign.parquet": "campaign.json", "campaign.csv": "campaign.json", "report.csv": ""}
@@ -24,7 +24,7 @@ def plan(named: Sequence[str], over: Settings) -> tuple[str, list[Job]]:
 
     :class:`InputError` where something named is missing or holds no log.
     """
-    found: list[Found] = []
+    found: list[FoundLog] = []
     titles = []
     for text in named:
         if text.lower().endswith(".toml") and not Path(text).is_dir():
@@ -50,7 +50,7 @@ def overlaid(under: Settings, over: Settings) -> Settings:
     )
 
 
-def _campaign(place: str) -> tuple[str, list[Found]]:
+def _campaign(place: str) -> tuple[str, list[FoundLog]]:
     file = campaignfile.load(place)
     base = location.folder(place)
     logs = [log for named in file.logs for log in _expanded(location.join(base, named))]
@@ -62,7 +62,7 @@ def _campaign(place: str) -> tuple[str, list[Found]]:
     return title, [campaignfile.applied(file, base, log, path) for log, path in zip(logs, paths, strict=True)]
 
 
-def _expanded(named: str) -> list[Found]:
+def _expanded(named: str) -> list[FoundLog]:
     if location.is_url(named):
         return _expanded_url(named)
     path = Path(named)
@@ -92,7 +92,7 @@ def _matching(path: Path, fixed: Path) -> set[Path]:
     return logs | {log for match in matches if match.is_dir() for log in _walk(match)}
 
 
-def _expanded_url(named: str) -> list[Found]:
+def _expanded_url(named: str) -> list[FoundLog]:
     """The same of a URL, by the same rules."""
     from massprop_cli.campaign import remote
 
@@ -121,11 +121,11 @@ def _is_hidden(path: str) -> bool:
     return any(part.startswith(".") for part in path.split("/"))
 
 
-def _found_url(root: str, path: str) -> Found:
+def _found_url(root: str, path: str) -> FoundLog:
     whole = location.join(root, path)
     scheme, _, rest = whole.partition("://")
     below = path.split("/")
-    return Found(whole, (f"{scheme}://", *(part for part in rest.split("::", 1)[0].split("/") if part)), len(below))
+    return FoundLog(whole, (f"{scheme}://", *(part for part in rest.split("::", 1)[0].split("/") if part)), len(below))
 
 
 def _leading(parts: Sequence[str]) -> Iterator[str]:
@@ -159,9 +159,9 @@ def _may_be_log(file: PurePath, exists: Callable[[PurePath], bool]) -> bool:
     return file.name.lower().endswith(SUFFIXES) and not own
 
 
-def _found(log: Path, root: Path) -> Found:
+def _found(log: Path, root: Path) -> FoundLog:
     whole = _absolute(log)
-    return Found(str(log), whole.parts, len(whole.relative_to(_absolute(root)).parts))
+    return FoundLog(str(log), whole.parts, len(whole.relative_to(_absolute(root)).parts))
 
 
 def _absolute(path: Path) -> Path:

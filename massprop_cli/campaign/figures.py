@@ -27,7 +27,7 @@ FAR = 6.0
 class Spread:
     """One quantity, log by log."""
 
-    samples: pool.Samples
+    samples: pool.LogValues
     mean: pool.Mean
     expected: float | None
     """What all logs expect alike."""
@@ -53,7 +53,7 @@ def spreads(group: Group) -> dict[str, Spread]:
     for i, name in enumerate(QUANTITIES):
         told = np.isfinite(values[:, i, 0])
         if told.any():
-            samples = pool.Samples(np.array(group.numbers, dtype=float)[told], *values[told, i].T)
+            samples = pool.LogValues(np.array(group.numbers, dtype=float)[told], *values[told, i].T)
             alike = group.expected[i]
             found[name] = Spread(samples, pool.mean(samples), next(iter(alike)) if len(alike) == 1 else None)
     return found

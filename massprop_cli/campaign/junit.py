@@ -17,21 +17,21 @@ def text(place: Place, found: Summary) -> str:
     return junit.text(_outcomes(place, found))
 
 
-def _outcomes(place: Place, found: Summary) -> Iterator[junit.Outcome]:
+def _outcomes(place: Place, found: Summary) -> Iterator[junit.LogOutcome]:
     for row in (*found.logs, *found.combined):
         if row.outcome is None:
-            yield junit.Outcome(row.name, error="not tried, after --fail-fast", kind="not tried")
+            yield junit.LogOutcome(row.name, error="not tried, after --fail-fast", kind="not tried")
         elif "result.json" in row.outcome.files:
             content = place.read(f"{RESULTS}/{row.name}/result.json")
             unmet = row.outcome.message if row.outcome.exit_code == exits.NOT_CONVERGED else None
             allowed = row.outcome.exit_code != exits.CONTRADICTED
-            yield junit.Outcome(row.name, Result.model_validate_json(content), unmet=unmet, allow_contradicted=allowed)
+            yield junit.LogOutcome(row.name, Result.model_validate_json(content), unmet=unmet, allow_contradicted=allowed)
         elif CHECKED in row.outcome.files:
             found_wrong = Check.model_validate_json(place.read(f"{RESULTS}/{row.name}/{CHECKED}"))
-            yield junit.Outcome(row.name, suite=checked.suite(found_wrong, row.name))
+            yield junit.LogOutcome(row.name, suite=checked.suite(found_wrong, row.name))
         else:
             kind = "internal error" if row.outcome.exit_code == exits.BUG else "unusable input"
-            yield junit.Outcome(row.name, error=row.outcome.message, kind=kind)
+            yield junit.LogOutcome(row.name, error=row.outcome.message, kind=kind)
     if found.baseline is not None and found.baseline.beyond:
         for number, item in enumerate(found.baseline.beyond, 1):
-            yield junit.Outcome(f"baseline {number}", error=item.message, kind="beyond the baseline")
+            yield junit.LogOutcome(f"baseline {number}", error=item.message, kind="beyond the baseline")

@@ -8,8 +8,8 @@ from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.escape import line
 from massprop_cli.campaign import outcome
-from massprop_cli.campaign.outcome import Body, Value
-from massprop_cli.check.finding import Expected
+from massprop_cli.campaign.outcome import PhaseQuantities, Value
+from massprop_cli.check.finding import ExpectedQuantity
 from massprop_cli.errorparameters.timing import DELAY_STEP
 from massprop_cli.estimate.quantities import by_scale, by_scale_beside, in_common
 from massprop_cli.inputs.vehicle import Vehicle
@@ -19,10 +19,10 @@ from massprop_cli.report.body import values
 from massprop_cli.result.schema import DockedObject, PhaseItem, Result
 
 
-def vehicle(found: Result) -> outcome.Vehicle:
+def vehicle(found: Result) -> outcome.StatedVehicle:
     """The vehicle's name and what its values mean."""
     stated = found.vehicle
-    return outcome.Vehicle(
+    return outcome.StatedVehicle(
         name=stated.name,
         sha256=found.provenance.vehicle_sha256,
         environment=stated.environment,
@@ -30,15 +30,15 @@ def vehicle(found: Result) -> outcome.Vehicle:
     )
 
 
-def stated(source: VehicleSource) -> outcome.Vehicle:
+def stated(source: VehicleSource) -> outcome.StatedVehicle:
     """The same of a vehicle file, where there is no result."""
     of = source.vehicle
     bearing = of.environment.bearing_mass_kg if of.on_air_bearing else 0.0
-    return outcome.Vehicle(name=of.name, sha256=source.sha256, environment=of.environment.kind, bearing_mass_kg=bearing)
+    return outcome.StatedVehicle(name=of.name, sha256=source.sha256, environment=of.environment.kind, bearing_mass_kg=bearing)
 
 
 def of_result(
-    found: Result, unmet: Unmet, bodies: list[Body], files: list[str], method: str, fingerprint: str = outcome.UNKEPT
+    found: Result, unmet: Unmet, bodies: list[PhaseQuantities], files: list[str], method: str, fingerprint: str = outcome.UNKEPT
 ) -> outcome.Outcome:
     """The outcome of a log, or of several, with a result."""
     return outcome.Outcome(
@@ -58,20 +58,20 @@ def of_result(
     )
 
 
-def expected(found: Sequence[Expected]) -> list[Body]:
+def expected(found: Sequence[ExpectedQuantity]) -> list[PhaseQuantities]:
     """What a check expects of each phase: sigmas and verdicts, and no values."""
     phases: dict[str, dict[str, Value]] = {}
     for one in found:
         phases.setdefault(one.phase, {})[one.quantity] = Value(value=None, sigma=one.sigma, verdict=one.verdict, met=one.reached)
-    return [Body(part="phase", name=name, estimates=estimates) for name, estimates in phases.items()]
+    return [PhaseQuantities(part="phase", name=name, estimates=estimates) for name, estimates in phases.items()]
 
 
-def bodies(found: Result, used: Vehicle, stated: Vehicle) -> list[Body]:
+def bodies(found: Result, used: Vehicle, stated: Vehicle) -> list[PhaseQuantities]:
     """Phases and docked object; of the vehicle as it was ``used``, and as its file states it."""
     thesis = used.estimator.method == "thesis"
     alike = {phase.name: _stated(found, phase, used, stated) for phase in found.phases}
     kept = [
-        Body(part="phase", name=phase.name, estimates=_values(phase, None if thesis else shared(phase, used), alike[phase.name]))
+        PhaseQuantities(part="phase", name=phase.name, estimates=_values(phase, None if thesis else shared(phase, used), alike[phase.name]))
         for phase in found.phases
     ]
     docked = found.docked_object
@@ -79,15 +79,19 @@ def bodies(found: Result, used: Vehicle, stated: Vehicle) -> list[Body]:
         # of what is known, or uncertain, of both phases the share in their difference isn't told
         told = not (thesis or docked.known or any(phase.known or alike[phase.name].any() for phase in found.phases))
         name = f"{docked.after} less {docked.before}"
-        kept.append(Body(part="docked", name=name, estimates=_values(docked, _docked_shared(docked, used) if told else None, np.zeros(10))))
+        kept.append(
+            PhaseQuantities(
+                part="docked", name=name, estimates=_values(docked, _docked_shared(docked, used) if told else None, np.zeros(10))
+            )
+        )
     return kept
 
 
-def joint_bodies(found: Result) -> list[Body]:
+def joint_bodies(found: Result) -> list[PhaseQuantities]:
     """Of a result of several logs; how much of it they share is in its sigmas, and isn't told apart."""
-    kept = [Body(part="phase", name=phase.name, estimates=_values(phase, None, np.zeros(10))) for phase in found.phases]
+    kept = [PhaseQuantities(part="phase", name=phase.name, estimates=_values(phase, None, np.zeros(10))) for phase in found.phases]
     docked = found.docked_object
-    return kept + ([] if docked is None else [Body(part="docked", name="object", estimates=_values(docked, None, np.zeros(10)))])
+    return kept + ([] if docked is None else [PhaseQuantities(part="docked", name="object", estimates=_values(docked, None, np.zeros(10)))])
 
 
 def _values(body: PhaseItem | DockedObject, common: Array | None, alike: Array) -> dict[str, Value]:

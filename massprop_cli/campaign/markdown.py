@@ -10,7 +10,7 @@ from pathlib import Path
 from massprop_cli.base.escape import line
 from massprop_cli.base.escape import markdown as shown
 from massprop_cli.campaign import page
-from massprop_cli.campaign.outcome import Row, contradicted, state
+from massprop_cli.campaign.outcome import CampaignRow, contradicted, state
 from massprop_cli.campaign.pooled import Pool
 from massprop_cli.campaign.summary import Summary
 from massprop_cli.report import markdown, vocabulary
@@ -67,7 +67,7 @@ def _doubts(pool: Pool) -> list[str]:
     return [line for doubt in page.doubts(pool) for line in (f"⚠ {shown(doubt)}.", "")]
 
 
-def _all(row: Row) -> str:
+def _all(row: CampaignRow) -> str:
     found = row.outcome
     items = [item for body in found.bodies for item in body.estimates.values()] if found else []
     converged = f"{sum(item.verdict == 'converged' for item in items)} of {len(items)}" if items else "–"
@@ -77,7 +77,7 @@ def _all(row: Row) -> str:
     )
 
 
-def _message(row: Row) -> str:
+def _message(row: CampaignRow) -> str:
     if row.outcome is None:
         return ""
     codes = ", ".join(dict.fromkeys(row.outcome.warnings))

@@ -18,16 +18,16 @@ UNKEPT = ""
 """Fingerprint of an outcome that is tried again whatever happens: what failed was not the log."""
 
 
-class Item(BaseModel):
+class OutcomePart(BaseModel):
     """Part of an outcome; unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-_Kind = TypeVar("_Kind", bound=Item)
+_Kind = TypeVar("_Kind", bound=OutcomePart)
 
 
-class Value(Item):
+class Value(OutcomePart):
     """One quantity, SI, products as tensor elements; sigma is one standard deviation."""
 
     value: float | None
@@ -43,7 +43,7 @@ class Value(Item):
     expected: float | None = Field(None, description="what was expected of it; null without an expectation")
 
 
-class Body(Item):
+class PhaseQuantities(OutcomePart):
     """Ten quantities of a phase, or of the docked object."""
 
     part: Literal["phase", "docked"]
@@ -51,7 +51,7 @@ class Body(Item):
     estimates: dict[str, Value]
 
 
-class Vehicle(Item):
+class StatedVehicle(OutcomePart):
     """The vehicle as its file states it."""
 
     name: str
@@ -60,7 +60,7 @@ class Vehicle(Item):
     bearing_mass_kg: float
 
 
-class Outcome(Item):
+class Outcome(OutcomePart):
     """One log: its exit code by the contract, and what was found."""
 
     schema_: Literal["massprop/outcome/1"] = Field("massprop/outcome/1", alias="schema")
@@ -68,14 +68,14 @@ class Outcome(Item):
     exit_code: int
     message: str = Field(description="why exit_code isn't 0, on one line")
     input_sha256: str | None
-    vehicle: Vehicle | None = None
+    vehicle: StatedVehicle | None = None
     method: str | None = None
     duration_s: float | None = None
     cycles: int | None = None
     delay_cycles: float | None = None
     warnings: list[str] = Field([], description="codes")
     missed: list[str] = Field([], description="what is not converged or not as expected, a phrase each")
-    bodies: list[Body] = []
+    bodies: list[PhaseQuantities] = []
     files: list[str] = Field([], description="of the result folder, outcome.json aside")
 
 
@@ -109,7 +109,7 @@ def from_json(content: bytes) -> Outcome | None:
         return None
 
 
-def packed(found: Item) -> bytes:
+def packed(found: OutcomePart) -> bytes:
     """Compressed, about a fifteenth of what it takes in the open."""
     return zlib.compress(found.model_dump_json(by_alias=True).encode())
 
@@ -119,7 +119,7 @@ def unpacked(kind: type[_Kind], content: bytes) -> _Kind:
     return kind.model_validate_json(zlib.decompress(content))
 
 
-class Row(Item):
+class CampaignRow(OutcomePart):
     """One log, in the campaign's order."""
 
     name: str = Field(description="of its result folder in results/")
@@ -128,34 +128,34 @@ class Row(Item):
     outcome: Outcome | None = Field(description="null: not tried, after --fail-fast")
 
 
-class Rows(Sequence[Row]):
+class CompressedRows(Sequence[CampaignRow]):
     """Rows, compressed: about 1 kB each, where a row in the open takes 15 kB. What is taken out is a copy."""
 
-    def __init__(self, rows: Iterable[Row] = ()) -> None:
+    def __init__(self, rows: Iterable[CampaignRow] = ()) -> None:
         self._packed = [packed(row) for row in rows]
 
     def __len__(self) -> int:
         return len(self._packed)
 
     @overload
-    def __getitem__(self, index: int) -> Row: ...
+    def __getitem__(self, index: int) -> CampaignRow: ...
     @overload
-    def __getitem__(self, index: slice) -> Sequence[Row]: ...
-    def __getitem__(self, index: int | slice) -> Row | Sequence[Row]:
+    def __getitem__(self, index: slice) -> Sequence[CampaignRow]: ...
+    def __getitem__(self, index: int | slice) -> CampaignRow | Sequence[CampaignRow]:
         """One row, or some."""
         if isinstance(index, slice):
-            return [unpacked(Row, one) for one in self._packed[index]]
-        return unpacked(Row, self._packed[index])
+            return [unpacked(CampaignRow, one) for one in self._packed[index]]
+        return unpacked(CampaignRow, self._packed[index])
 
-    def __setitem__(self, index: int, row: Row) -> None:
+    def __setitem__(self, index: int, row: CampaignRow) -> None:
         self._packed[index] = packed(row)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Rows) and self._packed == other._packed
+        return isinstance(other, CompressedRows) and self._packed == other._packed
 
     __hash__ = None  # type: ignore[assignment]
 
 
-def row(job: Job, outcome: Outcome | None) -> Row:
+def row(job: Job, outcome: Outcome | None) -> CampaignRow:
     """A job with what became of it."""
-    return Row(name=job.name, log=job.shown, tags=list(job.tags), outcome=outcome)
+    return CampaignRow(name=job.name, log=job.shown, tags=list(job.tags), outcome=outcome)

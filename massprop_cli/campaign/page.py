@@ -11,7 +11,7 @@ from urllib.parse import quote
 from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import figures
-from massprop_cli.campaign.outcome import CHECKED, STATES, Body, Outcome, Row, Value, contradicted, state
+from massprop_cli.campaign.outcome import CHECKED, STATES, CampaignRow, Outcome, PhaseQuantities, Value, contradicted, state
 from massprop_cli.campaign.place import RESULTS
 from massprop_cli.campaign.pooled import Key, Pool, Pooled, grouped
 from massprop_cli.campaign.summary import Summary
@@ -30,7 +30,7 @@ _UNLIKELY = 1e-3
 
 
 @dataclass(frozen=True)
-class Cell:
+class QuantityCell:
     """One quantity of one part of a log."""
 
     verdict: str
@@ -88,7 +88,7 @@ def counts(found: Summary) -> str:
     return "; ".join(said)
 
 
-def told_of(row: Row) -> str:
+def told_of(row: CampaignRow) -> str:
     """What came of a result of several logs, in words."""
     doubts = f" ({', '.join(dict.fromkeys(row.outcome.warnings))})" if row.outcome and row.outcome.warnings else ""
     return f"{state(row.outcome)}{doubts}" + (f": {row.outcome.message}" if row.outcome and row.outcome.message else "")
@@ -98,7 +98,7 @@ def _entries(found: Summary) -> Iterator[dict[str, Any]]:
     return (_entry(number, row) for number, row in enumerate(found.logs, 1))
 
 
-def _entry(number: int, row: Row) -> dict[str, Any]:
+def _entry(number: int, row: CampaignRow) -> dict[str, Any]:
     """What the page says of one log; quantities are by part."""
     found = row.outcome
     code = found.exit_code if found else None
@@ -141,21 +141,21 @@ def _link(name: str, found: Outcome | None) -> str:
     return f"{RESULTS}/{quote(name)}/{file}" if file else ""
 
 
-def title(body: Body | Pool) -> str:
+def title(body: PhaseQuantities | Pool) -> str:
     """What to call a part of a log."""
     return body.name if body.part == "phase" else f"docked: {body.name}"
 
 
-def _cell(item: Value) -> Cell:
+def _cell(item: Value) -> QuantityCell:
     value, sigma = (digits.minus(text) for text in digits.numbers(item.value, item.sigma, item.verdict))
     if item.value is None and item.sigma is not None:  # of a check
         sigma = digits.figures(item.sigma)
     key = "" if item.value is None else repr(item.value)
-    return Cell(item.verdict, vocabulary.SIGNS[item.verdict], value, sigma, key, item.met is False, item.verdict not in INFORMED)
+    return QuantityCell(item.verdict, vocabulary.SIGNS[item.verdict], value, sigma, key, item.met is False, item.verdict not in INFORMED)
 
 
 @dataclass(frozen=True)
-class Told:
+class PooledVehicle:
     """What one vehicle's logs say together."""
 
     pool: Pool
@@ -163,14 +163,16 @@ class Told:
     figure: html.Figure
 
 
-def _pools(found: Summary) -> list[Told]:
+def _pools(found: Summary) -> list[PooledVehicle]:
     groups = grouped(found.logs) if found.pooled else {}
     told = []
     for number, pool in enumerate(found.pooled, 1):
         spread = figures.spreads(groups[Key.of(pool)])
         picture = html.drawn("pool", "Log by log", figures.picture(spread, pool), f"pool{number}")
         within = {name: f"{one.within} of {len(one.samples.value)}" for name, one in spread.items()}
-        told.append(Told(pool, [_pooled(name, item) | {"within": within.get(name, "–")} for name, item in pool.estimates.items()], picture))
+        told.append(
+            PooledVehicle(pool, [_pooled(name, item) | {"within": within.get(name, "–")} for name, item in pool.estimates.items()], picture)
+        )
     return told
 
 

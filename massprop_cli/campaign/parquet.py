@@ -11,14 +11,14 @@ import numpy as np
 from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.base import arrow
 from massprop_cli.base.escape import cell
-from massprop_cli.campaign.outcome import Body, Outcome, Row, Value, state
+from massprop_cli.campaign.outcome import CampaignRow, Outcome, PhaseQuantities, Value, state
 from massprop_cli.campaign.summary import Summary
 from massprop_cli.report.spreadsheet import SPELT
 
 _TOGETHER = 250
 """Logs whose rows are held, and written, together."""
-Line = tuple[Row, Outcome | None, Body | None]
-_TEXTS: dict[str, Callable[[Row, Outcome | None, Body | None], str | None]] = {
+Line = tuple[CampaignRow, Outcome | None, PhaseQuantities | None]
+_TEXTS: dict[str, Callable[[CampaignRow, Outcome | None, PhaseQuantities | None], str | None]] = {
     "name": lambda row, *_: row.name,
     "log": lambda row, *_: row.log,
     "tags": lambda row, *_: "; ".join(row.tags),
@@ -56,7 +56,7 @@ def parquet(found: Summary) -> bytes:
     return out.getvalue()
 
 
-def _part(rows: Sequence[Row]) -> Any:
+def _part(rows: Sequence[CampaignRow]) -> Any:
     """The table of some rows."""
     import pyarrow as pa
 
@@ -71,7 +71,7 @@ def _part(rows: Sequence[Row]) -> Any:
     return pa.table(columns)
 
 
-def _bodies(found: Outcome | None) -> Sequence[Body | None]:
+def _bodies(found: Outcome | None) -> Sequence[PhaseQuantities | None]:
     return [*found.bodies] if found is not None and found.bodies else [None]
 
 

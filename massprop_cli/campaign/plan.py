@@ -46,7 +46,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundLog:
     """A log before it has a name."""
 
     location: str
@@ -58,7 +58,7 @@ class Found:
     tags: tuple[str, ...] = ()
 
 
-def jobs(found: Sequence[Found]) -> list[Job]:
+def jobs(found: Sequence[FoundLog]) -> list[Job]:
     """A job for each log, in their order; a log that was found twice is done once, by what was said of it last."""
     last = {log.parts: log for log in found}
     logs = list(last.values())
@@ -68,7 +68,7 @@ def jobs(found: Sequence[Found]) -> list[Job]:
     ]
 
 
-def names(logs: Sequence[Found]) -> list[str]:
+def names(logs: Sequence[FoundLog]) -> list[str]:
     """Names of result folders: stable, unique, readable.
 
     A log's path below what was named, without its suffix and joined by "-"; a file called log.parquet or log.csv goes by its folder. Logs
@@ -100,7 +100,7 @@ def _shared(found: Sequence[str]) -> set[int]:
     return {n for n, name in enumerate(found) if counts[foldername.same(name)] > 1}
 
 
-def _name(log: Found, deep: int, twin: bool) -> str:
+def _name(log: FoundLog, deep: int, twin: bool) -> str:
     """Of so many parts of its path; with its suffix where a ``twin`` in its folder has its stem."""
     *folders, file = log.parts[-deep:]
     stem, above = foldername.stem(file), log.parts[:-1]

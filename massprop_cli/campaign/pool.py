@@ -32,7 +32,7 @@ _LEAST_OWN = 1e-3
 
 
 @dataclass(frozen=True)
-class Samples:
+class LogValues:
     """One quantity of one vehicle, log by log; SI."""
 
     number: Array
@@ -52,9 +52,9 @@ class Samples:
         own: Array = np.sqrt(np.maximum(self.sigma**2 - self.shared**2, (_LEAST_OWN * self.sigma) ** 2))
         return own
 
-    def only(self, keep: NDArray[np.intp]) -> Samples:
+    def only(self, keep: NDArray[np.intp]) -> LogValues:
         """The logs at these indices."""
-        return Samples(self.number[keep], self.value[keep], self.sigma[keep], self.shared[keep], self.alike[keep])
+        return LogValues(self.number[keep], self.value[keep], self.sigma[keep], self.shared[keep], self.alike[keep])
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Trend:
     sigma: float
 
 
-def mean(samples: Samples) -> Mean:
+def mean(samples: LogValues) -> Mean:
     """The inverse-variance weighted mean."""
     weight = samples.own**-2.0
     total = weight.sum()
@@ -95,7 +95,7 @@ def mean(samples: Samples) -> Mean:
     return Mean(float(weight @ samples.value / total), float(np.sqrt(apart + shared**2)), shared)
 
 
-def scatter(samples: Samples) -> Scatter | None:
+def scatter(samples: LogValues) -> Scatter | None:
     """χ² about the weighted mean; None for fewer than two logs."""
     from scipy.special import gammaincc
 
@@ -106,7 +106,7 @@ def scatter(samples: Samples) -> Scatter | None:
     return Scatter(chi_square, free, float(gammaincc(free / 2, chi_square / 2)), float(np.sqrt(chi_square / free)))
 
 
-def outliers(samples: Samples) -> dict[int, float]:
+def outliers(samples: LogValues) -> dict[int, float]:
     """Index and distance in sigmas of each outlier, the farthest first; needs three logs."""
     found: dict[int, float] = {}
     left = np.arange(len(samples.value))
@@ -120,7 +120,7 @@ def outliers(samples: Samples) -> dict[int, float]:
     return found
 
 
-def _from_the_others(samples: Samples) -> Array:
+def _from_the_others(samples: LogValues) -> Array:
     """(n,) distance of each log from the mean of all others, in sigmas of that distance."""
     weight, value = samples.own**-2.0, samples.value - np.median(samples.value)
     # sums without one log, from both sides: a difference of the whole and its largest part would leave nothing of the rest
@@ -137,7 +137,7 @@ def _without_each(terms: Array) -> Array:
     return summed
 
 
-def trend(samples: Samples) -> Trend | None:
+def trend(samples: LogValues) -> Trend | None:
     """Slope over the logs' numbers; None for fewer than three logs."""
     if len(samples.value) < 3:
         return None

@@ -13,13 +13,13 @@ from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import pool
-from massprop_cli.campaign.outcome import Item, Row, Value
+from massprop_cli.campaign.outcome import CampaignRow, OutcomePart, Value
 from massprop_cli.combine import twice
 from massprop_cli.inputs.equipment import EnvironmentKind
 from massprop_cli.result.judge import INFORMED
 
 
-class Outlier(Item):
+class Outlier(OutcomePart):
     """A log further than 4 sigma from the mean of the others."""
 
     log: str
@@ -27,7 +27,7 @@ class Outlier(Item):
     sigmas: float = Field(description="from the mean of the others without outliers found before")
 
 
-class Pooled(Item):
+class Pooled(OutcomePart):
     """One quantity over all logs that told it, SI."""
 
     unit: str
@@ -45,7 +45,7 @@ class Pooled(Item):
     outliers: list[Outlier] = Field([])
 
 
-class Pool(Item):
+class Pool(OutcomePart):
     """Ten quantities of one vehicle, in one phase or as docked object; two logs at least tell one of them."""
 
     vehicle: str
@@ -57,7 +57,7 @@ class Pool(Item):
     estimates: dict[str, Pooled]
 
 
-def pooled(rows: Iterable[Row]) -> list[Pool]:
+def pooled(rows: Iterable[CampaignRow]) -> list[Pool]:
     """By vehicle, method and part, in the order in which they first appear; of what two logs at least tell."""
     pools = [_pool(key, group) for key, group in grouped(rows).items() if len(group.numbers) > 1]
     return [found for found in pools if any(quantity.logs > 1 for quantity in found.estimates.values())]
@@ -83,7 +83,7 @@ class Group:
         return replace(self, numbers=[self.numbers[n] for n in left], names=[self.names[n] for n in left], values=values)
 
 
-def grouped(rows: Iterable[Row]) -> dict[Key, Group]:
+def grouped(rows: Iterable[CampaignRow]) -> dict[Key, Group]:
     """Logs by vehicle and part.
 
     A log that stands in the campaign twice, by its bytes or in another file format, counts once. The thesis's method claims no sigmas, so
@@ -159,7 +159,7 @@ def _quantity(quantity: str, group: Group, index: int) -> Pooled:
     if not len(told):
         return Pooled(unit=UNITS[quantity], logs=0, value=None, sigma=None)
     names = [group.names[n] for n in told]
-    samples = pool.Samples(np.array(group.numbers, dtype=float)[told], *values[told].T)
+    samples = pool.LogValues(np.array(group.numbers, dtype=float)[told], *values[told].T)
     mean, scatter, trend, stray = pool.mean(samples), pool.scatter(samples), pool.trend(samples), pool.outliers(samples)
     rest = pool.mean(samples.only(np.delete(np.arange(len(names)), list(stray)))) if stray else None
     return Pooled(

@@ -6,7 +6,7 @@ from contextlib import closing
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import joining, outcome, summary
 from massprop_cli.campaign.joining import Joining
-from massprop_cli.campaign.outcome import Outcome, Row, Rows, row
+from massprop_cli.campaign.outcome import CampaignRow, CompressedRows, Outcome, row
 from massprop_cli.campaign.place import RESULTS, Place
 from massprop_cli.campaign.plan import Job
 from massprop_cli.campaign.runner import Executor, Task
@@ -14,7 +14,7 @@ from massprop_cli.campaign.summary import Baseline, Summary
 
 
 @dataclass(frozen=True)
-class Step:
+class LogDone:
     """One log is done."""
 
     index: int
@@ -24,18 +24,18 @@ class Step:
     """It was there already, and nothing has changed."""
 
 
-Told = Callable[[Step], None]
+Told = Callable[[LogDone], None]
 
 
 def work(
     jobs: Sequence[Job], place: Place, executor: Executor, *, force: bool = False, fail_fast: bool = False, told: Told | None = None
-) -> Rows:
+) -> CompressedRows:
     """Work all jobs, in a place whose lock is held; a row for each in their order, without an outcome for those not tried.
 
     A result in place whose fingerprint still holds is kept, unless ``force``. With ``fail_fast`` the first log whose exit code isn't 0 is
     the last one. ``told`` hears of each log as it is done, in whatever order.
     """
-    found = Rows(row(job, None) for job in jobs)
+    found = CompressedRows(row(job, None) for job in jobs)
     kept = {} if force else _kept(jobs, place)
     tasks = [Task(job, None if n not in kept else kept[n][0]) for n, job in enumerate(jobs)]
     with closing(executor.run(tasks)) as results:  # type: ignore[type-var]
@@ -45,16 +45,16 @@ def work(
             one = outcome.unpacked(Outcome, kept[index][1]) if produced is None else produced.outcome
             found[index] = row(jobs[index], one)
             if told is not None:
-                told(Step(index, one, produced is None))
+                told(LogDone(index, one, produced is None))
             if fail_fast and one.exit_code:
                 break
     return found
 
 
-def _joined(one: Joining, place: Place) -> Row:
+def _joined(one: Joining, place: Place) -> CampaignRow:
     produced = joining.joined(one, place)
     place.put_folder(one.name, produced.files)
-    return Row(name=one.name, log=", ".join(job.shown for job in one.jobs), tags=["combined"], outcome=produced.outcome)
+    return CampaignRow(name=one.name, log=", ".join(job.shown for job in one.jobs), tags=["combined"], outcome=produced.outcome)
 
 
 def _kept(jobs: Sequence[Job], place: Place) -> dict[int, tuple[str, bytes]]:
@@ -77,7 +77,7 @@ def campaign(
     *,
     force: bool = False,
     fail_fast: bool = False,
-    baseline: Callable[[Rows], Baseline] | None = None,
+    baseline: Callable[[CompressedRows], Baseline] | None = None,
     told: Told | None = None,
     joinings: Sequence[Joining] = (),
 ) -> Summary:

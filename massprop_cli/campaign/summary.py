@@ -13,19 +13,19 @@ from massprop_cli import __version__
 from massprop_cli.base import escape, exits
 from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import location
-from massprop_cli.campaign.outcome import Item, Row, Rows, contradicted
+from massprop_cli.campaign.outcome import CampaignRow, CompressedRows, OutcomePart, contradicted
 from massprop_cli.campaign.pooled import Pool, pooled
 
 
 def _held(value: object, validated: ValidatorFunctionWrapHandler) -> object:
-    return value if isinstance(value, Rows) else Rows(validated(value))
+    return value if isinstance(value, CompressedRows) else CompressedRows(validated(value))
 
 
-def _open(value: Sequence[Row], serialized: SerializerFunctionWrapHandler) -> Any:
+def _open(value: Sequence[CampaignRow], serialized: SerializerFunctionWrapHandler) -> Any:
     return serialized(list(value))
 
 
-class Beyond(Item):
+class Beyond(OutcomePart):
     """A difference from the baseline beyond what is allowed, or something that it has and this campaign lacks."""
 
     log: str | None = Field(description="null: of the vehicle's pooled value")
@@ -38,7 +38,7 @@ class Beyond(Item):
     message: str
 
 
-class Baseline(Item):
+class Baseline(OutcomePart):
     """The campaign held against an earlier one."""
 
     sha256: str
@@ -47,7 +47,7 @@ class Baseline(Item):
     beyond: list[Beyond]
 
 
-class Summary(Item):
+class Summary(OutcomePart):
     """The whole of campaign.json."""
 
     schema_: Literal["massprop/summary/1"] = Field("massprop/summary/1", alias="schema")
@@ -58,15 +58,15 @@ class Summary(Item):
     contradicted: int = Field(0, description="how many logs and their vehicle files contradict each other")
     warned: int = Field(0, description="how many logs have warnings")
     warnings: dict[str, int] = Field({}, description="how many logs have a warning of which code, the most frequent first")
-    logs: Annotated[Sequence[Row], WrapValidator(_held), WrapSerializer(_open)]
+    logs: Annotated[Sequence[CampaignRow], WrapValidator(_held), WrapSerializer(_open)]
     pooled: list[Pool]
-    combined: list[Row] = Field([], description="results of several logs, as the campaign file asks for")
+    combined: list[CampaignRow] = Field([], description="results of several logs, as the campaign file asks for")
     baseline: Baseline | None = None
 
 
-def summary(name: str, rows: Sequence[Row], baseline: Baseline | None = None, combined: Sequence[Row] = ()) -> Summary:
+def summary(name: str, rows: Sequence[CampaignRow], baseline: Baseline | None = None, combined: Sequence[CampaignRow] = ()) -> Summary:
     """Count, pool, and decide the campaign's exit code."""
-    logs = rows if isinstance(rows, Rows) else Rows(rows)
+    logs = rows if isinstance(rows, CompressedRows) else CompressedRows(rows)
     codes: list[int | None] = []
     against, warned, warnings = 0, 0, Counter[str]()
     for found in (row.outcome for row in logs):

@@ -35,7 +35,7 @@ class Finding(Item):
     remedy: str
 
 
-class Expected(Item):
+class ExpectedQuantity(Item):
     """What an estimate of this log gives of one quantity."""
 
     phase: str
@@ -61,7 +61,7 @@ class Check(Item):
     usable: bool
     fit: bool = Field(description="usable, and neither a fault nor an unreached want")
     findings: list[Finding]
-    expected: list[Expected]
+    expected: list[ExpectedQuantity]
     delay: str = Field(description="what the log shows of its command delay, in words; empty where nothing")
     exit_code: int
 

@@ -11,7 +11,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.check.attitude import attitude, on_table
 from massprop_cli.check.commands import commands, never_fired
-from massprop_cli.check.finding import Check, Expected, Finding, Subject, finding
+from massprop_cli.check.finding import Check, ExpectedQuantity, Finding, Subject, finding
 from massprop_cli.check.sampling import sampling
 from massprop_cli.check.sensors import sensors
 from massprop_cli.flow import Analysis
@@ -169,7 +169,7 @@ def _too_quiet(told: Result, vehicle: Vehicle) -> list[Finding]:
     return found
 
 
-def _expected(told: Result, wants: Sequence[Requirement]) -> list[Expected]:
+def _expected(told: Result, wants: Sequence[Requirement]) -> list[ExpectedQuantity]:
     asked = {item.quantity: item for item in wants}
     found = []
     for phase in told.phases:
@@ -179,7 +179,7 @@ def _expected(told: Result, wants: Sequence[Requirement]) -> list[Expected]:
             limit = precision.sigma(item.value) if precision is not None and item.value is not None else None
             short = [] if want is None else _short(told, phase, want)
             found.append(
-                Expected(
+                ExpectedQuantity(
                     phase=phase.name,
                     quantity=name,
                     unit=item.unit,
@@ -200,7 +200,7 @@ def _short(told: Result, phase: PhaseItem, want: Requirement) -> list[str]:
     return job.unmet(alone, job.Demands((want,), allow_contradicted=True)).phrases
 
 
-def _idle(log: Log, vehicle: Vehicle, expected: Sequence[Expected]) -> list[Finding]:
+def _idle(log: Log, vehicle: Vehicle, expected: Sequence[ExpectedQuantity]) -> list[Finding]:
     """Channels that never fired, where a wanted quantity is not told for it."""
     missing = sorted({one.quantity for one in expected if one.reached is False and one.verdict in WANTED_BEFORE})
     idle = never_fired(log, vehicle)
@@ -220,7 +220,7 @@ def _delay(told: Result) -> str:
     )
 
 
-def _told(table: Table, vehicle: Vehicle, found: list[Finding], expected: list[Expected], delay: str, code: int) -> Check:
+def _told(table: Table, vehicle: Vehicle, found: list[Finding], expected: list[ExpectedQuantity], delay: str, code: int) -> Check:
     usable = code != exits.INPUT
     return Check(
         schema="massprop/check/1",

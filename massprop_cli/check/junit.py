@@ -3,13 +3,13 @@
 from xml.etree import ElementTree as ET
 
 from massprop_cli.base.escape import line
-from massprop_cli.check.finding import SUBJECTS, Check, Expected
+from massprop_cli.check.finding import SUBJECTS, Check, ExpectedQuantity
 from massprop_cli.report import junit
 
 
 def text(found: Check) -> str:
     """One document; same check, same bytes."""
-    return junit.text([junit.Outcome(found.log, suite=suite(found, found.log))], "massprop check")
+    return junit.text([junit.LogOutcome(found.log, suite=suite(found, found.log))], "massprop check")
 
 
 def suite(found: Check, name: str) -> ET.Element:
@@ -31,6 +31,6 @@ def _subject(found: Check, name: str, subject: str) -> ET.Element:
     return case
 
 
-def _wanted(log: str, one: Expected) -> ET.Element:
+def _wanted(log: str, one: ExpectedQuantity) -> ET.Element:
     case = junit.case(log, "wanted", f"{one.phase}.{one.quantity}")
     return case if one.reached else junit.said(case, "failure", one.reason, "not reached")

@@ -13,7 +13,7 @@ import typer
 
 from massprop_cli import __version__
 from massprop_cli.base import exits, onethread
-from massprop_cli.cli.help import Command, Group, epilog, told
+from massprop_cli.cli.help import Command, DocstringGroup, epilog, told
 from massprop_cli.cli.terminal import say
 
 onethread.prefer()
@@ -48,7 +48,7 @@ def application(only: str | None = None) -> typer.Typer:
         name=NAME,
         help="Mass properties of a vehicle, with honest sigmas, from recorded commands and IMU data.",
         no_args_is_help=True,
-        cls=Group,
+        cls=DocstringGroup,
         context_settings={"help_option_names": ["-h", "--help"]},
         pretty_exceptions_enable=False,
     )

@@ -11,7 +11,7 @@ EXAMPLES = "Examples:\n"
 """What comes after this line of a command's docstring is commands as a shell takes them."""
 
 
-class Told(NamedTuple):
+class DocstringCommand(NamedTuple):
     """A command's docstring."""
 
     text: str
@@ -19,13 +19,15 @@ class Told(NamedTuple):
     examples: tuple[str, ...]
 
 
-def told(command: Callable[..., Any]) -> Told:
+def told(command: Callable[..., Any]) -> DocstringCommand:
     """What a command says of itself."""
     text, _, examples = inspect.cleandoc(command.__doc__ or "").partition(EXAMPLES)
-    return Told(re.sub(r"(?<!\n)\n(?!\n)", " ", text).strip(), tuple(line.strip() for line in examples.splitlines() if line.strip()))
+    return DocstringCommand(
+        re.sub(r"(?<!\n)\n(?!\n)", " ", text).strip(), tuple(line.strip() for line in examples.splitlines() if line.strip())
+    )
 
 
-def epilog(said: Told) -> str | None:
+def epilog(said: DocstringCommand) -> str | None:
     """The examples below the options, a line each; what is in brackets is no markup."""
     lines = [f"  {line}".replace("[", r"\[") for line in said.examples]
     return "\n".join(["[bold]Examples[/]", *lines]) if lines else None
@@ -46,7 +48,7 @@ class Command(TyperCommand):
         return _flags_bare(super().get_params(ctx))
 
 
-class Group(TyperGroup):
+class DocstringGroup(TyperGroup):
     """The same of all commands together."""
 
     def get_params(self, ctx: Any) -> list[Any]:

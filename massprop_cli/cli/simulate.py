@@ -43,7 +43,7 @@ def simulate(
     """
     import numpy as np
 
-    from massprop_cli.live.legs import Aboard
+    from massprop_cli.live.legs import OnboardEstimator
     from massprop_cli.testbed import output
     from massprop_cli.testbed import scenario as scenarios
 
@@ -62,6 +62,6 @@ def simulate(
     name = source.scenario.name
     folder = out or Path("massprop-out") / (f"{name}-seed-{first}" if seeds is None else name)
     with progress(quiet) as told, np.errstate(all="ignore"):
-        written = output.simulate(source, folder, first, seeds, "csv" if csv else "parquet", told, Aboard)
+        written = output.simulate(source, folder, first, seeds, "csv" if csv else "parquet", told, OnboardEstimator)
     if not quiet:
         say(f"{written} written to {folder}")

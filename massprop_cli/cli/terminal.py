@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from massprop_cli.campaign.plan import Job
-    from massprop_cli.campaign.run import Step, Told
+    from massprop_cli.campaign.run import LogDone, Told
     from massprop_cli.inputs.tablefile import Made
     from massprop_cli.inputs.telemetry import Notice
     from massprop_cli.result.schema import Result, WarningItem
-    from massprop_cli.result.store import Stored
+    from massprop_cli.result.store import StoredResult
 
 
 def say(message: str, colour: str | None = None) -> None:
@@ -83,7 +83,7 @@ def told_map(made: Made | None, quiet: bool) -> None:
         say(f"map: {said}")
 
 
-def told_of(stored: Stored, expected: Path | None, quiet: bool) -> None:
+def told_of(stored: StoredResult, expected: Path | None, quiet: bool) -> None:
     """On stderr, where a result went if not where it was ``expected``, and what became of an earlier result's pages."""
     said = [f"{expected} is taken; the result is in {stored.folder}"] if expected not in (None, stored.folder) else []
     pages = stored.pages
@@ -114,7 +114,7 @@ def steps(jobs: Sequence[Job], quiet: bool) -> Iterator[Told | None]:
         task = bar.add_task("logs", total=len(jobs))
         failed = 0
 
-        def told(step: Step) -> None:
+        def told(step: LogDone) -> None:
             nonlocal failed
             failed += bool(step.outcome.exit_code)
             bar.update(task, advance=1, description=f"logs, {failed} failed" if failed else "logs")
@@ -130,9 +130,9 @@ class _Lines:
     def __init__(self, jobs: Sequence[Job]) -> None:
         self._jobs = jobs
         self._next = 0
-        self._waiting: dict[int, Step] = {}
+        self._waiting: dict[int, LogDone] = {}
 
-    def told(self, step: Step) -> None:
+    def told(self, step: LogDone) -> None:
         self._waiting[step.index] = step
         while self._next in self._waiting:
             self.say(self._waiting.pop(self._next))
@@ -143,7 +143,7 @@ class _Lines:
         for _, step in sorted(self._waiting.items()):
             self.say(step)
 
-    def say(self, step: Step) -> None:
+    def say(self, step: LogDone) -> None:
         from massprop_cli.campaign.outcome import state
 
         job, found = self._jobs[step.index], step.outcome

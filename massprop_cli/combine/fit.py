@@ -14,7 +14,7 @@ from massprop_cli.conclude.verdict import PLANAR
 from massprop_cli.diagnosis.preprocessing import Ready
 from massprop_cli.estimate import disturbances, noiselevels, offline
 from massprop_cli.estimate.initial import beginning
-from massprop_cli.estimate.jointly import Joint as Fit
+from massprop_cli.estimate.jointly import JointFit as Fit
 from massprop_cli.estimate.jointly import Jointly, Member
 from massprop_cli.estimate.pivot import about_pivot
 from massprop_cli.estimate.quantities import alone, quantities

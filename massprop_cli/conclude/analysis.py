@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.conclude.assumptions import Assumption, Examined
+from massprop_cli.conclude.assumptions import Examined, TestedAssumption
 from massprop_cli.conclude.contradict import Fault
 from massprop_cli.conclude.discrepancy import Discrepancy, PlainFits
 from massprop_cli.conclude.docking import Docked
 from massprop_cli.conclude.score import Doubt
 from massprop_cli.conclude.verdict import Conclusion
-from massprop_cli.diagnosis.delay import Found
+from massprop_cli.diagnosis.delay import FoundTiming
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehicle import Vehicle
@@ -46,7 +46,7 @@ class Analysis:
     samples: Stream
     timing: Timing
     """Delay and lag as used, cycles."""
-    detected: Found | None
+    detected: FoundTiming | None
     """What the log says of them."""
     histories: tuple[History, ...]
     settled: tuple[History, ...]
@@ -58,7 +58,7 @@ class Analysis:
     lack_of_fit: tuple[Array, ...] = ()
     """(6,) of each phase: by how much too small the sigmas of each channel are."""
     mended: tuple[MendedAnswer, ...] = ()
-    assumptions: tuple[Assumption, ...] = ()
+    assumptions: tuple[TestedAssumption, ...] = ()
     examination: Examined | None = None
     """What each assumption does to the off-line fits; None by another method, and where there is none."""
     faults: tuple[Fault, ...] = ()

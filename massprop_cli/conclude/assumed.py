@@ -14,7 +14,7 @@ from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import TABLE
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.sensitivity import Reading, Side, Variant, variant
+from massprop_cli.model.sensitivity import OtherReading, Reading, Variant, variant
 from massprop_cli.prepare.stream import Stream
 
 DROOP = "thrust-droop"
@@ -87,8 +87,8 @@ def memory(setup: Setup, samples: Stream) -> Iterator[AssumedValue]:
     log, vehicle, timing = setup[:3]
     of_supply = {f"thrust after use in the last {memory_s:g} s": _use(log, vehicle, memory_s)[:, None] for memory_s in MEMORIES_S}
     for what, factor in (of_supply | {"thrust after rest": _rest(log, vehicle)}).items():
-        less = Side(Stream.of(replace(log, command=log.command * (1 - STEP * factor)), vehicle, timing))
-        yield AssumedValue(what, what, "1 %", False, Variant(Side(samples), less, STEP), STEP, part_of=DROOP)
+        less = OtherReading(Stream.of(replace(log, command=log.command * (1 - STEP * factor)), vehicle, timing))
+        yield AssumedValue(what, what, "1 %", False, Variant(OtherReading(samples), less, STEP), STEP, part_of=DROOP)
 
 
 def _use(log: Log, vehicle: Vehicle, memory_s: float) -> Array:

@@ -44,7 +44,7 @@ SHOWN = 0.01
 
 
 @dataclass(frozen=True)
-class Effect:
+class PhaseEffect:
     """Of one step on one phase."""
 
     phase: str
@@ -55,7 +55,7 @@ class Effect:
 
 
 @dataclass(frozen=True)
-class Assumption:
+class TestedAssumption:
     """Something taken for granted."""
 
     code: str
@@ -63,7 +63,7 @@ class Assumption:
     step: str
     stated: bool
     """Whether the vehicle file states it; else it is a default."""
-    effects: tuple[Effect, ...]
+    effects: tuple[PhaseEffect, ...]
 
 
 class Later(NamedTuple):
@@ -171,12 +171,12 @@ def sound(found: Examined, settled: Sequence[History]) -> Examined:
 
 def assumptions(
     found: Examined | None, log: Log, vehicle: Vehicle, settled: Sequence[History], conclusions: Sequence[Conclusion]
-) -> tuple[Assumption, ...]:
+) -> tuple[TestedAssumption, ...]:
     """All of a log; nothing where nothing was examined. Without a reference in any phase only what needs none."""
     if found is None:
         return ()
     listed = _thrust_scale(vehicle, conclusions) if not vehicle.spinning else []
-    effects: list[list[Effect]] = [[] for _ in found.taken]
+    effects: list[list[PhaseEffect]] = [[] for _ in found.taken]
     for history, conclusion, response in zip(settled, conclusions, found.responses, strict=True):
         if response is None:
             continue
@@ -185,10 +185,10 @@ def assumptions(
         listed += _mass_thrust(log, vehicle, history, conclusion, response, len(found.varied) + 3)
         listed += _beside(history, conclusion, response)
     told = zip(found.taken, effects, strict=True)
-    return (*listed, *(Assumption(t.code, t.message, t.step, t.stated, tuple(e)) for t, e in told if e and not t.part_of))
+    return (*listed, *(TestedAssumption(t.code, t.message, t.step, t.stated, tuple(e)) for t, e in told if e and not t.part_of))
 
 
-def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[Assumption]:
+def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[TestedAssumption]:
     """The scale common to all thrust: mass and inertia are proportional to it, and nothing in a log depends on it."""
     effects = []
     sigma = vehicle.thrust.scale_sigma
@@ -202,17 +202,19 @@ def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[A
             for (name, e), part in zip(conclusion.estimates.items(), moved, strict=True)
             if abs(part) > SHOWN * (e.sigma or 0.0) and name not in known
         }
-        effects.append(Effect(conclusion.phase.name, change, None))
+        effects.append(PhaseEffect(conclusion.phase.name, change, None))
     if not effects:
         return []
     message = "mass and inertia are proportional to the thrust that the vehicle file states; a scale common to all thrust can't be seen"
     if vehicle.bearing_mass_kg > 0:
         message += ", and moves the CG by the part of the mass that does not turn"
     said = f"; its stated uncertainty, {100 * sigma:g} %, is in every sigma" if sigma else "; no uncertainty of it is stated"
-    return [Assumption("thrust-scale", message + said, "1 %", sigma > 0, tuple(effects))]
+    return [TestedAssumption("thrust-scale", message + said, "1 %", sigma > 0, tuple(effects))]
 
 
-def _mass_thrust(log: Log, vehicle: Vehicle, history: History, conclusion: Conclusion, response: Response, first: int) -> list[Assumption]:
+def _mass_thrust(
+    log: Log, vehicle: Vehicle, history: History, conclusion: Conclusion, response: Response, first: int
+) -> list[TestedAssumption]:
     """The command channels (columns from ``first`` on) on which the mass rests alone, with what one percent of their thrust does."""
     fired = np.diag(response.misfit)[first:] > 0  # what never acted leaves nothing
     fired[len(fired) - len(vehicle.momentum_wrench) :] = False  # and what stores momentum doesn't push
@@ -225,14 +227,14 @@ def _mass_thrust(log: Log, vehicle: Vehicle, history: History, conclusion: Concl
     step = 0.01 * np.concatenate([np.zeros(first), chosen])
     several = f" of phase {history.phase.name}" if len(vehicle.phases) > 1 else ""
     message = f"the mass{several} rests on the thrust of {listed} alone; an error common to these can't be seen"
-    return [Assumption("mass-thrust", message, "1 %", True, (_effect(history, conclusion, vehicle, response, step),))]
+    return [TestedAssumption("mass-thrust", message, "1 %", True, (_effect(history, conclusion, vehicle, response, step),))]
 
 
 BESIDE = {one.uncertain[0]: (one.uncertain[1], one.sigma_key) for one in TABLE if one.uncertain[0]}
 """What is unknown beside the mass properties and found with them, and the key that says by how much."""
 
 
-def _beside(history: History, conclusion: Conclusion, response: Response) -> list[Assumption]:
+def _beside(history: History, conclusion: Conclusion, response: Response) -> list[TestedAssumption]:
     """What the stated uncertainty of jets and IMU, and damping, add to each sigma, squares added; it is in every sigma."""
     found = []
     damping = ", ".join(f"{axis}: {value:.4g} ± {sigma:.2g}" for axis, (value, sigma) in zip("XYZ", response.damping, strict=False))
@@ -246,7 +248,7 @@ def _beside(history: History, conclusion: Conclusion, response: Response) -> lis
         }
         message, key = BESIDE[kind]
         said = f"{message.format(damping=damping)}; that is in every sigma, and so much of it"
-        found.append(Assumption(f"uncertain-{kind}", said, f"its {key}", True, (Effect(history.phase.name, change, None),)))
+        found.append(TestedAssumption(f"uncertain-{kind}", said, f"its {key}", True, (PhaseEffect(history.phase.name, change, None),)))
     return found
 
 
@@ -268,7 +270,7 @@ def _alone(misfit: Array, shift: Array, conclusion: Conclusion) -> BoolArray:
     return alone if np.abs(found - alone).max() < 0.5 else np.zeros(len(misfit), dtype=bool)
 
 
-def _effect(history: History, conclusion: Conclusion, vehicle: Vehicle, response: Response, step: Array) -> Effect:
+def _effect(history: History, conclusion: Conclusion, vehicle: Vehicle, response: Response, step: Array) -> PhaseEffect:
     """Of ``step`` (e,) units of each column of the response."""
     moved = response.shift @ step
     reference = history.reference
@@ -280,4 +282,4 @@ def _effect(history: History, conclusion: Conclusion, vehicle: Vehicle, response
         least = max(SHOWN * (estimate.sigma or 0.0), 1e-9 * size)
         if estimate.value is not None and name not in known and abs(value) > least:
             change[name] = float(value)
-    return Effect(history.phase.name, change, float(np.sqrt(max(float(step @ response.misfit @ step), 0.0))))
+    return PhaseEffect(history.phase.name, change, float(np.sqrt(max(float(step @ response.misfit @ step), 0.0))))

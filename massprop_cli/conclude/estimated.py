@@ -15,7 +15,7 @@ from massprop_cli.conclude.reason import sigmas
 from massprop_cli.conclude.score import Doubt, doubts
 from massprop_cli.conclude.verdict import conclude
 from massprop_cli.diagnosis import UNKNOWN, delay
-from massprop_cli.diagnosis.delay import Found
+from massprop_cli.diagnosis.delay import FoundTiming
 from massprop_cli.diagnosis.preprocessing import Ready
 from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History
@@ -41,7 +41,7 @@ class Checked(NamedTuple):
     diagnosis: Diagnosis | None = None
     examination: Examined | None = None
     doubts: Sequence[Doubt] = ()
-    detected: Found | None = None
+    detected: FoundTiming | None = None
     """Of the timing."""
     plain: PlainFits | None = None
 
@@ -153,7 +153,7 @@ def _unread(log: Log) -> list[Notice]:
     return [notice for notice in log.notices if notice.code in UNREAD]
 
 
-def _checked_timing(settled: Sequence[History], at: Timing, examination: Examined) -> Found | None:
+def _checked_timing(settled: Sequence[History], at: Timing, examination: Examined) -> FoundTiming | None:
     """What the log says of a stated delay that is off by little if at all; None where nothing tells."""
     known = [history.cycles for history in settled if history.reference is not None]
     later = examination.delay()

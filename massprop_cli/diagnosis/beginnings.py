@@ -9,8 +9,8 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.hypothesis import Hypothesis
-from massprop_cli.diagnosis.kernelfits import Posed
-from massprop_cli.estimate.whitening import Told
+from massprop_cli.diagnosis.kernelfits import PackedTriangles
+from massprop_cli.estimate.whitening import ReducedLeastSquares
 
 LEAST, FARTHEST = 0.03, 0.3
 """A body to begin with: its least principal response over the largest, and its CG's offset over √(trace I / m)."""
@@ -20,9 +20,9 @@ SUM = 1e-9
 
 def begun(
     model: Model,
-    told: tuple[Told, Told],
+    told: tuple[ReducedLeastSquares, ReducedLeastSquares],
     regressed: dict[tuple[object, ...], Array],
-    posed: Posed | None,
+    posed: PackedTriangles | None,
     supposed: Sequence[Hypothesis],
     trusting: bool = False,
 ) -> tuple[Array, Array]:
@@ -71,12 +71,12 @@ def _bodies(model: Model, x: Array, supposed: Sequence[Hypothesis], plain: Array
     return x, np.concatenate([np.repeat(top[:, None], 6, 1), np.repeat(size[:, None], 3, 1), mu[:, None]], 1)
 
 
-def _plain(model: Model, told: tuple[Told, Told], x: Array, suspects: BoolArray) -> Array:
+def _plain(model: Model, told: tuple[ReducedLeastSquares, ReducedLeastSquares], x: Array, suspects: BoolArray) -> Array:
     """(N, 9, 3) of each x (N, nx), where ``suspects`` (N, C) have a response of their own."""
     return np.stack([_each(model, told, *each) for each in zip(x, suspects, strict=True)])
 
 
-def _each(model: Model, told: tuple[Told, Told], x: Array, suspects: BoolArray) -> Array:
+def _each(model: Model, told: tuple[ReducedLeastSquares, ReducedLeastSquares], x: Array, suspects: BoolArray) -> Array:
     """(9, 3) growth of the rate by unit torques, and by forces or the vertical; specific force by unit forces; each (3, 3)."""
     (turned, pushed), unit = told, np.eye(told[0].triangle.shape[1])
     torque, force = model.wrench(x)
@@ -91,7 +91,7 @@ def _each(model: Model, told: tuple[Told, Told], x: Array, suspects: BoolArray) 
     return np.concatenate([growth, _regressed(pushed, known, [pushing, turning], [*beside, gravity])[:3]])
 
 
-def _regressed(told: Told, known: BoolArray, sums: Sequence[Array], others: Sequence[Array]) -> Array:
+def _regressed(told: ReducedLeastSquares, known: BoolArray, sums: Sequence[Array], others: Sequence[Array]) -> Array:
     """Coefficients (…, 3) of combinations of columns, all else nothing: of sums over the ``known`` ones, and others.
 
     A column that those before it are the sum of has none, nor one that is nothing beside its parts.

@@ -18,7 +18,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, IntArray, triangle_of
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis.design import Design, Designs
-from massprop_cli.estimate.whitening import LEVELS, TINY, Disturbance, Told, each, reduced, whitened
+from massprop_cli.estimate.whitening import LEVELS, TINY, Disturbance, ReducedLeastSquares, each, reduced, whitened
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
@@ -42,8 +42,8 @@ class Free:
     """(3, 3) mean projector on the level plane, body axes."""
     signal: Array
     """(6,) root mean square of what was measured, each sensor's axes alike: rad/s, m/s²."""
-    gyro: Told
-    accelerometer: Told
+    gyro: ReducedLeastSquares
+    accelerometer: ReducedLeastSquares
     beside: tuple[Disturbance, ...]
     """The likeliest disturbance; none where the stated noise explains the rates."""
     clock_s: tuple[float, float]
@@ -136,7 +136,7 @@ def beside_torques(
     return [_free(design, one.told, (one.beside,)) for one in each(design.driven, tried)]
 
 
-def _free(design: Design, turning: Told, beside: tuple[Disturbance, ...]) -> Free:
+def _free(design: Design, turning: ReducedLeastSquares, beside: tuple[Disturbance, ...]) -> Free:
     count = len(design.mean)
     slow = waves(count, SLOW if "east" in design.places else 0)
     felt = reduced(np.hstack([slow, design.mean])[design.used[:, 1]], design.force[design.used[:, 1]], slow.shape[1])

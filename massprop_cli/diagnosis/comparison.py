@@ -18,12 +18,12 @@ from massprop_cli.diagnosis.beginnings import begun
 from massprop_cli.diagnosis.channelwise import Free
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.hypothesis import Hypothesis
-from massprop_cli.diagnosis.kernelfits import Fits, Posed
-from massprop_cli.errorparameters.parameter import Finding
+from massprop_cli.diagnosis.kernelfits import Fits, PackedTriangles
+from massprop_cli.errorparameters.parameter import FittedHypothesis
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import ENTRIES
 from massprop_cli.estimate.regression import HEAVIER
-from massprop_cli.estimate.whitening import Told
+from massprop_cli.estimate.whitening import ReducedLeastSquares
 from massprop_cli.kernel import kernel
 from massprop_cli.model.plant.plant import MOMENT, MU, J
 
@@ -83,12 +83,12 @@ class Fitted:
         found: Array = np.sqrt(((self.hypothesis.free[self.model.place(name)] * self.spread) ** 2).sum(1))
         return found
 
-    def finding(self, names: Sequence[str], stated: Setup, corrected: Setup) -> Finding:
+    def finding(self, names: Sequence[str], stated: Setup, corrected: Setup) -> FittedHypothesis:
         """What sentences and settings are made of; ``names`` of the channels that fired."""
         errors, sigmas = ({name: of(name) for name in ENTRIES} for of in (self.error, self.sigma))
         turns, force = (self.hypothesis.gyro, self.hypothesis.accelerometer), (self.model.force, self.model.wrench(self.x)[1])
         about = (self.hypothesis.subject, tuple(names), errors, sigmas, stated, corrected)
-        return Finding(*about, self.model.mounting, turns, force, float(self.x[MU]), self.x[MOMENT])
+        return FittedHypothesis(*about, self.model.mounting, turns, force, float(self.x[MU]), self.x[MOMENT])
 
     @cached_property
     def moved(self) -> Array:
@@ -261,7 +261,7 @@ class _Rows:
     """Residuals of the triangles, over the noise, as far as the model's columns go."""
 
     model: Model
-    told: tuple[Told, Told]
+    told: tuple[ReducedLeastSquares, ReducedLeastSquares]
     """Of gyro and accelerometer."""
     variance: Array
     gyro: Array
@@ -299,9 +299,9 @@ class _Rows:
         return replace(self, gyro=self.gyro[which], accelerometer=self.accelerometer[which], freed=freed)
 
     @cached_property
-    def posed(self) -> Posed:
+    def posed(self) -> PackedTriangles:
         """As the kernel has them."""
-        return Posed(self.model, self.told, self.variance, self.gyro, self.accelerometer, self.freed)
+        return PackedTriangles(self.model, self.told, self.variance, self.gyro, self.accelerometer, self.freed)
 
     def begun(self, supposed: Sequence[Hypothesis], trusting: bool = False) -> tuple[Array, Array]:
         """(H, nx) x to begin with, and (H, 10) the sizes of θ; ``trusting`` the channels that are suspected."""

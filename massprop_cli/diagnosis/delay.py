@@ -22,7 +22,7 @@ from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.equipment import Imu
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.geometry import Wrenches, uncertain_jets
+from massprop_cli.model.geometry import WrenchChanges, uncertain_jets
 from massprop_cli.model.lifted import lifted
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
@@ -61,7 +61,7 @@ MISMATCH = 0.1
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundTiming:
     """The timing that the log shows, control cycles."""
 
     at: Timing
@@ -86,7 +86,7 @@ class Found:
         part = self.covariance[np.ix_(both, both)]
         return float(part[0, 1] / np.sqrt(part[0, 0] * part[1, 1])) if part[0, 0] * part[1, 1] > 0 else 0.0
 
-    def between(self, moved: Array, covariance: Array, given: Setup) -> Found:
+    def between(self, moved: Array, covariance: Array, given: Setup) -> FoundTiming:
         """What the log and what was ``given`` come to: that moved by so much, cycles."""
         setup = shifted(given, self.unknown, moved)
         return replace(
@@ -118,7 +118,7 @@ def cycles_of(setup: Setup, name: str) -> float:
 
 def detect(
     log: Log, vehicle: Resolved, pieces: Sequence[slice], start: Timing, unknown: Sequence[str], prior: Sequence[float] | None = None
-) -> Found | None:
+) -> FoundTiming | None:
     """The ``unknown`` delay, lag and cutoffs, from ``start`` and the vehicle's on, pooled over ``pieces`` (cycles of each phase).
 
     ``prior``: one sigma of what is stated of each, cycles; 0: nothing is. None where the log can't tell.
@@ -152,7 +152,7 @@ def detect(
     if not (sigmas < limits).all():
         return None
     imu = now.vehicle.imu if any(name.endswith("_cutoff") for name in unknown) else None
-    return Found(now.timing, _sigmas(unknown, covariance), found.after, before, tuple(unknown), covariance, imu)
+    return FoundTiming(now.timing, _sigmas(unknown, covariance), found.after, before, tuple(unknown), covariance, imu)
 
 
 def cutoffs(log: Log, vehicle: Vehicle, timing: Timing, automatic: Sequence[str]) -> Vehicle:
@@ -166,11 +166,11 @@ def cutoffs(log: Log, vehicle: Vehicle, timing: Timing, automatic: Sequence[str]
     return vehicle
 
 
-def near(stated: Timing, later: float, sigma: float, before: float, after: float) -> Found | None:
+def near(stated: Timing, later: float, sigma: float, before: float, after: float) -> FoundTiming | None:
     """A delay ``later`` than stated by so many cycles, ± ``sigma``; None where the log can't tell."""
     if not SHARPEST < sigma < PRIOR / 2:
         return None
-    return Found(stated._replace(delay=stated.delay + later), Timing(sigma, 0.0), after, before, covariance=np.array([[sigma**2]]))
+    return FoundTiming(stated._replace(delay=stated.delay + later), Timing(sigma, 0.0), after, before, covariance=np.array([[sigma**2]]))
 
 
 class Rated(NamedTuple):
@@ -326,7 +326,7 @@ def _of_jets(log: Log, samples: Samples, cycles: slice, reference: Reference, ve
 
     Taken as exact it would move the timing, by far more than its sigma.
     """
-    changes = uncertain_jets(vehicle) if log.command_kind == "jets" else Wrenches()
+    changes = uncertain_jets(vehicle) if log.command_kind == "jets" else WrenchChanges()
     if not changes.kinds:
         count = cycles.stop - cycles.start
         return np.zeros((count - 1, 3, 0)), np.zeros((count, 3, 0))

@@ -19,7 +19,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis import UNKNOWN, change, delay, hypotheses
 from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted, fitted
 from massprop_cli.diagnosis.corrections import Case, Correction, around, correction_of, skewed
-from massprop_cli.diagnosis.delay import Found, near
+from massprop_cli.diagnosis.delay import FoundTiming, near
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.episode import episodes
 from massprop_cli.diagnosis.hypothesis import Hypothesis
@@ -86,7 +86,7 @@ class Diagnosis:
     """What was found: several causes are wrong together."""
 
     explanations: tuple[Explanation, ...] = ()
-    detected: Found | None = None
+    detected: FoundTiming | None = None
     """What the log says of the command delay, if that is the cause."""
     unknown: str = ""
     """Where log and vehicle file don't fit and nothing explains it: what was tried."""

@@ -13,7 +13,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis.coefficients import RAMP, Model
 from massprop_cli.diagnosis.design import SWUNG
 from massprop_cli.errorparameters.environment import level_of
-from massprop_cli.estimate.whitening import Told
+from massprop_cli.estimate.whitening import ReducedLeastSquares
 from massprop_cli.kernel import kernel, pointer
 
 BLOCKS = (
@@ -35,11 +35,17 @@ class Fits(NamedTuple):
     """(H, n) one sigma of each unknown."""
 
 
-class Posed:
+class PackedTriangles:
     """Hypotheses held against two triangles, as the kernel has them."""
 
     def __init__(
-        self, model: Model, told: Sequence[Told], noise: Array, gyro: Array, accelerometer: Array, freed: tuple[Array, Array] | None
+        self,
+        model: Model,
+        told: Sequence[ReducedLeastSquares],
+        noise: Array,
+        gyro: Array,
+        accelerometer: Array,
+        freed: tuple[Array, Array] | None,
     ) -> None:
         self.columns = told[0].triangle.shape[1]
         self._entries = len(model.stated)

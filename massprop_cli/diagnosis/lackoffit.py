@@ -115,9 +115,11 @@ def _within(reference: Reference, vehicle: Resolved) -> int:
     return int(np.clip(noise / (turned * stated.disturbance_walk_n_m) ** 2, LEAST_WANDER, WANDER))
 
 
-def _folded(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, quick: tuple[int, int]) -> tuple[_Rows, _Rows]:
+def _folded(
+    samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, quick: tuple[int, int]
+) -> tuple[_MeasurementRows, _MeasurementRows]:
     """Rows of rates and of specific force of a phase, folded part by part; ``quick``: cycles within which they wander little; 0: not."""
-    found: list[_Rows] = []
+    found: list[_MeasurementRows] = []
     for part in blocks(cycles):
         # what is quick needs its neighbours
         wide = slice(max(part.start - WANDER, cycles.start), min(part.stop + WANDER, cycles.stop))
@@ -133,7 +135,9 @@ def _folded(samples: Source, cycles: slice, reference: Reference, vehicle: Resol
     return rates, forces
 
 
-def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved) -> tuple[tuple[_Rows, Array], tuple[_Rows, Array]]:
+def _rows(
+    samples: Source, cycles: slice, reference: Reference, vehicle: Resolved
+) -> tuple[tuple[_MeasurementRows, Array], tuple[_MeasurementRows, Array]]:
     """Of rates, a row for each step between two of the cycles, and of specific force, a row for each cycle; each with their weights."""
     system, here = linearise(samples, cycles, reference, vehicle), samples.part(cycles)
     growth = np.diff(here.rate_rad_s, axis=0) - system.steps
@@ -151,8 +155,8 @@ def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Resolve
         growth -= times(system.transition[:, RATE, block], tilt[:-1])
         felt -= times(system.observation[:, 3:, block], tilt)
     turning, pushing = _weights(here, system.moment_to_rate, reference, vehicle)
-    rates = _Rows.of_all(system.transition[:, RATE, PARAMETERS], growth, _probes(samples, cycles, _window)[:-1])
-    forces = _Rows.of_all(system.observation[:, 3:, PARAMETERS], felt, _probes(samples, cycles, _whole))
+    rates = _MeasurementRows.of_all(system.transition[:, RATE, PARAMETERS], growth, _probes(samples, cycles, _window)[:-1])
+    forces = _MeasurementRows.of_all(system.observation[:, 3:, PARAMETERS], felt, _probes(samples, cycles, _whole))
     out, away = np.split(here.executed.ignored & ~samples.unread, 2, 1)
     steps, whole = _held(np.asarray((out[1:] | out[:-1]).any(1))), _held(np.asarray(away.any(1)))
     return (rates.of(steps), turning[:, steps]), (forces.of(whole), pushing[:, whole])
@@ -189,7 +193,7 @@ def _quietest(variance: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class _Rows:
+class _MeasurementRows:
     """Of one kind of measurement; ``count`` rows, which N stand for."""
 
     own: Array
@@ -199,49 +203,49 @@ class _Rows:
     count: int
 
     @staticmethod
-    def of_all(regressors: Array, residual: Array, probes: Array) -> _Rows:
+    def of_all(regressors: Array, residual: Array, probes: Array) -> _MeasurementRows:
         """Of regressors (N, 3, 10), what is left (N, 3) and probes (N, d) that are the same along each axis."""
-        return _Rows(np.concatenate([np.moveaxis(regressors, 1, 0), residual.T[..., None]], -1), probes[None], len(residual))
+        return _MeasurementRows(np.concatenate([np.moveaxis(regressors, 1, 0), residual.T[..., None]], -1), probes[None], len(residual))
 
-    def weighted(self, weight: Array) -> _Rows:
+    def weighted(self, weight: Array) -> _MeasurementRows:
         """By weights (3, N)."""
         alike = len(self.probes) == 1 and (weight == weight[0]).all()
-        return _Rows(self.own * weight[..., None], self.probes * (weight[:1] if alike else weight)[..., None], self.count)
+        return _MeasurementRows(self.own * weight[..., None], self.probes * (weight[:1] if alike else weight)[..., None], self.count)
 
-    def of(self, rows: NDArray[np.intp] | slice) -> _Rows:
+    def of(self, rows: NDArray[np.intp] | slice) -> _MeasurementRows:
         """These rows, which stand for as many as before."""
-        return _Rows(self.own[:, rows], self.probes[:, rows], self.count)
+        return _MeasurementRows(self.own[:, rows], self.probes[:, rows], self.count)
 
-    def quick(self, weight: Array, within: int) -> _Rows:
+    def quick(self, weight: Array, within: int) -> _MeasurementRows:
         """Less what wanders beyond so many rows, as rows of weights (3, N) show it."""
         square = weight[..., None] ** 2
-        return _Rows(_quick(self.own, square, within), _quick(self._probes_by_axis, square, within), self.count)
+        return _MeasurementRows(_quick(self.own, square, within), _quick(self._probes_by_axis, square, within), self.count)
 
-    def part(self, rows: slice) -> _Rows:
+    def part(self, rows: slice) -> _MeasurementRows:
         found = self.of(rows)
-        return _Rows(found.own, found.probes, found.own.shape[1])
+        return _MeasurementRows(found.own, found.probes, found.own.shape[1])
 
-    def joined(self, other: _Rows) -> _Rows:
+    def joined(self, other: _MeasurementRows) -> _MeasurementRows:
         both = [one.probes for one in (self, other)]
         if len(both[0]) != len(both[1]):
             both = [one._probes_by_axis for one in (self, other)]
-        return _Rows(np.concatenate([self.own, other.own], 1), np.concatenate(both, 1), self.count + other.count)
+        return _MeasurementRows(np.concatenate([self.own, other.own], 1), np.concatenate(both, 1), self.count + other.count)
 
     @property
     def _probes_by_axis(self) -> Array:
         return np.broadcast_to(self.probes, (3, *self.probes.shape[1:]))
 
-    def folded(self) -> _Rows:
+    def folded(self) -> _MeasurementRows:
         """As the triangles of orthogonal factorisations, with the same sums of products."""
         width = self.probes.shape[2]
         if len(self.probes) == 1:
             upper = triangle_of(np.hstack([self.probes[0], *self.own]))
-            return _Rows(np.stack(np.split(upper[:, width:], 3, axis=1)), upper[None, :, :width], self.count)
+            return _MeasurementRows(np.stack(np.split(upper[:, width:], 3, axis=1)), upper[None, :, :width], self.count)
         each = [triangle_of(np.hstack(pair)) for pair in zip(self.probes, self.own, strict=True)]
-        return _Rows(np.stack([upper[:, width:] for upper in each]), np.stack([upper[:, :width] for upper in each]), self.count)
+        return _MeasurementRows(np.stack([upper[:, width:] for upper in each]), np.stack([upper[:, :width] for upper in each]), self.count)
 
 
-def _hidden(rows: _Rows, share: Array, spread: float) -> Array:
+def _hidden(rows: _MeasurementRows, share: Array, spread: float) -> Array:
     """(10,) δ² of one kind of measurement."""
     regressors, residual = rows.own[..., :10], rows.own[..., 10]
     size = np.sqrt((regressors**2).sum((0, 1)))

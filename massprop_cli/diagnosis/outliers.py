@@ -65,7 +65,7 @@ SENSORS = ("gyro", "accel")
 _LONG = {"gyro": "gyro", "accel": "accelerometer"}
 
 
-class Found(NamedTuple):
+class SensorOutliers(NamedTuple):
     """Of one sensor."""
 
     cycles: IntArray
@@ -155,7 +155,7 @@ def _row(log: Log, sensor: str, cycle: int) -> int:
     return cycle * records + int(((own - middle) ** 2).sum(1).argmax())
 
 
-def _search(log: Log, vehicle: Vehicle, samples: Stream, pieces: Sequence[slice]) -> tuple[Found, Found]:
+def _search(log: Log, vehicle: Vehicle, samples: Stream, pieces: Sequence[slice]) -> tuple[SensorOutliers, SensorOutliers]:
     """Outliers of gyro and accelerometer."""
     noise = (vehicle.imu.gyro_noise_rad_s or 0.0, vehicle.imu.accel_noise_m_s2 or 0.0)
     usable = int(np.searchsorted(cycle_edges(log, slice(0, len(samples)))[0], samples.usable_s))
@@ -174,7 +174,7 @@ def _search(log: Log, vehicle: Vehicle, samples: Stream, pieces: Sequence[slice]
     return _judged(sizes[0], log.rows), _judged(sizes[1], log.rows)
 
 
-def _judged(sigmas: Array, rows: int) -> Found:
+def _judged(sigmas: Array, rows: int) -> SensorOutliers:
     """What is far out, if that is little and apart from all else."""
     far = sigmas > SIGMAS
     begins = np.flatnonzero(np.diff(far, prepend=False, append=False))
@@ -184,7 +184,7 @@ def _judged(sigmas: Array, rows: int) -> Found:
     between = int(((sigmas > TAIL) & (sigmas <= SIGMAS)).sum())
     if len(out) > SHARE * rows or between > len(out) / 2:
         out = out[:0]
-    return Found(out, sigmas[out])
+    return SensorOutliers(out, sigmas[out])
 
 
 def _of_gyro(here: Samples, noise: float, first: int) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import outliers
-from massprop_cli.diagnosis.delay import Found
+from massprop_cli.diagnosis.delay import FoundTiming
 from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertain_timing, with_phase, with_timing
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.estimate.history import phases_of
@@ -44,7 +44,7 @@ class Ready(NamedTuple):
     phases: list[tuple[Phase, slice]]
     timing: Timing
     """Delay and lag as used, cycles."""
-    detected: Found | None
+    detected: FoundTiming | None
     """What the log says of them, where the vehicle file leaves them to it."""
     consider: Consider
     """Delay, lag, geometry and single keys where they are uncertain."""

@@ -87,7 +87,7 @@ def _before_its_cause(screening: Screening, found: Fitted) -> bool:
 
 
 @dataclass(frozen=True)
-class Begun:
+class AppliedHypothesis:
     """A hypothesis applied once."""
 
     screening: Screening
@@ -97,7 +97,7 @@ class Begun:
     """Cost that following it on may bring."""
 
 
-def begin(screening: Screening, found: Fitted, first: Refit | None) -> Begun | None:
+def begin(screening: Screening, found: Fitted, first: Refit | None) -> AppliedHypothesis | None:
     """A hypothesis with its values applied, perhaps beside a ``first`` one; None where that makes another testbed."""
     found = found if first is None else _beside(screening, first, found)
     case = applied(screening.case, found, screening.free.fired)
@@ -107,11 +107,11 @@ def begin(screening: Screening, found: Fitted, first: Refit | None) -> Begun | N
     (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.hypothesis.moves], found.value("theta"))
     units = _by_units(mended, found, screening.case)
     promised = mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square)
-    return Begun(mended, mended.free_cost + units + mended.score(more.chi_square, found), mended.cost + units - BOLD * promised)
+    return AppliedHypothesis(mended, mended.free_cost + units + mended.score(more.chi_square, found), mended.cost + units - BOLD * promised)
 
 
 def tried(
-    screening: Screening, found: Fitted, best: float = np.inf, first: Refit | None = None, begun: Begun | None = None
+    screening: Screening, found: Fitted, best: float = np.inf, first: Refit | None = None, begun: AppliedHypothesis | None = None
 ) -> Refit | None:
     """A hypothesis with its best values in log and vehicle file, perhaps beside a ``first`` one, both fitted together.
 
@@ -189,7 +189,7 @@ def _passes(screening: Screening, found: Fitted) -> bool:
     return left < FITS[0] + FITS[1] * np.sqrt(2 / freedom) and (left < PART * screening.misfit or not screening.loud)
 
 
-def refined(screening: Screening, found: Fitted, case: Case, best: float = np.inf, begun: Begun | None = None) -> Refit | None:
+def refined(screening: Screening, found: Fitted, case: Case, best: float = np.inf, begun: AppliedHypothesis | None = None) -> Refit | None:
     """What is left once the case is reduced anew, its unknowns moved on from there until they stand, or can't come near the ``best`` score.
 
     First beside the disturbance that it was found with: a misfit may hide behind that, and without it the way is too steep. Then beside
@@ -262,7 +262,7 @@ def _led(
     likely: tuple[Disturbance, ...],
     best: float,
     roughly: bool = False,
-    begun: Begun | None = None,
+    begun: AppliedHypothesis | None = None,
 ) -> tuple[Fitted, Case, Screening | None]:
     """A hypothesis moved on until it stands, beside one of the ``likely`` disturbances, or what is likeliest now.
 

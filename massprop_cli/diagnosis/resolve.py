@@ -12,7 +12,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import UntoldError
 from massprop_cli.diagnosis import delay, segment
-from massprop_cli.diagnosis.delay import Found, Rated
+from massprop_cli.diagnosis.delay import FoundTiming, Rated
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME, TABLE
 from massprop_cli.estimate import noiselevels
@@ -67,7 +67,7 @@ def with_phase(log: Log, vehicle: Vehicle) -> Vehicle:
     return vehicle.model_copy(update={"cycle": vehicle.cycle.model_copy(update={"command_delay_sigma_cycles": sigma})})
 
 
-def with_timing(stated: Vehicle, detected: Found | None) -> Vehicle:
+def with_timing(stated: Vehicle, detected: FoundTiming | None) -> Vehicle:
     """The vehicle with the values and sigmas of a timing that was found in the log."""
     if detected is None:
         return stated
@@ -117,7 +117,7 @@ def stated_timing(stated: Vehicle, found: Timing = Timing(0.0, 0.0)) -> Timing: 
     return Timing(found.delay if delay == "auto" else delay, found.lag if lag == "auto" else lag / stated.cycle.period_s)
 
 
-def found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | None:
+def found_timing(log: Log, source: VehicleSource, say: Progress) -> FoundTiming | None:
     """What the vehicle file leaves to be found ("auto"), or states to be uncertain; None where it is to be as stated."""
     vehicle = source.vehicle
     automatic = {"delay": vehicle.cycle.command_delay_cycles == "auto", "lag": vehicle.thrust.lag_s == "auto"}
@@ -170,7 +170,9 @@ def _open(low_pass: LowPass | None) -> bool:
     return low_pass is not None and low_pass.cutoff_hz == "auto"
 
 
-def _detected(log: Log, vehicle: Vehicle, start: Timing, unknown: Sequence[str], prior: Sequence[float] | None = None) -> Found | None:
+def _detected(
+    log: Log, vehicle: Vehicle, start: Timing, unknown: Sequence[str], prior: Sequence[float] | None = None
+) -> FoundTiming | None:
     samples = Stream.of(log, vehicle, start)
     pieces = [cycles for _, cycles in phases_of(log, vehicle, samples)]
     used, _ = noiselevels.with_noise_levels(samples, pieces, vehicle)
@@ -178,7 +180,7 @@ def _detected(log: Log, vehicle: Vehicle, start: Timing, unknown: Sequence[str],
     return delay.detect(part, used, within, start, list(unknown), prior)
 
 
-def _beside_stated(log: Log, vehicle: Vehicle, start: Timing, automatic: Mapping[str, bool]) -> Found | None:
+def _beside_stated(log: Log, vehicle: Vehicle, start: Timing, automatic: Mapping[str, bool]) -> FoundTiming | None:
     """What is to be found, together with what is stated with a sigma beside it; None where nothing is, or it isn't found so.
 
     Held at what is stated it would move the other as far as it is off itself.
@@ -197,7 +199,7 @@ def _beside_stated(log: Log, vehicle: Vehicle, start: Timing, automatic: Mapping
     return found if all(not sigma or off < FARTHEST * sigma for off, sigma in zip(away, prior, strict=True)) else None
 
 
-def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> Found | None:
+def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
     """What a stated timing and what the log alone shows come to.
 
     None where nothing is uncertain, where the log can't tell or tells little beside it (so a timing that was found in this very log is not
@@ -221,7 +223,7 @@ def _stated_sigmas(vehicle: Vehicle) -> dict[str, float]:
     return {name: BY_NAME[name].sigma(vehicle) for name in SOUGHT}
 
 
-def _between(found: Found, given: Setup, moved: Array, stated: Array) -> Found | None:
+def _between(found: FoundTiming, given: Setup, moved: Array, stated: Array) -> FoundTiming | None:
     """What a stated timing t_P ± √P and what the log alone shows, t_S ± √S, come to: t_P + P (P + S)⁻¹ (t_S − t_P)."""
     shown = found.covariance
     sharper = np.linalg.eigvals(np.linalg.solve(stated, shown)).real.min() < NARROWER**2

@@ -8,7 +8,7 @@ import numpy as np
 
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import at_once
-from massprop_cli.diagnosis.refit import Begun, Refit, begin, drifts_no_more, hopeless, tried
+from massprop_cli.diagnosis.refit import AppliedHypothesis, Refit, begin, drifts_no_more, hopeless, tried
 from massprop_cli.diagnosis.screening import CLEAR, Screening
 from massprop_cli.errorparameters.table import LATE
 
@@ -42,7 +42,7 @@ def searched(
     """
     best = list(begun)
     near = -np.inf
-    by_promise: list[tuple[Fitted, Begun | None]] | None = None
+    by_promise: list[tuple[Fitted, AppliedHypothesis | None]] | None = None
     seen = screening if first is None or first.screening is None else first.screening
 
     def reach() -> float:
@@ -91,7 +91,7 @@ def _vain(first: Refit | None, before: Sequence[Refit]) -> float:
     return IN_VAIN * min(unfit, default=np.inf) + CLEAR
 
 
-def _by_promise(screening: Screening, first: Refit | None, seen: Screening, rough: float) -> list[tuple[Fitted, Begun | None]]:
+def _by_promise(screening: Screening, first: Refit | None, seen: Screening, rough: float) -> list[tuple[Fitted, AppliedHypothesis | None]]:
     """Of what makes motion late, those that one with a ``rough`` score may stand for, each applied once; the last promises most then."""
     reach = LATER * max(rough, 0.0) + CLEAR
     found = [one for score, one in seen.ranked.known if one.hypothesis.code in LATE and score <= reach]

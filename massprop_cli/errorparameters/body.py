@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.errorparameters.parameter import ErrorParameter, Finding, SpecialCase, Step, Wording
+from massprop_cli.errorparameters.parameter import ErrorParameter, FittedHypothesis, SpecialCase, Step, Wording
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.inputs.actuators.actuator import called
 
@@ -18,11 +18,11 @@ GROWN = 1.0
 """Percent by which mass or inertia may seem to grow by chance: what thrust is repeatable to."""
 
 
-def _rates(finding: Finding) -> Mapping[str, object]:
+def _rates(finding: FittedHypothesis) -> Mapping[str, object]:
     return {name: 100 * finding.mean(f"{name}_rate") for name in ("mass", "inertia")}
 
 
-def _walked(finding: Finding) -> float:
+def _walked(finding: FittedHypothesis) -> float:
     """kg/√s of a random walk over relative change: over the log it may change the mass by as much."""
     return 1 / (finding.inverse_mass * float(np.sqrt(float(np.ptp(finding.stated.log.time_s)) or 1.0)))
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import rotation
-from massprop_cli.errorparameters.parameter import ErrorParameter, Finding, SpecialCase, Step, Wording, matrix
+from massprop_cli.errorparameters.parameter import ErrorParameter, FittedHypothesis, SpecialCase, Step, Wording, matrix
 from massprop_cli.errorparameters.sensor import DEGREE, WORDS
 from massprop_cli.errorparameters.setup import Setup
 
@@ -61,20 +61,20 @@ def _turn(sensor: Literal["gyro", "accel"]) -> ErrorParameter:
     )
 
 
-def _from_stated(finding: Finding) -> Mapping[str, object]:
+def _from_stated(finding: FittedHypothesis) -> Mapping[str, object]:
     true = np.array(finding.corrected.vehicle.imu.body_from_imu)
     away = np.degrees(np.arccos(np.clip((np.trace(true.T @ finding.mounting) - 1) / 2, -1, 1)))
     words = f"{finding.subject[0]}, " if finding.subject else ""
     return {"words": words, "rows": matrix(true), "away": away}
 
 
-def _alone(finding: Finding) -> Mapping[str, object]:
+def _alone(finding: FittedHypothesis) -> Mapping[str, object]:
     sensor = next(word for word in WORDS.values() if word in finding.subject)
     read = finding.turns[sensor != "gyro"]
     return {"sensor": sensor, "rows": matrix(finding.mounting.T @ read @ finding.mounting), "handed": _handed(read)}
 
 
-def _mirrored(finding: Finding) -> Mapping[str, object]:
+def _mirrored(finding: FittedHypothesis) -> Mapping[str, object]:
     return {"rows": matrix(finding.turns[0].T @ finding.mounting), "handed": _handed(finding.turns[0])}
 
 

@@ -21,7 +21,7 @@ Redone = Literal["body", "motion", "commands", "all"]
 
 
 @dataclass(frozen=True)
-class Finding:
+class FittedHypothesis:
     """A hypothesis with its values, and log and vehicle file as stated and as corrected."""
 
     subject: tuple[str, ...]
@@ -64,7 +64,7 @@ class Finding:
         return float(self.errors[name].mean())
 
 
-Facts = Callable[[Finding], Mapping[str, object]]
+Facts = Callable[[FittedHypothesis], Mapping[str, object]]
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Wording:
     facts: Facts = lambda _: {}
     """Beside those of :meth:`ErrorParameter.facts`."""
 
-    def text(self, finding: Finding, facts: Mapping[str, object]) -> str:
+    def text(self, finding: FittedHypothesis, facts: Mapping[str, object]) -> str:
         """Sentence and remedy of a finding, with more ``facts``."""
         return f"{self.sentence}; {self.remedy}".format(**{**facts, **self.facts(finding)})
 
@@ -90,7 +90,7 @@ class SpecialCase:
     """Code of the hypothesis."""
     code: str
     """Code of the warning."""
-    applies: Callable[[Finding], bool]
+    applies: Callable[[FittedHypothesis], bool]
     wording: Wording
 
 
@@ -163,7 +163,7 @@ class ErrorParameter:
     """What a correction states under ``sigma_key``: the estimate's sigma, or the error's size, by which it is estimated anew.
 
     Else a refit one sigma further on stands for the uncertainty."""
-    part: Callable[[Finding], float] = lambda _: 1.0
+    part: Callable[[FittedHypothesis], float] = lambda _: 1.0
     """Of that size."""
     columns: tuple[str, ...] = ()
     """Of the log's regression: without them it explains the motion while the parameter is as stated."""
@@ -217,7 +217,7 @@ class ErrorParameter:
         """Whether neither the vehicle file nor factors on the log can take its value."""
         return self.key is None and self.change is None and self.shown is None
 
-    def facts(self, finding: Finding) -> dict[str, object]:
+    def facts(self, finding: FittedHypothesis) -> dict[str, object]:
         """What a sentence may say of the error, and of value and sigma in the key's unit."""
         error, scale = finding.errors[self.moved[0]], self.scale(finding.stated.vehicle)
         sigma = scale * float(finding.sigmas[self.moved[0]].max(initial=0.0))
@@ -228,11 +228,11 @@ class ErrorParameter:
             found |= {"stated": stated, "value": value, "percent": 100 * value}
         return found
 
-    def text(self, finding: Finding) -> str:
+    def text(self, finding: FittedHypothesis) -> str:
         """Its sentence and remedy."""
         return self.wording.text(finding, self.facts(finding))
 
-    def corrected_sigma(self, finding: Finding) -> float:
+    def corrected_sigma(self, finding: FittedHypothesis) -> float:
         """What a correction states under ``sigma_key``."""
         if self.states == "sigma":
             return self.scale(finding.stated.vehicle) * float(finding.sigmas[self.name][0])

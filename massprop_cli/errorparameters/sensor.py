@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.errorparameters.parameter import ErrorParameter, Facts, Finding, SpecialCase, Step, Unit, Wording
+from massprop_cli.errorparameters.parameter import ErrorParameter, Facts, FittedHypothesis, SpecialCase, Step, Unit, Wording
 from massprop_cli.errorparameters.setup import Setup, has_table
 from massprop_cli.errorparameters.timing import DIFFERENCE, EARLIEST, LATER
 from massprop_cli.inputs.equipment import LowPass
@@ -39,7 +39,7 @@ def _unbiased(sensor: str, setup: Setup, error: Array) -> Setup:
 
 
 def _factor(sensor: str) -> Facts:
-    def facts(finding: Finding) -> Mapping[str, object]:
+    def facts(finding: FittedHypothesis) -> Mapping[str, object]:
         factors = np.exp(finding.errors[f"{sensor}_scale"])
         factor = float(factors[np.abs(np.log(factors)).argmax()])
         return {"axis": f"'s {finding.subject[0]} axis" if finding.subject else "", "factor": factor, "inverse": 1 / factor}
@@ -203,7 +203,7 @@ PARAMETERS = (
 )
 
 
-def _columns_held(finding: Finding) -> Mapping[str, object]:
+def _columns_held(finding: FittedHypothesis) -> Mapping[str, object]:
     """What columns hold, and by which factors they are mended."""
     shows = [np.diag(finding.mounting.T @ turn @ finding.mounting) for turn in finding.turns]
     factors = dict.fromkeys(f"{1 / factor:.6g}" for own in shows for factor in own if abs(factor - 1) > NO_FACTOR)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from massprop_cli.errorparameters import body, environment, mounting, sensor, thrust, timing
-from massprop_cli.errorparameters.parameter import ErrorParameter, Finding
+from massprop_cli.errorparameters.parameter import ErrorParameter, FittedHypothesis
 
 SPECIAL_CASES = (*thrust.SPECIAL_CASES, *sensor.SPECIAL_CASES, *mounting.SPECIAL_CASES, *body.SPECIAL_CASES)
 ENTRIES = (
@@ -51,7 +51,7 @@ CODES = frozenset({*(one.code for one in TABLE if one.prior > 0), *(case.code fo
 """Of all warnings that name an error."""
 
 
-def words_of(code: str, finding: Finding) -> tuple[str, str]:
+def words_of(code: str, finding: FittedHypothesis) -> tuple[str, str]:
     """(code of the warning, text that goes on "the log fits if …") of a hypothesis with its values."""
     for case in SPECIAL_CASES:
         if case.of == code and case.applies(finding):

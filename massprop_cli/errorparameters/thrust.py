@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.errorparameters.parameter import ErrorParameter, Finding, SpecialCase, Step, Wording, vector
+from massprop_cli.errorparameters.parameter import ErrorParameter, FittedHypothesis, SpecialCase, Step, Wording, vector
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.inputs.equipment import MOST_DROOP, Jet
 from massprop_cli.prepare.actuators import together
@@ -62,17 +62,17 @@ def _moved(setup: Setup, error: Array) -> Setup:
     return _at_jets(setup, "jets.position_m", setup.value("jets.position_m")[list(setup.fired)] + error.reshape(-1, 3))
 
 
-def _angle(finding: Finding) -> Mapping[str, object]:
+def _angle(finding: FittedHypothesis) -> Mapping[str, object]:
     stated, true = (force[finding.channel] for force in finding.force)
     cosine = stated @ true / np.linalg.norm(stated) / np.linalg.norm(true)
     return {"jet": finding.subject[0], "angle": np.degrees(np.arccos(np.clip(cosine, -1, 1))), "force": vector(true)}
 
 
-def _place(finding: Finding) -> Mapping[str, object]:
+def _place(finding: FittedHypothesis) -> Mapping[str, object]:
     return {"jet": finding.subject[0], "by": vector(finding.errors["position"].reshape(-1, 3)[finding.channel], 1e3)}
 
 
-def _who(finding: Finding) -> Mapping[str, object]:
+def _who(finding: FittedHypothesis) -> Mapping[str, object]:
     several, listed = len(finding.subject) > 1, ", ".join(finding.subject)
     who = listed if not finding.by_jets else f"jets {listed}" if several else f"jet {listed}"
     scale = "mend the unit or scale of these, or of the others, under [columns]" if several else "mend the scale under [columns]"
@@ -94,7 +94,7 @@ def _apart(one: Jet, other: Jet) -> float:
     )
 
 
-def _swapped(finding: Finding) -> Mapping[str, object]:
+def _swapped(finding: FittedHypothesis) -> Mapping[str, object]:
     jets, stated = finding.subject, finding.stated.vehicle.jets
     wired = [one for one in finding.corrected.vehicle.jets if one.name in jets]
     does = {one.name: min(stated, key=lambda other: _apart(one, other)).name for one in wired}
@@ -103,7 +103,7 @@ def _swapped(finding: Finding) -> Mapping[str, object]:
     return {"jets": f"{', '.join(jets[:-1])} and {jets[-1]}", "how": how}
 
 
-def _limits(finding: Finding) -> Mapping[str, object]:
+def _limits(finding: FittedHypothesis) -> Mapping[str, object]:
     limits, largest = finding.corrected.vehicle.thrust.wrench_limits or (), np.abs(finding.stated.log.command).max(0)
     said = [
         f"{limit:.4g} {unit} {word} {axis}"
@@ -113,13 +113,13 @@ def _limits(finding: Finding) -> Mapping[str, object]:
     return {"limits": ", ".join(said)}
 
 
-def _pulse_at(finding: Finding) -> Mapping[str, object]:
+def _pulse_at(finding: FittedHypothesis) -> Mapping[str, object]:
     cycle, place = finding.corrected.vehicle.cycle, {"begin": "begin with", "centre": "lie in the middle of", "end": "end with"}
     delay = f" and act {finding.corrected.timing.delay:.4g} cycles after their commands" if finding.errors["delay"].any() else ""
     return {"place": place[cycle.pulse_at], "delay": delay, "key": f'cycle.pulse_at = "{cycle.pulse_at}"'}
 
 
-def _ramps(finding: Finding) -> Mapping[str, object]:
+def _ramps(finding: FittedHypothesis) -> Mapping[str, object]:
     rise, fall = (2e3 * finding.mean(name) * finding.stated.period_s for name in ("rise", "fall"))
     by = rise or fall
     longer = f"thrust takes {abs(by):.3g} ms {'longer' if by > 0 else 'less'}"
@@ -135,12 +135,12 @@ def about_cg(point: Array, cg: Array) -> bool:
     return bool(np.linalg.norm(point - cg) < NEAR * np.linalg.norm(point))
 
 
-def _point_of(finding: Finding) -> Array:
+def _point_of(finding: FittedHypothesis) -> Array:
     found: Array = finding.stated.value(WRENCH_POINT) + finding.errors["position"][:3]
     return found
 
 
-def _point(finding: Finding) -> Mapping[str, object]:
+def _point(finding: FittedHypothesis) -> Mapping[str, object]:
     return {"point": vector(_point_of(finding), 1e3)}
 
 
@@ -276,11 +276,11 @@ PARAMETERS = (
 )
 
 
-def _reversed(finding: Finding) -> bool:
+def _reversed(finding: FittedHypothesis) -> bool:
     return finding.factor < REVERSED
 
 
-def _all_reversed(finding: Finding) -> bool:
+def _all_reversed(finding: FittedHypothesis) -> bool:
     return _reversed(finding) and 1 < len(finding.subject) == len(finding.names)
 
 

@@ -78,7 +78,7 @@ class Pass:
 def table(samples: Mounted, vehicle: Resolved) -> Array:
     """All that is constant, in the order of ``mp_host_begin``."""
     gyro, (x, y, z) = vehicle.imu.gyro_noise_rad_s, vehicle.noise[3:].tolist()
-    return vehicle_numbers(Layout.of(samples, vehicle), vehicle, handed.Begun(gyro, (x, y, z), reach(vehicle)))
+    return vehicle_numbers(Layout.of(samples, vehicle), vehicle, handed.FlightStart(gyro, (x, y, z), reach(vehicle)))
 
 
 def rows_of(told: Array) -> Rows:

@@ -11,7 +11,7 @@ from massprop_cli.estimate import compiled, flown
 from massprop_cli.estimate.causal import Causal
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.rows import Rows
-from massprop_cli.estimate.told import Told
+from massprop_cli.estimate.told import HistoryRecorder
 from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.model.handed import StatusError
 from massprop_cli.model.resolved import Resolved
@@ -37,7 +37,7 @@ def replay(
         # what is too large to be squared is no cycle to the kernel; here it becomes nothing that can be said
         with suppress(StatusError):
             return _compiled(samples, cycles, phase, vehicle, progress)
-    causal, told = Causal(samples, cycles, vehicle, consider), Told(samples, cycles, vehicle)
+    causal, told = Causal(samples, cycles, vehicle, consider), HistoryRecorder(samples, cycles, vehicle)
     while causal.run.at < cycles.stop:
         if progress is not None:
             progress((causal.run.at - cycles.start) / (cycles.stop - cycles.start))
@@ -55,7 +55,7 @@ def replay(
 
 def _compiled(samples: Source, cycles: slice, phase: Phase, vehicle: Resolved, progress: Callable[[float], None] | None) -> History:
     """The same, by the compiled kernel."""
-    told = Told(samples, cycles, vehicle)
+    told = HistoryRecorder(samples, cycles, vehicle)
     if isinstance(samples, Stream) and flown.holds(samples):
         parts, reference = flown.replayed(samples, cycles, vehicle, progress)
     else:

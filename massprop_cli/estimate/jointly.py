@@ -38,7 +38,7 @@ class Member(NamedTuple):
     consider: Consider
 
 
-class Joint(NamedTuple):
+class JointFit(NamedTuple):
     """What all members say together."""
 
     told: Parameters
@@ -62,7 +62,7 @@ class Jointly(Regression):
         self.free = 0
         self.members = [Regression(*member) for member in members]
 
-    def fit(self, start: Reference) -> Joint:
+    def fit(self, start: Reference) -> JointFit:
         """Gauss–Newton from ``start``, about its own last estimate until that stands still."""
         biases = [start.gyro_bias for _ in self.members]
         reference, bound = replace(start, gyro_bias=np.zeros(3)), False
@@ -77,7 +77,7 @@ class Jointly(Regression):
         stands, theta = self.still(run, offline.SETTLED), self.lift.theta(run.estimate)
         corner = self._posed(run, theta, self._scale(theta))[-1 - self.assumed, -1 - self.assumed]
         apart = tuple(self._apart(own, one, run) for own, one in zip(self.members, runs, strict=True))
-        return Joint(self.row(run), run.estimate, stands, float(corner**2), apart)
+        return JointFit(self.row(run), run.estimate, stands, float(corner**2), apart)
 
     @staticmethod
     def _through(own: Regression, reference: Reference, bound: bool) -> Run:

@@ -16,7 +16,7 @@ from massprop_cli.estimate.quantities import quantities
 from massprop_cli.estimate.regression import Regression
 from massprop_cli.estimate.residual import Residual, coefficients, residual
 from massprop_cli.estimate.rows import Response
-from massprop_cli.estimate.told import Told
+from massprop_cli.estimate.told import HistoryRecorder
 from massprop_cli.estimate.triangle import Run
 from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.model.lift import Tangent
@@ -66,7 +66,7 @@ def settle(
     """
     regression = Regression(samples, cycles, vehicle, consider)
     last = _last_pass(regression, reference, passes, bound)
-    told, left = Told(samples, cycles, vehicle, every=vehicle.estimator.refine), Residual.empty(cycles.stop - cycles.start)
+    told, left = HistoryRecorder(samples, cycles, vehicle, every=vehicle.estimator.refine), Residual.empty(cycles.stop - cycles.start)
     phi = coefficients(regression, last.run.estimate)
     stops, passed = np.linspace(cycles.start, cycles.stop, STAGES + 1).astype(int)[1:], list[Run]()
     for before, taken, after in last.held or blocks(regression, last.begun):

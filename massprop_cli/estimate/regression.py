@@ -15,7 +15,7 @@ from massprop_cli.estimate.ahead import beyond, unexpected
 from massprop_cli.estimate.initial import knows_inertia
 from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, ordered
-from massprop_cli.estimate.rows import Parameters, Posed, Response, Rows, Told
+from massprop_cli.estimate.rows import Parameters, Posed, Response, Rows, TriangleSolution
 from massprop_cli.estimate.triangle import LOOSE, PULL, Run, Triangle
 from massprop_cli.model.layout import RATE, Layout
 from massprop_cli.model.lift import Lift
@@ -351,7 +351,7 @@ class Regression(Triangle):
             found[executed.ignored] = np.nan
         return innovation, sigma, normalised
 
-    def _sensed(self, run: Run, theta: Array, scale: Array, triangles: Array) -> Told:
+    def _sensed(self, run: Run, theta: Array, scale: Array, triangles: Array) -> TriangleSolution:
         """What triangles (K, n + 10, n + 11 + e) about ``theta`` tell."""
         count = triangles.shape[1] - 10
         own = triangles[:, count:, count:]
@@ -371,9 +371,11 @@ class Regression(Triangle):
             clear = (mu > 0) & (covariance[:, MU, MU] < (quantities.UNTOLD * mu) ** 2)
             pull[clear, MU, MU] = np.maximum(pull[clear, MU, MU], mu[clear] ** 2)
         sensible = step - covariance @ np.linalg.solve(covariance + pull, step + (theta - centre)[:, None])
-        return Told(root, steps, self.lift.nearest(theta, sensible[..., 0]), np.sqrt(np.einsum("kii->ki", covariance)))
+        return TriangleSolution(root, steps, self.lift.nearest(theta, sensible[..., 0]), np.sqrt(np.einsum("kii->ki", covariance)))
 
-    def _told(self, run: Run, theta: Array, scale: Array, triangles: Array, told: Told, states: tuple[State, ...]) -> Parameters:
+    def _told(
+        self, run: Run, theta: Array, scale: Array, triangles: Array, told: TriangleSolution, states: tuple[State, ...]
+    ) -> Parameters:
         """The state parameters of K triangles (K, n + 10, n + 11 + e) about ``theta``."""
         count = triangles.shape[1] - 10
         # I and c are curved in θ: each row is turned into them where it stands, but for what the data don't tell

@@ -85,7 +85,7 @@ class Rows:
         return replace(self, mean=mean, covariance=covariance, relative=relative)
 
 
-class Told(NamedTuple):
+class TriangleSolution(NamedTuple):
     """What K triangles on θ's departure tell of it."""
 
     root: Array
@@ -110,10 +110,10 @@ class Posed:
     """(K, 6, n + 11 + e) on n nuisances and θ's departure; measured, and by assumptions."""
     triangles: Array
     """(K + 1, n + 10, n + 11 + e) before the cycles and after each."""
-    told: Told
+    told: TriangleSolution
     """Of the triangles after each cycle."""
 
     def first(self, count: int) -> Posed:
         """Of so many cycles."""
-        told = Told(*(part[:count] for part in self.told))
+        told = TriangleSolution(*(part[:count] for part in self.told))
         return replace(self, rows=self.rows[:count], triangles=self.triangles[: count + 1], told=told)

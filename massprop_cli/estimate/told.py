@@ -23,7 +23,7 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Source
 
 
-class Told:
+class HistoryRecorder:
     """What every cycle's estimate comes to, block by block; or of an off-line fit the last one's, and every cycle's innovations."""
 
     def __init__(self, samples: Source, cycles: slice, vehicle: Resolved, every: bool = True) -> None:

@@ -29,7 +29,7 @@ class Disturbance(NamedTuple):
     """Of the change, from cycle to cycle, of what it grows by."""
 
 
-class Told(NamedTuple):
+class ReducedLeastSquares(NamedTuple):
     """Of one kind of measurement: ``‖triangle @ coefficients − measured‖² + left`` is the sum of squares, per axis."""
 
     triangle: Array
@@ -67,7 +67,7 @@ class Driven(NamedTuple):
     """What a torque that walks adds to the rate in a cycle for each unit of what it begins as."""
 
 
-def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tuple[Told, tuple[Disturbance, ...]]:
+def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tuple[ReducedLeastSquares, tuple[Disturbance, ...]]:
     """What the rates say: beside the likeliest disturbance, if the noise ``stated`` [(rad/s)²] doesn't explain them; and which that is.
 
     Where some are ``likely`` no others are tried. Where a torque is stated, so that no noise is (0), one that walks stands for it: of a
@@ -138,7 +138,7 @@ def by_products(rates: Driven, disturbances: Sequence[Disturbance]) -> list[floa
             costs.append(np.inf)
             continue
         size = len(root) - 3
-        told = Told(root, root[:0], (root[size:, size:] ** 2).sum(1), int(rates.used.sum()) - size, volume)
+        told = ReducedLeastSquares(root, root[:0], (root[size:, size:] ** 2).sum(1), int(rates.used.sum()) - size, volume)
         own = np.diag(root)[size - rates.growth.shape[1] + walks : size]
         costs.append(_restricted(told, np.append(own, _begun(white)) if walks else own, beside, rates)[1])
     return costs
@@ -158,7 +158,7 @@ def white_rows(rates: Driven, disturbances: Sequence[Disturbance]) -> Iterator[t
         yield beside, white if beside.walk > 0 else white[:, 1:], float(own)
 
 
-def _restricted(told: Told, diagonal: Array, beside: Disturbance, rates: Driven) -> tuple[float, float]:
+def _restricted(told: ReducedLeastSquares, diagonal: Array, beside: Disturbance, rates: Driven) -> tuple[float, float]:
     """Log determinant of the information, by the diagonal of its root, and −2 log restricted likelihood with the price of a disturbance.
 
     What products of rates bring is none.
@@ -172,7 +172,7 @@ class Beside(NamedTuple):
     """What the rates say beside a disturbance."""
 
     beside: Disturbance
-    told: Told
+    told: ReducedLeastSquares
     taken: float
     """Log determinant of the information on the coefficients, which take of a slow disturbance what is like them (Patterson & Thompson
     1971); for noise of unit variance, of each axis."""
@@ -253,9 +253,11 @@ def _torque(held: bool) -> tuple[int, Array, Array]:
     return 3, np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]), np.array([0.5, 0.0, 1.0])
 
 
-def reduced(columns: Array, measured: Array, free: int = 0, count: int | None = None) -> Told:
+def reduced(columns: Array, measured: Array, free: int = 0, count: int | None = None) -> ReducedLeastSquares:
     """The triangle of columns of which the first ``free`` are of no interest; ``count`` rows are something, by default all."""
     size = columns.shape[1]
     upper = triangle_of(np.hstack([columns, measured]))
     left = (upper[size:, size:] ** 2).sum(0)
-    return Told(upper[free:size, free:size], upper[free:size, size:], left, (len(columns) if count is None else count) - size)
+    return ReducedLeastSquares(
+        upper[free:size, free:size], upper[free:size, size:], left, (len(columns) if count is None else count) - size
+    )

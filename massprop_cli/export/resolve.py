@@ -20,7 +20,7 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.timing import Timing
 
 
-class Aboard(NamedTuple):
+class GyroAttitude(NamedTuple):
     """What measures the attitude in flight: the gyro alone."""
 
     attitude_logged: bool = False
@@ -68,7 +68,7 @@ def stated(source: VehicleSource, jets: bool | None = None) -> Constants:
     timing = stated_timing(vehicle)
     used = _checked(source, vehicle, timing, vehicle.cycle.period_s)
     legs = tuple(
-        Leg(name, compiled.table(Aboard(), own), _rule(own), slice(0, 0), own)
+        Leg(name, compiled.table(GyroAttitude(), own), _rule(own), slice(0, 0), own)
         for name, own in [(phase.name, used.in_phase(phase)) for phase in used.phases] or [("all", used)]
     )
     commands = flown.commands_of(bool(vehicle.jets) if jets is None else jets, vehicle, timing.delay)
@@ -92,7 +92,7 @@ def told(source: VehicleSource, log_path: Path) -> Constants:
     legs = []
     for history in found.histories:
         own = used.in_phase(history.phase)
-        legs.append(Leg(history.phase.name, compiled.table(Aboard(), own), _rule(own), history.cycles, own))
+        legs.append(Leg(history.phase.name, compiled.table(GyroAttitude(), own), _rule(own), history.cycles, own))
     return Constants(vehicle, commands, tuple(legs), log)
 
 

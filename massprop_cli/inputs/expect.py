@@ -39,7 +39,7 @@ def _numbers_too(schema: dict[str, Any]) -> None:
         schema["properties"][name]["anyOf"].insert(0, {"type": "number"})
 
 
-class Body(Section, json_schema_extra=_numbers_too):
+class ExpectedBody(Section, json_schema_extra=_numbers_too):
     """What is expected of one body: any of the ten quantities."""
 
     poi_convention: Convention | None = Field(None, description="sign of the products here; absent: the file's")
@@ -66,7 +66,7 @@ class Body(Section, json_schema_extra=_numbers_too):
         return self
 
 
-class PhaseBody(Body):
+class PhaseBody(ExpectedBody):
     """What is expected of one phase."""
 
     name: str
@@ -81,9 +81,9 @@ class ExpectFile(Section):
     )
     tolerance: Stated | None = Field(None, description='of quantities without one of their own: "2 %" or "4 sigma"; default 4 sigma')
     require: Required | None = Field(None, description='what must converge in every phase, and how precisely: "mass<2%, ixx", or a list')
-    all: Body = Field(Body(), description="expected in every phase")
+    all: ExpectedBody = Field(ExpectedBody(), description="expected in every phase")
     phases: tuple[PhaseBody, ...] = ()
-    docked: Body = Field(Body(), description="expected of the docked object")
+    docked: ExpectedBody = Field(ExpectedBody(), description="expected of the docked object")
 
     @model_validator(mode="after")
     def _is_coherent(self) -> Self:
@@ -92,7 +92,7 @@ class ExpectFile(Section):
         return self
 
 
-class TruthPhase(Body):
+class TruthPhase(ExpectedBody):
     """The truth of one phase; without names they are in the order of the result's."""
 
     name: str | None = None
@@ -110,7 +110,7 @@ class TruthFile(Section):
     docked_bound: JsonValue = None
     poi_convention: Convention | None = None
     phases: tuple[TruthPhase, ...]
-    docked: Body = Body.unset()
+    docked: ExpectedBody = ExpectedBody.unset()
 
 
 @dataclass(frozen=True)
@@ -152,10 +152,10 @@ def parse(text: str, path: Path) -> Expectations:
     truth = data.get("schema") == TRUTH or ("schema" not in data and any(key in data for key in _OLDER))
     model: type[ExpectFile | TruthFile] = TruthFile if truth else ExpectFile
     file = configfile.validate(model, _spelt_out(data), str(path), "" if as_json else text)
-    every = file.all if isinstance(file, ExpectFile) else Body()
+    every = file.all if isinstance(file, ExpectFile) else ExpectedBody()
     default = (file.tolerance if isinstance(file, ExpectFile) else None) or FOUR_SIGMA
 
-    def wanted(body: Body, place: str) -> dict[str, Wanted]:
+    def wanted(body: ExpectedBody, place: str) -> dict[str, Wanted]:
         convention = body.poi_convention or file.poi_convention
         return {
             name: _wanted(name, quantity, convention, quantity.tolerance or body.tolerance or default, f"{path}: {place}.{name}")

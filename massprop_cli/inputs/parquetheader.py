@@ -47,7 +47,7 @@ class _Page:
     encoding: int
 
 
-class Columns:
+class ParquetColumns:
     """A file's columns, each unpacked when it is asked for. What Arrow raises, and ValueError, say that the file is damaged."""
 
     def __init__(self, place: str, data: Content) -> None:

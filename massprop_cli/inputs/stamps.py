@@ -75,7 +75,7 @@ class _Leap(NamedTuple):
     wraps: bool
 
 
-class _Motion(NamedTuple):
+class _RateGrowth(NamedTuple):
     """What predicts the growth of the rates."""
 
     growth: Array
@@ -288,7 +288,7 @@ def _goes_on(source: LogTable, vehicle: Vehicle, leap: _Leap, usual_s: float) ->
     return bool(np.mean(((away[apart] / scale) ** 2).sum(1) <= usual) < 0.02)
 
 
-def _motion(source: LogTable, vehicle: Vehicle, usual_s: float, part: slice) -> _Motion | None:
+def _motion(source: LogTable, vehicle: Vehicle, usual_s: float, part: slice) -> _RateGrowth | None:
     """Growth of the rates and what may predict it; None where there are no three rates, or too few records for the commands."""
     increments = all(source.has(name) for name in DELTA_THETA)
     names = DELTA_THETA if increments else GYRO
@@ -311,7 +311,7 @@ def _motion(source: LogTable, vehicle: Vehicle, usual_s: float, part: slice) -> 
         return None
     smooth = np.stack([np.convolve(column, np.ones(7) / 7, "same") for column in rate.T], 1) if increments else None
     growth = np.diff(rate, axis=0, prepend=rate[:1])
-    return _Motion(growth, by, smooth)
+    return _RateGrowth(growth, by, smooth)
 
 
 def _felt(source: LogTable, vehicle: Vehicle, part: slice, usual_s: float) -> Array | None:

@@ -121,7 +121,7 @@ class _File(NamedTuple):
 
 def _read_parquet(path: Path, data: Content) -> _File:
     with _readable(path):
-        columns = parquetheader.Columns(str(path), data)
+        columns = parquetheader.ParquetColumns(str(path), data)
 
     def column(name: str) -> Any:
         with _readable(path):

@@ -10,7 +10,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO
 from massprop_cli.inputs.logtable import GAP, LONG
 from massprop_cli.inputs.telemetry import ABSURD
-from massprop_cli.live.records import Columns, Record, RecordError
+from massprop_cli.live.records import Record, RecordError, StreamColumns
 
 STARTS, SPAN = 3, 1.5
 """Intervals, and control cycles, that the first records must span to say how many there are in a cycle."""
@@ -18,7 +18,7 @@ LOST = 3.5
 """Usual intervals that three in a row last at least, the middle one long, where a record is lost and none was but stamped early or late."""
 
 
-class Cycle(NamedTuple):
+class RecordedCycle(NamedTuple):
     """One control cycle."""
 
     end_s: float
@@ -31,7 +31,7 @@ class Cycle(NamedTuple):
 class Gatherer:
     """Counts records into cycles, by the median of the first intervals: one of them may be jittered, or twice as long for a lost record."""
 
-    def __init__(self, columns: Columns, period_s: float) -> None:
+    def __init__(self, columns: StreamColumns, period_s: float) -> None:
         self.columns, self.period_s = columns, period_s
         self.usual_s = 0.0
         self.records = 0
@@ -41,7 +41,7 @@ class Gatherer:
         self._own: list[tuple[Record, float]] = []
         self._lengths = [1.0, 1.0, 1.0]
 
-    def add(self, record: Record) -> list[Cycle]:
+    def add(self, record: Record) -> list[RecordedCycle]:
         """Cycles that are whole with it. :class:`RecordError` where it must be left out, :class:`InputError` where nothing can follow."""
         interval = record.time_s - self._last_s
         if not interval > 0:
@@ -61,7 +61,7 @@ class Gatherer:
         told = len(self._begun) > STARTS and record.time_s - self._begun[0].time_s > SPAN * self.period_s
         return self.started() if told else []
 
-    def started(self) -> list[Cycle]:
+    def started(self) -> list[RecordedCycle]:
         """Cycles of the first records, which waited for one another; nothing of a single one."""
         begun, self._begun = self._begun, []
         if len(begun) < 2:
@@ -79,7 +79,7 @@ class Gatherer:
             raise InputError(f"standard input: {error}") from None
         return made
 
-    def _next(self, record: Record, interval: float) -> list[Cycle]:
+    def _next(self, record: Record, interval: float) -> list[RecordedCycle]:
         self._follows(record, interval)
         made = self._added(record, interval)
         self._last_s = record.time_s
@@ -111,7 +111,7 @@ class Gatherer:
                 f"{self.usual_s:.6g} s{lost}); begin a new recording"
             )
 
-    def _added(self, record: Record, interval: float) -> list[Cycle]:
+    def _added(self, record: Record, interval: float) -> list[RecordedCycle]:
         first = self._own[0][0] if self._own else record
         for name in self.columns.commands:
             value = record.numbers[name]
@@ -130,7 +130,7 @@ class Gatherer:
         own, self._own = self._own, []
         return [self._cycle(own)]
 
-    def _cycle(self, own: list[tuple[Record, float]]) -> Cycle:
+    def _cycle(self, own: list[tuple[Record, float]]) -> RecordedCycle:
         columns, last = self.columns, own[-1][0]
         theta = _summed(own, GYRO if columns.rates else DELTA_THETA, columns.rates)
         velocity = _summed(own, ACCEL if columns.accelerations else DELTA_V, columns.accelerations)
@@ -139,7 +139,7 @@ class Gatherer:
         length = float(np.array([interval for _, interval in own]).sum())
         self._lengths = [*self._lengths[-2:], length / self.usual_s]
         lacking = self.records == 1 and self._lengths[-2] > LONG and sum(self._lengths) > LOST
-        return Cycle(last.time_s, np.array([last.time_s, length, *theta, *velocity, *attitude, 0.0, 0.0, 0.0, *commands]), lacking)
+        return RecordedCycle(last.time_s, np.array([last.time_s, length, *theta, *velocity, *attitude, 0.0, 0.0, 0.0, *commands]), lacking)
 
 
 def _summed(own: list[tuple[Record, float]], names: tuple[str, ...], rates: bool) -> Array:

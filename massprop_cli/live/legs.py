@@ -12,7 +12,7 @@ from massprop_cli.export.resolve import Constants, Leg
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.kernel import kernel
-from massprop_cli.live.cycles import Cycle
+from massprop_cli.live.cycles import RecordedCycle
 from massprop_cli.live.onnumpy import OnNumPy
 from massprop_cli.model.handed import StatusError
 
@@ -79,7 +79,7 @@ class Legs:
         self._waiting: tuple[float, int] | None = None
         self._lacking = False
 
-    def add(self, cycle: Cycle) -> list[Completed]:
+    def add(self, cycle: RecordedCycle) -> list[Completed]:
         """The cycle that is estimated by now, where there is one."""
         leg = self._leg(cycle.end_s)
         cycle.numbers[UNUSED] = leg is None
@@ -112,7 +112,7 @@ class Legs:
         return [] if at is None or found is None else [Completed(at[0], self.legs[at[1]].name, found, self._lacking)]
 
 
-class Aboard:
+class OnboardEstimator:
     """The estimator of S vehicles, each fed with its own cycles as they arrive (:class:`massprop_cli.testbed.onboard.Running`)."""
 
     def __init__(self, vehicle: Vehicle, source: str, members: int) -> None:
@@ -131,7 +131,7 @@ class Aboard:
         for i, one in enumerate(self.each):
             numbers = (end_s, end_s - self.before_s, *angle_imu_rad[i], *velocity_imu_m_s[i], *(0.0,) * 7, *issued[i])
             try:
-                found = one.add(Cycle(end_s, np.array(numbers)))
+                found = one.add(RecordedCycle(end_s, np.array(numbers)))
             except StatusError as error:
                 raise InputError(
                     f"{self.source}: the estimator aboard can't use the cycle to {end_s:.6g} s ({error}); check sensors and forces"

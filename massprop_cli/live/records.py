@@ -46,7 +46,7 @@ class RecordError(ValueError):
 
 
 @dataclass(frozen=True)
-class Columns:
+class StreamColumns:
     """Which of a stream's own columns hold what, under the contract's names."""
 
     rates: bool
@@ -77,7 +77,7 @@ class Record:
         return self.numbers[TIME]
 
 
-class Reader:
+class StreamReader:
     """Of one stream."""
 
     def __init__(self, vehicle: Vehicle, first: str) -> None:
@@ -131,7 +131,7 @@ class Reader:
     def _has(self, names: Sequence[str]) -> bool:
         return any(self._own(name) in self.names for name in names)
 
-    def _columns(self) -> Columns:
+    def _columns(self) -> StreamColumns:
         limits.COLUMNS.check("standard input, line 1", len(self.names))
         twice = repeated(self.names)
         if twice is not None:
@@ -144,7 +144,7 @@ class Reader:
         jets, wrench = [jet(each.name) for each in self.vehicle.jets], self._has(WRENCH)
         if wrench and self._has(jets):
             raise InputError("standard input: has both jet_* and cmd_* columns; keep the one kind that was executed")
-        found = Columns(
+        found = StreamColumns(
             rates=not self._has(DELTA_THETA) and self._has(GYRO),
             accelerations=not self._has(DELTA_V) and self._has(ACCEL),
             commands=WRENCH if wrench else tuple(jets),

@@ -16,9 +16,9 @@ from massprop_cli.estimate import flown
 from massprop_cli.export import resolve
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.kernel import kernel
-from massprop_cli.live.cycles import Cycle, Gatherer
+from massprop_cli.live.cycles import Gatherer, RecordedCycle
 from massprop_cli.live.legs import Completed, Legs
-from massprop_cli.live.records import Reader, RecordError
+from massprop_cli.live.records import RecordError, StreamReader
 from massprop_cli.model.handed import StatusError
 
 
@@ -35,7 +35,7 @@ def follow(lines: Iterable[str], source: VehicleSource, keep: Callable[[str], ob
     if not number:
         raise InputError("standard input: nothing came; a log needs at least two control cycles")
     try:
-        reader = Reader(source.vehicle, first)
+        reader = StreamReader(source.vehicle, first)
     except RecordError as error:
         raise InputError(f"standard input, line {number}: {error}; begin with the names of all columns, or with a JSON object") from None
     columns = reader.columns
@@ -51,7 +51,7 @@ def follow(lines: Iterable[str], source: VehicleSource, keep: Callable[[str], ob
 def _one(
     number: int,
     line: str,
-    reader: Reader,
+    reader: StreamReader,
     gatherer: Gatherer,
     live: Legs,
     keep: Callable[[str], object],
@@ -67,7 +67,7 @@ def _one(
     yield from _flown(cycles, live, f"standard input, line {number}", warn)
 
 
-def _flown(cycles: Iterable[Cycle], live: Legs, where: str, warn: Callable[[str], None]) -> Iterator[str]:
+def _flown(cycles: Iterable[RecordedCycle], live: Legs, where: str, warn: Callable[[str], None]) -> Iterator[str]:
     for cycle in cycles:
         if cycle.lacking:
             warn(

@@ -28,7 +28,7 @@ class Change(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Wrenches:
+class WrenchChanges:
     """Changes of what the channels do, by one sigma each."""
 
     channels: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
@@ -39,7 +39,7 @@ class Wrenches:
     """What each is of: jet-thrust, jet-position, jet-direction."""
 
 
-def uncertain_jets(vehicle: Vehicle) -> Wrenches:
+def uncertain_jets(vehicle: Vehicle) -> WrenchChanges:
     """What is uncertain of the jets, as far as it moves the vehicle, each by the sigma that its jet states."""
     found = []
     for number, jet in enumerate(vehicle.jets):
@@ -49,7 +49,7 @@ def uncertain_jets(vehicle: Vehicle) -> Wrenches:
     return _moving([change._replace(wrench=change.wrench * vehicle.environment.moving) for change in found])
 
 
-def channels_otherwise(jets: Sequence[Jet], wrench: Array, sigmas: Mapping[str, float]) -> Wrenches:
+def channels_otherwise(jets: Sequence[Jet], wrench: Array, sigmas: Mapping[str, float]) -> WrenchChanges:
     """What each channel, torque about O and force ``wrench`` (C, 6) at full command, does otherwise by one of ``sigmas``.
 
     Thrust (a part), position (m) and direction (rad); of channels that are no ``jets`` about O.
@@ -58,10 +58,10 @@ def channels_otherwise(jets: Sequence[Jet], wrench: Array, sigmas: Mapping[str, 
     return _moving([change for number, at in enumerate(places) for change in _changes(number, at, wrench[number], sigmas)])
 
 
-def _moving(found: Sequence[Change]) -> Wrenches:
+def _moving(found: Sequence[Change]) -> WrenchChanges:
     found = [change for change in found if change.wrench.any()]
     channels, wrench = np.array([change.channel for change in found], dtype=np.intp), np.array([change.wrench for change in found])
-    return Wrenches(channels, wrench.reshape(-1, 6), tuple(change.kind for change in found))
+    return WrenchChanges(channels, wrench.reshape(-1, 6), tuple(change.kind for change in found))
 
 
 def _changes(number: int, place: Array, wrench: Array, sigmas: Mapping[str, float]) -> Iterator[Change]:

@@ -15,7 +15,7 @@ KINDS = ("free", "air_bearing")
 """Environments that the kernel knows."""
 
 
-class Begun(NamedTuple):
+class FlightStart(NamedTuple):
     """What a flight begins with, and a linearisation does without."""
 
     gyro_rad_s: float = 0.0
@@ -46,7 +46,7 @@ def unknown(vehicle: Vehicle) -> str:
     return f"[[{stated}]] are stated, and the kernel knows none" if stated else ""
 
 
-def vehicle_numbers(vehicle: Vehicle, states: Sequence[bool], begun: Begun) -> Array:
+def vehicle_numbers(vehicle: Vehicle, states: Sequence[bool], begun: FlightStart) -> Array:
     """All that is constant, in the order of ``mp_vehicle_of``.
 
     ``states``: whether gyro bias, accelerometer bias, slow torque and tilt are.

@@ -290,7 +290,7 @@ def compiled(vehicle: Vehicle) -> bool:
 
 def _compiled(here: Samples, layout: Layout, lift: Lift, reference: Reference, vehicle: Vehicle, onto: Array | None) -> Lifted:
     """The same by the compiled kernel."""
-    numbers, size = vehicle_numbers(layout, vehicle, handed.Begun()), lift.size if onto is None else onto.shape[1]
+    numbers, size = vehicle_numbers(layout, vehicle, handed.FlightStart()), lift.size if onto is None else onto.shape[1]
     about, states = reference_numbers(reference, lift), layout.size - RATE.start
     return Lifted(*handed.lifted(numbers, about, handed.packed(here, vehicle), states, size, onto))
 
@@ -300,7 +300,7 @@ def beyond(layout: Layout, vehicle: Vehicle, about: Array, phi: Array, cycles: A
 
     Of a vehicle that the compiled kernel knows; with :func:`reference_numbers`, and cycles as :func:`handed.packed` has them.
     """
-    return handed.beyond(vehicle_numbers(layout, vehicle, handed.Begun()), about, phi, cycles, rate, layout.size - RATE.start)
+    return handed.beyond(vehicle_numbers(layout, vehicle, handed.FlightStart()), about, phi, cycles, rate, layout.size - RATE.start)
 
 
 def reference_numbers(reference: Reference, lift: Lift) -> Array:
@@ -310,7 +310,7 @@ def reference_numbers(reference: Reference, lift: Lift) -> Array:
     return np.concatenate([theta, reference.inertia.ravel(), reference.cg, [reference.mu], *motion])
 
 
-def vehicle_numbers(layout: Layout, vehicle: Vehicle, begun: handed.Begun) -> Array:
+def vehicle_numbers(layout: Layout, vehicle: Vehicle, begun: handed.FlightStart) -> Array:
     """All that is constant, as the kernel has it."""
     blocks = (layout.gyro_bias, layout.accel_bias, layout.torque, layout.tilt)
     return handed.vehicle_numbers(vehicle, [block.stop > block.start for block in blocks], begun)
@@ -373,7 +373,7 @@ def integrals_about(samples: Samples, reference: Reference, vehicle: Vehicle) ->
     """The same about a reference, with the motion within the cycles that it has."""
     lift = Lift(plant_of(vehicle))
     if compiled(vehicle):
-        numbers = vehicle_numbers(Layout.of(samples, vehicle), vehicle, handed.Begun())
+        numbers = vehicle_numbers(Layout.of(samples, vehicle), vehicle, handed.FlightStart())
         return handed.integrals(numbers, reference_numbers(reference, lift), handed.packed(samples, vehicle), lift.channels)
     return integrals(samples, lift, lift.theta(reference), motion_within(samples, reference, lift))
 

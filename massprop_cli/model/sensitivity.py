@@ -24,7 +24,7 @@ from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model import attitude
-from massprop_cli.model.geometry import Wrenches, uncertain_jets
+from massprop_cli.model.geometry import WrenchChanges, uncertain_jets
 from massprop_cli.model.handed import packed
 from massprop_cli.model.layout import Layout
 from massprop_cli.model.lift import Lift
@@ -39,7 +39,7 @@ FOLLOWED = 0.1
 
 
 @dataclass(frozen=True)
-class Side:
+class OtherReading:
     """The log as it would have been read under another assumption."""
 
     samples: Source
@@ -51,8 +51,8 @@ class Side:
 class Variant:
     """An assumption changed to both sides; its derivative is the difference of the sides over their distance."""
 
-    low: Side
-    high: Side
+    low: OtherReading
+    high: OtherReading
     distance: float
 
 
@@ -97,20 +97,20 @@ def variant(parameter: ErrorParameter, setup: Setup, samples: Stream, axis: int 
         return reading(parameter, setup.vehicle, axis)
     low, high = parameter.ends(setup)
     try:
-        sides = [Side(samples) if not end else _side(parameter, setup, samples, axis, end) for end in (low, high)]
+        sides = [OtherReading(samples) if not end else _side(parameter, setup, samples, axis, end) for end in (low, high)]
     except InputError:
         return None
     return Variant(sides[0], sides[1], high - low)
 
 
-def _side(parameter: ErrorParameter, setup: Setup, samples: Stream, axis: int, by: float) -> Side:
+def _side(parameter: ErrorParameter, setup: Setup, samples: Stream, axis: int, by: float) -> OtherReading:
     if parameter.by_columns and parameter.shown is not None:
         shows = parameter.shown(parameter.error(by, axis), np.array(setup.vehicle.imu.body_from_imu))
-        return Side(samples.changed(gyro=np.diag(shows)).light())
+        return OtherReading(samples.changed(gyro=np.diag(shows)).light())
     used = parameter.differing(setup, by, axis)
     if parameter.redone in ("commands", "all") or used.log is not setup.log:
-        return Side(Stream.of(*used[:3]).light(), used.vehicle if parameter.redone == "all" else None)
-    return Side(samples if parameter.redone == "body" else samples.changed(used.vehicle).light(), used.vehicle)
+        return OtherReading(Stream.of(*used[:3]).light(), used.vehicle if parameter.redone == "all" else None)
+    return OtherReading(samples if parameter.redone == "body" else samples.changed(used.vehicle).light(), used.vehicle)
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ class ImuChange:
         if one.shown is not None and reads_alone(vehicle):
             return reading(one, vehicle, self.axis, self.sigma)
         changed = one.differing(Setup(self.samples.log, vehicle, self.samples.alignment.timing), one.difference, self.axis).vehicle
-        return Variant(Side(samples), Side(self.samples, changed), one.difference / self.sigma)
+        return Variant(OtherReading(samples), OtherReading(self.samples, changed), one.difference / self.sigma)
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class Restated:
         imu = {key: getattr(vehicle.imu, key) for key in ("gyro_bias_sigma_rad_s", "accel_bias_sigma_m_s2")}
         environment = {key: getattr(vehicle.environment, key) for key in ("disturbance_walk_n_m", "damping_sigma_n_m_s")}
         parts = {"imu": self.vehicle.imu.model_copy(update=imu), "environment": self.vehicle.environment.model_copy(update=environment)}
-        return Variant(Side(samples), Side(self.samples, self.vehicle.model_copy(update=parts)), 1.0)
+        return Variant(OtherReading(samples), OtherReading(self.samples, self.vehicle.model_copy(update=parts)), 1.0)
 
 
 @dataclass(frozen=True)
@@ -156,13 +156,13 @@ class Consider:
     scales: bool = False
     """Whether the scale of each of the accelerometer's axes follows, and each command channel's own thrust, per unit of their relative
     change; they add nothing to the covariance."""
-    pushes: Wrenches = field(default_factory=Wrenches)
+    pushes: WrenchChanges = field(default_factory=WrenchChanges)
     """Changes of the channels' wrenches that follow these; they add nothing, either."""
     aging: bool = False
     """Whether all thrust's growing from half less to half more over the log follows; as the last two."""
     imu: tuple[ImuChange, ...] = ()
     """What is uncertain of the IMU. Unknowns from here on, with a prior of one sigma."""
-    jets: Wrenches = field(default_factory=Wrenches)
+    jets: WrenchChanges = field(default_factory=WrenchChanges)
 
     def columns(self, channels: int) -> int:
         """e, of a log with so many command channels; without the unknowns."""
@@ -247,10 +247,10 @@ def _pushed(growth: Array, force: Array, seen_by_scale: Array | None, states: in
     return drive, seen
 
 
-def _all(part: Samples) -> Wrenches:
+def _all(part: Samples) -> WrenchChanges:
     """Each channel by all that it gives."""
     every = part.executed.channels.wrench
-    return Wrenches(np.arange(len(every)), every)
+    return WrenchChanges(np.arange(len(every)), every)
 
 
 def _aging(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, here: Lifted) -> tuple[Array, Array]:
@@ -262,7 +262,7 @@ def _aging(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicl
 
 
 def wrench_columns(
-    samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, here: Lifted, changes: Wrenches
+    samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, here: Lifted, changes: WrenchChanges
 ) -> tuple[Array, Array]:
     """(K − 1, 3, g) growth of the rate and (K, 3, g) specific force by each change of a channel's wrench."""
     part = samples.part(cycles)
@@ -286,7 +286,7 @@ def with_geometry(consider: Consider, setup: Setup, samples: Stream) -> Consider
                 if one.redone == "motion" and not reads_alone(vehicle):
                     read = samples.changed(one.differing(setup, one.difference, axis).vehicle)
                 imu.append(ImuChange(one, axis, read, sigma))
-    jets = uncertain_jets(vehicle) if setup.log.command_kind == "jets" else Wrenches()
+    jets = uncertain_jets(vehicle) if setup.log.command_kind == "jets" else WrenchChanges()
     return replace(consider, imu=tuple(imu), jets=jets)
 
 
@@ -313,7 +313,7 @@ class _Sides(NamedTuple):
     held: list[Vehicle]
     """First the filter's own; all of them, as ids are theirs."""
 
-    def of(self, side: Side) -> tuple[Array, Array]:
+    def of(self, side: OtherReading) -> tuple[Array, Array]:
         """(K − 1, n) the state one step on, and (K, m) what is measured beyond what the state gives."""
         self.held.append(vehicle := side.vehicle or self.held[0])
         if (own := (id(side.samples), id(vehicle))) not in self.read:
@@ -323,7 +323,9 @@ class _Sides(NamedTuple):
         return self.read[own]
 
 
-def _expected(side: Side, state: Array, cycles: slice, reference: Reference, vehicle: Vehicle, shared: _Shared) -> tuple[Array, Array]:
+def _expected(
+    side: OtherReading, state: Array, cycles: slice, reference: Reference, vehicle: Vehicle, shared: _Shared
+) -> tuple[Array, Array]:
     """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, as a side reads the log."""
     within, samples, lift = id(vehicle.environment), side.samples, Lift(plant_of(vehicle))
     if within not in shared.bodies:

@@ -12,7 +12,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.estimate.quantities import by_scale
 from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.plan.motions import Motion
+from massprop_cli.plan.motions import Manoeuvre
 from massprop_cli.testbed.bound import natural_sizes
 
 PRIOR = 1e-4
@@ -30,7 +30,7 @@ Criterion = Literal["worst", "a", "d"]
 
 
 @dataclass(frozen=True)
-class Wanted:
+class PlanGoal:
     """What is wanted, and of which bodies."""
 
     requirements: tuple[Requirement, ...]
@@ -99,7 +99,7 @@ class Wanted:
 class Tried:
     """A motion, flown for a block of cycles with every body."""
 
-    motion: Motion
+    motion: Manoeuvre
     information: Array
     """(G, 10, 10) in natural sizes; the rate at its start counts as unknown."""
     used: dict[str, float]
@@ -108,7 +108,7 @@ class Tried:
 
 def choose(
     tried: Sequence[Tried],
-    wanted: Wanted,
+    wanted: PlanGoal,
     criterion: Criterion,
     most: int,
     enough: float,
@@ -138,7 +138,7 @@ def _sum(told: Array, chosen: Sequence[int]) -> Array:
     return found
 
 
-def _exchanged(told: Array, chosen: list[int], wanted: Wanted, criterion: Criterion, fits: Callable[[Sequence[int]], bool]) -> list[int]:
+def _exchanged(told: Array, chosen: list[int], wanted: PlanGoal, criterion: Criterion, fits: Callable[[Sequence[int]], bool]) -> list[int]:
     """Each kind of block in turn for whichever other does better, until none does."""
     best = float(wanted.score(_sum(told, chosen), criterion))
     for _ in range(SWEEPS):

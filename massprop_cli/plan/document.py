@@ -10,7 +10,7 @@ from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan import limits as limited
-from massprop_cli.plan.choose import Criterion, Wanted
+from massprop_cli.plan.choose import Criterion, PlanGoal
 from massprop_cli.plan.planner import Planned, Stretch
 from massprop_cli.plan.rehearsal import Rehearsal
 from massprop_cli.result.schema import Item
@@ -126,7 +126,7 @@ def document(
 
 
 def _quantity(
-    i: int, wanted: Wanted, ratios: Array, last: Array, longer: dict[str, float], period: float, untold: float, ever: float
+    i: int, wanted: PlanGoal, ratios: Array, last: Array, longer: dict[str, float], period: float, untold: float, ever: float
 ) -> QuantityItem:
     """``ratios`` (K, bodies, requirements), ``last`` (bodies,) its sigma at the end, ``ever`` after all time; ``untold``: says nothing."""
     stated = {item.quantity: (n, item) for n, item in enumerate(wanted.requirements)}

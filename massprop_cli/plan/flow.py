@@ -13,7 +13,7 @@ from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan import document, guess, limits, planner, rehearsal
-from massprop_cli.plan.choose import Criterion, Wanted
+from massprop_cli.plan.choose import Criterion, PlanGoal
 from massprop_cli.plan.document import PlanFile
 from massprop_cli.plan.planner import Order, Planned, Say
 from massprop_cli.plan.rehearsal import Rehearsal
@@ -39,7 +39,7 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class Made:
+class WrittenPlan:
     """A plan with all that is written of it."""
 
     plan: PlanFile
@@ -53,7 +53,7 @@ class Made:
         return 0 if self.plan.reached else exits.NOT_CONVERGED
 
 
-def make(vehicle: Path, guess_file: Path | None, asked: Asked, say: Say, assignments: tuple[str, ...] = ()) -> Made:
+def make(vehicle: Path, guess_file: Path | None, asked: Asked, say: Say, assignments: tuple[str, ...] = ()) -> WrittenPlan:
     """Plan; :class:`InputError` where there is nothing to plan with, or no motion keeps the limits."""
     source = vehiclefile.load(vehicle, assignments)
     guessed = guess.load(guess_file, source)
@@ -74,11 +74,11 @@ def make(vehicle: Path, guess_file: Path | None, asked: Asked, say: Say, assignm
     if asked.off:
         notes.append(f"planned without {', '.join(asked.off)}: scenario.toml holds the vehicle without")
     made = document.document(found, flown, source, asked.criterion, asked.max_time_s, notes)
-    return Made(made, document.scenario_toml(found, flown, _name(source)), source)
+    return WrittenPlan(made, document.scenario_toml(found, flown, _name(source)), source)
 
 
 def _order(flown: Rehearsal, guessed: guess.Guess, asked: Asked) -> Order:
-    wanted = Wanted(asked.wants, guessed.bodies, flown.vehicle)
+    wanted = PlanGoal(asked.wants, guessed.bodies, flown.vehicle)
     for item, value in zip(asked.wants, guessed.file.body.values[wanted.index], strict=True):
         if value == 0 and item.precision is not None and item.precision.relative:
             raise InputError(
@@ -111,7 +111,7 @@ def _name(source: VehicleSource) -> str:
     return f"{plain or 'vehicle'}-plan"
 
 
-def write(made: Made, folder: Path, pages: dict[str, str]) -> None:
+def write(made: WrittenPlan, folder: Path, pages: dict[str, str]) -> None:
     """scenario.toml, further pages, and last plan.json, whole or not at all."""
     with files.staged(folder) as stage:
         for name, text in {"scenario.toml": made.scenario, **pages, "plan.json": escape.document(made.plan)}.items():

@@ -15,7 +15,7 @@ from massprop_cli.base.rigidbody import elements, tensor
 from massprop_cli.inputs.section import NonNegative, Section
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed.bound import natural_sizes
-from massprop_cli.testbed.conditions import Actuators, Body, Sensors
+from massprop_cli.testbed.conditions import Body, Sensors, TrueActuators
 
 SPREAD = 0.2
 CG_SPREAD = 0.05
@@ -35,7 +35,9 @@ class GuessFile(Section):
     spread: NonNegative = Field(SPREAD, lt=0.9, description="inertia and mass may be off by this part, one way or the other")
     cg_spread_m: NonNegative | None = Field(None, description="the CG may be off by so much; absent: 5 % of the size, or 20 % on a bearing")
     sensors: Sensors = Field(Sensors(), description="as in a scenario file")
-    actuators: Actuators = Field(Actuators(), description="as in a scenario file; a vehicle without jets needs its full torque and force")
+    actuators: TrueActuators = Field(
+        TrueActuators(), description="as in a scenario file; a vehicle without jets needs its full torque and force"
+    )
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed.motion import to_world, vertical
-from massprop_cli.testbed.simulate import Flight
+from massprop_cli.testbed.simulate import SimulatedFlight
 
 TILT_RAD = 0.5
 """Of an air bearing, where nothing else is stated: hemispherical ones end between 30 and 45 degrees."""
@@ -67,7 +67,7 @@ def exceeded(used: dict[str, float], limits: dict[str, float]) -> dict[str, floa
     return {name: used[name] / limit for name, limit in limits.items() if used[name] > limit * (1 + 1e-9)}
 
 
-def used(flight: Flight) -> Used:
+def used(flight: SimulatedFlight) -> Used:
     """What the members of a flight with perfect sensors take. Travel is the IMU's from where it starts, level on a bearing or a table."""
     vehicle = flight.vehicle
     record = float(flight.time_s[0])
@@ -84,14 +84,14 @@ def used(flight: Flight) -> Used:
     )
 
 
-def _impulse(flight: Flight) -> Array:
+def _impulse(flight: SimulatedFlight) -> Array:
     vehicle = flight.vehicle
     if vehicle.jets:
         return np.asarray(flight.issued[..., : len(vehicle.jets)].sum(1) @ np.linalg.norm(vehicle.jet_wrench[:, 3:], axis=1))
     return np.asarray(np.linalg.norm(flight.issued[..., 3:], axis=-1).sum(1) * vehicle.cycle.period_s)
 
 
-def _travel(flight: Flight, attitude: Array, record: float, vehicle: Vehicle) -> Array:
+def _travel(flight: SimulatedFlight, attitude: Array, record: float, vehicle: Vehicle) -> Array:
     """(S,) farthest that the IMU gets, by integrating its specific force in world axes less gravity."""
     felt = np.moveaxis(flight.delta_v_m_s @ np.array(vehicle.imu.body_from_imu).T, -1, 0) / record
     middle = (attitude[:, :, 1:] + attitude[:, :, :-1]) / 2

@@ -20,7 +20,7 @@ STAGGER = (1.0, 1.4, 1.8, 1.2, 1.6, 2.0)
 
 
 @dataclass(frozen=True)
-class Motion:
+class Manoeuvre:
     """What is flown for a while."""
 
     kind: Kind
@@ -76,12 +76,12 @@ class Motion:
         )
 
 
-def library(axes: Sequence[Axis], block: int) -> list[Motion]:
+def library(axes: Sequence[Axis], block: int) -> list[Manoeuvre]:
     """Every motion of these axes for a block of so many cycles, at full level."""
     turns, pushes = (tuple(axis for axis in axes if (axis in TURNS) == turning) for turning in (True, False))
     sets = list(dict.fromkeys([*((axis,) for axis in axes), turns, pushes, tuple(axes)]))
     return [
-        Motion(kind, chosen, count, held=turns)
+        Manoeuvre(kind, chosen, count, held=turns)
         for chosen in sets
         if chosen
         for kind in KINDS

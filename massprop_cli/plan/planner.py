@@ -9,8 +9,8 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.plan import limits as limited
-from massprop_cli.plan.choose import Criterion, Tried, Wanted, choose
-from massprop_cli.plan.motions import LEVELS, Motion, library
+from massprop_cli.plan.choose import Criterion, PlanGoal, Tried, choose
+from massprop_cli.plan.motions import LEVELS, Manoeuvre, library
 from massprop_cli.plan.rehearsal import Rehearsal
 from massprop_cli.testbed.timeline import Segment
 
@@ -33,7 +33,7 @@ Say = Callable[[str, float], None]
 class Stretch:
     """A motion from one cycle to another."""
 
-    motion: Motion
+    motion: Manoeuvre
     start: int
     end: int
 
@@ -49,7 +49,7 @@ class Planned:
 
     stretches: tuple[Stretch, ...]
     cycles: int
-    wanted: Wanted
+    wanted: PlanGoal
     information: Array
     """(G, K, 13, 13) of every cycle, in natural sizes, the rate at the start beside."""
     used: dict[str, float]
@@ -72,7 +72,7 @@ class Planned:
 class Order:
     """What is asked of a plan."""
 
-    wanted: Wanted
+    wanted: PlanGoal
     limits: dict[str, float]
     max_cycles: int
     criterion: Criterion
@@ -98,10 +98,10 @@ def plan(rehearsal: Rehearsal, order: Order, say: Say) -> Planned:
     raise InputError(_unkept(rehearsal, order, found.used))
 
 
-def _tried(rehearsal: Rehearsal, order: Order, motions: Sequence[Motion], block: int, tight: dict[str, float], say: Say) -> list[Tried]:
+def _tried(rehearsal: Rehearsal, order: Order, motions: Sequence[Manoeuvre], block: int, tight: dict[str, float], say: Say) -> list[Tried]:
     """Every motion at the highest level that keeps the limits, with what it tells."""
     bodies = rehearsal.guess.bodies[:SEARCHED]
-    kept: list[tuple[Motion, Array, dict[str, float]]] = []
+    kept: list[tuple[Manoeuvre, Array, dict[str, float]]] = []
     least: dict[str, float] = {}
     for number, motion in enumerate(motions):
         say("flying motions", number / len(motions))
@@ -179,7 +179,7 @@ def _flown(rehearsal: Rehearsal, order: Order, tried: Sequence[Tried], chosen: S
         stretches.append(Stretch(tried[number].motion, start, start + block * list(chosen).count(number)))
     least, end = min(order.least_cycles, order.max_cycles), stretches[-1].end
     if end < least and "impulse_n_s" in order.limits:
-        stretches.append(Stretch(Motion("hold", (), held=stretches[-1].motion.held), end, least))
+        stretches.append(Stretch(Manoeuvre("hold", (), held=stretches[-1].motion.held), end, least))
     stretches[-1] = replace(stretches[-1], end=max(stretches[-1].end, least))
     return _rehearsed(rehearsal, order, stretches, tried, block)
 

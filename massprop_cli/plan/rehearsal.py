@@ -17,7 +17,7 @@ from massprop_cli.plan.limits import Used, used
 from massprop_cli.testbed import bound, mission
 from massprop_cli.testbed.conditions import Control
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
-from massprop_cli.testbed.simulate import Change, fly
+from massprop_cli.testbed.simulate import MemberChange, fly
 from massprop_cli.testbed.timeline import AXES, Axis, Segment
 
 BANDWIDTH, PHASE = 1.0, 0.15
@@ -55,7 +55,7 @@ class Rehearsal:
         """Commands issued (S, K, C) and what is taken, by each of (G, 10) bodies for each seed in turn, with perfect sensors."""
         source = bound.noise_free(self.scenario(segments, cycles))
         every = np.tile(bodies, (len(seeds), 1))
-        change = Change(bound.as_bodies(every), np.zeros((3, len(every))))
+        change = MemberChange(bound.as_bodies(every), np.zeros((3, len(every))))
         flight = fly(source, np.repeat(seeds, len(bodies)).tolist(), changes={0: change})
         return flight.issued, used(flight)
 

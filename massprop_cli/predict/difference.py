@@ -33,7 +33,7 @@ ROUNDING = 1e-9
 """Part of the variance of both below which a direction's is rounding: all that is known of it is shared."""
 
 
-class Side(NamedTuple):
+class PredictionSide(NamedTuple):
     """One of the two: a phase of a result."""
 
     values: Array
@@ -89,25 +89,25 @@ def compared(first: tuple[VehicleInfo, PhaseItem], second: tuple[VehicleInfo, Ph
     return Compared(tuple(names), difference, sigma, chi_square, freedom)
 
 
-def _side(vehicle: VehicleInfo, phase: PhaseItem, both: dict[str, tuple[float, float]]) -> Side:
+def _side(vehicle: VehicleInfo, phase: PhaseItem, both: dict[str, tuple[float, float]]) -> PredictionSide:
     own = piece("", vehicle, phase)
     values, covariance = own.values, np.nan_to_num(own.covariance)
     slope = left_by_known(own.by_scale(values), covariance, {name: sigma for name, (_, sigma) in own.known.items()})
     shared = [covariance[:, QUANTITIES.index(name)] / sigma for name, (_, sigma) in both.items()]
-    return Side(values, covariance, slope, own.scale_sigma, np.array(shared).reshape(-1, 10).T, own)
+    return PredictionSide(values, covariance, slope, own.scale_sigma, np.array(shared).reshape(-1, 10).T, own)
 
 
-def _about_pivot(vehicle: VehicleInfo, phase: PhaseItem) -> Side:
+def _about_pivot(vehicle: VehicleInfo, phase: PhaseItem) -> PredictionSide:
     """Inertia and first moment, which are proportional to the thrust, but for what a known inertia says of it."""
     given = [phase.about_pivot[name] for name in ABOUT_PIVOT]
     values = np.array([np.nan if one.value is None else one.value for one in given])
     covariance = np.nan_to_num(np.array(phase.about_pivot_covariance, dtype=float))
     at = np.isfinite(values)
     most = 1 / math.sqrt(max(float(values[at] @ np.linalg.lstsq(covariance[np.ix_(at, at)], values[at])[0]), 1e-300))
-    return Side(values, covariance, np.nan_to_num(values), min(vehicle.thrust_scale_sigma, most), np.zeros((9, 0)), None)
+    return PredictionSide(values, covariance, np.nan_to_num(values), min(vehicle.thrust_scale_sigma, most), np.zeros((9, 0)), None)
 
 
-def _linear(sides: list[Side]) -> tuple[list[Array], list[Array]]:
+def _linear(sides: list[PredictionSide]) -> tuple[list[Array], list[Array]]:
     """θ of what both give (10,), NaN elsewhere, and its derivative by the ten quantities (10, 10)."""
     both = np.isfinite(sides[0].values + sides[1].values)
     values = [np.where(both, side.values, np.nan) for side in sides]
@@ -118,13 +118,13 @@ def _linear(sides: list[Side]) -> tuple[list[Array], list[Array]]:
     return [theta for theta, _ in found], [np.nan_to_num(slope) for _, slope in found]
 
 
-def _apart(sides: list[Side], slopes: list[Array], at: IntArray) -> Array:
+def _apart(sides: list[PredictionSide], slopes: list[Array], at: IntArray) -> Array:
     """(m, m) covariance of the difference as if nothing was shared."""
     total = sum((slope @ side.covariance @ slope.T for side, slope in zip(sides, slopes, strict=True)), np.zeros_like(slopes[0]))
     return np.asarray(total[np.ix_(at, at)])
 
 
-def _covariance(sides: list[Side], slopes: list[Array], at: IntArray) -> Array:
+def _covariance(sides: list[PredictionSide], slopes: list[Array], at: IntArray) -> Array:
     """(m, m) V."""
     scaled = [slope @ side.by_scale for side, slope in zip(sides, slopes, strict=True)]
     own = sum((side.scale_sigma**2 * np.outer(one, one) for side, one in zip(sides, scaled, strict=True)), np.zeros_like(slopes[0]))

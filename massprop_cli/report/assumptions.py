@@ -109,7 +109,7 @@ NOISE, KNOWN = "noise", "known"
 
 
 @dataclass(frozen=True)
-class Limit:
+class AccuracyLimit:
     """What a value is known no better than."""
 
     kind: str
@@ -126,7 +126,7 @@ class Limit:
         return self.kind if not self.step else f"{self.kind}, {self.step}: {digits.figures(self.size)} {vocabulary.unit(self.unit)}"
 
 
-def limit(name: str, part: PhaseItem | DockedObject, result: Result) -> Limit | None:
+def limit(name: str, part: PhaseItem | DockedObject, result: Result) -> AccuracyLimit | None:
     """Of one quantity; None where it has no value or no sigma to compare with, or none that holds.
 
     The thrust scale's stated uncertainty is in the sigma already; it counts as the limit where it is more than the rest of it.
@@ -135,16 +135,16 @@ def limit(name: str, part: PhaseItem | DockedObject, result: Result) -> Limit | 
     if item.value is None or item.sigma is None or item.verdict not in ("converged", "not_converged"):
         return None
     if name in part.known:
-        return Limit(KNOWN, item.sigma, "", item.unit)
+        return AccuracyLimit(KNOWN, item.sigma, "", item.unit)
     stated, own = result.vehicle.thrust_scale_sigma, NOISE
     found = []
     for one in _unnoticed(part, result):
         change = abs(one.change.get(name, 0.0))
         if one.code != "thrust-scale" or not stated > 0:
-            found.append(Limit(KINDS.get(one.code, one.code), change, one.step, item.unit))
+            found.append(AccuracyLimit(KINDS.get(one.code, one.code), change, one.step, item.unit))
         elif 2 * (change * stated / 0.01) ** 2 > item.sigma**2:
             own = KINDS[one.code]
-    return max([Limit(own, item.sigma, "", item.unit), *found], key=lambda each: each.size)
+    return max([AccuracyLimit(own, item.sigma, "", item.unit), *found], key=lambda each: each.size)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ COUNT = 3.3
 
 
 @dataclass(frozen=True)
-class Check:
+class StatisticCheck:
     """A statistic and the range that chance leaves it."""
 
     what: str
@@ -36,7 +36,7 @@ class Check:
         )
 
 
-def innovations(found: Innovations) -> list[Check]:
+def innovations(found: Innovations) -> list[StatisticCheck]:
     """Scatter over N independent normal cycles: 6 ± √(12/N) for the sum of squares, 1 ± √(2/N) for variances, 0 ± 1/√N for lag one.
 
     What commands and motion explain of a channel's innovations is 1 where it is no more than chance, so it has no allowance.
@@ -45,11 +45,17 @@ def innovations(found: Innovations) -> list[Check]:
     read = [(name, variance, factor, along) for name, variance, factor, along in columns if variance is not None and along is not None]
     count = "six" if len(read) == len(CHANNELS) else str(len(read))
     checks = [
-        Check(f"normalised innovation squared, all {count} channels", found.nis, float(len(read)), COUNT * np.sqrt(2 * len(read) / n))
+        StatisticCheck(
+            f"normalised innovation squared, all {count} channels", found.nis, float(len(read)), COUNT * np.sqrt(2 * len(read) / n)
+        )
     ]
-    checks += [Check(f"variance, {name}", variance, 1.0, COUNT * np.sqrt(2 / n)) for name, variance, _, _ in read]
-    checks += [Check(f"what commands and motion explain of its innovations, {name}", factor, 1.0, 0.0) for name, _, factor, _ in read]
-    return checks + [Check(f"correlation from cycle to cycle, {name}", along, 0.0, COUNT / np.sqrt(n)) for name, _, _, along in read]
+    checks += [StatisticCheck(f"variance, {name}", variance, 1.0, COUNT * np.sqrt(2 / n)) for name, variance, _, _ in read]
+    checks += [
+        StatisticCheck(f"what commands and motion explain of its innovations, {name}", factor, 1.0, 0.0) for name, _, factor, _ in read
+    ]
+    return checks + [
+        StatisticCheck(f"correlation from cycle to cycle, {name}", along, 0.0, COUNT / np.sqrt(n)) for name, _, _, along in read
+    ]
 
 
 @dataclass(frozen=True)

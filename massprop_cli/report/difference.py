@@ -6,7 +6,7 @@ from rich.table import Table
 from massprop_cli.base import escape
 from massprop_cli.report import digits, vocabulary
 from massprop_cli.report.fit import fitted, titled
-from massprop_cli.result.compare import Comparison, Difference, Part
+from massprop_cli.result.compare import ComparedPart, Comparison, Difference
 from massprop_cli.result.judge import INFORMED
 
 _COLUMNS = ("quantity", "result", "baseline", "difference", "± sigma", "sigmas", "unit", "allowed", "within")
@@ -31,7 +31,7 @@ def _legend(found: Comparison) -> list[str]:
     ]
 
 
-def _table(part: Part) -> Table:
+def _table(part: ComparedPart) -> Table:
     title = f"phase {part.name}" if part.part == "phase" else part.name
     table = titled(escape.rich(title), _COLUMNS, ("quantity", "unit", "within"))
     table.columns[-1].no_wrap = False

@@ -128,7 +128,7 @@ def _setting(value: object) -> str:
     return str(value)
 
 
-def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.Table) -> dict[str, Any]:
+def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.QuantityTable) -> dict[str, Any]:
     bearing_mass = recorded.result.vehicle.bearing_mass_kg
     return {
         "anchor": table.anchor,
@@ -147,7 +147,7 @@ def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.Table) 
     }
 
 
-def _docked(recorded: Recorded, table: view.Table) -> dict[str, Any] | None:
+def _docked(recorded: Recorded, table: view.QuantityTable) -> dict[str, Any] | None:
     found = recorded.result.docked_object
     if found is None:
         return None
@@ -199,9 +199,9 @@ def _comparison(recorded: Sequence[Recorded]) -> Mapping[str, Any]:
     }
 
 
-def _vehicles(rows: Sequence[tuple[dict[str, Any], view.Table]]) -> list[dict[str, Any]]:
+def _vehicles(rows: Sequence[tuple[dict[str, Any], view.QuantityTable]]) -> list[dict[str, Any]]:
     """Results of each vehicle side by side: two vehicles on one axis would hide what differs between results of each."""
-    groups: dict[str, list[tuple[dict[str, Any], view.Table]]] = {}
+    groups: dict[str, list[tuple[dict[str, Any], view.QuantityTable]]] = {}
     for entry, table in rows:
         groups.setdefault(entry["result"].vehicle.name, []).append((entry, table))
     found = []

@@ -21,7 +21,7 @@ _COUNTED = {"failures": "failure", "errors": "error", "skipped": "skipped"}
 
 
 @dataclass(frozen=True)
-class Outcome:
+class LogOutcome:
     """What became of one log: a result, or the message of why there is none."""
 
     name: str
@@ -37,12 +37,12 @@ class Outcome:
     """Made elsewhere: the whole of it."""
 
 
-def outcomes(recorded: Sequence[Recorded]) -> list[Outcome]:
+def outcomes(recorded: Sequence[Recorded]) -> list[LogOutcome]:
     """Of results that were read back."""
-    return [Outcome(name, item.result) for item, name in zip(recorded, labels(recorded), strict=True)]
+    return [LogOutcome(name, item.result) for item, name in zip(recorded, labels(recorded), strict=True)]
 
 
-def text(found: Iterable[Outcome], name: str = "massprop") -> str:
+def text(found: Iterable[LogOutcome], name: str = "massprop") -> str:
     """One document of all outcomes; same outcomes, same bytes."""
     totals = dict.fromkeys(("tests", "failures", "errors"), 0)
     suites = []
@@ -57,7 +57,7 @@ def text(found: Iterable[Outcome], name: str = "massprop") -> str:
     return f'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name="{name}" {counts}{inside}\n'
 
 
-def _suite(outcome: Outcome) -> ET.Element:
+def _suite(outcome: LogOutcome) -> ET.Element:
     cases = [_error(outcome)] if outcome.result is None else _cases(outcome)
     cases += [said(case(outcome.name, "log", "required"), "failure", outcome.unmet, "not converged")] if outcome.unmet else []
     made = suite(outcome.name, cases)
@@ -77,7 +77,7 @@ def suite(name: str, cases: Sequence[ET.Element]) -> ET.Element:
     return made
 
 
-def _error(outcome: Outcome) -> ET.Element:
+def _error(outcome: LogOutcome) -> ET.Element:
     return said(case(outcome.name, "log", "usable"), "error", outcome.error or "no result", outcome.kind)
 
 
@@ -96,7 +96,7 @@ def _properties(found: Result) -> ET.Element:
     return properties
 
 
-def _cases(outcome: Outcome) -> list[ET.Element]:
+def _cases(outcome: LogOutcome) -> list[ET.Element]:
     found, allowed = outcome.result, outcome.allow_contradicted
     held = found is not None and found.expectations is not None
     return [

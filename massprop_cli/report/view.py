@@ -44,7 +44,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Table:
+class QuantityTable:
     """The ten quantities of a phase or of the docked object."""
 
     anchor: str
@@ -79,7 +79,7 @@ class Table:
         return tuple(row for row in self.rows if row.met is False)
 
 
-def tables(result: Result) -> list[Table]:
+def tables(result: Result) -> list[QuantityTable]:
     """One for each phase, and one for the docked object."""
     several = len(result.phases) > 1
     found = []
@@ -114,24 +114,28 @@ def texts(estimates: Mapping[str, EstimateItem], heading: str) -> dict[str, list
     return always | {name: cells for name, cells in more.items() if any(cells)}
 
 
-def about_pivot(phase: PhaseItem, own: Table, result: Result) -> Table | None:
+def about_pivot(phase: PhaseItem, own: QuantityTable, result: Result) -> QuantityTable | None:
     """What is about a fixed pivot, beside a phase's ``own`` table; None without one."""
     if not phase.about_pivot:
         return None
     rows = tuple(_row(name, item, own.contradiction, None) for name, item in phase.about_pivot.items())
     title = f"{own.title}: {vocabulary.ABOUT_PIVOT}"
-    return Table(f"{own.anchor}-pivot", title, own.short, rows, phase.about_pivot, assumptions.sigma_heading(result), "", own.contradiction)
+    return QuantityTable(
+        f"{own.anchor}-pivot", title, own.short, rows, phase.about_pivot, assumptions.sigma_heading(result), "", own.contradiction
+    )
 
 
-def table(anchor: str, title: str, part: PhaseItem | DockedObject, result: Result) -> Table:
+def table(anchor: str, title: str, part: PhaseItem | DockedObject, result: Result) -> QuantityTable:
     """The table of ten estimates."""
     cause = contradiction(part)
     rows = tuple(_row(name, item, cause, assumptions.limit(name, part, result)) for name, item in part.estimates.items())
     short = part.name if isinstance(part, PhaseItem) else "docked"
-    return Table(anchor, title, short, rows, part.estimates, assumptions.sigma_heading(result), assumptions.implied_thrust(part), cause)
+    return QuantityTable(
+        anchor, title, short, rows, part.estimates, assumptions.sigma_heading(result), assumptions.implied_thrust(part), cause
+    )
 
 
-def _row(name: str, item: EstimateItem, contradicted: str, limit: assumptions.Limit | None) -> Row:
+def _row(name: str, item: EstimateItem, contradicted: str, limit: assumptions.AccuracyLimit | None) -> Row:
     value, sigma = (digits.minus(text) for text in digits.numbers(item.value, item.sigma, item.verdict))
     expected = item.expected
     return Row(
@@ -197,7 +201,7 @@ def differences(estimates: Mapping[str, EstimateItem], first: Mapping[str, Estim
     return found
 
 
-def cures(table: Table) -> list[tuple[str, Row, str]]:
+def cures(table: QuantityTable) -> list[tuple[str, Row, str]]:
     """Of the quantities that are not converged: name, row, and what would help; those that share verdict, reason and cure together."""
     keys = {symbol: key for key, symbol in vocabulary.SYMBOLS.items()}
     alike: dict[tuple[str, str, str], list[Row]] = {}
@@ -212,7 +216,7 @@ def spread(sigma: str) -> str:
     return sigma if sigma == digits.ABSENT else f"± {sigma}"
 
 
-def signs(found: Iterable[Table]) -> list[str]:
+def signs(found: Iterable[QuantityTable]) -> list[str]:
     """Verdicts that occur, in the order of :data:`words.VERDICTS`."""
     there = {row.verdict for table in found for row in table.rows}
     return [verdict for verdict in vocabulary.VERDICTS if verdict in there]

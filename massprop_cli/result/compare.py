@@ -20,7 +20,7 @@ from massprop_cli.result.read import Recorded, check_same
 from massprop_cli.result.schema import Conventions, EstimateItem, Item, Result
 
 
-class Side(Item):
+class ComparedSide(Item):
     """One of the two."""
 
     path: str = Field(description="the folder and its result.json")
@@ -48,7 +48,7 @@ class Difference(Item):
     note: str
 
 
-class Part(Item):
+class ComparedPart(Item):
     """A phase, or the docked object."""
 
     part: Literal["phase", "docked"]
@@ -61,14 +61,14 @@ class Comparison(Item):
     """The whole of what ``massprop compare --json`` prints."""
 
     schema_: Literal["massprop/compare/1"] = Field("massprop/compare/1", alias="schema")
-    result: Side
-    baseline: Side
+    result: ComparedSide
+    baseline: ComparedSide
     conventions: Conventions
     within: bool = Field(
         description="something was compared, every difference is within its tolerance, and nothing that the baseline has is missing"
     )
     compared: int = Field(description="quantities of all parts that have a value on both sides")
-    parts: list[Part]
+    parts: list[ComparedPart]
     notes: list[str]
     warnings: list[str] = Field(description="parts in which nothing could be compared")
 
@@ -86,7 +86,7 @@ def compare(result: Recorded, baseline: Recorded, gate: Gate) -> Comparison:
         pairs = {q: (after.get(key, {}).get(q), before.get(key, {}).get(q)) for q in QUANTITIES}
         differences = {q: _difference(q, new, old, gate, None if docked else name) for q, (new, old) in pairs.items()}
         both = sum(d.difference is not None for d in differences.values())
-        found.append(Part(part="docked" if docked else "phase", name=name, compared=both, differences=differences))
+        found.append(ComparedPart(part="docked" if docked else "phase", name=name, compared=both, differences=differences))
         empty += [] if both else [_nothing(_title(found[-1]), after.get(key), before.get(key))]
     compared = sum(part.compared for part in found)
     return Comparison(
@@ -111,10 +111,10 @@ def _verdicts(side: Mapping[str, EstimateItem] | None) -> Mapping[str, int]:
     return {"absent": len(QUANTITIES)} if side is None else Counter(item.verdict for item in side.values())
 
 
-def _side(recorded: Recorded) -> Side:
+def _side(recorded: Recorded) -> ComparedSide:
     made = recorded.result.provenance
     path = f"{recorded.name}/{recorded.path.name}"
-    return Side(path=path, massprop=made.massprop, input_sha256=made.input_sha256, vehicle_sha256=made.vehicle_sha256)
+    return ComparedSide(path=path, massprop=made.massprop, input_sha256=made.input_sha256, vehicle_sha256=made.vehicle_sha256)
 
 
 def _check_alike(result: Recorded, baseline: Recorded) -> None:
@@ -219,7 +219,7 @@ def beyond(found: Comparison) -> list[str]:
     return [f"{quantity} in {_title(part)}: {_why(d)}" for part in found.parts for quantity, d in part.differences.items() if not d.within]
 
 
-def _title(part: Part) -> str:
+def _title(part: ComparedPart) -> str:
     return f"phase {part.name}" if part.part == "phase" else part.name
 
 

@@ -144,7 +144,7 @@ def _history(file: Path, result: Result) -> dict[str, dict[str, Array]]:
     if not file.exists():
         return {}
     try:
-        held = parquetheader.Columns(str(file), limits.content(file, "history.parquet"))
+        held = parquetheader.ParquetColumns(str(file), limits.content(file, "history.parquet"))
         phase = np.array(held.column("phase").to_pylist())
         columns = {name: np.array(held.column(name).to_pylist(), dtype=float) for name in held.names if name != "phase"}
     except (OSError, pa.ArrowException, KeyError, ValueError, TypeError) as error:

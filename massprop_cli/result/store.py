@@ -23,14 +23,14 @@ _RESERVED = ("results",)
 
 
 @dataclass(frozen=True)
-class Stored:
+class StoredResult:
     """Where a result is, and what became of the pages that told of an earlier one there."""
 
     folder: Path
     pages: Cleared
 
 
-def write(out: Path | None, analysis: Analysis, result_json: str) -> Stored:
+def write(out: Path | None, analysis: Analysis, result_json: str) -> StoredResult:
     """Write run.json, history.parquet and, last, result.json, into a default folder where ``out`` names none.
 
     Pages that massprop rendered from another result in that folder are removed first.
@@ -41,7 +41,7 @@ def write(out: Path | None, analysis: Analysis, result_json: str) -> Stored:
             files.check_own(out, ("history.parquet",) if not _is(out / "history.parquet", log) else (), "result.json")
         folder = _claimed(log) if out is None else out
         with files.staged(folder) as stage:
-            return Stored(folder, _placed(stage, analysis, result_json))
+            return StoredResult(folder, _placed(stage, analysis, result_json))
 
 
 def _placed(stage: files.Staged, analysis: Analysis, result_json: str) -> Cleared:

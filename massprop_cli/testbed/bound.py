@@ -13,7 +13,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.testbed.motion import Bodies
 from massprop_cli.testbed.scenario import ScenarioSource
-from massprop_cli.testbed.simulate import Change, Flight, fly
+from massprop_cli.testbed.simulate import MemberChange, SimulatedFlight, fly
 
 STEP = 1e-6
 """Parameters are changed by this part of their natural size."""
@@ -25,7 +25,7 @@ RESOLVED = 1e-11
 """Singular values of the sensitivities below this part of the largest are not told from zero."""
 
 
-def cramer_rao(source: ScenarioSource, flight: Flight, member: int) -> list[Array]:
+def cramer_rao(source: ScenarioSource, flight: SimulatedFlight, member: int) -> list[Array]:
     """(10, 10) covariance bound of the ten quantities for each phase of one member's log.
 
     Beside them the damping is unknown where ``environment.damping_sigma_n_m_s`` is stated, and ``thrust.scale_sigma`` where wheels tell it;
@@ -34,7 +34,7 @@ def cramer_rao(source: ScenarioSource, flight: Flight, member: int) -> list[Arra
     return list(of_members(source, flight, slice(member, member + 1))[0])
 
 
-def of_members(source: ScenarioSource, flight: Flight, members: slice) -> Array:
+def of_members(source: ScenarioSource, flight: SimulatedFlight, members: slice) -> Array:
     """(M, phases, 10, 10) the same of several members, flown again side by side; their records take memory for 26 or more flights each."""
     scenario, seeds = source.scenario, flight.seeds[members]
     period, records = scenario.vehicle.cycle.period_s, scenario.sensors.records_per_cycle
@@ -91,7 +91,7 @@ def _sensitivities(source: ScenarioSource, seeds: Sequence[int], issued: Array, 
     both = np.concatenate([moves, -moves], 1).reshape(-1, unknowns)
     bodies = np.repeat(values, 2 * unknowns, 0) + both[:, :10]
     others = (both[:, 13:] @ beside).T
-    change = Change(as_bodies(bodies), both[:, 10:13].T, others[:3], 1 + others[3])
+    change = MemberChange(as_bodies(bodies), both[:, 10:13].T, others[:3], 1 + others[3])
     flown = fly(
         noise_free(source), np.repeat(seeds, 2 * unknowns).tolist(), issued=np.repeat(issued, 2 * unknowns, 0), changes={start: change}
     )

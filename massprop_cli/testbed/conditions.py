@@ -83,7 +83,7 @@ class Sensors(Section):
         return tuple(axis in logged for logged in (self.gyro_axes, self.accel_axes) for axis in "xyz")
 
 
-class Actuators(Section):
+class TrueActuators(Section):
     """Jets or wrench as they really are; absent: as the vehicle file states."""
 
     pwm_tick_s: Positive | None = Field(None, description="on-times are rounded to this; absent: cycle.pwm_tick_s, or not rounded")
@@ -106,7 +106,7 @@ class Actuators(Section):
     failures: tuple[Failure, ...] | None = Field(None, description="of jets; absent: as the vehicle file states")
 
 
-class Disturbance(Section):
+class TrueDisturbance(Section):
     """What nobody commanded: a torque; a table's slope."""
 
     torque_n_m: NonNegative | None = Field(None, description="one sigma per cycle, white, each axis; absent: as the vehicle file states")

@@ -38,7 +38,7 @@ STREAMS = ("plan", "pulses", "gyro", "accelerometer", "disturbance", "attitude")
 
 
 @dataclass(frozen=True)
-class Change:
+class MemberChange:
     """Members made different from the scenario, to see what difference it makes."""
 
     bodies: Bodies
@@ -59,7 +59,7 @@ class Cycles:
         source: ScenarioSource,
         seeds: Sequence[int],
         issued: Array | None,
-        changes: Mapping[int, Change],
+        changes: Mapping[int, MemberChange],
         running: RunningOf | None = None,
     ) -> None:
         """``issued`` (K, C) or (S, K, C) goes in place of the scenario's plan; :class:`InputError` where that can't be flown.

@@ -6,7 +6,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.testbed.conditions import Actuators
+from massprop_cli.testbed.conditions import TrueActuators
 from massprop_cli.testbed.exchanger import Exchanger, Setting, Spin
 from massprop_cli.testbed.gyros import Gyros
 from massprop_cli.testbed.motion import Bodies, CycleMotion
@@ -20,12 +20,12 @@ def channels(vehicle: Vehicle) -> int:
     return sum(kind.channels(vehicle) for kind in KINDS)
 
 
-def full(vehicle: Vehicle, real: Actuators) -> Array:
+def full(vehicle: Vehicle, real: TrueActuators) -> Array:
     """(3,) largest torque on the body about each axis, N m, by the first kind that the vehicle has."""
     return next((kind.full(vehicle, real) for kind in KINDS if kind.channels(vehicle)), np.zeros(3))
 
 
-def problem(vehicle: Vehicle, real: Actuators, truth: Array, turned_by: bool) -> str:
+def problem(vehicle: Vehicle, real: TrueActuators, truth: Array, turned_by: bool) -> str:
     """Why it can't be flown; empty where it can."""
     if vehicle.rotors:
         return "rotors can't be simulated; drop [[vehicle.rotors]]"

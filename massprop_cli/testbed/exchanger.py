@@ -10,7 +10,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.section import Vector
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.testbed.conditions import Actuators
+from massprop_cli.testbed.conditions import TrueActuators
 from massprop_cli.testbed.motion import Bodies, CycleMotion
 
 SERVED = 3e-5
@@ -21,7 +21,7 @@ class Setting(NamedTuple):
     """What the devices of S members go through: K cycles of N records, each cycle of B bins."""
 
     vehicle: Vehicle
-    real: Actuators
+    real: TrueActuators
     members: int
     cycles: int
     records: int
@@ -60,12 +60,12 @@ class Exchanger(ABC):
 
     @staticmethod
     @abstractmethod
-    def full(vehicle: Vehicle, real: Actuators) -> Array:
+    def full(vehicle: Vehicle, real: TrueActuators) -> Array:
         """(3,) largest torque on the body about each axis, N m; 0 about one that they don't serve without disturbing the others."""
 
     @staticmethod
     @abstractmethod
-    def problem(vehicle: Vehicle, real: Actuators, truth: Array, turned_by: bool) -> str:
+    def problem(vehicle: Vehicle, real: TrueActuators, truth: Array, turned_by: bool) -> str:
         """Why a vehicle of the true inertia ``truth`` (3, 3) can't be flown; ``turned_by``: the plan turns by them. Empty where it can."""
 
     @abstractmethod

@@ -11,7 +11,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.testbed.conditions import Actuators
+from massprop_cli.testbed.conditions import TrueActuators
 from massprop_cli.testbed.exchanger import Exchanger, Setting, Spin, held, largest
 from massprop_cli.testbed.motion import Bodies, CycleMotion
 
@@ -41,7 +41,7 @@ class Gyros(Exchanger):
         return len(vehicle.control_moment_gyros)
 
     @staticmethod
-    def full(vehicle: Vehicle, real: Actuators) -> Array:
+    def full(vehicle: Vehicle, real: TrueActuators) -> Array:
         """(3,) at the gimbals' first angles."""
         start = np.array([gyro.start_gimbal_rad or 0.0 for gyro in vehicle.control_moment_gyros])
         along, across = _axes(vehicle)
@@ -49,7 +49,7 @@ class Gyros(Exchanger):
         return largest(gained, real.max_gimbal_rate_rad_s or 0.0)
 
     @staticmethod
-    def problem(vehicle: Vehicle, real: Actuators, truth: Array, turned_by: bool) -> str:  # noqa: ARG004
+    def problem(vehicle: Vehicle, real: TrueActuators, truth: Array, turned_by: bool) -> str:  # noqa: ARG004
         """Why they can't be flown."""
         gyros = vehicle.control_moment_gyros
         if turned_by and gyros and not vehicle.wheels and real.max_gimbal_rate_rad_s is None:

@@ -108,7 +108,7 @@ class CycleMotion:
         return end
 
 
-class Driven(NamedTuple):
+class FixedTerms(NamedTuple):
     """(3, S, B) what an iteration does not change."""
 
     mean: Array
@@ -130,7 +130,7 @@ class Loose(NamedTuple):
     """The part of ω̇ that is not the commands', rad/s², and its slope, rad/s³."""
 
 
-class Held(NamedTuple):
+class HeldTerms(NamedTuple):
     """(3, S, B) what stands still in the world, body axes; ω̇ but for the commands' part as if loose, and its slope."""
 
     fixed: Array
@@ -168,9 +168,9 @@ class Dynamics:
         torque, force = wrench[:3], wrench[3:]
         return torque - cross(self.bodies.cg[..., None], force)
 
-    def held(self, loose: Loose, driven: Driven, state: State, fixed: Array, wrench: Wrench, h: float) -> Held:  # noqa: ARG002
+    def held(self, loose: Loose, driven: FixedTerms, state: MotionIterate, fixed: Array, wrench: Wrench, h: float) -> HeldTerms:  # noqa: ARG002
         """What holds the body, with :meth:`fixed` (3, S) at the cycle's start, the last iterate and bins of ``h`` s: nothing."""
-        return Held(state.fixed, loose.rest[:, 0], loose.rest[:, 1])
+        return HeldTerms(state.fixed, loose.rest[:, 0], loose.rest[:, 1])
 
     def advance(self, rate: Array, fixed: Array, wrench: Wrench, width_s: float) -> CycleMotion:
         """Through all bins of ``wrench`` from ``rate`` (3, S), with :meth:`fixed` (3, S) there."""
@@ -178,9 +178,11 @@ class Dynamics:
         inverse = self.inverse[..., None]
         driven, gathered = apply(inverse, self.moment(wrench.mean)), apply(inverse, self.moment(wrench.gathered))
         rest = np.zeros_like(driven)
-        state = State(rate[..., None] + h * np.cumsum(driven, -1), np.zeros_like(driven), driven, rest, rest + fixed[..., None], rest)
+        state = MotionIterate(
+            rate[..., None] + h * np.cumsum(driven, -1), np.zeros_like(driven), driven, rest, rest + fixed[..., None], rest
+        )
         momentum = paired(rest + wrench.momentum, rest + wrench.momentum_slope)
-        constant = Driven(driven, gathered, momentum, (np.zeros((3, 1, 1)) + wrench.damping)[:, None])
+        constant = FixedTerms(driven, gathered, momentum, (np.zeros((3, 1, 1)) + wrench.damping)[:, None])
         open_members, bins = np.ones(rate.shape[1], dtype=bool), np.arange(driven.shape[-1])
         for _ in range(ITERATIONS):
             found = self._iterate(state, rate, fixed, constant, wrench, h)
@@ -195,7 +197,7 @@ class Dynamics:
                 break
         return CycleMotion(state.mean, state.dot, state.fixed, state.end)
 
-    def _iterate(self, state: State, rate: Array, fixed: Array, driven: Driven, wrench: Wrench, h: float) -> State:
+    def _iterate(self, state: MotionIterate, rate: Array, fixed: Array, driven: FixedTerms, wrench: Wrench, h: float) -> MotionIterate:
         start = np.concatenate([rate[..., None], state.end[..., :-1]], -1)
         mean = start + driven.gathered + h / 2 * state.rest - h * h / 12 * state.rest_slope
         turning = paired(mean, state.dot)
@@ -206,7 +208,7 @@ class Dynamics:
         rest = -apply(self.inverse[:, :, None, :, None], torque + driven.damping * turning)
         held = self.held(Loose(turning, rest), driven, state, fixed, wrench, h)
         dot = driven.mean + held.rest
-        return State(rate[..., None] + h * np.cumsum(dot, -1), mean, dot, held.rest, held.fixed, held.rest_slope)
+        return MotionIterate(rate[..., None] + h * np.cumsum(dot, -1), mean, dot, held.rest, held.fixed, held.rest_slope)
 
     def specific_force(self, motion: CycleMotion, force: Array, position: Array, width_s: float) -> Array:
         """(3, S, B) mean specific force at ``position`` (3,) [m from O], body axes, m/s²; ``force`` (3, S, B) N."""
@@ -226,7 +228,7 @@ def lever(motion: CycleMotion, arm: Array, width_s: float) -> Array:
 
 
 @dataclass(frozen=True)
-class State:
+class MotionIterate:
     """One iterate: rates at the bins' ends, bin means, ω̇, its part that is not the commands', what stands still, slope of that part."""
 
     end: Array
@@ -236,10 +238,10 @@ class State:
     fixed: Array
     rest_slope: Array
 
-    def where(self, chosen: Array, other: State) -> State:
+    def where(self, chosen: Array, other: MotionIterate) -> MotionIterate:
         """The other one's where ``chosen`` (S, B)."""
         fields = ("end", "mean", "dot", "rest", "fixed", "rest_slope")
-        return State(*(np.where(chosen, getattr(other, name), getattr(self, name)) for name in fields))
+        return MotionIterate(*(np.where(chosen, getattr(other, name), getattr(self, name)) for name in fields))
 
 
 def rotation_vectors(motion: CycleMotion, width_s: float) -> Array:

@@ -19,7 +19,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed import mission
 from massprop_cli.testbed.onboard import RunningOf
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
-from massprop_cli.testbed.simulate import Flight, fly
+from massprop_cli.testbed.simulate import SimulatedFlight, fly
 from massprop_cli.testbed.timeline import AXES
 
 Kind = Literal["parquet", "csv"]
@@ -147,7 +147,7 @@ def warnings(source: ScenarioSource) -> list[Notice]:
     return found
 
 
-def write(flight: Flight, member: int, scenario: Scenario, folder: Path, kind: Kind = "parquet") -> None:
+def write(flight: SimulatedFlight, member: int, scenario: Scenario, folder: Path, kind: Kind = "parquet") -> None:
     """Write one member's files; truth.json comes last."""
     other = folder / f"log.{'csv' if kind == 'parquet' else 'parquet'}"
     if other.exists():
@@ -157,7 +157,7 @@ def write(flight: Flight, member: int, scenario: Scenario, folder: Path, kind: K
         stage.place()
 
 
-def _save(stage: files.Staged, flight: Flight, member: int, scenario: Scenario, kind: Kind) -> None:
+def _save(stage: files.Staged, flight: SimulatedFlight, member: int, scenario: Scenario, kind: Kind) -> None:
     import pyarrow.csv
     import pyarrow.parquet as pq
 
@@ -178,7 +178,7 @@ def vehicle_toml(vehicle: Vehicle) -> str:
     return configfile.toml(vehicle.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True, exclude={"columns"}))
 
 
-def log_table(flight: Flight, member: int, scenario: Scenario) -> Any:
+def log_table(flight: SimulatedFlight, member: int, scenario: Scenario) -> Any:
     """The log as an Arrow table, commands in the first record of their cycle."""
     import pyarrow as pa
 
@@ -214,7 +214,7 @@ def _in_first_record(issued: Any, records: int) -> Any:
     return rows
 
 
-def truth_of(flight: Flight, member: int, scenario: Scenario) -> dict[str, Any]:
+def truth_of(flight: SimulatedFlight, member: int, scenario: Scenario) -> dict[str, Any]:
     """truth.json: the ten quantities at the end of each phase, and those of a docked object."""
     found: dict[str, Any] = {
         "schema": "massprop/truth/1",

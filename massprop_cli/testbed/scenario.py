@@ -21,7 +21,7 @@ from massprop_cli.inputs.equipment import Failure
 from massprop_cli.inputs.section import Positive
 from massprop_cli.inputs.vehicle import Docking, Phase, Vehicle
 from massprop_cli.testbed import exchange
-from massprop_cli.testbed.conditions import Actuators, Body, Control, Disturbance, Fuel, Initial, Sensors
+from massprop_cli.testbed.conditions import Body, Control, Fuel, Initial, Sensors, TrueActuators, TrueDisturbance
 from massprop_cli.testbed.timeline import LONGEST, TURNS, WHOLE, Event, Segment, Timed
 
 MOST_NUMBERS = 400_000_000
@@ -45,8 +45,8 @@ class Scenario(Timed):
     docked: Body | None = Field(None, description="the object that docks, its CG from O once docked")
     initial: Initial = Initial()
     sensors: Sensors = Sensors()
-    actuators: Actuators = Actuators()
-    disturbance: Disturbance = Disturbance()
+    actuators: TrueActuators = TrueActuators()
+    disturbance: TrueDisturbance = TrueDisturbance()
     fuel: Fuel | None = None
     control: Control | None = None
     plan: tuple[Segment, ...] = ()

@@ -19,7 +19,7 @@ from massprop_cli.inputs.tablefile import Cells, Places, Table
 from massprop_cli.inputs.telemetry import Log, saturation
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.testbed import exchange, imu
-from massprop_cli.testbed.cycles import Change, Cycles
+from massprop_cli.testbed.cycles import Cycles, MemberChange
 from massprop_cli.testbed.imu import Sensor
 from massprop_cli.testbed.onboard import RunningOf
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
@@ -30,7 +30,7 @@ Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
-class Flight:
+class SimulatedFlight:
     """What was logged and what was true, S members, K cycles of N records."""
 
     vehicle: Vehicle
@@ -117,10 +117,10 @@ def fly(
     source: ScenarioSource,
     seeds: Sequence[int],
     issued: Array | None = None,
-    changes: Mapping[int, Change] | None = None,
+    changes: Mapping[int, MemberChange] | None = None,
     progress: Progress | None = None,
     running: RunningOf | None = None,
-) -> Flight:
+) -> SimulatedFlight:
     """Fly one member per seed.
 
     ``issued`` (K, C) or (S, K, C) flies recorded commands open loop instead of the plan; ``changes`` happen at the start of their cycle.
@@ -140,7 +140,7 @@ def fly(
             progress(k / cycles)
     for name, sensor in (("gyro", flying.gyro), ("accelerometer", flying.accelerometer)):
         _check_sensor(source, name, sensor)
-    return Flight(
+    return SimulatedFlight(
         vehicle=scenario.logged,
         seeds=tuple(seeds),
         axes=scenario.sensors.axes,
@@ -178,4 +178,4 @@ def _flat(increments: Array) -> Array:
     return np.ascontiguousarray(moved.reshape(moved.shape[0], -1, 3))
 
 
-__all__ = ["Change", "Flight", "Progress", "fly"]
+__all__ = ["MemberChange", "Progress", "SimulatedFlight", "fly"]

@@ -10,7 +10,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.testbed.conditions import Actuators
+from massprop_cli.testbed.conditions import TrueActuators
 from massprop_cli.testbed.exchanger import Exchanger, Setting, Spin, held, largest
 from massprop_cli.testbed.motion import Bodies, CycleMotion
 
@@ -38,12 +38,12 @@ class Wheels(Exchanger):
         return len(vehicle.wheels)
 
     @staticmethod
-    def full(vehicle: Vehicle, real: Actuators) -> Array:
+    def full(vehicle: Vehicle, real: TrueActuators) -> Array:
         """(3,) by torques of least size on the wheels; nothing about an axis that they don't span."""
         return largest(-(_axes(vehicle) * vehicle.environment.moving[:3]).T, real.max_wheel_torque_n_m or 0.0)
 
     @staticmethod
-    def problem(vehicle: Vehicle, real: Actuators, truth: Array, turned_by: bool) -> str:
+    def problem(vehicle: Vehicle, real: TrueActuators, truth: Array, turned_by: bool) -> str:
         """Why they can't be flown."""
         if turned_by and vehicle.wheels and real.max_wheel_torque_n_m is None:
             return "the plan turns by wheels: give actuators.max_wheel_torque_n_m"
@@ -115,7 +115,7 @@ def _axes(vehicle: Vehicle) -> Array:
     return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
 
 
-def _counted(vehicle: Vehicle, real: Actuators) -> Array:
+def _counted(vehicle: Vehicle, real: TrueActuators) -> Array:
     """(3, 3) spin inertia of the wheels that the body's inertia has in it, kg m²."""
     inertia = np.array([real.wheel_scale * wheel.spin_inertia_kg_m2 * wheel.locked_in_inertia for wheel in vehicle.wheels])
     return np.asarray(np.einsum("w,wi,wj->ij", inertia, _axes(vehicle), _axes(vehicle)))

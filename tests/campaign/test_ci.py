@@ -14,7 +14,7 @@ from junitparser import JUnitXml
 from markdown_it import MarkdownIt
 
 from massprop_cli.campaign import markdown
-from massprop_cli.campaign.outcome import Outcome, Row
+from massprop_cli.campaign.outcome import CampaignRow, Outcome
 from massprop_cli.campaign.summary import Baseline, Beyond, Summary, summary
 from tests.campaign.test_pool import row
 from tests.campaigns import batch, environment, simulate
@@ -24,9 +24,9 @@ pytestmark = pytest.mark.thorough
 DOCS = Path(__file__).parents[2] / "docs" / "ci"
 
 
-def failed(number: int, message: str = "log.csv: is empty; record it again", code: int = 3) -> Row:
+def failed(number: int, message: str = "log.csv: is empty; record it again", code: int = 3) -> CampaignRow:
     outcome = Outcome(schema="massprop/outcome/1", fingerprint="f", exit_code=code, message=message, input_sha256=None)
-    return Row(name=f"bad-{number}", log=f"bad-{number}/log.csv", tags=[], outcome=outcome)
+    return CampaignRow(name=f"bad-{number}", log=f"bad-{number}/log.csv", tags=[], outcome=outcome)
 
 
 def scripts(file: Path) -> list[str]:

@@ -22,7 +22,7 @@ from massprop_cli.campaign import run as flow
 from massprop_cli.campaign.cluster import ClusterExecutor
 from massprop_cli.campaign.place import LocalPlace
 from massprop_cli.campaign.plan import Settings
-from massprop_cli.campaign.run import Step
+from massprop_cli.campaign.run import LogDone
 from tests import campaigns
 from tests.extras import needed
 
@@ -102,7 +102,7 @@ def test_a_worker_killed_midway_costs_nothing_but_time(
     address, workers = two_workers
     killed: list[tuple[str, ...]] = []
 
-    def kill(_: Step) -> None:
+    def kill(_: LogDone) -> None:
         """Upon the first result: a worker that has work."""
         if not killed:
             with distributed.Client(address, set_as_default=False) as client:
@@ -146,7 +146,7 @@ def test_a_log_that_takes_its_workers_along_is_a_row_and_the_rest_goes_on(logs: 
         "Worker.work = deadly\n",
         encoding="utf-8",
     )
-    steps: list[Step] = []
+    steps: list[LogDone] = []
     with ExitStack() as stack:
         address = stack.enter_context(scheduler(DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="0"))
         for n in range(2):

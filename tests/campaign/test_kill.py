@@ -94,7 +94,7 @@ def children(parent: int) -> list[int]:
 def tasks(tmp_path: Path) -> list[Task]:
     simulate(tmp_path / "logs", 4)
     logs = sorted((tmp_path / "logs").glob("*/log.parquet"))
-    return [Task(job) for job in plan.jobs([plan.Found(str(log), log.parts, 2) for log in logs])]
+    return [Task(job) for job in plan.jobs([plan.FoundLog(str(log), log.parts, 2) for log in logs])]
 
 
 def killing(tasks: list[Task], times: int) -> Iterator[tuple[int, work.Produced | None]]:

@@ -13,7 +13,7 @@ import pytest
 
 from massprop_cli.campaign import outcome, parquet
 from massprop_cli.campaign import run as flow
-from massprop_cli.campaign.outcome import Rows
+from massprop_cli.campaign.outcome import CompressedRows
 from massprop_cli.campaign.plan import Job
 from massprop_cli.campaign.runner import Task
 from massprop_cli.campaign.summary import Summary, summary, to_json
@@ -83,7 +83,7 @@ def test_text_written_in_pieces_is_that_of_the_whole() -> None:
         assert text == json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, ensure_ascii=False) + "\n"
         assert json.loads(text)["logs"] == [one.model_dump(by_alias=True, mode="json") for one in rows]
         back = Summary.model_validate_json(text)
-        assert isinstance(back.logs, Rows)
+        assert isinstance(back.logs, CompressedRows)
         assert list(back.logs) == rows
         assert back == found
 

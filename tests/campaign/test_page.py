@@ -16,7 +16,7 @@ from rich.console import Console
 from massprop_cli.campaign import figures, terminal
 from massprop_cli.campaign import markdown as campaign_markdown
 from massprop_cli.campaign import page as campaign_page
-from massprop_cli.campaign.outcome import Row, Value, contradicted, state
+from massprop_cli.campaign.outcome import CampaignRow, Value, contradicted, state
 from massprop_cli.campaign.parquet import COLUMNS, csv_rows
 from massprop_cli.campaign.pooled import grouped
 from massprop_cli.campaign.summary import Summary, summary, to_json
@@ -35,7 +35,7 @@ HOSTILE = '"><script>alert(1)</script>\u202e'
 
 def campaign(logs: int = 12) -> Summary:
     """Logs 2, 4, 6 ... are lighter the higher their number; two failed; one told its mass no better than before."""
-    rows: list[Row] = [row(n, 30.0 - n, files=["result.json"]) for n in range(1, logs + 1)]
+    rows: list[CampaignRow] = [row(n, 30.0 - n, files=["result.json"]) for n in range(1, logs + 1)]
     dim = rows[4].outcome
     assert dim is not None
     estimates = dim.bodies[0].estimates | {"mass": Value(value=None, sigma=None, verdict="not_excited")}
@@ -183,7 +183,7 @@ def test_coverage_counts_95_of_100_logs_whose_sigmas_hold() -> None:
 
 
 def test_what_all_logs_expect_alike_is_drawn() -> None:
-    def expecting(number: int, mass: float) -> Row:
+    def expecting(number: int, mass: float) -> CampaignRow:
         one = row(number, 22.0 + 0.1 * number)
         assert one.outcome is not None
         body = one.outcome.bodies[0]

@@ -10,7 +10,7 @@ import pytest
 from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import discover
 from massprop_cli.campaign.discover import fitting
-from massprop_cli.campaign.plan import Found, Job, Settings, names
+from massprop_cli.campaign.plan import FoundLog, Job, Settings, names
 from massprop_cli.inputs.require import Requirement
 
 NOTHING = Settings()
@@ -26,9 +26,9 @@ def plan(*named: Path | str, over: Settings = NOTHING) -> list[Job]:
     return discover.plan([str(name) for name in named], over)[1]
 
 
-def found(path: str, below: int) -> Found:
+def found(path: str, below: int) -> FoundLog:
     parts = ("/", *path.split("/"))
-    return Found(path, parts, below)
+    return FoundLog(path, parts, below)
 
 
 def test_a_folder_is_searched_with_all_below_in_the_order_a_person_would_give(tmp_path: Path) -> None:

@@ -9,8 +9,8 @@ from scipy import stats
 from massprop_cli import QUANTITIES
 from massprop_cli.campaign import baseline, kept, pool
 from massprop_cli.campaign.baseline import Earlier
-from massprop_cli.campaign.outcome import Body, Outcome, Row, Value, Vehicle
-from massprop_cli.campaign.pool import Samples
+from massprop_cli.campaign.outcome import CampaignRow, Outcome, PhaseQuantities, StatedVehicle, Value
+from massprop_cli.campaign.pool import LogValues
 from massprop_cli.campaign.pooled import pooled
 from massprop_cli.campaign.summary import summary
 from massprop_cli.estimate.quantities import quantities
@@ -22,12 +22,12 @@ from tests import faulty, flight, recorded
 SEEDS = 400
 
 
-def draw(rng: np.random.Generator, n: int, shared: float = 0.0, slope: float = 0.0, truth: float = 22.0) -> Samples:
+def draw(rng: np.random.Generator, n: int, shared: float = 0.0, slope: float = 0.0, truth: float = 22.0) -> LogValues:
     """Logs with sigmas of their own from 0.05 to 0.5, and one common error of ``shared``."""
     own = rng.uniform(0.05, 0.5, n)
     number = np.arange(1.0, n + 1)
     value = truth + slope * number + own * rng.standard_normal(n) + shared * rng.standard_normal()
-    return Samples(number, value, np.hypot(own, shared), np.full(n, shared), np.zeros(n))
+    return LogValues(number, value, np.hypot(own, shared), np.full(n, shared), np.zeros(n))
 
 
 @pytest.mark.parametrize("shared", [0.0, 0.3])
@@ -65,7 +65,7 @@ def test_scatter_is_chi_square_where_sigmas_hold_whatever_is_shared(shared: floa
 
 def test_sigmas_claimed_too_small_are_seen() -> None:
     honest = draw(np.random.default_rng(4), 30)
-    found = pool.scatter(Samples(honest.number, honest.value, honest.sigma / 2, honest.shared, honest.alike))
+    found = pool.scatter(LogValues(honest.number, honest.value, honest.sigma / 2, honest.shared, honest.alike))
     assert found is not None
     assert found.ratio == pytest.approx(2.0, abs=0.5)
     assert found.p_value < 1e-6
@@ -93,7 +93,7 @@ def test_strays_are_found_farthest_first_and_good_logs_are_left_alone() -> None:
     samples = draw(rng, 20)
     value = samples.value.copy()
     value[[3, 11]] += np.array([400.0, -9.0])
-    found = pool.outliers(Samples(samples.number, value, samples.sigma, samples.shared, samples.alike))
+    found = pool.outliers(LogValues(samples.number, value, samples.sigma, samples.shared, samples.alike))
     assert list(found) == [3, 11]
     rest = np.delete(np.arange(20), [3, 11])
     weight = samples.own[rest] ** -2
@@ -109,7 +109,7 @@ def test_one_or_two_logs_are_no_scatter_and_no_outlier() -> None:
     assert pool.trend(one) is None
     assert pool.mean(one).value == one.value[0]
     two = draw(np.random.default_rng(7), 2)
-    assert pool.outliers(Samples(two.number, two.value + np.array([0, 1e6]), two.sigma, two.shared, two.alike)) == {}
+    assert pool.outliers(LogValues(two.number, two.value + np.array([0, 1e6]), two.sigma, two.shared, two.alike)) == {}
 
 
 def test_the_shared_part_of_a_sigma_is_what_logs_of_one_thruster_set_scatter_by_together() -> None:
@@ -189,7 +189,7 @@ def test_an_error_that_logs_may_have_alike_is_promised_away_by_neither_mean_nor_
             base = draw(rng, 10)
             alike = 2.0 * base.sigma.mean()
             moved = alike * (np.sqrt(common) * rng.standard_normal() + np.sqrt(1 - common) * rng.standard_normal(10))
-            one = Samples(base.number, base.value + moved, np.hypot(base.sigma, alike), base.shared, np.full(10, alike))
+            one = LogValues(base.number, base.value + moved, np.hypot(base.sigma, alike), base.shared, np.full(10, alike))
             found, apart = pool.mean(one), pool.scatter(one)
             z.append((found.value - 22.0) / found.sigma)
             exceeding += apart is not None and apart.p_value < 0.01
@@ -219,7 +219,7 @@ def test_a_docked_object_of_an_uncertain_geometry_is_not_pooled() -> None:
     assert {item.shared for item in kept.bodies(beside, used, used)[-1].estimates.values()} == {None}
 
 
-def row(number: int, mass: float, sigma: float = 0.25, **changes: object) -> Row:
+def row(number: int, mass: float, sigma: float = 0.25, **changes: object) -> CampaignRow:
     estimates = {
         name: Value(value=mass if name == "mass" else 1.0 + 0.01 * number, sigma=sigma, shared=0.0, verdict="converged")
         for name in QUANTITIES
@@ -229,16 +229,16 @@ def row(number: int, mass: float, sigma: float = 0.25, **changes: object) -> Row
         "exit_code": 0,
         "message": "",
         "input_sha256": f"{number:064d}",
-        "vehicle": Vehicle(name="tug", sha256="v", environment="free", bearing_mass_kg=0.0),
+        "vehicle": StatedVehicle(name="tug", sha256="v", environment="free", bearing_mass_kg=0.0),
         "method": "default",
-        "bodies": [Body(part="phase", name="all", estimates=estimates)],
+        "bodies": [PhaseQuantities(part="phase", name="all", estimates=estimates)],
     }
-    return Row(name=f"log-{number}", log=f"log-{number}.csv", tags=[], outcome=Outcome.model_validate(stated | changes))
+    return CampaignRow(name=f"log-{number}", log=f"log-{number}.csv", tags=[], outcome=Outcome.model_validate(stated | changes))
 
 
 def test_a_baseline_that_tells_nothing_is_no_baseline_to_stand_against() -> None:
     dim = {name: Value(value=1.0, sigma=9.0, verdict="not_excited") for name in QUANTITIES}
-    empty = row(1, 22.0, bodies=[Body(part="phase", name="all", estimates=dim)])
+    empty = row(1, 22.0, bodies=[PhaseQuantities(part="phase", name="all", estimates=dim)])
     rows = [row(1, 22.0), row(2, 22.1)]
     told = baseline.compare(rows, Earlier(summary("before", [empty]), "s"), Gate())
     assert [item.message for item in told.beyond] == ["nothing could be compared: no log of the baseline has a value"]
@@ -247,7 +247,7 @@ def test_a_baseline_that_tells_nothing_is_no_baseline_to_stand_against() -> None
 
 
 def test_a_campaign_pools_each_vehicle_and_counts_a_copied_log_once() -> None:
-    rows = [row(1, 22.0), row(2, 22.2), row(2, 22.2), row(3, 25.0, vehicle=Vehicle(name="rover", sha256="w", environment="free", bearing_mass_kg=0.0))]  # fmt: skip  # noqa: E501
+    rows = [row(1, 22.0), row(2, 22.2), row(2, 22.2), row(3, 25.0, vehicle=StatedVehicle(name="rover", sha256="w", environment="free", bearing_mass_kg=0.0))]  # fmt: skip  # noqa: E501
     (found,) = pooled(rows)
     assert (found.vehicle, found.estimates["mass"].logs) == ("tug", 2)
     assert found.estimates["mass"].value == pytest.approx(22.1)
@@ -270,7 +270,7 @@ def test_what_was_not_told_and_what_claims_no_sigma_is_not_pooled() -> None:
     dim = row(3, 99.0)
     assert dim.outcome is not None
     values = dim.outcome.bodies[0].estimates | {"mass": Value(value=99.0, sigma=0.1, shared=0.0, verdict="not_excited")}
-    dim = row(3, 99.0, bodies=[Body(part="phase", name="all", estimates=values)])
+    dim = row(3, 99.0, bodies=[PhaseQuantities(part="phase", name="all", estimates=values)])
     (found,) = pooled([row(1, 22.0), row(2, 22.1), dim])
     assert (found.estimates["mass"].logs, found.estimates["ixx"].logs) == (2, 3)
     assert pooled([row(1, 22.0, method="thesis"), row(2, 22.0, method="thesis")]) == []

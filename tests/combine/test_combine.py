@@ -48,7 +48,11 @@ BODY = scenario.load("free-flyer").scenario.truth.values
 
 
 def at_once(
-    source: scenario.ScenarioSource, flight: simulate.Flight, quiet: simulate.Flight, body: Array, pieces: Sequence[tuple[int, int]]
+    source: scenario.ScenarioSource,
+    flight: simulate.SimulatedFlight,
+    quiet: simulate.SimulatedFlight,
+    body: Array,
+    pieces: Sequence[tuple[int, int]],
 ) -> tuple[Array, Array]:
     """Values and covariance of the linear fit, about the truth, of all pieces: ten quantities, and the rate at each piece's start.
 
@@ -74,7 +78,7 @@ def at_once(
     return body + (step / size)[:10], (root @ root.T)[:10, :10]
 
 
-def levelled(flight: simulate.Flight, cycle: int) -> Vehicle:
+def levelled(flight: simulate.SimulatedFlight, cycle: int) -> Vehicle:
     """The vehicle without its phases, on a bearing so tilted that its gyro leads to the true attitude where the other fit begins."""
     stated = flight.vehicle.model_copy(update={"phases": (), "docking": None})
     if not stated.on_air_bearing:

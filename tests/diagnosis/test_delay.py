@@ -15,7 +15,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis import delay
 from massprop_cli.flow import Analysis
 from massprop_cli.result import build
-from massprop_cli.testbed.simulate import Flight
+from massprop_cli.testbed.simulate import SimulatedFlight
 from tests import faulty
 from tests.diagnosis import test_diagnose
 from tests.diagnosis.test_diagnose import LAG
@@ -27,7 +27,7 @@ LATE = "actuators.delay_cycles=1.6"
 """Of the vehicle that is flown, whose file says two."""
 
 
-def late() -> Flight:
+def late() -> SimulatedFlight:
     return fly("free-flyer", *PLAN, LATE, seeds=tuple(range(8)))
 
 

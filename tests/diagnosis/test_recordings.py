@@ -14,7 +14,7 @@ from massprop_cli.base.rigidbody import rotation
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.testbed.simulate import Flight
+from massprop_cli.testbed.simulate import SimulatedFlight
 from tests import faulty
 from tests.flown import PLAN, fly
 
@@ -23,7 +23,7 @@ WRENCH = ("vehicle.jets=[]", "actuators.max_torque_n_m=[0.1, 0.4, 0.4]", "actuat
 ASIDE = ("truth.cg_x=0.031", "truth.cg_y=-0.022", "truth.cg_z=0.017")
 
 
-def flight() -> Flight:
+def flight() -> SimulatedFlight:
     return fly("free-flyer", *PLAN, *WRENCH, *ASIDE, "vehicle.imu.accel_noise_m_s2=0.001")
 
 

@@ -26,7 +26,7 @@ def each(*thorough: str) -> pytest.MarkDecorator:
 
 
 @cache
-def flown(name: str) -> simulate.Flight:
+def flown(name: str) -> simulate.SimulatedFlight:
     data = SCENARIOS[name]
     source = scenario.ScenarioSource(scenario.Scenario.model_validate(data), name)
     return simulate.fly(source, [data["seed"] + 1000 * number for number in range(2)])

@@ -7,20 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from massprop_cli.errorparameters.parameter import Finding
+from massprop_cli.errorparameters.parameter import FittedHypothesis
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, words_of
 from massprop_cli.prepare.timing import Timing
 from tests import flight
 
 
-def finding(**errors: np.ndarray) -> Finding:
+def finding(**errors: np.ndarray) -> FittedHypothesis:
     """Of errors, zero where none are given."""
     flown = flight.standard()
     setup = Setup(flown.log(), flown.used, Timing(2.0, 0.0))
     none = {name: np.zeros(BY_NAME[name].size) for name in ENTRIES}
     eye = np.eye(3)
-    return Finding((), (), none | errors, none, setup, setup, eye, (eye, eye), (eye, eye), 0.1, np.zeros(3))
+    return FittedHypothesis((), (), none | errors, none, setup, setup, eye, (eye, eye), (eye, eye), 0.1, np.zeros(3))
 
 
 def said(mass: float, inertia: float) -> str:

@@ -16,7 +16,7 @@ from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import bound, scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
-from massprop_cli.testbed.simulate import Flight
+from massprop_cli.testbed.simulate import SimulatedFlight
 
 TOGETHER, FEW = 10, 3
 """Seeds whose bounds are found side by side, and those whose bounds are found."""
@@ -55,23 +55,23 @@ VERDICTS = {"mass": "sensor-absent-mass"}
 
 
 @cache
-def flown(name: str, seeds: int) -> tuple[ScenarioSource, Flight]:
+def flown(name: str, seeds: int) -> tuple[ScenarioSource, SimulatedFlight]:
     source = scenario.load(CASES[name].scenario, CASES[name].settings)
     return source, simulate.fly(source, range(1, seeds + 1))
 
 
-def estimated(flight: Flight, member: int = 0, *settings: str) -> Analysis:
+def estimated(flight: SimulatedFlight, member: int = 0, *settings: str) -> Analysis:
     return flow.examine(flight.log(member), VehicleSource(vehiclefile.changed(flight.vehicle, settings), "", ""))
 
 
-def limits(source: ScenarioSource, flight: Flight, seeds: int) -> Array:
+def limits(source: ScenarioSource, flight: SimulatedFlight, seeds: int) -> Array:
     """(S, 10) one sigma of each log's bound."""
     parts = [bound.of_members(source, flight, slice(first, min(first + TOGETHER, seeds)))[:, 0] for first in range(0, seeds, TOGETHER)]
     found: Array = np.sqrt(np.diagonal(np.concatenate(parts), axis1=1, axis2=2))
     return found
 
 
-def conclusion_of(flight: Flight, member: int) -> Conclusion:
+def conclusion_of(flight: SimulatedFlight, member: int) -> Conclusion:
     """With no notice, and nothing contradicted."""
     analysis = estimated(flight, member)
     assert analysis.notices == ()

@@ -33,13 +33,13 @@ LATE = 'phases=[{name = "late", start_s = 8.0, end_s = 24.0}]'
 
 
 @cache
-def flown(seeds: int, *more: str) -> tuple[Array, simulate.Flight]:
+def flown(seeds: int, *more: str) -> tuple[Array, simulate.SimulatedFlight]:
     """The truth (10,), and a flight of each seed."""
     source = scenario.load("testbed", more)
     return source.scenario.truth.values, simulate.fly(source, list(range(1, seeds + 1)))
 
 
-def errors(found: tuple[Array, simulate.Flight], *stated: str) -> Array:
+def errors(found: tuple[Array, simulate.SimulatedFlight], *stated: str) -> Array:
     """(seeds, 10) final errors in sigmas."""
     truth, flight = found
     z = []

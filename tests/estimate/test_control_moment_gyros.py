@@ -26,12 +26,14 @@ EACH = range(4)
 
 
 @cache
-def flown(seeds: int, *settings: str, whole: bool = False) -> tuple[ScenarioSource, simulate.Flight]:
+def flown(seeds: int, *settings: str, whole: bool = False) -> tuple[ScenarioSource, simulate.SimulatedFlight]:
     source = scenario.load("control-moment-gyros", (*(() if whole else SHORT), *settings))
     return source, simulate.fly(source, range(1, seeds + 1))
 
 
-def estimated(flight: simulate.Flight, member: int = 0, settings: tuple[str, ...] = (), gimbal_off_rad: float = 0.0) -> flow.Analysis:
+def estimated(
+    flight: simulate.SimulatedFlight, member: int = 0, settings: tuple[str, ...] = (), gimbal_off_rad: float = 0.0
+) -> flow.Analysis:
     """``gimbal_off_rad`` is added to the logged angles."""
     log = flight.log(member)
     angles = [replace(said, angle_rad=said.angle_rad + gimbal_off_rad) for said in log.spinning if isinstance(said, GyroLog)]

@@ -11,7 +11,7 @@ from massprop_cli.diagnosis.preprocessing import finer
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.testbed import scenario, simulate
-from massprop_cli.testbed.simulate import Flight
+from massprop_cli.testbed.simulate import SimulatedFlight
 from tests import faulty
 
 
@@ -41,11 +41,11 @@ FAST = (0, 1, 5)
 
 
 @pytest.fixture(scope="module")
-def flights() -> Flight:
+def flights() -> SimulatedFlight:
     return simulate.fly(scenario.load("free-flyer", PLAN), list(range(1, 7)))
 
 
-def test_bins_follow_the_turn_of_a_cycle_where_none_are_stated(flights: Flight) -> None:
+def test_bins_follow_the_turn_of_a_cycle_where_none_are_stated(flights: SimulatedFlight) -> None:
     log, vehicle = flights.log(0), flights.vehicle
     assert [finer(flights.log(member), vehicle).estimator.bins_per_cycle for member in range(6)] == [16, 16, 8, 8, 8, 16]
     assert finer(log, changed(vehicle, ["estimator.bins_per_cycle=4"])).estimator.bins_per_cycle == 4
@@ -54,7 +54,7 @@ def test_bins_follow_the_turn_of_a_cycle_where_none_are_stated(flights: Flight) 
 
 
 @pytest.mark.numerical
-def test_errors_are_within_their_sigmas(flights: Flight) -> None:
+def test_errors_are_within_their_sigmas(flights: SimulatedFlight) -> None:
     """Six logs of ten values: root mean square of unit normal deviates, one in ten thousand beyond 1.37."""
     z = []
     for member in range(6):
@@ -72,7 +72,7 @@ def sigmas(found: Analysis, other: Array) -> Array:
 
 @pytest.mark.numerical
 @pytest.mark.parametrize("member", [FAST[0], *(pytest.param(member, marks=pytest.mark.thorough) for member in FAST[1:])])
-def test_finer_bins_would_change_nothing_and_four_do(member: int, flights: Flight) -> None:
+def test_finer_bins_would_change_nothing_and_four_do(member: int, flights: SimulatedFlight) -> None:
     log = flights.log(member)
 
     def examined(*settings: str) -> Analysis:

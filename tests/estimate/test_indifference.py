@@ -23,7 +23,7 @@ from tests.flight import resolved
 QUIET_CYCLES = 600
 
 
-def flown(*seeds: int, quiet_s: float = 0.0, moving_s: float = 15.0) -> simulate.Flight:
+def flown(*seeds: int, quiet_s: float = 0.0, moving_s: float = 15.0) -> simulate.SimulatedFlight:
     """Drifting, then motion about and along every axis."""
     end_s = quiet_s + moving_s
     plan = f'plan=[{{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s={quiet_s}, end_s={end_s}}}]'
@@ -49,7 +49,7 @@ def examined(log: Log, vehicle: Vehicle) -> flow.Analysis:
 
 
 @cache
-def plain() -> tuple[simulate.Flight, flow.Analysis]:
+def plain() -> tuple[simulate.SimulatedFlight, flow.Analysis]:
     flight = flown(4)
     return flight, examined(flight.log(0), flight.vehicle)
 

@@ -19,12 +19,12 @@ TURNS = 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], every_cycles=5, 
 
 
 @cache
-def flown(*settings: str) -> tuple[ScenarioSource, simulate.Flight]:
+def flown(*settings: str) -> tuple[ScenarioSource, simulate.SimulatedFlight]:
     source = scenario.load("testbed", ("duration_s=10", TURNS, *settings))
     return source, simulate.fly(source, list(range(1, 5)))
 
 
-def concluded(flight: simulate.Flight, seed: int, *settings: str) -> Conclusion:
+def concluded(flight: simulate.SimulatedFlight, seed: int, *settings: str) -> Conclusion:
     vehicle = vehiclefile.changed(flight.vehicle, settings)
     return flow.examine(flight.log(seed), VehicleSource(vehicle, "", "")).conclusions[0]
 

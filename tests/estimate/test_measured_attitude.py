@@ -54,15 +54,15 @@ def biased(seed: int) -> tuple[str, ...]:
 
 
 @cache
-def flown(seed: int, *settings: str) -> simulate.Flight:
+def flown(seed: int, *settings: str) -> simulate.SimulatedFlight:
     return simulate.fly(scenario.load("testbed", settings), [seed])
 
 
-def answer(flight: simulate.Flight, log: Log | None = None, *stated: str) -> Answer:
+def answer(flight: simulate.SimulatedFlight, log: Log | None = None, *stated: str) -> Answer:
     return beside_truth(flow.examine(log or flight.log(0), VehicleSource(changed(flight.vehicle, stated), "", "")), flight)
 
 
-def beside_truth(analysis: Analysis, flight: simulate.Flight) -> Answer:
+def beside_truth(analysis: Analysis, flight: simulate.SimulatedFlight) -> Answer:
     last = analysis.conclusions[-1]
     sigma = np.sqrt(np.diag(last.covariance))
     return Answer((last.values - flight.truth[0][-1]) / sigma, sigma, frozenset(notice.code for notice in analysis.notices))

@@ -37,7 +37,7 @@ MORE = {"vehicle-40, slow torque": (1, 2, 14)}
 
 
 @cache
-def flown(name: str, cycles: int | None) -> simulate.Flight:
+def flown(name: str, cycles: int | None) -> simulate.SimulatedFlight:
     """To the end or the beginning of it, by its own seed first."""
     data = {key: part for key, part in SCENARIOS[name].items() if key not in ("seed", "stated")}
     if cycles:

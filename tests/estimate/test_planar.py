@@ -16,7 +16,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.testbed import bound, scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
-from massprop_cli.testbed.simulate import Flight
+from massprop_cli.testbed.simulate import SimulatedFlight
 
 TOLD = [QUANTITIES.index(name) for name in ("izz", "cg_x", "cg_y", "mass")]
 SEEDS = range(1, 7)
@@ -24,7 +24,7 @@ SECONDS = 20.0
 
 
 @cache
-def flown(hold: float) -> tuple[ScenarioSource, Flight]:
+def flown(hold: float) -> tuple[ScenarioSource, SimulatedFlight]:
     """0.3 degrees of tilt, of whose pull this part is held."""
     plan = f'plan=[{{motion="random", axes=["x", "y", "yaw"], every_cycles=5, max_cycles=4, start_s=0.0, end_s={SECONDS}}}]'
     source = scenario.load("planar", [f"duration_s={SECONDS}", plan, f"disturbance.table_hold={hold}"])

@@ -26,11 +26,11 @@ def plan(seconds: float) -> list[str]:
 
 
 @cache
-def flown(name: str, *keys: str, seconds: float = 10.0) -> simulate.Flight:
+def flown(name: str, *keys: str, seconds: float = 10.0) -> simulate.SimulatedFlight:
     return simulate.fly(scenario.load(name, [*plan(seconds), *keys]), list(SEEDS))
 
 
-def sized(flight: simulate.Flight, times: float = 1.0, noisier: bool = True) -> np.ndarray:
+def sized(flight: simulate.SimulatedFlight, times: float = 1.0, noisier: bool = True) -> np.ndarray:
     """(S, 3) levels found: torques, white and wandering, N m; times as noisy as stated.
 
     The gyro is ``times`` as noisy as stated.

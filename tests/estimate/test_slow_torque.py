@@ -26,7 +26,7 @@ NAME = "vehicle-40, slow torque"
 """On a bearing, for nine seconds, tilted by no more than a fifth of a degree."""
 
 
-def pushed() -> simulate.Flight:
+def pushed() -> simulate.SimulatedFlight:
     """Beside a steady torque, too."""
     data = {name: part for name, part in SCENARIOS[NAME].items() if name != "seed"}
     data["disturbance"] = {"constant_n_m": [8.0, -8.0, 4.0]}
@@ -42,7 +42,7 @@ def pushed() -> simulate.Flight:
     ],
     ids=["alone", "beside a steady one"],
 )
-def test_the_cg_is_as_far_off_as_its_sigma_says(fly: Callable[[], simulate.Flight], members: range) -> None:
+def test_the_cg_is_as_far_off_as_its_sigma_says(fly: Callable[[], simulate.SimulatedFlight], members: range) -> None:
     """What swings the body was taken as commands and weight alone: it was 2 cm ± 1.5 mm off, and on the way 15 sigma."""
     flight, squares = fly(), 0.0
     for k in members:

@@ -46,7 +46,7 @@ def issued() -> Array:
 
 
 @cache
-def flown(seed: int) -> simulate.Flight:
+def flown(seed: int) -> simulate.SimulatedFlight:
     """A vehicle drawn from what is stated, flown by the commands of the stated one."""
     source, rng = stated(), np.random.default_rng([seed, 2])
     vehicle = source.scenario.vehicle

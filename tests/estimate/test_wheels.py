@@ -43,18 +43,18 @@ def plan(name: str, seconds: int) -> str:
 
 
 @cache
-def flown(name: str, *settings: str, seconds: int = 10) -> tuple[ScenarioSource, simulate.Flight]:
+def flown(name: str, *settings: str, seconds: int = 10) -> tuple[ScenarioSource, simulate.SimulatedFlight]:
     source = scenario.load(name, (f"duration_s={seconds}", plan(name, seconds), *settings))
     return source, simulate.fly(source, [1])
 
 
-def limits(source: ScenarioSource, flight: simulate.Flight) -> Array:
+def limits(source: ScenarioSource, flight: simulate.SimulatedFlight) -> Array:
     """(10,) one sigma of the bound."""
     found: Array = np.sqrt(np.diag(bound.cramer_rao(source, flight, 0)[0]))
     return found
 
 
-def estimated(flight: simulate.Flight, *settings: str) -> Analysis:
+def estimated(flight: simulate.SimulatedFlight, *settings: str) -> Analysis:
     vehicle = vehiclefile.changed(flight.vehicle, settings)
     return flow.examine(flight.log(0), VehicleSource(vehicle, "", ""))
 
@@ -200,7 +200,7 @@ TABLE = (
 
 
 @cache
-def on_table(column: str, *settings: str) -> tuple[ScenarioSource, simulate.Flight]:
+def on_table(column: str, *settings: str) -> tuple[ScenarioSource, simulate.SimulatedFlight]:
     """Two wheels, one of them askew: the table takes up what it does about X, and the momentum that it turns about Z."""
     wheels = (
         f'vehicle.wheels=[{{name="z", axis=[0, 0, 1], spin_inertia_kg_m2=2e-3, locked_in_inertia=true, column="{column}", '

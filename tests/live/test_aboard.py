@@ -19,11 +19,11 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.kernel import Kernel, kernel
 from massprop_cli.live import legs, run
-from massprop_cli.live.legs import Aboard, Compiled
+from massprop_cli.live.legs import Compiled, OnboardEstimator
 from massprop_cli.live.onnumpy import OnNumPy
 from massprop_cli.testbed import output, scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
-from massprop_cli.testbed.simulate import Flight
+from massprop_cli.testbed.simulate import SimulatedFlight
 from tests.analysed import SAMPLES
 from tests.commandline import massprop
 
@@ -43,12 +43,12 @@ def beginning(model: str, until_s: float) -> ScenarioSource:
 
 
 @cache
-def flown(model: str) -> tuple[ScenarioSource, Flight]:
+def flown(model: str) -> tuple[ScenarioSource, SimulatedFlight]:
     source = beginning(model, END_S[model])
-    return source, simulate.fly(source, SEEDS, running=Aboard)
+    return source, simulate.fly(source, SEEDS, running=OnboardEstimator)
 
 
-def heard(source: ScenarioSource, flight: Flight, member: int) -> list[dict[str, Any]]:
+def heard(source: ScenarioSource, flight: SimulatedFlight, member: int) -> list[dict[str, Any]]:
     """What massprop live says of the log that such a flight leaves."""
     text = io.BytesIO()
     pyarrow.csv.write_csv(output.log_table(flight, member, source.scenario), text)
@@ -57,7 +57,7 @@ def heard(source: ScenarioSource, flight: Flight, member: int) -> list[dict[str,
     return [json.loads(line) for line in run.follow(lines, vehicle, io.StringIO().write, print)]
 
 
-def first_change(flight: Flight, member: int) -> int:
+def first_change(flight: SimulatedFlight, member: int) -> int:
     """The cycle in which a value that gains or CG are of is another one for the first time."""
     used = flight.modelled[member][:, [0, 3, 5, 6, 7, 8]]
     return int(np.argmax((used != used[0]).any(1)))
@@ -99,7 +99,7 @@ def test_before_a_value_has_converged_the_flight_is_the_frozen_one_to_the_last_b
         assert not np.array_equal(frozen.issued[member], running.issued[member, : frozen.issued.shape[1]])
 
 
-def same_so_far(cut: Flight, member: int) -> bool:
+def same_so_far(cut: SimulatedFlight, member: int) -> bool:
     """What is commanded and sensed in a member's flight alone that ends sooner, where values have come into use."""
     _, whole = flown("estimate")
     count = cut.issued.shape[1]
@@ -111,7 +111,7 @@ def same_so_far(cut: Flight, member: int) -> bool:
 @compiled
 @pytest.mark.thorough
 def test_a_flight_that_ends_sooner_begins_the_same() -> None:
-    cut = simulate.fly(beginning("estimate", CUT_S), SEEDS[2:], running=Aboard)
+    cut = simulate.fly(beginning("estimate", CUT_S), SEEDS[2:], running=OnboardEstimator)
     assert cut.issued.shape[1] == round(CUT_S / 0.05)
     assert same_so_far(cut, 2)
     assert np.array_equal(cut.modelled[0], flown("estimate")[1].modelled[2, : cut.modelled.shape[1]])
@@ -204,7 +204,7 @@ def test_either_sensors_noise_contradicts_where_it_is_stated_a_fifth_too_small_o
 @compiled
 def test_without_a_compiler_numpy_flies_the_same_and_does_not_look_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(legs, "kernel", lambda: Kernel(None, "NumPy"))
-    again = simulate.fly(beginning("estimate", CUT_S), SEEDS[2:], running=Aboard)
+    again = simulate.fly(beginning("estimate", CUT_S), SEEDS[2:], running=OnboardEstimator)
     assert same_so_far(again, 2)
     assert again.modelled[0] == pytest.approx(flown("estimate")[1].modelled[2, : again.modelled.shape[1]], rel=1e-8)
 
@@ -224,7 +224,7 @@ REFUSED = {
 def test_a_vehicle_that_no_running_estimate_can_hold_is_refused(setting: str) -> None:
     source = scenario.load("docked-hold", [setting, *(["actuators.delay_cycles=2.0"] if "auto" in setting else [])])
     with pytest.raises(InputError) as refused:
-        simulate.fly(source, SEEDS, running=Aboard)
+        simulate.fly(source, SEEDS, running=OnboardEstimator)
     assert REFUSED[setting] in str(refused.value)
     assert 'control.model = "estimate"' in str(refused.value)
 
@@ -240,6 +240,6 @@ def test_its_refusal_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
 
 def test_the_estimator_is_handed_one_vehicle_for_each_member() -> None:
     vehicle = scenario.load("docked-hold").scenario.logged
-    found = Aboard(vehicle, "here", 3)
+    found = OnboardEstimator(vehicle, "here", 3)
     assert [phase.name for phase in vehicle.phases] == ["single", "combined"]
     assert len(found.each) == 3

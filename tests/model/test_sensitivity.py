@@ -8,7 +8,7 @@ import pytest
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross_matrix
-from massprop_cli.conclude.assumptions import Assumption, examined
+from massprop_cli.conclude.assumptions import TestedAssumption, examined
 from massprop_cli.diagnosis import delay
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME
@@ -18,7 +18,7 @@ from massprop_cli.flow import Analysis
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.lifted import lifted
 from massprop_cli.model.plant import plant_of
-from massprop_cli.model.sensitivity import Consider, Reading, Side, Variant, fed, variant
+from massprop_cli.model.sensitivity import Consider, OtherReading, Reading, Variant, fed, variant
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 from massprop_cli.result.build import effective_settings
@@ -36,7 +36,7 @@ def bearing() -> Analysis:
     return faulty.examined(*faulty.sample("air-bearing"))
 
 
-def by_code(found: Analysis, code: str) -> list[Assumption]:
+def by_code(found: Analysis, code: str) -> list[TestedAssumption]:
     return [assumption for assumption in found.assumptions if assumption.code == code]
 
 
@@ -50,7 +50,7 @@ def again(found: Analysis, *assignments: str, delay: float = 2.0) -> Array:
     return moved
 
 
-def held(assumption: Assumption, moved: Array, found: Analysis, relative: float) -> None:
+def held(assumption: TestedAssumption, moved: Array, found: Analysis, relative: float) -> None:
     """The effect against the shift ``moved`` (10,): to ``relative`` of itself or a fiftieth of a sigma."""
     (effect,) = assumption.effects
     for i, name in enumerate(QUANTITIES):
@@ -73,12 +73,12 @@ def test_what_the_imu_reads_is_all_that_its_turn_and_the_gyros_scale_change(flye
     assert settled.reference is not None
     own = np.array(flyer.vehicle.imu.body_from_imu)[:, axis]
     turn, angle = cross_matrix(np.eye(3)[axis]), 1e-6
-    here, stated = Side(flyer.samples), Setup(flyer.log, flyer.vehicle, Timing(2.0, 0.0))
+    here, stated = OtherReading(flyer.samples), Setup(flyer.log, flyer.vehicle, Timing(2.0, 0.0))
     turned = BY_NAME["mounting"].differing(stated, angle, axis).vehicle
-    scaled = Side(flyer.samples.changed(gyro=1 + 1e-6 * np.eye(3)[axis]))
+    scaled = OtherReading(flyer.samples.changed(gyro=1 + 1e-6 * np.eye(3)[axis]))
     variants = (
         *(Reading(turn, turn), Reading(np.outer(own, own), np.zeros((3, 3)))),
-        *(Variant(here, Side(flyer.samples.changed(turned), turned), angle), Variant(here, scaled, 1e-6)),
+        *(Variant(here, OtherReading(flyer.samples.changed(turned), turned), angle), Variant(here, scaled, 1e-6)),
     )
     at = lifted(flyer.samples, cycles, settled.reference, flyer.vehicle), flyer.samples, cycles, settled.reference, flyer.vehicle
     driven, measured = fed(*at, Consider(variants), Lift(plant_of(flyer.vehicle)))

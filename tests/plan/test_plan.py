@@ -17,8 +17,8 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.require import precise
 from massprop_cli.inputs.vehiclefile import VehicleSource, parse
 from massprop_cli.plan import flow, guess, limits, motions, rehearsal
-from massprop_cli.plan.choose import Criterion, Tried, Wanted, choose
-from massprop_cli.plan.flow import Asked, Made
+from massprop_cli.plan.choose import Criterion, PlanGoal, Tried, choose
+from massprop_cli.plan.flow import Asked, WrittenPlan
 from massprop_cli.testbed import bound, output, scenario, simulate
 from tests.commandline import massprop
 
@@ -53,7 +53,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def made(folder: Path) -> Made:
+def made(folder: Path) -> WrittenPlan:
     asked = Asked(precise(WANT), max_time_s=6.0, rate_rad_s=0.4, travel_m=1.0)
     return flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None)
 
@@ -73,14 +73,14 @@ def synthetic(seed: int, count: int) -> list[Tried]:
     rng = np.random.default_rng(seed)
     roots = rng.standard_normal((count, 10, 4)) * 10.0 ** rng.uniform(0, 2, (count, 1, 1))
     told = roots @ roots.transpose(0, 2, 1)
-    return [Tried(motions.Motion("steady", ("x",), level=0.5), one[None], {"impulse_n_s": 1.0 + i}) for i, one in enumerate(told)]
+    return [Tried(motions.Manoeuvre("steady", ("x",), level=0.5), one[None], {"impulse_n_s": 1.0 + i}) for i, one in enumerate(told)]
 
 
 @pytest.mark.parametrize("criterion", get_args(Criterion))
 @pytest.mark.parametrize("seed", range(4))
 def test_what_is_chosen_is_near_the_best_of_all_combinations(criterion: Criterion, seed: int) -> None:
     tried = synthetic(seed, 6)
-    wanted = Wanted(precise("ixx 1 %, cg_z 0.5 mm, mass 2 %"), BODY.values[None], scenario.load("free-flyer").scenario.vehicle)
+    wanted = PlanGoal(precise("ixx 1 %, cg_z 0.5 mm, mass 2 %"), BODY.values[None], scenario.load("free-flyer").scenario.vehicle)
     chosen = choose(tried, wanted, criterion, 5, 0.0, lambda _: True)
 
     def score(numbers: tuple[int, ...] | list[int]) -> float:
@@ -93,7 +93,7 @@ def test_what_is_chosen_is_near_the_best_of_all_combinations(criterion: Criterio
 
 def test_what_is_chosen_keeps_to_its_budget() -> None:
     tried = synthetic(1, 6)
-    wanted = Wanted(precise("mass 2 %"), BODY.values[None], scenario.load("free-flyer").scenario.vehicle)
+    wanted = PlanGoal(precise("mass 2 %"), BODY.values[None], scenario.load("free-flyer").scenario.vehicle)
     spent = [tried[i].used["impulse_n_s"] for i in choose(tried, wanted, "worst", 20, 0.0, lambda c: sum(i + 1 for i in c) <= 9)]
     assert 0 < sum(spent) <= 9
 
@@ -130,7 +130,7 @@ def test_the_bodies_that_a_vehicle_may_be_are_bodies_within_the_spread() -> None
     assert traces.min() < 0.95 * traces[0] < 1.05 * traces[0] < traces.max()
 
 
-def flown(made: Made, seeds: list[int]) -> tuple[Array, Array, dict[str, float]]:
+def flown(made: WrittenPlan, seeds: list[int]) -> tuple[Array, Array, dict[str, float]]:
     """Sigmas over what is predicted, errors over sigmas, and the most that is taken, of the plan's own logs."""
     source = scenario.parse(made.scenario, "scenario.toml")
     predicted = np.array([item.sigma for item in made.plan.quantities.values()])
@@ -144,7 +144,7 @@ def flown(made: Made, seeds: list[int]) -> tuple[Array, Array, dict[str, float]]
     return np.array(sigmas) / predicted, np.array(errors), quiet
 
 
-def test_what_is_predicted_is_what_the_plans_own_logs_give(made: Made) -> None:
+def test_what_is_predicted_is_what_the_plans_own_logs_give(made: WrittenPlan) -> None:
     assert made.plan.reached
     assert made.exit_code == 0
     ratio, errors, most = flown(made, [4, 5, 6])
@@ -166,7 +166,7 @@ def test_what_no_bound_counts_is_in_what_is_predicted(folder: Path) -> None:
     assert np.abs(errors).max() < 4.5
 
 
-def test_the_course_falls_to_what_is_predicted(made: Made) -> None:
+def test_the_course_falls_to_what_is_predicted(made: WrittenPlan) -> None:
     for name, item in made.plan.quantities.items():
         told = [sigma for sigma in made.plan.course[name] if sigma is not None]
         assert (np.diff(told) <= 1e-12).all(), "information is never lost"
@@ -237,7 +237,7 @@ def test_a_vehicle_file_without_nominal_values_asks_for_a_guess(folder: Path) ->
     assert "says nothing of ixx, iyy, izz, mass; a plan needs a rough guess" in done.stderr
 
 
-def test_a_guess_that_no_body_is_like_is_told(folder: Path, made: Made) -> None:
+def test_a_guess_that_no_body_is_like_is_told(folder: Path, made: WrittenPlan) -> None:
     values = dict(zip(QUANTITIES, BODY.values.tolist(), strict=True)) | {"izz": 2 * float(BODY.ixx + BODY.iyy)}
     (folder / "flat.toml").write_text("[body]\n" + "\n".join(f"{name} = {value!r}" for name, value in values.items()))
     asked = Asked(precise("mass 20 %"), max_time_s=1.0, off=all_but("divert_x"))

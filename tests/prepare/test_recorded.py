@@ -11,7 +11,7 @@ from massprop_cli import flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.prepare import recorded
-from massprop_cli.testbed.simulate import Flight
+from massprop_cli.testbed.simulate import SimulatedFlight
 from tests.flown import fly
 
 LAG_S = 0.07
@@ -20,7 +20,7 @@ SHORT = ["duration_s=10.0", 'plan=[{motion="random", axes=["roll", "pitch", "yaw
 LAGGING = ["vehicle.imu.gyro_lag_s=0.04", f"vehicle.imu.accel_lag_s={LAG_S}"]
 
 
-def flown(*keys: str) -> Flight:
+def flown(*keys: str) -> SimulatedFlight:
     return fly("free-flyer", *SHORT, *keys)
 
 

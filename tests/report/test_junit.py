@@ -15,7 +15,7 @@ from massprop_cli import QUANTITIES
 from massprop_cli.inputs.expect import Expectations, Wanted
 from massprop_cli.inputs.tolerance import FOUR_SIGMA, Tolerance
 from massprop_cli.report import junit
-from massprop_cli.report.junit import Outcome
+from massprop_cli.report.junit import LogOutcome
 from massprop_cli.result.judge import judge
 from massprop_cli.result.schema import Result
 from tests import recorded
@@ -24,7 +24,7 @@ SCHEMA = xmlschema.XMLSchema10(Path(__file__).parents[1] / "data" / "jenkins-jun
 NOT_EXCITED = {"verdict": "not_excited", "value": None, "sigma": None, "final_at_s": None, "reason": "the motion hardly informed it"}
 
 
-def document(*outcomes: Outcome) -> JUnitXml:
+def document(*outcomes: LogOutcome) -> JUnitXml:
     """What a dashboard reads, after the schema has been checked."""
     text = junit.text(outcomes)
     SCHEMA.validate(text)
@@ -35,7 +35,7 @@ def cases(suite: Any) -> dict[str, Any]:
     return {case.name: case for case in suite}
 
 
-def only(outcome: Outcome) -> dict[str, Any]:
+def only(outcome: LogOutcome) -> dict[str, Any]:
     (suite,) = document(outcome)
     return cases(suite)
 
@@ -50,7 +50,7 @@ def kinds(case: Any) -> list[type]:
 
 
 def test_without_expectations_each_quantity_is_a_case_that_passes_if_converged() -> None:
-    found = only(Outcome("run", recorded.result([recorded.phase("all", cg_x=NOT_EXCITED, mass={"verdict": "not_converged"})])))
+    found = only(LogOutcome("run", recorded.result([recorded.phase("all", cg_x=NOT_EXCITED, mass={"verdict": "not_converged"})])))
     assert list(found) == list(QUANTITIES)
     assert kinds(found["ixx"]) == []
     assert found["ixx"].classname == "run.phase all"
@@ -63,7 +63,7 @@ def test_without_expectations_each_quantity_is_a_case_that_passes_if_converged()
 
 
 def test_with_expectations_each_expected_quantity_is_a_case_that_fails_if_missing_or_outside_its_tolerance() -> None:
-    found = only(Outcome("run", held(recorded.result([recorded.phase("all", cg_x=NOT_EXCITED)]), ixx=0.5, mass=22.5, cg_x=0.0)))
+    found = only(LogOutcome("run", held(recorded.result([recorded.phase("all", cg_x=NOT_EXCITED)]), ixx=0.5, mass=22.5, cg_x=0.0)))
     assert list(found) == ["ixx", "cg_x", "mass"]
     assert kinds(found["ixx"]) == [Failure]
     assert found["ixx"].result[0].message == "expected 0.5 ± 0.04 kg m^2 (4 sigma), got 0.62 (off by +0.12, +12 sigma)"
@@ -74,7 +74,7 @@ def test_with_expectations_each_expected_quantity_is_a_case_that_fails_if_missin
 
 
 def test_a_log_that_could_not_be_used_is_an_error_and_the_others_are_told() -> None:
-    xml = document(Outcome("bad", error="bad.csv, line 3: nan"), Outcome("good", recorded.result()))
+    xml = document(LogOutcome("bad", error="bad.csv, line 3: nan"), LogOutcome("good", recorded.result()))
     bad, good = xml
     (case,) = bad
     assert kinds(case) == [Error]
@@ -84,7 +84,7 @@ def test_a_log_that_could_not_be_used_is_an_error_and_the_others_are_told() -> N
 
 
 def test_required_quantities_that_are_not_converged_are_a_failure_with_its_reason() -> None:
-    (suite,) = document(Outcome("run", recorded.result(), unmet="required but not converged: mass in phase all is not_excited"))
+    (suite,) = document(LogOutcome("run", recorded.result(), unmet="required but not converged: mass in phase all is not_excited"))
     assert (suite.tests, suite.failures, suite.errors) == (11, 1, 0)
     (case,) = (case for case in suite if case.name == "required")
     assert case.classname == "run.log"
@@ -92,13 +92,13 @@ def test_required_quantities_that_are_not_converged_are_a_failure_with_its_reaso
 
 
 def test_counts_are_those_of_the_cases() -> None:
-    (suite,) = document(Outcome("run", held(recorded.result([recorded.phase("all", cg_x=NOT_EXCITED)]), ixx=0.5, mass=22.5, cg_x=0.0)))
+    (suite,) = document(LogOutcome("run", held(recorded.result([recorded.phase("all", cg_x=NOT_EXCITED)]), ixx=0.5, mass=22.5, cg_x=0.0)))
     assert (suite.tests, suite.failures, suite.errors, suite.skipped) == (3, 2, 0, 0)
 
 
 def test_phases_and_docked_object_are_classes_of_one_suite() -> None:
     two = recorded.result([recorded.phase("single"), recorded.phase("com.bined")], docked_object=recorded.docked())
-    (suite,) = document(Outcome("a.b/run", two))
+    (suite,) = document(LogOutcome("a.b/run", two))
     assert len(list(suite)) == 30
     names = dict.fromkeys(case.classname for case in suite)
     assert list(names) == ["a_b/run.phase single", "a_b/run.phase com_bined", "a_b/run.docked object (combined less single)"]
@@ -106,8 +106,8 @@ def test_phases_and_docked_object_are_classes_of_one_suite() -> None:
 
 def test_warnings_and_conventions_stand_in_the_suite() -> None:
     found = recorded.result(warnings=[{"code": "delay-mismatch", "message": "two cycles late"}])
-    document(Outcome("run", found))
-    suite = ElementTree.fromstring(junit.text([Outcome("run", found)]))[0]
+    document(LogOutcome("run", found))
+    suite = ElementTree.fromstring(junit.text([LogOutcome("run", found)]))[0]
     assert suite.findtext("system-err") == "warning: two cycles late [delay-mismatch]"
     properties = {entry.get("name"): entry.get("value", "") for entry in suite.iter("property")}
     assert properties["vehicle"] == "tug"
@@ -119,35 +119,35 @@ def test_no_outcomes_make_an_empty_document() -> None:
 
 
 def test_same_outcomes_give_the_same_bytes() -> None:
-    assert junit.text([Outcome("run", recorded.result())]) == junit.text([Outcome("run", recorded.result())])
+    assert junit.text([LogOutcome("run", recorded.result())]) == junit.text([LogOutcome("run", recorded.result())])
 
 
 @pytest.mark.parametrize("hostile", ["a\x00b\x1b[31m\x08", "]]>", "\"<&>'", "\ud800", "\u202eevil", "\ufffe\uffff", "a\r\nb\tc", ""])
 def test_names_with_characters_that_xml_forbids_are_read_all_the_same(hostile: str) -> None:
     log = {"path": hostile, "rows": 1, "cycles": 1, "duration_s": 1.0, "cycle_s": 1.0}
     found = recorded.result([recorded.phase(hostile)], log=log, warnings=[{"code": hostile, "message": hostile}])
-    document(Outcome(hostile, found), Outcome(hostile, error=hostile))
+    document(LogOutcome(hostile, found), LogOutcome(hostile, error=hostile))
 
 
 @given(st.lists(st.text(), max_size=3))
 def test_any_text_makes_a_valid_document(texts: Sequence[str]) -> None:
-    document(*(Outcome(text, error=text) for text in texts))
+    document(*(LogOutcome(text, error=text) for text in texts))
 
 
 def test_an_absolute_tolerance_is_named_in_its_unit() -> None:
     wanted = Expectations("e", "c" * 64, {"mass": Wanted(25.0, Tolerance(0.5, "absolute"))}, (), {})
-    case = only(Outcome("run", judge(recorded.result(), wanted)))["mass"]
+    case = only(LogOutcome("run", judge(recorded.result(), wanted)))["mass"]
     assert case.result[0].message == "expected 25 ± 0.5 kg, got 22 (off by -3, -12 sigma)"
 
 
 def test_a_contradicted_quantity_fails_with_the_cause_expected_or_not() -> None:
     found = recorded.result([recorded.contradicted()])
-    for cases_ in (only(Outcome("run", found)), only(Outcome("run", held(found, mass=22.0)))):
+    for cases_ in (only(LogOutcome("run", found)), only(LogOutcome("run", held(found, mass=22.0)))):
         assert kinds(cases_["mass"]) == kinds(cases_["ixx"]) == [Failure]
         assert recorded.CAUSE in cases_["mass"].result[0].message
         assert cases_["ixx"].result[0].message == f"contradicted: {recorded.CAUSE}; mend the cause; no motion cures it"
         assert cases_["ixx"].system_out == "ixx = -830 ± 4.0 kg m², contradicted"
     assert cases_["mass"].result[0].message == f"expected 22 ± 1 kg (4 sigma), contradicted: {recorded.CAUSE}"
-    (suite,) = document(Outcome("run", found))
+    (suite,) = document(LogOutcome("run", found))
     assert (suite.tests, suite.failures, suite.skipped) == (10, 7, 3)
-    assert "torque about Z" not in junit.text([Outcome("run", found)])
+    assert "torque about Z" not in junit.text([LogOutcome("run", found)])

@@ -10,14 +10,14 @@ import pytest
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.testbed import scenario, simulate
-from massprop_cli.testbed.simulate import Flight
+from massprop_cli.testbed.simulate import SimulatedFlight
 from tests.testbed.test_wheels import in_world
 
 SHORT = ("duration_s=20", 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], start_s=0, end_s=20}]')
 BODY = np.array([[0.6, 0.05, -0.06], [0.05, 2.7, 0.1], [-0.06, 0.1, 2.4]])
 
 
-def spun(flight: Flight) -> Array:
+def spun(flight: SimulatedFlight) -> Array:
     """(K, 3) momentum of the rotors relative to the body, 0.4 N m s each as they begin; body axes, by Rodrigues' formula."""
     held = np.zeros((len(flight.time_s), 3))
     for gyro in flight.vehicle.control_moment_gyros:

@@ -48,7 +48,7 @@ def by(model: str) -> dict[str, Any]:
     return {"model": model, "natural_frequency_rad_s": FREQUENCY, "damping": DAMPING}
 
 
-def angles(flown: simulate.Flight) -> Array:
+def angles(flown: simulate.SimulatedFlight) -> Array:
     """(K N + 1, 3) small angles from the start, rad."""
     return 2 * flown.attitude_wxyz[0, :, 1:]
 

@@ -8,7 +8,7 @@ import pytest
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.testbed import scenario, simulate
-from massprop_cli.testbed.environment.table import OnTable, Table
+from massprop_cli.testbed.environment.table import OnTable, TablePlant
 from massprop_cli.testbed.motion import Bodies, Wrench
 from massprop_cli.testbed.scenario import ScenarioSource
 
@@ -19,7 +19,7 @@ CG, MASS = np.array([0.03, -0.02, 0.4]), 22.0
 
 
 def on_table(held: tuple[float, float] = (0.0, 0.0)) -> OnTable:
-    return OnTable(Bodies(INERTIA[..., None], CG[:, None], np.array([MASS])), Table(G, np.array([*held, 0.0])))
+    return OnTable(Bodies(INERTIA[..., None], CG[:, None], np.array([MASS])), TablePlant(G, np.array([*held, 0.0])))
 
 
 def constant(wrench: list[float]) -> Wrench:

@@ -8,7 +8,7 @@ import pytest
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.testbed import scenario, simulate
-from massprop_cli.testbed.simulate import Flight
+from massprop_cli.testbed.simulate import SimulatedFlight
 
 SHORT = ("duration_s=8", 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], start_s=0, end_s=8}]')
 
@@ -25,7 +25,7 @@ def in_world(attitude_wxyz: Array, v: Array) -> Array:
     return turned
 
 
-def momentum(flight: Flight) -> Array:
+def momentum(flight: SimulatedFlight) -> Array:
     """(K, 3) of body and wheels in world axes at the end of each cycle, wheels counted once."""
     body = np.array([[0.6, 0.05, -0.06], [0.05, 2.7, 0.1], [-0.06, 0.1, 2.4]])
     rate, held = flight.rate_rad_s[0, 1:], np.zeros_like(flight.rate_rad_s[0, 1:])

@@ -19,7 +19,7 @@ import numpy as np
 from massprop_cli.base import limits
 from massprop_cli.base.errors import InputError, MachineError
 from massprop_cli.inputs.formats import recording
-from massprop_cli.inputs.formats.recording import Kind, Numbers, Read, Stream
+from massprop_cli.inputs.formats.recording import Kind, Numbers, Read, RecordedStream
 
 _INDEX, _NUMBERS = "streams.json", "numbers"
 _BYTES_A_SECOND, _MEMORY_A_BYTE = 500_000, 32
@@ -81,11 +81,11 @@ def _read(path: Path, found: Kind, told: dict[str, Any], numbers: Path) -> Read:
     return Read(streams, told["parameters"], told["vehicle"], told["map"])
 
 
-def _unreadable(path: Path, told: dict[str, Any]) -> Stream:
+def _unreadable(path: Path, told: dict[str, Any]) -> RecordedStream:
     def load() -> Numbers:
         raise InputError(f"{path}, {told['path']!r}: holds no numbers that can be read ({told['problem']})")
 
-    return Stream(told["path"], told["rows"], load, told["clock"], told["unit"])
+    return RecordedStream(told["path"], told["rows"], load, told["clock"], told["unit"])
 
 
 def main(path: Path, module: str, folder: Path, seconds: int, memory: int) -> None:
@@ -127,7 +127,7 @@ def _told(path: Path, module: str, numbers: Path) -> dict[str, Any]:
         }
 
 
-def _stream(one: Stream, file: Any) -> dict[str, Any]:
+def _stream(one: RecordedStream, file: Any) -> dict[str, Any]:
     """What is told of a stream, its numbers appended to the file."""
     told = {"path": one.path, "rows": one.rows, "clock": one.clock, "unit": one.unit}
     try:

@@ -38,7 +38,7 @@ _NO_ATTITUDE = re.compile(r"(?i:delta|error|reset|setpoint|desired|reference|tar
 
 
 @dataclass(frozen=True)
-class Quantity:
+class VectorName:
     """How a vector is known."""
 
     key: str
@@ -54,14 +54,14 @@ class Quantity:
 
 
 SENSORS = (
-    Quantity(
+    VectorName(
         "gyro",
         re.compile(r"gyro?|ang(ular)?_?(vel|rate)|omega|d(elta)?_?(theta|ang)|body_?rate|/xyz$|^w\*|/w\*|^\*$", re.IGNORECASE),
         units.RATE,
         units.ANGLE,
         _NO_SENSOR,
     ),
-    Quantity(
+    VectorName(
         "accelerometer",
         re.compile(r"acc|specific_?force|delta_?v|^dv_?\*|/dv_?\*|^a\*|/a\*", re.IGNORECASE),
         units.ACCELERATION,
@@ -70,12 +70,12 @@ SENSORS = (
     ),
 )
 COMMANDS = (
-    Quantity("torque", re.compile(r"torque|moment|tau|^m\*|^t\*", re.IGNORECASE), units.TORQUE, {}, _NO_COMMAND),
-    Quantity("force", re.compile(r"force(?!.*specific)|thrust|^f\*|/f\*", re.IGNORECASE), units.FORCE, {}, _NO_COMMAND),
+    VectorName("torque", re.compile(r"torque|moment|tau|^m\*|^t\*", re.IGNORECASE), units.TORQUE, {}, _NO_COMMAND),
+    VectorName("force", re.compile(r"force(?!.*specific)|thrust|^f\*|/f\*", re.IGNORECASE), units.FORCE, {}, _NO_COMMAND),
 )
 
 
-def candidates(quantity: Quantity, found: Sequence[Vector]) -> tuple[list[Vector], bool]:
+def candidates(quantity: VectorName, found: Sequence[Vector]) -> tuple[list[Vector], bool]:
     """Those that may be it, with a recorded unit before others; and whether it is settled that the only one is."""
     some = [v for v in found if len(v.streams) == 3 and not (_NEVER.search(v.stem) or quantity.never.search(v.stem))]
     named = [v for v in some if _is_called(quantity, v)]
@@ -94,7 +94,7 @@ def attitudes(found: Sequence[Vector]) -> list[Vector]:
     return [v for v in found if len(v.streams) == 4 and called.search(v.stem) and not _NO_ATTITUDE.search(v.stem)]
 
 
-def _is_called(quantity: Quantity, vector: Vector) -> bool:
+def _is_called(quantity: VectorName, vector: Vector) -> bool:
     """By its name, where its unit is not another quantity's."""
     unit = vector.streams[0].unit
     if units.is_any(unit) and units.factor(unit, quantity.known) is None:

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from massprop_cli.inputs.formats import units
-from massprop_cli.inputs.formats.recording import Stream
+from massprop_cli.inputs.formats.recording import RecordedStream
 
 _LENGTH = re.compile(r"[_.]?(integral_?)?dt(_(s|ms|us|ns))?(\s*[\[(].*)?", re.IGNORECASE)
 _NEAR = 0.05
@@ -17,7 +17,7 @@ _NEAR = 0.05
 logger leaves out is every twentieth."""
 
 
-def lengths(streams: Mapping[str, Stream], paths: Sequence[str]) -> Stream | None:
+def lengths(streams: Mapping[str, RecordedStream], paths: Sequence[str]) -> RecordedStream | None:
     """The stream that says how long each increment of these covers; None where none is called so."""
     same = [len(set(letters)) == 1 for letters in zip(*paths, strict=False)]
     stem = paths[0][: [*same, False].index(False)].rstrip("_.[( ")
@@ -26,13 +26,13 @@ def lengths(streams: Mapping[str, Stream], paths: Sequence[str]) -> Stream | Non
     return next((one for one in called if stem and one.rows == rows), None)
 
 
-def usual(length: Stream) -> float:
+def usual(length: RecordedStream) -> float:
     """What an increment covers, as recorded."""
     values = np.asarray(length.values, np.float64)
     return float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else np.nan
 
 
-def whole(length: Stream, step_s: Sequence[float]) -> bool:
+def whole(length: RecordedStream, step_s: Sequence[float]) -> bool:
     """Whether increments cover their interval, for any of these; their lengths' unit is seldom recorded, and any is taken."""
     recorded = units.factor(length.unit, units.TIME)
     factors = [recorded] if recorded is not None else list(units.TIME.values())

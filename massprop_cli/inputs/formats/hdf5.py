@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 
 from massprop_cli.base import limits
-from massprop_cli.inputs.formats.recording import Numbers, Read, Stream, whole
+from massprop_cli.inputs.formats.recording import Numbers, Read, RecordedStream, whole
 
 VEHICLE, MAP = "massprop.vehicle", "massprop.map"
 """Attributes of the file."""
@@ -33,22 +33,22 @@ def _is_own(item: Any) -> bool:
     return isinstance(item, h5py.Dataset) and not item.is_virtual and item.external is None and item.ndim in (1, 2) and item.size > 0
 
 
-def _streams(item: h5py.Dataset) -> Iterator[Stream]:
+def _streams(item: h5py.Dataset) -> Iterator[RecordedStream]:
     path = item.name.lstrip("/")
     unit, clock = _text(item, "unit") or _text(item, "units") or "", _clock(item)
     if item.dtype.names:
         if item.ndim == 1:
             for field in item.dtype.names:
                 if item.dtype[field].kind in "iufb":
-                    yield Stream(f"{path}/{field}", len(item), partial(_field, item, field), clock, unit)
+                    yield RecordedStream(f"{path}/{field}", len(item), partial(_field, item, field), clock, unit)
     elif item.dtype.kind in "iufb":
         rows, columns = (item.shape[0], 1) if item.ndim == 1 else item.shape
         if item.ndim == 1:
-            yield Stream(path, rows, partial(_part, item, ()), clock, unit)
+            yield RecordedStream(path, rows, partial(_part, item, ()), clock, unit)
         elif rows >= columns:
-            yield from (Stream(f"{path}[:,{n}]", rows, partial(_part, item, (slice(None), n)), clock, unit) for n in range(columns))
+            yield from (RecordedStream(f"{path}[:,{n}]", rows, partial(_part, item, (slice(None), n)), clock, unit) for n in range(columns))
         else:
-            yield from (Stream(f"{path}[{n},:]", columns, partial(_part, item, (n,)), clock, unit) for n in range(rows))
+            yield from (RecordedStream(f"{path}[{n},:]", columns, partial(_part, item, (n,)), clock, unit) for n in range(rows))
 
 
 def _part(item: h5py.Dataset, at: tuple[Any, ...]) -> Numbers:

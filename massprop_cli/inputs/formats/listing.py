@@ -12,7 +12,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.formats import units
 from massprop_cli.inputs.formats.clocks import GAP
-from massprop_cli.inputs.formats.recording import Recording, Stream
+from massprop_cli.inputs.formats.recording import RecordedStream, Recording
 
 _CLOCK_NAMES = ("time", "timestamp", "stamp", "t", "clock", "time_s", "t_s", "t_ms", "t_us", "t_ns", "time_ms", "time_us", "time_ns")
 _SURE = 3.0
@@ -41,7 +41,7 @@ def listed(read: Recording) -> list[Listed]:
     return [_listed(clocks, one) for one in read.streams.values()]
 
 
-def _listed(clocks: Clocks, one: Stream) -> Listed:
+def _listed(clocks: Clocks, one: RecordedStream) -> Listed:
     values = numbers(one)
     if values is None:
         return Listed(one.path, one.rows, None, None, None, one.unit, one.clock, "no numbers")
@@ -55,7 +55,7 @@ def _listed(clocks: Clocks, one: Stream) -> Listed:
     return Listed(one.path, one.rows - empty, clocks.rate_hz(one), least, most, one.unit, one.clock, note)
 
 
-def numbers(one: Stream) -> Array | None:
+def numbers(one: RecordedStream) -> Array | None:
     """A stream's values; None where they are none."""
     try:
         values = one.values
@@ -81,7 +81,7 @@ class Clocks:
         values = numbers(self.streams[path]) if leaf(path) in _CLOCK_NAMES and not held.all() else None
         return path in self.increasing or (values is not None and _increases(values[held]))
 
-    def of(self, one: Stream) -> list[str]:
+    def of(self, one: RecordedStream) -> list[str]:
         """The one that the file names, where it holds it; else increasing ones as long, those called so before others."""
         if one.clock and one.clock in self.streams:
             return [one.clock]
@@ -92,11 +92,11 @@ class Clocks:
         like = [path for path in like if (self._held(self.streams[path]) == held).all()] or like
         return [path for path in like if leaf(path) in _CLOCK_NAMES] or like
 
-    def samples(self, one: Stream) -> int:
+    def samples(self, one: RecordedStream) -> int:
         """How many rows have a number of it."""
         return int(self._held(one).sum())
 
-    def _held(self, one: Stream) -> BoolArray:
+    def _held(self, one: RecordedStream) -> BoolArray:
         """(rows,) where it has a number."""
         values = numbers(one)
         return np.zeros(one.rows, dtype=bool) if values is None else np.isfinite(values)
@@ -109,7 +109,7 @@ class Clocks:
         _, mark, ending = leaf(path).rpartition("_")
         return (ending, "by its name") if mark and ending in units.TIME else ("", "")
 
-    def step(self, path: str, of: Stream | None = None) -> float:
+    def step(self, path: str, of: RecordedStream | None = None) -> float:
         """The usual step of a clock, in its own unit; between samples ``of`` a stream. The roundest that stamps which scatter allow."""
         times = self.streams[path].values
         held = times[self._held(of or self.streams[path]) & self._held(self.streams[path])]
@@ -120,7 +120,7 @@ class Clocks:
         gaps = len(steps) - len(regular)
         return _roundest(float(regular.mean()), _SURE * float(regular.std()) * (1 + gaps) ** 0.5 / len(regular))
 
-    def rate_hz(self, one: Stream) -> float | None:
+    def rate_hz(self, one: RecordedStream) -> float | None:
         """Samples a second; None where the clock or its unit is not known."""
         found = self.of(one)
         factor = units.factor(self.unit(found[0])[0], units.TIME) if len(found) == 1 and found[0] in self.streams else None

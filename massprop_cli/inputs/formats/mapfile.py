@@ -65,7 +65,7 @@ class MappedVector(Mapped):
     axes: Axes = Field(("x", "y", "z"), description='which of them, with its sign, is x, y, z: ["y", "-x", "z"]')
 
 
-class Sensor(MappedVector):
+class MappedSensor(MappedVector):
     """Gyro or accelerometer, IMU axes."""
 
     values: Literal["sample", "mean", "increment"] = Field(
@@ -73,14 +73,14 @@ class Sensor(MappedVector):
     )
 
 
-class Wrench(MappedVector):
+class MappedWrench(MappedVector):
     """Commanded torque about O, or force."""
 
     frame: Literal["body", "world"] = Field("body", description="world, that of [attitude]: turned into body axes with it")
     holds: Literal["until_next", "since_last"] = Field("until_next", description="over what time a number counts")
 
 
-class Jet(Mapped):
+class MappedJet(Mapped):
     """One jet's on-time."""
 
     path: Path_ | Literal[0] = Field(description="0: it never fired in this log, which has no stream of it")
@@ -98,7 +98,7 @@ class Jet(Mapped):
         return self
 
 
-class Rotor(Mapped):
+class MappedRotor(Mapped):
     """What one rotor is told, or how fast it turns."""
 
     path: Path_
@@ -106,7 +106,7 @@ class Rotor(Mapped):
     holds: Literal["until_next", "since_last"] = "until_next"
 
 
-class Wheel(Mapped):
+class MappedWheel(Mapped):
     """How fast one wheel turns, or the torque on it."""
 
     path: Path_
@@ -114,7 +114,7 @@ class Wheel(Mapped):
     holds: Literal["until_next", "since_last"] = "until_next"
 
 
-class ControlMomentGyro(Mapped):
+class MappedGyro(Mapped):
     """The gimbal angle of one control moment gyro."""
 
     path: Path_
@@ -165,14 +165,14 @@ class MapFile(Section):
 
     schema_: Literal[1] = Field(alias="schema")
     clock: Clock = Field(Clock(), description="of all streams that have none of their own")
-    gyro: Sensor
-    accelerometer: Sensor | None = Field(None, description="absent: nothing was recorded of it")
-    torque: Wrench | None = None
-    force: Wrench | None = None
-    jets: dict[str, Jet] = Field({}, description="by their names in the vehicle file")
-    rotors: dict[str, Rotor] = Field({}, description="by their names in the vehicle file")
-    wheels: dict[str, Wheel] = Field({}, description="by their names in the vehicle file")
-    control_moment_gyros: dict[str, ControlMomentGyro] = Field({}, description="by their names in the vehicle file")
+    gyro: MappedSensor
+    accelerometer: MappedSensor | None = Field(None, description="absent: nothing was recorded of it")
+    torque: MappedWrench | None = None
+    force: MappedWrench | None = None
+    jets: dict[str, MappedJet] = Field({}, description="by their names in the vehicle file")
+    rotors: dict[str, MappedRotor] = Field({}, description="by their names in the vehicle file")
+    wheels: dict[str, MappedWheel] = Field({}, description="by their names in the vehicle file")
+    control_moment_gyros: dict[str, MappedGyro] = Field({}, description="by their names in the vehicle file")
     supply: Supply | None = Field(None, description="for rotors that state nominal_v")
     attitude: Attitude | None = None
     records: Records | None = None

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from massprop_cli.base import limits
-from massprop_cli.inputs.formats.recording import Numbers, Read, Stream, stream, whole
+from massprop_cli.inputs.formats.recording import Numbers, Read, RecordedStream, stream, whole
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _HEADER, _TAG = 128, 8
@@ -60,7 +60,7 @@ def _check_size(path: Path, data: bytes) -> None:
         at += size
 
 
-def _streams(path: str, value: Any, depth: int) -> Iterator[Stream]:
+def _streams(path: str, value: Any, depth: int) -> Iterator[RecordedStream]:
     if depth > _DEEPEST:
         return
     if isinstance(value, pd.DataFrame):
@@ -77,7 +77,7 @@ def _streams(path: str, value: Any, depth: int) -> Iterator[Stream]:
         yield from _columns(path, value)
 
 
-def _columns(path: str, value: Numbers) -> Iterator[Stream]:
+def _columns(path: str, value: Numbers) -> Iterator[RecordedStream]:
     """Of a vector, itself; of a matrix its columns, or its rows where it is wider than long: the path says which."""
     values = whole(value)
     if values.ndim == 1 or (1 in values.shape and values.ndim == 2):
@@ -88,7 +88,7 @@ def _columns(path: str, value: Numbers) -> Iterator[Stream]:
         yield from (stream(f"{path}({n + 1},:)", values[n]) for n in range(values.shape[0]))
 
 
-def _table(path: str, table: pd.DataFrame) -> Iterator[Stream]:
+def _table(path: str, table: pd.DataFrame) -> Iterator[RecordedStream]:
     """A table's variables; a timetable's have its times for a clock."""
     clock = ""
     if isinstance(table.index, pd.TimedeltaIndex | pd.DatetimeIndex):

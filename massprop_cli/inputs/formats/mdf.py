@@ -11,7 +11,7 @@ import numpy as np
 from asammdf import MDF
 
 from massprop_cli.base import limits
-from massprop_cli.inputs.formats.recording import Numbers, Read, Stream, whole
+from massprop_cli.inputs.formats.recording import Numbers, Read, RecordedStream, whole
 
 
 def read(path: Path, data: bytes) -> Read:
@@ -21,7 +21,7 @@ def read(path: Path, data: bytes) -> Read:
     return Read(_streams(file))
 
 
-def _streams(file: Any) -> Iterator[Stream]:
+def _streams(file: Any) -> Iterator[RecordedStream]:
     names = Counter(channel.name for group in file.groups for channel in group.channels)
     for at, group in enumerate(file.groups):
         rows, master = group.channel_group.cycles_nr, file.masters_db.get(at)
@@ -34,7 +34,7 @@ def _streams(file: Any) -> Iterator[Stream]:
         for number, channel in enumerate(group.channels):
             unit = "s" if number == master else str(getattr(channel, "unit", "") or getattr(channel.conversion, "unit", "") or "")
             load = partial(_master, file, at) if number == master else partial(_values, file, at, number)
-            yield Stream(spelt(number), rows, load, "" if number == master else clock, unit)
+            yield RecordedStream(spelt(number), rows, load, "" if number == master else clock, unit)
 
 
 def _master(file: Any, group: int) -> Numbers:

@@ -12,7 +12,7 @@ from massprop_cli.inputs.formats import resample
 from massprop_cli.inputs.formats.clocks import GAP
 from massprop_cli.inputs.formats.mapfile import Records
 from massprop_cli.inputs.formats.onrows import wrenches
-from massprop_cli.inputs.formats.signals import Signal, Signals
+from massprop_cli.inputs.formats.signals import QuantitySignal, Signals
 
 LOST = 1.5
 """Times the usual interval: more is told of as a lost sample, even where it is no gap."""
@@ -34,7 +34,7 @@ _EARLY = 0.25
 class StreamCommand:
     """One commanded quantity."""
 
-    signal: Signal
+    signal: QuantitySignal
     holds: resample.Holds
     names: tuple[str, ...]
     kind: str
@@ -45,20 +45,20 @@ class StreamCommand:
 class Streams:
     """What a log is made of."""
 
-    imu: Sequence[tuple[Signal, resample.Values]]
+    imu: Sequence[tuple[QuantitySignal, resample.Values]]
     """Gyro, and the accelerometer where the map has one; each with what its numbers are."""
     commands: Sequence[StreamCommand]
-    attitude: Signal | None
-    instants: Sequence[tuple[Signal, str]]
+    attitude: QuantitySignal | None
+    instants: Sequence[tuple[QuantitySignal, str]]
     signals: Signals
 
     @property
-    def gyro(self) -> Signal:
+    def gyro(self) -> QuantitySignal:
         """The first of them."""
         return self.imu[0][0]
 
     @property
-    def slow(self) -> list[Signal]:
+    def slow(self) -> list[QuantitySignal]:
         """Those that are read off at records' ends."""
         return [*([] if self.attitude is None else [self.attitude]), *(signal for signal, _ in self.instants)]
 
@@ -113,7 +113,7 @@ def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Ar
     return made
 
 
-def _read_off(signal: Signal, cycle_s: float) -> str:
+def _read_off(signal: QuantitySignal, cycle_s: float) -> str:
     """How what is read off at the ends of records was come by, and what of it is made up."""
     step = signal.times.step_s
     said = f"every {step:.6g} s, interpolated to the records' ends"
@@ -125,7 +125,7 @@ def _read_off(signal: Signal, cycle_s: float) -> str:
     )
 
 
-def _commands(signals: Signals, attitude: Signal | None) -> list[StreamCommand]:
+def _commands(signals: Signals, attitude: QuantitySignal | None) -> list[StreamCommand]:
     found = []
     for key, wrench, known, names in wrenches(signals):
         signal = signals.wrench(key, wrench, known)
@@ -143,7 +143,7 @@ def _commands(signals: Signals, attitude: Signal | None) -> list[StreamCommand]:
     return found
 
 
-def _check_open(signals: Signals, valves: Sequence[Signal]) -> None:
+def _check_open(signals: Signals, valves: Sequence[QuantitySignal]) -> None:
     """Valves of which none ever opens: their numbers are another quantity, or percent of what isn't."""
     widest = max(valves, key=lambda one: float(one.values.max()), default=None)
     if widest is None:
@@ -159,7 +159,7 @@ def _check_open(signals: Signals, valves: Sequence[Signal]) -> None:
         )
 
 
-def _instants(signals: Signals) -> list[tuple[Signal, str]]:
+def _instants(signals: Signals) -> list[tuple[QuantitySignal, str]]:
     """What is read off at the ends of records, with its column."""
     return [(signal, column) for signal, column, kind, _ in signals.spinners() if kind == "instant"]
 
@@ -168,7 +168,7 @@ def _instants(signals: Signals) -> list[tuple[Signal, str]]:
 class _Span:
     """When a signal is there."""
 
-    signal: Signal
+    signal: QuantitySignal
     at_s: Array
 
 
@@ -219,7 +219,7 @@ def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands:
     return edges[: whole + 1]
 
 
-def _check(signals: Signals, edges: Array, sensors: Sequence[Signal], slow: Sequence[Signal]) -> None:
+def _check(signals: Signals, edges: Array, sensors: Sequence[QuantitySignal], slow: Sequence[QuantitySignal]) -> None:
     """Sensors must be at least as fast as records, and nothing may have a gap."""
     length = median(np.diff(edges))
     for signal in sensors:
@@ -337,7 +337,7 @@ def _differing(values: Array, first: IntArray, count: IntArray) -> BoolArray:
     return found
 
 
-def _counted(signal: Signal, first: IntArray, count: IntArray, cycle: int) -> str:
+def _counted(signal: QuantitySignal, first: IntArray, count: IntArray, cycle: int) -> str:
     """How many there are in a cycle and, of those that are not alike, two."""
     own = list(dict.fromkeys(signal.values[first[cycle] : first[cycle] + count[cycle], 0].tolist()))
     return f"{count[cycle]} on-times ({' and '.join(f'{value:.4g} s' for value in own[:2])})" if own else "no on-time"

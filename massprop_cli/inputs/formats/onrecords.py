@@ -13,7 +13,7 @@ from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import resample
 from massprop_cli.inputs.formats.mapfile import Records
 from massprop_cli.inputs.formats.oncycles import SAME, STAMPED, StreamCommand, Streams
-from massprop_cli.inputs.formats.signals import Signal, sampled
+from massprop_cli.inputs.formats.signals import QuantitySignal, sampled
 
 LIKE = 0.2
 """Commands that come as often as control cycles, to this part of a cycle."""
@@ -68,7 +68,7 @@ def _evened(scatter_s: float) -> str:
 
 def _issued(commands: Sequence[StreamCommand], interval_s: float, per_cycle: int) -> tuple[Array, float] | None:
     """When commands were issued, where all are one row each, and by how much their stamps scatter about even times, if these are taken."""
-    recorded: list[Signal] = []
+    recorded: list[QuantitySignal] = []
     for command in commands:
         if not command.signal.paths:
             continue

@@ -3,8 +3,8 @@
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import resample, units
-from massprop_cli.inputs.formats.mapfile import Wrench
-from massprop_cli.inputs.formats.signals import Signal, Signals, sampled
+from massprop_cli.inputs.formats.mapfile import MappedWrench
+from massprop_cli.inputs.formats.signals import QuantitySignal, Signals, sampled
 
 
 def columns_of(signals: Signals) -> dict[str, Array]:
@@ -38,14 +38,14 @@ def columns_of(signals: Signals) -> dict[str, Array]:
     return made
 
 
-def wrenches(signals: Signals) -> list[tuple[str, Wrench, dict[str, float], tuple[str, ...]]]:
+def wrenches(signals: Signals) -> list[tuple[str, MappedWrench, dict[str, float], tuple[str, ...]]]:
     """Commanded torque and force where the map has them: key, entry, units, columns."""
     said = signals.map
     both = (("torque", said.torque, units.TORQUE, columns.WRENCH[:3]), ("force", said.force, units.FORCE, columns.WRENCH[3:]))
     return [(key, wrench, known, names) for key, wrench, known, names in both if wrench is not None]
 
 
-def _beside(gyro: Signal, signal: Signal, signals: Signals) -> Signal:
+def _beside(gyro: QuantitySignal, signal: QuantitySignal, signals: Signals) -> QuantitySignal:
     """The signal, once it is seen to be on the gyro's clock."""
     own, its = signal.times, gyro.times
     if own is not its and (len(own.s) != len(its.s) or (own.s != its.s).any()):

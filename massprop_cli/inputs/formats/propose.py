@@ -12,8 +12,8 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import called, covering, listing, units
-from massprop_cli.inputs.formats.called import COMMANDS, SENSORS, Quantity
-from massprop_cli.inputs.formats.recording import Recording, Stream
+from massprop_cli.inputs.formats.called import COMMANDS, SENSORS, VectorName
+from massprop_cli.inputs.formats.recording import RecordedStream, Recording
 from massprop_cli.inputs.formats.vectors import Vector, vectors
 
 _MANY = 8
@@ -69,7 +69,7 @@ def questions(text: str) -> int:
     return sum(line.partition("#")[0].count('"?"') > 0 for line in text.splitlines())
 
 
-def _section(clocks: listing.Clocks, quantity: Quantity, found: Sequence[Vector], chosen: dict[str, Vector]) -> list[str]:
+def _section(clocks: listing.Clocks, quantity: VectorName, found: Sequence[Vector], chosen: dict[str, Vector]) -> list[str]:
     candidates, settled = called.candidates(quantity, found)
     partial = {tuple(v.paths): said for v in candidates if (said := _left_out(clocks, quantity, v))}
     if partial:
@@ -89,7 +89,7 @@ def _section(clocks: listing.Clocks, quantity: Quantity, found: Sequence[Vector]
     return [*lines, *(_sensor(clocks, quantity, vector) if quantity in SENSORS else _wrench(quantity, vector)), ""]
 
 
-def _covering(clocks: listing.Clocks, quantity: Quantity, vector: Vector) -> tuple[Stream, bool] | None:
+def _covering(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> tuple[RecordedStream, bool] | None:
     """Of increments the stream that says how long each covers, and whether that is all the time; None where there is none."""
     length = covering.lengths(clocks.streams, vector.paths)
     found = clocks.of(vector.streams[0])
@@ -99,7 +99,7 @@ def _covering(clocks: listing.Clocks, quantity: Quantity, vector: Vector) -> tup
     return length, covering.whole(length, [step * each for each in ([factor] if factor is not None else units.TIME.values())])
 
 
-def _left_out(clocks: listing.Clocks, quantity: Quantity, vector: Vector) -> str:
+def _left_out(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> str:
     """Why increments are not all that happened; empty where nothing says so."""
     found = _covering(clocks, quantity, vector)
     if found is None or found[1]:
@@ -108,7 +108,7 @@ def _left_out(clocks: listing.Clocks, quantity: Quantity, vector: Vector) -> str
     return f"by {found[0].path!r} each covers {covering.usual(found[0]):.6g}, and they come every {step:.6g} by their clock"
 
 
-def _no_vector(quantity: Quantity) -> list[str]:
+def _no_vector(quantity: VectorName) -> list[str]:
     return ['unit = "?"', f'values = "?"   # {_ASK_VALUES}'] if quantity in SENSORS else ['unit = "?"', 'frame = "?"   # "body" or "world"']
 
 
@@ -128,7 +128,7 @@ def _values_of(vector: Vector) -> list[Array]:
     return [each[held] for each in values]
 
 
-def _sensor(clocks: listing.Clocks, quantity: Quantity, vector: Vector) -> list[str]:
+def _sensor(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> list[str]:
     lines = []
     unit = vector.streams[0].unit
     known = (*columns.DELTA_THETA, *columns.DELTA_V, *columns.GYRO, *columns.ACCEL)
@@ -155,7 +155,7 @@ def _sensor(clocks: listing.Clocks, quantity: Quantity, vector: Vector) -> list[
     return lines
 
 
-def _unit(quantity: Quantity, vector: Vector) -> str:
+def _unit(quantity: VectorName, vector: Vector) -> str:
     """What the numbers themselves settle: only gravity does."""
     values = _values_of(vector)
     size = listing.median_size(values)
@@ -175,7 +175,7 @@ def _recorded(vector: Vector) -> str:
     return f"recorded as {json.dumps(unit, ensure_ascii=False)}, which is none of these: state scale beside it" if unit else "not recorded"
 
 
-def _wrench(quantity: Quantity, vector: Vector) -> list[str]:
+def _wrench(quantity: VectorName, vector: Vector) -> list[str]:
     if listing.leaf(vector.paths[0]) in columns.WRENCH:
         return [f'unit = "{next(iter(quantity.rates))}"   # by its name', 'frame = "body"   # by its name']
     unit = (

@@ -13,7 +13,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.base.spill import Content
 from massprop_cli.inputs import tablefile
 from massprop_cli.inputs.formats import units
-from massprop_cli.inputs.formats.recording import TABLE, Numbers, Read, Recording, Stream, counted, kind
+from massprop_cli.inputs.formats.recording import TABLE, Numbers, Read, RecordedStream, Recording, counted, kind
 from massprop_cli.inputs.tablefile import Cells, Table
 
 
@@ -38,7 +38,7 @@ def read(path: Path, data: Content) -> Recording:
         from massprop_cli.inputs.formats import apart
 
         said = apart.read(path, bytes(data), found)
-    streams: dict[str, Stream] = {}
+    streams: dict[str, RecordedStream] = {}
     for one in counted(path, said.streams):
         streams.setdefault(one.path, one)
     if not any(one.rows for one in streams.values()):
@@ -52,9 +52,9 @@ def read_table(path: Path, data: Content) -> Read:
     return Read([_stream(table, *column) for column in table.columns.items()], vehicle=table.embedded_vehicle, map=table.embedded_map)
 
 
-def _stream(table: Table, name: str, cells: Cells) -> Stream:
+def _stream(table: Table, name: str, cells: Cells) -> RecordedStream:
     load: Callable[[], Numbers] = cells.counts if cells.instants else cells.numbers
-    return Stream(name, table.rows, load, unit=cells.instants or cells.unit or units.behind(name)[1], place=cells.places.of)
+    return RecordedStream(name, table.rows, load, unit=cells.instants or cells.unit or units.behind(name)[1], place=cells.places.of)
 
 
 METADATA = "metadata.yaml"
@@ -92,14 +92,14 @@ def files(folder: Path) -> list[Path]:
     return [folder / name for name in names]
 
 
-def _joined(parts: Sequence[Stream]) -> Stream:
+def _joined(parts: Sequence[RecordedStream]) -> RecordedStream:
     """One stream after the other."""
     first = parts[0]
     if len(parts) == 1:
         return first
-    return Stream(first.path, sum(part.rows for part in parts), partial(_values, parts), first.clock, first.unit)
+    return RecordedStream(first.path, sum(part.rows for part in parts), partial(_values, parts), first.clock, first.unit)
 
 
-def _values(parts: Sequence[Stream]) -> Numbers:
+def _values(parts: Sequence[RecordedStream]) -> Numbers:
     found: Numbers = np.concatenate([part.values for part in parts])
     return found

@@ -24,7 +24,7 @@ Numbers = NDArray[Any]
 
 
 @dataclass(frozen=True)
-class Stream:
+class RecordedStream:
     """One signal of a recording."""
 
     path: str
@@ -44,9 +44,9 @@ class Stream:
         return self.load()
 
 
-def stream(path: str, values: Numbers, clock: str = "", unit: str = "") -> Stream:
+def stream(path: str, values: Numbers, clock: str = "", unit: str = "") -> RecordedStream:
     """A stream of values at hand."""
-    return Stream(path, len(values), lambda: values, clock, unit)
+    return RecordedStream(path, len(values), lambda: values, clock, unit)
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Recording:
     sha256: str
     kind: str
     """What the file is, for messages."""
-    streams: Mapping[str, Stream]
+    streams: Mapping[str, RecordedStream]
     parameters: Mapping[str, float] = field(default_factory=dict)
     """Settings of the vehicle that the file carries, such as PX4's."""
     vehicle: str | None = None
@@ -70,7 +70,7 @@ class Recording:
 class Read:
     """What a reader gives."""
 
-    streams: Iterable[Stream]
+    streams: Iterable[RecordedStream]
     parameters: Mapping[str, float] = field(default_factory=dict)
     vehicle: str | None = None
     map: str | None = None
@@ -151,7 +151,7 @@ def _others() -> str:
     return f"{', '.join(names[:-1])} or {names[-1]}"
 
 
-def counted(path: Path, streams: Iterable[Stream]) -> Iterator[Stream]:
+def counted(path: Path, streams: Iterable[RecordedStream]) -> Iterator[RecordedStream]:
     """The streams, as long as there are no more of them, and no more numbers in them, than the limits allow."""
     cells = 0
     for number, one in enumerate(streams, 1):

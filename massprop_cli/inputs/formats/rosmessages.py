@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from massprop_cli.base import limits
-from massprop_cli.inputs.formats.recording import Stream, stream
+from massprop_cli.inputs.formats.recording import RecordedStream, stream
 
 LOG_TIME = "@log_time"
 """The clock of a topic: when its messages were recorded; that of the header, where there is one, is the better."""
@@ -35,7 +35,7 @@ class Topic:
         self.time_ns.append(time_ns)
         self.rows.append(dict(_fields(message, "")))
 
-    def streams(self) -> Iterator[Stream]:
+    def streams(self) -> Iterator[RecordedStream]:
         """Fields that every message has, on the header's clock where there is one."""
         clock = f"{self.name}/{LOG_TIME}"
         yield stream(clock, np.array(self.time_ns, np.int64), unit="ns")
@@ -54,7 +54,7 @@ class Topic:
         return _UNITS.get(self.kind, {}).get(parts[0], "") if len(parts) == 2 else ""
 
 
-def collected(path: Path, messages: Iterable[tuple[str, str, int, Any]]) -> Iterator[Stream]:
+def collected(path: Path, messages: Iterable[tuple[str, str, int, Any]]) -> Iterator[RecordedStream]:
     """The streams of messages (topic, type, time in ns, message)."""
     topics: dict[str, Topic] = {}
     cells = 0

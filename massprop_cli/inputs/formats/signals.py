@@ -13,9 +13,9 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import clocks, covering, resample, units
 from massprop_cli.inputs.formats.clocks import Times
-from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Jet, Mapped, MappedVector, MapSource, Sensor, Wrench
+from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Mapped, MappedJet, MappedSensor, MappedVector, MappedWrench, MapSource
 from massprop_cli.inputs.formats.pathpattern import fitting
-from massprop_cli.inputs.formats.recording import Numbers, Recording, Stream
+from massprop_cli.inputs.formats.recording import Numbers, RecordedStream, Recording
 from massprop_cli.inputs.vehicle import ACTUATORS
 
 _SHOWN = 5
@@ -23,7 +23,7 @@ _SENSORS = ("gyro", "accelerometer")
 
 
 @dataclass(frozen=True)
-class Signal:
+class QuantitySignal:
     """Numbers of one quantity, SI."""
 
     key: str
@@ -57,7 +57,7 @@ class Signals:
         """What is wrong with a path under a key of the map."""
         return InputError(f"{self.recording.path}, {path!r}: {problem} ([{key}] of {self.source})")
 
-    def sensor(self, key: str, said: Sensor, rates: Mapping[str, float], increments: Mapping[str, float]) -> Signal:
+    def sensor(self, key: str, said: MappedSensor, rates: Mapping[str, float], increments: Mapping[str, float]) -> QuantitySignal:
         """Gyro or accelerometer, the sensor's axes turned as the map says."""
         found = self._vector(key, said, increments if said.values == "increment" else rates)
         self._gyro = found.times if key == "gyro" else self._gyro
@@ -65,7 +65,7 @@ class Signals:
             self._check_covering(found)
         return found
 
-    def imu(self) -> list[tuple[Signal, resample.Values]]:
+    def imu(self) -> list[tuple[QuantitySignal, resample.Values]]:
         """Gyro, and the accelerometer where the map has one; each with what its numbers are."""
         found = [(self.sensor("gyro", self.map.gyro, units.RATE, units.ANGLE), self.map.gyro.values)]
         said = self.map.accelerometer
@@ -73,7 +73,7 @@ class Signals:
             found.append((self.sensor("accelerometer", said, units.ACCELERATION, units.SPEED), said.values))
         return found
 
-    def _check_covering(self, found: Signal) -> None:
+    def _check_covering(self, found: QuantitySignal) -> None:
         """Increments cover the time since the one before, where the file says what they cover."""
         length = covering.lengths(self.recording.streams, found.paths)
         if length is not None and not covering.whole(length, [found.times.step_s]):
@@ -84,11 +84,11 @@ class Signals:
                 'what happened in between is lost. Log all of them, or map rates instead (values = "sample" or "mean"); or mend the clock',
             )
 
-    def wrench(self, key: str, said: Wrench, known: Mapping[str, float]) -> Signal:
+    def wrench(self, key: str, said: MappedWrench, known: Mapping[str, float]) -> QuantitySignal:
         """Commanded torque or force in the frame that the map states."""
         return self._vector(key, said, known)
 
-    def jet(self, name: str, said: Jet) -> tuple[Signal, bool]:
+    def jet(self, name: str, said: MappedJet) -> tuple[QuantitySignal, bool]:
         """On-times in s, or openings from 0 to 1; and whether it is these."""
         key = f"jets.{name}"
         if said.path == 0:
@@ -103,7 +103,7 @@ class Signals:
         signal = self._signal(key, [stream.path], values[:, None], clock)
         return signal, unit in units.SHARE
 
-    def _bit(self, key: str, stream: Stream, bit: int) -> Array:
+    def _bit(self, key: str, stream: RecordedStream, bit: int) -> Array:
         """(n,) whether a bit of a whole number is set: 0, 1, and NaN where there is no number."""
         values = self._numbers(key, stream, empty=True)
         bad = np.flatnonzero((values < 0) | (~np.isnan(values) & (values % 1 != 0)))
@@ -112,7 +112,7 @@ class Signals:
             raise self.error(key, stream.path, f"{values[bad[0]]:g} at {where} is no whole number of bits; drop bit, or name another path")
         return np.where(np.isnan(values), values, np.nan_to_num(values).astype(np.int64) >> bit & 1)
 
-    def spinners(self) -> Iterator[tuple[Signal, str, Literal["mean", "instant"], resample.Holds]]:
+    def spinners(self) -> Iterator[tuple[QuantitySignal, str, Literal["mean", "instant"], resample.Holds]]:
         """Of actuators: a signal, its column, whether it is held or read off at records' ends, and over what time it holds."""
         for table, kind in ACTUATORS.items():
             known = {unit: factor for column in kind.COLUMNS for unit, factor in column.units.items()}
@@ -124,13 +124,13 @@ class Signals:
             signal, _ = self._number("supply", self.map.supply, self.map.supply.path, units.SUPPLY)
             yield signal, columns.SUPPLY, "instant", "until_next"
 
-    def _number(self, key: str, said: Mapped, path: str, known: Mapping[str, float]) -> tuple[Signal, str]:
+    def _number(self, key: str, said: Mapped, path: str, known: Mapping[str, float]) -> tuple[QuantitySignal, str]:
         stream = self._stream(key, path)
         factor, unit = self._factor(key, stream, said, known)
         values = self._numbers(key, stream, empty=self._apart) * (factor * said.scale)
         return self._signal(key, [stream.path], values[:, None], self._clock_of(key, [path], said.clock)), unit
 
-    def attitude(self, said: Attitude) -> Signal:
+    def attitude(self, said: Attitude) -> QuantitySignal:
         """Unit quaternions wxyz, the file's own world from body."""
         paths = [str(path) for path in self._paths("attitude", said.paths, 4)]
         columns = [self._numbers("attitude", self._stream("attitude", path), empty=self._apart) for path in paths]
@@ -150,7 +150,7 @@ class Signals:
         quaternion = resample.about_axes(quaternion, said.axes)
         return self._signal("attitude", paths, quaternion, self._clock_of("attitude", paths, said.clock))
 
-    def _vector(self, key: str, said: MappedVector, known: Mapping[str, float]) -> Signal:
+    def _vector(self, key: str, said: MappedVector, known: Mapping[str, float]) -> QuantitySignal:
         paths = self._paths(key, said.paths, 3)
         streams = [self._stream(key, path) if isinstance(path, str) else None for path in paths]
         columns = []
@@ -169,18 +169,18 @@ class Signals:
             return self._throughout(key, turned[0])
         return self._signal(key, named, turned, self._clock_of(key, named, said.clock))
 
-    def _throughout(self, key: str, values: Array) -> Signal:
+    def _throughout(self, key: str, values: Array) -> QuantitySignal:
         """What the map states itself, at the gyro's times."""
         gyro = self._paths("gyro", self.map.gyro.paths, 3)
         times = self._gyro or self._times("gyro", self._clock_of("gyro", gyro, self.map.gyro.clock))
-        return Signal(key, (), np.broadcast_to(values, (len(times.s), len(values))), times)
+        return QuantitySignal(key, (), np.broadcast_to(values, (len(times.s), len(values))), times)
 
-    def _signal(self, key: str, paths: Sequence[str], values: Array, clock: Clock) -> Signal:
+    def _signal(self, key: str, paths: Sequence[str], values: Array, clock: Clock) -> QuantitySignal:
         rows = self._stream(f"{key}.clock", clock.path or "").rows
         if rows != len(values):
             raise self.error(key, paths[0], f"has {len(values)} samples and its clock {clock.path!r} {rows}; name the clock it has")
         held = self._held(key, paths, values) if self._apart else np.ones(rows, dtype=bool)
-        return Signal(key, tuple(paths), values[held], self._times(key, clock, held))
+        return QuantitySignal(key, tuple(paths), values[held], self._times(key, clock, held))
 
     @property
     def _apart(self) -> bool:
@@ -221,7 +221,7 @@ class Signals:
             raise self.error(key, str(found[:1]), f"{len(found)} paths; give {count}")
         return found
 
-    def _stream(self, key: str, path: str) -> Stream:
+    def _stream(self, key: str, path: str) -> RecordedStream:
         found = self.recording.streams.get(path)
         if found is None:
             hint = nearest(path, self.recording.streams, "the nearest is")
@@ -230,7 +230,7 @@ class Signals:
             raise self.error(key, path, "holds no sample; was it recorded? massprop columns lists what was")
         return found
 
-    def _numbers(self, key: str, stream: Stream, empty: bool = False) -> Array:
+    def _numbers(self, key: str, stream: RecordedStream, empty: bool = False) -> Array:
         values = np.asarray(stream.values, np.float64)
         bad = np.flatnonzero(np.isinf(values) if empty else ~np.isfinite(values))
         if bad.size:
@@ -240,7 +240,7 @@ class Signals:
             )
         return values
 
-    def _factor(self, key: str, stream: Stream, stated: Mapped | Clock, known: Mapping[str, float]) -> tuple[float, str]:
+    def _factor(self, key: str, stream: RecordedStream, stated: Mapped | Clock, known: Mapping[str, float]) -> tuple[float, str]:
         """To SI by the unit that is stated or recorded; it is refused where these contradict each other."""
         said, recorded = stated.unit, units.plain(stream.unit)
         text = said or recorded
@@ -338,7 +338,7 @@ def replace_clock(clock: Clock, path: str) -> Clock:
     return clock.model_copy(update={"path": path})
 
 
-def sampled(imu: Sequence[tuple[Signal, resample.Values]]) -> tuple[bool, bool]:
+def sampled(imu: Sequence[tuple[QuantitySignal, resample.Values]]) -> tuple[bool, bool]:
     """Whether records of gyro and accelerometer are samples at their times."""
     gyro, *others = (kind == "sample" for _, kind in imu)
     return gyro, others[0] if others else gyro

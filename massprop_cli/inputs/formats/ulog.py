@@ -9,7 +9,7 @@ from typing import Any
 from pyulog import ULog
 
 from massprop_cli.base import limits
-from massprop_cli.inputs.formats.recording import Read, Stream, stream
+from massprop_cli.inputs.formats.recording import Read, RecordedStream, stream
 
 CLOCK = "timestamp"
 _UNITS = {
@@ -59,7 +59,7 @@ def _check(data: bytes) -> None:
         at += _TAG + size
 
 
-def _streams(topic: Any) -> Iterator[Stream]:
+def _streams(topic: Any) -> Iterator[RecordedStream]:
     place = topic.name if topic.multi_id == 0 else f"{topic.name}.{topic.multi_id}"
     clock = f"{place}/{CLOCK}"
     for field, values in topic.data.items():

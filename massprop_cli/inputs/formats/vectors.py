@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.formats import units
-from massprop_cli.inputs.formats.recording import Recording, Stream
+from massprop_cli.inputs.formats.recording import RecordedStream, Recording
 
 _MARKS = (
     (re.compile(r"\[(?::,)?(\d)(?:,:)?\]$"), 0),
@@ -29,7 +29,7 @@ class Vector:
     """Their name with * for the axis."""
     axes: str
     """What stands for it: ``xyz``, ``wxyz``, ``012``, ``pqr``."""
-    streams: tuple[Stream, ...]
+    streams: tuple[RecordedStream, ...]
 
     @property
     def paths(self) -> list[str]:
@@ -39,7 +39,7 @@ class Vector:
 
 def vectors(read: Recording) -> list[Vector]:
     """All that are complete. A stream may be of more than one, where its name can be read in two ways."""
-    groups: dict[tuple[str, int], dict[str, Stream]] = {}
+    groups: dict[tuple[str, int], dict[str, RecordedStream]] = {}
     for one in read.streams.values():
         for stem, axis, way in _ways(one.path):
             groups.setdefault((stem, way), {})[axis] = one
@@ -54,7 +54,7 @@ def vectors(read: Recording) -> list[Vector]:
     return found
 
 
-def _alike(streams: Sequence[Stream]) -> bool:
+def _alike(streams: Sequence[RecordedStream]) -> bool:
     return len({(one.rows, one.clock, one.unit) for one in streams}) == 1
 
 

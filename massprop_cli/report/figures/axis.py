@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from massprop_cli.base.escape import line
 from massprop_cli.report.figures import palette
 from massprop_cli.report.figures.panel import LEFT
-from massprop_cli.report.figures.series import Limits
+from massprop_cli.report.figures.series import AxisRange
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -40,14 +40,14 @@ def power_of_ten(exponent: int) -> str:
     return f"10{str(exponent).translate(_SUPERSCRIPT)}"
 
 
-def power(limits: Iterable[Limits]) -> int:
+def power(limits: Iterable[AxisRange]) -> int:
     """The power of ten that goes into the headings of neighbouring panels, so that they are read in one unit."""
     largest = max((max(abs(one.low), abs(one.high)) for one in limits), default=0.0)
     exponent = 3 * math.floor(math.log10(largest) / 3) if largest > 0 else 0
     return exponent if exponent < -3 or exponent > 3 else 0
 
 
-def values(axes: Axes, limits: Limits, text: str, unit: str, exponent: int | None = None) -> None:
+def values(axes: Axes, limits: AxisRange, text: str, unit: str, exponent: int | None = None) -> None:
     """Set the value axis; the power of ten of :func:`power`, or that of the panel's neighbours, goes into the heading."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 

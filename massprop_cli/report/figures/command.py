@@ -36,7 +36,7 @@ class Against(NamedTuple):
     """What the prediction leaves of the angular acceleration [rad/s²] or specific force [m/s²]."""
 
 
-class Mean(NamedTuple):
+class CommandMean(NamedTuple):
     """Of the cycles between two commands."""
 
     command: float
@@ -79,7 +79,7 @@ def against(parts: list[Covered], kind: str, letter: str) -> Against:
     return Against(told.command[known], told.left[known])
 
 
-def means(each: Against) -> list[Mean]:
+def means(each: Against) -> list[CommandMean]:
     """Over equal parts of the command's range."""
     low, high = float(each.command.min(initial=0.0)), float(each.command.max(initial=0.0))
     part = np.clip(((each.command - low) / ((high - low) or 1.0) * BINS).astype(int), 0, BINS - 1)
@@ -87,7 +87,7 @@ def means(each: Against) -> list[Mean]:
     for own in (part == number for number in np.unique(part)):
         if own.sum() >= LEAST:
             sigma = float(each.left[own].std(ddof=1) / np.sqrt(own.sum()))
-            found.append(Mean(float(each.command[own].mean()), float(each.left[own].mean()), sigma))
+            found.append(CommandMean(float(each.command[own].mean()), float(each.left[own].mean()), sigma))
     return found
 
 
@@ -117,7 +117,7 @@ def _panel(kind: str, letter: str, each: Against) -> Panel:
     return Panel(f"{kind}_{letter}", says, paint)
 
 
-def _slope(found: list[Mean], unit: str, command_unit: str) -> str:
+def _slope(found: list[CommandMean], unit: str, command_unit: str) -> str:
     if len(found) < 2:
         return "not told"
     at, values, sigmas = (np.array(column) for column in zip(*found, strict=True))

@@ -8,7 +8,7 @@ from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import BOTTOM, HEIGHT, LENGTH, Axes, Panel, Picture
-from massprop_cli.report.figures.series import Limits, padded
+from massprop_cli.report.figures.series import AxisRange, padded
 from massprop_cli.result.schema import EstimateItem
 
 MARKERS: dict[Verdict, tuple[str, bool]] = {
@@ -76,7 +76,7 @@ def _points(axes: Axes, name: str, verdict: Verdict, items: list[EstimateItem]) 
     bars.lines[0].set_gid(f"{name}-{verdict}")
 
 
-def _beyond(axes: Axes, name: str, items: list[EstimateItem], limits: Limits | None) -> None:
+def _beyond(axes: Axes, name: str, items: list[EstimateItem], limits: AxisRange | None) -> None:
     """An arrow for each value that lies outside."""
     for number, item in enumerate(items, 1):
         if limits is not None and item.value is not None and not limits.hold(item.value):
@@ -92,7 +92,7 @@ def _expectations(axes: Axes, items: list[EstimateItem]) -> None:
             axes.plot(ends, [item.expected.value] * 2, color=palette.GREEN, linewidth=1.1, linestyle=(0, (3, 1.5)))
 
 
-def _limits(items: list[EstimateItem]) -> Limits | None:
+def _limits(items: list[EstimateItem]) -> AxisRange | None:
     told = [item for item in items if item.value is not None]
     shown = [item for item in told if item.verdict == "converged"] or told
     ends = [item.value + sign * (item.sigma or 0.0) for item in shown if item.value is not None for sign in (-1, 1)]

@@ -11,7 +11,7 @@ from massprop_cli.report import digits, vocabulary
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
 from massprop_cli.report.figures.recording import Columns, Covered, covered
-from massprop_cli.report.figures.series import Limits, broken, padded, parts_of, row_at, said, settled, thin
+from massprop_cli.report.figures.series import AxisRange, broken, padded, parts_of, row_at, said, settled, thin
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import EstimateItem, PhaseItem
 
@@ -54,7 +54,7 @@ def cut_off_s(name: str, phase: PhaseItem, columns: Columns) -> float | None:
     return float(columns["time_s"][outside[-1]]) if outside.size else None
 
 
-def _range(name: str, phase: PhaseItem, columns: Columns) -> Limits | None:
+def _range(name: str, phase: PhaseItem, columns: Columns) -> AxisRange | None:
     return _limits(settled(columns[name], columns[f"{name}_sigma"]), phase.estimates[name])
 
 
@@ -91,7 +91,7 @@ def _frame(name: str, recorded: Recorded) -> str:
     return "from O, body axes" if name.startswith("cg") else "about the CG, body axes"
 
 
-def _limits(found: Limits | None, item: EstimateItem) -> Limits | None:
+def _limits(found: AxisRange | None, item: EstimateItem) -> AxisRange | None:
     """The settled range, stretched to what is reported and to references that aren't far off."""
     if found is None:
         return None
@@ -128,7 +128,7 @@ def _outcome(axes: Axes, gid: str, end_s: float, item: EstimateItem) -> None:
         drawn.lines[0].set_clip_on(False)
 
 
-def _references(axes: Axes, gid: str, item: EstimateItem, limits: Limits) -> None:
+def _references(axes: Axes, gid: str, item: EstimateItem, limits: AxisRange) -> None:
     expected = item.expected
     if expected is not None:
         label = f"expected {f'{expected.value:.6g}'.replace('-', '−')} {'✓' if expected.met else '✕'}"
@@ -146,7 +146,7 @@ def _references(axes: Axes, gid: str, item: EstimateItem, limits: Limits) -> Non
         _reference(axes, gid.format("nominal"), item.nominal, label, limits, palette.MUTED, (0, (1, 1.5)))
 
 
-def _reference(axes: Axes, gid: str, at: float, label: str, limits: Limits, colour: str, style: tuple[int, tuple[float, ...]]) -> None:
+def _reference(axes: Axes, gid: str, at: float, label: str, limits: AxisRange, colour: str, style: tuple[int, tuple[float, ...]]) -> None:
     if limits.hold(at):
         axes.axhline(at, color=colour, linestyle=style, linewidth=1.1, label=label, gid=gid)
     else:
@@ -160,7 +160,7 @@ def _nothing(axes: Axes, item: EstimateItem, heading: str) -> None:
     axes.text(0.5, 0.5, note, transform=axes.transAxes, ha="center", va="center", color=palette.MUTED)
 
 
-def _says(name: str, phase: PhaseItem, columns: Columns, limits: Limits | None) -> str:
+def _says(name: str, phase: PhaseItem, columns: Columns, limits: AxisRange | None) -> str:
     item, cut = phase.estimates[name], cut_off_s(name, phase, columns)
     start = f"{vocabulary.SYMBOLS[name]} against time, phase {line(phase.name)}: "
     if limits is None:

@@ -6,7 +6,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
 from massprop_cli.report.figures.recording import Columns, Covered, covered, over_time, sensed
-from massprop_cli.report.figures.series import Limits, padded, parts_of, said, thin
+from massprop_cli.report.figures.series import AxisRange, padded, parts_of, said, thin
 from massprop_cli.result.read import Recorded
 
 UNITS = {"torque": "N m", "force": "N"}
@@ -39,7 +39,7 @@ def share_inside(values: Array, sigmas: Array) -> float | None:
     return float((np.abs(values[told]) <= BOUND * sigmas[told]).mean()) if told.any() else None
 
 
-def _panel(kind: str, letter: str, parts: list[Covered], limits: Limits, power: int) -> Panel:
+def _panel(kind: str, letter: str, parts: list[Covered], limits: AxisRange, power: int) -> Panel:
     column = f"innovation_{kind}_{letter}"
     heading = f"{kind.capitalize()} {letter.upper()}, body"
 
@@ -66,7 +66,7 @@ def bounds(axes: Axes, gid: str, time_s: Array, sigmas: Array, buckets: int) -> 
         axes.plot(time_s[rows], at, color=palette.ORANGE, linestyle=(0, (4, 2)), linewidth=0.9, gid=gid.format(side))
 
 
-def _limits(column: str, parts: list[Covered]) -> Limits:
+def _limits(column: str, parts: list[Covered]) -> AxisRange:
     """Symmetric; wide enough for the bounds and nearly all innovations after the first fifth of each phase."""
     reach = []
     for *_, columns in parts:
@@ -75,7 +75,7 @@ def _limits(column: str, parts: list[Covered]) -> Limits:
         tail = told[len(told) // 5 :]
         if tail.size:
             reach.append(max(1.6 * BOUND * np.median(sigmas[tail]), 1.2 * np.quantile(np.abs(values[tail]), 0.98)))
-    return padded(-max(reach), max(reach), 0.02) if reach else Limits(-1.0, 1.0)
+    return padded(-max(reach), max(reach), 0.02) if reach else AxisRange(-1.0, 1.0)
 
 
 def _says(kind: str, letter: str, column: str, parts: list[Covered]) -> str:

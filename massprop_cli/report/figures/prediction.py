@@ -10,7 +10,7 @@ from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.innovations import BOUND, bounds
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
 from massprop_cli.report.figures.recording import Columns, Covered, covered, over_time, sensed
-from massprop_cli.report.figures.series import Limits, padded, parts_of, said, span, thin
+from massprop_cli.report.figures.series import AxisRange, padded, parts_of, said, span, thin
 from massprop_cli.result.historyfile import PREDICTED
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import AXES
@@ -82,7 +82,7 @@ def _caption(recorded: Recorded, parts: list[Covered]) -> str:
     )
 
 
-def _overlaid(each: Sequence[Channel], least: float) -> Limits:
+def _overlaid(each: Sequence[Channel], least: float) -> AxisRange:
     """Of what was measured, and of a prediction that is not far off."""
     measured = span(np.concatenate([one.measured for one in each]), least)
     height = measured.high - measured.low
@@ -92,14 +92,14 @@ def _overlaid(each: Sequence[Channel], least: float) -> Limits:
     return span(np.concatenate([near, [measured.low, measured.high]])) if near.size else measured
 
 
-def _symmetric(each: Sequence[Channel]) -> Limits:
+def _symmetric(each: Sequence[Channel]) -> AxisRange:
     left, sigma = (np.concatenate([getattr(one, name) for one in each]) for name in ("residual", "sigma"))
     told = np.isfinite(left) & np.isfinite(sigma)
     reach = max(float(np.abs(left[told]).max()), 1.3 * BOUND * float(np.median(sigma[told]))) if told.any() else 1.0
     return padded(-reach, reach, 0.03)
 
 
-def _overlay(kind: str, letter: str, each: Sequence[Channel], limits: Limits, power: int, parts: list[Covered], first: bool) -> Panel:
+def _overlay(kind: str, letter: str, each: Sequence[Channel], limits: AxisRange, power: int, parts: list[Covered], first: bool) -> Panel:
     heading, unit = SHOWN[kind]
 
     def paint(axes: Axes) -> None:
@@ -123,7 +123,7 @@ def _overlay(kind: str, letter: str, each: Sequence[Channel], limits: Limits, po
     return Panel(f"{kind}_{letter}", f"{heading} {letter.upper()}, measured and predicted, against time: {_told(each, unit)}", paint)
 
 
-def _residual(kind: str, letter: str, each: Sequence[Channel], limits: Limits, power: int, parts: list[Covered]) -> Panel:
+def _residual(kind: str, letter: str, each: Sequence[Channel], limits: AxisRange, power: int, parts: list[Covered]) -> Panel:
     heading, unit = SHOWN[kind]
 
     def paint(axes: Axes) -> None:

@@ -10,7 +10,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError, UsageError
 from massprop_cli.report.figures import axis
 from massprop_cli.report.figures.panel import Axes
-from massprop_cli.report.figures.series import Limits
+from massprop_cli.report.figures.series import AxisRange
 from massprop_cli.result.historyfile import SIGNALS
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import AXES, PhaseItem
@@ -59,7 +59,7 @@ def only(recorded: Recorded, phase: str) -> Recorded:
     return replace(recorded, result=recorded.result.model_copy(update={"phases": found, "docked_object": None}))
 
 
-def over_time(axes: Axes, parts: list[Covered], limits: Limits, heading: str, unit: str, power: int | None = None) -> None:
+def over_time(axes: Axes, parts: list[Covered], limits: AxisRange, heading: str, unit: str, power: int | None = None) -> None:
     """Set both axes of a panel over all phases, and shade and name these."""
     axis.time(axes, *extent(parts))
     axis.values(axes, limits, heading, unit, power)

@@ -19,7 +19,7 @@ COARSE = 6.0
 
 
 @dataclass(frozen=True)
-class Limits:
+class AxisRange:
     """Range of a value axis."""
 
     low: float
@@ -74,7 +74,7 @@ def row_at(time_s: Array, moment_s: float) -> int:
     return int(np.argmin(np.abs(time_s - moment_s)))
 
 
-def settled(values: Array, sigmas: Array, sigma_count: float = 3.0) -> Limits | None:
+def settled(values: Array, sigmas: Array, sigma_count: float = 3.0) -> AxisRange | None:
     """The range in which the settled part can be read: values ± a few sigmas; ``None`` if nothing is finite."""
     told = np.flatnonzero(np.isfinite(values) & np.isfinite(sigmas))
     if not told.size:
@@ -87,13 +87,13 @@ def settled(values: Array, sigmas: Array, sigma_count: float = 3.0) -> Limits | 
     return padded(low[first], high[first])
 
 
-def span(values: Array, least: float = 0.0) -> Limits:
+def span(values: Array, least: float = 0.0) -> AxisRange:
     """The range of the finite values, zero included, and ± ``least``."""
     finite = values[np.isfinite(values)]
     return padded(min(finite.min(initial=0.0), -least), max(finite.max(initial=0.0), least))
 
 
-def padded(low: float, high: float, part: float = 0.06) -> Limits:
+def padded(low: float, high: float, part: float = 0.06) -> AxisRange:
     """A range a little wider; never empty."""
     margin = part * (high - low) or 0.05 * max(abs(low), abs(high)) or 1.0
-    return Limits(float(low - margin), float(high + margin))
+    return AxisRange(float(low - margin), float(high + margin))

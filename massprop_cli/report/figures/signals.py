@@ -8,13 +8,13 @@ from massprop_cli.inputs.equipment import PIVOTED
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
 from massprop_cli.report.figures.recording import Covered, covered, over_time, sensed
-from massprop_cli.report.figures.series import Limits, gathered, parts_of, said, span, thin
+from massprop_cli.report.figures.series import AxisRange, gathered, parts_of, said, span, thin
 from massprop_cli.result.historyfile import SIGNALS
 from massprop_cli.result.read import Recorded
 
 
 @dataclass(frozen=True)
-class Signal:
+class ColumnKind:
     """How a kind of column is named and explained."""
 
     heading: str
@@ -23,18 +23,18 @@ class Signal:
 
 
 KINDS = {
-    "torque": Signal(
+    "torque": ColumnKind(
         "Torque about O, body",
         "Mean torque about O that was executing in each cycle, in body axes: the commands after delay, rise and fall of the thrust.",
         "N m",
     ),
-    "force": Signal(
+    "force": ColumnKind(
         "Force, body",
         "Mean force that was executing in each cycle, in body axes: the commands after delay, rise and fall of the thrust.",
         "N",
     ),
-    "rate": Signal("Rate, body", "Mean rate over each cycle, in body axes.", "rad/s"),
-    "acceleration": Signal(
+    "rate": ColumnKind("Rate, body", "Mean rate over each cycle, in body axes.", "rad/s"),
+    "acceleration": ColumnKind(
         "Acceleration of {point}, body",
         "What the accelerometer felt, carried from the IMU to {point}: lever arm, rotation and gravity taken out; body axes.",
         "m/s²",
@@ -73,7 +73,7 @@ def _commanded(axes: Axes, gid: str, time_s: Array, mean: Array, low: Array, hig
     axes.plot(time_s, mean, color=palette.BLUE, linewidth=0.9, gid=gid.format("value"))
 
 
-def _panel(kind: str, letter: str, heading: str, parts: list[Covered], limits: Limits, power: int) -> Panel:
+def _panel(kind: str, letter: str, heading: str, parts: list[Covered], limits: AxisRange, power: int) -> Panel:
     column = f"{kind}_{letter}_{SIGNALS[kind]}"
     values = np.concatenate([columns[column] for *_, columns in parts])
     unit = KINDS[kind].unit

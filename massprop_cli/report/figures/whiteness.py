@@ -7,7 +7,7 @@ from massprop_cli.report import checks
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
 from massprop_cli.report.figures.recording import Covered, covered, over_time, sensed
-from massprop_cli.report.figures.series import Limits, padded, parts_of, said, thin
+from massprop_cli.report.figures.series import AxisRange, padded, parts_of, said, thin
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import AXES
 
@@ -93,7 +93,7 @@ def _autocorrelation(kind: str, parts: list[Covered]) -> Panel:
     lags = np.arange(1, LAGS + 1)
 
     def paint(axes: Axes) -> None:
-        axis.values(axes, Limits(-reach, reach), f"{KINDS[kind]}: autocorrelation", "1")
+        axis.values(axes, AxisRange(-reach, reach), f"{KINDS[kind]}: autocorrelation", "1")
         axes.set_xlim(0, LAGS + 0.5)
         axes.set_xticks(range(0, LAGS + 1, 5))
         axes.axhspan(-bound, bound, color=palette.MUTED, alpha=0.18, linewidth=0)

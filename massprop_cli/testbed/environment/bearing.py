@@ -14,11 +14,11 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.testbed.motion import (
     CycleMotion,
-    Driven,
     Dynamics,
-    Held,
+    FixedTerms,
+    HeldTerms,
     Loose,
-    State,
+    MotionIterate,
     Wrench,
     apply,
     cross,
@@ -80,21 +80,21 @@ class OnBearing(Dynamics):
         torque, force = wrench[:3], wrench[3:]
         return torque - cross(self.bearing.position[:, None, None] + (self.share * self.arm)[..., None], force)
 
-    def held(self, loose: Loose, driven: Driven, state: State, fixed: Array, wrench: Wrench, h: float) -> Held:
+    def held(self, loose: Loose, driven: FixedTerms, state: MotionIterate, fixed: Array, wrench: Wrench, h: float) -> HeldTerms:
         """By the bearing, which carries the weight."""
         ups, push = self._carried(fixed, loose.rate, state, wrench, h)
         # p and, for the slope, what p changes by: arm × u and arm × (u × ω)
         levers = cross(self.arm[:, None, :, None], paired(ups, cross(ups, loose.rate[:, 0])))
         turned = apply(self.inverse[:, :, None, :, None], levers)
         rest = self._with_bearing(loose.rest[:, 0] + driven.mean, levers[:, 0], push, turned[:, 0]) - driven.mean
-        return Held(ups, rest, loose.rest[:, 1] - (self.rotating_mass * self.bearing.gravity)[:, None] * turned[:, 1])
+        return HeldTerms(ups, rest, loose.rest[:, 1] - (self.rotating_mass * self.bearing.gravity)[:, None] * turned[:, 1])
 
     def centre_force(self, motion: CycleMotion, force: Array, width_s: float) -> Array:
         """(3, S, B) specific force of the bearing, m/s²: level pull of jets and body, and gravity."""
         pull = force / self.bodies.mass[:, None] - self.share[:, None] * lever(motion, self.arm[..., None], width_s)
         return pull - motion.fixed * dot(motion.fixed, pull) + self.bearing.gravity * motion.fixed
 
-    def _carried(self, up: Array, rate: Array, state: State, wrench: Wrench, h: float) -> tuple[Array, Array]:
+    def _carried(self, up: Array, rate: Array, state: MotionIterate, wrench: Wrench, h: float) -> tuple[Array, Array]:
         """Vertical (3, S, B) and the bracket behind p, (S, B) N, at rates and their slopes (3, 2, S, B)."""
         first = cross(state.fixed[:, None], rate)
         slope, mean = first[:, 0], rate[:, 0]

@@ -11,13 +11,13 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.testbed.motion import CycleMotion, Driven, Dynamics, Held, Loose, State, Wrench, cross, to_world
+from massprop_cli.testbed.motion import CycleMotion, Dynamics, FixedTerms, HeldTerms, Loose, MotionIterate, Wrench, cross, to_world
 
 YAW = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
-class Table:
+class TablePlant:
     """What a table does to what stands on it."""
 
     gravity: float
@@ -29,7 +29,7 @@ class Table:
 class OnTable(Dynamics):
     """The coefficients above."""
 
-    table: Table
+    table: TablePlant
 
     @cached_property
     def inverse(self) -> Array:
@@ -46,7 +46,7 @@ class OnTable(Dynamics):
         """Through one cycle; nothing turns but about Z."""
         return super().advance(rate * YAW[:, None], fixed, wrench, width_s)
 
-    def held(self, loose: Loose, driven: Driven, state: State, fixed: Array, wrench: Wrench, h: float) -> Held:
+    def held(self, loose: Loose, driven: FixedTerms, state: MotionIterate, fixed: Array, wrench: Wrench, h: float) -> HeldTerms:
         """What stands still turns back under the body, to second order in a bin."""
         yaw = loose.rate[2, 0]
         angle = h * (np.cumsum(yaw, -1) - yaw / 2)
