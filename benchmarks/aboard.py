@@ -27,12 +27,12 @@ from massprop_cli.base import onethread
 from massprop_cli.base.arrays import BoolArray
 from massprop_cli.base.errors import InputError
 from massprop_cli.conclude.verdict import POSITIVE
-from massprop_cli.estimate.flown import VERDICTS, cycles_of
+from massprop_cli.estimate.kernelflight import VERDICTS, cycles_of
 from massprop_cli.export import resolve
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.live.cycles import RecordedCycle
 from massprop_cli.live.legs import Completed, Legs
-from massprop_cli.model.handed import StatusError
+from massprop_cli.model.kernelargs import StatusError
 
 VEHICLES = ("jets", "wrench", "bearing", "docking", "noisy", "canted")
 """Not the heavy one, whose jets' lag the kernel doesn't hold, nor the disturbed one, whose torque isn't stated."""

@@ -27,7 +27,7 @@ from commit import commit
 
 from massprop_cli import QUANTITIES, __version__
 from massprop_cli import kernel as room
-from massprop_cli.estimate import flown
+from massprop_cli.estimate import kernelflight
 from massprop_cli.export import folder, resolve
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.kernel import Kernel, kernel, opened
@@ -121,8 +121,8 @@ def costs(where: Path, longest: int) -> None:
     print("## A cycle\n\nThe free-flyer sample, then the same body turning freely, with the noise that its vehicle file states.\n")
     print("| cycles | mean of one, us | worst, us | mean / filterpy update | mean / filterpy update, as flown | wrong numbers |")
     print("|--:|--:|--:|--:|--:|--:|")
-    flown = soaked(where, str(longest), "1e-4", as_flown=True)
-    for (cycles, mean, worst, wrong), (_, slower, *_) in zip(soaked(where, str(longest), "1e-4"), flown, strict=True):
+    kernelflight = soaked(where, str(longest), "1e-4", as_flown=True)
+    for (cycles, mean, worst, wrong), (_, slower, *_) in zip(soaked(where, str(longest), "1e-4"), kernelflight, strict=True):
         ratios = ["-" if beside is None else f"{float(of) / 1000 / beside:.2f}" for of in (mean, slower)]
         print(f"| {int(cycles):,} | {float(mean) / 1000:.1f} | {float(worst) / 1000:,.0f} | {' | '.join(ratios)} | {wrong} |")
     told = "filterpy is not installed here" if beside is None else f"filterpy's update of 9 states by 3 measurements took {beside:.1f} us"
@@ -254,8 +254,8 @@ def precision(where: Path) -> None:
 def last(found: resolve.Constants, leg: resolve.Leg, of: Kernel) -> tuple[np.ndarray, np.ndarray]:
     """Values and sigmas at the end of a phase."""
     assert found.log is not None
-    flight = flown.Flight(found.commands, leg.vehicle, leg.rule, of)
-    told = flight.step(flown.cycles_of(found.log, slice(0, min(leg.cycles.stop + 1, found.log.cycles)), leg.cycles), last=True)
+    flight = kernelflight.Flight(found.commands, leg.vehicle, leg.rule, of)
+    told = flight.step(kernelflight.cycles_of(found.log, slice(0, min(leg.cycles.stop + 1, found.log.cycles)), leg.cycles), last=True)
     return told.values[-1], told.sigmas[-1]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.errors import AttitudeError, InputError, UntoldError
-from massprop_cli.conclude import mend, split
+from massprop_cli.conclude import correctedestimate, split
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.assumptions import assumptions
 from massprop_cli.conclude.estimated import estimated
@@ -61,12 +61,12 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         return replace(again, source=source, notices=(*changes, *again.notices))
     carried = log.attitude_wxyz is not None and source.vehicle.pivoted
     # before anything else is doubted of a log that does not fit
-    told = None if carried and (found.faults or found.unknown) else judged(found, mend.mended(found, say))
+    told = None if carried and (found.faults or found.unknown) else judged(found, correctedestimate.mended(found, say))
     if carried and (told is None or not _explained(told)):
         again = _examined(_without_attitude(log, UNFIT), source, assignments, say)
         if _explained(again):
             return again
-    told = told or judged(found, mend.mended(found, say))
+    told = told or judged(found, correctedestimate.mended(found, say))
     if not told.faults and not _fits(told):
         filtered = sensorkernel.found(log, source, say, unfit=True)
         tried = None if filtered[0] is log else _tried(*filtered, assignments, say)

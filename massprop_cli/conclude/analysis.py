@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.conclude.assumptions import Examined, TestedAssumption
+from massprop_cli.conclude.assumptions import AssumptionEffects, Examined
 from massprop_cli.conclude.contradict import Fault
 from massprop_cli.conclude.discrepancy import Discrepancy, PlainFits
 from massprop_cli.conclude.docking import Docked
@@ -58,7 +58,7 @@ class Analysis:
     lack_of_fit: tuple[Array, ...] = ()
     """(6,) of each phase: by how much too small the sigmas of each channel are."""
     mended: tuple[MendedAnswer, ...] = ()
-    assumptions: tuple[TestedAssumption, ...] = ()
+    assumptions: tuple[AssumptionEffects, ...] = ()
     examination: Examined | None = None
     """What each assumption does to the off-line fits; None by another method, and where there is none."""
     faults: tuple[Fault, ...] = ()

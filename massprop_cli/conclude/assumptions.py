@@ -55,7 +55,7 @@ class PhaseEffect:
 
 
 @dataclass(frozen=True)
-class TestedAssumption:
+class AssumptionEffects:
     """Something taken for granted."""
 
     code: str
@@ -171,7 +171,7 @@ def sound(found: Examined, settled: Sequence[History]) -> Examined:
 
 def assumptions(
     found: Examined | None, log: Log, vehicle: Vehicle, settled: Sequence[History], conclusions: Sequence[Conclusion]
-) -> tuple[TestedAssumption, ...]:
+) -> tuple[AssumptionEffects, ...]:
     """All of a log; nothing where nothing was examined. Without a reference in any phase only what needs none."""
     if found is None:
         return ()
@@ -185,10 +185,10 @@ def assumptions(
         listed += _mass_thrust(log, vehicle, history, conclusion, response, len(found.varied) + 3)
         listed += _beside(history, conclusion, response)
     told = zip(found.taken, effects, strict=True)
-    return (*listed, *(TestedAssumption(t.code, t.message, t.step, t.stated, tuple(e)) for t, e in told if e and not t.part_of))
+    return (*listed, *(AssumptionEffects(t.code, t.message, t.step, t.stated, tuple(e)) for t, e in told if e and not t.part_of))
 
 
-def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[TestedAssumption]:
+def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[AssumptionEffects]:
     """The scale common to all thrust: mass and inertia are proportional to it, and nothing in a log depends on it."""
     effects = []
     sigma = vehicle.thrust.scale_sigma
@@ -209,12 +209,12 @@ def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[T
     if vehicle.bearing_mass_kg > 0:
         message += ", and moves the CG by the part of the mass that does not turn"
     said = f"; its stated uncertainty, {100 * sigma:g} %, is in every sigma" if sigma else "; no uncertainty of it is stated"
-    return [TestedAssumption("thrust-scale", message + said, "1 %", sigma > 0, tuple(effects))]
+    return [AssumptionEffects("thrust-scale", message + said, "1 %", sigma > 0, tuple(effects))]
 
 
 def _mass_thrust(
     log: Log, vehicle: Vehicle, history: History, conclusion: Conclusion, response: Response, first: int
-) -> list[TestedAssumption]:
+) -> list[AssumptionEffects]:
     """The command channels (columns from ``first`` on) on which the mass rests alone, with what one percent of their thrust does."""
     fired = np.diag(response.misfit)[first:] > 0  # what never acted leaves nothing
     fired[len(fired) - len(vehicle.momentum_wrench) :] = False  # and what stores momentum doesn't push
@@ -227,14 +227,14 @@ def _mass_thrust(
     step = 0.01 * np.concatenate([np.zeros(first), chosen])
     several = f" of phase {history.phase.name}" if len(vehicle.phases) > 1 else ""
     message = f"the mass{several} rests on the thrust of {listed} alone; an error common to these can't be seen"
-    return [TestedAssumption("mass-thrust", message, "1 %", True, (_effect(history, conclusion, vehicle, response, step),))]
+    return [AssumptionEffects("mass-thrust", message, "1 %", True, (_effect(history, conclusion, vehicle, response, step),))]
 
 
 BESIDE = {one.uncertain[0]: (one.uncertain[1], one.sigma_key) for one in TABLE if one.uncertain[0]}
 """What is unknown beside the mass properties and found with them, and the key that says by how much."""
 
 
-def _beside(history: History, conclusion: Conclusion, response: Response) -> list[TestedAssumption]:
+def _beside(history: History, conclusion: Conclusion, response: Response) -> list[AssumptionEffects]:
     """What the stated uncertainty of jets and IMU, and damping, add to each sigma, squares added; it is in every sigma."""
     found = []
     damping = ", ".join(f"{axis}: {value:.4g} ± {sigma:.2g}" for axis, (value, sigma) in zip("XYZ", response.damping, strict=False))
@@ -248,7 +248,7 @@ def _beside(history: History, conclusion: Conclusion, response: Response) -> lis
         }
         message, key = BESIDE[kind]
         said = f"{message.format(damping=damping)}; that is in every sigma, and so much of it"
-        found.append(TestedAssumption(f"uncertain-{kind}", said, f"its {key}", True, (PhaseEffect(history.phase.name, change, None),)))
+        found.append(AssumptionEffects(f"uncertain-{kind}", said, f"its {key}", True, (PhaseEffect(history.phase.name, change, None),)))
     return found
 
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.assumptions import Examined, examined, sound
+from massprop_cli.conclude.channelresiduals import followed
 from massprop_cli.conclude.contradict import Fault
 from massprop_cli.conclude.discrepancy import PlainFits
 from massprop_cli.conclude.firstfit import first_fits
-from massprop_cli.conclude.follows import followed
 from massprop_cli.conclude.reason import sigmas
 from massprop_cli.conclude.score import Doubt, doubts
 from massprop_cli.conclude.verdict import conclude

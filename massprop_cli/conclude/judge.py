@@ -15,13 +15,13 @@ from massprop_cli.conclude.constancy import changing
 from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known, by_lost, by_misfit, by_no_body, by_size, together, unheld
 from massprop_cli.conclude.discrepancy import Discrepancy, discrepancy, with_discrepancy, with_touched
 from massprop_cli.conclude.docking import Docked, docked_object, lighter, masses_apart
-from massprop_cli.conclude.executed import unexecuted
+from massprop_cli.conclude.lostcommands import unexecuted
+from massprop_cli.conclude.oscillation import swinging
 from massprop_cli.conclude.physical import breach
 from massprop_cli.conclude.reason import REPORTED, Reason
 from massprop_cli.conclude.score import by_doubts, hanging
-from massprop_cli.conclude.swing import swinging
 from massprop_cli.conclude.verdict import Conclusion, contradicted, in_doubt
-from massprop_cli.conclude.white import unlike_noise
+from massprop_cli.conclude.whiteness import unlike_noise
 from massprop_cli.diagnosis import UNKNOWN
 from massprop_cli.estimate.discrepancy import LEAST
 from massprop_cli.estimate.disturbances import beyond_commands, sized

@@ -10,7 +10,7 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.conclude.analysis import Analysis
-from massprop_cli.conclude.assumptions import TestedAssumption
+from massprop_cli.conclude.assumptions import AssumptionEffects
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Conclusion, Estimate
 from massprop_cli.estimate.initial import knows_inertia
@@ -33,7 +33,7 @@ def with_pivot(found: Analysis) -> Analysis:
     return replace(found, conclusions=conclusions, mended=mended, assumptions=rests_on)
 
 
-def _beside_mass(assumption: TestedAssumption, unweighed: Set[str]) -> TestedAssumption:
+def _beside_mass(assumption: AssumptionEffects, unweighed: Set[str]) -> AssumptionEffects:
     """Without what it does to quantities that aren't reported."""
     effects = tuple(replace(effect, change={}) if effect.phase in unweighed else effect for effect in assumption.effects)
     return replace(assumption, effects=effects)

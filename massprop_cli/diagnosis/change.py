@@ -15,9 +15,9 @@ from massprop_cli.base.arrays import Array, triangle_of
 from massprop_cli.diagnosis.segment import edges_of
 from massprop_cli.estimate.regression import STEPS, STILL
 from massprop_cli.estimate.triangle import Triangle
-from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
+from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
 
@@ -78,19 +78,19 @@ def least(triangles: Array, reference: Reference, vehicle: Resolved) -> Array:
 
     Gauss–Newton steps, each held back by the body's own size.
     """
-    lift = Lift(plant_of(vehicle))
-    theta = lift.theta(reference)
-    return np.array([_least(triangle, lift, theta) for triangle in triangles])
+    phi_map = ResponseMap(plant_of(vehicle))
+    theta = phi_map.theta(reference)
+    return np.array([_least(triangle, phi_map, theta) for triangle in triangles])
 
 
-def _least(triangle: Array, lift: Lift, theta: Array) -> float:
-    by_phi, measured = triangle[:, : lift.size], triangle[:, lift.size]
+def _least(triangle: Array, phi_map: ResponseMap, theta: Array) -> float:
+    by_phi, measured = triangle[:, : phi_map.size], triangle[:, phi_map.size]
     for _ in range(STEPS):
-        phi, slopes = lift.coefficients(theta)
-        scale = lift.sizes(theta)
+        phi, slopes = phi_map.coefficients(theta)
+        scale = phi_map.sizes(theta)
         rows = np.column_stack([by_phi @ (slopes * scale), measured - by_phi @ phi])
         upper = triangle_of(np.vstack([rows, np.eye(10, 11)]))
-        theta = lift.stepped(theta, scale * np.linalg.solve(upper[:10, :10], upper[:10, 10]))
+        theta = phi_map.stepped(theta, scale * np.linalg.solve(upper[:10, :10], upper[:10, 10]))
         if (upper[:10, 10] ** 2).sum() < STILL**2:
             break
-    return float(((measured - by_phi @ lift.coefficients(theta)[0]) ** 2).sum())
+    return float(((measured - by_phi @ phi_map.coefficients(theta)[0]) ** 2).sum())

@@ -51,7 +51,7 @@ class Free:
 
     @cached_property
     def regressed(self) -> dict[tuple[object, ...], Array]:
-        """(9, 3) each: what plain regression has given of it so far, for fits to begin with (:mod:`massprop_cli.diagnosis.beginnings`)."""
+        """(9, 3) each: what plain regression has given of it so far, for fits to begin with (:mod:`massprop_cli.diagnosis.initialbody`)."""
         return {}
 
     @property

@@ -14,10 +14,10 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import tensor
-from massprop_cli.diagnosis.beginnings import begun
 from massprop_cli.diagnosis.channelwise import Free
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.hypothesis import Hypothesis
+from massprop_cli.diagnosis.initialbody import begun
 from massprop_cli.diagnosis.kernelfits import Fits, PackedTriangles
 from massprop_cli.errorparameters.parameter import FittedHypothesis
 from massprop_cli.errorparameters.setup import Setup

@@ -23,8 +23,8 @@ from massprop_cli.inputs.equipment import Imu
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.geometry import WrenchChanges, uncertain_jets
-from massprop_cli.model.lifted import lifted
 from massprop_cli.model.plant import Reference
+from massprop_cli.model.regressors import regressors
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import wrench_columns
 from massprop_cli.prepare.align import LAGS_FORGOTTEN, Impulses, impulses
@@ -330,7 +330,7 @@ def _of_jets(log: Log, samples: Samples, cycles: slice, reference: Reference, ve
     if not changes.kinds:
         count = cycles.stop - cycles.start
         return np.zeros((count - 1, 3, 0)), np.zeros((count, 3, 0))
-    return wrench_columns(samples, cycles, reference, vehicle, lifted(samples, cycles, reference, vehicle), changes)
+    return wrench_columns(samples, cycles, reference, vehicle, regressors(samples, cycles, reference, vehicle), changes)
 
 
 def _change(early: Samples, late: Samples, step: float, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:

@@ -21,9 +21,9 @@ from massprop_cli.estimate.whitening import Driven
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
-from massprop_cli.model.lift import Lift
-from massprop_cli.model.lifted import integrals_about
 from massprop_cli.model.plant import plant_of
+from massprop_cli.model.regressors import integrals_about
+from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.prepare import recorded
 from massprop_cli.prepare.actuators import channel_wrench, together
 from massprop_cli.prepare.align import Impulses, impulses
@@ -199,9 +199,9 @@ class Designs:
 
 def _by_body(samples: Samples, vehicle: Vehicle, theta: Array, places: Mapping[str, slice], growth: Array, mean: Array) -> Array:
     """(K, 3) rate by the swing of a body's CG. Products of rates and the vertical are set to what they are in the motion that it has."""
-    lift = Lift(plant_of(vehicle))
-    step, whole, swung = integrals_about(samples, lift.reference(theta), vehicle)
-    for name, column in (("products", lift.channels - 6), ("up", 3), ("level", 6)):
+    phi_map = ResponseMap(plant_of(vehicle))
+    step, whole, swung = integrals_about(samples, phi_map.reference(theta), vehicle)
+    for name, column in (("products", phi_map.channels - 6), ("up", 3), ("level", 6)):
         if name in places:
             own = places[name]
             here = slice(column, column + own.stop - own.start)

@@ -1,4 +1,4 @@
-"""What is handed to the kernel of hypotheses and triangles, number by number (suppose.c, begin.c, contest.c of massprop_cli/kernel)."""
+"""What is handed to the kernel of hypotheses and triangles, number by number (hypothesis.c, initialbody.c, comparison.c)."""
 
 from __future__ import annotations
 
@@ -73,14 +73,14 @@ class PackedTriangles:
     def begun(self, x: Array, plain: Array) -> tuple[Array, Array]:
         """(H, nx) x with the body that ``plain`` (H, 9, 3) regression makes, and (H, 10) the sizes of its entries."""
         found, sizes = np.ascontiguousarray(x), np.empty((len(x), 10))
-        self._run("mp_host_begun", 0, self._turns, np.ascontiguousarray(plain), found, sizes)
+        self._run("mp_host_initial_bodies", 0, self._turns, np.ascontiguousarray(plain), found, sizes)
         return found, sizes
 
     def left(self, x: Array) -> Array:
         """(H, p, 6) what x (H, nx) leave, over the noise."""
         found, room = np.empty((len(x), 6, self.columns)), np.empty(6 * self.columns)
         given = np.ascontiguousarray(x)
-        self._run("mp_host_left", 0, given, self._turns, self._freed, room, found)
+        self._run("mp_host_residuals", 0, given, self._turns, self._freed, room, found)
         return found.swapaxes(1, 2)
 
     def fitted(self, x: Array, moves: Array, pulled: Array, ends: tuple[float, float, int]) -> Fits:

@@ -18,8 +18,8 @@ from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.screening import CLEAR, Screening
 from massprop_cli.diagnosis.segment import edges_of
 from massprop_cli.estimate.whitening import Disturbance, white_rows
-from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import plant_of
+from massprop_cli.model.responsemap import ResponseMap
 
 OWN = 1e-9
 """Part of a window's column that is its own, not another body's, below which it is none."""
@@ -58,7 +58,7 @@ class Reduced:
         force = self._heard(self.design.mean)
         measured = turning, self._heard(self.design.force)
         model, x, turn = screening.model, by.stated.x, np.eye(3)[None]
-        sizes = Lift(plant_of(case.vehicle)).sizes(theta)
+        sizes = ResponseMap(plant_of(case.vehicle)).sizes(theta)
         moves = np.hstack([np.eye(len(x), 10) * (STEP * sizes), STEP * model.uncertain])
         every = model.coefficients(np.vstack([x, x + moves.T]), turn, turn)
         self.by, slopes = every[0], np.moveaxis(every[1:] - every[0], 0, -1) / STEP

@@ -13,7 +13,7 @@ ENTRIES = (
     *("delay", "rise", "fall", "droop", "cycle_droop", "lag", "gyro_lag", "accel_lag", "drift", "mass_rate", "inertia_rate"),
     *("tilt", "slope", "thrust", "position", "direction"),
 )
-"""Parameters that are entries of x, in the order that massprop_cli/kernel/suppose.c has them."""
+"""Parameters that are entries of x, in the order that massprop_cli/kernel/hypothesis.c has them."""
 
 
 def checked(parameters: Sequence[ErrorParameter]) -> tuple[ErrorParameter, ...]:

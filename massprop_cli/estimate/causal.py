@@ -1,7 +1,7 @@
 """The default estimator: a regression on products of the mass properties, run through a phase once, cycle by cycle.
 
 What the log has said stands in a triangle of constant size (:mod:`massprop_cli.estimate.regression`). The present estimate enters it only
-where it multiplies what is small (:func:`massprop_cli.model.lifted.lifted`). While it still moves, the last :data:`RING` cycles are
+where it multiplies what is small (:func:`massprop_cli.model.regressors.regressors`). While it still moves, the last :data:`RING` cycles are
 taken in anew about where it has moved to; nothing older is looked at again. So every row depends on its own and earlier cycles only, no
 starting value is needed, and the cost of a cycle does not grow with the log.
 """

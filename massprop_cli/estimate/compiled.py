@@ -12,10 +12,10 @@ from massprop_cli.estimate.initial import reach
 from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel, pointer
-from massprop_cli.model import handed
+from massprop_cli.model import kernelargs
 from massprop_cli.model.layout import Layout
-from massprop_cli.model.lifted import vehicle_numbers
 from massprop_cli.model.plant import Reference
+from massprop_cli.model.regressors import vehicle_numbers
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Mounted, Source
@@ -35,7 +35,7 @@ def holds(samples: Source, vehicle: Vehicle, consider: Consider) -> bool:
         and not consider.variants
         and not consider.scales
         and not consider.kinds
-        and not handed.unknown(vehicle)
+        and not kernelargs.unknown(vehicle)
     )
 
 
@@ -47,7 +47,7 @@ class Pass:
         self.library, self.samples, self.cycles, self.vehicle = library, samples, cycles, vehicle
         self._room = np.empty(library.mp_host_size(), np.uint8)
         self.memory = pointer(self._room)
-        handed.checked(library.mp_host_begin(self.memory, pointer(table(samples, vehicle))))
+        kernelargs.checked(library.mp_host_begin(self.memory, pointer(table(samples, vehicle))))
         attitude_error = np.ascontiguousarray(samples.part(slice(cycles.start, cycles.start + 1)).attitude_error_rad, dtype=float)
         library.mp_host_attitude_error(self.memory, pointer(attitude_error))
 
@@ -57,13 +57,13 @@ class Pass:
         for begin in range(first, end, CHUNK):
             if progress is not None:
                 progress((begin - first) / (end - first))
-            yield self.step(handed.packed(self.samples.part(slice(begin, min(begin + CHUNK, end))), self.vehicle))
+            yield self.step(kernelargs.packed(self.samples.part(slice(begin, min(begin + CHUNK, end))), self.vehicle))
 
     def step(self, fed: Array) -> Rows:
         """Estimates after each of the next cycles, as :func:`packed` has them."""
         told = np.empty((len(fed), TOLD))
         count, stride = (ctypes.c_long(n) for n in fed.shape)
-        handed.checked(self.library.mp_host_run(self.memory, count, stride, pointer(fed), pointer(told)))
+        kernelargs.checked(self.library.mp_host_run(self.memory, count, stride, pointer(fed), pointer(told)))
         return rows_of(told)
 
     def kept(self) -> bytes:
@@ -78,7 +78,7 @@ class Pass:
 def table(samples: Mounted, vehicle: Resolved) -> Array:
     """All that is constant, in the order of ``mp_host_begin``."""
     gyro, (x, y, z) = vehicle.imu.gyro_noise_rad_s, vehicle.noise[3:].tolist()
-    return vehicle_numbers(Layout.of(samples, vehicle), vehicle, handed.FlightStart(gyro, (x, y, z), reach(vehicle)))
+    return vehicle_numbers(Layout.of(samples, vehicle), vehicle, kernelargs.FlightStart(gyro, (x, y, z), reach(vehicle)))
 
 
 def rows_of(told: Array) -> Rows:

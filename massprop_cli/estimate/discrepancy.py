@@ -20,9 +20,9 @@ import numpy as np
 from massprop_cli.base.arrays import Array, triangle_of
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.estimate.regression import Regression
-from massprop_cli.model.lift import Tangent
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
+from massprop_cli.model.responsemap import Tangent
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
 
@@ -101,13 +101,13 @@ def error_fit(samples: Source, cycles: slice, reference: Reference, vehicle: Res
     prior = np.eye(size, triangle.shape[1], first) * (noise / sigma)[:, None]
     whole = triangle_of(np.vstack([triangle, prior]))[:-1]
     solved, inverse = np.linalg.solve(whole[:, :-1], whole[:, -1]), np.linalg.inv(whole[:, :-1])
-    slopes = regression.lift.slopes(theta) * scale
+    slopes = regression.phi_map.slopes(theta) * scale
     root = slopes @ inverse[own]
     alone = slopes @ np.linalg.inv(triangle[:first, :first])[own]
     moved = [root @ (inverse.T @ (rows[:, :-1].T @ (rows[:, -1] - rows[:, :-1] @ solved))) for rows in posed[1:]]
     scatter = np.array(moved).T @ np.array(moved) * len(moved) / max(len(moved) - 1, 1)
     return ErrorFit(
-        regression.lift.parameters(theta) + slopes @ solved[own],
+        regression.phi_map.parameters(theta) + slopes @ solved[own],
         noise**2 * root @ root.T + scatter,
         s,
         tuple(freed),

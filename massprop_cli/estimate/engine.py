@@ -7,13 +7,13 @@ from contextlib import suppress
 
 import numpy as np
 
-from massprop_cli.estimate import compiled, flown
+from massprop_cli.estimate import compiled, kernelflight
 from massprop_cli.estimate.causal import Causal
 from massprop_cli.estimate.history import History
+from massprop_cli.estimate.historyrecorder import HistoryRecorder
 from massprop_cli.estimate.rows import Rows
-from massprop_cli.estimate.told import HistoryRecorder
 from massprop_cli.inputs.vehicle import Phase
-from massprop_cli.model.handed import StatusError
+from massprop_cli.model.kernelargs import StatusError
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
@@ -56,8 +56,8 @@ def replay(
 def _compiled(samples: Source, cycles: slice, phase: Phase, vehicle: Resolved, progress: Callable[[float], None] | None) -> History:
     """The same, by the compiled kernel."""
     told = HistoryRecorder(samples, cycles, vehicle)
-    if isinstance(samples, Stream) and flown.holds(samples):
-        parts, reference = flown.replayed(samples, cycles, vehicle, progress)
+    if isinstance(samples, Stream) and kernelflight.holds(samples):
+        parts, reference = kernelflight.replayed(samples, cycles, vehicle, progress)
     else:
         aligned = compiled.Pass(samples, cycles, vehicle)
         parts, reference = aligned.rows(progress), aligned.reference

@@ -1,6 +1,6 @@
 """One off-line fit of several logs of one body: what each has said stands below what the others have, in one triangle.
 
-A log's response is linear in the coefficients φ of :mod:`massprop_cli.model.lift` whatever the body is, so its rows on φ, with the
+A log's response is linear in the coefficients φ of :mod:`massprop_cli.model.responsemap` whatever the body is, so its rows on φ, with the
 beginnings of its own states taken out, add up, and θ is solved for from all of them. So a log in which one axis alone was driven brings
 what it tells, where by itself it has no estimate. Assumptions that are uncertain in all logs are the same columns of all.
 """
@@ -72,9 +72,9 @@ class Jointly(Regression):
             if run.bound == bound and self.still(run, offline.SETTLED):
                 break
             reference, bound = run.estimate, run.bound
-            phi, _ = self.lift.coefficients(self.lift.theta(reference))
+            phi, _ = self.phi_map.coefficients(self.phi_map.theta(reference))
             biases = [_bias(own, one, phi) for own, one in zip(self.members, runs, strict=True)]
-        stands, theta = self.still(run, offline.SETTLED), self.lift.theta(run.estimate)
+        stands, theta = self.still(run, offline.SETTLED), self.phi_map.theta(run.estimate)
         corner = self._posed(run, theta, self._scale(theta))[-1 - self.assumed, -1 - self.assumed]
         apart = tuple(self._apart(own, one, run) for own, one in zip(self.members, runs, strict=True))
         return JointFit(self.row(run), run.estimate, stands, float(corner**2), apart)
@@ -94,11 +94,11 @@ class Jointly(Regression):
     def _of_phi(self, own: Regression, run: Run) -> Array:
         """A member's rows on φ, what is measured, and the assumptions: below those that hold its beginnings."""
         rows = run.triangle[own.free :, own.free :]
-        missing = self.lift.size + 1 + self.assumed - rows.shape[1]
+        missing = self.phi_map.size + 1 + self.assumed - rows.shape[1]
         return np.pad(rows, ((0, 0), (0, missing)))
 
     def _apart(self, own: Regression, one: Run, run: Run) -> tuple[float, int]:
-        theta = self.lift.theta(run.estimate)
+        theta = self.phi_map.theta(run.estimate)
         scale = self._scale(theta)
         alone = replace(run, triangle=self._of_phi(own, one), bound=True)
         triangle = self._posed(alone, theta, scale)
@@ -111,7 +111,7 @@ def _bias(own: Regression, run: Run, phi: Array) -> Array:
     block = Layout.of(own.samples, own.vehicle).gyro_bias
     if block.stop == block.start or run.state is None:
         return run.reference.gyro_bias
-    triangle, free, size = run.triangle, own.free, own.lift.size
+    triangle, free, size = run.triangle, own.free, own.phi_map.size
     beginnings = np.linalg.solve(triangle[:free, :free], triangle[:free, free + size] - triangle[:free, free : free + size] @ phi)
     mean = run.state.mean[block.start - RATE.start : block.stop - RATE.start]
     found: Array = mean[:, 0] + mean[:, 1 : 1 + size] @ phi + mean[:, mean.shape[1] - free :] @ beginnings

@@ -11,17 +11,17 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, triangle_of
 from massprop_cli.estimate.history import History, Stages
+from massprop_cli.estimate.historyrecorder import HistoryRecorder
 from massprop_cli.estimate.nuisance import Taken
 from massprop_cli.estimate.quantities import quantities
 from massprop_cli.estimate.regression import Regression
 from massprop_cli.estimate.residual import Residual, coefficients, residual
 from massprop_cli.estimate.rows import Response
-from massprop_cli.estimate.told import HistoryRecorder
 from massprop_cli.estimate.triangle import Run
 from massprop_cli.inputs.vehicle import Phase
-from massprop_cli.model.lift import Tangent
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
+from massprop_cli.model.responsemap import Tangent
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
 

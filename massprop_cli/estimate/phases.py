@@ -11,10 +11,10 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate import disturbances, engine, noiselevels, offline
 from massprop_cli.estimate.history import History
+from massprop_cli.estimate.historyrecorder import informed
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.offline import Led
 from massprop_cli.estimate.sizing import likeliest_levels
-from massprop_cli.estimate.told import informed
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.plant import Reference

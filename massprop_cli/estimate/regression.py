@@ -11,17 +11,17 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, grown, triangle_of
 from massprop_cli.estimate import quantities
-from massprop_cli.estimate.ahead import beyond, unexpected
 from massprop_cli.estimate.initial import knows_inertia
+from massprop_cli.estimate.innovationsahead import beyond, unexpected
 from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, ordered
 from massprop_cli.estimate.rows import Parameters, Posed, Response, Rows, TriangleSolution
 from massprop_cli.estimate.triangle import LOOSE, PULL, Run, Triangle
 from massprop_cli.model.layout import RATE, Layout
-from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.plant.plant import MOMENT, MU
 from massprop_cli.model.resolved import Resolved
+from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.model.system import drift
 from massprop_cli.prepare.compensate import Source
@@ -61,8 +61,8 @@ MOMENTS = [0, 3, 5]
 class Regression(Triangle):
     """Of one phase: solves its triangle, and says what that tells."""
 
-    def __init__(self, samples: Source, cycles: slice, vehicle: Resolved, consider: Consider, lift: Lift | None = None) -> None:
-        super().__init__(samples, cycles, vehicle, consider, lift)
+    def __init__(self, samples: Source, cycles: slice, vehicle: Resolved, consider: Consider, phi_map: ResponseMap | None = None) -> None:
+        super().__init__(samples, cycles, vehicle, consider, phi_map)
         self._last: tuple[Run, Array, Array, Array] | None = None
 
     def again(self, ring: list[Run], reference: Reference) -> list[Run]:
@@ -85,15 +85,15 @@ class Regression(Triangle):
 
         A search that is stuck begins there anew.
         """
-        found, chi_square = self._improved(run, self.lift.theta(run.estimate))
+        found, chi_square = self._improved(run, self.phi_map.theta(run.estimate))
         if found.stuck:
-            anew, left = self._improved(run, self.lift.theta(run.centre))
+            anew, left = self._improved(run, self.phi_map.theta(run.centre))
             found = anew if left < chi_square else found
         return found
 
     def _improved(self, run: Run, theta: Array) -> tuple[Run, float]:
         """By a search from ``theta``, and chi-square of what that leaves."""
-        lift, bound, most = self.lift, run.bound, np.inf
+        phi_map, bound, most = self.phi_map, run.bound, np.inf
         response: Array | None = None
         if not bound:
             theta, others, response, chi_square, stuck = self._searched(run, theta, bound=False)
@@ -103,14 +103,14 @@ class Regression(Triangle):
             theta, others, response, chi_square, stuck = tied, begun, None, left, tied_stuck
         layout, reference = Layout.of(self.samples, self.vehicle), run.reference
         bias = self._state(run, layout.gyro_bias, theta, others, reference.gyro_bias)
-        if lift.plant.tilts and not lift.plant.pivoted:  # on a slope steps have no derivative by it, and led astray
+        if phi_map.plant.tilts and not phi_map.plant.pivoted:  # on a slope steps have no derivative by it, and led astray
             bias = reference.gyro_bias
         scale = self._state(run, layout.scale, theta, others, reference.scale)
         damping = self._state(run, layout.damping, theta, others, reference.damping)
         # until commands alone tell each axis, a steady torque may be anything; on a bearing the weight that it holds up may be as much
-        told = bound or lift.plant.pivoted
+        told = bound or phi_map.plant.pivoted
         pushed = self._state(run, layout.torque, theta, others, reference.acceleration) if told else reference.acceleration
-        estimate = replace(lift.reference(theta, bias), response=response, scale=scale, damping=damping, acceleration=pushed)
+        estimate = replace(phi_map.reference(theta, bias), response=response, scale=scale, damping=damping, acceleration=pushed)
         return replace(run, estimate=estimate, bound=bound, stuck=stuck), chi_square
 
     def _state(self, run: Run, block: slice, theta: Array, others: Array, before: Array) -> Array:
@@ -118,8 +118,8 @@ class Regression(Triangle):
         if block.stop == block.start or run.state is None:
             return before
         mean = run.state.mean[block.start - RATE.start : block.stop - RATE.start]
-        phi, _ = self.lift.coefficients(theta)
-        found: Array = mean[:, 0] + mean[:, 1 : 1 + self.lift.size] @ phi + mean[:, mean.shape[1] - len(others) :] @ others
+        phi, _ = self.phi_map.coefficients(theta)
+        found: Array = mean[:, 0] + mean[:, 1 : 1 + self.phi_map.size] @ phi + mean[:, mean.shape[1] - len(others) :] @ others
         return found
 
     def _searched(self, run: Run, theta: Array, bound: bool) -> tuple[Array, Array, Array, float, bool]:
@@ -138,16 +138,16 @@ class Regression(Triangle):
             least, own = self._lightest(theta, centre, scale, triangle, solved[-1]), triangle[: count + 9]
             if solved[-1] < least:
                 solved = np.append(np.linalg.solve(own[:, : count + 9], own[:, count + 10] - least * own[:, count + 9]), least)
-            before, theta = theta, self.lift.stepped(theta, scale * solved[count:])
+            before, theta = theta, self.phi_map.stepped(theta, scale * solved[count:])
             if (triangle[count : count + 10, count + 10] ** 2).sum() < STILL**2:
                 break
         # what is left of the last step, where it was taken as far as it leads to a body
         wanted = triangle[count : count + 10, count : count + 10] @ (solved[count:] - (theta - before) / scale)
         stuck = bool((wanted**2).sum() > STUCK**2)
-        phi, coupling = self.lift.coefficients(theta)[0], self.lift.coupling
+        phi, coupling = self.phi_map.coefficients(theta)[0], self.phi_map.coupling
         if not bound:
-            phi[coupling] = self.lift.coefficients(before)[0][coupling] + LOOSE * solved[self.free : count - self.uncertain]
-        response = phi[: 3 * self.lift.channels].reshape(3, -1)
+            phi[coupling] = self.phi_map.coefficients(before)[0][coupling] + LOOSE * solved[self.free : count - self.uncertain]
+        response = phi[: 3 * self.phi_map.channels].reshape(3, -1)
         others = np.concatenate([solved[count - self.uncertain : count], solved[: self.free]])
         return theta, others, response, float(triangle[count + 10, count + 10] ** 2), stuck
 
@@ -178,13 +178,13 @@ class Regression(Triangle):
         """Without the gyroscopic coupling."""
         if self._inertia_is_known:
             return True
-        axes = [i for i in MOMENTS if self.lift.plant.told[i]]
+        axes = [i for i in MOMENTS if self.phi_map.plant.told[i]]
         return bool((self._sigmas(run, theta)[axes] < KNOWN * theta[axes]).all())
 
     @property
     def _inertia_is_known(self) -> bool:
         """Whether it is from elsewhere, where a free swing tells no more of it than ratios."""
-        return not self.lift.plant.translates and knows_inertia(self.vehicle)
+        return not self.phi_map.plant.translates and knows_inertia(self.vehicle)
 
     def _sigmas(self, run: Run, theta: Array) -> Array:
         """(10,) one sigma of each of θ by the data alone."""
@@ -213,16 +213,16 @@ class Regression(Triangle):
 
         Of ``ω̇ × c`` in the specific force, c is told by the reference's ω̇.
         """
-        if not self.lift.plant.translates:
+        if not self.phi_map.plant.translates:
             return 0.0
         turning = run.estimate.acceleration - run.reference.acceleration
-        lever = theta[MU] if self.lift.plant.pivoted else 1.0
+        lever = theta[MU] if self.phi_map.plant.pivoted else 1.0
         count, noise = run.at - self.cycles.start, self.vehicle.noise[3:].min()
         return float(count * (turning @ turning) * (lever * sigma[MOMENT].max() / noise) ** 2)
 
     def still(self, run: Run, most: float) -> bool:
         """Whether another pass would change nothing. In free flight the response is linear in 1/m, so that it is the same about any."""
-        if not self.lift.plant.pivoted:
+        if not self.phi_map.plant.pivoted:
             run = replace(run, reference=replace(run.reference, mu=run.estimate.mu))
         return self.stands(run, most)
 
@@ -231,16 +231,16 @@ class Regression(Triangle):
 
         What is small beside the reference is known to be so.
         """
-        lift = self.lift
-        about = lift.theta(reference)
-        scales = lift.scales(theta)
-        known = sigma < KNOWN * np.maximum(scales, lift.scales(about))
+        phi_map = self.phi_map
+        about = phi_map.theta(reference)
+        scales = phi_map.scales(theta)
+        known = sigma < KNOWN * np.maximum(scales, phi_map.scales(about))
         if self._inertia_is_known:  # then data tell its ratios, and those better than any of it
             free = sigma[..., :6] > KNOWN * scales[..., :6]
             sigma = sigma.copy()
             sigma[..., :6] = np.where(free, RATIO * scales[..., :6], sigma[..., :6])
             known[..., :6] |= free
-        if lift.plant.pivoted:  # what the weight does to it is much where the CG is off by little
+        if phi_map.plant.pivoted:  # what the weight does to it is much where the CG is off by little
             scales[..., MOMENT] *= PULL["balanced cg"]
         far = known & ((theta - about) ** 2 > most * sigma * scales)
         return np.asarray(far.any(1))
@@ -257,13 +257,13 @@ class Regression(Triangle):
         """(10,) by how much what a run has taken in departs from its estimate, linear about that, and (10,) its variance."""
         theta, scale, triangle = self._about(run)
         own = self._nuisances(run.bound)
-        root = self.lift.slopes(theta) * scale @ np.linalg.inv(triangle[own : own + 10, own : own + 10])
+        root = self.phi_map.slopes(theta) * scale @ np.linalg.inv(triangle[own : own + 10, own : own + 10])
         return root @ triangle[own : own + 10, own + 10], (root**2).sum(1)
 
     def _about(self, run: Run) -> tuple[Array, Array, Array]:
         """(10,) θ of a run's estimate, its prior's sigmas, and the triangle about them."""
         if self._last is None or self._last[0] is not run:
-            theta = self.lift.theta(run.estimate)
+            theta = self.phi_map.theta(run.estimate)
             scale = self._scale(theta)
             self._last = run, theta, scale, self._posed(run, theta, scale)
         return self._last[1:]
@@ -271,13 +271,13 @@ class Regression(Triangle):
     def response(self, run: Run) -> Response:
         """What each assumption does to the estimate and to the fit."""
         (_, scale, triangle), own = self._about(run), self._nuisances(run.bound)
-        theta = self.lift.theta(run.estimate)
+        theta = self.phi_map.theta(run.estimate)
         end = own + 10
         shift = scale[:, None] * np.linalg.solve(triangle[own:end, own:end], triangle[own:end, end + 1 :])
         left = triangle[end:, end:]
         root = np.linalg.inv(triangle[:end, :end])[self._damping]
         damping = np.column_stack([root @ triangle[:end, end], np.sqrt((root**2).sum(1))])
-        return Response(self.lift.slopes(theta) @ shift, left.T @ left, self._added(theta, scale, triangle[:end, :end]), damping)
+        return Response(self.phi_map.slopes(theta) @ shift, left.T @ left, self._added(theta, scale, triangle[:end, :end]), damping)
 
     @property
     def _damping(self) -> IntArray:
@@ -287,7 +287,7 @@ class Regression(Triangle):
 
     def _added(self, theta: Array, scale: Array, triangle: Array) -> dict[str, Array]:
         """(10,) variance of the state parameters that damping and each kind of uncertain geometry add: beside their being known."""
-        slopes, of = self.lift.slopes(theta) * scale, np.full(len(triangle), "", dtype=object)
+        slopes, of = self.phi_map.slopes(theta) * scale, np.full(len(triangle), "", dtype=object)
         of[len(of) - 10 - self.uncertain : len(of) - 10], of[self._damping] = self.consider.kinds, "damping"
 
         def variance(kept: BoolArray) -> Array:
@@ -307,7 +307,7 @@ class Regression(Triangle):
     def _each(self, before: Run, taken: Taken) -> Array:
         """(K, m, n + 11 + e) a block's rows about the estimate before it."""
         theta, scale, _ = self._about(before)
-        white = ordered(taken.white, self.lift.size, self.free).reshape(*taken.white.shape[:2], -1)
+        white = ordered(taken.white, self.phi_map.size, self.free).reshape(*taken.white.shape[:2], -1)
         return self._reduced(white, theta, scale, before.bound)
 
     def astray(self, before: Run, posed: Posed) -> int | None:
@@ -371,7 +371,7 @@ class Regression(Triangle):
             clear = (mu > 0) & (covariance[:, MU, MU] < (quantities.UNTOLD * mu) ** 2)
             pull[clear, MU, MU] = np.maximum(pull[clear, MU, MU], mu[clear] ** 2)
         sensible = step - covariance @ np.linalg.solve(covariance + pull, step + (theta - centre)[:, None])
-        return TriangleSolution(root, steps, self.lift.nearest(theta, sensible[..., 0]), np.sqrt(np.einsum("kii->ki", covariance)))
+        return TriangleSolution(root, steps, self.phi_map.nearest(theta, sensible[..., 0]), np.sqrt(np.einsum("kii->ki", covariance)))
 
     def _told(
         self, run: Run, theta: Array, scale: Array, triangles: Array, told: TriangleSolution, states: tuple[State, ...]
@@ -380,16 +380,16 @@ class Regression(Triangle):
         count = triangles.shape[1] - 10
         # I and c are curved in θ: each row is turned into them where it stands, but for what the data don't tell
         root, step, at, sigma = told
-        slopes = self.lift.slopes(at)
-        mean = self.lift.parameters(at) + np.einsum("kij,kj->ki", slopes, theta + step[..., 0] - at)
+        slopes = self.phi_map.slopes(at)
+        mean = self.phi_map.parameters(at) + np.einsum("kij,kj->ki", slopes, theta + step[..., 0] - at)
         root, shift = slopes @ root, slopes @ step[..., 1:]
         apart = slopes * self._split(run, at, sigma)[:, None, :]
         covariance = root @ root.transpose(0, 2, 1) + apart @ apart.transpose(0, 2, 1)
         if states and drift(self.vehicle).any():
             # what has drifted since the beginning is a state, affine in φ and in the states' beginnings
             given = np.stack([state.mean[-10:] for state in states])
-            by_phi, by_beginning = given[..., 1 : 1 + self.lift.size], given[..., given.shape[2] - self.free :]
-            assumed = given[..., 1 + self.lift.size : given.shape[2] - self.free]
+            by_phi, by_beginning = given[..., 1 : 1 + self.phi_map.size], given[..., given.shape[2] - self.free :]
+            assumed = given[..., 1 + self.phi_map.size : given.shape[2] - self.free]
             assumed, geometry = assumed[..., : self.assumed], -assumed[..., self.assumed :]
             among = np.concatenate([by_beginning, by_phi, -given[..., :1], assumed, geometry], -1)
             affine = self._reduced(among, theta, scale, run.bound)
@@ -408,10 +408,12 @@ class Regression(Triangle):
 
     def _split(self, run: Run, theta: Array, sigma: Array) -> Array:
         """(K, 10) error of c or κ, as its product with J is split about the reference: its own move, where another axis' J is faint."""
-        if not self.lift.plant.translates:  # what the accelerometer feels is linear in θ
+        if not self.phi_map.plant.translates:  # what the accelerometer feels is linear in θ
             return np.zeros_like(theta)
         relative = np.minimum(sigma[:, MOMENTS] / np.maximum(theta[:, MOMENTS], np.finfo(float).tiny), 1.0)
-        relative[:, ~self.lift.plant.told[MOMENTS]] = 0.0
+        relative[:, ~self.phi_map.plant.told[MOMENTS]] = 0.0
         found = np.zeros_like(theta)
-        found[:, MOMENT] = (theta - self.lift.theta(run.reference))[:, MOMENT] * np.maximum(relative[:, [1, 2, 0]], relative[:, [2, 0, 1]])
+        found[:, MOMENT] = (theta - self.phi_map.theta(run.reference))[:, MOMENT] * np.maximum(
+            relative[:, [1, 2, 0]], relative[:, [2, 0, 1]]
+        )
         return found

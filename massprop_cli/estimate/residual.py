@@ -8,7 +8,7 @@ import numpy as np
 
 from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array
-from massprop_cli.estimate.ahead import unexpected
+from massprop_cli.estimate.innovationsahead import unexpected
 from massprop_cli.estimate.nuisance import Taken, ordered
 from massprop_cli.estimate.regression import Regression
 from massprop_cli.estimate.triangle import Run
@@ -31,10 +31,10 @@ class Residual(NamedTuple):
 
 def coefficients(regression: Regression, reference: Reference) -> Array:
     """(N,) φ of a reference."""
-    lift = regression.lift
-    phi, _ = lift.coefficients(lift.theta(reference))
+    phi_map = regression.phi_map
+    phi, _ = phi_map.coefficients(phi_map.theta(reference))
     if reference.response is not None:
-        phi[: 3 * lift.channels] = reference.response.ravel()
+        phi[: 3 * phi_map.channels] = reference.response.ravel()
     return phi
 
 
@@ -45,10 +45,10 @@ def residual(regression: Regression, before: Run, taken: Taken, phi: Array) -> R
     is predicted with b as the cycles before it tell it. So where nothing disturbs the body, the prediction is the motion that the commands
     cause from the phase's first moment on, and a wrong value shows as a growing gap.
     """
-    lift, free = regression.lift, regression.free
-    known = before.triangle[:free], ordered(taken.white, lift.size, free).reshape(*taken.white.shape[:2], -1)
+    phi_map, free = regression.phi_map, regression.free
+    known = before.triangle[:free], ordered(taken.white, phi_map.size, free).reshape(*taken.white.shape[:2], -1)
     triangle, each = (
-        np.concatenate([rows[..., :free], (rows[..., free + lift.size] - rows[..., free : free + lift.size] @ phi)[..., None]], -1)
+        np.concatenate([rows[..., :free], (rows[..., free + phi_map.size] - rows[..., free : free + phi_map.size] @ phi)[..., None]], -1)
         for rows in known
     )
     left, spread = unexpected(triangle, each)

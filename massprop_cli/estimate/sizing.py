@@ -17,10 +17,10 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.whitening import Disturbance, Driven, each, independent
-from massprop_cli.model.lift import Lift
-from massprop_cli.model.lifted import integrals_about
 from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.regressors import integrals_about
 from massprop_cli.model.resolved import Resolved
+from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.prepare.compensate import Source
 
 LONGEST = 2048
@@ -116,8 +116,8 @@ def _piece(samples: Source, cycles: slice, vehicle: Resolved) -> _Piece | None:
     """A phase's first cycles; None where they tell of no body, or are too few."""
     part = slice(cycles.start, min(cycles.start + LONGEST, cycles.stop))
     reference = beginning(samples, part, vehicle)
-    lift = Lift(plant_of(vehicle))
-    if reference is None or part.stop - part.start < 3 * lift.channels:
+    phi_map = ResponseMap(plant_of(vehicle))
+    if reference is None or part.stop - part.start < 3 * phi_map.channels:
         return None
     here = samples.part(part)
     step, _, known = integrals_about(here, reference, vehicle)

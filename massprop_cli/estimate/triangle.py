@@ -20,12 +20,12 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.estimate import compiled
 from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, filtered, known_rows, ordered, unknown_beginnings
-from massprop_cli.model import handed
-from massprop_cli.model.lift import Lift
-from massprop_cli.model.lifted import reference_numbers
+from massprop_cli.model import kernelargs
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.plant.plant import MU
+from massprop_cli.model.regressors import reference_numbers
 from massprop_cli.model.resolved import Resolved
+from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.model.system import System, beginnings, drift, prior, system_of
 from massprop_cli.prepare.compensate import Source
@@ -68,9 +68,9 @@ class Run:
 class Triangle:
     """Of one phase: takes cycles in, and poses what they say."""
 
-    def __init__(self, samples: Source, cycles: slice, vehicle: Resolved, consider: Consider, lift: Lift | None = None) -> None:
+    def __init__(self, samples: Source, cycles: slice, vehicle: Resolved, consider: Consider, phi_map: ResponseMap | None = None) -> None:
         self.samples, self.cycles, self.vehicle, self.consider = samples, cycles, vehicle, consider
-        self.lift = lift or Lift(plant_of(vehicle))
+        self.phi_map = phi_map or ResponseMap(plant_of(vehicle))
         first = samples.part(slice(cycles.start, cycles.start + 1))
         self.begun_s, self._attitude_error = float(first.executed.start_s[0]), first.attitude_error_rad
         self.prior = prior(samples, vehicle)
@@ -82,15 +82,15 @@ class Triangle:
         self.uncertain = len(consider.kinds)
         """u, the unknowns of the geometry, each in its own sigmas."""
         known = vehicle.known.get("mass")
-        self.weighed = 1 / known.value if known is not None and self.lift.plant.pivoted else None
+        self.weighed = 1 / known.value if known is not None and self.phi_map.plant.pivoted else None
         """1/kg, of a mass that is known from elsewhere, on a bearing."""
-        self.in_kernel = lift is None and compiled.holds(samples, vehicle, consider)
+        self.in_kernel = phi_map is None and compiled.holds(samples, vehicle, consider)
         """Whether the compiled kernel takes the cycles in, as in flight."""
         self._begun: tuple[Reference, Array, Array] | None = None
 
     def begin(self, reference: Reference) -> Run:
         """Before the first cycle."""
-        size = self.free + self.lift.size + 1 + self.assumed + self.uncertain
+        size = self.free + self.phi_map.size + 1 + self.assumed + self.uncertain
         known = known_rows(self.prior, size)
         triangle = np.vstack([known, np.zeros((size - len(known), size))])
         return Run(self.cycles.start, reference, reference, reference, False, self.cycles.start, None, triangle)
@@ -118,28 +118,28 @@ class Triangle:
     def _system(self, first: int, end: int, reference: Reference) -> System:
         """Of the cycles from ``first`` on, with the step that leads into it."""
         cycles = slice(max(first - 1, self.cycles.start), end)
-        return system_of(self.samples, cycles, reference, self.vehicle, self.consider, self.lift)
+        return system_of(self.samples, cycles, reference, self.vehicle, self.consider, self.phi_map)
 
     def _compiled(self, run: Run, end: int) -> tuple[Run, Taken]:
         """The cycles from ``run.at`` to ``end`` by the compiled kernel (massprop_cli/kernel/offline.c)."""
         begun = run.state is not None
-        fed = handed.packed(self.samples.part(slice(run.at - begun, end)), self.vehicle)
+        fed = kernelargs.packed(self.samples.part(slice(run.at - begun, end)), self.vehicle)
         width, states = len(run.triangle), len(self.prior)
         state = run.state or State(np.zeros((states, width)), np.zeros((states, states)))
-        given = compiled.table(self.samples, self.vehicle), reference_numbers(run.reference, self.lift), self._attitude_error
-        after, white, roots = handed.taken(*given, fed, handed.Filtered(*state, run.triangle), begun)
+        given = compiled.table(self.samples, self.vehicle), reference_numbers(run.reference, self.phi_map), self._attitude_error
+        after, white, roots = kernelargs.taken(*given, fed, kernelargs.Filtered(*state, run.triangle), begun)
         run = replace(run, at=end, state=State(after.mean, after.root), triangle=after.triangle)
         return self._renewed(run), Taken(white, roots, ())
 
     def _with(self, run: Run, end: int, system: System) -> tuple[Run, Taken]:
         state, taken = filtered(run.state or unknown_beginnings(self.prior, system), system, run.state is None, self.drifting)
-        triangle = triangle_of(np.vstack([run.triangle, ordered(taken.white, self.lift.size, self.free)]))
+        triangle = triangle_of(np.vstack([run.triangle, ordered(taken.white, self.phi_map.size, self.free)]))
         return self._renewed(replace(run, at=end, state=state, triangle=triangle)), taken
 
     def _renewed(self, run: Run) -> Run:
         """With the rate unknown again once an error of where it began has grown ``GROWN`` times: a free body's motion forgets."""
         turn = slice(-self.free, 3 - self.free or None)
-        if run.state is None or run.state.root.any() or self.lift.plant.pivoted:
+        if run.state is None or run.state.root.any() or self.phi_map.plant.pivoted:
             return run  # beside a disturbance it forgets by itself
         if np.abs(run.state.mean[:3, turn]).max() < GROWN:
             return run
@@ -156,21 +156,21 @@ class Triangle:
         Nuisances are the beginnings, unless ``bound`` the coefficients of the gyroscopic coupling (their departure over ``LOOSE``), and
         what is uncertain of the geometry.
         """
-        phi, slopes = self.lift.coefficients(theta)
-        by_phi = rows[..., self.free : self.free + self.lift.size]
-        left = rows[..., self.free + self.lift.size :].copy()
+        phi, slopes = self.phi_map.coefficients(theta)
+        by_phi = rows[..., self.free : self.free + self.phi_map.size]
+        left = rows[..., self.free + self.phi_map.size :].copy()
         left[..., 0] -= by_phi @ phi
         left, geometry = left[..., : 1 + self.assumed], -left[..., 1 + self.assumed :]
         parts = [rows[..., : self.free], geometry, by_phi @ (slopes * scale), left]
         if not bound:
-            coupling = self.lift.coupling
+            coupling = self.phi_map.coupling
             held = slopes * scale
             held[coupling] = 0.0
             parts[1:3] = [LOOSE * by_phi[..., coupling], geometry, by_phi @ held]
         return np.concatenate(parts, -1)
 
     def _nuisances(self, bound: bool) -> int:
-        return self.free + self.uncertain + (0 if bound else len(self.lift.coupling))
+        return self.free + self.uncertain + (0 if bound else len(self.phi_map.coupling))
 
     def _posed(self, run: Run, theta: Array, scale: Array, centre: Array | None = None, bound: bool | None = None) -> Array:
         """(n + 11 + …, n + 11 + e) triangle about ``theta`` of all that a run has taken in, with a prior of ``scale`` about ``centre``."""
@@ -183,7 +183,7 @@ class Triangle:
 
     def ordered(self, taken: Taken) -> Array:
         """(r K, M + 1 + e + u) whitened rows of K cycles, as they stand in a triangle."""
-        return ordered(taken.white, self.lift.size, self.free)
+        return ordered(taken.white, self.phi_map.size, self.free)
 
     def beside_assumptions(self, each: Sequence[Array], theta: Array) -> tuple[list[Array], Array]:
         """Rows on nuisances, θ's departure over its prior sigmas (10,), assumptions and what was measured; and these sigmas.
@@ -199,18 +199,18 @@ class Triangle:
     def _pull(self, theta: Array, run: Run) -> tuple[Array, Array]:
         """(10,) where the search began, and (10,) one sigma of the pull towards it."""
         if self._begun is None or self._begun[0] is not run.centre:
-            centre = self.lift.theta(run.centre)
+            centre = self.phi_map.theta(run.centre)
             centre[MU] = centre[MU] if self.weighed is None else self.weighed
-            self._begun = run.centre, centre, self.lift.sizes(centre)
+            self._begun = run.centre, centre, self.phi_map.sizes(centre)
         _, centre, sizes = self._begun
-        cg = PULL["balanced cg" if self.lift.plant.pivoted else "cg"]
+        cg = PULL["balanced cg" if self.phi_map.plant.pivoted else "cg"]
         pull = np.array([*[PULL["response"]] * 6, *[cg] * 3, PULL["mu"]])
-        pull *= np.maximum(self.lift.sizes(theta), sizes)
+        pull *= np.maximum(self.phi_map.sizes(theta), sizes)
         return centre, self._weighed(theta, pull)
 
     def _scale(self, theta: Array) -> Array:
         """(10,) one sigma of each of θ before anything is known."""
-        return self._weighed(theta, self.vehicle.estimator.prior_scale * self.lift.sizes(theta))
+        return self._weighed(theta, self.vehicle.estimator.prior_scale * self.phi_map.sizes(theta))
 
     def _weighed(self, theta: Array, sigma: Array) -> Array:
         """(10,) sigmas of θ, that of mu not beyond what a known mass leaves; where the log tells another, it is heard."""

@@ -12,7 +12,7 @@ from massprop_cli.base import files
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.escape import line
-from massprop_cli.estimate import flown
+from massprop_cli.estimate import kernelflight
 from massprop_cli.export import tables
 from massprop_cli.export.resolve import Constants, Leg
 from massprop_cli.inputs.telemetry import Log
@@ -20,7 +20,7 @@ from massprop_cli.kernel import kernel
 
 SOURCES = Path(kernel_room.__file__).parent
 TEMPLATES = Path(__file__).parent
-HOST = ("host.c", "host.h", "begin.c", "blocks.c", "contest.c", "offline.c", "suppose.c", "suppose.h")
+HOST = ("host.c", "host.h", "initialbody.c", "blocks.c", "comparison.c", "offline.c", "hypothesis.c", "hypothesis.h")
 """What serves the ground alone."""
 
 
@@ -107,7 +107,7 @@ def expected(resolved: Constants, log: Log) -> str:
 
 
 def _told(resolved: Constants, leg: Leg, log: Log) -> Iterator[str]:
-    flight = flown.Flight(resolved.commands, leg.vehicle, leg.rule)
+    flight = kernelflight.Flight(resolved.commands, leg.vehicle, leg.rule)
     found = flight.step(_cycles(leg, log), last=True)
     for value, sigma, verdict in zip(found.values, found.sigmas, found.verdicts, strict=True):
         yield " ".join([*map(bits, [*value, *sigma]), *(str(int(v)) for v in verdict)]) + "\n"
@@ -120,4 +120,4 @@ def bits(value: float) -> str:
 
 def _cycles(leg: Leg, log: Log) -> Array:
     """From the log's first cycle on, since commands in flight and the attitude go on."""
-    return flown.cycles_of(log, slice(0, min(leg.cycles.stop + 1, log.cycles)), leg.cycles)
+    return kernelflight.cycles_of(log, slice(0, min(leg.cycles.stop + 1, log.cycles)), leg.cycles)

@@ -10,12 +10,12 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.conclude.verdict import allowed
 from massprop_cli.diagnosis.resolve import stated_timing
-from massprop_cli.estimate import compiled, flown
+from massprop_cli.estimate import compiled, kernelflight
 from massprop_cli.inputs import logfile, telemetry
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.model import handed
+from massprop_cli.model import kernelargs
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.timing import Timing
 
@@ -33,7 +33,7 @@ class Leg(NamedTuple):
     vehicle: Array
     """As :func:`massprop_cli.estimate.compiled.table` has it."""
     rule: Array
-    """As :func:`massprop_cli.estimate.flown.rule_of` has it."""
+    """As :func:`massprop_cli.estimate.kernelflight.rule_of` has it."""
     cycles: slice
     """Of the log; empty without one."""
     own: Resolved
@@ -45,7 +45,7 @@ class Constants(NamedTuple):
 
     vehicle: Vehicle
     commands: Array
-    """As :func:`massprop_cli.estimate.flown.commands_of` has it."""
+    """As :func:`massprop_cli.estimate.kernelflight.commands_of` has it."""
     legs: tuple[Leg, ...]
     log: Log | None
 
@@ -71,7 +71,7 @@ def stated(source: VehicleSource, jets: bool | None = None) -> Constants:
         Leg(name, compiled.table(GyroAttitude(), own), _rule(own), slice(0, 0), own)
         for name, own in [(phase.name, used.in_phase(phase)) for phase in used.phases] or [("all", used)]
     )
-    commands = flown.commands_of(bool(vehicle.jets) if jets is None else jets, vehicle, timing.delay)
+    commands = kernelflight.commands_of(bool(vehicle.jets) if jets is None else jets, vehicle, timing.delay)
     return Constants(vehicle, commands, legs, None)
 
 
@@ -88,7 +88,7 @@ def told(source: VehicleSource, log_path: Path) -> Constants:
     log, vehicle = found.samples.log, _exactly(source.vehicle, found.vehicle)
     shortest = float(log.interval_s.reshape(-1, log.records_per_cycle).sum(1).min())
     used = _checked(source, vehicle, found.timing, shortest)
-    commands = flown.commands_of(log.command_kind == "jets", vehicle, found.timing.delay)
+    commands = kernelflight.commands_of(log.command_kind == "jets", vehicle, found.timing.delay)
     legs = []
     for history in found.histories:
         own = used.in_phase(history.phase)
@@ -106,7 +106,7 @@ def _exactly(stated: Vehicle, found: Vehicle) -> Vehicle:
 
 def _checked(source: VehicleSource, vehicle: Vehicle, timing: Timing, shortest_s: float) -> Resolved:
     used = Resolved.stated(vehicle)
-    problem = handed.unknown(vehicle) or flown.beyond(vehicle, timing, shortest_s)
+    problem = kernelargs.unknown(vehicle) or kernelflight.beyond(vehicle, timing, shortest_s)
     if vehicle.cycle.command_delay_sigma_cycles > 0 or vehicle.thrust.lag_sigma_s > 0:
         problem = (
             problem or "delay or lag have a sigma, and the kernel takes them as exact; set command_delay_sigma_cycles and lag_sigma_s to 0"
@@ -122,4 +122,4 @@ def _rule(vehicle: Vehicle) -> Array:
     settings = vehicle.convergence
     relative = settings.relative is not False
     inertia, cg, mass = (allowed(kind, getattr(settings, f"{kind}_tolerance"), relative) for kind in ("inertia", "cg", "mass"))
-    return flown.rule_of(vehicle, (inertia, cg, mass), relative)
+    return kernelflight.rule_of(vehicle, (inertia, cg, mass), relative)

@@ -1,11 +1,11 @@
-/* The response of many cycles at once, for fits on the ground (massprop_cli/model/lifted.py): the same equations, cycle by cycle. */
+/* The response of many cycles at once, for fits on the ground (massprop_cli/model/regressors.py): the same equations, cycle by cycle. */
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
 
 #include "host.h"
 #include "motion.h"
-#include "small.h"
+#include "linalg.h"
 
 /* What is made of a stretch of cycles: n states, c combinations of coefficients. */
 typedef struct {
@@ -15,10 +15,10 @@ typedef struct {
     double *steps;       /* (K - 1, 3) */
     double *drive;       /* (K - 1, n, 1 + c) */
     double *measured;    /* (K, 6, 1 + c) */
-} lifted;
+} regressors;
 
-SHARED int mp_host_lifted(const double *table, const double *reference, long count, long stride, const double *rows, const double *onto,
-                          int combined, const lifted *out);
+SHARED int mp_host_regressors(const double *table, const double *reference, long count, long stride, const double *rows, const double *onto,
+                          int combined, const regressors *out);
 
 SHARED int mp_host_beyond(const double *table, const double *reference, const double *phi, long count, long stride, const double *rows,
                           const double *rate, double *next, double *seen);
@@ -80,26 +80,26 @@ static void combine(const mp_real *channels, int count, const double *onto, int 
 }
 
 static void step_written(const mp_layout *layout, const mp_reference *about, const mp_motion *from, const mp_motion *into,
-                         const mp_leap *leap, const double *onto, int combined, long k, const lifted *out) {
+                         const mp_time_update *update, const double *onto, int combined, long k, const regressors *out) {
     int n = layout->states, wide = 1 + combined, i, j, a, m;
     double made[3 * (3 * MP_CHANNELS + 4)], *drive = out->drive + k * n * wide;
     for (i = 0; i < n; i++) {
-        for (j = 0; j < n; j++) out->transition[(k * n + i) * n + j] = (double)leap->transition[i][j];
+        for (j = 0; j < n; j++) out->transition[(k * n + i) * n + j] = (double)update->transition[i][j];
         memset(drive + i * wide, 0, (size_t)wide * sizeof drive[0]);
-        drive[i * wide] = (double)leap->drive[i];
+        drive[i * wide] = (double)update->drive[i];
     }
-    combine(leap->step, layout->channels, onto, combined, made);
+    combine(update->step, layout->channels, onto, combined, made);
     for (i = 0; i < 3; i++) {
         mp_real growth = from->known[0][i] + into->known[1][i];
-        for (j = 0; j < 3; j++) out->to_rate[(k * 3 + i) * 3 + j] = (double)leap->to_rate[i][j];
-        for (j = 0; j < layout->channels; j++) growth += about->phi[i][j] * leap->step[j];
+        for (j = 0; j < 3; j++) out->to_rate[(k * 3 + i) * 3 + j] = (double)update->to_rate[i][j];
+        for (j = 0; j < layout->channels; j++) growth += about->phi[i][j] * update->step[j];
         out->steps[k * 3 + i] = (double)growth;
         for (a = 0; a < 3; a++)
-            for (m = 0; m < combined; m++) drive[i * wide + 1 + m] += (double)leap->solve[i][a] * made[a * combined + m];
+            for (m = 0; m < combined; m++) drive[i * wide + 1 + m] += (double)update->solve[i][a] * made[a * combined + m];
     }
 }
 
-static void cycle_written(const mp_layout *layout, const mp_motion *here, const double *onto, int combined, long k, const lifted *out) {
+static void cycle_written(const mp_layout *layout, const mp_motion *here, const double *onto, int combined, long k, const regressors *out) {
     int n = layout->states, wide = 1 + combined, last = 3 * layout->channels, i, j, a, m;
     double made[3 * (3 * MP_CHANNELS + 4)], *measured = out->measured + k * 6 * wide, *observation = out->observation + k * 6 * n;
     memset(measured, 0, (size_t)(6 * wide) * sizeof measured[0]);
@@ -128,13 +128,13 @@ static void cycle_written(const mp_layout *layout, const mp_motion *here, const 
 }
 
 /* Of `count` cycles by rows, as mp_host_run has them; `onto` NULL: a column for each coefficient. */
-int mp_host_lifted(const double *table, const double *reference, long count, long stride, const double *rows, const double *onto,
-                   int combined, const lifted *out) {
+int mp_host_regressors(const double *table, const double *reference, long count, long stride, const double *rows, const double *onto,
+                   int combined, const regressors *out) {
     mp_vehicle vehicle;
     mp_layout layout;
     mp_reference about;
     mp_motion motion[2];
-    mp_leap leap;
+    mp_time_update update;
     mp_cycle cycle;
     long k;
     int status = mp_about_of(table, reference, &vehicle, &layout, &about);
@@ -144,8 +144,8 @@ int mp_host_lifted(const double *table, const double *reference, long count, lon
         mp_motion_of(&vehicle, &layout, &cycle, &about, &motion[k % 2]);
         if (k > 0) {
             const mp_motion *from = &motion[(k + 1) % 2], *into = &motion[k % 2];
-            mp_leap_of(&vehicle, &layout, from, into, &about, &leap);
-            step_written(&layout, &about, from, into, &leap, onto, combined, k - 1, out);
+            mp_time_update_of(&vehicle, &layout, from, into, &about, &update);
+            step_written(&layout, &about, from, into, &update, onto, combined, k - 1, out);
         }
         cycle_written(&layout, &motion[k % 2], onto, combined, k, out);
     }
@@ -160,7 +160,7 @@ int mp_host_beyond(const double *table, const double *reference, const double *p
     mp_layout layout;
     mp_reference about;
     mp_motion motion[2];
-    mp_leap leap;
+    mp_time_update update;
     mp_cycle cycle;
     double made[3];
     const double *last;
@@ -182,11 +182,11 @@ int mp_host_beyond(const double *table, const double *reference, const double *p
             for (j = 0; j < 4; j++) pushing[i] -= (double)here->own[i][j] * last[j];
         }
         if (k == 0) continue;
-        mp_leap_of(&vehicle, &layout, &motion[(k + 1) % 2], here, &about, &leap);
-        combine(leap.step, layout.channels, phi, 1, made);
+        mp_time_update_of(&vehicle, &layout, &motion[(k + 1) % 2], here, &about, &update);
+        combine(update.step, layout.channels, phi, 1, made);
         for (i = 0; i < layout.states; i++) {
-            next[i] = (double)leap.drive[i];
-            for (j = 0; j < 3; j++) next[i] += (double)leap.transition[i][j] * before[j] + (i < 3 ? (double)leap.solve[i][j] * made[j] : 0.0);
+            next[i] = (double)update.drive[i];
+            for (j = 0; j < 3; j++) next[i] += (double)update.transition[i][j] * before[j] + (i < 3 ? (double)update.solve[i][j] * made[j] : 0.0);
         }
         next += layout.states;
     }

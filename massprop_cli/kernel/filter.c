@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "small.h"
+#include "linalg.h"
 
 #define GROWN R(100) /* growth of an error beyond which what a rate long past says of the present one is lost in rounding */
 
@@ -21,21 +21,21 @@ void mp_filter_begin(const mp_layout *layout, const mp_real attitude_error[3][5]
 }
 
 /* x <- F x + u. The transition is the identity but for the rate's rows and the tilt's. */
-static void carried(const mp_layout *layout, mp_filter *filter, const mp_leap *leap) {
+static void carried(const mp_layout *layout, mp_filter *filter, const mp_time_update *update) {
     mp_real moved[6][MP_WIDTH];
     int rows[6] = {0, 1, 2, -1, -1, -1}, count = 3, i, j, a, c;
     if (layout->at_tilt >= 0)
         for (i = 0; i < 3; i++) rows[count++] = layout->at_tilt + i;
     for (i = 0; i < count; i++) {
-        const mp_real *turn = leap->transition[rows[i]];
+        const mp_real *turn = update->transition[rows[i]];
         for (c = 0; c < layout->width; c++) moved[i][c] = R(0);
         for (j = 0; j < layout->states; j++)
             if (turn[j] != R(0))
                 for (c = 0; c < layout->width; c++) moved[i][c] += turn[j] * filter->mean[j][c];
-        moved[i][0] += leap->drive[rows[i]];
+        moved[i][0] += update->drive[rows[i]];
         if (i < 3)
             for (a = 0; a < 3; a++)
-                for (c = 0; c < layout->channels; c++) moved[i][1 + a * layout->channels + c] += leap->solve[i][a] * leap->step[c];
+                for (c = 0; c < layout->channels; c++) moved[i][1 + a * layout->channels + c] += update->solve[i][a] * update->step[c];
     }
     for (i = 0; i < count; i++) memcpy(filter->mean[rows[i]], moved[i], sizeof moved[i]);
 }
@@ -67,19 +67,19 @@ static void left(const mp_layout *layout, const mp_filter *filter, const mp_moti
 }
 
 /* [[V, H S], [0, S]] with S <- [F S, G], made lower triangular: root of the innovations, gain times it, updated S. */
-static void joined(const mp_layout *layout, mp_filter *filter, const mp_leap *leap, const mp_motion *here, mp_real *joint) {
-    int n = layout->states, q = leap == NULL ? 0 : layout->process, columns = 6 + n + q, i, j, k;
+static void joined(const mp_layout *layout, mp_filter *filter, const mp_time_update *update, const mp_motion *here, mp_real *joint) {
+    int n = layout->states, q = update == NULL ? 0 : layout->process, columns = 6 + n + q, i, j, k;
     memset(joint, 0, (size_t)((6 + n) * columns) * sizeof joint[0]);
     for (i = 0; i < n; i++) {
         mp_real *own = joint + (6 + i) * columns + 6;
-        if (leap == NULL) {
+        if (update == NULL) {
             for (j = 0; j < n; j++) own[j] = filter->root[i][j];
             continue;
         }
         for (k = 0; k < n; k++)
-            if (leap->transition[i][k] != R(0))
-                for (j = 0; j < n; j++) own[j] += leap->transition[i][k] * filter->root[k][j];
-        for (j = 0; j < q; j++) own[n + j] = leap->process[i][j];
+            if (update->transition[i][k] != R(0))
+                for (j = 0; j < n; j++) own[j] += update->transition[i][k] * filter->root[k][j];
+        for (j = 0; j < q; j++) own[n + j] = update->process[i][j];
     }
     for (i = 0; i < 3; i++) {
         mp_real *turning = joint + i * columns, *pushing = joint + (3 + i) * columns;
@@ -102,14 +102,14 @@ static void joined(const mp_layout *layout, mp_filter *filter, const mp_leap *le
     mp_lower(joint, 6 + n, columns);
 }
 
-void mp_filter_step(const mp_layout *layout, mp_filter *filter, const mp_leap *leap, const mp_motion *here, mp_real *joint,
+void mp_filter_step(const mp_layout *layout, mp_filter *filter, const mp_time_update *update, const mp_motion *here, mp_real *joint,
                     mp_real *white, mp_real root[6][6]) {
-    int n = layout->states, width = layout->width, columns = 6 + n + (leap == NULL ? 0 : layout->process), i, j, c;
-    if (leap != NULL) carried(layout, filter, leap);
+    int n = layout->states, width = layout->width, columns = 6 + n + (update == NULL ? 0 : layout->process), i, j, c;
+    if (update != NULL) carried(layout, filter, update);
     left(layout, filter, here, white);
     memcpy(root, here->noise, sizeof here->noise);
     if (layout->process > 0) {
-        joined(layout, filter, leap, here, joint);
+        joined(layout, filter, update, here, joint);
         for (i = 0; i < 6; i++)
             for (j = 0; j < 6; j++) root[i][j] = joint[i * columns + j];
     }

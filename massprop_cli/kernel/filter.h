@@ -6,8 +6,8 @@
 
 /* In a phase's first cycle: all that is unknown has a column of its own. */
 void mp_filter_begin(const mp_layout *layout, const mp_real attitude_error[3][5], mp_filter *filter);
-/* One cycle on (`leap` NULL: in the first), and measured; white (6, width) innovations and their lower root (6, 6). */
-void mp_filter_step(const mp_layout *layout, mp_filter *filter, const mp_leap *leap, const mp_motion *here, mp_real *joint,
+/* One cycle on (`update` NULL: in the first), and measured; white (6, width) innovations and their lower root (6, 6). */
+void mp_filter_step(const mp_layout *layout, mp_filter *filter, const mp_time_update *update, const mp_motion *here, mp_real *joint,
                     mp_real *white, mp_real root[6][6]);
 /* White innovations as rows (6, beginnings + coefficients + 1) of unknowns and what is measured. */
 void mp_ordered(const mp_layout *layout, const mp_real *white, mp_real *rows);

@@ -2,13 +2,13 @@
 #ifndef MASSPROP_FLIGHT_H
 #define MASSPROP_FLIGHT_H
 
-#include "front.h"
+#include "preprocess.h"
 #include "massprop.h"
 #include "verdict.h"
 
 /* The caller owns the memory; sizeof(mp_flight) is all the RAM that is held from cycle to cycle. */
 typedef struct {
-    mp_front front;
+    mp_preprocess preprocess;
     mp_pass pass;
     mp_rule rule;
     mp_steady steady;
@@ -19,7 +19,7 @@ typedef struct {
 /* Before the first cycle. MP_LIMIT where the tables are beyond a limit. */
 int mp_flight_begin(mp_flight *flight, const mp_commands *commands, const mp_vehicle *vehicle, const mp_rule *rule);
 
-/* One control cycle on, at its end. `made` is 1 where `out` says something new: see mp_front_step for when it comes one call later.
+/* One control cycle on, at its end. `made` is 1 where `out` says something new: see mp_preprocess_step for when it comes one call later.
  * On any status but MP_OK nothing has changed and `made` is 0. */
 int mp_flight_step(mp_flight *flight, const mp_flown *flown, mp_values *out, int *made);
 

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "flight.h"
-#include "small.h"
+#include "linalg.h"
 
 #define TOLD 131 /* numbers of a row: mean 10, covariance 100, relative 3, innovation 6, its sigma 6, normalised 6 */
 
@@ -201,7 +201,7 @@ long mp_host_flown(mp_flight *flight, long count, long stride, const double *row
         mp_values found;
         int made;
         if (k < count) {
-            flown_of(&flight->front.table, rows + k * stride, &flown);
+            flown_of(&flight->preprocess.table, rows + k * stride, &flown);
             *status = mp_flight_step(flight, &flown, &found, &made);
         } else {
             *status = mp_flight_last(flight, &found, &made);

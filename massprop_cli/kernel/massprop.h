@@ -207,12 +207,12 @@ typedef struct {
     mp_real to_rate[3][3];     /* impulse of a moment to its growth of the mean rate */
     mp_real step[MP_CHANNELS]; /* what phi multiplies, and solve what that makes */
     mp_real drive[MP_STATES];  /* the states' own */
-} mp_leap;
+} mp_time_update;
 
 /* Room for what is not kept from one cycle to the next. */
 typedef struct {
     mp_motion motion;
-    mp_leap leap;
+    mp_time_update update;
     mp_real joint[(6 + MP_STATES) * (6 + MP_STATES + MP_PROCESS)];
     mp_real white[6 * MP_WIDTH];
     mp_real ordered[6 * MP_WIDTH];

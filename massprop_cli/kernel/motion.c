@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "small.h"
+#include "linalg.h"
 
 #define STEEP R(0.5) /* largest part of a rate's error that the gyroscopic coupling may add to it or take off within half a step */
 #define PASSES 3     /* that rebuild the motion within a cycle */

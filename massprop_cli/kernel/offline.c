@@ -1,12 +1,12 @@
 /* What off-line fits need of many cycles at once, for the ground: cycles taken in as in flight (massprop_cli/estimate/triangle.py), the
  * filter on all nuisances beside assumptions (massprop_cli/estimate/nuisance.py), and what rows bring that those before them did not tell
- * (massprop_cli/estimate/ahead.py). */
+ * (massprop_cli/estimate/innovationsahead.py). */
 #include <stddef.h>
 #include <string.h>
 
 #include "filter.h"
 #include "host.h"
-#include "small.h"
+#include "linalg.h"
 
 SHARED int mp_host_taken(const double *table, const double *reference, const double *attitude_error, int begun, long count, long stride,
                          const double *rows, double *mean, double *root, double *triangle, double *white, double *roots);
@@ -70,7 +70,7 @@ int mp_host_taken(const double *table, const double *reference, const double *at
     mp_reference about;
     mp_cycle cycle;
     mp_motion motion[2];
-    mp_leap leap;
+    mp_time_update update;
     mp_run run;
     mp_real joint[(6 + MP_STATES) * (6 + MP_STATES + MP_PROCESS)], own[6 * MP_WIDTH], ordered[6 * MP_WIDTH], spread[6][6], first[3][5];
     long k;
@@ -83,9 +83,9 @@ int mp_host_taken(const double *table, const double *reference, const double *at
         mp_cycle_of(&vehicle, rows + k * stride, &cycle);
         mp_motion_of(&vehicle, &layout, &cycle, &about, here);
         if (k == 0 && begun) continue;
-        if (k > 0) mp_leap_of(&vehicle, &layout, &motion[(k + 1) % 2], here, &about, &leap);
+        if (k > 0) mp_time_update_of(&vehicle, &layout, &motion[(k + 1) % 2], here, &about, &update);
         else mp_filter_begin(&layout, (const mp_real(*)[5])first, &run.filter);
-        mp_filter_step(&layout, &run.filter, k > 0 ? &leap : NULL, here, joint, own, spread);
+        mp_filter_step(&layout, &run.filter, k > 0 ? &update : NULL, here, joint, own, spread);
         for (i = 0; i < 6 * layout.width; i++) *white++ = (double)own[i];
         for (i = 0; i < 36; i++) *roots++ = (double)spread[i / 6][i % 6];
         mp_ordered(&layout, own, ordered);

@@ -3,11 +3,11 @@
 #include <string.h>
 
 #include "filter.h"
-#include "first.h"
-#include "lift.h"
+#include "initial.h"
+#include "responsemap.h"
 #include "massprop.h"
 #include "motion.h"
-#include "small.h"
+#include "linalg.h"
 #include "solve.h"
 
 #define AGAIN 8       /* how often, on the average, a cycle may be taken in anew */
@@ -51,9 +51,9 @@ static void taken(mp_pass *pass, const mp_cycle *cycle, mp_real *ordered, mp_rea
     mp_motion *here = &pass->room.motion;
     mp_run *run = &pass->run;
     mp_motion_of(&pass->vehicle, &pass->layout, cycle, &pass->reference, here);
-    if (run->begun) mp_leap_of(&pass->vehicle, &pass->layout, &pass->last, here, &pass->reference, &pass->room.leap);
+    if (run->begun) mp_time_update_of(&pass->vehicle, &pass->layout, &pass->last, here, &pass->reference, &pass->room.update);
     else mp_filter_begin(&pass->layout, (const mp_real(*)[5])pass->attitude_error, &run->filter);
-    mp_filter_step(&pass->layout, &run->filter, run->begun ? &pass->room.leap : NULL, here, pass->room.joint, pass->room.white, root);
+    mp_filter_step(&pass->layout, &run->filter, run->begun ? &pass->room.update : NULL, here, pass->room.joint, pass->room.white, root);
     mp_ordered(&pass->layout, pass->room.white, ordered);
     run->begun = 1;
     run->at += 1;
@@ -184,7 +184,7 @@ int mp_step(mp_pass *pass, const mp_cycle *cycle, mp_row *row) {
     if (pass->started) {
         mp_judge(&pass->layout, &pass->posed, pass->room.ordered, row->normalised, unexplained, spread);
         innovated(pass, cycle, root, unexplained, spread, row);
-        astray = mp_tell(pass, row) && pass->spare >= 0;
+        astray = mp_estimate(pass, row) && pass->spare >= 0;
         row->told = !run->stuck;
     }
     mp_fold(run->triangle, pass->layout.width, pass->room.ordered, 6);
@@ -196,7 +196,7 @@ int mp_step(mp_pass *pass, const mp_cycle *cycle, mp_row *row) {
     length = run->at - pass->block_begin;
     looked(pass, length);
     if (!pass->started) return MP_OK;
-    (void)mp_tell(pass, row);
+    (void)mp_estimate(pass, row);
     row->told = !run->stuck;
     return MP_OK;
 }

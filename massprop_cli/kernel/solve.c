@@ -3,8 +3,8 @@
 #include <math.h>
 #include <string.h>
 
-#include "lift.h"
-#include "small.h"
+#include "responsemap.h"
+#include "linalg.h"
 
 #define LOOSE R(3)          /* one sigma of the coefficients of the gyroscopic coupling while they are free */
 #define INCONSISTENT R(60)  /* more chi-square than the coupling's free coefficients would leave by chance */
@@ -219,7 +219,7 @@ static void outer10(mp_real a[10][10], const int first[10], mp_real out[10][10])
         }
 }
 
-int mp_tell(mp_pass *pass, mp_row *row) {
+int mp_estimate(mp_pass *pass, mp_row *row) {
     const mp_posed *posed = &pass->posed;
     mp_real root[10][10], step[10], right[10], at[10], sigma[10], slopes[10][10], apart[10], moved[10][10], share;
     mp_real *mean = row->mean, (*covariance)[10] = row->covariance;

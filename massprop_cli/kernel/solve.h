@@ -13,7 +13,7 @@ void mp_pose(mp_pass *pass);
 void mp_judge(const mp_layout *layout, mp_posed *posed, const mp_real *ordered, mp_real normalised[6], mp_real unexplained[6],
               mp_real spread[6][6]);
 /* A row's mass properties, and 1 where theta is too far from the reference for the second order not to show. */
-int mp_tell(mp_pass *pass, mp_row *row);
+int mp_estimate(mp_pass *pass, mp_row *row);
 /* The estimate that the run gives, in pass->estimate; what the data don't tell stays near the centre. */
 void mp_improve(mp_pass *pass, mp_run *run);
 /* Whether theta is so far from the reference, where it is known, that the second order shows; of a run's own estimate, posed. */

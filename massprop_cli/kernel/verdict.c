@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "small.h"
+#include "linalg.h"
 
 #define HARDLY R(0.4)  /* relative sigma of J up to which that of I = 1/J is taken from the interval of two sigma */
 #define PRIOR R(0.5)   /* prior sigma over the natural size */

@@ -23,7 +23,7 @@ class RecordedCycle(NamedTuple):
 
     end_s: float
     numbers: Array
-    """As :func:`massprop_cli.estimate.flown.cycles_of` has them."""
+    """As :func:`massprop_cli.estimate.kernelflight.cycles_of` has them."""
     lacking: bool = False
     """Whether a record before it is lacking, with a command that nobody knows."""
 

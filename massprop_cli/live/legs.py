@@ -6,7 +6,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.errors import InputError
-from massprop_cli.estimate.flown import VERDICTS, Flight, Reported
+from massprop_cli.estimate.kernelflight import VERDICTS, Flight, Reported
 from massprop_cli.export import resolve
 from massprop_cli.export.resolve import Constants, Leg
 from massprop_cli.inputs.vehicle import Vehicle
@@ -14,7 +14,7 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.kernel import kernel
 from massprop_cli.live.cycles import RecordedCycle
 from massprop_cli.live.onnumpy import OnNumPy
-from massprop_cli.model.handed import StatusError
+from massprop_cli.model.kernelargs import StatusError
 
 CONVERGED = VERDICTS.index("converged")
 UNUSED = 14
@@ -28,7 +28,7 @@ class Estimator(Protocol):
         """Estimate anew with the next cycle; commands in flight and the attitude go on."""
 
     def step(self, numbers: Array) -> Reported | None:
-        """The next cycle, as :func:`massprop_cli.estimate.flown.cycles_of` has it; what the one completed by it came to."""
+        """The next cycle, as :func:`massprop_cli.estimate.kernelflight.cycles_of` has it; what the one completed by it came to."""
 
     def last(self) -> Reported | None:
         """The cycle that waits for the next one's commands, where nothing more comes."""

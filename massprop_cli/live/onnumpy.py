@@ -10,7 +10,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.verdict import BEGUN, HALVED, POSITIVE, PRIOR, SURE
 from massprop_cli.estimate.causal import Causal
-from massprop_cli.estimate.flown import VERDICTS, Reported
+from massprop_cli.estimate.kernelflight import VERDICTS, Reported
 from massprop_cli.estimate.quantities import quantities
 from massprop_cli.estimate.rows import Rows
 from massprop_cli.export.resolve import Constants, Leg
@@ -23,7 +23,7 @@ from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
 END, LENGTH, THETA, VELOCITY, IGNORED, UNUSED = 0, 1, slice(2, 5), slice(5, 8), slice(12, 14), 14
-"""Where a cycle's numbers stand (:func:`massprop_cli.estimate.flown.cycles_of`); commands follow."""
+"""Where a cycle's numbers stand (:func:`massprop_cli.estimate.kernelflight.cycles_of`); commands follow."""
 LATEST, LOUDEST, AS_STATED, MISFIT = 256, 25.0, 16, 1.5
 """Cycles over which what the model leaves is averaged; the most that one of them counts; how many before the first are taken to be as
 stated; and the mean square of a sensor's normalised innovations beyond which model and flight contradict each other."""

@@ -12,14 +12,14 @@ from typing import BinaryIO
 from massprop_cli import QUANTITIES
 from massprop_cli.base import files
 from massprop_cli.base.errors import InputError
-from massprop_cli.estimate import flown
+from massprop_cli.estimate import kernelflight
 from massprop_cli.export import resolve
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.kernel import kernel
 from massprop_cli.live.cycles import Gatherer, RecordedCycle
 from massprop_cli.live.legs import Completed, Legs
 from massprop_cli.live.records import RecordError, StreamReader
-from massprop_cli.model.handed import StatusError
+from massprop_cli.model.kernelargs import StatusError
 
 
 def follow(lines: Iterable[str], source: VehicleSource, keep: Callable[[str], object], warn: Callable[[str], None]) -> Iterator[str]:
@@ -91,7 +91,7 @@ def _line(completed: Completed) -> str:
 
 
 def _verdict(completed: Completed, value: float, verdict: int) -> str:
-    return "contradicted" if completed.lacking and math.isfinite(value) else flown.VERDICTS[verdict]
+    return "contradicted" if completed.lacking and math.isfinite(value) else kernelflight.VERDICTS[verdict]
 
 
 def _said(value: float) -> float | None:

@@ -1,4 +1,4 @@
-"""The vehicle's response over control cycles, linear in its mass properties about one reference (:mod:`massprop_cli.model.lifted`).
+"""The vehicle's response over control cycles, linear in its mass properties about one reference (:mod:`massprop_cli.model.regressors`).
 
 Its state x stands as :mod:`massprop_cli.model.layout` has it.
 """
@@ -10,10 +10,10 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import times
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.layout import PARAMETERS, RATE, Layout
-from massprop_cli.model.lift import Lift
-from massprop_cli.model.lifted import Steps, lifted
 from massprop_cli.model.parameters import parameters
 from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.regressors import Steps, regressors
+from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.prepare.compensate import Source
 
 
@@ -31,12 +31,12 @@ class Linear(Steps):
 
 def linearise(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Linear:
     """The linear system of ``cycles`` (a slice with both ends given) about ``reference``. Row k uses data of cycles k and before only."""
-    lift, layout = Lift(plant_of(vehicle)), Layout.of(samples, vehicle)
-    theta = lift.theta(reference)
-    phi, slopes = lift.coefficients(theta)
-    by_parameter = slopes @ np.linalg.inv(lift.slopes(theta))
+    phi_map, layout = ResponseMap(plant_of(vehicle)), Layout.of(samples, vehicle)
+    theta = phi_map.theta(reference)
+    phi, slopes = phi_map.coefficients(theta)
+    by_parameter = slopes @ np.linalg.inv(phi_map.slopes(theta))
     about = phi - by_parameter @ parameters(reference)
-    free = lifted(samples, cycles, reference, vehicle, np.column_stack([about, by_parameter]))
+    free = regressors(samples, cycles, reference, vehicle, np.column_stack([about, by_parameter]))
     states = slice(RATE.start, None)
     transition = np.zeros((len(free.drive), layout.size, layout.size))
     transition[:, PARAMETERS, PARAMETERS] = np.eye(10)

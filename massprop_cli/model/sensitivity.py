@@ -25,12 +25,12 @@ from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model import attitude
 from massprop_cli.model.geometry import WrenchChanges, uncertain_jets
-from massprop_cli.model.handed import packed
+from massprop_cli.model.intracycle import Within, motion_within
+from massprop_cli.model.kernelargs import packed
 from massprop_cli.model.layout import Layout
-from massprop_cli.model.lift import Lift
-from massprop_cli.model.lifted import Lifted, as_read, beyond, compiled, lifted, reference_numbers
 from massprop_cli.model.plant import Reference, plant_of
-from massprop_cli.model.within import Within, motion_within
+from massprop_cli.model.regressors import Regressors, as_read, beyond, compiled, reference_numbers, regressors
+from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.prepare.compensate import Samples, Source
 from massprop_cli.prepare.stream import Stream
 
@@ -179,17 +179,17 @@ class Consider:
 
 
 def fed(
-    here: Lifted, samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider, lift: Lift
+    here: Regressors, samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider, phi_map: ResponseMap
 ) -> tuple[Array, Array]:
     """(K − 1, n, e + u) and (K, m, e + u) derivatives of drive and measurements by assumptions, and by unknowns of the geometry.
 
-    At the reference and the measured rates; ``here`` is the response of ``cycles`` by the coefficients of ``lift``.
+    At the reference and the measured rates; ``here`` is the response of ``cycles`` by the coefficients of ``phi_map``.
     """
     part, state = samples.part(cycles), np.zeros((len(here.measured), here.transition.shape[1]))
     state[:, :3] = part.rate_rad_s - reference.gyro_bias
     driven, measured, rows = list[Array](), list[Array](), 9 if samples.attitude_logged else 6
     # the log as it was read is at hand; sides that variants have in common are looked at once, and stay: ids are theirs
-    at_hand = _beyond(here, lift.coefficients(lift.theta(reference))[0], state)
+    at_hand = _beyond(here, phi_map.coefficients(phi_map.theta(reference))[0], state)
     sides = _Sides(state, cycles, reference, {}, _Shared({}, {}, {}), [vehicle])
     sides.read[id(samples), id(vehicle)] = _with_attitude(at_hand, part, Layout.of(samples, vehicle), reference, state)
     expected_motion = cache(partial(_expected_motion, part, at_hand, state))
@@ -253,7 +253,7 @@ def _all(part: Samples) -> WrenchChanges:
     return WrenchChanges(np.arange(len(every)), every)
 
 
-def _aging(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, here: Lifted) -> tuple[Array, Array]:
+def _aging(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, here: Regressors) -> tuple[Array, Array]:
     """(K − 1, 3, 1) growth of the rate and (K, 3, 1) specific force by thrust that grows by all of itself over the log."""
     part, whole_s = samples.part(cycles), samples.end_s[[0, -1]]
     grown, felt = wrench_columns(samples, cycles, reference, vehicle, here, _all(part))
@@ -262,7 +262,7 @@ def _aging(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicl
 
 
 def wrench_columns(
-    samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, here: Lifted, changes: WrenchChanges
+    samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, here: Regressors, changes: WrenchChanges
 ) -> tuple[Array, Array]:
     """(K − 1, 3, g) growth of the rate and (K, 3, g) specific force by each change of a channel's wrench."""
     part = samples.part(cycles)
@@ -327,9 +327,9 @@ def _expected(
     side: OtherReading, state: Array, cycles: slice, reference: Reference, vehicle: Vehicle, shared: _Shared
 ) -> tuple[Array, Array]:
     """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, as a side reads the log."""
-    within, samples, lift = id(vehicle.environment), side.samples, Lift(plant_of(vehicle))
+    within, samples, phi_map = id(vehicle.environment), side.samples, ResponseMap(plant_of(vehicle))
     if within not in shared.bodies:
-        shared.bodies[within] = lift.coefficients(lift.theta(reference))[0], reference_numbers(reference, lift)
+        shared.bodies[within] = phi_map.coefficients(phi_map.theta(reference))[0], reference_numbers(reference, phi_map)
     phi, about = shared.bodies[within]
     if compiled(vehicle):
         if id(samples) not in shared.cycles:
@@ -338,8 +338,8 @@ def _expected(
         return driven, as_read(measured, samples.part(cycles))
     same = id(samples), within
     if same not in shared.moved:
-        shared.moved[same] = motion_within(samples.part(cycles), reference, lift)
-    return _beyond(lifted(samples, cycles, reference, vehicle, phi[:, None], shared.moved[same]), np.ones(1), state)
+        shared.moved[same] = motion_within(samples.part(cycles), reference, phi_map)
+    return _beyond(regressors(samples, cycles, reference, vehicle, phi[:, None], shared.moved[same]), np.ones(1), state)
 
 
 def _with_attitude(expected: tuple[Array, Array], part: Samples, layout: Layout, reference: Reference, state: Array) -> tuple[Array, Array]:
@@ -350,7 +350,7 @@ def _with_attitude(expected: tuple[Array, Array], part: Samples, layout: Layout,
     return expected[0], np.hstack([expected[1], logged.offset - times(logged.observation, state)])
 
 
-def _beyond(free: Lifted, coefficients: Array, state: Array) -> tuple[Array, Array]:
+def _beyond(free: Regressors, coefficients: Array, state: Array) -> tuple[Array, Array]:
     """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, of ``coefficients``."""
     driven, measured = (part[..., 0] + part[..., 1:] @ coefficients for part in (free.drive, free.measured))
     return times(free.transition, state[:-1]) + driven, measured - times(free.observation, state)

@@ -14,11 +14,11 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model import attitude
 from massprop_cli.model.layout import MU, RATE, Layout
-from massprop_cli.model.lift import Lift
-from massprop_cli.model.lifted import Lifted, lifted
 from massprop_cli.model.momentum import scale_sigmas
 from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.regressors import Regressors, regressors
 from massprop_cli.model.resolved import Resolved
+from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.model.sensitivity import Consider, fed
 from massprop_cli.prepare.compensate import Mounted, Samples, Source, biased_attitude
 
@@ -61,9 +61,9 @@ class System:
         )
 
 
-def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider, lift: Lift) -> System:
-    """The system of ``cycles`` about ``reference``, with a column for each coefficient of ``lift``."""
-    free, here = lifted(samples, cycles, reference, vehicle, lift.onto), samples.part(cycles)
+def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider, phi_map: ResponseMap) -> System:
+    """The system of ``cycles`` about ``reference``, with a column for each coefficient of ``phi_map``."""
+    free, here = regressors(samples, cycles, reference, vehicle, phi_map.onto), samples.part(cycles)
     layout, drive, measured, observation = Layout.of(samples, vehicle), free.drive, free.measured, free.observation
     roots, noise = _noise(here, layout, reference, vehicle, free)
     logged = attitude.seen(here, layout, reference)
@@ -75,14 +75,14 @@ def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Res
         both[:, :6, :6], both[:, 6:, 6:] = noise, logged.noise
         noise = both
     if consider.columns(len(samples.wrench)) or consider.kinds:
-        driven, seen = fed(free, samples, cycles, reference, vehicle, consider, lift)
+        driven, seen = fed(free, samples, cycles, reference, vehicle, consider, phi_map)
         drive, measured = np.concatenate([drive, driven], -1), np.concatenate([measured, seen], -1)
     transition = free.transition
     walk = drift(vehicle)
     if walk.any():
         walk[MU] *= reference.mu**2
-        theta = lift.theta(reference)
-        by_parameter = lift.coefficients(theta)[1] @ np.linalg.inv(lift.slopes(theta))
+        theta = phi_map.theta(reference)
+        by_parameter = phi_map.coefficients(theta)[1] @ np.linalg.inv(phi_map.slopes(theta))
         states = transition.shape[1]
         grown = np.zeros((len(transition), states + 10, states + 10))
         grown[:, :states, :states], grown[:, states:, states:] = transition, np.eye(10)
@@ -146,7 +146,7 @@ def drift(vehicle: Vehicle) -> Array:
     return np.array([getattr(vehicle.drift, name) for name in type(vehicle.drift).model_fields])
 
 
-def _noise(here: Samples, layout: Layout, reference: Reference, vehicle: Resolved, free: Lifted) -> tuple[list[Array], Array]:
+def _noise(here: Samples, layout: Layout, reference: Reference, vehicle: Resolved, free: Regressors) -> tuple[list[Array], Array]:
     """Roots of process noise, (K − 1, n, 3) each, and that of the measurements' (K, 6, 6)."""
     executed = here.executed
     duration = executed.duration_s
@@ -188,7 +188,7 @@ def _in_rate(block: Array, states: int) -> Array:
     return columns
 
 
-def _pulse_roots(covariance: Array, reference: Reference, vehicle: Resolved, free: Lifted) -> tuple[Array, Array]:
+def _pulse_roots(covariance: Array, reference: Reference, vehicle: Resolved, free: Regressors) -> tuple[Array, Array]:
     """Roots (K − 1, 3, 3) of the rate's process noise from the pulse errors of the cycle that a step leaves, and of the one it enters.
 
     A pulse's error enters the rate over both steps; half of its variance counts in each, as if they were independent.

@@ -11,8 +11,8 @@ from massprop_cli.diagnosis import change
 from massprop_cli.estimate.triangle import Triangle
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.timing import Timing
@@ -62,16 +62,16 @@ def test_the_body_that_fits_a_triangle_is_the_one_that_flew() -> None:
     """Chi-square of the best body is what the noise leaves, and a tenth more inertia fits far worse."""
     flown = flight.standard("free", 320)
     samples, used = flown.samples(np.random.default_rng(3)), flown.used
-    lift = Lift(plant_of(used))
+    phi_map = ResponseMap(plant_of(used))
     about = reference(flight.TRUTH)
     triangle = stretch(samples, slice(2, 320), about, used)
     (left,) = change.least(triangle[None], about, resolved(used))
     rows = 6 * 318
     assert left == pytest.approx(rows - 19, abs=4 * np.sqrt(2 * rows))
     other = Reference(1.1 * about.inertia, about.cg, about.mu)
-    heavier = lift.theta(other)
+    heavier = phi_map.theta(other)
     by_phi, measured = triangle[:, :-1], triangle[:, -1]
-    assert ((measured - by_phi @ lift.coefficients(heavier)[0]) ** 2).sum() > 100 * left
+    assert ((measured - by_phi @ phi_map.coefficients(heavier)[0]) ** 2).sum() > 100 * left
     assert change.least(triangle[None], other, resolved(used)) == pytest.approx(left, rel=1e-3)
 
 

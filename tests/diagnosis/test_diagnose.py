@@ -19,7 +19,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed import scenario, truth
 from tests import faulty
 from tests.analysed import analysed
-from tests.diagnosis.test_look import DOCKED, LONGER
+from tests.diagnosis.test_screening import DOCKED, LONGER
 from tests.flown import PLAN, fly
 
 LAG = "actuators.lag_s=0.03"

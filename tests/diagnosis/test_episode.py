@@ -14,7 +14,7 @@ from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import actuators, align
 from tests import faulty
-from tests.diagnosis.test_look import look_at, look_of, otherwise
+from tests.diagnosis.test_screening import look_at, look_of, otherwise
 from tests.flown import PLAN, fly
 
 NONE = Disturbance(0.0, 0.0)

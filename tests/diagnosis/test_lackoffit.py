@@ -10,7 +10,7 @@ from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis.lackoffit import hidden_error, innovation_test
 from massprop_cli.estimate import offline
 from massprop_cli.estimate.history import History, phase_cycles
-from massprop_cli.estimate.told import informed
+from massprop_cli.estimate.historyrecorder import informed
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.plant import Reference

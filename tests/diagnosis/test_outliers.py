@@ -18,7 +18,7 @@ from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 from tests import faulty
 from tests.diagnosis.test_diagnose import LAG, dead
-from tests.diagnosis.test_look import thrust
+from tests.diagnosis.test_screening import thrust
 from tests.flown import PLAN, fly
 
 ROWS = [61, 62, 150, 233, 399]

@@ -15,7 +15,7 @@ from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.diagnosis.search import _by_promise, codes, searched
 from tests import faulty
 from tests.diagnosis.test_diagnose import LAG
-from tests.diagnosis.test_look import look_at, look_of, otherwise
+from tests.diagnosis.test_screening import look_at, look_of, otherwise
 from tests.flown import PLAN
 
 

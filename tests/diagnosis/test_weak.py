@@ -11,7 +11,7 @@ import pytest
 
 from massprop_cli.testbed import scenario, simulate
 from tests import faulty
-from tests.diagnosis.test_look import look_of
+from tests.diagnosis.test_screening import look_of
 
 THOROUGH = pytest.mark.thorough
 SCENARIOS = json.loads((Path(__file__).parent.parent / "data" / "weak.json").read_text())

@@ -11,11 +11,11 @@ import pytest
 
 from massprop_cli import job
 from massprop_cli.base.arrays import Array
-from massprop_cli.estimate import compiled, engine, flown
+from massprop_cli.estimate import compiled, engine, kernelflight
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.kernel import kernel
-from massprop_cli.model import handed
+from massprop_cli.model import kernelargs
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
@@ -127,7 +127,7 @@ def test_what_is_off_line_agrees(log: str, assignments: tuple[str, ...], monkeyp
     """Fits, what they leave, and what each assumption does to them."""
     own = analysed(log.split("/")[0]) if not assignments else job.of_file(SAMPLES / f"{log}.parquet", None, assignments).analysis
     with monkeypatch.context() as numpy_alone:
-        numpy_alone.setattr(handed, "unknown", lambda *_: "anything")
+        numpy_alone.setattr(kernelargs, "unknown", lambda *_: "anything")
         other = job.of_file(SAMPLES / f"{log}.parquet", None, assignments).analysis
     for mine, theirs in zip(own.settled, other.settled, strict=True):
         assert mine.residual is not None
@@ -193,7 +193,7 @@ def test_every_nuisance_agrees(log: str, settings: tuple[str, ...]) -> None:
 def test_what_is_no_cycle_leaves_the_state_as_it_was(column: int, value: float, status: str) -> None:
     found = analysed("high-rate")
     run = compiled.Pass(found.samples, found.histories[0].cycles, resolved(found.vehicle))
-    good = handed.packed(found.samples.part(slice(100, 103)), found.vehicle)
+    good = kernelargs.packed(found.samples.part(slice(100, 103)), found.vehicle)
     run.step(good[:2])
     before, bad = run.kept(), good[2:].copy()
     bad[0, column] = value
@@ -209,13 +209,15 @@ def test_what_is_flown_is_what_is_reported_to_the_last_bit(name: str) -> None:
     """The kernel's own quantities, cycle after cycle handed over alone, against the history that an estimate has."""
     found = analysed(name)
     vehicle, history = found.vehicle, found.histories[0]
-    commands = flown.commands_of(True, vehicle, found.timing.delay)
-    flight = flown.Flight(commands, compiled.table(found.samples, resolved(vehicle)), flown.rule_of(vehicle, (0.01, 0.01, 0.01)))
-    fed = flown.cycles_of(found.log, slice(0, found.log.cycles), history.cycles)
+    commands = kernelflight.commands_of(True, vehicle, found.timing.delay)
+    flight = kernelflight.Flight(
+        commands, compiled.table(found.samples, resolved(vehicle)), kernelflight.rule_of(vehicle, (0.01, 0.01, 0.01))
+    )
+    fed = kernelflight.cycles_of(found.log, slice(0, found.log.cycles), history.cycles)
     parts = [flight.step(fed[k : k + 1], k + 1 == len(fed)) for k in range(len(fed))]
     assert np.array_equal(np.concatenate([part.values for part in parts]), history.values, equal_nan=True)
     assert np.array_equal(np.concatenate([part.sigmas for part in parts]), history.sigmas, equal_nan=True)
-    last = [flown.VERDICTS[int(number)] for number in parts[-1].verdicts[-1]]
+    last = [kernelflight.VERDICTS[int(number)] for number in parts[-1].verdicts[-1]]
     reported = [estimate.verdict for estimate in found.conclusions[0].estimates.values()]
     assert last == [verdict if verdict != "unobservable" else "not_excited" for verdict in reported]
 

@@ -13,7 +13,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.actuators.control_moment_gyro import GyroLog
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.model import handed
+from massprop_cli.model import kernelargs
 from massprop_cli.prepare.align import align
 from massprop_cli.testbed import bound, scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
@@ -142,4 +142,4 @@ def test_any_part_of_a_log_holds_what_the_whole_holds() -> None:
 
 
 def test_the_compiled_kernel_does_not_know_them() -> None:
-    assert handed.unknown(flown(4)[1].vehicle) == "[[control_moment_gyros]] are stated, and the kernel knows none"
+    assert kernelargs.unknown(flown(4)[1].vehicle) == "[[control_moment_gyros]] are stated, and the kernel knows none"

@@ -124,9 +124,9 @@ def test_the_triangle_holds_what_batch_least_squares_holds() -> None:
     run, kept = one.begin(about), []
     for end in (20, 90, 91, 200, 320):
         run, taken = one.take(run, end)
-        kept.append(nuisance.ordered(taken.white, one.lift.size, one.free))
+        kept.append(nuisance.ordered(taken.white, one.phi_map.size, one.free))
     rows = np.vstack([one.begin(about).triangle, *kept])
-    size = one.free + one.lift.size
+    size = one.free + one.phi_map.size
     scale = np.sqrt((rows[:, :size] ** 2).sum(0))
     batch = np.linalg.lstsq(rows[:, :size] / scale, rows[:, size], rcond=None)[0]
     held = np.linalg.lstsq(run.triangle[:, :size] / scale, run.triangle[:, size], rcond=None)[0]

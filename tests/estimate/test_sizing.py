@@ -12,7 +12,7 @@ import pytest
 from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.estimate import sizing
 from massprop_cli.estimate.history import phases_of
-from massprop_cli.model import lifted
+from massprop_cli.model import regressors
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.testbed import scenario, simulate
 from tests.flight import resolved
@@ -94,7 +94,7 @@ def test_rounding_decides_no_level(seed: int, monkeypatch: pytest.MonkeyPatch) -
     """Of columns that are sums of others it leaves some, which another CPU's kernels leave otherwise: levels had moved with it."""
     flown = simulate.fly(scenario.load("free-flyer", [*plan(10.0), "disturbance.torque_n_m=0.02", "disturbance.walk_n_m=5e-4"]), [seed])
     log, used = flown.log(0), resolved(flown.vehicle)
-    rng, integrals = np.random.default_rng(seed), lifted.integrals_about
+    rng, integrals = np.random.default_rng(seed), regressors.integrals_about
     mixed = rng.standard_normal((6, 4))
     found = []
     for noise in (0.0, 1e-15, 1e-15, 1e-14):

@@ -13,9 +13,9 @@ from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.geometry import uncertain_jets
-from massprop_cli.model.lift import Lift
-from massprop_cli.model.lifted import lifted
 from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.regressors import regressors
+from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.model.sensitivity import Consider, OtherReading, Variant, fed, with_geometry
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
@@ -63,9 +63,9 @@ def test_a_jets_columns_are_what_the_changed_jet_does(name: str, apart: float) -
         place = np.array(jet.position_m) + np.cross(force, change[:3] - np.cross(jet.position_m, change[3:])) / (force @ force)
         other = changed(vehicle, number, jet.model_copy(update={"force_n": tuple(force.tolist()), "position_m": tuple(place.tolist())}))
         variants.append(Variant(OtherReading(samples), OtherReading(Stream.of(log, other, timing), other), 1.0))
-    here, lift = lifted(samples, CYCLES, reference, vehicle), Lift(plant_of(vehicle))
-    by_columns = fed(here, samples, CYCLES, reference, vehicle, Consider(jets=jets), lift)
-    by_reading = fed(here, samples, CYCLES, reference, vehicle, Consider(tuple(variants)), lift)
+    here, phi_map = regressors(samples, CYCLES, reference, vehicle), ResponseMap(plant_of(vehicle))
+    by_columns = fed(here, samples, CYCLES, reference, vehicle, Consider(jets=jets), phi_map)
+    by_reading = fed(here, samples, CYCLES, reference, vehicle, Consider(tuple(variants)), phi_map)
     for found, expected in zip(by_columns, by_reading, strict=True):
         for g in range(len(jets.kinds)):
             size = np.abs(expected[..., g]).max()

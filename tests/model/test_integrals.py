@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from massprop_cli.base.rigidbody import times
-from massprop_cli.model import lifted as module
-from massprop_cli.model.lift import Lift
-from massprop_cli.model.lifted import integrals_about, lifted
+from massprop_cli.model import regressors as module
 from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.regressors import integrals_about, regressors
+from massprop_cli.model.responsemap import ResponseMap
 from tests import flight
 
 pytestmark = pytest.mark.numerical
@@ -22,8 +22,8 @@ def test_either_form_says_the_same_and_the_response_is_made_of_it(kind: str, mon
     about = Reference(np.array(truth)[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3), np.array(truth[6:9]), 1 / truth[9])
     samples, used = flown.samples(), flown.resolved
     step, mean, known = integrals_about(samples, about, used)
-    whole = lifted(samples, slice(0, len(samples)), about, used)
-    response = Lift(plant_of(used)).response(Lift(plant_of(used)).theta(about))
+    whole = regressors(samples, slice(0, len(samples)), about, used)
+    response = ResponseMap(plant_of(used)).response(ResponseMap(plant_of(used)).theta(about))
     np.testing.assert_allclose(times(response, step) + known, whole.steps, atol=1e-12)
     monkeypatch.setattr(module, "compiled", lambda _: False)
     for one, other in zip((step, mean, known), integrals_about(samples, about, used), strict=True):

@@ -7,11 +7,11 @@ import pytest
 
 from massprop_cli.base.rigidbody import lever_arm, times
 from massprop_cli.model.gyroscopic import products
-from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import PedestalBody, Reference
 from massprop_cli.model.plant.plant import MU, Turning
-from tests.model.test_lift import difference
+from massprop_cli.model.responsemap import ResponseMap
 from tests.model.test_plant import BODY, motion
+from tests.model.test_responsemap import difference
 
 pytestmark = pytest.mark.numerical
 GRAVITY = 9.80665
@@ -21,15 +21,15 @@ PLANT = PedestalBody(PIVOT, 0.0, GRAVITY)
 
 def test_torque_about_the_pivot_and_weight_turn_the_body() -> None:
     """I_p ω̇ + ω × I_p ω = τ_p − κ × g u, and the IMU feels g u and its lever arm."""
-    moving, lift = motion(), Lift(PLANT)
+    moving, phi_map = motion(), ResponseMap(PLANT)
     torque = moving.wrench[..., :3] - np.cross(PIVOT, moving.wrench[..., 3:])
     moment = (BODY.cg - PIVOT) / BODY.mu
     turning = torque - np.cross(moment, GRAVITY * moving.up) - np.cross(moving.rate, times(BODY.inertia, moving.rate))
     turned = np.linalg.solve(BODY.inertia, turning[..., None])[..., 0]
     z = np.concatenate([PLANT.acting(moving.wrench, moving.up, moving.up), products(moving.rate)], -1)
-    phi = lift.coefficients(lift.theta(BODY))[0][: 3 * lift.channels].reshape(3, -1)
+    phi = phi_map.coefficients(phi_map.theta(BODY))[0][: 3 * phi_map.channels].reshape(3, -1)
     np.testing.assert_allclose(times(phi, z), turned, rtol=1e-9)
-    np.testing.assert_allclose(phi, lift.response(lift.theta(BODY)), rtol=1e-12)
+    np.testing.assert_allclose(phi, phi_map.response(phi_map.theta(BODY)), rtol=1e-12)
     position, still = np.array([0.1, -0.05, 0.2]), motion(turned)
     rotation, square = still.rotation[:, 0], np.zeros((len(turned), 3, 3))
     square[:] = rotation - np.cross(np.eye(3), -turned[:, 0][:, None]).transpose(0, 2, 1)
@@ -40,17 +40,17 @@ def test_torque_about_the_pivot_and_weight_turn_the_body() -> None:
 
 
 def test_no_mass_moves_the_coefficients() -> None:
-    lift = Lift(PLANT)
-    theta = lift.theta(BODY)
-    slopes = lift.coefficients(theta)[1]
-    np.testing.assert_allclose(slopes, difference(lambda t: lift.coefficients(t)[0], theta), atol=1e-6 * np.abs(slopes).max())
-    assert not slopes[: 3 * lift.channels, MU].any()
+    phi_map = ResponseMap(PLANT)
+    theta = phi_map.theta(BODY)
+    slopes = phi_map.coefficients(theta)[1]
+    np.testing.assert_allclose(slopes, difference(lambda t: phi_map.coefficients(t)[0], theta), atol=1e-6 * np.abs(slopes).max())
+    assert not slopes[: 3 * phi_map.channels, MU].any()
 
 
 def test_parameters_are_there_and_back_and_their_slopes_leave_the_mass_as_it_is() -> None:
-    lift = Lift(PLANT)
-    theta = lift.theta(BODY)
-    found = lift.parameters(theta)
-    np.testing.assert_allclose(lift.theta(Reference(BODY.inertia, found[6:9], float(found[9]))), theta, rtol=1e-12)
-    slopes = lift.slopes(theta)[:, :MU]
-    np.testing.assert_allclose(slopes, difference(lift.parameters, theta)[:, :MU], rtol=1e-6, atol=1e-6)
+    phi_map = ResponseMap(PLANT)
+    theta = phi_map.theta(BODY)
+    found = phi_map.parameters(theta)
+    np.testing.assert_allclose(phi_map.theta(Reference(BODY.inertia, found[6:9], float(found[9]))), theta, rtol=1e-12)
+    slopes = phi_map.slopes(theta)[:, :MU]
+    np.testing.assert_allclose(slopes, difference(phi_map.parameters, theta)[:, :MU], rtol=1e-6, atol=1e-6)

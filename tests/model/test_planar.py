@@ -8,10 +8,10 @@ import pytest
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import lever_arm, tensor
 from massprop_cli.model.gyroscopic import products
-from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import Motion, PlanarBody, Reference
 from massprop_cli.model.plant.planar import TOLD
 from massprop_cli.model.plant.plant import Turning
+from massprop_cli.model.responsemap import ResponseMap
 
 pytestmark = pytest.mark.numerical
 
@@ -31,7 +31,7 @@ def yawing() -> tuple[Array, Array, Array]:
 
 def test_angular_acceleration_is_linear_in_the_coefficients() -> None:
     wrench, rate, rate_dot = yawing()
-    phi, _ = Lift(PLANT).coefficients(PLANT.theta(BODY))
+    phi, _ = ResponseMap(PLANT).coefficients(PLANT.theta(BODY))
     z = np.concatenate([wrench, products(rate)], -1)
     np.testing.assert_allclose(z @ phi[:36].reshape(3, 12).T, rate_dot, rtol=1e-12)
     np.testing.assert_array_equal(PLANT.response(PLANT.theta(BODY)), phi[:36].reshape(3, 12))
@@ -61,7 +61,7 @@ def test_slopes_are_those_of_differences_in_what_is_told_and_nothing_in_the_rest
 
 
 def test_what_is_told_comes_back_and_the_rest_is_a_flat_body() -> None:
-    back = Lift(PLANT).reference(PLANT.theta(BODY))
+    back = ResponseMap(PLANT).reference(PLANT.theta(BODY))
     np.testing.assert_allclose([back.inertia[2, 2], *back.cg[:2], back.mu], [0.26, 0.012, -0.018, 1 / 14], rtol=1e-12)
     np.testing.assert_allclose(back.inertia, np.diag([0.13, 0.13, 0.26]), atol=1e-15)
 

@@ -8,16 +8,16 @@ import pytest
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross_matrix
-from massprop_cli.conclude.assumptions import TestedAssumption, examined
+from massprop_cli.conclude.assumptions import AssumptionEffects, examined
 from massprop_cli.diagnosis import delay
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.estimate import engine, offline
 from massprop_cli.estimate.history import History
 from massprop_cli.flow import Analysis
-from massprop_cli.model.lift import Lift
-from massprop_cli.model.lifted import lifted
 from massprop_cli.model.plant import plant_of
+from massprop_cli.model.regressors import regressors
+from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.model.sensitivity import Consider, OtherReading, Reading, Variant, fed, variant
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
@@ -36,7 +36,7 @@ def bearing() -> Analysis:
     return faulty.examined(*faulty.sample("air-bearing"))
 
 
-def by_code(found: Analysis, code: str) -> list[TestedAssumption]:
+def by_code(found: Analysis, code: str) -> list[AssumptionEffects]:
     return [assumption for assumption in found.assumptions if assumption.code == code]
 
 
@@ -50,7 +50,7 @@ def again(found: Analysis, *assignments: str, delay: float = 2.0) -> Array:
     return moved
 
 
-def held(assumption: TestedAssumption, moved: Array, found: Analysis, relative: float) -> None:
+def held(assumption: AssumptionEffects, moved: Array, found: Analysis, relative: float) -> None:
     """The effect against the shift ``moved`` (10,): to ``relative`` of itself or a fiftieth of a sigma."""
     (effect,) = assumption.effects
     for i, name in enumerate(QUANTITIES):
@@ -80,8 +80,8 @@ def test_what_the_imu_reads_is_all_that_its_turn_and_the_gyros_scale_change(flye
         *(Reading(turn, turn), Reading(np.outer(own, own), np.zeros((3, 3)))),
         *(Variant(here, OtherReading(flyer.samples.changed(turned), turned), angle), Variant(here, scaled, 1e-6)),
     )
-    at = lifted(flyer.samples, cycles, settled.reference, flyer.vehicle), flyer.samples, cycles, settled.reference, flyer.vehicle
-    driven, measured = fed(*at, Consider(variants), Lift(plant_of(flyer.vehicle)))
+    at = regressors(flyer.samples, cycles, settled.reference, flyer.vehicle), flyer.samples, cycles, settled.reference, flyer.vehicle
+    driven, measured = fed(*at, Consider(variants), ResponseMap(plant_of(flyer.vehicle)))
     moved = np.abs(measured[:, :3, 2:]).max()
     assert moved > 0.1
     # beside the rate; the step of the differences; a fiftieth of the noise of 0.02 m/s^2

@@ -7,14 +7,14 @@ import pytest
 
 from massprop_cli import INERTIA
 from massprop_cli.base.arrays import Array
-from massprop_cli.conclude import executed
+from massprop_cli.conclude import lostcommands
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
 from tests import faulty
-from tests.conclude.test_white import examined
+from tests.conclude.test_whiteness import examined
 from tests.flown import fly
 
 PULSES = '{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], every_cycles=3, max_cycles=2, start_cycle=0, end_cycle=1200}'
@@ -29,7 +29,7 @@ def flown(seed: int, seconds: float, noise: float, *settings: str) -> tuple[Log,
 
 def told(found: Analysis) -> dict[str, Reason]:
     assert isinstance(found.vehicle, Resolved)
-    return executed.unexecuted(found.settled[0], found.samples, found.vehicle)
+    return lostcommands.unexecuted(found.settled[0], found.samples, found.vehicle)
 
 
 POWER = np.random.default_rng(1).gamma(1.0, 9.0, 1000)
@@ -47,19 +47,19 @@ def drawn(seed: int, power: Array = POWER, part: float = 0.0, scatter: float = 0
 @pytest.mark.parametrize("logs", [400, pytest.param(4000, marks=pytest.mark.thorough)])
 def test_a_likelihood_ratio_has_a_mean_of_one_and_is_hardly_ever_large_by_chance(logs: int) -> None:
     """Of logs that lost nothing, of commands so weak that the ratio varies little and its mean is sharp; of strong ones, too."""
-    weak = np.array([executed.lost(drawn(seed, POWER / 9), POWER / 9) for seed in range(logs)])
+    weak = np.array([lostcommands.lost(drawn(seed, POWER / 9), POWER / 9) for seed in range(logs)])
     ratio = np.exp(weak[:, :6])
     assert ratio.std(0).max() < 2
     np.testing.assert_array_less(np.abs(ratio.mean(0) - 1), 4 * ratio.std(0) / logs**0.5)
-    assert max(max(executed.lost(drawn(seed), POWER)) for seed in range(logs)) < executed.SURE
+    assert max(max(lostcommands.lost(drawn(seed), POWER)) for seed in range(logs)) < lostcommands.SURE
 
 
 @pytest.mark.parametrize("seed", range(10))
 def test_what_is_lost_and_what_scatters_are_told_apart(seed: int) -> None:
     lost, spread = drawn(seed, part=0.03), drawn(seed, scatter=0.5)
-    assert max(executed.lost(lost, POWER)) > max(executed.SURE, executed.scattered(lost, POWER))
-    assert executed.LOST[int(np.argmax(executed.lost(lost, POWER)))] == pytest.approx(0.03, rel=1.0)
-    assert executed.scattered(spread, POWER) > max(executed.SURE, *executed.lost(spread, POWER))
+    assert max(lostcommands.lost(lost, POWER)) > max(lostcommands.SURE, lostcommands.scattered(lost, POWER))
+    assert lostcommands.LOST[int(np.argmax(lostcommands.lost(lost, POWER)))] == pytest.approx(0.03, rel=1.0)
+    assert lostcommands.scattered(spread, POWER) > max(lostcommands.SURE, *lostcommands.lost(spread, POWER))
 
 
 @pytest.mark.numerical

@@ -1,49 +1,49 @@
 /* What could be wrong with log or vehicle file, as what it makes of the free coefficients of a log, for the ground. */
-#ifndef MASSPROP_SUPPOSE_H
-#define MASSPROP_SUPPOSE_H
+#ifndef MASSPROP_HYPOTHESIS_H
+#define MASSPROP_HYPOTHESIS_H
 
-#define SUPPOSED_MU 9 /* where 1/m stands in x */
+#define HYPOTHESIS_MU 9 /* where 1/m stands in x */
 /* Blocks of columns that stand in every triangle. */
-#define SUPPOSED_CHANNELS 0
-#define SUPPOSED_PRODUCTS 1
-#define SUPPOSED_UP 13 /* on a bearing */
+#define HYPOTHESIS_CHANNELS 0
+#define HYPOTHESIS_PRODUCTS 1
+#define HYPOTHESIS_UP 13 /* on a bearing */
 
-/* What all suppositions about a log share. */
+/* What all hypotheses about a log share. */
 typedef struct {
     long channels, columns, entries;
     const long *places;
     const double *imu, *mounting, *bearing, *level, *up, *flat, *lags, *position, *force, *couple;
     double gravity, ramp;
     int pivoted;
-} mp_suspect;
+} mp_hypotheses;
 
-/* One supposition. */
+/* One hypothesis. */
 typedef struct {
     const double *gyro, *accelerometer; /* (3, 3) */
     const double *freed[2];             /* (rows) of each sensor, NULL: no channel is free */
-} mp_supposed;
+} mp_hypothesis;
 
 /* A sensor's triangle by its columns (columns, rows), what was measured (3, rows), and the root of the noise of each axis of both (6). */
 typedef struct {
     long rows;
     const double *triangle, *measured, *root;
-} mp_told;
+} mp_sensor;
 
-/* What is handed from the ground. sizes: suppositions, channels, columns, entries of x, unknowns, rows of the gyro's triangle and of the
+/* What is handed from the ground. sizes: hypotheses, channels, columns, entries of x, unknowns, rows of the gyro's triangle and of the
  * accelerometer's; triangles: that of the gyro, what it measured, the accelerometer's, what it measured, and the roots of the noise. */
-void mp_suspect_of(const long *sizes, const long *places, const double *numbers, mp_suspect *out);
-void mp_told_of(const long *sizes, const double *const *triangles, mp_told out[2]);
+void mp_hypotheses_of(const long *sizes, const long *places, const double *numbers, mp_hypotheses *out);
+void mp_sensors_of(const long *sizes, const double *const *triangles, mp_sensor out[2]);
 
 /* (columns, 6) of x: growth of the rate, specific force. */
-void mp_supposed_coefficients(const mp_suspect *about, const double *x, const mp_supposed *one, double *out);
+void mp_hypothesis_coefficients(const mp_hypotheses *about, const double *x, const mp_hypothesis *one, double *out);
 /* Force of a channel, and torque about a centre, with its thrust, place and direction in x. */
-void mp_supposed_wrench(const mp_suspect *about, const double *x, long channel, const double *centre, double force[3], double torque[3]);
+void mp_hypothesis_wrench(const mp_hypotheses *about, const double *x, long channel, const double *centre, double force[3], double torque[3]);
 /* (3, 3) gain of a sensor (0: gyro, 1: accelerometer) by its scale along its own axes in x. */
-void mp_supposed_gain(const mp_suspect *about, const double *x, int sensor, double out[3][3]);
+void mp_hypothesis_gain(const mp_hypotheses *about, const double *x, int sensor, double out[3][3]);
 /* (3, 3) of the six elements of a symmetric matrix. */
-void mp_supposed_tensor(const double *six, double out[3][3]);
+void mp_hypothesis_tensor(const double *six, double out[3][3]);
 /* (3, wide) left times right. */
-void mp_supposed_product(double left[3][3], const double *right, int wide, double *out);
-void mp_supposed_inverse(double given[3][3], double out[3][3]);
+void mp_hypothesis_product(double left[3][3], const double *right, int wide, double *out);
+void mp_hypothesis_inverse(double given[3][3], double out[3][3]);
 
 #endif

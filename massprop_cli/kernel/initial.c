@@ -1,11 +1,11 @@
-#include "first.h"
+#include "initial.h"
 
 #include <math.h>
 #include <string.h>
 
-#include "lift.h"
+#include "responsemap.h"
 #include "motion.h"
-#include "small.h"
+#include "linalg.h"
 
 #define SIGNIFICANT R(6) /* an axis' response must exceed its own sigma this many times before anything is said */
 #define SPREAD R(30)     /* largest ratio of a reference's principal moments to the common scale */

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "small.h"
+#include "linalg.h"
 
 #define STEEP R(0.5) /* largest part of a rate's error that the gyroscopic coupling may add to it or take off within half a step */
 #define WIDE R(1e3) /* rad/s, rad/s^2, of a rate, and of what a steady torque makes of it, of which nothing is known */
@@ -77,8 +77,8 @@ static void meanwhile(const mp_vehicle *vehicle, const mp_reference *about, cons
         for (j = 0; j < 3; j++) out[i][j] += turned[i][j] * (R(2 - half) / R(3) * here->duration_s);
 }
 
-void mp_leap_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_motion *from, const mp_motion *into,
-                const mp_reference *about, mp_leap *out) {
+void mp_time_update_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_motion *from, const mp_motion *into,
+                const mp_reference *about, mp_time_update *out) {
     mp_real leaving[3][3], entering[3][3], inverse[3][3], part[3][3], gone[3], come[3], known[3], mean_s;
     int i, j, q = 0;
     memset(out->transition, 0, sizeof out->transition);

@@ -11,7 +11,7 @@ from massprop_cli import QUANTITIES
 from massprop_cli.diagnosis.phaseboundary import border
 from massprop_cli.diagnosis.screening import screened
 from tests import faulty
-from tests.diagnosis.test_look import look_at, otherwise, thrust
+from tests.diagnosis.test_screening import look_at, otherwise, thrust
 from tests.flown import PLAN, fly
 
 DOCKING = (

@@ -8,10 +8,10 @@ import pytest
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import tensor, times
 from massprop_cli.model.gyroscopic import gamma, products, products_by_rate
-from massprop_cli.model.lift import Lift, Tangent
 from massprop_cli.model.parameters import parameters
 from massprop_cli.model.plant import BearingBody, FreeBody, Plant, Reference
 from massprop_cli.model.plant.plant import MOMENT, MU, J
+from massprop_cli.model.responsemap import ResponseMap, Tangent
 from tests.model.test_plant import BODY, moment_about_cg, motion
 
 pytestmark = pytest.mark.numerical
@@ -42,9 +42,9 @@ def test_angular_acceleration_is_linear_in_the_coefficients(plant: FreeBody | Be
     for _ in range(60):
         moment = moment_about_cg(plant, moving) - np.cross(moving.rate, times(BODY.inertia, moving.rate))
         moving = motion(np.linalg.solve(BODY.inertia, moment[..., None])[..., 0])
-    lift = Lift(plant)
-    theta = lift.theta(BODY)
-    phi, _ = lift.coefficients(theta)
+    phi_map = ResponseMap(plant)
+    theta = phi_map.theta(BODY)
+    phi, _ = phi_map.coefficients(theta)
     torque, force = moving.wrench[..., :3], moving.wrench[..., 3:]
     known = np.zeros_like(torque)
     if isinstance(plant, BearingBody):
@@ -56,56 +56,56 @@ def test_angular_acceleration_is_linear_in_the_coefficients(plant: FreeBody | Be
     else:
         channels = [torque, force]
     z = np.concatenate([*channels, products(moving.rate)], -1)
-    np.testing.assert_allclose(times(phi[: 3 * lift.channels].reshape(3, -1), z) + known, moving.rate_dot, rtol=1e-9)
+    np.testing.assert_allclose(times(phi[: 3 * phi_map.channels].reshape(3, -1), z) + known, moving.rate_dot, rtol=1e-9)
 
 
 @BOTH
 def test_there_and_back(plant: Plant) -> None:
-    lift = Lift(plant)
-    theta = lift.theta(BODY)
-    np.testing.assert_allclose(lift.parameters(theta), parameters(BODY), rtol=1e-12)
-    back = lift.reference(theta)
+    phi_map = ResponseMap(plant)
+    theta = phi_map.theta(BODY)
+    np.testing.assert_allclose(phi_map.parameters(theta), parameters(BODY), rtol=1e-12)
+    back = phi_map.reference(theta)
     np.testing.assert_allclose(back.inertia, BODY.inertia, rtol=1e-12)
-    np.testing.assert_allclose(lift.parameters(np.stack([theta, 1.1 * theta]))[0], parameters(BODY), rtol=1e-12)
+    np.testing.assert_allclose(phi_map.parameters(np.stack([theta, 1.1 * theta]))[0], parameters(BODY), rtol=1e-12)
 
 
 @BOTH
 def test_slopes_are_those_of_differences(plant: Plant) -> None:
-    lift = Lift(plant)
-    theta = lift.theta(BODY)
-    slopes = difference(lift.parameters, theta)
-    np.testing.assert_allclose(lift.slopes(theta), slopes, atol=1e-7 * np.abs(slopes).max())
-    np.testing.assert_allclose(lift.slopes(np.stack([theta, theta]))[1], lift.slopes(theta), rtol=1e-14)
-    by_theta = difference(lambda t: lift.coefficients(t)[0], theta)
-    np.testing.assert_allclose(lift.coefficients(theta)[1], by_theta, atol=1e-7 * np.abs(by_theta).max())
+    phi_map = ResponseMap(plant)
+    theta = phi_map.theta(BODY)
+    slopes = difference(phi_map.parameters, theta)
+    np.testing.assert_allclose(phi_map.slopes(theta), slopes, atol=1e-7 * np.abs(slopes).max())
+    np.testing.assert_allclose(phi_map.slopes(np.stack([theta, theta]))[1], phi_map.slopes(theta), rtol=1e-14)
+    by_theta = difference(lambda t: phi_map.coefficients(t)[0], theta)
+    np.testing.assert_allclose(phi_map.coefficients(theta)[1], by_theta, atol=1e-7 * np.abs(by_theta).max())
 
 
 @BOTH
 def test_a_step_to_what_is_no_body_is_halved_until_it_is_one(plant: Plant) -> None:
-    lift = Lift(plant)
-    theta = lift.theta(BODY)
+    phi_map = ResponseMap(plant)
+    theta = phi_map.theta(BODY)
     step = np.zeros(10)
     step[0] = -3 * theta[0]
-    found = lift.stepped(theta, step)
+    found = phi_map.stepped(theta, step)
     assert 0 < found[0] < theta[0]
-    assert np.linalg.eigvalsh(lift.reference(found).inertia)[0] > 0
-    many = lift.nearest(theta, np.stack([step, 0 * step]))
+    assert np.linalg.eigvalsh(phi_map.reference(found).inertia)[0] > 0
+    many = phi_map.nearest(theta, np.stack([step, 0 * step]))
     assert np.linalg.eigvalsh(tensor(many[0, :6]))[0] > 0
     np.testing.assert_array_equal(many[1], theta)
 
 
 def test_the_bearings_first_moment_is_of_the_rotating_mass_alone() -> None:
     plant = BearingBody(np.zeros(3), 5.0, 9.80665)
-    theta = Lift(plant).theta(Reference(BODY.inertia, np.array([1e-3, 0, 0]), 1 / 25.0))
+    theta = ResponseMap(plant).theta(Reference(BODY.inertia, np.array([1e-3, 0, 0]), 1 / 25.0))
     np.testing.assert_allclose(theta[MOMENT], [0.02, 0, 0])  # 20 kg, 1 mm
 
 
 @BOTH
 def test_the_tangent_has_the_coefficients_where_it_touches_and_their_slopes_everywhere(plant: FreeBody | BearingBody) -> None:
-    lift = Lift(plant)
-    theta = lift.theta(BODY)
+    phi_map = ResponseMap(plant)
+    theta = phi_map.theta(BODY)
     tangent, moved = Tangent(plant, theta), theta + 0.1 * np.random.default_rng(6).normal(size=10)
-    phi, slopes = lift.coefficients(theta)
+    phi, slopes = phi_map.coefficients(theta)
     found, by_theta = tangent.coefficients(moved)
     assert found.shape == (tangent.size,)
     np.testing.assert_allclose(tangent.onto @ found, phi + slopes @ (moved - theta), rtol=1e-12, atol=1e-15)

@@ -4,10 +4,10 @@ Rotation. The growth of the cycle-mean rate is the impulse under the triangular 
 
     I (w[k+1] − w[k]) = rising moment of k + falling moment of k+1,   moment = that of commands and plant about the CG − ω × I ω
 
-Multiplied by J = I⁻¹ it is linear in the coefficients φ of :mod:`massprop_cli.model.plant` (:func:`lifted`). The products of rates in it
-come from the *measured* mean rate of each cycle, with the motion within the cycle rebuilt (:mod:`massprop_cli.model.within`). Because the
-rate is a state (derivatives ``leaving`` and ``entering`` below) the gyroscopic term works on the rate that is estimated, and noise in the
-measured one enters to second order only.
+Multiplied by J = I⁻¹ it is linear in the coefficients φ of :mod:`massprop_cli.model.plant` (:func:`regressors`). The products of rates in
+it come from the *measured* mean rate of each cycle, with the motion within the cycle rebuilt (:mod:`massprop_cli.model.intracycle`).
+Because the rate is a state (derivatives ``leaving`` and ``entering`` below) the gyroscopic term works on the rate that is estimated, and
+noise in the measured one enters to second order only.
 
 Translation. The accelerometer feels the CG's specific force ``+ ω̇ × ρ + ω × (ω × ρ)``, with ω̇ from the same model and ω the measured
 rate, from which the state's departs by noise, and by what the gyro's bias is beyond the reference's.
@@ -22,17 +22,17 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import cross_matrix, inverse, tensor, times
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel
-from massprop_cli.model import handed
+from massprop_cli.model import kernelargs
 from massprop_cli.model.gyroscopic import products, products_by_rate
+from massprop_cli.model.intracycle import STEEP, Within, motion_within, response_of, turned_beyond
 from massprop_cli.model.layout import RATE, Layout
-from massprop_cli.model.lift import Lift
 from massprop_cli.model.momentum import held, impulse_by_damping, made_by_motion, moments_by_scale, scale_sigmas
 from massprop_cli.model.plant import Motion, Plant, Reference, plant_of
 from massprop_cli.model.plant.bearing import level
 from massprop_cli.model.plant.plant import MU as THETA_MU
 from massprop_cli.model.plant.plant import Turning
+from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.model.windows import Windows, windows
-from massprop_cli.model.within import STEEP, Within, motion_within, response_of, turned_beyond
 from massprop_cli.prepare.align import Aligned
 from massprop_cli.prepare.compensate import Samples, Source
 
@@ -52,7 +52,7 @@ class Steps:
 
 
 @dataclass(frozen=True)
-class Lifted(Steps):
+class Regressors(Steps):
     """The same response with the N coefficients φ of :mod:`massprop_cli.model.plant` left free, or c combinations of them.
 
     Its states are the rate and the nuisances; each of a drive's and a measurement's columns but the first multiplies a coefficient.
@@ -64,9 +64,9 @@ class Lifted(Steps):
     """(K, 6, 1 + N); what multiplies φ has the sign that it has beside the measured value."""
 
 
-def lifted(
+def regressors(
     samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, onto: Array | None = None, rebuilt: Within | None = None
-) -> Lifted:
+) -> Regressors:
     """The response of ``cycles`` (a slice with both ends given). Row k uses data of cycles k and before only.
 
     ``reference`` gives the motion within a cycle, and multiplies what is small: noise in the rates, products of errors. With ``onto``
@@ -74,26 +74,26 @@ def lifted(
     Where there is a compiled kernel that knows the vehicle, its equations run instead of what stands here.
     """
     plant, layout, here = plant_of(vehicle), Layout.of(samples, vehicle), samples.part(cycles)
-    lift = Lift(plant)
+    phi_map = ResponseMap(plant)
     if compiled(vehicle):
-        return _as_read(_compiled(here, layout, lift, reference, vehicle, onto), here)
-    within = motion_within(here, reference, lift) if rebuilt is None else rebuilt
-    step, whole, known = integrals(here, lift, within.theta, within)
-    coupling = _coupling(here, lift, within, reference)
+        return _as_read(_compiled(here, layout, phi_map, reference, vehicle, onto), here)
+    within = motion_within(here, reference, phi_map) if rebuilt is None else rebuilt
+    step, whole, known = integrals(here, phi_map, within.theta, within)
+    coupling = _coupling(here, phi_map, within, reference)
     damped = impulse_by_damping(within.motion, within.rates, _bin_s(here, within.motion)) if layout.has(layout.damping) else None
     tilting = _tilting(here, plant, within, reference) if layout.has(layout.tilt) else None
     about = _About(
-        here, layout, lift, reference, within, coupling, damped, tilting, _scaling(here, vehicle, plant, reference, within.motion)
+        here, layout, phi_map, reference, within, coupling, damped, tilting, _scaling(here, vehicle, plant, reference, within.motion)
     )
     steps = times(within.response, step) + known
     if about.scaling is not None and len(reference.scale):
         steps = steps + coupling.own @ about.scaling.step @ reference.scale
     transition, drive = _rotation(about, step, known, onto)
     observation, measured = _translation(about, whole, vehicle, onto)
-    return _as_read(Lifted(transition, observation, coupling.to_rate, steps, drive, measured), here)
+    return _as_read(Regressors(transition, observation, coupling.to_rate, steps, drive, measured), here)
 
 
-def _as_read(found: Lifted, here: Samples) -> Lifted:
+def _as_read(found: Regressors, here: Samples) -> Regressors:
     """With specific force along the axes that it is measured along, and nothing in channels that the log doesn't have."""
     for part in (found.observation, found.measured):
         as_read(part, here)
@@ -144,7 +144,7 @@ class _About(NamedTuple):
 
     here: Samples
     layout: Layout
-    lift: Lift
+    phi_map: ResponseMap
     reference: Reference
     within: Within
     coupling: _Coupling
@@ -162,7 +162,7 @@ def _bin_s(here: Samples, motion: Motion) -> Array:
     return found
 
 
-def _coupling(here: Samples, lift: Lift, within: Within, reference: Reference) -> _Coupling:
+def _coupling(here: Samples, phi_map: ResponseMap, within: Within, reference: Reference) -> _Coupling:
     """Of the derivative of ω × I ω with respect to the rate, which is linear in the rate; and what hangs on a bearing turns meanwhile.
 
     The step's derivatives with respect to the rates of the cycle that it leaves and of the one that it enters make it implicit.
@@ -171,7 +171,7 @@ def _coupling(here: Samples, lift: Lift, within: Within, reference: Reference) -
     mean = windows(within.motion.rate, bin_s, (within.rates[1] - within.rates[0]) * bin_s[:, None] / 12)
     by_rate = within.response[:, -6:] @ products_by_rate(np.eye(3))
     leaving, entering = (np.einsum("kl,lij->kij", part, by_rate) for part in (mean.rising[:-1], mean.falling[1:]))
-    own = lift.plant.turning(within.theta)
+    own = phi_map.plant.turning(within.theta)
     if here.executed.stored is not None:
         momentum = held(here.executed.stored, bin_s)
         leaving, entering = leaving + own @ cross_matrix(momentum.rising[:-1]), entering + own @ cross_matrix(momentum.falling[1:])
@@ -179,29 +179,29 @@ def _coupling(here: Samples, lift: Lift, within: Within, reference: Reference) -
         half = own @ np.diag(reference.damping) * here.executed.duration_s[:, None, None] / 2
         leaving, entering = leaving - half[:-1], entering - half[1:]
     leaving, entering = _bounded(leaving), _bounded(entering)
-    if lift.plant.pivoted:
+    if phi_map.plant.pivoted:
         up, executed, turned = windows(within.motion.up, bin_s), here.executed, own * here.executed.duration_s[:, None, None]
-        leaving = leaving + (turned @ lift.plant.moment_by_tilt(reference, up.rising, executed.rising[:, 3:]))[:-1] * (2 / 3)
-        entering = entering + (turned @ lift.plant.moment_by_tilt(reference, up.falling, executed.falling[:, 3:]))[1:] / 3
+        leaving = leaving + (turned @ phi_map.plant.moment_by_tilt(reference, up.rising, executed.rising[:, 3:]))[:-1] * (2 / 3)
+        entering = entering + (turned @ phi_map.plant.moment_by_tilt(reference, up.falling, executed.falling[:, 3:]))[1:] / 3
     solve = inverse(np.eye(3) - entering)
     return _Coupling(leaving, entering, own, solve, solve @ own)
 
 
 def _rotation(about: _About, step: Array, known: Array, onto: Array | None) -> tuple[Array, Array]:
     """(K − 1, n, n) transition and (K − 1, n, 1 + c) drive of the states."""
-    here, layout, lift, reference = about.here, about.layout, about.lift, about.reference
+    here, layout, phi_map, reference = about.here, about.layout, about.phi_map, about.reference
     (leaving, entering, own, solve, to_rate), duration = about.coupling, here.executed.duration_s
     rate = here.rate_rad_s - reference.gyro_bias
     turning, torque, damping, tilt = (layout.own(block) for block in (RATE, layout.torque, layout.damping, layout.tilt))
     transition = np.zeros((len(step), layout.states, layout.states))
     transition[:] = np.eye(layout.states)
     transition[:, turning, turning] = solve @ (np.eye(3) + leaving)
-    drive = np.zeros((len(step), layout.states, 1 + (lift.size if onto is None else onto.shape[1])))
+    drive = np.zeros((len(step), layout.states, 1 + (phi_map.size if onto is None else onto.shape[1])))
     drive[:, turning, 0] = times(solve, known - times(leaving, rate[:-1]) - times(entering, rate[1:]))
     if onto is None:
-        each = drive[:, turning, 1 : 1 + 3 * lift.channels].reshape(len(step), 3, 3, lift.channels)
+        each = drive[:, turning, 1 : 1 + 3 * phi_map.channels].reshape(len(step), 3, 3, phi_map.channels)
         np.multiply(solve[..., None], step[:, None, None, :], out=each)
-        drive[:, turning, 1 : 1 + 3 * lift.channels] = each.reshape(len(step), 3, -1)
+        drive[:, turning, 1 : 1 + 3 * phi_map.channels] = each.reshape(len(step), 3, -1)
     else:
         drive[:, turning, 1:] = solve @ _by_axis(step, onto)
     if layout.has(layout.torque):
@@ -213,7 +213,7 @@ def _rotation(about: _About, step: Array, known: Array, onto: Array | None) -> t
         kept, by_error, leaving, entering = about.tilting.kept, about.tilting.by_error, *(to_rate @ part for part in about.tilting.halves)
         transition[:, turning, tilt] = leaving + entering @ kept
         transition[:, tilt, tilt], transition[:, tilt, turning] = kept, by_error
-        carried = here.carried_rad_s - turned_beyond(about.within, here) if lift.plant.pivoted else here.carried_rad_s
+        carried = here.carried_rad_s - turned_beyond(about.within, here) if phi_map.plant.pivoted else here.carried_rad_s
         drive[:, tilt, 0] = -times(by_error, carried[:-1])
         transition[:, turning, turning] += entering @ by_error
         drive[:, turning, 0] += times(entering, drive[:, tilt, 0])
@@ -224,9 +224,9 @@ def _rotation(about: _About, step: Array, known: Array, onto: Array | None) -> t
 
 def _translation(about: _About, whole: Array, vehicle: Vehicle, onto: Array | None) -> tuple[Array, Array]:
     """(K, 6, n) rate and specific force by the states, and (K, 6, 1 + c) what was measured of them."""
-    here, layout, lift, within = about.here, about.layout, about.lift, about.within
+    here, layout, phi_map, within = about.here, about.layout, about.phi_map, about.within
     own, duration = about.coupling.own, here.executed.duration_s
-    euler, felt, offset = _felt(whole, lift, about.reference, within.response, within.motion, np.array(vehicle.imu.position_m), onto)
+    euler, felt, offset = _felt(whole, phi_map, about.reference, within.response, within.motion, np.array(vehicle.imu.position_m), onto)
     observation = np.zeros((len(duration), 6, layout.states))
     observation[:, :3, layout.own(RATE)] = np.eye(3)
     observation[:, 3:, layout.own(RATE)] = by_rate = _felt_by_rate(about, euler)
@@ -244,9 +244,9 @@ def _translation(about: _About, whole: Array, vehicle: Vehicle, onto: Array | No
     if about.scaling is not None:
         scale = layout.own(layout.scale)
         observation[:, 3:, scale] = euler @ own @ about.scaling.whole / duration[:, None, None]
-        if vehicle.thrust.scale_sigma > 0 and lift.plant.translates:
-            observation[:, 3:, scale.start] += within.theta[THETA_MU] * whole[:, lift.plant.force]
-    measured = np.zeros((len(duration), 6, 1 + (lift.size if onto is None else onto.shape[1])))
+        if vehicle.thrust.scale_sigma > 0 and phi_map.plant.translates:
+            observation[:, 3:, scale.start] += within.theta[THETA_MU] * whole[:, phi_map.plant.force]
+    measured = np.zeros((len(duration), 6, 1 + (phi_map.size if onto is None else onto.shape[1])))
     measured[:, :3, 0] = here.rate_rad_s
     measured[:, 3:, 0] = here.specific_force_m_s2 - offset + times(by_rate, here.rate_rad_s - about.reference.gyro_bias)
     if about.damped is not None:
@@ -269,8 +269,8 @@ def _felt_by_rate(about: _About, euler: Array) -> Array:
     rate, half_s = about.here.rate_rad_s - about.reference.gyro_bias, about.here.executed.duration_s[:, None, None] / 2
     turn, coupled = cross_matrix(rate), _bounded(about.within.response[:, -6:] @ products_by_rate(rate) * half_s) / half_s
     found: Array = 2 * turn @ euler + euler @ (coupled - turn)
-    if about.lift.plant.pivoted:
-        moment, force = _by_tilt(about.here, about.lift.plant, about.within, about.reference)
+    if about.phi_map.plant.pivoted:
+        moment, force = _by_tilt(about.here, about.phi_map.plant, about.within, about.reference)
         found += (force + euler @ about.coupling.own @ moment) * half_s
     return found
 
@@ -285,35 +285,37 @@ def _by_tilt(here: Samples, plant: Plant, within: Within, reference: Reference) 
 
 def compiled(vehicle: Vehicle) -> bool:
     """Whether the compiled kernel is there and knows this vehicle."""
-    return kernel().library is not None and not handed.unknown(vehicle)
+    return kernel().library is not None and not kernelargs.unknown(vehicle)
 
 
-def _compiled(here: Samples, layout: Layout, lift: Lift, reference: Reference, vehicle: Vehicle, onto: Array | None) -> Lifted:
+def _compiled(
+    here: Samples, layout: Layout, phi_map: ResponseMap, reference: Reference, vehicle: Vehicle, onto: Array | None
+) -> Regressors:
     """The same by the compiled kernel."""
-    numbers, size = vehicle_numbers(layout, vehicle, handed.FlightStart()), lift.size if onto is None else onto.shape[1]
-    about, states = reference_numbers(reference, lift), layout.size - RATE.start
-    return Lifted(*handed.lifted(numbers, about, handed.packed(here, vehicle), states, size, onto))
+    numbers, size = vehicle_numbers(layout, vehicle, kernelargs.FlightStart()), phi_map.size if onto is None else onto.shape[1]
+    about, states = reference_numbers(reference, phi_map), layout.size - RATE.start
+    return Regressors(*kernelargs.regressors(numbers, about, kernelargs.packed(here, vehicle), states, size, onto))
 
 
 def beyond(layout: Layout, vehicle: Vehicle, about: Array, phi: Array, cycles: Array, rate: Array) -> tuple[Array, Array]:
     """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what ``rate`` (K, 3) gives: of coefficients ``phi`` (N,).
 
-    Of a vehicle that the compiled kernel knows; with :func:`reference_numbers`, and cycles as :func:`handed.packed` has them.
+    Of a vehicle that the compiled kernel knows; with :func:`reference_numbers`, and cycles as :func:`kernelargs.packed` has them.
     """
-    return handed.beyond(vehicle_numbers(layout, vehicle, handed.FlightStart()), about, phi, cycles, rate, layout.size - RATE.start)
+    return kernelargs.beyond(vehicle_numbers(layout, vehicle, kernelargs.FlightStart()), about, phi, cycles, rate, layout.size - RATE.start)
 
 
-def reference_numbers(reference: Reference, lift: Lift) -> Array:
+def reference_numbers(reference: Reference, phi_map: ResponseMap) -> Array:
     """What the equations are linear about, as the kernel has it."""
-    theta = lift.theta(reference)
-    motion = (reference.gyro_bias, reference.acceleration, response_of(reference, lift, theta).ravel())
+    theta = phi_map.theta(reference)
+    motion = (reference.gyro_bias, reference.acceleration, response_of(reference, phi_map, theta).ravel())
     return np.concatenate([theta, reference.inertia.ravel(), reference.cg, [reference.mu], *motion])
 
 
-def vehicle_numbers(layout: Layout, vehicle: Vehicle, begun: handed.FlightStart) -> Array:
+def vehicle_numbers(layout: Layout, vehicle: Vehicle, begun: kernelargs.FlightStart) -> Array:
     """All that is constant, as the kernel has it."""
     blocks = (layout.gyro_bias, layout.accel_bias, layout.torque, layout.tilt)
-    return handed.vehicle_numbers(vehicle, [block.stop > block.start for block in blocks], begun)
+    return kernelargs.vehicle_numbers(vehicle, [block.stop > block.start for block in blocks], begun)
 
 
 def _tilting(here: Samples, plant: Plant, within: Within, reference: Reference) -> _Tilting:
@@ -338,9 +340,9 @@ def _bounded(derivative: Array) -> Array:
     return found
 
 
-def integrals(samples: Samples, lift: Lift, theta: Array, within: Within) -> tuple[Array, Array, Array]:
+def integrals(samples: Samples, phi_map: ResponseMap, theta: Array, within: Within) -> tuple[Array, Array, Array]:
     """What Φ multiplies: (K − 1, C) under the triangular window, (K, C) mean over each cycle; (K − 1, 3) known growth of the rate."""
-    plant, executed, motion = lift.plant, samples.executed, within.motion
+    plant, executed, motion = phi_map.plant, samples.executed, within.motion
     duration = executed.duration_s
     bin_s = duration / motion.rate.shape[1]
     # the mean of a product over a bin in which ω̇ is constant exceeds its middle value by that of the accelerations times h² / 12
@@ -371,11 +373,11 @@ def _sensed(executed: Aligned, motion: Motion, bin_s: Array, flat: Windows) -> W
 
 def integrals_about(samples: Samples, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array, Array]:
     """The same about a reference, with the motion within the cycles that it has."""
-    lift = Lift(plant_of(vehicle))
+    phi_map = ResponseMap(plant_of(vehicle))
     if compiled(vehicle):
-        numbers = vehicle_numbers(Layout.of(samples, vehicle), vehicle, handed.FlightStart())
-        return handed.integrals(numbers, reference_numbers(reference, lift), handed.packed(samples, vehicle), lift.channels)
-    return integrals(samples, lift, lift.theta(reference), motion_within(samples, reference, lift))
+        numbers = vehicle_numbers(Layout.of(samples, vehicle), vehicle, kernelargs.FlightStart())
+        return kernelargs.integrals(numbers, reference_numbers(reference, phi_map), kernelargs.packed(samples, vehicle), phi_map.channels)
+    return integrals(samples, phi_map, phi_map.theta(reference), motion_within(samples, reference, phi_map))
 
 
 def _by_axis(channels: Array, onto: Array) -> Array:
@@ -387,10 +389,10 @@ def _by_axis(channels: Array, onto: Array) -> Array:
 
 
 def _felt(
-    whole: Array, lift: Lift, reference: Reference, response: Array, motion: Motion, position: Array, onto: Array | None
+    whole: Array, phi_map: ResponseMap, reference: Reference, response: Array, motion: Motion, position: Array, onto: Array | None
 ) -> tuple[Array, Array, Array]:
     """The specific force: (K, 3, 3) by angular acceleration, (K, 3, N or c) by the coefficients, (K, 3) the rest."""
-    plant, channels = lift.plant, lift.channels
+    plant, channels = phi_map.plant, phi_map.channels
     rate_dot = times(response, whole) + reference.acceleration
     square = tensor(whole[:, -6:])  # the mean of ω ωᵀ
     centripetal = square - np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from massprop_cli.model.within import _turned
+from massprop_cli.model.intracycle import _turned
 
 
 def test_the_vertical_turns_as_a_rotation_turns_it() -> None:

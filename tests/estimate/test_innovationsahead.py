@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from massprop_cli.base.arrays import grown
-from massprop_cli.estimate.ahead import beyond, unexpected
+from massprop_cli.estimate.innovationsahead import beyond, unexpected
 from massprop_cli.kernel import kernel
 
 pytestmark = pytest.mark.numerical

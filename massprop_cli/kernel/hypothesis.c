@@ -1,5 +1,5 @@
 /* The coefficients that any x makes: the equations of massprop_cli/diagnosis/coefficients.py, which has them in NumPy. */
-#include "suppose.h"
+#include "hypothesis.h"
 
 #include <math.h>
 #include <stddef.h>
@@ -8,7 +8,7 @@
 /* Where entries stand in x. */
 enum {
     MOMENT = 6,
-    MU = SUPPOSED_MU,
+    MU = HYPOTHESIS_MU,
     GYRO_TURN = 10,
     ACCEL_TURN = 13,
     GYRO_SCALE = 16,
@@ -36,8 +36,8 @@ enum {
 };
 /* Blocks of columns; a block begins at a place, or is not there. */
 enum {
-    CHANNELS = SUPPOSED_CHANNELS,
-    PRODUCTS = SUPPOSED_PRODUCTS,
+    CHANNELS = HYPOTHESIS_CHANNELS,
+    PRODUCTS = HYPOTHESIS_PRODUCTS,
     CONSTANT,
     RATES,
     LATER,
@@ -49,7 +49,7 @@ enum {
     SAGGING,
     EBBING,
     AGING,
-    UP = SUPPOSED_UP,
+    UP = HYPOTHESIS_UP,
     LEVEL,
     EAST,
     NORTH,
@@ -78,13 +78,13 @@ static void cross_matrix(const double *v, matrix out) {
     out[2][1] = v[0];
 }
 
-void mp_supposed_product(matrix a, const double *b, int wide, double *out) {
+void mp_hypothesis_product(matrix a, const double *b, int wide, double *out) {
     int i, j;
     for (i = 0; i < 3; i++)
         for (j = 0; j < wide; j++) out[i * wide + j] = a[i][0] * b[j] + a[i][1] * b[wide + j] + a[i][2] * b[2 * wide + j];
 }
 
-void mp_supposed_inverse(matrix a, matrix out) {
+void mp_hypothesis_inverse(matrix a, matrix out) {
     matrix cofactors;
     double determinant;
     int i, j;
@@ -96,7 +96,7 @@ void mp_supposed_inverse(matrix a, matrix out) {
         for (j = 0; j < 3; j++) out[i][j] = cofactors[j][i] / determinant;
 }
 
-void mp_suspect_of(const long *sizes, const long *places, const double *numbers, mp_suspect *out) {
+void mp_hypotheses_of(const long *sizes, const long *places, const double *numbers, mp_hypotheses *out) {
     out->channels = sizes[1];
     out->columns = sizes[2];
     out->entries = sizes[3];
@@ -116,7 +116,7 @@ void mp_suspect_of(const long *sizes, const long *places, const double *numbers,
     out->couple = out->force + 3 * out->channels;
 }
 
-void mp_told_of(const long *sizes, const double *const *triangles, mp_told out[2]) {
+void mp_sensors_of(const long *sizes, const double *const *triangles, mp_sensor out[2]) {
     int s;
     for (s = 0; s < 2; s++) {
         out[s].rows = sizes[5 + s];
@@ -126,7 +126,7 @@ void mp_told_of(const long *sizes, const double *const *triangles, mp_told out[2
     }
 }
 
-void mp_supposed_tensor(const double *six, matrix out) {
+void mp_hypothesis_tensor(const double *six, matrix out) {
     int k;
     for (k = 0; k < 6; k++) out[FIRST[k]][SECOND[k]] = out[SECOND[k]][FIRST[k]] = six[k];
 }
@@ -138,7 +138,7 @@ static void rotation(const double *vector, matrix out) {
     matrix turn, twice;
     int i, j;
     cross_matrix(vector, turn);
-    mp_supposed_product(turn, turn[0], 3, twice[0]);
+    mp_hypothesis_product(turn, turn[0], 3, twice[0]);
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) out[i][j] = (i == j ? 1.0 : 0.0) + own * turn[i][j] + half * half / 2 * twice[i][j];
 }
@@ -156,7 +156,7 @@ static void by_products(const double *arm, double out[3][6]) {
 }
 
 /* A block's growth of the rate and specific force (3, wide) each, among the coefficients (columns, 6). */
-static void put(const mp_suspect *about, int block, const double *spin, const double *push, int wide, double *out) {
+static void put(const mp_hypotheses *about, int block, const double *spin, const double *push, int wide, double *out) {
     long at = about->places[block];
     int i, j;
     if (at < 0) return;
@@ -167,7 +167,7 @@ static void put(const mp_suspect *about, int block, const double *spin, const do
         }
 }
 
-static void put_times(const mp_suspect *about, int block, double by_spin, const double *spin, double by_push, const double *push, int wide,
+static void put_times(const mp_hypotheses *about, int block, double by_spin, const double *spin, double by_push, const double *push, int wide,
                       double *out) {
     double parts[2][18];
     int i;
@@ -179,7 +179,7 @@ static void put_times(const mp_suspect *about, int block, double by_spin, const 
 }
 
 /* What the stated wrench does later, smeared, with a drifting clock, a longer rise or fall, beside other jets, or a body that changes. */
-static void put_late(const mp_suspect *about, const double *x, const double *response, const double *through, const double *thrust,
+static void put_late(const mp_hypotheses *about, const double *x, const double *response, const double *through, const double *thrust,
                      double *out) {
     double later[2], lagging[2], smeared[2], aging[18], aged[18];
     int i;
@@ -206,19 +206,19 @@ static void put_late(const mp_suspect *about, const double *x, const double *res
 }
 
 /* What the vertical does, and a wrong one. */
-static void put_vertical(const mp_suspect *about, const double *x, matrix inverted, matrix seen, matrix turning, double *out) {
+static void put_vertical(const mp_hypotheses *about, const double *x, matrix inverted, matrix seen, matrix turning, double *out) {
     matrix across, up[2], level[2], turn, own;
     double turned[3];
     int i, j, k;
     cross_matrix(x + MOMENT, across);
-    mp_supposed_product(inverted, across[0], 3, up[0][0]);
+    mp_hypothesis_product(inverted, across[0], 3, up[0][0]);
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) {
             up[0][i][j] *= -about->gravity;
             level[0][i][j] = -turning[i][j];
         }
-    mp_supposed_product(seen, up[0][0], 3, up[1][0]);
-    mp_supposed_product(seen, level[0][0], 3, level[1][0]);
+    mp_hypothesis_product(seen, up[0][0], 3, up[1][0]);
+    mp_hypothesis_product(seen, level[0][0], 3, level[1][0]);
     for (i = 0; i < 3; i++) {
         up[1][i][i] += about->gravity;
         level[1][i][i] += x[MU];
@@ -237,7 +237,7 @@ static void put_vertical(const mp_suspect *about, const double *x, matrix invert
     if (about->places[EAST] >= 0) {
         cross_matrix(x + GYRO_TURN, turn);
         for (k = 0; k < 2; k++) {
-            mp_supposed_product(up[k], turn[0], 3, own[0]);
+            mp_hypothesis_product(up[k], turn[0], 3, own[0]);
             for (i = 0; i < 3; i++)
                 for (j = 0; j < 3; j++) up[k][i][j] -= own[i][j];
         }
@@ -269,36 +269,36 @@ static void mixed(const double *by, int count, double *rows) {
 }
 
 /* The coefficients as IMUs measure them that are turned or scaled. */
-static void put_turned(const mp_suspect *about, const double *x, const mp_supposed *one, double *out) {
+static void put_turned(const mp_hypotheses *about, const double *x, const mp_hypothesis *one, double *out) {
     matrix turns[2], along, rotated, part, back;
     double squares[6][6];
     int s, i;
     long c;
     for (s = 0; s < 2; s++) {
-        mp_supposed_gain(about, x, s, along);
+        mp_hypothesis_gain(about, x, s, along);
         rotation(x + (s ? ACCEL_TURN : GYRO_TURN), rotated);
-        mp_supposed_product(along, rotated[0], 3, part[0]);
-        mp_supposed_product(part, s ? one->accelerometer : one->gyro, 3, turns[s][0]);
+        mp_hypothesis_product(along, rotated[0], 3, part[0]);
+        mp_hypothesis_product(part, s ? one->accelerometer : one->gyro, 3, turns[s][0]);
     }
     for (c = 0; c < about->columns; c++)
         for (s = 0; s < 2; s++) {
             double *own = out + c * 6 + 3 * s, was[3] = {own[0], own[1], own[2]};
             for (i = 0; i < 3; i++) own[i] = turns[s][i][0] * was[0] + turns[s][i][1] * was[1] + turns[s][i][2] * was[2];
         }
-    mp_supposed_inverse(turns[0], back);
+    mp_hypothesis_inverse(turns[0], back);
     of_products(back, squares);
     mixed(squares[0], 6, out + about->places[PRODUCTS] * 6);
     if (about->places[RATES] >= 0) mixed(back[0], 3, out + about->places[RATES] * 6);
 }
 
-static int straight(const double *x, const mp_supposed *one) {
+static int straight(const double *x, const mp_hypothesis *one) {
     int i, own = 1;
     for (i = GYRO_TURN; i < IMU; i++) own &= x[i] == 0.0;
     for (i = 0; i < 9; i++) own &= one->gyro[i] == (i % 4 == 0) && one->accelerometer[i] == (i % 4 == 0);
     return own;
 }
 
-void mp_supposed_wrench(const mp_suspect *about, const double *x, long channel, const double *centre, double force[3], double torque[3]) {
+void mp_hypothesis_wrench(const mp_hypotheses *about, const double *x, long channel, const double *centre, double force[3], double torque[3]) {
     const double *stated = about->force + 3 * channel, *turn = x + THRUST + about->channels * 4 + 3 * channel, thrust = x[THRUST + channel];
     double along[3], place[3], size = 0.0, own = 0.0, by;
     int i;
@@ -314,7 +314,7 @@ void mp_supposed_wrench(const mp_suspect *about, const double *x, long channel, 
     for (i = 0; i < 3; i++) torque[i] += thrust * about->couple[3 * channel + i];
 }
 
-void mp_supposed_gain(const mp_suspect *about, const double *x, int sensor, matrix out) {
+void mp_hypothesis_gain(const mp_hypotheses *about, const double *x, int sensor, matrix out) {
     const double *scale = x + (sensor ? ACCEL_SCALE : GYRO_SCALE), *mounting = about->mounting;
     int i, j, k;
     for (i = 0; i < 3; i++)
@@ -324,15 +324,15 @@ void mp_supposed_gain(const mp_suspect *about, const double *x, int sensor, matr
         }
 }
 
-void mp_supposed_coefficients(const mp_suspect *about, const double *x, const mp_supposed *one, double *out) {
+void mp_hypothesis_coefficients(const mp_hypotheses *about, const double *x, const mp_hypothesis *one, double *out) {
     matrix inverted, inertia, seen, across, turning, shifted;
     double centre[3], arm[3], leaning[3], pushed[3][6], leant[3][6], parts[2][3][6], constant[2][3], rates[2][3][3];
     double response[3][6], through[3][6], thrust[3][6];
     int i, j, k;
     long c;
     memset(out, 0, (size_t)(6 * about->columns) * sizeof out[0]);
-    mp_supposed_tensor(x, inverted);
-    mp_supposed_inverse(inverted, inertia);
+    mp_hypothesis_tensor(x, inverted);
+    mp_hypothesis_inverse(inverted, inertia);
     for (i = 0; i < 3; i++) {
         centre[i] = about->pivoted ? about->bearing[i] + x[BEARING + i] : x[MOMENT + i];
         arm[i] = about->imu[i] + x[IMU + i] - centre[i];
@@ -357,26 +357,26 @@ void mp_supposed_coefficients(const mp_suspect *about, const double *x, const mp
             for (j = 0; j < 3; j++) parts[0][i][k] -= inverted[i][j] * (own[j] + other[j]);
         }
     }
-    mp_supposed_product(seen, parts[0][0], 6, parts[1][0]);
+    mp_hypothesis_product(seen, parts[0][0], 6, parts[1][0]);
     by_products(arm, pushed);
     if (about->pivoted) {
         matrix level;
         memcpy(level, about->level, sizeof level);
         by_products(leaning, leant);
-        mp_supposed_product(level, leant[0], 6, response[0]);
+        mp_hypothesis_product(level, leant[0], 6, response[0]);
         for (i = 0; i < 3; i++)
             for (k = 0; k < 6; k++) pushed[i][k] -= response[i][k];
     }
     for (i = 0; i < 3; i++)
         for (k = 0; k < 6; k++) parts[1][i][k] += pushed[i][k];
-    mp_supposed_product(inverted, x + TORQUE, 1, constant[0]);
-    mp_supposed_product(seen, constant[0], 1, constant[1]);
+    mp_hypothesis_product(inverted, x + TORQUE, 1, constant[0]);
+    mp_hypothesis_product(seen, constant[0], 1, constant[1]);
     for (i = 0; i < 3; i++) constant[1][i] += x[ACCEL_BIAS + i];
     if (about->places[RATES] >= 0) {
         const double *bias = x + GYRO_BIAS;
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) rates[0][i][j] = inverted[i][j] * x[DRAG + j];
-        mp_supposed_product(seen, rates[0][0], 3, rates[1][0]);
+        mp_hypothesis_product(seen, rates[0][0], 3, rates[1][0]);
         for (k = 0; k < 6; k++)
             for (j = 0; j < 2; j++)
                 for (i = 0; i < 3; i++) {
@@ -389,15 +389,15 @@ void mp_supposed_coefficients(const mp_suspect *about, const double *x, const mp
     put(about, PRODUCTS, parts[0][0], parts[1][0], 6, out);
     put(about, CONSTANT, constant[0], constant[1], 1, out);
     cross_matrix(x + MOMENT, across);
-    mp_supposed_product(inverted, across[0], 3, turning[0]);
+    mp_hypothesis_product(inverted, across[0], 3, turning[0]);
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) turning[i][j] *= about->pivoted ? x[MU] : 0.0;
     for (c = 0; c < about->channels; c++) {
         double force[3], torque[3], spin[3], push[3];
         double *column = out + (about->places[CHANNELS] + c) * 6;
-        mp_supposed_wrench(about, x, c, centre, force, torque);
-        mp_supposed_product(inverted, torque, 1, spin);
-        mp_supposed_product(seen, spin, 1, push);
+        mp_hypothesis_wrench(about, x, c, centre, force, torque);
+        mp_hypothesis_product(inverted, torque, 1, spin);
+        mp_hypothesis_product(seen, spin, 1, push);
         for (i = 0; i < 3; i++) {
             column[i] = spin[i];
             column[3 + i] = push[i] + x[MU] * force[i];
@@ -406,13 +406,13 @@ void mp_supposed_coefficients(const mp_suspect *about, const double *x, const mp
     }
     if (about->places[LATER] >= 0) {
         cross_matrix(centre, across);
-        mp_supposed_product(inverted, across[0], 3, shifted[0]);
+        mp_hypothesis_product(inverted, across[0], 3, shifted[0]);
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) {
                 response[i][j] = inverted[i][j];
                 response[i][3 + j] = -shifted[i][j];
             }
-        mp_supposed_product(seen, response[0], 6, through[0]);
+        mp_hypothesis_product(seen, response[0], 6, through[0]);
         memcpy(thrust, through, sizeof thrust);
         for (i = 0; i < 3; i++) thrust[i][3 + i] += x[MU];
         put_late(about, x, response[0], through[0], thrust[0], out);

@@ -13,9 +13,9 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross, times
 from massprop_cli.model.gyroscopic import products
-from massprop_cli.model.lift import Lift
 from massprop_cli.model.momentum import made_by_motion
 from massprop_cli.model.plant import Motion, Reference
+from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.prepare.compensate import Samples
 
 STEEP = 0.5
@@ -51,17 +51,17 @@ class Within(NamedTuple):
     """(3,) of the reference, N m s."""
 
 
-def motion_within(samples: Samples, reference: Reference, lift: Lift) -> Within:
+def motion_within(samples: Samples, reference: Reference, phi_map: ResponseMap) -> Within:
     """Rate, angular acceleration and attitude in each bin: measured cycle means, with the shape that the commands give them."""
-    theta = lift.theta(reference)
-    response = response_of(reference, lift, theta)
+    theta = phi_map.theta(reference)
+    response = response_of(reference, phi_map, theta)
     executed = samples.executed
     mean = samples.rate_rad_s - reference.gyro_bias
     impulse, skew = executed.impulse_bins, executed.skew_bins
     bin_s = (executed.duration_s / impulse.shape[1])[:, None, None]
     shape = (*impulse.shape[:2], 3)
     up_start = samples.up_b[:-1]
-    plant = lift.plant
+    plant = phi_map.plant
     wrench, skew = by_component(impulse / bin_s), by_component(skew)
     rate, up = (by_component(np.broadcast_to(v[:, None], shape)) for v in (mean, up_start))
     motion = Motion(wrench, rate, np.zeros_like(rate), up)
@@ -134,11 +134,11 @@ def _turned(up: Array, angle: Array) -> Array:
     return found
 
 
-def response_of(reference: Reference, lift: Lift, theta: Array) -> Array:
+def response_of(reference: Reference, phi_map: ResponseMap, theta: Array) -> Array:
     """(3, C) Φ of a reference."""
     if reference.response is not None:
         return reference.response
-    return lift.response(theta)
+    return phi_map.response(theta)
 
 
 def _bounded_share(coupled: Array, rate: Array, cycle_s: Array) -> Array:

@@ -1,9 +1,9 @@
-#include "front.h"
+#include "preprocess.h"
 
 #include <math.h>
 #include <string.h>
 
-#include "small.h"
+#include "linalg.h"
 
 #define TOUCHING R(1e-3)   /* pulses that end and begin within this part of a cycle are one; others overlap, and give all they have */
 #define CANCELLED R(1e-12) /* part of what each channel makes alone below which their sum is rounding */
@@ -11,31 +11,31 @@
 #define FELT R(0.02)       /* part of gravity's that specific force scatters by */
 #define FARTHEST R(3)      /* sigmas of the gyro's bias beyond which it is none */
 
-int mp_front_begin(mp_front *front, const mp_commands *table, const mp_vehicle *vehicle) {
+int mp_preprocess_begin(mp_preprocess *preprocess, const mp_commands *table, const mp_vehicle *vehicle) {
     mp_real ramps = R(0);
     int i;
     if (table->commands > MP_COMMANDS || (!table->jets && table->commands != 6)) return MP_LIMIT;
     if (vehicle->bins < 2 || vehicle->bins > MP_BINS || !(table->period_s > R(0))) return MP_LIMIT;
     for (i = 0; i < table->commands; i++) ramps = mp_max(ramps, table->rise_s[i] + table->fall_s[i]);
     if (!((table->delay_s + ramps) / table->period_s + R(4) < R(MP_PENDING))) return MP_LIMIT;
-    memset(front, 0, sizeof *front);
-    front->table = *table;
-    front->vehicle = *vehicle;
-    for (i = 0; i < 4; i++) front->attitude[i] = table->attitude_wxyz[i];
-    front->ready = 1;
+    memset(preprocess, 0, sizeof *preprocess);
+    preprocess->table = *table;
+    preprocess->vehicle = *vehicle;
+    for (i = 0; i < 4; i++) preprocess->attitude[i] = table->attitude_wxyz[i];
+    preprocess->ready = 1;
     return MP_OK;
 }
 
 /* The commands of a cycle that starts `after` the present one, to be executed after the delay. */
-static int issued(mp_front *front, const mp_flown *flown, mp_real after) {
-    const mp_commands *table = &front->table;
+static int issued(mp_preprocess *preprocess, const mp_flown *flown, mp_real after) {
+    const mp_commands *table = &preprocess->table;
     mp_real begin = after + table->delay_s;
     int j, full = 0;
-    for (j = 0; j < table->commands; j++) full |= front->pulses[j] == MP_PENDING;
+    for (j = 0; j < table->commands; j++) full |= preprocess->pulses[j] == MP_PENDING;
     if (full) return MP_LIMIT;
     for (j = 0; j < table->commands; j++) {
-        mp_pulse *pulses = front->pulse[j], *last;
-        int count = front->pulses[j];
+        mp_pulse *pulses = preprocess->pulse[j], *last;
+        int count = preprocess->pulses[j];
         if (table->jets && !(flown->command[j] > R(0))) continue;
         last = count > 0 ? pulses + count - 1 : NULL;
         if (table->jets && last != NULL && !(mp_abs(begin - last->end) > TOUCHING * table->period_s)) {
@@ -46,7 +46,7 @@ static int issued(mp_front *front, const mp_flown *flown, mp_real after) {
         pulses[count].begin = begin;
         pulses[count].end = table->jets ? begin + flown->command[j] : OPEN;
         pulses[count].level = table->jets ? R(1) : flown->command[j];
-        front->pulses[j] = count + 1;
+        preprocess->pulses[j] = count + 1;
     }
     return MP_OK;
 }
@@ -68,24 +68,24 @@ typedef struct {
     int count, which[MP_COMMANDS];
 } acting;
 
-static void acting_of(const mp_front *front, acting *out) {
+static void acting_of(const mp_preprocess *preprocess, acting *out) {
     int j;
     out->count = 0;
-    for (j = 0; j < front->table.commands; j++)
-        if (front->pulses[j] > 0) out->which[out->count++] = j;
+    for (j = 0; j < preprocess->table.commands; j++)
+        if (preprocess->pulses[j] > 0) out->which[out->count++] = j;
 }
 
 /* What each of them does in each bin of a cycle. */
-static void executed(mp_front *front, const acting *those, mp_real duration) {
-    const mp_commands *table = &front->table;
-    int count = front->vehicle.bins, b, n, k;
+static void executed(mp_preprocess *preprocess, const acting *those, mp_real duration) {
+    const mp_commands *table = &preprocess->table;
+    int count = preprocess->vehicle.bins, b, n, k;
     for (b = 0; b < count; b++) {
         mp_real begin = duration * (R(b) / R(count)), end = duration * (R(b + 1) / R(count));
         for (n = 0; n < those->count; n++) {
             int j = those->which[n];
             mp_real integral = R(0), moment = R(0), rise = table->rise_s[j], fall = table->fall_s[j];
-            for (k = 0; k < front->pulses[j]; k++) {
-                const mp_pulse *pulse = &front->pulse[j][k];
+            for (k = 0; k < preprocess->pulses[j]; k++) {
+                const mp_pulse *pulse = &preprocess->pulse[j][k];
                 mp_real top = mp_min(pulse->begin + rise, pulse->end), reached = pulse->level;
                 if (rise > R(0)) {
                     reached = pulse->level * ((top - pulse->begin) / rise);
@@ -94,25 +94,25 @@ static void executed(mp_front *front, const acting *those, mp_real duration) {
                 added(begin, end, top, pulse->end, reached, reached, &integral, &moment);
                 if (fall > R(0)) added(begin, end, pulse->end, pulse->end + reached * fall, reached, R(0), &integral, &moment);
             }
-            front->integral[b][j] = integral;
-            front->moment[b][j] = moment;
+            preprocess->integral[b][j] = integral;
+            preprocess->moment[b][j] = moment;
         }
     }
 }
 
 /* The next cycle is the present one: what is over goes. */
-static void passed(mp_front *front, mp_real duration) {
+static void passed(mp_preprocess *preprocess, mp_real duration) {
     int j, k, kept;
-    for (j = 0; j < front->table.commands; j++) {
-        for (k = 0, kept = 0; k < front->pulses[j]; k++) {
-            mp_pulse pulse = front->pulse[j][k];
+    for (j = 0; j < preprocess->table.commands; j++) {
+        for (k = 0, kept = 0; k < preprocess->pulses[j]; k++) {
+            mp_pulse pulse = preprocess->pulse[j][k];
             pulse.begin -= duration;
             if (pulse.end < OPEN) pulse.end -= duration;
             /* the last is kept a while, since the next command may go on with it */
-            if (pulse.end + front->table.fall_s[j] + (k == front->pulses[j] - 1 ? front->table.period_s : R(0)) < R(0)) continue;
-            front->pulse[j][kept++] = pulse;
+            if (pulse.end + preprocess->table.fall_s[j] + (k == preprocess->pulses[j] - 1 ? preprocess->table.period_s : R(0)) < R(0)) continue;
+            preprocess->pulse[j][kept++] = pulse;
         }
-        front->pulses[j] = kept;
+        preprocess->pulses[j] = kept;
     }
 }
 
@@ -138,33 +138,33 @@ static void net(const mp_commands *table, const acting *those, const mp_real *pa
         if (mp_abs(out[i]) < CANCELLED * size[i]) out[i] = R(0);
 }
 
-static void impulses(mp_front *front, const acting *those, mp_cycle *cycle) {
-    const mp_commands *table = &front->table;
-    mp_real bin_s = cycle->duration_s / R(front->vehicle.bins), skew[MP_COMMANDS], rising[MP_COMMANDS], whole[MP_COMMANDS];
+static void impulses(mp_preprocess *preprocess, const acting *those, mp_cycle *cycle) {
+    const mp_commands *table = &preprocess->table;
+    mp_real bin_s = cycle->duration_s / R(preprocess->vehicle.bins), skew[MP_COMMANDS], rising[MP_COMMANDS], whole[MP_COMMANDS];
     int b, j, n, i, k;
     for (n = 0; n < those->count; n++) rising[those->which[n]] = whole[those->which[n]] = R(0);
-    for (b = 0; b < front->vehicle.bins; b++) {
+    for (b = 0; b < preprocess->vehicle.bins; b++) {
         for (n = 0; n < those->count; n++) {
             mp_real integral, moment;
             j = those->which[n];
-            integral = front->integral[b][j];
-            moment = front->moment[b][j] / bin_s;
+            integral = preprocess->integral[b][j];
+            moment = preprocess->moment[b][j] / bin_s;
             rising[j] += moment + R(b) * integral;
             whole[j] += integral;
             skew[j] = moment - integral / R(2);
         }
-        net(table, those, front->integral[b], cycle->impulse[b]);
+        net(table, those, preprocess->integral[b], cycle->impulse[b]);
         net(table, those, skew, cycle->skew[b]);
     }
     for (n = 0; n < those->count; n++) {
         j = those->which[n];
-        rising[j] /= R(front->vehicle.bins);
+        rising[j] /= R(preprocess->vehicle.bins);
         skew[j] = whole[j] - rising[j];
     }
     net(table, those, rising, cycle->rising);
     net(table, those, skew, cycle->falling);
     net(table, those, whole, cycle->whole);
-    if (!front->vehicle.pulses) return;
+    if (!preprocess->vehicle.pulses) return;
     memset(cycle->pulse_covariance, 0, sizeof cycle->pulse_covariance);
     for (n = 0; n < those->count; n++) {
         mp_real sigma;
@@ -234,17 +234,17 @@ static void vertical(const mp_real q[4], const mp_real back[4], mp_real out[3]) 
 }
 
 /* What one more cycle tells of the biases, and by how much the attitude is off at its end (bias_seen and BiasSeen.off). */
-static void bias_seen(mp_front *front, const mp_cycle *cycle, const mp_real mean[3][3]) {
-    const mp_vehicle *vehicle = &front->vehicle;
+static void bias_seen(mp_preprocess *preprocess, const mp_cycle *cycle, const mp_real mean[3][3]) {
+    const mp_vehicle *vehicle = &preprocess->vehicle;
     mp_real seen[2][6], level[3], weighted[36], bias[6], size, sigma = vehicle->gyro_bias_sigma, prior[2];
     int count = vehicle->accel_bias ? 6 : 3, i, j, felt = !cycle->deaf[1] && mp_dot(cycle->force, cycle->force) > R(0);
     prior[0] = FELT / sigma;
     prior[1] = vehicle->accel_bias ? FELT / (vehicle->accel_bias_sigma / vehicle->gravity) : R(0);
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) {
-            mp_real before = front->window[i][j];
-            front->window[i][j] += mean[i][j] * cycle->duration_s;
-            if (i < 2) seen[i][j] = (before + front->window[i][j]) / R(2);
+            mp_real before = preprocess->window[i][j];
+            preprocess->window[i][j] += mean[i][j] * cycle->duration_s;
+            if (i < 2) seen[i][j] = (before + preprocess->window[i][j]) / R(2);
         }
     for (j = 0; j < 3; j++) {
         seen[0][3 + j] = -mean[1][j];
@@ -252,91 +252,91 @@ static void bias_seen(mp_front *front, const mp_cycle *cycle, const mp_real mean
     }
     mp_times(mean, cycle->force, level);
     for (i = 0; felt && i < 6; i++) {
-        front->bias_told[i] += (seen[1][i] * level[0] - seen[0][i] * level[1]) / vehicle->gravity;
-        for (j = 0; j < 6; j++) front->information[i][j] += seen[0][i] * seen[0][j] + seen[1][i] * seen[1][j];
+        preprocess->bias_told[i] += (seen[1][i] * level[0] - seen[0][i] * level[1]) / vehicle->gravity;
+        for (j = 0; j < 6; j++) preprocess->information[i][j] += seen[0][i] * seen[0][j] + seen[1][i] * seen[1][j];
     }
     for (i = 0; i < count; i++) {
         for (j = 0; j < count; j++)
-            weighted[i * count + j] = front->information[i][j] + (i == j ? prior[i / 3] * prior[i / 3] : R(0));
-        bias[i] = front->bias_told[i];
+            weighted[i * count + j] = preprocess->information[i][j] + (i == j ? prior[i / 3] * prior[i / 3] : R(0));
+        bias[i] = preprocess->bias_told[i];
     }
     if (!mp_cholesky(weighted, count)) return;
     mp_solved(weighted, count, bias);
     size = MP_SQRT(mp_dot(bias, bias));
     for (i = 0; i < 3; i++) bias[i] *= mp_min(R(1), FARTHEST * sigma / mp_max(size, sigma));
-    for (i = 0; i < 3; i++) front->off[i] = mp_dot(front->window[i], bias);
+    for (i = 0; i < 3; i++) preprocess->off[i] = mp_dot(preprocess->window[i], bias);
 }
 
 /* Where the attitude may be at the start of a cycle. */
-static void attitude_error(mp_front *front, const mp_real from_body[3][3], int biased) {
+static void attitude_error(mp_preprocess *preprocess, const mp_real from_body[3][3], int biased) {
     int i, j, k;
     for (i = 0; i < 3; i++) {
-        front->attitude_error[i][0] = R(0);
-        front->attitude_error[i][4] = MP_SQRT(front->squares_s2);
-        for (j = 0; j < 3; j++) front->attitude_error[i][1 + j] = R(0);
+        preprocess->attitude_error[i][0] = R(0);
+        preprocess->attitude_error[i][4] = MP_SQRT(preprocess->squares_s2);
+        for (j = 0; j < 3; j++) preprocess->attitude_error[i][1 + j] = R(0);
         if (!biased) continue;
-        for (k = 0; k < 3; k++) front->attitude_error[i][0] += from_body[k][i] * front->off[k];
+        for (k = 0; k < 3; k++) preprocess->attitude_error[i][0] += from_body[k][i] * preprocess->off[k];
         for (j = 0; j < 3; j++) {
-            for (k = 0; k < 3; k++) front->attitude_error[i][1 + j] -= from_body[k][i] * front->window[k][j];
+            for (k = 0; k < 3; k++) preprocess->attitude_error[i][1 + j] -= from_body[k][i] * preprocess->window[k][j];
         }
     }
 }
 
 /* q of the rotation back by what the attitude is off. */
-static void backed(const mp_front *front, mp_real out[4]) {
+static void backed(const mp_preprocess *preprocess, mp_real out[4]) {
     mp_real back[3];
     int i;
-    for (i = 0; i < 3; i++) back[i] = -front->off[i];
+    for (i = 0; i < 3; i++) back[i] = -preprocess->off[i];
     quaternion(back, out);
 }
 
 /* The vertical at both ends of a cycle, and how the attitude is carried from one to the other. */
-static void attitudes(mp_front *front, const mp_flown *flown, mp_cycle *cycle) {
+static void attitudes(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle *cycle) {
     mp_real turn[3], coning[3], first[3][3], mean[3][3], back[4], then[4], step[4];
-    int biased = MP_ON_BEARING(&front->vehicle) && !front->table.logged && front->vehicle.gyro_bias, i, j;
+    int biased = MP_ON_BEARING(&preprocess->vehicle) && !preprocess->table.logged && preprocess->vehicle.gyro_bias, i, j;
     for (i = 0; i < 3; i++) cycle->carried[i] = cycle->rate[i];
-    if (!MP_ON_BEARING(&front->vehicle)) {
+    if (!MP_ON_BEARING(&preprocess->vehicle)) {
         memset(cycle->up, 0, sizeof cycle->up);
         return;
     }
     for (i = 0; i < 3; i++) turn[i] = cycle->rate[i] * cycle->duration_s;
-    if (front->table.logged && front->cycles == 0) {
+    if (preprocess->table.logged && preprocess->cycles == 0) {
         mp_real opposite[3];
         for (i = 0; i < 3; i++) opposite[i] = -turn[i];
-        for (i = 0; i < 4; i++) front->attitude[i] = flown->attitude_wxyz[i];
-        rotated(front->attitude, opposite);
+        for (i = 0; i < 4; i++) preprocess->attitude[i] = flown->attitude_wxyz[i];
+        rotated(preprocess->attitude, opposite);
     }
-    backed(front, back);
-    vertical(front->attitude, back, cycle->up[0]);
-    matrix(front->attitude, first);
-    if (!front->table.logged) attitude_error(front, (const mp_real(*)[3])first, biased);
-    if (front->table.logged) {
-        for (i = 0; i < 4; i++) front->attitude[i] = flown->attitude_wxyz[i];
+    backed(preprocess, back);
+    vertical(preprocess->attitude, back, cycle->up[0]);
+    matrix(preprocess->attitude, first);
+    if (!preprocess->table.logged) attitude_error(preprocess, (const mp_real(*)[3])first, biased);
+    if (preprocess->table.logged) {
+        for (i = 0; i < 4; i++) preprocess->attitude[i] = flown->attitude_wxyz[i];
     } else {
         mp_real vector[3];
-        mp_cross(front->turn, turn, coning);
+        mp_cross(preprocess->turn, turn, coning);
         for (i = 0; i < 3; i++) vector[i] = turn[i] + coning[i] / R(12);
-        rotated(front->attitude, vector);
+        rotated(preprocess->attitude, vector);
     }
     if (biased) {
-        matrix(front->attitude, mean);
+        matrix(preprocess->attitude, mean);
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) mean[i][j] = (mean[i][j] + first[i][j]) / R(2);
-        bias_seen(front, cycle, (const mp_real(*)[3])mean);
+        bias_seen(preprocess, cycle, (const mp_real(*)[3])mean);
         for (i = 0; i < 3; i++) back[1 + i] = -back[1 + i];
-        backed(front, then);
+        backed(preprocess, then);
         product(back, then, step);
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) cycle->carried[i] += mean[j][i] * (R(2) * step[1 + j]) / cycle->duration_s;
     }
-    backed(front, then);
-    vertical(front->attitude, then, cycle->up[1]);
-    for (i = 0; i < 3; i++) front->turn[i] = turn[i];
-    front->squares_s2 += cycle->duration_s * cycle->duration_s;
+    backed(preprocess, then);
+    vertical(preprocess->attitude, then, cycle->up[1]);
+    for (i = 0; i < 3; i++) preprocess->turn[i] = turn[i];
+    preprocess->squares_s2 += cycle->duration_s * cycle->duration_s;
 }
 
 /* A cycle whose executed commands are known. */
-static void completed(mp_front *front, const mp_flown *flown, mp_cycle *cycle, int *usable) {
+static void completed(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle *cycle, int *usable) {
     mp_real theta[3], v[3], rounding;
     acting those;
     int i;
@@ -346,60 +346,60 @@ static void completed(mp_front *front, const mp_flown *flown, mp_cycle *cycle, i
         theta[i] = flown->delta_theta[i] / flown->duration_s;
         v[i] = flown->delta_v[i] / flown->duration_s;
     }
-    mp_times((const mp_real(*)[3])front->table.body_from_imu, theta, cycle->rate);
-    mp_times((const mp_real(*)[3])front->table.body_from_imu, v, cycle->force);
+    mp_times((const mp_real(*)[3])preprocess->table.body_from_imu, theta, cycle->rate);
+    mp_times((const mp_real(*)[3])preprocess->table.body_from_imu, v, cycle->force);
     for (i = 0; i < 3; i++) {
-        cycle->rate_step[i] = front->cycles > 0 ? cycle->rate[i] - front->rate[i] : R(0);
-        front->rate[i] = cycle->rate[i];
+        cycle->rate_step[i] = preprocess->cycles > 0 ? cycle->rate[i] - preprocess->rate[i] : R(0);
+        preprocess->rate[i] = cycle->rate[i];
     }
     for (i = 0; i < 2; i++) cycle->deaf[i] = flown->deaf[i];
-    attitudes(front, flown, cycle);
-    acting_of(front, &those);
-    executed(front, &those, flown->duration_s);
-    impulses(front, &those, cycle);
-    passed(front, flown->duration_s);
+    attitudes(preprocess, flown, cycle);
+    acting_of(preprocess, &those);
+    executed(preprocess, &those, flown->duration_s);
+    impulses(preprocess, &those, cycle);
+    passed(preprocess, flown->duration_s);
     /* on the ground `unused` says so too, more strictly (massprop_cli/prepare/align.py): rounding must not make two answers of it */
-    rounding = R(2e-6) * front->table.period_s + R(2e-15) * mp_abs(flown->end_s);
-    *usable = !flown->unused && front->since_s >= front->table.delay_s - rounding;
-    front->since_s += flown->duration_s;
-    front->cycles += 1;
+    rounding = R(2e-6) * preprocess->table.period_s + R(2e-15) * mp_abs(flown->end_s);
+    *usable = !flown->unused && preprocess->since_s >= preprocess->table.delay_s - rounding;
+    preprocess->since_s += flown->duration_s;
+    preprocess->cycles += 1;
 }
 
-static int is_finite(const mp_front *front, const mp_flown *flown) {
+static int is_finite(const mp_preprocess *preprocess, const mp_flown *flown) {
     int fine = mp_finite(&flown->end_s, 1) && mp_finite(&flown->duration_s, 1);
     fine = fine && mp_finite(flown->delta_theta, 3) && mp_finite(flown->delta_v, 3);
-    fine = fine && mp_finite(flown->command, front->table.commands);
-    return fine && (!front->table.logged || mp_finite(flown->attitude_wxyz, 4));
+    fine = fine && mp_finite(flown->command, preprocess->table.commands);
+    return fine && (!preprocess->table.logged || mp_finite(flown->attitude_wxyz, 4));
 }
 
-int mp_front_step(mp_front *front, const mp_flown *flown, mp_cycle *cycle, int *made, int *usable) {
+int mp_preprocess_step(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle *cycle, int *made, int *usable) {
     int status;
     *made = 0;
-    if (!front->ready) return MP_ORDER;
-    if (!is_finite(front, flown)) return MP_NOT_FINITE;
-    if (!(flown->duration_s > R(0)) || (front->told && !(flown->end_s > front->end_s))) return MP_TIME;
-    status = issued(front, flown, front->holding ? front->waiting.duration_s : R(0));
+    if (!preprocess->ready) return MP_ORDER;
+    if (!is_finite(preprocess, flown)) return MP_NOT_FINITE;
+    if (!(flown->duration_s > R(0)) || (preprocess->told && !(flown->end_s > preprocess->end_s))) return MP_TIME;
+    status = issued(preprocess, flown, preprocess->holding ? preprocess->waiting.duration_s : R(0));
     if (status != MP_OK) return status;
-    front->end_s = flown->end_s;
-    front->told = 1;
-    if (front->table.delay_s >= front->table.period_s) {
-        completed(front, flown, cycle, usable);
+    preprocess->end_s = flown->end_s;
+    preprocess->told = 1;
+    if (preprocess->table.delay_s >= preprocess->table.period_s) {
+        completed(preprocess, flown, cycle, usable);
         *made = 1;
         return MP_OK;
     }
-    if (front->holding) {
-        completed(front, &front->waiting, cycle, usable);
+    if (preprocess->holding) {
+        completed(preprocess, &preprocess->waiting, cycle, usable);
         *made = 1;
     }
-    front->waiting = *flown;
-    front->holding = 1;
+    preprocess->waiting = *flown;
+    preprocess->holding = 1;
     return MP_OK;
 }
 
-int mp_front_last(mp_front *front, mp_cycle *cycle, int *made, int *usable) {
-    *made = front->holding;
-    if (!front->ready) return MP_ORDER;
-    if (front->holding) completed(front, &front->waiting, cycle, usable);
-    front->holding = 0;
+int mp_preprocess_last(mp_preprocess *preprocess, mp_cycle *cycle, int *made, int *usable) {
+    *made = preprocess->holding;
+    if (!preprocess->ready) return MP_ORDER;
+    if (preprocess->holding) completed(preprocess, &preprocess->waiting, cycle, usable);
+    preprocess->holding = 0;
     return MP_OK;
 }

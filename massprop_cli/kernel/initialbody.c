@@ -1,12 +1,12 @@
-/* Where fits of suppositions begin: with the body that plain regression of motion on commands gives, for the ground:
- * massprop_cli/diagnosis/beginnings.py, which has it in NumPy as well. */
+/* Where fits of hypotheses begin: with the body that plain regression of motion on commands gives, for the ground:
+ * massprop_cli/diagnosis/initialbody.py, which has it in NumPy as well. */
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
 
 #include "host.h"
-#include "small.h"
-#include "suppose.h"
+#include "linalg.h"
+#include "hypothesis.h"
 
 #define PLAIN 27 /* three coefficients of each axis: of torque and of force or the vertical on the rate, of force on specific force */
 #define SUM 1e-9 /* part of a column that those before it leave of it, below which it is their sum */
@@ -16,7 +16,7 @@
 
 SHARED int mp_host_plain(const long *sizes, const long *places, const double *numbers, const double *const *triangles, const double *x,
                          const unsigned char *suspects, double *room, double *plain);
-SHARED int mp_host_begun(const long *sizes, const long *places, const double *numbers, const double *const *triangles,
+SHARED int mp_host_initial_bodies(const long *sizes, const long *places, const double *numbers, const double *const *triangles,
                          const double *turns, const double *plain, double *x, double *spreads);
 
 /* Least squares of what was measured on `count` columns of `rows` that stand one behind the other in `a`, and behind them the three that
@@ -55,35 +55,35 @@ static void regressed(double *a, long rows, long count, int wanted, const double
 }
 
 /* A triangle times a sum of its columns. */
-static void add_column(const mp_told *told, long column, double by, double *out) {
+static void add_column(const mp_sensor *told, long column, double by, double *out) {
     const double *own = told->triangle + column * told->rows;
     long r, end = column < told->rows ? column + 1 : told->rows;
     for (r = 0; by != 0.0 && r < end; r++) out[r] += by * own[r];
 }
 
 /* (3) columns of sums of the channels: along each axis of what those give that nobody suspects. What all of them make alone, squared. */
-static double add_sums(const mp_suspect *about, const mp_told *told, const double *given, const unsigned char *suspects, double *out) {
+static double add_sums(const mp_hypotheses *about, const mp_sensor *told, const double *given, const unsigned char *suspects, double *out) {
     double all = 0.0;
     long c, r;
     int i;
     for (c = 0; c < about->channels; c++) {
-        const double *own = told->triangle + (about->places[SUPPOSED_CHANNELS] + c) * told->rows;
+        const double *own = told->triangle + (about->places[HYPOTHESIS_CHANNELS] + c) * told->rows;
         double square = 0.0;
         for (r = 0; r < told->rows; r++) square += own[r] * own[r];
         for (i = 0; i < 3; i++) {
             all += given[3 * c + i] * given[3 * c + i] * square;
-            add_column(told, about->places[SUPPOSED_CHANNELS] + c, suspects[c] ? 0.0 : given[3 * c + i], out + i * told->rows);
+            add_column(told, about->places[HYPOTHESIS_CHANNELS] + c, suspects[c] ? 0.0 : given[3 * c + i], out + i * told->rows);
         }
     }
     return all;
 }
 
-/* Of one supposition, the columns that a sensor's motion is regressed on: `first` and `second` (channels, 3) times the channels, the
+/* Of one hypothesis, the columns that a sensor's motion is regressed on: `first` and `second` (channels, 3) times the channels, the
  * second of them perhaps the vertical; the suspected channels alone; the products of rates; and the vertical where it is felt. */
-static void plain_of(const mp_suspect *about, const mp_told *told, const double *first, const double *second, const unsigned char *suspects,
+static void plain_of(const mp_hypotheses *about, const mp_sensor *told, const double *first, const double *second, const unsigned char *suspects,
                      int felt, double *room, double *out) {
-    long channels = about->places[SUPPOSED_CHANNELS], p = told->rows, suspected = 0, count, at, c;
-    long up = about->pivoted ? about->places[SUPPOSED_UP] : -1;
+    long channels = about->places[HYPOTHESIS_CHANNELS], p = told->rows, suspected = 0, count, at, c;
+    long up = about->pivoted ? about->places[HYPOTHESIS_UP] : -1;
     double sums[2] = {0.0, 0.0};
     int i;
     for (c = 0; c < about->channels; c++) suspected += suspects[c] != 0;
@@ -96,7 +96,7 @@ static void plain_of(const mp_suspect *about, const mp_told *told, const double 
     at = 6;
     for (c = 0; c < about->channels; c++)
         if (suspects[c]) add_column(told, channels + c, 1.0, room + at++ * p);
-    for (i = 0; i < 6; i++) add_column(told, about->places[SUPPOSED_PRODUCTS] + i, 1.0, room + at++ * p);
+    for (i = 0; i < 6; i++) add_column(told, about->places[HYPOTHESIS_PRODUCTS] + i, 1.0, room + at++ * p);
     for (i = 0; felt && up >= 0 && i < 3; i++) add_column(told, up + i, 1.0, room + at++ * p);
     for (i = 0; i < 3; i++) memcpy(room + (count + i) * p, told->measured + i * p, (size_t)p * sizeof room[0]);
     regressed(room, p, count, felt ? 3 : 6, sums, out);
@@ -107,16 +107,16 @@ static void plain_of(const mp_suspect *about, const mp_told *told, const double 
 int mp_host_plain(const long *sizes, const long *places, const double *numbers, const double *const *triangles, const double *x,
                   const unsigned char *suspects, double *room, double *plain) {
     static const double origin[3] = {0.0, 0.0, 0.0};
-    mp_suspect about;
-    mp_told sensors[2];
+    mp_hypotheses about;
+    mp_sensor sensors[2];
     long h, c;
-    mp_suspect_of(sizes, places, numbers, &about);
-    mp_told_of(sizes, triangles, sensors);
+    mp_hypotheses_of(sizes, places, numbers, &about);
+    mp_sensors_of(sizes, triangles, sensors);
     for (h = 0; h < sizes[0]; h++) {
         double *torque = room, *force = torque + 3 * about.channels, *rest = force + 3 * about.channels, *own = plain + h * PLAIN;
         const unsigned char *suspected = suspects + h * about.channels;
         for (c = 0; c < about.channels; c++)
-            mp_supposed_wrench(&about, x + h * about.entries, c, about.pivoted ? about.bearing : origin, force + 3 * c, torque + 3 * c);
+            mp_hypothesis_wrench(&about, x + h * about.entries, c, about.pivoted ? about.bearing : origin, force + 3 * c, torque + 3 * c);
         plain_of(&about, sensors, torque, about.pivoted ? NULL : force, suspected, 0, rest, own);
         plain_of(&about, sensors + 1, force, torque, suspected, 1, rest, own + 18);
     }
@@ -124,12 +124,12 @@ int mp_host_plain(const long *sizes, const long *places, const double *numbers, 
 }
 
 /* x (H, entries) with the body that plain (H, 27) makes, and spreads (H, 10) the sizes of the body's entries; turns (H, 2, 3, 3). */
-int mp_host_begun(const long *sizes, const long *places, const double *numbers, const double *const *triangles, const double *turns,
+int mp_host_initial_bodies(const long *sizes, const long *places, const double *numbers, const double *const *triangles, const double *turns,
                   const double *plain, double *x, double *spreads) {
-    mp_suspect about;
+    mp_hypotheses about;
     long h;
     (void)triangles;
-    mp_suspect_of(sizes, places, numbers, &about);
+    mp_hypotheses_of(sizes, places, numbers, &about);
     for (h = 0; h < sizes[0]; h++) {
         const double *own = plain + h * PLAIN, *felt = own + 18;
         double *body = x + h * about.entries, *spread = spreads + h * 10;
@@ -140,11 +140,11 @@ int mp_host_begun(const long *sizes, const long *places, const double *numbers, 
         for (i = 0; i < 3; i++)
             for (k = 0; k < 6; k++) response[i][k] = own[3 * k + i];
         for (s = 0; s < 2; s++) {
-            mp_supposed_gain(&about, body, s, gain);
+            mp_hypothesis_gain(&about, body, s, gain);
             memcpy(base, turns + 18 * h + 9 * s, sizeof base);
-            mp_supposed_product(gain, base[0], 3, turn[0]);
-            mp_supposed_inverse(turn, back);
-            if (s == 0) mp_supposed_product(back, response[0], 6, turned[0]);
+            mp_hypothesis_product(gain, base[0], 3, turn[0]);
+            mp_hypothesis_inverse(turn, back);
+            if (s == 0) mp_hypothesis_product(back, response[0], 6, turned[0]);
         }
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) {
@@ -163,8 +163,8 @@ int mp_host_begun(const long *sizes, const long *places, const double *numbers, 
         }
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) base[i][j] = turned[i][3 + j];
-        mp_supposed_inverse(inverted, inertia);
-        mp_supposed_product(inertia, base[0], 3, lever[0]);
+        mp_hypothesis_inverse(inverted, inertia);
+        mp_hypothesis_product(inertia, base[0], 3, lever[0]);
         mu = along > LEAST * largest ? along : LEAST * largest;
         mu = mu > 1e-9 ? mu : 1e-9;
         size = sqrt(size * mu) / (about.pivoted ? mu : 1.0);
@@ -180,7 +180,7 @@ int mp_host_begun(const long *sizes, const long *places, const double *numbers, 
             spread[6 + i] = size;
         }
         for (i = 0; i < 6; i++) spread[i] = top;
-        body[SUPPOSED_MU] = spread[9] = mu;
+        body[HYPOTHESIS_MU] = spread[9] = mu;
     }
     return MP_OK;
 }

@@ -1,19 +1,19 @@
-/* Suppositions held against the triangles of one log, each fitted with a body, for the ground: massprop_cli/diagnosis/comparison.py, which has
+/* Hypotheses held against the triangles of one log, each fitted with a body, for the ground: massprop_cli/diagnosis/comparison.py, which has
  * it in NumPy as well. */
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
 
 #include "host.h"
-#include "small.h"
-#include "suppose.h"
+#include "linalg.h"
+#include "hypothesis.h"
 
 #define HALF_STEP 1e-6
 #define LIGHTEST 10.0 /* times as heavy that a body may become by one step */
 #define SLENDER 1e-4  /* least principal response over the largest */
 #define ROUNDING 1e-9 /* part of the cost up to which a step that doesn't help ends a fit */
 
-SHARED int mp_host_left(const long *sizes, const long *places, const double *numbers, const double *const *triangles, const double *x,
+SHARED int mp_host_residuals(const long *sizes, const long *places, const double *numbers, const double *const *triangles, const double *x,
                         const double *turns, const double *freed, double *room, double *left);
 SHARED int mp_host_fitted(const long *sizes, const long *places, const double *numbers, const double *const *triangles,
                           const double *turns, const double *freed, const double *moves, const double *pulled, const double *ends,
@@ -28,13 +28,13 @@ static void four_added(const double by[4], const double *const column[4], long e
 
 /* (6, columns) what coefficients (columns, 6) do to both triangles, less what was measured where that is wanted, over the noise; rows
  * beyond a triangle's are nothing. */
-static void against(const mp_suspect *about, const mp_told sensors[2], const mp_supposed *one, const double *made, int measured,
+static void against(const mp_hypotheses *about, const mp_sensor sensors[2], const mp_hypothesis *one, const double *made, int measured,
                     double *left) {
     long p = about->columns, r, c;
     int s, a;
     memset(left, 0, (size_t)(6 * p) * sizeof left[0]);
     for (s = 0; s < 2; s++) {
-        const mp_told *own = sensors + s;
+        const mp_sensor *own = sensors + s;
         for (a = 0; a < 3; a++) {
             double *row = left + (3 * s + a) * p, along = 0.0, over = 1.0 / own->root[3 * s + a];
             const double *freed = one->freed[s], *columns[4];
@@ -61,15 +61,15 @@ static void against(const mp_suspect *about, const mp_told sensors[2], const mp_
     }
 }
 
-static void left_of(const mp_suspect *about, const mp_told sensors[2], const double *x, const mp_supposed *one, double *made,
+static void left_of(const mp_hypotheses *about, const mp_sensor sensors[2], const double *x, const mp_hypothesis *one, double *made,
                     double *left) {
-    mp_supposed_coefficients(about, x, one, made);
+    mp_hypothesis_coefficients(about, x, one, made);
     against(about, sensors, one, made, 1, left);
 }
 
 /* turns (H, 2, 3, 3); freed (H, rows of both) or NULL. */
-static mp_supposed one_of(const long *sizes, const double *turns, const double *freed, long h) {
-    mp_supposed one;
+static mp_hypothesis one_of(const long *sizes, const double *turns, const double *freed, long h) {
+    mp_hypothesis one;
     const double *own = freed == NULL ? NULL : freed + h * (sizes[5] + sizes[6]);
     one.gyro = turns + h * 18;
     one.accelerometer = one.gyro + 9;
@@ -79,15 +79,15 @@ static mp_supposed one_of(const long *sizes, const double *turns, const double *
 }
 
 /* (H, 6, columns) for x (H, entries). room: 6 columns. */
-int mp_host_left(const long *sizes, const long *places, const double *numbers, const double *const *triangles, const double *x,
+int mp_host_residuals(const long *sizes, const long *places, const double *numbers, const double *const *triangles, const double *x,
                  const double *turns, const double *freed, double *room, double *left) {
-    mp_suspect about;
-    mp_told sensors[2];
+    mp_hypotheses about;
+    mp_sensor sensors[2];
     long h;
-    mp_suspect_of(sizes, places, numbers, &about);
-    mp_told_of(sizes, triangles, sensors);
+    mp_hypotheses_of(sizes, places, numbers, &about);
+    mp_sensors_of(sizes, triangles, sensors);
     for (h = 0; h < sizes[0]; h++) {
-        mp_supposed one = one_of(sizes, turns, freed, h);
+        mp_hypothesis one = one_of(sizes, turns, freed, h);
         left_of(&about, sensors, x + h * about.entries, &one, room, left + h * 6 * about.columns);
     }
     return MP_OK;
@@ -99,11 +99,11 @@ static int is_body(const double *x) {
     int i, j;
     for (i = 0; i < 10; i++)
         if (!(x[i] - x[i] == 0.0)) return 0;
-    mp_supposed_tensor(x, own);
+    mp_hypothesis_tensor(x, own);
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) given[i][j] = (mp_real)own[i][j];
     mp_eigen((const mp_real(*)[3])given, values, axes);
-    return (double)values[0] > SLENDER * fabs((double)values[2]) && x[SUPPOSED_MU] > 0.0;
+    return (double)values[0] > SLENDER * fabs((double)values[2]) && x[HYPOTHESIS_MU] > 0.0;
 }
 
 /* a x = b for b (n, m), in place, by elimination with pivots; 0 where a is singular. */
@@ -172,13 +172,13 @@ static room_of divided(double *room, long p, long nx, long n) {
 }
 
 /* The derivative along each move: coefficients by differences, in which what is left is linear. */
-static void sloped(const mp_suspect *about, const mp_told sensors[2], const mp_supposed *one, const double *moves, long n, const double *x,
+static void sloped(const mp_hypotheses *about, const mp_sensor sensors[2], const mp_hypothesis *one, const double *moves, long n, const double *x,
                    const room_of *own) {
     long k, i, all = 6 * about->columns;
-    mp_supposed_coefficients(about, x, one, own->made);
+    mp_hypothesis_coefficients(about, x, one, own->made);
     for (k = 0; k < n; k++) {
         for (i = 0; i < about->entries; i++) own->moved[i] = x[i] + HALF_STEP * moves[i * n + k];
-        mp_supposed_coefficients(about, own->moved, one, own->moving);
+        mp_hypothesis_coefficients(about, own->moved, one, own->moving);
         for (i = 0; i < all; i++) own->moving[i] = (own->moving[i] - own->made[i]) * (1.0 / HALF_STEP);
         against(about, sensors, one, own->moving, 0, own->slopes + k * all);
     }
@@ -191,9 +191,9 @@ static void normal_of(const room_of *own, long all, long n, const double *pulled
     for (i = 0; i < n; i++) own->normal[i * n + i] += pulled[i] * pulled[i];
 }
 
-/* Damped Gauss-Newton steps of one supposition (massprop_cli/diagnosis/comparison.py, _Descent). ends: a change of -2 log likelihood that
+/* Damped Gauss-Newton steps of one hypothesis (massprop_cli/diagnosis/comparison.py, _Descent). ends: a change of -2 log likelihood that
  * ends it, measurements less coefficients, and the most steps. */
-static int descended(const mp_suspect *about, const mp_told sensors[2], const mp_supposed *one, const double *moves, long n,
+static int descended(const mp_hypotheses *about, const mp_sensor sensors[2], const mp_hypothesis *one, const double *moves, long n,
                      const double *pulled, const double *ends, const room_of *own, double *x, double *left, double *spread) {
     long all = 6 * about->columns, i, k;
     double cost, damping = 1e-6;
@@ -220,7 +220,7 @@ static int descended(const mp_suspect *about, const mp_told sensors[2], const mp
             for (k = 0; k < n; k++) own->moved[i] += moves[i * n + k] * own->step[k];
         }
         /* a mass that the log doesn't tell may be any; what it does tell must not wait for it */
-        if (own->moved[SUPPOSED_MU] < x[SUPPOSED_MU] / LIGHTEST) own->moved[SUPPOSED_MU] = x[SUPPOSED_MU] / LIGHTEST;
+        if (own->moved[HYPOTHESIS_MU] < x[HYPOTHESIS_MU] / LIGHTEST) own->moved[HYPOTHESIS_MU] = x[HYPOTHESIS_MU] / LIGHTEST;
         wrong = !is_body(own->moved);
         if (wrong) memcpy(own->moved, x, (size_t)about->entries * sizeof x[0]);
         left_of(about, sensors, own->moved, one, own->made, own->other);
@@ -245,20 +245,20 @@ static int descended(const mp_suspect *about, const mp_told sensors[2], const mp
     return MP_OK;
 }
 
-/* Each supposition fitted: x (H, entries) from where it begins to where it ends along moves (H, entries, n), left (H, 6, columns),
+/* Each hypothesis fitted: x (H, entries) from where it begins to where it ends along moves (H, entries, n), left (H, 6, columns),
  * spread (H, n). room: 18 columns + (6 columns + 2 n + 2) n + entries. */
 int mp_host_fitted(const long *sizes, const long *places, const double *numbers, const double *const *triangles, const double *turns,
                    const double *freed, const double *moves, const double *pulled, const double *ends, double *room, double *x,
                    double *left, double *spread) {
-    mp_suspect about;
-    mp_told sensors[2];
+    mp_hypotheses about;
+    mp_sensor sensors[2];
     room_of own = divided(room, sizes[2], sizes[3], sizes[4]);
     long h, n = sizes[4];
     int status = MP_OK;
-    mp_suspect_of(sizes, places, numbers, &about);
-    mp_told_of(sizes, triangles, sensors);
+    mp_hypotheses_of(sizes, places, numbers, &about);
+    mp_sensors_of(sizes, triangles, sensors);
     for (h = 0; h < sizes[0] && status == MP_OK; h++) {
-        mp_supposed one = one_of(sizes, turns, freed, h);
+        mp_hypothesis one = one_of(sizes, turns, freed, h);
         status = descended(&about, sensors, &one, moves + h * about.entries * n, n, pulled, ends, &own, x + h * about.entries,
                            left + h * 6 * about.columns, spread + h * n);
     }

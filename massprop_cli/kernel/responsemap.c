@@ -1,9 +1,9 @@
-#include "lift.h"
+#include "responsemap.h"
 
 #include <math.h>
 #include <string.h>
 
-#include "small.h"
+#include "linalg.h"
 
 #define HALVINGS 12
 #define LEAST R(1e-3)    /* smallest principal value over the largest that a body in the making may have */

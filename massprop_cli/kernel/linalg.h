@@ -1,6 +1,6 @@
 /* Small dense linear algebra. Matrices are by rows; a packed triangle holds its rows from the diagonal on. */
-#ifndef MASSPROP_SMALL_H
-#define MASSPROP_SMALL_H
+#ifndef MASSPROP_LINALG_H
+#define MASSPROP_LINALG_H
 
 #include "massprop.h"
 

@@ -1,4 +1,4 @@
-#include "small.h"
+#include "linalg.h"
 
 #include <math.h>
 

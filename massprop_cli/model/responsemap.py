@@ -20,7 +20,7 @@ _FIRST, _SECOND = np.array([0, 0, 0, 1, 1, 2]), np.array([0, 1, 2, 1, 2, 2])
 
 
 @dataclass(frozen=True)
-class Lift:
+class ResponseMap:
     """θ for a plant: to φ with its slopes, from and to a reference."""
 
     plant: Plant
@@ -125,7 +125,7 @@ class Lift:
 
 
 @dataclass(frozen=True)
-class Tangent(Lift):
+class Tangent(ResponseMap):
     """The same along the tangent at one θ: eleven coefficients, 1 and the departure from there, are enough where θ doesn't leave it."""
 
     about: Array

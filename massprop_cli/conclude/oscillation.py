@@ -9,7 +9,7 @@ the answers of oscillators to what was commanded, damped within one period, of p
 Two directions for each axis, so that any phase and damping shows in the one that is nearest. Rates are held against the torque about each
 axis, and against the forces across it, since a part that swings away from the CG turns the body; specific force against the force along
 each axis, and against the torques across it. Of all cycles only the sums of products of what is some cycles apart are kept. As it knows
-what was commanded, it sees a swing far below the noise, which no test of what is left alone does (:mod:`massprop_cli.conclude.white`).
+what was commanded, it sees a swing far below the noise, which no test of what is left alone does (:mod:`massprop_cli.conclude.whiteness`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.conclude.reason import Reason
-from massprop_cli.conclude.white import resting
+from massprop_cli.conclude.whiteness import resting
 from massprop_cli.diagnosis.lackoffit import correlation
 from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History

@@ -1,6 +1,6 @@
-/* From theta = (J, c or first moment, mu) to the coefficients phi, and to the mass properties (massprop_cli/model/lift.py). */
-#ifndef MASSPROP_LIFT_H
-#define MASSPROP_LIFT_H
+/* From theta = (J, c or first moment, mu) to the coefficients phi, and to the mass properties (massprop_cli/model/responsemap.py). */
+#ifndef MASSPROP_RESPONSEMAP_H
+#define MASSPROP_RESPONSEMAP_H
 
 #include "massprop.h"
 

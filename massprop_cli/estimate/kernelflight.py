@@ -20,7 +20,7 @@ from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import COMMANDS, PENDING, Kernel, kernel, pointer
-from massprop_cli.model.handed import checked
+from massprop_cli.model.kernelargs import checked
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.clock import cycle_edges

@@ -7,7 +7,7 @@ import pytest
 
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
-from massprop_cli.conclude.follows import AXES, _explained, followed
+from massprop_cli.conclude.channelresiduals import AXES, _explained, followed
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
@@ -61,5 +61,5 @@ def test_a_jet_that_points_elsewhere_is_followed_and_none_where_all_are_as_state
 def test_a_log_taken_part_by_part_tells_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     found = sound(SEED)
     whole = told(found)
-    monkeypatch.setattr("massprop_cli.conclude.follows.BLOCK", 37)
+    monkeypatch.setattr("massprop_cli.conclude.channelresiduals.BLOCK", 37)
     np.testing.assert_allclose(told(found), whole, rtol=1e-9)

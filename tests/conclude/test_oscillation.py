@@ -10,8 +10,8 @@ import pytest
 
 from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array, frozen
-from massprop_cli.conclude import judge, swing
-from massprop_cli.conclude.swing import ANSWERS, PERIODS, explained_by, lagged, swings
+from massprop_cli.conclude import judge, oscillation
+from massprop_cli.conclude.oscillation import ANSWERS, PERIODS, explained_by, lagged, swings
 from massprop_cli.estimate.history import History
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -199,7 +199,7 @@ def test_what_swings_away_from_the_cg_leaves_nothing_converged(monkeypatch: pyte
     found = swung(0.05, 0.4, arm=(0.0, 0.02, 0.06)).conclusions[0].estimates
     assert all(found[name].verdict != "converged" for name in QUANTITIES)
     assert {found[name].reason.code for name in ("cg_z", "mass")} == {"oscillation"}
-    monkeypatch.setattr(swing, "ANSWERS", ANSWERS[:1])
+    monkeypatch.setattr(oscillation, "ANSWERS", ANSWERS[:1])
     before = swung(0.05, 0.4, arm=(0.0, 0.02, 0.06)).conclusions[0].estimates["cg_z"]
     assert before.verdict == "converged"
     assert before.value is not None

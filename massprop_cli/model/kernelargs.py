@@ -76,8 +76,8 @@ def packed(samples: Samples, vehicle: Vehicle) -> Array:
     return np.concatenate([part.reshape(count, -1) for part in parts], 1, dtype=float)
 
 
-def lifted(numbers: Array, about: Array, cycles: Array, states: int, combined: int, onto: Array | None) -> tuple[Array, ...]:
-    """The arrays of :class:`massprop_cli.model.lifted.Lifted` in their order, of ``cycles`` as :func:`packed` has them.
+def regressors(numbers: Array, about: Array, cycles: Array, states: int, combined: int, onto: Array | None) -> tuple[Array, ...]:
+    """The arrays of :class:`massprop_cli.model.regressors.Regressors` in their order, of ``cycles`` as :func:`packed` has them.
 
     ``numbers`` are the vehicle's, ``about`` those of a reference (``reference_of`` in massprop_cli/kernel/blocks.c).
     """
@@ -90,7 +90,9 @@ def lifted(numbers: Array, about: Array, cycles: Array, states: int, combined: i
     whole = None if onto is None else np.ascontiguousarray(onto)
     by = None if whole is None else pointer(whole)
     checked(
-        kernel().compiled.mp_host_lifted(pointer(numbers), pointer(about), rows, stride, pointer(cycles), by, ctypes.c_int(combined), out)
+        kernel().compiled.mp_host_regressors(
+            pointer(numbers), pointer(about), rows, stride, pointer(cycles), by, ctypes.c_int(combined), out
+        )
     )
     return found
 
@@ -135,7 +137,7 @@ def beyond(numbers: Array, about: Array, phi: Array, cycles: Array, rate: Array,
 
 
 def integrals(numbers: Array, about: Array, cycles: Array, channels: int) -> tuple[Array, Array, Array]:
-    """The arrays of :func:`massprop_cli.model.lifted.integrals_about`, handed over as :func:`lifted` hands them."""
+    """The arrays of :func:`massprop_cli.model.regressors.integrals_about`, handed over as :func:`regressors` hands them."""
     count = len(cycles)
     found = np.empty((count - 1, channels)), np.empty((count, channels)), np.empty((count - 1, 3))
     rows, stride = (ctypes.c_long(length) for length in cycles.shape)

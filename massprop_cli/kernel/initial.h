@@ -1,6 +1,6 @@
 /* A first reference from the cycles seen so far, with no starting values (massprop_cli/estimate/initial.py), kept as triangles. */
-#ifndef MASSPROP_FIRST_H
-#define MASSPROP_FIRST_H
+#ifndef MASSPROP_INITIAL_H
+#define MASSPROP_INITIAL_H
 
 #include "massprop.h"
 

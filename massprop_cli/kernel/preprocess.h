@@ -1,7 +1,7 @@
 /* From commands and IMU increments to what the estimator takes: when pulses act, body axes, the vertical
  * (massprop_cli/prepare/actuators.py, align.py and compensate.py). */
-#ifndef MASSPROP_FRONT_H
-#define MASSPROP_FRONT_H
+#ifndef MASSPROP_PREPROCESS_H
+#define MASSPROP_PREPROCESS_H
 
 #include "massprop.h"
 
@@ -66,17 +66,17 @@ typedef struct {
     mp_flown waiting;
     mp_real integral[MP_BINS][MP_COMMANDS];
     mp_real moment[MP_BINS][MP_COMMANDS];
-} mp_front;
+} mp_preprocess;
 
 /* Begin with a log's or a flight's first cycle. MP_LIMIT: more than MP_COMMANDS or MP_BINS, a delay too long for MP_PENDING. */
-int mp_front_begin(mp_front *front, const mp_commands *table, const mp_vehicle *vehicle);
+int mp_preprocess_begin(mp_preprocess *preprocess, const mp_commands *table, const mp_vehicle *vehicle);
 
 /* The next cycle. `made` tells how many cycles were completed by it, 0 or 1: with a delay below one cycle a command of the next cycle
  * may go on with a pulse of this one, so that a cycle comes one call later. `usable` is 0 where it is of no phase, and where what was
  * executed had been commanded before the first cycle. */
-int mp_front_step(mp_front *front, const mp_flown *flown, mp_cycle *cycle, int *made, int *usable);
+int mp_preprocess_step(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle *cycle, int *made, int *usable);
 
 /* The cycle that waits for the next one's command, where nothing more comes. */
-int mp_front_last(mp_front *front, mp_cycle *cycle, int *made, int *usable);
+int mp_preprocess_last(mp_preprocess *preprocess, mp_cycle *cycle, int *made, int *usable);
 
 #endif

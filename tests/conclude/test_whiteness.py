@@ -11,7 +11,7 @@ from scipy import stats
 
 from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array
-from massprop_cli.conclude import estimated, judge, white
+from massprop_cli.conclude import estimated, judge, whiteness
 from massprop_cli.conclude.reason import NOT_WHITE
 from massprop_cli.estimate.residualtest import DOUBTFUL, deviate, share, threshold
 from massprop_cli.flow import Analysis
@@ -32,7 +32,7 @@ def rows(seed: int, count: int = 500) -> Array:
 def test_both_statistics_are_those_of_the_books() -> None:
     z = rows(1)
     z[5, 2] = np.nan
-    along, tail, count = white.left(z)
+    along, tail, count = whiteness.left(z)
     held = z[np.isfinite(z).all(1)]
     np.testing.assert_allclose(tail, stats.kurtosis(held - 0, axis=0), atol=0.05)  # about zero, not about the mean
     clipped = np.clip(held, -4, 4)
@@ -46,12 +46,12 @@ def test_both_statistics_are_those_of_the_books() -> None:
 @pytest.mark.numerical
 def test_noise_is_hardly_ever_found_to_be_none() -> None:
     """3,000 channels: Q is a chi-square of ten or eleven degrees of freedom, and its 99.9 % point is passed by a few."""
-    found = [white.left(rows(seed)) for seed in range(500)]
+    found = [whiteness.left(rows(seed)) for seed in range(500)]
     power = np.array([count * (along**2).sum(0) for along, _, count in found])
     tail = np.array([one for _, one, _ in found])
     limit = threshold(DOUBTFUL, 2)
-    assert (deviate(power.reshape(-1, 2, 3).sum(2) / white.FREEDOM, white.FREEDOM) > limit).mean() < 3 * share(DOUBTFUL, 2)
-    assert tail.max() < white.HEAVY / 2
+    assert (deviate(power.reshape(-1, 2, 3).sum(2) / whiteness.FREEDOM, whiteness.FREEDOM) > limit).mean() < 3 * share(DOUBTFUL, 2)
+    assert tail.max() < whiteness.HEAVY / 2
     assert 9 < power.mean() < 11
     assert (power[:, 3:] > stats.chi2.isf(1e-3, 11)).sum() < 9
 
@@ -59,10 +59,10 @@ def test_noise_is_hardly_ever_found_to_be_none() -> None:
 def test_what_swings_and_what_stands_in_a_few_cycles_is_found() -> None:
     z = rows(3)
     wave = 0.8 * np.sin(0.1 * np.arange(len(z)))[:, None]
-    assert ((white.left(z + wave)[0] ** 2).sum(0) > white.COLOURED).all()
+    assert ((whiteness.left(z + wave)[0] ** 2).sum(0) > whiteness.COLOURED).all()
     few = z.copy()
     few[::100] = 7.0
-    assert (white.left(few)[1] > white.HEAVY).all()
+    assert (whiteness.left(few)[1] > whiteness.HEAVY).all()
 
 
 TURNS = ", ".join(
@@ -169,8 +169,8 @@ def test_counts_that_are_coarser_than_the_noise_leave_no_mass_converged() -> Non
     found = examined(coarse, vehicle)
     assert found.conclusions[0].estimates["mass"].verdict != "converged"
     assert isinstance(found.vehicle, Resolved)
-    assert white.unlike_noise(found.settled[0], found.vehicle)["mass"].code in NOT_WHITE
-    assert not white.unlike_noise(examined(log, vehicle).settled[0], found.vehicle)
+    assert whiteness.unlike_noise(found.settled[0], found.vehicle)["mass"].code in NOT_WHITE
+    assert not whiteness.unlike_noise(examined(log, vehicle).settled[0], found.vehicle)
 
 
 @pytest.mark.numerical
