@@ -1,4 +1,4 @@
-"""The assumptions that an estimate rests on, and how each is varied: by a percent, a millimetre, a degree, a tenth of a cycle."""
+"""The assumed values of a vehicle file, and by how much each is varied: one percent, millimetre, degree or tenth of a cycle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the numbers rest on and the log can't tell, or not well, and what an error of it would do to each value.
+"""Assumptions: sensitivity of each estimate to the assumed values, and whether the log tests them.
 
 Each assumption is varied by one step (a percent, a millimetre, a degree) and carried through the filter beside the estimate
 (:mod:`massprop_cli.model.sensitivity`). What of the change no mass properties absorb stays in the innovations: so many sigmas would the log

@@ -1,4 +1,4 @@
-"""A test of each command channel: whether what is left of the log follows what it did, whatever it is that is wrong with it.
+"""Channel residual test: residuals against each command channel.
 
 A channel whose thrust, place or direction is not as stated turns the body by a little more each time, so that the rates depart by what its
 commands have summed up to; and it is felt while it acts. What is left, made white, is projected on both, axis by axis: six standard normals

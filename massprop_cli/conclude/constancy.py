@@ -1,4 +1,4 @@
-"""Whether the log tells of one body all along: what its first part says against what all of it does.
+"""Constancy test: estimates from the first part of a log against those of all of it.
 
 An estimate θ_k of the first k cycles differs from the last one θ_N by what came later, with the variance P_k − P_N (Hausman, Econometrica
 46, 1978). So (θ_k − θ_N)² / (P_k − P_N) is that of a bridge over k, and its largest exceeds c² by chance with the probability

@@ -1,4 +1,4 @@
-"""Where log and vehicle file contradict each other, and which values that touches.
+"""Contradictions between log and vehicle file, and the quantities that each affects.
 
 Three things contradict: a fault that has a name (a unit, a jet, the delay, a saturated sensor), a value known from elsewhere that the log
 does not bear out, and a misfit without a name: what the model leaves still follows the commands or the motion after all noise was sized

@@ -1,4 +1,4 @@
-"""What a log gives if what is wrong with it is mended."""
+"""The corrected estimate of a log: with a named fault corrected."""
 
 from __future__ import annotations
 

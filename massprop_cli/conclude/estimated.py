@@ -1,4 +1,4 @@
-"""A log estimated: its timing, noise levels, causes and values, and what the values rest on."""
+"""Estimation of one log: timing, noise levels, causes, values and what the values rest on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""First fits of a log, and what later ones take as known by them: the gyro's bias, and what tachometers add to its noise.
+"""First fits of a log: the gyro bias, and the noise of tachometers, that later fits use as known.
 
 The estimators are linear about the attitude as carried. What gravity alone tells of a gyro's bias is put astray by thrust and rotation, and
 what is left is of second order: tilt times heading, and g φ²/2; on a table, the slope times the heading. So the log is read again less the

@@ -1,4 +1,4 @@
-"""Conclusions, judged by all that was found: what is contradicted, the docked object, and every notice."""
+"""Final verdicts of all phases, the docked object, and all notices."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether some of the commands were not executed at all, as where packets are lost on their way to the vehicle.
+"""Lost commands test: commands that the vehicle did not execute, as where packets are lost.
 
 Their steps are missing from the motion, so that mass and inertia come out too large by the part that is lost; a disturbance that is sized
 for what is left takes it for noise, which has no sign. Cycle by cycle the log says how much less than commanded came, ``u``, standard

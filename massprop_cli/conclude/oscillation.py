@@ -1,4 +1,4 @@
-"""A test for what goes on after a push: a part that swings, fuel that sloshes.
+"""Oscillation test: a flexible part or slosh that goes on after a push.
 
 A spring or a pendulum within the vehicle answers each push by a swing of its own, so that at first the body seems lighter than it is: mass
 or inertia come out too small, by up to the part that swings, in the likeness of a good fit. What is left, made white, is held against

@@ -1,4 +1,4 @@
-"""Whether an inertia is a body's."""
+"""Physical consistency of an inertia tensor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A phase cut in two where the mass properties changed at once."""
+"""A phase split at the moment at which the mass properties changed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether what was sized as noise is any: what is left of it must be white and normal.
+"""Whiteness and normality of residuals where a disturbance was estimated as noise.
 
 Where the stated noise doesn't explain a log, disturbances are sized until it does (:mod:`massprop_cli.estimate.disturbances`), and their
 covariance goes into every sigma. That is honest of noise alone. A flexible part or sloshing answers a push for many cycles, and a command

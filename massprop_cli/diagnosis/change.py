@@ -1,4 +1,4 @@
-"""When the mass properties changed at once, if they did: each side of every moment tried has a body of its own.
+"""The moment at which the mass properties changed: each side of it has a body of its own.
 
 What a stretch of the log says is a triangle on the coefficients φ of :mod:`massprop_cli.model.plant`, which are free of any reference;
 those of two stretches are joined by one factorisation. So the log is gone through once, and a moment costs two small searches.

@@ -1,4 +1,4 @@
-"""What each command channel did to the motion, and what else moves with it, while nothing is supposed of body, jets or IMU.
+"""Free response to each command channel, without assumptions on body, jets or IMU.
 
 The growth of the mean rate and the specific force are linear in columns that the log alone gives: each channel's executed impulse, the
 products of the measured rates, a constant, the rates themselves, the stated wrench as it would act later, smeared, with a drifting clock

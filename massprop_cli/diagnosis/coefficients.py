@@ -1,4 +1,4 @@
-"""The free coefficients of :mod:`massprop_cli.diagnosis.channelwise` that a body makes, and whatever is wrong with log or vehicle file.
+"""Model of the free coefficients of :mod:`massprop_cli.diagnosis.channelwise`: a body and any error parameter.
 
 One vector x holds everything that decides these coefficients: the ten mass properties θ of :mod:`massprop_cli.model.plant`, and beside
 them thrust, place and direction of each channel, scale and turn of gyro and accelerometer, biases, timing, torques, and what changes with

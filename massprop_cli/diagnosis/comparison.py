@@ -1,4 +1,4 @@
-"""Hypotheses held against the triangles of one log, side by side: each with the body and the unknowns of its own that fit best.
+"""Comparison of hypotheses on one reduction of a log, each with its best body and nuisance parameters.
 
 A fit is a few damped Gauss–Newton steps on triangles of constant size, of many hypotheses at once; its slopes are differences.
 """

@@ -1,4 +1,4 @@
-"""How what is supposed to be wrong is mended: a log and a vehicle file with it in place, and the keys that say so."""
+"""Correction of a hypothesis: log and vehicle file with it applied, and the keys that state it."""
 
 from __future__ import annotations
 

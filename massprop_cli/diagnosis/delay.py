@@ -1,4 +1,4 @@
-"""When commands act, as the log shows it: the delay from command to execution, and the lag of the thrust.
+"""Estimation of the command delay and of the thrust lag from a log.
 
 A coarse search asks which whole delay and which lag let commands explain the motion at all; from there both are unknowns of the fit
 (:mod:`massprop_cli.diagnosis.fit`) like any other, their derivatives differences of two alignments, until they stand still.

@@ -1,4 +1,4 @@
-"""The columns that a stretch of a log gives, which decide what its rates and specific force do by coefficients that are free.
+"""Regressor columns of a segment for its free coefficients.
 
 What commands do is the same under every hypothesis about jets' places and strengths or the IMU, and so is gone through once for all.
 """

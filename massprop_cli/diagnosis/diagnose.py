@@ -1,4 +1,4 @@
-"""What is wrong with the vehicle file or the log, where the two don't fit: the right cause, or none.
+"""Diagnosis of a log that does not fit its vehicle file: the cause, its rivals, or none.
 
 Every hypothesis of :mod:`massprop_cli.diagnosis.hypotheses` is tested against one reduction of the log
 (:mod:`massprop_cli.diagnosis.screening`). The best are applied to log and vehicle file and the log is reduced again, so that what counts in

@@ -1,4 +1,4 @@
-"""A jet that fails for a time: from when on, until when, and what it gives meanwhile.
+"""A jet that fails for a time: start, end and what it gives meanwhile.
 
 The likeliest windows (:mod:`massprop_cli.diagnosis.windows`) are put into the vehicle file in turn; then the log has another body, by which
 the window is looked for again, until both stand.

@@ -1,4 +1,4 @@
-"""A whole stretch of the log fitted at once, about a reference, with whatever else is asked for beside the mass properties.
+"""Fit of a whole segment about a reference, with further unknowns beside the mass properties.
 
 The filter's linear system without process noise is one least-squares problem in the state at the start: mass properties, rate, nuisances,
 and extra unknowns such as a shift of the delay or a factor on a jet's thrust. Quick enough to try one hypothesis after another.

@@ -1,4 +1,4 @@
-"""The list of what is supposed to be wrong, one after another, where log and vehicle file don't fit."""
+"""The list of all hypotheses."""
 
 from __future__ import annotations
 

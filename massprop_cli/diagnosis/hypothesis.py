@@ -1,4 +1,4 @@
-"""What could be wrong with log or vehicle file: which entries of x may differ from what is stated.
+"""A hypothesis: the error parameters that may differ from what is stated.
 
 x is that of :mod:`massprop_cli.diagnosis.coefficients`.
 """

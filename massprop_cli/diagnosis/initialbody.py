@@ -1,4 +1,4 @@
-"""Where fits of hypotheses begin: with the body that plain regression of motion on commands gives."""
+"""Initial bodies of the fits of hypotheses, by plain regression of motion on commands."""
 
 from __future__ import annotations
 

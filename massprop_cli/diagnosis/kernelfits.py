@@ -1,4 +1,4 @@
-"""What is handed to the kernel of hypotheses and triangles, number by number (hypothesis.c, initialbody.c, comparison.c)."""
+"""Arguments of the kernel's hypothesis fits (hypothesis.c, initialbody.c, comparison.c)."""
 
 from __future__ import annotations
 

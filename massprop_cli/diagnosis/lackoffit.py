@@ -1,4 +1,4 @@
-"""Whether the sigmas hold: what a wrong model leaves, looked for where it would stand, and what it may have done to the values.
+"""Lack-of-fit tests: innovations against commands and motion, and the largest error that a misfit may hide.
 
 A model that is wrong (a delay, a rise, a low-pass, a jet, a tilt, a lever arm, a torque that nobody stated) leaves residuals that follow
 what drives the motion: each channel's commands, those of neighbouring cycles, rates and their products, gravity, a constant. Noise that

@@ -1,4 +1,4 @@
-"""Outliers: readings of gyro or accelerometer that are none of the motion, found without supposing anything of the vehicle's body.
+"""Outliers of gyro and accelerometer, found without a model of the vehicle's body.
 
 The growth of the mean rate and the specific force are regressed on what may move them, whatever the body: each command channel now and in
 the cycles before, the rates, their products, the vertical, a constant. A gyro's outlier leaves as much of one step as it takes from the

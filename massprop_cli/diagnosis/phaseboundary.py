@@ -1,4 +1,4 @@
-"""A phase whose first or last cycles are of something else: of the body before docking, or of a vehicle that is still held, or caught.
+"""A phase boundary stated too early or too late, or a vehicle that is held or caught within a phase.
 
 Of a few cycles no body can be told, so that no search for a change finds them. But without them the rest fits.
 """

@@ -1,4 +1,4 @@
-"""A log made ready to be estimated: its timing, its samples in phases, and without the readings that are none of the motion."""
+"""Preprocessing of a log for estimation: timing, samples by phase, outliers removed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hypotheses in the order of how likely they make a log, each fitted when its turn comes.
+"""Hypotheses ranked by likelihood, each fitted when its turn comes.
 
 What a channel's own hypotheses (its thrust, place and direction) leave is no less than what is left where nothing is supposed of what
 that channel does. So one fit for each channel says when its turn comes at the earliest, and most of its own are never fitted.

@@ -1,4 +1,4 @@
-"""How a log may have been written otherwise than its vehicle file says: keys of it in which the motion is far from linear.
+"""Hypotheses of how a log was recorded: keys in which the motion is far from linear.
 
 Free coefficients (:func:`massprop_cli.diagnosis.delay.unexplained_by`) say in milliseconds how much commands explain under any of them. The
 one that explains most is put to the test like any other hypothesis.

@@ -1,4 +1,4 @@
-"""A hypothesis put to the test: applied to log and vehicle file, which are reduced anew, until its values stand."""
+"""Refit of a hypothesis: applied to log and vehicle file, reduced again, until its values converge."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Delay and lag as one run uses them, and how uncertain they are.
+"""Delay and lag of one run, and their uncertainty.
 
 As stated; as found in the log, where the vehicle file says "auto"; or between the two, where it states them with a sigma.
 """

@@ -1,4 +1,4 @@
-"""A stretch of a log, reduced: what is left of it as stated, and how every hypothesis does on it, the likeliest first.
+"""Screening: a segment reduced once, and every hypothesis fitted on it, the most likely first.
 
 What is left is counted as a likelihood of free noise levels, with a price for each unknown and for each alternative of its kind.
 """

@@ -1,4 +1,4 @@
-"""What a look makes likely, put to the test one after another, until nothing that is left comes near what fits."""
+"""Search: refits of the most likely hypotheses, until none that remains can come near the best."""
 
 from __future__ import annotations
 

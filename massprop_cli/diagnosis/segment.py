@@ -1,4 +1,4 @@
-"""The part of a long log that tells most, so that what is looked for in it takes no more room and time than in a short one."""
+"""The most informative segment of a long log, so that a search takes no more time and memory than in a short one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an IMU's records are, where nobody states it: means or samples, and behind which low-pass.
+"""The kind and filter of an IMU's records where nobody states them.
 
 Rates and specific force are regressed on the commands as each kernel would show them, with nothing known of the body
 (:func:`massprop_cli.diagnosis.delay.unexplained_by`). A kernel is taken where it explains the log better than means without a low-pass by

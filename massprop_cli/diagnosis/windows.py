@@ -1,4 +1,4 @@
-"""Windows of a log in which one channel may have given another part of what is stated, all held against one reduction of it.
+"""Time windows in which one channel may have given another part of its stated force, all on one reduction of the log.
 
 By a body, a channel's pulses within a window make a column of rates and specific force. How much more likely the log is with another part
 of that column is told by products of the column's parts with one another, with what the body leaves of the log, and with what another body

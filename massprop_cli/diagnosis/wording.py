@@ -1,4 +1,4 @@
-"""What a hypothesis says, in words: its code, and what the log or the vehicle file would have to be."""
+"""Codes and sentences of hypotheses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The default estimator: a regression on products of the mass properties, run through a phase once, cycle by cycle.
+"""The default estimator: a causal regression on products of the mass properties, one pass, cycle by cycle.
 
 What the log has said stands in a triangle of constant size (:mod:`massprop_cli.estimate.regression`). The present estimate enters it only
 where it multiplies what is small (:func:`massprop_cli.model.regressors.regressors`). While it still moves, the last :data:`RING` cycles are

@@ -1,4 +1,4 @@
-"""What values of a log are worth that its model does not explain: beside all error parameters at once.
+"""Model discrepancy: estimates and sigmas of a log that its model does not explain, with all error parameters as nuisance parameters.
 
 A model that leaves no room for its own error gives biased values with small sigmas (Kennedy and O'Hagan, J. R. Statist. Soc. B 63, 2001;
 Brynjarsdóttir and O'Hagan, Inverse Problems 30, 2014). So each error parameter η stands as a column beside the mass properties θ, in its

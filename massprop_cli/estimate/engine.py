@@ -1,4 +1,4 @@
-"""The default estimator through a phase, causal, as it would have run in flight: by the compiled kernel, or by NumPy."""
+"""The default estimator run through a phase, by the compiled kernel or by NumPy."""
 
 from __future__ import annotations
 

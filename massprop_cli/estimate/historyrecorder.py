@@ -1,4 +1,4 @@
-"""What a pass through a phase has told: its history, from the rows of each block of cycles."""
+"""The history of one pass through a phase, recorded block by block."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A first reference from the cycles seen so far, with no starting values.
+"""Initial reference from the first cycles, without starting values.
 
 The growth of the mean rate is regressed on impulses and on products of rates,
 

@@ -1,4 +1,4 @@
-"""What whitened rows bring that those before them did not tell."""
+"""Innovations of whitened rows against all rows before them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One off-line fit of several logs of one body: what each has said stands below what the others have, in one triangle.
+"""Joint off-line fit of several logs of one body: the triangles of all members stacked.
 
 A log's response is linear in the coefficients φ of :mod:`massprop_cli.model.responsemap` whatever the body is, so its rows on φ, with the
 beginnings of its own states taken out, add up, and θ is solved for from all of them. So a log in which one axis alone was driven brings

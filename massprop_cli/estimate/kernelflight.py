@@ -1,4 +1,4 @@
-"""The causal pass over cycles as they are flown: on the ground from a log, by the very calls that a flight makes.
+"""The causal pass by the calls that a flight makes, run on the ground over a recorded log.
 
 Alignment and mounting are the kernel's own here, so that what is replayed is what flew, to the last bit. They agree with
 :mod:`massprop_cli.prepare` to rounding.

@@ -1,4 +1,4 @@
-"""What is known from elsewhere, held against what the log alone says and against what matter there is."""
+"""Known values tested against the estimate from the log alone, and against physical bounds."""
 
 from __future__ import annotations
 

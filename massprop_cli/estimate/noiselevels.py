@@ -1,4 +1,4 @@
-"""Noise levels that the vehicle file leaves open, from a first pass over the log: set here, once, for all that needs them.
+"""Noise levels that the vehicle file leaves open, estimated once in a first pass over the log.
 
 They are stated in the result's settings, and reproduce the result when given back.
 """

@@ -1,4 +1,4 @@
-"""A small square-root Kalman filter on what is not of interest: the rate itself, biases, slow torques, tilt.
+"""Square-root Kalman filter on the nuisance states: rate, biases, slow torques, tilt.
 
 It runs for all coefficients φ of :mod:`massprop_cli.model.plant` at once. Its mean has a column for the log itself, for each coefficient,
 for each assumption considered, and for each state's own unknown beginning; so its innovations are affine in all of these, white and of unit

@@ -1,4 +1,4 @@
-"""Off-line fits: a whole phase at hand, taken in about its own last estimate until that stands still. Their rows are not causal."""
+"""Off-line fits of a whole phase, relinearised about their own estimate until it converges. Their rows are not causal."""
 
 from __future__ import annotations
 

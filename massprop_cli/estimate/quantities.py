@@ -1,4 +1,4 @@
-"""From the filter's parameters (inertia, c, 1/m at the stated thrust) to the ten quantities that are reported.
+"""Filter parameters (inertia, c, 1/m at the stated thrust) to the ten reported quantities.
 
 Inertia and mass are proportional to the thrust that the vehicle file claims. With a common relative thrust error κ ~ N(0, scale_sigma²)
 the reported quantities are (1 + κ) times what the filter finds, so κ adds ``scale_sigma² θ θᵀ`` to their covariance; a quantity

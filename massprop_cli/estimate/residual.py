@@ -1,4 +1,4 @@
-"""What the final values leave of a log: rate and specific force as measured, less what commands and values predict of them."""
+"""Post-fit residuals: measured rate and specific force less those predicted from the commands and the final values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a regression gives: estimates cycle by cycle, what they were solved from, and what assumptions do to them."""
+"""Results of a regression: estimates by cycle, the rows that they were solved from, and effects of the assumptions."""
 
 from __future__ import annotations
 

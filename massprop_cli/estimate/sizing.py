@@ -1,4 +1,4 @@
-"""How large a disturbance torque is that nobody stated, white or wandering, or how much noisier the gyro, at their likeliest levels.
+"""Maximum likelihood levels of an unstated disturbance torque, white or wandering, or of the gyro's noise.
 
 What the rates say is made white beside a torque of some level (:mod:`massprop_cli.estimate.whitening`), while the response to commands and
 to the motion is left free, so that no mass properties need be known. What no coefficients explain, over the stated noise, with the log

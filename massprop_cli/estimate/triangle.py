@@ -1,4 +1,4 @@
-"""What a phase has said so far: whitened rows on φ, kept as a triangle of constant size.
+"""Square-root information of a phase: whitened rows on φ, kept as a triangle of constant size.
 
 The response is linear in the coefficients φ of :mod:`massprop_cli.model.plant` whatever the mass properties are, so what a small filter on
 all else (:mod:`massprop_cli.estimate.nuisance`) leaves of the log is ``w + W φ``, white and of unit variance. These rows are kept as the

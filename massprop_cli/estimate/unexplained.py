@@ -1,4 +1,4 @@
-"""What of a log no mass properties near a reference explain, by least squares on rates and specific force."""
+"""Residuals of rates and specific force about a reference, and the change of the mass properties that would explain most of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rates beside a disturbance: what a torque that wanders or is white leaves correlated is made white again, at the likeliest levels."""
+"""Whitening of rates under a white or wandering disturbance torque, at the maximum likelihood levels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What logged attitudes measure of the state: the error of the attitude that the gyro carries."""
+"""Measurement model of logged attitudes: the error of the attitude that the gyro carries."""
 
 from typing import NamedTuple
 

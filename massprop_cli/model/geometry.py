@@ -1,4 +1,4 @@
-"""What the vehicle file says to be uncertain of where jets and IMU sit and how jets push: unknowns beside the mass properties.
+"""Uncertain geometry of jets and IMU: nuisance parameters beside the mass properties.
 
 Each is an unknown number of its own sigmas. What one sigma does to the measurements is a column (:mod:`massprop_cli.model.sensitivity`),
 linear about the vehicle as stated; the regression finds these unknowns with the mass properties, from a prior of one sigma each, so that

@@ -1,4 +1,4 @@
-"""The motion within a control cycle, rebuilt from its mean rate and its commands, and integrals of it under the cycle's windows.
+"""Motion within a control cycle, rebuilt from its mean rate and its commands, and its integrals under the cycle's windows.
 
 The gyro gives each cycle's mean rate; how the rate changes within, the commands give (Φ of :mod:`massprop_cli.model.plant` times what
 acts). In B equal bins, of each of which mean, first moment and variance count, so that the error is of the fourth order in a bin's length.

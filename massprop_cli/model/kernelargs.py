@@ -1,4 +1,4 @@
-"""What is handed to the compiled kernel (:mod:`massprop_cli.kernel`), number by number, and what it doesn't know."""
+"""Arguments of the compiled kernel (:mod:`massprop_cli.kernel`), and the vehicles that it does not support."""
 
 import ctypes
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Where each state stands: the ten mass properties, the cycle-mean rate, and the nuisances that a vehicle file asks for.
+"""Positions of all states: ten mass properties, cycle-mean rate, and the nuisance states that a vehicle file asks for.
 
 In this order: ixx … izz, cg_x … cg_z, mu = 1/m; the cycle-mean rate (3); then gyro bias (3), accelerometer bias (3), angular acceleration
 by a slowly varying torque (3), damping of the turn about each axis (3); on a bearing the error of the carried attitude at the start of the

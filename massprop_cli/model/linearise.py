@@ -1,4 +1,4 @@
-"""The vehicle's response over control cycles, linear in its mass properties about one reference (:mod:`massprop_cli.model.regressors`).
+"""Linearisation of the response about one reference, in the mass properties (:mod:`massprop_cli.model.regressors`).
 
 Its state x stands as :mod:`massprop_cli.model.layout` has it.
 """

@@ -1,4 +1,4 @@
-"""Torque that the motion itself makes: −ω × h of stored momentum, −d ω of damping (drag, a bearing's film, a cable), d of each axis.
+"""Torque that depends on the motion: −ω × h of stored momentum, −d ω of damping (drag, a bearing's film, a cable), d of each axis.
 
 And what an error of what is stated does, of a device or of all thrust.
 """

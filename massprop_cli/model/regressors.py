@@ -1,4 +1,4 @@
-"""The vehicle's response over control cycles, linear in coefficients that are products of its mass properties.
+"""Regressors of the response over control cycles, linear in coefficients that are products of the mass properties.
 
 Rotation. The growth of the cycle-mean rate is the impulse under the triangular window (:mod:`massprop_cli.prepare.align`):
 

@@ -1,4 +1,4 @@
-"""The vehicle as the estimators take it: nothing that they need is left open.
+"""The vehicle with all open settings resolved, as the estimators take it.
 
 A vehicle file may leave noise levels to be found in the log, or state them as zero. They are set once, by
 :mod:`massprop_cli.estimate.noiselevels`, and every function that needs them takes a :class:`Resolved`; what works without them takes a

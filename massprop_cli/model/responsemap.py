@@ -1,4 +1,4 @@
-"""The engine's parameters θ and the coefficients φ that the response is linear in: what all environments have in common.
+"""The map from parameters θ to the coefficients φ in which the response is linear, common to all environments.
 
 What θ and φ are in each environment is said in :mod:`massprop_cli.model.plant`. Here: how large they are by nature, which steps of θ lead
 to a body, and where in φ the gyroscopic coupling stands.

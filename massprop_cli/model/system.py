@@ -1,4 +1,4 @@
-"""What a filter on the nuisance states is fed, cycle by cycle: transitions, drives, measurements and their noise.
+"""State-space matrices of the nuisance filter for each cycle: transition, drive, measurement and noise.
 
 Drives and measurements have columns: the log's own, one for each coefficient φ of :mod:`massprop_cli.model.plant`, one for each assumption
 considered (:mod:`massprop_cli.model.sensitivity`). Where mass properties are said to drift, their departure from where they began is ten

@@ -1,4 +1,4 @@
-"""When control cycles begin and how long they last, by the IMU's clock that labels them and by that of the commands."""
+"""Start and length of control cycles, by the IMU's clock and by that of the commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a recorder or a sensor did to a log, undone: what an IMU would have reported without.
+"""Corrections of what a sensor or recorder did to the increments.
 
 A first-order low-pass of time constant τ reports ``y[k] = a y[k−1] + (1 − a) u[k]``, ``a = exp(−T / τ)`` for a record of length T. Undone,
 record k takes records k − 1 and k alone, and noise that the sensor had before its low-pass is white again.

@@ -1,4 +1,4 @@
-"""What momentum devices hold in each part of a cycle, and the torque on them (:mod:`massprop_cli.inputs.actuators.actuator`)."""
+"""Momentum stored in momentum devices in each part of a cycle, and the torque on them (:mod:`massprop_cli.inputs.actuators.actuator`)."""
 
 from __future__ import annotations
 

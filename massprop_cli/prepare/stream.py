@@ -1,4 +1,4 @@
-"""A log's control cycles, aligned and compensated part by part as they are asked for, so that memory does not grow with the log."""
+"""A log's control cycles, aligned and compensated block by block on request, so that memory does not grow with the log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When commands act: the delay from command to execution and the lag of the thrust, and a log's samples under them."""
+"""Command delay and thrust lag, and a log's samples under them."""
 
 from __future__ import annotations
 
