@@ -1,6 +1,7 @@
 """The composed flow: a log and its vehicle in, an :class:`Analysis` out."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -16,12 +17,14 @@ from massprop_cli.conclude.pivot import with_pivot
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import in_doubt
 from massprop_cli.diagnosis import UNKNOWN, sensorkernel
+from massprop_cli.estimate.crossvalidation import CrossValidation, cross_validation
 from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs import clipped, vehiclefile
 from massprop_cli.inputs.actuators.actuator import called
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.model.resolved import Resolved
 
 UNFIT = (
     "with columns quat_w … quat_z the log does not fit, and without them it does: they were left out; check their convention (wxyz, world "
@@ -74,7 +77,22 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
             return tried
     told = replace(told, notices=(*_wheels_backwards(told, source, say), *told.notices))
     rests_on = assumptions(told.examination, told.log, told.vehicle, told.settled, told.conclusions)
-    return with_pivot(replace(told, assumptions=rests_on))
+    return with_pivot(replace(told, assumptions=rests_on, cross_validations=_cross_validations(told)))
+
+
+def _cross_validations(found: Analysis) -> tuple[CrossValidation | None, ...]:
+    """Of each phase; empty where nobody asks for them."""
+    if found.stated.estimator.cross_validate is None:
+        return ()
+    every = list[CrossValidation | None]()
+    for settled in found.settled:
+        one = None
+        if settled.reference is not None and found.plain is not None and isinstance(found.vehicle, Resolved):
+            vehicle = found.vehicle.in_phase(settled.phase)
+            with suppress(np.linalg.LinAlgError):
+                one = cross_validation(found.samples, settled.cycles, settled.reference, vehicle, found.plain.consider)
+        every.append(one)
+    return tuple(every)
 
 
 def _tried(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress) -> Analysis | None:

@@ -150,7 +150,7 @@ def unmet(found: Result, demands: Demands) -> Unmet:
         contradicted=() if demands.allow_contradicted else tuple(contradicted(found)),
         unconverged=tuple(unconverged(found, [item.quantity for item in required])),
         imprecise=tuple(imprecise(found, required)),
-        missed=tuple(judge.missed(found)),
+        missed=(*judge.missed(found), *filter(None, judge.unpredicted(found).values())),
     )
 
 

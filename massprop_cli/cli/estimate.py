@@ -31,6 +31,14 @@ def estimate(
     refine: Annotated[
         bool, options.option("Report the off-line maximum-likelihood fit instead of the last causal row.", options.SETTINGS, "--refine")
     ] = False,
+    cross_validate: Annotated[
+        float | None,
+        options.option(
+            "Confidence level, such as 0.95: exit 5 unless each segment of a phase is predicted by all others.",
+            options.DEMANDS,
+            metavar="LEVEL",
+        ),
+    ] = None,
     assign: options.Assign = None,
     require: options.Require = None,
     expect: options.Expect = None,
@@ -43,13 +51,14 @@ def estimate(
 
     Writes result.json, history.parquet and run.json into the result folder. Exit 0 done, 3 unusable input, 6 log and vehicle
     file contradict each other, 4 a required quantity is not converged, or not that precise, 5 a value is missing or outside its
-    expectation.
+    expectation, or a segment of the log is not predicted by all others.
 
     Examples:
         massprop estimate log.parquet
         massprop estimate log.parquet --require "mass<2%, Ixx"
         massprop estimate log.parquet --delay auto --set imu.gyro_noise_rad_s=1e-4
         massprop estimate log.parquet --expect truth.json --json
+        massprop estimate log.parquet --cross-validate 0.95
     """
     from massprop_cli.inputs.require import requirements
 
@@ -59,7 +68,9 @@ def estimate(
     from massprop_cli.result import store
 
     demands = job.Demands(required, _expected(expect), allow_contradicted)
-    assignments = options.assignments(context, {"method": method, "refine": refine, "delay": delay}, assign)
+    assignments = options.assignments(
+        context, {"method": method, "refine": refine, "delay": delay, "cross_validate": cross_validate}, assign
+    )
     with progress(quiet or as_json) as told:
         judged = job.of_file(log, vehicle, assignments, demands, told, map_file)
     text = escape.document(judged.result)

@@ -58,12 +58,13 @@ def quiet(what: str) -> Any:
 def assignments(context: typer.Context, given: Mapping[str, object], assign: Sequence[str] | None) -> list[str]:
     """``dotted.key=value`` in the order in which they count: environment, ``--set``, flags.
 
-    ``given`` holds the values of the options method, refine and delay, None or False where not given.
+    ``given`` holds the values of the options method, refine, delay and cross_validate, None or False where not given.
     """
     spelt: dict[str, Callable[[Any], str]] = {
         "method": lambda value: f'estimator.method="{value}"',
         "refine": lambda _: "estimator.refine=true",
         "delay": lambda value: f"cycle.command_delay_cycles={_delay(value)}",
+        "cross_validate": lambda value: f"estimator.cross_validate={value}",
     }
     stated = {key: spelt[key](value) for key, value in given.items() if value is not None and value is not False}
     from_environment = [key for key in stated if getattr(context.get_parameter_source(key), "name", "") == "ENVIRONMENT"]

@@ -11,6 +11,7 @@ from massprop_cli.conclude.docking import Docked
 from massprop_cli.conclude.score import Doubt
 from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.diagnosis.delay import FoundTiming
+from massprop_cli.estimate.crossvalidation import CrossValidation
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehicle import Vehicle
@@ -69,5 +70,7 @@ class Analysis:
     """As stated; None by another method."""
     discrepancies: tuple[Discrepancy | None, ...] = ()
     """Of each phase whose sigmas include what log and vehicle file don't explain of one another."""
+    cross_validations: tuple[CrossValidation | None, ...] = ()
+    """Of each phase, where ``estimator.cross_validate`` asks for them; None where a phase has no estimate."""
     doubts: tuple[Doubt, ...] = ()
     """Assumptions that the log contradicts, or all but does."""

@@ -7,13 +7,14 @@ its triangle on θ, η and what was measured
 
     [R_θθ R_θη z_θ; 0 R_ηη z_η; 0 0 ρ],   z_η ~ N(0, σ² 1 + s² R_ηη R_ηηᵀ),   ρ² ~ σ² χ²,
 
-and then η is as known as s and the log make it. What no error parameter spans shows in the scatter of stretches of time: each alone would
+and then η is as known as s and the log make it. What no error parameter spans shows in the scatter of segments of time: each alone would
 move the estimate by ``H⁻¹ g`` with its score g, and their squares add up (White, Econometrica 48, 1980).
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from massprop_cli.prepare.compensate import Source
 
 AT_ONCE = 128
 """Cycles taken in at a time: each has a hundred columns."""
-STRETCHES = 20
+SEGMENTS = 20
 """Of time, by whose scatter what nothing spans is told."""
 LEAST, MOST = 0.3, 3.0
 """Of the common scale, a careful lab's errors being 1: what it is taken for at least where a log does not fit, and beyond which what is
@@ -83,13 +84,35 @@ class ErrorFit:
         return replace(self, covariance=self.covariance * factor[:, None] * factor, scatter=self.scatter + more)
 
 
-def error_fit(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider, usual: Array) -> ErrorFit:
-    """Of one phase about ``reference``; ``usual`` (e,) are one sigma of each assumption of ``consider``, in its unit."""
+class PosedSegments(NamedTuple):
+    """What is known of a phase before its first cycle, and what each segment of it says, in whitened rows about one reference."""
+
+    rows: list[Array]
+    """Of each (r, n + 10 + e + 1): nuisance parameters, departures of θ, assumptions, and what was measured."""
+    cycles: list[slice]
+    """Of each segment; ``rows`` has one more, the first."""
+    mean: Array
+    """(10,) state parameters ixx … izz, CG, 1/m of the reference, ..."""
+    slopes: Array
+    """... and (10, 10) their derivatives by the departures of θ as they stand in the rows."""
+
+
+def posed_segments(
+    samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider, count: int
+) -> PosedSegments:
+    """A phase in ``count`` equal segments of time, or fewer where it is short."""
     plant = plant_of(vehicle)
     theta = plant.theta(reference)
     regression = Regression(samples, cycles, vehicle, consider, Tangent(plant, theta))
-    known, stretches = _stretches(regression, reference)
-    posed, scale = regression.beside_assumptions([known, *stretches], theta)
+    known, each = _segments(regression, reference, count)
+    rows, scale = regression.beside_assumptions([known, *(triangle for _, triangle in each)], theta)
+    return PosedSegments(rows, [part for part, _ in each], regression.phi_map.parameters(theta), regression.phi_map.slopes(theta) * scale)
+
+
+def error_fit(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider, usual: Array) -> ErrorFit:
+    """Of one phase about ``reference``; ``usual`` (e,) are one sigma of each assumption of ``consider``, in its unit."""
+    segments = posed_segments(samples, cycles, reference, vehicle, consider, SEGMENTS)
+    posed = segments.rows
     posed = [rows * np.concatenate([np.ones(rows.shape[1] - len(usual) - 1), -usual, [1.0]]) for rows in posed]
     first, size = posed[0].shape[1] - len(usual) - 1, len(usual)
     own = slice(first - 10, first)
@@ -101,13 +124,12 @@ def error_fit(samples: Source, cycles: slice, reference: Reference, vehicle: Res
     prior = np.eye(size, triangle.shape[1], first) * (noise / sigma)[:, None]
     whole = triangle_of(np.vstack([triangle, prior]))[:-1]
     solved, inverse = np.linalg.solve(whole[:, :-1], whole[:, -1]), np.linalg.inv(whole[:, :-1])
-    slopes = regression.phi_map.slopes(theta) * scale
-    root = slopes @ inverse[own]
-    alone = slopes @ np.linalg.inv(triangle[:first, :first])[own]
+    root = segments.slopes @ inverse[own]
+    alone = segments.slopes @ np.linalg.inv(triangle[:first, :first])[own]
     moved = [root @ (inverse.T @ (rows[:, :-1].T @ (rows[:, -1] - rows[:, :-1] @ solved))) for rows in posed[1:]]
     scatter = np.array(moved).T @ np.array(moved) * len(moved) / max(len(moved) - 1, 1)
     return ErrorFit(
-        regression.phi_map.parameters(theta) + slopes @ solved[own],
+        segments.mean + segments.slopes @ solved[own],
         noise**2 * root @ root.T + scatter,
         s,
         tuple(freed),
@@ -119,18 +141,18 @@ def error_fit(samples: Source, cycles: slice, reference: Reference, vehicle: Res
     )
 
 
-def _stretches(regression: Regression, reference: Reference) -> tuple[Array, list[Array]]:
-    """What is known before the first cycle, and what each stretch of time says: triangles of whitened rows."""
+def _segments(regression: Regression, reference: Reference, count: int) -> tuple[Array, list[tuple[slice, Array]]]:
+    """Whitened rows of what is known before the first cycle, and triangles of those of each segment."""
     cycles = regression.cycles
     begun = run = replace(regression.begin(reference), bound=True)
-    ends = np.unique(np.linspace(cycles.start, cycles.stop, STRETCHES + 1).astype(int)[1:])
+    ends = np.unique(np.linspace(cycles.start, cycles.stop, count + 1).astype(int)[1:])
     found = []
     for end in ends[ends > cycles.start + 1]:
-        parts = []
+        parts, first = [], run.at
         while run.at < end:
             run, taken = regression.take(run, min(run.at + AT_ONCE, int(end)))
             parts.append(regression.ordered(taken))
-        found.append(triangle_of(np.vstack(parts)))
+        found.append((slice(first, run.at), triangle_of(np.vstack(parts))))
     return begun.triangle, found
 
 

@@ -50,6 +50,12 @@ class EstimatorSettings(Section):
     adapt_noise: bool = Field(True, description="size disturbances from a first pass where the stated noise can't explain the log")
     split_on_change: bool = Field(False, description="where the mass properties change at once within a phase, begin a new phase there")
     refine: bool = Field(False, description="report the off-line maximum-likelihood fit of each phase instead of its last causal row")
+    cross_validate: float | None = Field(
+        None,
+        gt=0.0,
+        lt=1.0,
+        description="confidence level at which each segment of a phase must be predicted by all others, else exit 5; absent: untested",
+    )
     thesis: ThesisSettings = ThesisSettings.unset()
 
 

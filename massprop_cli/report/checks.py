@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.result.schema import Delay, Innovations, Lag
+from massprop_cli.result.schema import CrossValidationItem, Delay, Innovations, Lag
 
 CHANNELS = ("rate X", "rate Y", "rate Z", "specific force X", "specific force Y", "specific force Z")
 COUNT = 3.3
@@ -34,6 +34,18 @@ class StatisticCheck:
             f"{self.value:.3g}".replace("-", "−"),
             f"{self.expected:g}" + (f" ± {self.allowance:.2g}" if self.allowance else ""),
         )
+
+
+def cross_validation(found: CrossValidationItem) -> list[StatisticCheck]:
+    """Chi-square of each segment against the prediction by all others, and its limit at the level that is shared out over the segments."""
+    from scipy.special import gammainccinv
+
+    share, checks = (1 - found.level) / len(found.segments), list[StatisticCheck]()
+    for one in found.segments:
+        limit = 2 * float(gammainccinv(one.freedom / 2, share)) if one.freedom else 0.0
+        what = f"chi-square of {one.start_s:.4g} to {one.end_s:.4g} s, predicted from the rest of the phase"
+        checks.append(StatisticCheck(what, one.chi_square, float(one.freedom), max(limit - one.freedom, 0.0)))
+    return checks
 
 
 def innovations(found: Innovations) -> list[StatisticCheck]:

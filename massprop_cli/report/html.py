@@ -143,7 +143,10 @@ def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.Quantit
         "correlation": _figure("correlation", recorded, f"correlation{number}", item.name),
         "correlations": _correlations(item.covariance),
         "against_time": [_figure(name, recorded, f"{name}{number}", item.name) for name in OF_PHASE],
-        "checks": checks.innovations(item.innovations) if item.innovations else [],
+        "checks": [
+            *(checks.innovations(item.innovations) if item.innovations else []),
+            *(checks.cross_validation(item.cross_validation) if item.cross_validation else []),
+        ],
     }
 
 

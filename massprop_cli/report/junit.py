@@ -13,7 +13,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.escape import line
 from massprop_cli.report import digits, vocabulary
 from massprop_cli.report.vocabulary import gap
-from massprop_cli.result.judge import INFORMED, contradiction, parts, why
+from massprop_cli.result.judge import INFORMED, contradiction, parts, unpredicted, why
 from massprop_cli.result.read import Recorded, labels
 from massprop_cli.result.schema import EstimateItem, Result
 
@@ -99,12 +99,15 @@ def _properties(found: Result) -> ET.Element:
 def _cases(outcome: LogOutcome) -> list[ET.Element]:
     found, allowed = outcome.result, outcome.allow_contradicted
     held = found is not None and found.expectations is not None
+    if found is None:
+        return []
+    validated = [(case(outcome.name, f"phase {phase}", "cross_validation"), missed) for phase, missed in unpredicted(found).items()]
     return [
         _quantity(case(outcome.name, part, quantity), quantity, item, contradiction(body), allowed)
-        for part, body in (() if found is None else parts(found))
+        for part, body in parts(found)
         for quantity, item in body.estimates.items()
         if not held or item.expected is not None or item.verdict == "contradicted"
-    ]
+    ] + [said(one, "failure", missed, "not as expected") if missed else one for one, missed in validated]
 
 
 def case(log: str, part: str, name: str) -> ET.Element:

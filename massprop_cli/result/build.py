@@ -13,6 +13,7 @@ from massprop_cli.conclude.discrepancy import Discrepancy
 from massprop_cli.conclude.docking import Docked
 from massprop_cli.conclude.physical import breach, nearest_consistent
 from massprop_cli.conclude.verdict import Conclusion, Estimate
+from massprop_cli.estimate.crossvalidation import CrossValidation
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.quantities import open_scale
 from massprop_cli.flow import Analysis, MendedAnswer
@@ -53,8 +54,8 @@ def result(analysis: Analysis) -> schema.Result:
         lag=_lag(analysis),
         conventions=schema.Conventions(),
         phases=[
-            _phase(*each, analysis.vehicle)
-            for each in zip(analysis.conclusions, analysis.settled, analysis.lack_of_fit, analysis.discrepancies, strict=True)
+            _phase(analysis, i, factors, told)
+            for i, (factors, told) in enumerate(zip(analysis.lack_of_fit, analysis.discrepancies, strict=True))
         ],
         docked_object=_docked(analysis.docked, analysis.vehicle),
         mended=[_mended(answer) for answer in analysis.mended],
@@ -110,24 +111,50 @@ def _source(analysis: Analysis, section: str, key: str) -> Literal["vehicle", "o
     return "vehicle" if key in stated.model_fields_set else "default"
 
 
-def _phase(conclusion: Conclusion, settled: History, factors: Array, told: Discrepancy | None, used: Vehicle) -> schema.PhaseItem:
-    about_origin = conclusion.inertia_about_origin
+def _phase(analysis: Analysis, i: int, factors: Array, told: Discrepancy | None) -> schema.PhaseItem:
+    conclusion, settled, used = analysis.conclusions[i], analysis.settled[i], analysis.vehicle
+    about_origin, validated = conclusion.inertia_about_origin, analysis.cross_validations[i] if analysis.cross_validations else None
     return schema.PhaseItem(
         name=conclusion.phase.name,
         start_s=conclusion.phase.start_s,
         end_s=conclusion.phase.end_s,
-        estimates=estimate_items(conclusion.estimates, used.nominal),
+        estimates=_with_scatter(estimate_items(conclusion.estimates, used.nominal), validated and validated.sigmas),
         covariance=matrix(conclusion.covariance),
         inertia_about_origin=matrix(about_origin) if np.isfinite(about_origin).all() else None,
         physical=physical(conclusion),
-        about_pivot=estimate_items(conclusion.about_pivot),
+        about_pivot=_with_scatter(estimate_items(conclusion.about_pivot), validated and validated.pivot_sigmas),
         about_pivot_covariance=_pivot_covariance(conclusion),
         innovations=_innovations(settled, factors),
         contradiction=conclusion.contradiction,
         known=_known(used.in_phase(conclusion.phase).known),
         implied_thrust_scale=_implied(conclusion, used.in_phase(conclusion.phase).known.get("mass")),
         discrepancy=None if told is None else _discrepancy(told, conclusion.thrust_scale_sigma),
+        cross_validation=None if validated is None else _cross_validation(analysis, validated),
     )
+
+
+def _with_scatter(items: dict[str, schema.EstimateItem], sigmas: Array | None) -> dict[str, schema.EstimateItem]:
+    """With jackknife sigmas (n,) of the values that are given."""
+    if sigmas is None or not items:
+        return items
+    given = {name: float(sigma) for name, sigma in zip(items, sigmas, strict=True) if np.isfinite(sigma) and items[name].value is not None}
+    return {name: one.model_copy(update={"jackknife_sigma": given.get(name)}) for name, one in items.items()}
+
+
+def _cross_validation(analysis: Analysis, found: CrossValidation) -> schema.CrossValidationItem:
+    level = analysis.stated.estimator.cross_validate or 0.0
+    end_s, (start_s, _) = analysis.samples.end_s, cycle_edges(analysis.log, slice(0, analysis.log.cycles))
+    segments = [
+        schema.SegmentItem(
+            start_s=float(start_s[one.cycles.start]),
+            end_s=float(end_s[one.cycles.stop - 1]),
+            chi_square=one.chi_square,
+            freedom=one.freedom,
+            p=one.p,
+        )
+        for one in found.segments
+    ]
+    return schema.CrossValidationItem(level=level, p=found.p, passes=found.p > 1 - level, segments=segments)
 
 
 def _pivot_covariance(conclusion: Conclusion) -> schema.Matrix | None:

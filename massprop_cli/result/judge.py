@@ -112,6 +112,27 @@ def missed(found: Result) -> list[str]:
     ]
 
 
+def unpredicted(found: Result) -> dict[str, str]:
+    """Of each phase that is cross-validated: why it does not pass; empty where it does."""
+    if found.provenance.settings.get("estimator.cross_validate") is None:
+        return {}
+    return {phase.name: _unpredicted(phase) for phase in found.phases}
+
+
+def _unpredicted(phase: PhaseItem) -> str:
+    tested = phase.cross_validation
+    if tested is None:
+        return f"phase {phase.name}: gives no estimate to cross-validate"
+    if tested.passes:
+        return ""
+    worst = min(tested.segments, key=lambda one: one.p)
+    return (
+        f"phase {phase.name}: all other segments do not predict {worst.start_s:.4g} to {worst.end_s:.4g} s: "
+        f"chi-square {worst.chi_square:.4g} of {worst.freedom}, p = {tested.p:.2g} with all segments counted, and the limit is "
+        f"{1 - tested.level:.2g}"
+    )
+
+
 def why(item: EstimateItem, contradiction: str = "") -> str:
     """One estimate and its expectation in words; ``contradiction`` is that of its phase."""
     expected = item.expected

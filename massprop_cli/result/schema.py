@@ -140,6 +140,14 @@ class EstimateItem(Item):
     reason_code: VerdictReason | Literal[""] = Field("", description="stable name of the reason; empty in results of versions without it")
     nominal: float | None = Field(None, description="the vehicle file's CAD value, products as tensor elements; never used in the estimate")
     expected: Expected | None = None
+    jackknife_sigma: float | None = Field(
+        None, description="scatter of the estimates from all segments of the phase but one, by estimator.cross_validate; absent without it"
+    )
+
+    @model_serializer(mode="wrap")
+    def _without_absent(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        found: dict[str, Any] = handler(self)
+        return {key: value for key, value in found.items() if key != "jackknife_sigma" or value is not None}
 
 
 class Physical(Item):
@@ -191,6 +199,25 @@ class ImpliedScale(Item):
     sigma: float
 
 
+class SegmentItem(Item):
+    """A segment of time predicted by the estimate from all other segments of its phase."""
+
+    start_s: float
+    end_s: float
+    chi_square: float
+    freedom: int
+    p: float = Field(description="chance of as large a difference")
+
+
+class CrossValidationItem(Item):
+    """Whether each segment of a phase is predicted by all others."""
+
+    level: float = Field(description="confidence level, of estimator.cross_validate")
+    p: float = Field(description="chance of a segment that is predicted as badly as the worst one, all segments counted (Bonferroni)")
+    passes: bool = Field(description="p is above 1 - level")
+    segments: list[SegmentItem]
+
+
 class PhaseItem(Item):
     """One phase's ten quantities. Matrices in the order of the estimates; body axes."""
 
@@ -212,11 +239,12 @@ class PhaseItem(Item):
     known: dict[str, tuple[float, float]] = Field({}, description="value and sigma of quantities that were measured elsewhere and enter")
     implied_thrust_scale: ImpliedScale | None = None
     discrepancy: DiscrepancyItem | None = Field(None, description="absent where the log fits")
+    cross_validation: CrossValidationItem | None = Field(None, description="absent without estimator.cross_validate")
 
     @model_serializer(mode="wrap")
     def _without_nothing(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         found: dict[str, Any] = handler(self)
-        absent = ("about_pivot", "about_pivot_covariance", "discrepancy")
+        absent = ("about_pivot", "about_pivot_covariance", "discrepancy", "cross_validation")
         return {key: value for key, value in found.items() if key not in absent or value}
 
 
