@@ -109,9 +109,10 @@ static void quantities(const mp_rule *rule, const mp_vehicle *vehicle, const mp_
     for (i = 0; i < 10; i++) out->sigma[i] = out->told[i] ? MP_SQRT(out->covariance[i][i]) : R(0);
 }
 
-/* Whether the latest innovations of the gyro or of the accelerometer are larger than they should be. */
-static int contradicted(const mp_row *row, mp_steady *steady) {
-    int i, sensor, astray = 0;
+/* Mean square of the latest normalised innovations of gyro or accelerometer, whichever is larger, where that is beyond chance; else 1. */
+static mp_real excess(const mp_row *row, mp_steady *steady) {
+    mp_real most = R(1);
+    int i, sensor;
     for (sensor = 0; sensor < 2; sensor++) {
         mp_real square = R(0);
         if (steady->counted[sensor] == 0) {
@@ -123,21 +124,33 @@ static int contradicted(const mp_row *row, mp_steady *steady) {
             if (steady->counted[sensor] < LATEST) steady->counted[sensor] += 1;
             steady->misfit[sensor] += (mp_min(square / R(3), LOUDEST) - steady->misfit[sensor]) / R(steady->counted[sensor]);
         }
-        if (steady->misfit[sensor] > MISFIT) astray = 1;
+        if (steady->misfit[sensor] > MISFIT) most = mp_max(most, steady->misfit[sensor]);
     }
-    return astray;
+    return most;
+}
+
+/* What the innovations show beyond the stated noise goes into every sigma. */
+static void widened(mp_real ratio, mp_values *out) {
+    mp_real factor = MP_SQRT(ratio);
+    int i, j;
+    for (i = 0; i < 10; i++) {
+        out->sigma[i] *= factor;
+        for (j = 0; j < 10; j++) out->covariance[i][j] *= ratio;
+    }
 }
 
 void mp_report(const mp_rule *rule, const mp_pass *pass, const mp_row *row, mp_steady *steady, mp_values *out) {
     mp_real trace = pass->estimate.inertia[0][0] + pass->estimate.inertia[1][1] + pass->estimate.inertia[2][2];
-    int i, astray;
+    mp_real ratio;
+    int i;
     memset(out, 0, sizeof *out);
     if (!row->told) {
         memset(steady, 0, sizeof *steady);
         return;
     }
     quantities(rule, &pass->vehicle, row, out);
-    astray = contradicted(row, steady);
+    ratio = excess(row, steady);
+    if (ratio > R(1)) widened(ratio, out);
     for (i = 0; i < 10; i++) {
         mp_real size = i < 6 ? trace : i < 9 ? MP_SQRT(trace * pass->estimate.mu) : R(1) / pass->estimate.mu;
         mp_real tolerance = rule->tolerance[i < 6 ? 0 : i < 9 ? 1 : 2] * (rule->relative ? size : R(1));
@@ -151,6 +164,6 @@ void mp_report(const mp_rule *rule, const mp_pass *pass, const mp_row *row, mp_s
         out->verdict[i] = !informed ? MP_NOT_EXCITED : MP_NOT_CONVERGED;
         if (steady->steady[i] == rule->count) out->verdict[i] = MP_CONVERGED;
         if (informed && out->sigma[i] < SURE * tolerance && steady->steady[i] * BEGUN >= rule->count) out->verdict[i] = MP_CONVERGED;
-        if (astray) out->verdict[i] = MP_CONTRADICTED;
+        if (ratio > R(1)) out->verdict[i] = MP_CONTRADICTED;
     }
 }

@@ -68,8 +68,9 @@ class OnNumPy:
             with np.errstate(all="ignore"):
                 rows, reference = self._passed(flown, slice(first, stop))
         values, covariance = quantities(rows.parameters, self.leg.own)
-        sigmas = np.sqrt(np.einsum("kii->ki", covariance))
-        return Reported(rows, values, sigmas, self.steady.verdicts(values[0], sigmas[0], rows.normalised[0], reference)[None])
+        ratio = self.steady.excess(rows.normalised[0], reference)
+        sigmas = np.sqrt(ratio * np.einsum("kii->ki", covariance))
+        return Reported(rows, values, sigmas, self.steady.verdicts(values[0], sigmas[0], ratio > 1, reference)[None])
 
     def _passed(self, flown: Array, cycles: slice) -> tuple[Rows, Reference | None]:
         """The row after the last of ``cycles``, and the present estimate."""
@@ -115,15 +116,17 @@ class Steady:
         self.steady, self.values = np.zeros(10), np.full(10, np.nan)
         self.counted, self.misfit = [AS_STATED] * 2, [1.0] * 2
 
-    def _contradicted(self, normalised: Array) -> bool:
-        """Whether the latest innovations of the gyro or of the accelerometer are larger than they should be."""
+    def excess(self, normalised: Array, reference: Reference | None) -> float:
+        """Mean square of the latest normalised innovations (6,) of gyro or accelerometer, the larger, where it is beyond chance; else 1."""
+        if reference is None:
+            return 1.0
         for sensor, squares in enumerate(normalised.reshape(2, 3) ** 2):
             if not np.isnan(squares).any():
                 self.counted[sensor] = min(self.counted[sensor] + 1, LATEST)
                 self.misfit[sensor] += (min(float(squares.mean()), LOUDEST) - self.misfit[sensor]) / self.counted[sensor]
-        return max(self.misfit) > MISFIT
+        return max(self.misfit) if max(self.misfit) > MISFIT else 1.0
 
-    def verdicts(self, values: Array, sigmas: Array, normalised: Array, reference: Reference | None) -> Array:
+    def verdicts(self, values: Array, sigmas: Array, contradicted: bool, reference: Reference | None) -> Array:
         """(10,) numbers of ``VERDICTS`` of the next row, by the sizes of the present estimate."""
         if reference is None:
             self._begin()
@@ -140,7 +143,7 @@ class Steady:
         self.values = values
         stands = (self.steady == self.count) | (informed & sure & (self.steady >= BEGUN * self.count))
         said = np.where(stands, "converged", np.where(informed, "not_converged", "not_excited"))
-        if self._contradicted(normalised):
+        if contradicted:
             said[:] = "contradicted"
         said[np.isnan(values)] = "untold"
         return np.array([VERDICTS.index(one) for one in said], dtype=float)
