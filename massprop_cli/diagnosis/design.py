@@ -187,9 +187,10 @@ class Designs:
     def _impulses(self, log: Log, vehicle: Vehicle, delay: float, lag_s: float) -> Impulses:
         """What the commands do, as before where nothing differs that they go by."""
         times = tuple((jet.rise_s, jet.fall_s) for jet in vehicle.jets)
-        thrust = vehicle.thrust
+        thrust, imu = vehicle.thrust, vehicle.imu
         supply = thrust.droop, thrust.cycle_droop, thrust.failures, thrust.wrench_limits
-        key = (id(log.command), delay, lag_s, vehicle.cycle.pulse_at, vehicle.imu.clock_drift_ppm, times, supply)
+        shown = log.sampled, imu.clock_drift_ppm, imu.gyro_filter, imu.accel_filter
+        key = (id(log.command), delay, lag_s, vehicle.cycle.pulse_at, times, supply, shown)
         if key not in self._made:
             if len(self._made) == KEPT:
                 del self._made[next(iter(self._made))]

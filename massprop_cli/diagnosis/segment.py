@@ -61,5 +61,9 @@ def _most(log: Log) -> Array:
 
 def _effort(log: Log, piece: slice, most: Array) -> Array:
     """(K,) what is commanded in each cycle, each channel over its ``most``."""
-    found: Array = (np.abs(log.command[piece]) / most).sum(1)
+    each: Array = (np.abs(log.command) / most).sum(1)
+    if log.command_s is None:
+        return each[piece]
+    cycle = np.minimum(np.searchsorted(log.cycle_end_s, log.command_s), log.cycles - 1)
+    found: Array = np.asarray(np.bincount(cycle, each, log.cycles), dtype=float)[piece]
     return found

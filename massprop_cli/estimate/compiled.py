@@ -13,7 +13,6 @@ from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel, pointer
 from massprop_cli.model import kernelargs
-from massprop_cli.model.layout import Layout
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.regressors import vehicle_numbers
 from massprop_cli.model.resolved import Resolved
@@ -78,7 +77,7 @@ class Pass:
 def table(samples: Mounted, vehicle: Resolved) -> Array:
     """All that is constant, in the order of ``mp_host_begin``."""
     gyro, (x, y, z) = vehicle.imu.gyro_noise_rad_s, vehicle.noise[3:].tolist()
-    return vehicle_numbers(Layout.of(samples, vehicle), vehicle, kernelargs.FlightStart(gyro, (x, y, z), reach(vehicle)))
+    return vehicle_numbers(samples, vehicle, kernelargs.FlightStart(gyro, (x, y, z), reach(vehicle)))
 
 
 def rows_of(told: Array) -> Rows:

@@ -21,9 +21,10 @@ from massprop_cli.prepare.timing import Timing
 
 
 class GyroAttitude(NamedTuple):
-    """What measures the attitude in flight: the gyro alone."""
+    """What measures the motion in flight: the attitude by the gyro alone, in increments."""
 
     attitude_logged: bool = False
+    kernel_effect: None = None
 
 
 class Leg(NamedTuple):

@@ -14,7 +14,7 @@ from massprop_cli.kernel.compile import built
 
 CHOICE = "MASSPROP_KERNEL"
 """Environment variable; "numpy" keeps the compiled kernel out."""
-INTERFACE = 6
+INTERFACE = 7
 """Of the library's calls, as ``mp_host_interface`` says it."""
 BINS, COMMANDS, PENDING = 64, 64, 24
 """MP_BINS, MP_COMMANDS, MP_PENDING"""

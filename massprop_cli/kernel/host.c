@@ -34,7 +34,7 @@ static const double *read_int(int *to, const double *from) {
 }
 
 /* Of these calls and what they are handed: another number where any of it is another (massprop_cli/kernel/__init__.py). */
-int mp_host_interface(void) { return 6; }
+int mp_host_interface(void) { return 7; }
 
 size_t mp_host_size(void) { return sizeof(mp_pass); }
 
@@ -59,7 +59,10 @@ mp_vehicle mp_vehicle_of(const double *table) {
     table = mp_copied(&vehicle.known_mass, table, 1);
     table = mp_copied(vehicle.centre, table, 3);
     table = mp_copied(&vehicle.bearing_mass, table, 1);
-    (void)mp_copied(&vehicle.gravity, table, 1);
+    table = mp_copied(&vehicle.gravity, table, 1);
+    table = read_int(&vehicle.filtered, table);
+    table = mp_copied(&vehicle.curvature, table, 1);
+    (void)mp_copied(&vehicle.later, table, 1);
     return vehicle;
 }
 

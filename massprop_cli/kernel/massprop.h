@@ -84,6 +84,9 @@ typedef struct {
     mp_real centre[3];         /* bearing's position from O, m */
     mp_real bearing_mass;      /* kg */
     mp_real gravity;           /* m/s^2 */
+    int filtered;              /* whether the sensors are sampled or low-pass filtered, so that mean readings are not the mean motion */
+    mp_real curvature;         /* s^2, mean reading less mean rate, over the growth of the angular acceleration that commands do not make */
+    mp_real later;             /* s, by which the motion that the accelerometer shows is later than the gyro's */
 } mp_vehicle;
 
 /* Whether it is on a bearing. Compiled with channels for free flight alone, what only a bearing wants is left out. */

@@ -104,13 +104,26 @@ static void tilted(const mp_real up[3], const mp_real angle[3], mp_real out[3]) 
     }
 }
 
+/* Mean reading less mean rate, as far as commands make it: their response behind the sensor's kernel, less the motion by bins. */
+static void mean_offset(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_reference *about, mp_real out[3]) {
+    const mp_real zero[3] = {R(0), R(0), R(0)};
+    mp_real beyond[6];
+    int b, i, count = vehicle->bins;
+    for (i = 0; i < 6; i++) {
+        beyond[i] = -cycle->rising[i];
+        for (b = 0; b < count; b++) beyond[i] += ((R(b) + R(0.5)) * cycle->impulse[b][i] + cycle->skew[b][i]) / R(count);
+    }
+    driven(vehicle, about, beyond, zero, cycle->up[0], out);
+}
+
 /* Rate, angular acceleration and vertical in each bin, the rate and the vertical at both ends, and what the rotation vector has beyond the
  * mean rate's. */
 static void within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, const mp_reference *about, const mp_real mean[3],
                    bin *bins, mp_real rates[2][3], mp_real ups[2][3], mp_real coning[3]) {
     const mp_real zero[3] = {R(0), R(0), R(0)};
     int count = vehicle->bins, again, b, i;
-    mp_real bin_s = cycle->duration_s / R(count);
+    mp_real bin_s = cycle->duration_s / R(count), shown[3] = {R(0), R(0), R(0)};
+    if (vehicle->filtered) mean_offset(vehicle, cycle, about, shown);
     for (b = 0; b < count; b++) {
         for (i = 0; i < 6; i++) bins[b].wrench[i] = cycle->impulse[b][i] / bin_s;
         for (i = 0; i < 3; i++) {
@@ -123,6 +136,9 @@ static void within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycl
     for (i = 0; i < 3; i++) coning[i] = R(0);
     for (again = 0; again < PASSES; again++) {
         mp_real change[3] = {R(0), R(0), R(0)}, behind[3] = {R(0), R(0), R(0)}, turned[3] = {R(0), R(0), R(0)}, coned[3] = {R(0), R(0), R(0)};
+        mp_real grown[2][3] = {{R(0), R(0), R(0)}, {R(0), R(0), R(0)}};
+        if (vehicle->curvature != R(0) && again > 0)
+            for (i = 0; i < 2; i++) coupled(about, channels, rates[i], bin_s * R(count), grown[i]);
         for (b = 0; b < count; b++) {
             bin *here = bins + b;
             mp_real coupling[3], dot[3];
@@ -146,7 +162,7 @@ static void within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycl
             }
         }
         for (i = 0; i < 3; i++) {
-            rates[0][i] = mean[i] - behind[i] / R(count);
+            rates[0][i] = mean[i] - shown[i] - vehicle->curvature * (grown[1][i] - grown[0][i]) / cycle->duration_s - behind[i] / R(count);
             rates[1][i] = rates[0][i] + change[i];
         }
         for (b = 0; b < count; b++) {
@@ -216,7 +232,7 @@ static void sensed(const mp_cycle *cycle, const mp_real up[3], mp_real forced[2]
 static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about,
                       const bin *bins, mp_real rates[2][3], mp_real ups[2][3], mp_motion *out, mp_real whole[MP_CHANNELS]) {
     int count = vehicle->bins, channels = layout->channels, b, i;
-    mp_real bin_s = cycle->duration_s / R(count), squared = bin_s * bin_s / R(12);
+    mp_real bin_s = cycle->duration_s / R(count), squared = bin_s * bin_s / R(12), late_s = bin_s / R(12) - vehicle->curvature / bin_s;
     mp_real *rising = out->rising, *falling = out->falling, ends[2][6], forced[2][3];
     memset(forced, 0, sizeof forced);
     memset(rising, 0, sizeof out->rising);
@@ -259,12 +275,13 @@ static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const 
     }
     mp_products(rates[0], ends[0]);
     mp_products(rates[1], ends[1]);
-    for (i = 0; i < 6; i++) rising[channels - 6 + i] += (ends[1][i] - ends[0][i]) * bin_s / R(12) / R(count);
+    for (i = 0; i < 6; i++) rising[channels - 6 + i] += (ends[1][i] - ends[0][i]) * late_s / R(count);
     for (i = 0; i < 3; i++) {
         out->turning[0][i] += (rates[1][i] - rates[0][i]) * bin_s / R(12) / R(count);
-        if (MP_ON_BEARING(vehicle)) rising[3 + i] += (ups[1][i] - ups[0][i]) * bin_s / R(12) / R(count);
+        if (MP_ON_BEARING(vehicle)) rising[3 + i] += (ups[1][i] - ups[0][i]) * late_s / R(count);
     }
     for (i = MP_ON_BEARING(vehicle) ? 3 : 6; i < channels; i++) falling[i] = whole[i] - rising[i];
+    for (i = 0; i < 6; i++) whole[channels - 6 + i] += (ends[1][i] - ends[0][i]) * vehicle->later;
     if (MP_ON_BEARING(vehicle)) sensed(cycle, out->up[1], forced, rising + 6, falling + 6, whole + 6);
     for (i = 0; i < channels; i++) {
         whole[i] /= cycle->duration_s;

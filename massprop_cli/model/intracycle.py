@@ -14,8 +14,9 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross, times
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.momentum import made_by_motion
-from massprop_cli.model.plant import Motion, Reference
+from massprop_cli.model.plant import Motion, Plant, Reference
 from massprop_cli.model.responsemap import ResponseMap
+from massprop_cli.model.windows import windows
 from massprop_cli.prepare.compensate import Samples
 
 STEEP = 0.5
@@ -70,6 +71,7 @@ def motion_within(samples: Samples, reference: Reference, phi_map: ResponseMap) 
     stored = executed.stored
     driven: Array = np.zeros(3)
     late: Array = driven
+    shown, grown = _mean_offset(samples, response, plant), np.zeros_like(mean)
     for again in range(_REFINEMENTS):
         coupled = times(response[:, -6:], products(motion.rate))
         coupled *= _bounded_share(coupled, motion.rate, bin_s * coupled.shape[1])
@@ -84,7 +86,7 @@ def motion_within(samples: Samples, reference: Reference, phi_map: ResponseMap) 
         own = rate_dot * bin_s
         change = _summed(own)
         within = change - own / 2 - late
-        start = mean - within.sum(1) / within.shape[1]
+        start = mean - shown - grown - within.sum(1) / within.shape[1]
         rate = start[:, None] + within
         up = motion.up
         if plant.pivoted:
@@ -96,7 +98,21 @@ def motion_within(samples: Samples, reference: Reference, phi_map: ResponseMap) 
             up, end = (_turned(up_start, vector) for vector in (middle, turned[:, -1:] + coned[:, -1:]))
             ups, coning = (up_start, end[:, 0]), coned[:, -1]
         motion = Motion(motion.wrench, rate, rate_dot, up)
+        if samples.kernel_effect is not None:
+            turning = times(response[:, -6:], products(start + change[:, -1]) - products(start))
+            grown = samples.kernel_effect.curvature_s2 * turning / executed.duration_s[:, None]
     return Within(theta, response, motion, (start, start + change[:, -1]), ups, coning, reference.damping)
+
+
+def _mean_offset(samples: Samples, response: Array, plant: Plant) -> Array:
+    """(K, 3) mean reading less mean rate, rad/s, as far as commands make it: their response behind the sensor's kernel, less the motion."""
+    executed = samples.executed
+    if samples.kernel_effect is None:
+        return np.zeros((len(samples), 3))
+    bin_s = executed.duration_s / executed.impulse_bins.shape[1]
+    moved = windows(executed.impulse_bins / bin_s[:, None, None], bin_s, executed.skew_bins.sum(1)).rising - executed.rising
+    up = samples.up_b[:-1]
+    return times(response[:, :-6], plant.acting(moved, np.zeros_like(up), up))
 
 
 def turned_beyond(within: Within, samples: Samples) -> Array:

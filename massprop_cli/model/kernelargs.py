@@ -10,6 +10,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import BINS, kernel, pointer
 from massprop_cli.prepare.compensate import Samples
+from massprop_cli.prepare.sensor import KernelEffect
 
 KINDS = ("free", "air_bearing")
 """Environments that the kernel knows."""
@@ -46,7 +47,7 @@ def unknown(vehicle: Vehicle) -> str:
     return f"[[{stated}]] are stated, and the kernel knows none" if stated else ""
 
 
-def vehicle_numbers(vehicle: Vehicle, states: Sequence[bool], begun: FlightStart) -> Array:
+def vehicle_numbers(vehicle: Vehicle, states: Sequence[bool], begun: FlightStart, kernel_effect: KernelEffect | None) -> Array:
     """All that is constant, in the order of ``mp_vehicle_of``.
 
     ``states``: whether gyro bias, accelerometer bias, slow torque and tilt are.
@@ -60,6 +61,7 @@ def vehicle_numbers(vehicle: Vehicle, states: Sequence[bool], begun: FlightStart
         *(environment.disturbance_torque_n_m, environment.disturbance_walk_n_m, vehicle.estimator.prior_scale),
         *(begun.reach_m, known.value if known else 0.0),
         *(*environment.bearing_position_m, environment.bearing_mass_kg, environment.gravity_m_s2),
+        *(kernel_effect is not None, *(kernel_effect or (0.0, 0.0))),
     )
     return np.array(numbers, dtype=float)
 

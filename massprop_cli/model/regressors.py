@@ -34,7 +34,7 @@ from massprop_cli.model.plant.plant import Turning
 from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.model.windows import Windows, windows
 from massprop_cli.prepare.align import Aligned
-from massprop_cli.prepare.compensate import Samples, Source
+from massprop_cli.prepare.compensate import Mounted, Samples, Source
 
 
 @dataclass(frozen=True)
@@ -292,17 +292,18 @@ def _compiled(
     here: Samples, layout: Layout, phi_map: ResponseMap, reference: Reference, vehicle: Vehicle, onto: Array | None
 ) -> Regressors:
     """The same by the compiled kernel."""
-    numbers, size = vehicle_numbers(layout, vehicle, kernelargs.FlightStart()), phi_map.size if onto is None else onto.shape[1]
+    numbers, size = vehicle_numbers(here, vehicle, kernelargs.FlightStart()), phi_map.size if onto is None else onto.shape[1]
     about, states = reference_numbers(reference, phi_map), layout.size - RATE.start
     return Regressors(*kernelargs.regressors(numbers, about, kernelargs.packed(here, vehicle), states, size, onto))
 
 
-def beyond(layout: Layout, vehicle: Vehicle, about: Array, phi: Array, cycles: Array, rate: Array) -> tuple[Array, Array]:
+def beyond(samples: Mounted, vehicle: Vehicle, about: Array, phi: Array, cycles: Array, rate: Array) -> tuple[Array, Array]:
     """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what ``rate`` (K, 3) gives: of coefficients ``phi`` (N,).
 
     Of a vehicle that the compiled kernel knows; with :func:`reference_numbers`, and cycles as :func:`kernelargs.packed` has them.
     """
-    return kernelargs.beyond(vehicle_numbers(layout, vehicle, kernelargs.FlightStart()), about, phi, cycles, rate, layout.size - RATE.start)
+    states = Layout.of(samples, vehicle).size - RATE.start
+    return kernelargs.beyond(vehicle_numbers(samples, vehicle, kernelargs.FlightStart()), about, phi, cycles, rate, states)
 
 
 def reference_numbers(reference: Reference, phi_map: ResponseMap) -> Array:
@@ -312,10 +313,11 @@ def reference_numbers(reference: Reference, phi_map: ResponseMap) -> Array:
     return np.concatenate([theta, reference.inertia.ravel(), reference.cg, [reference.mu], *motion])
 
 
-def vehicle_numbers(layout: Layout, vehicle: Vehicle, begun: kernelargs.FlightStart) -> Array:
+def vehicle_numbers(samples: Mounted, vehicle: Vehicle, begun: kernelargs.FlightStart) -> Array:
     """All that is constant, as the kernel has it."""
+    layout = Layout.of(samples, vehicle)
     blocks = (layout.gyro_bias, layout.accel_bias, layout.torque, layout.tilt)
-    return kernelargs.vehicle_numbers(vehicle, [block.stop > block.start for block in blocks], begun)
+    return kernelargs.vehicle_numbers(vehicle, [block.stop > block.start for block in blocks], begun, samples.kernel_effect)
 
 
 def _tilting(here: Samples, plant: Plant, within: Within, reference: Reference) -> _Tilting:
@@ -349,15 +351,20 @@ def integrals(samples: Samples, phi_map: ResponseMap, theta: Array, within: With
     second = products(motion.rate) + products(motion.rate_dot) * (bin_s**2 / 12)[:, None, None]
     # the commands' own exactly, the rest by its bins
     jets = plant.commanded(np.stack([executed.rising, executed.falling, executed.whole]))
-    parts = [(second, (products(within.rates[1]) - products(within.rates[0])) * bin_s[:, None] / 12)]
+    late_s, later_s = (bin_s / 12)[:, None], 0.0
+    if samples.kernel_effect is not None:
+        late_s, later_s = late_s - samples.kernel_effect.curvature_s2 / bin_s[:, None], samples.kernel_effect.later_s
+    turning = products(within.rates[1]) - products(within.rates[0])
+    parts = [(second, turning * late_s)]
     made = made_by_motion(executed.stored, within.damping, motion, bin_s[:, None, None])
     if made is not None:
         own = windows(made[0], bin_s, made[1].sum(1))
         jets = np.concatenate([jets[..., :3] + np.stack(own), jets[..., 3:]], -1)
-    parts = [*plant.by_attitude(motion, within.ups, executed.skew_bins, bin_s), *parts]
+    parts = [*plant.by_attitude(motion, within.ups, executed.skew_bins, late_s), *parts]
     each = [windows(channels, bin_s, lateness) for channels, lateness in parts]
     if plant.pivoted and plant.translates:
         each[1] = _sensed(executed, motion, bin_s, each[1])
+    each[-1] = each[-1]._replace(whole=each[-1].whole + later_s * turning)
     acting = Windows(*(np.concatenate(columns, -1) for columns in zip(jets, *each, strict=True)))
     known = windows(plant.swing(theta, motion), bin_s).step if plant.pivoted else np.zeros((len(duration) - 1, 3))
     return acting.step, acting.whole / duration[:, None], known
@@ -375,7 +382,7 @@ def integrals_about(samples: Samples, reference: Reference, vehicle: Vehicle) ->
     """The same about a reference, with the motion within the cycles that it has."""
     phi_map = ResponseMap(plant_of(vehicle))
     if compiled(vehicle):
-        numbers = vehicle_numbers(Layout.of(samples, vehicle), vehicle, kernelargs.FlightStart())
+        numbers = vehicle_numbers(samples, vehicle, kernelargs.FlightStart())
         return kernelargs.integrals(numbers, reference_numbers(reference, phi_map), kernelargs.packed(samples, vehicle), phi_map.channels)
     return integrals(samples, phi_map, phi_map.theta(reference), motion_within(samples, reference, phi_map))
 

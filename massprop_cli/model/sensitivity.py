@@ -334,7 +334,7 @@ def _expected(
     if compiled(vehicle):
         if id(samples) not in shared.cycles:
             shared.cycles[id(samples)] = packed(samples.part(cycles), vehicle)
-        driven, measured = beyond(Layout.of(samples, vehicle), vehicle, about, phi, shared.cycles[id(samples)], state[:, :3])
+        driven, measured = beyond(samples, vehicle, about, phi, shared.cycles[id(samples)], state[:, :3])
         return driven, as_read(measured, samples.part(cycles))
     same = id(samples), within
     if same not in shared.moved:

@@ -24,7 +24,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import absentaxes, actuators
 from massprop_cli.prepare.actuators import capability, channel_wrench, executed, longest_lag_s
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges, pace
-from massprop_cli.prepare.sensor import SensorKernel, Shown, sensors, shown
+from massprop_cli.prepare.sensor import KernelEffect, SensorKernel, Shown, kernel_effect, sensors, shown, shown_late_s
 from massprop_cli.prepare.signal import Signal, window_integrals
 from massprop_cli.prepare.stored import Stored, first_known_s, turned
 from massprop_cli.prepare.sums import of_records, windows, wrenches
@@ -101,6 +101,8 @@ class Aligned:
     """What momentum devices hold, where there are any."""
     late_s: tuple[float, float] = (0.0, 0.0)
     """By how much the motion that gyro and accelerometer show is later than cycles are labelled."""
+    kernel_effect: KernelEffect | None = None
+    """Difference between mean readings and mean motion; None where there is none."""
 
     @property
     def end_s(self) -> Array:
@@ -208,9 +210,10 @@ def _by_bins(acted: _Acted, edges: Array, bins: int, duration: Array) -> _Made:
 def _by_sensors(acted: _Acted, cycles: slice, start: Array, duration: Array) -> _Made:
     """What sensors of any kernel show (:mod:`massprop_cli.prepare.sensor`), cycle k being a group of records.
 
-    The gyro's mean over a group is that of ∫u behind its kernel, R[k]; with E[k] the same integral where one group goes over into the
-    next, ``R[k + 1] − R[k] = (E[k + 1] − R[k]) + (R[k + 1] − E[k + 1])`` are the rising and the falling part. Samples at records' ends are
-    half a record later than what they stand for, so groups and their bins are as late.
+    The gyro's mean over a group is that of ∫u behind its kernel, R[k]; with E[k] = ∫u, as late as the kernel is in the mean, where one
+    group goes over into the next, ``R[k + 1] − R[k] = (E[k + 1] − R[k]) + (R[k + 1] − E[k + 1])`` are the rising and the falling part. Bins
+    hold u itself, as late: the body turns by what acts, and not by what of it a low-pass lets through. Samples at records' ends are half a
+    record later than what they stand for, so groups and their bins are as late.
     """
     log, vehicle, issued, begin_s, delay_s, lag_s = acted
     bins, records, count = vehicle.estimator.bins_per_cycle, log.records_per_cycle, len(start)
@@ -219,19 +222,20 @@ def _by_sensors(acted: _Acted, cycles: slice, start: Array, duration: Array) -> 
     ends = by_commands_clock(log, vehicle, log.time_s[rows])
     share = share / share.sum(1, keepdims=True)
     gyro, accelerometer = sensors(log, vehicle, lag_s)
+    bare = sensors(log, vehicle)
     late = float(np.mean(log.interval_s)) * pace(vehicle) / 2 if gyro.instant else 0.0
     edges = _bin_edges(start + late, duration, bins)
     signals, left = actuators.signals(log, vehicle, issued, begin_s, edges, lag_s)
     if left == 0.0 < lag_s:
-        gyro, accelerometer = sensors(log, vehicle)
+        gyro, accelerometer = bare
     thrusting, stored = len(signals), None
-    behind = [(signal, gyro, accelerometer) for signal in signals]
+    moving = SensorKernel.of(False, None)._replace(latency_s=bare[0].delay_s)
+    behind = [(signal, SensorKernel.of(False, None, left)._replace(latency_s=moving.latency_s), gyro, accelerometer) for signal in signals]
     if log.spinning:
-        bare = sensors(log, vehicle)
         torques, stored = turned(
-            log, vehicle, delay_s, edges, bins, partial(_in_bins, sensor=bare[0], edges=edges), _shown_s(log, vehicle, LAGS_KEPT)
+            log, vehicle, delay_s, edges, bins, partial(_in_bins, sensor=moving, edges=edges), _shown_s(log, vehicle, LAGS_KEPT)
         )
-        behind += [(torque, *bare) for torque in torques]
+        behind += [(torque, moving, *bare) for torque in torques]
     parts = [_read(*one, edges, np.append(start, start[-1] + duration[-1]), ends, share, duration) for one in behind]
     integral, moment, rising, falling, whole = (np.stack(each, -1) for each in zip(*parts, strict=True))
     shape = (count, bins, -1)
@@ -250,6 +254,7 @@ def _binned(at: Shown, edges: Array) -> tuple[Array, Array]:
 
 def _read(
     signal: Signal,
+    moving: SensorKernel,
     gyro: SensorKernel,
     accelerometer: SensorKernel,
     edges: Array,
@@ -260,14 +265,14 @@ def _read(
 ) -> tuple[Array, ...]:
     """Of one channel: integral and moment by bins; under the rising and the falling half as the gyro shows it, whole as the other does.
 
-    ``ends`` (n,) of records, ``share`` (K, records) of each in its group.
+    ``moving`` is by which the body is moved, as late as the gyro; ``ends`` (n,) of records, ``share`` (K, records) of each in its group.
     """
-    binned = shown(signal, gyro, edges)
-    boundary = binned.first[:: (len(edges) - 1) // len(duration)]
+    binned, bins = shown(signal, moving, edges), (len(edges) - 1) // len(duration)
+    boundary = binned.first[::bins]
     if gyro.instant:
         mean = (shown(signal, gyro, ends).first.reshape(share.shape) * share).sum(1)
     else:
-        mean = np.diff(binned.second[:: (len(edges) - 1) // len(duration)]) / duration
+        mean = np.diff(shown(signal, gyro, edges[::bins]).second) / duration
     if accelerometer.instant:
         whole = duration * (shown(signal, accelerometer, ends).value.reshape(share.shape) * share).sum(1)
     else:
@@ -307,14 +312,8 @@ def align(
         force_axes=absentaxes.force_axes(log, vehicle),
         stored=made.stored,
         late_s=shown_late_s(log, vehicle),
+        kernel_effect=kernel_effect(log, vehicle),
     )
-
-
-def shown_late_s(log: Log, vehicle: Vehicle) -> tuple[float, float]:
-    """By how much the motion that gyro and accelerometer show is later than cycles are labelled: samples at records' ends half a record."""
-    half_s = float(np.mean(log.interval_s)) / 2
-    gyro, accelerometer = (half_s * one.instant - one.delay_s for one in sensors(log, vehicle))
-    return gyro, accelerometer
 
 
 def first_usable_s(log: Log, vehicle: Vehicle, delay_s: float, lag_s: float) -> float:

@@ -25,14 +25,19 @@ from massprop_cli.prepare.attitude import (
     world_up_b,
 )
 from massprop_cli.prepare.measured import Measured
+from massprop_cli.prepare.sensor import KernelEffect
 
 
 class Mounted(Protocol):
-    """What measures the attitude."""
+    """What measures the motion."""
 
     @property
     def attitude_logged(self) -> bool:
         """Whether the log holds attitudes, which measure what the gyro carries; on an air bearing only."""
+
+    @property
+    def kernel_effect(self) -> KernelEffect | None:
+        """Difference between mean readings and mean motion; None where there is none."""
 
 
 class Source(Mounted, Protocol):
@@ -98,6 +103,11 @@ class Samples:
     def attitude_logged(self) -> bool:
         """Whether the log holds attitudes, which measure what the gyro carries; on an air bearing only."""
         return self.measured is not None
+
+    @property
+    def kernel_effect(self) -> KernelEffect | None:
+        """Difference between mean readings and mean motion; None where there is none."""
+        return self.executed.kernel_effect
 
     @property
     def unread(self) -> BoolArray:

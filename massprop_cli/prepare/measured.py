@@ -26,9 +26,9 @@ from massprop_cli.base.quaternion import inverse, matrices, quaternion_of, quate
 from massprop_cli.base.rigidbody import mean_rotation, rotation, times
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.prepare.align import shown_late_s
 from massprop_cli.prepare.attitude import at_first, integrate_attitude, rotation_vectors, world_up_b
 from massprop_cli.prepare.clock import cycle_edges
+from massprop_cli.prepare.sensor import shown_late_s
 from massprop_cli.prepare.sums import of_records
 
 Quaternion = tuple[float, float, float, float]

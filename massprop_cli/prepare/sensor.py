@@ -67,11 +67,48 @@ class SensorKernel(NamedTuple):
         """By how much what it shows is late, in the mean."""
         return self.latency_s + float((self.weights * self.lags_s).sum().real)
 
+    @property
+    def variance_s2(self) -> float:
+        """The variance of that delay, by the response of its low-pass."""
+        mean, square = ((self.weights * self.lags_s**order).sum().real for order in (1, 2))
+        return float(2 * square - mean**2)
+
 
 def sensors(log: Log, vehicle: Vehicle, lag_s: float = 0.0) -> tuple[SensorKernel, SensorKernel]:
     """Gyro and accelerometer."""
     low_passes = vehicle.imu.gyro_filter, vehicle.imu.accel_filter
     gyro, accelerometer = (SensorKernel.of(instant, one, lag_s) for instant, one in zip(log.sampled, low_passes, strict=True))
+    return gyro, accelerometer
+
+
+class KernelEffect(NamedTuple):
+    """Difference between the mean reading of a group of records and the mean motion over it.
+
+    With C the angular acceleration that commands do not make, the gyro's mean exceeds the mean rate by
+    ``curvature_s2`` (C(end) − C(begin)) / T. That is σ² / 2 for a low-pass whose delay has the variance σ², and −h² / 24 for samples
+    that are h apart (Euler–Maclaurin formula).
+    """
+
+    curvature_s2: float
+    later_s: float
+    """By how much the motion that the accelerometer shows is later than the gyro's."""
+
+
+def kernel_effect(log: Log, vehicle: Vehicle) -> KernelEffect | None:
+    """The effect of both sensors' kernels; None where both record means without a low-pass."""
+    own = sensors(log, vehicle)
+    if all(each.plain for each in own):
+        return None
+    gyro, _ = own
+    sampled_s = float(np.mean(log.interval_s)) * gyro.instant
+    late = shown_late_s(log, vehicle)
+    return KernelEffect(gyro.variance_s2 / 2 - sampled_s**2 / 24, late[1] - late[0])
+
+
+def shown_late_s(log: Log, vehicle: Vehicle) -> tuple[float, float]:
+    """By how much the motion that gyro and accelerometer show is later than cycles are labelled: samples at records' ends half a record."""
+    half_s = float(np.mean(log.interval_s)) / 2
+    gyro, accelerometer = (half_s * one.instant - one.delay_s for one in sensors(log, vehicle))
     return gyro, accelerometer
 
 

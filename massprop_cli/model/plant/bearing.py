@@ -155,10 +155,10 @@ class BearingBody(Plant):
         """(K, B, 9) that torque, the vertical, the level part of the force."""
         return np.concatenate([self.commanded(wrench), up, level(level_of, wrench[..., 3:])], -1)
 
-    def by_attitude(self, motion: Motion, ups: tuple[Array, Array], skew: Array, bin_s: Array) -> list[tuple[Array, Array]]:
+    def by_attitude(self, motion: Motion, ups: tuple[Array, Array], skew: Array, late_s: Array) -> list[tuple[Array, Array]]:
         """The vertical, and the level part of the force."""
         force = level(motion.up, motion.wrench[..., 3:]), level(motion.up, skew[..., 3:]).sum(1)
-        return [(motion.up, (ups[1] - ups[0]) * bin_s[:, None] / 12), force]
+        return [(motion.up, (ups[1] - ups[0]) * late_s), force]
 
     def swing(self, theta: Array, motion: Motion) -> Array:
         """(K, B, 3) by the acceleration that the CG's own swing gives the base: second order in κ."""

@@ -83,9 +83,9 @@ class PedestalBody(BearingBody):
         """(K, B, 6) the torque about the pivot, the vertical."""
         return np.concatenate([self.commanded(wrench), up], -1)
 
-    def by_attitude(self, motion: Motion, ups: tuple[Array, Array], skew: Array, bin_s: Array) -> list[tuple[Array, Array]]:  # noqa: ARG002
+    def by_attitude(self, motion: Motion, ups: tuple[Array, Array], skew: Array, late_s: Array) -> list[tuple[Array, Array]]:  # noqa: ARG002
         """The vertical."""
-        return [(motion.up, (ups[1] - ups[0]) * bin_s[:, None] / 12)]
+        return [(motion.up, (ups[1] - ups[0]) * late_s)]
 
     def swing(self, theta: Array, motion: Motion) -> Array:  # noqa: ARG002
         """None."""

@@ -197,10 +197,11 @@ class Plant(ABC):
         """(K, B, C − 6) all of z but s, of a wrench (K, B, 6) and a vertical (K, B, 3); what is level ``level_of`` says."""
         return wrench
 
-    def by_attitude(self, motion: Motion, ups: tuple[Array, Array], skew: Array, bin_s: Array) -> list[tuple[Array, Array]]:  # noqa: ARG002
+    def by_attitude(self, motion: Motion, ups: tuple[Array, Array], skew: Array, late_s: Array) -> list[tuple[Array, Array]]:  # noqa: ARG002
         """The parts of z between these, (K, B, ...), each with the sum of its bins' first moments (K, ...).
 
-        ``ups`` are the verticals (K, 3) where a cycle begins and ends, ``skew`` (K, B, 6) the wrench's first moments.
+        ``ups`` are the verticals (K, 3) where a cycle begins and ends, ``skew`` (K, B, 6) the wrench's first moments;
+        what grows through a cycle has a first moment of ``late_s`` (K, 1) by its growth.
         """
         return []
 
