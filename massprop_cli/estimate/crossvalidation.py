@@ -6,10 +6,11 @@ covariance P₍₋ₖ₎, predicts it:
 
     T_k = dᵀ (1 + R_k P₍₋ₖ₎ R_kᵀ)⁻¹ d,   d = z_k − R_k x̂₍₋ₖ₎,
 
-chi-square of rank R_k degrees of freedom where one body made all segments (Geisser, J. Am. Statist. Assoc. 70 (1975) 320). The scatter of
-these estimates gives sigmas that rest on no stated noise, by the delete-a-group jackknife (Shao and Tu, The Jackknife and Bootstrap, 1995):
+chi-square of rank R_k degrees of freedom where one body made all segments (Geisser, J. Am. Statist. Assoc. 70 (1975) 320). Each segment
+moves the estimate by m_k; these give a covariance that rests on no stated noise and is unbiased where the model holds (bias-reduced
+sandwich: Bell and McCaffrey, Survey Methodology 28 (2002) 169), with S_k = 1 + R_k P₍₋ₖ₎ R_kᵀ:
 
-    σ² = (S − 1)/S Σ_k (x̂₍₋ₖ₎ − mean)².
+    cov(x̂) = Σ_k m_k m_kᵀ,   m_k = P₍₋ₖ₎ R_kᵀ S_k⁻¹ S_k^(-1/2) d_k.
 """
 
 from __future__ import annotations
@@ -48,28 +49,18 @@ class SegmentPrediction(NamedTuple):
 
 
 class CrossValidation(NamedTuple):
-    """Of one phase in S segments."""
+    """Of one phase."""
 
     segments: tuple[SegmentPrediction, ...]
-    values: Array
-    """(S, 10) the ten quantities from all segments but one; NaN where these do not give them."""
-    pivot: Array | None
-    """(S, 9) the same of what is about a pivot (:func:`massprop_cli.estimate.pivot.about_pivot`); None without one."""
+    sigmas: Array
+    """(10,) of the ten quantities by the scatter of the segments; NaN where they have no value."""
+    pivot_sigmas: Array | None
+    """(9,) the same of what is about a pivot (:func:`massprop_cli.estimate.pivot.about_pivot`); None without one."""
 
     @property
     def p(self) -> float:
         """Chance of a segment that is predicted as badly as the worst one (Bonferroni)."""
         return min(1.0, len(self.segments) * min(one.p for one in self.segments))
-
-    @property
-    def sigmas(self) -> Array:
-        """(10,) jackknife sigmas."""
-        return _jackknife(self.values)
-
-    @property
-    def pivot_sigmas(self) -> Array | None:
-        """(9,) of what is about a pivot."""
-        return None if self.pivot is None else _jackknife(self.pivot)
 
 
 def cross_validation(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider) -> CrossValidation:
@@ -82,33 +73,41 @@ def cross_validation(samples: Source, cycles: slice, reference: Reference, vehic
     first = found.rows[0].shape[1] - 1 - size
     spread = np.linalg.cholesky(consider.covariance) if size else np.zeros((0, 0))
     rows = [np.hstack([one[:, :first], -one[:, first:-1] @ spread, one[:, -1:]]) for one in found.rows]
-    known = np.vstack([rows[0], np.eye(size, rows[0].shape[1], first)])
-    own, predicted, means, covariances = slice(first - 10, first), list[SegmentPrediction](), list[Array](), list[Array]()
-    for k in range(1, len(rows)):
-        others = triangle_of(np.vstack([known, *(one for j, one in enumerate(rows) if j not in (0, k))]))
-        mean, root = np.linalg.solve(others[:-1, :-1], others[:-1, -1]), np.linalg.inv(others[:-1, :-1])
-        predicted.append(_predicted(triangle_of(rows[k]), mean, root, found.cycles[k - 1]))
-        means.append(found.mean + found.slopes @ mean[own])
-        covariances.append(found.slopes @ root[own] @ (found.slopes @ root[own]).T)
-    mean, covariance = np.array(means), np.array(covariances)
-    relative = np.sqrt(np.einsum("kii->ki", covariance)[:, MOMENTS]) / mean[:, MOMENTS]
-    values, full = quantities(Parameters(mean, covariance, relative), vehicle)
-    pivot = about_pivot(values, full, np.array(vehicle.environment.bearing_position_m), 1 / mean[:, MU])[0] if vehicle.pivoted else None
-    return CrossValidation(tuple(predicted), values, pivot)
+    known, own = np.vstack([rows[0], np.eye(size, rows[0].shape[1], first)]), slice(first - 10, first)
+    predicted, moves = list[SegmentPrediction](), list[Array]()
+    for k, part in enumerate(found.cycles, 1):
+        others = _solved([known, *(one for j, one in enumerate(rows) if j not in (0, k))])
+        one, move = _predicted(triangle_of(rows[k]), *others, part)
+        predicted.append(one)
+        moves.append(found.slopes @ move[own])
+    mean, root = _solved([known, *rows[1:]])
+    about, own_root = found.mean + found.slopes @ mean[own], found.slopes @ root[own]
+    means = np.vstack([about, about + np.array(moves)])
+    covariance = np.broadcast_to(own_root @ own_root.T, (len(means), 10, 10)).copy()
+    relative = np.sqrt(np.einsum("kii->ki", covariance)[:, MOMENTS]) / means[:, MOMENTS]
+    values, full = quantities(Parameters(means, covariance, relative), vehicle)
+    pivot = about_pivot(values, full, np.array(vehicle.environment.bearing_position_m), 1 / means[:, MU])[0] if vehicle.pivoted else None
+    return CrossValidation(tuple(predicted), _scatter(values), None if pivot is None else _scatter(pivot))
 
 
-def _jackknife(values: Array) -> Array:
-    """(n,) sigmas of estimates (S, n) from all segments but one."""
-    count = len(values)
-    found: Array = np.sqrt((count - 1) / count * ((values - values.mean(0)) ** 2).sum(0))
+def _scatter(values: Array) -> Array:
+    """(n,) of values (1 + S, n): the estimate, and where each segment moves it."""
+    found: Array = np.sqrt(((values[1:] - values[0]) ** 2).sum(0))
     return found
 
 
-def _predicted(segment: Array, mean: Array, root: Array, cycles: slice) -> SegmentPrediction:
-    """A segment's triangle (n + 1, n + 1) by an estimate (n,) with the covariance ``root @ root.T``."""
+def _solved(rows: list[Array]) -> tuple[Array, Array]:
+    """The estimate (n,) from rows (…, n + 1), and a root (n, n) of its covariance."""
+    triangle = triangle_of(np.vstack(rows))[:-1]
+    return np.linalg.solve(triangle[:, :-1], triangle[:, -1]), np.linalg.inv(triangle[:, :-1])
+
+
+def _predicted(segment: Array, mean: Array, root: Array, cycles: slice) -> tuple[SegmentPrediction, Array]:
+    """A segment's triangle (n + 1, n + 1) by an estimate (n,) with the covariance ``root @ root.T``, and m (n,) of the segment."""
     left, sizes, right = np.linalg.svd(segment[:-1, :-1])
-    told = sizes > np.finfo(float).eps * len(sizes) * sizes.max(initial=0.0)
-    difference = (left.T @ (segment[:-1, -1] - segment[:-1, :-1] @ mean))[told]
-    spread = (sizes[:, None] * (right @ root))[told]
-    white = np.linalg.solve(np.linalg.cholesky(np.eye(len(spread)) + spread @ spread.T), difference)
-    return SegmentPrediction(cycles, float(white @ white), len(white))
+    informed = sizes > np.finfo(float).eps * len(sizes) * sizes.max(initial=0.0)
+    difference = (left.T @ (segment[:-1, -1] - segment[:-1, :-1] @ mean))[informed]
+    spread = (sizes[:, None] * (right @ root))[informed]
+    variances, axes = np.linalg.eigh(np.eye(len(spread)) + spread @ spread.T)
+    white = axes.T @ difference / np.sqrt(variances)
+    return SegmentPrediction(cycles, float(white @ white), len(white)), root @ (spread.T @ (axes @ (white / variances)))

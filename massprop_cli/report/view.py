@@ -11,7 +11,7 @@ from massprop_cli.result.judge import INFORMED, contradiction
 from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
 
 SCATTER = "± by segments"
-"""Heading of the jackknife sigmas."""
+"""Heading of the sigmas by the scatter of segments."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def texts(estimates: Mapping[str, EstimateItem], heading: str) -> dict[str, list
         "verdict": [item.verdict for item in items],
         "final at": ["" if item.final_at_s is None else f"{item.final_at_s:.2f} s" for item in items],
     }
-    scatter = [(item.value, item.jackknife_sigma) for item in items]
+    scatter = [(item.value, item.segment_sigma) for item in items]
     more = {
         SCATTER: ["" if sigma is None else digits.numbers(value, sigma)[1] for value, sigma in scatter],
         "nominal": ["" if item.nominal is None else digits.stated(item.nominal) for item in items],

@@ -134,11 +134,11 @@ def _phase(analysis: Analysis, i: int, factors: Array, told: Discrepancy | None)
 
 
 def _with_scatter(items: dict[str, schema.EstimateItem], sigmas: Array | None) -> dict[str, schema.EstimateItem]:
-    """With jackknife sigmas (n,) of the values that are given."""
+    """With sigmas by the scatter of segments (n,) of the values that are given."""
     if sigmas is None or not items:
         return items
     given = {name: float(sigma) for name, sigma in zip(items, sigmas, strict=True) if np.isfinite(sigma) and items[name].value is not None}
-    return {name: one.model_copy(update={"jackknife_sigma": given.get(name)}) for name, one in items.items()}
+    return {name: one.model_copy(update={"segment_sigma": given.get(name)}) for name, one in items.items()}
 
 
 def _cross_validation(analysis: Analysis, found: CrossValidation) -> schema.CrossValidationItem:

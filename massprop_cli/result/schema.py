@@ -140,14 +140,14 @@ class EstimateItem(Item):
     reason_code: VerdictReason | Literal[""] = Field("", description="stable name of the reason; empty in results of versions without it")
     nominal: float | None = Field(None, description="the vehicle file's CAD value, products as tensor elements; never used in the estimate")
     expected: Expected | None = None
-    jackknife_sigma: float | None = Field(
-        None, description="scatter of the estimates from all segments of the phase but one, by estimator.cross_validate; absent without it"
+    segment_sigma: float | None = Field(
+        None, description="by the scatter of the phase's segments, without stated noise; absent without estimator.cross_validate"
     )
 
     @model_serializer(mode="wrap")
     def _without_absent(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         found: dict[str, Any] = handler(self)
-        return {key: value for key, value in found.items() if key != "jackknife_sigma" or value is not None}
+        return {key: value for key, value in found.items() if key != "segment_sigma" or value is not None}
 
 
 class Physical(Item):

@@ -56,10 +56,10 @@ def test_a_prediction_by_all_others_is_the_whole_fit_less_its_leverage(monkeypat
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["free-flyer", "testbed"])
-def test_chances_of_clean_segments_are_uniform_and_jackknife_sigmas_hold(name: str) -> None:
-    """200 segments; the jackknife of few uneven segments is known to be too large rather than too small."""
-    flight, chances, ratios = fly(name, *RANDOM, seeds=tuple(range(1, 26))), list[float](), list[Array]()
-    for member in range(25):
+def test_chances_of_clean_segments_are_uniform_and_segment_sigmas_hold(name: str) -> None:
+    """104 segments; the mean squares of eight numbers scatter by half."""
+    flight, chances, ratios = fly(name, *RANDOM, seeds=tuple(range(1, 14))), list[float](), list[Array]()
+    for member in range(13):
         with np.errstate(all="ignore"):
             found = flow.examine(flight.log(member), VehicleSource(flight.vehicle, "", ""))
         one = validated(found)
@@ -67,7 +67,8 @@ def test_chances_of_clean_segments_are_uniform_and_jackknife_sigmas_hold(name: s
         ratios.append(one.sigmas / np.array([estimate.sigma or np.nan for estimate in found.conclusions[0].estimates.values()]))
     assert kstest(chances, "uniform").pvalue > 1e-3
     rms = np.sqrt(np.nanmean(np.array(ratios) ** 2, 0))
-    assert ((rms > 0.85) & (rms < 1.8)).all(), rms
+    assert abs(np.sqrt((rms**2).mean()) - 1) < 0.15, rms
+    assert ((rms > 0.6) & (rms < 1.5)).all(), rms
 
 
 def test_a_body_that_is_another_in_the_second_half_is_not_predicted() -> None:
@@ -89,7 +90,7 @@ def test_the_command_tests_each_segment_and_reports_the_scatter(tmp_path: Path) 
     assert phase.cross_validation.passes
     spans = [(one.start_s, one.end_s) for one in phase.cross_validation.segments]
     assert np.allclose(spans, [(7.5 * k, 7.5 * k + 7.5) for k in range(8)], atol=0.11)
-    scatter = {name: (one.jackknife_sigma or np.inf) / (one.sigma or 0.0) for name, one in phase.estimates.items()}
+    scatter = {name: (one.segment_sigma or np.inf) / (one.sigma or 0.0) for name, one in phase.estimates.items()}
     assert all(0.3 < ratio < 3.0 for ratio in scatter.values()), scatter
     strict = massprop(tmp_path, "estimate", LOG, "--cross-validate", "0.5", "--out", "o", "-q")
     assert strict.returncode == 5

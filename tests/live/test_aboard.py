@@ -204,6 +204,7 @@ def test_either_sensors_noise_contradicts_where_it_is_stated_a_fifth_too_small_o
 def test_a_contradicted_sigma_is_wider_by_what_the_innovations_show() -> None:
     """Gyro noise stated 1.4 times too small: the moments' sigmas are those of the right noise, within the chance of some hundred cycles."""
     noise = vehiclefile.load(SAMPLES / "free-flyer" / "vehicle.toml").vehicle.imu.gyro_noise_rad_s
+    assert noise is not None
     right, small = (
         said_of("free-flyer", 300, f"imu.gyro_noise_rad_s={one}", engine=Compiled)[-1]["estimates"] for one in (noise, noise / 1.4)
     )
