@@ -52,13 +52,13 @@ def test_every_code_in_the_code_has_its_page() -> None:
     assert not missing, "write docs/warnings/CODE.md for each, and name it in docs/warnings/index.md"
 
 
-def test_every_page_is_of_a_code_and_says_cause_finding_and_cure() -> None:
+def test_every_page_is_of_a_code_and_has_cause_test_and_remedy() -> None:
     index = (ROOT / "docs" / "warnings" / "index.md").read_text(encoding="utf-8")
     known = codes()
     for page in PAGES:
         text = (ROOT / "docs" / "warnings" / f"{page}.md").read_text(encoding="utf-8")
         assert text.startswith(f"# {page}\n")
-        assert all(f"**{part}.**" in text for part in ("Cause", "How it was found", "Cure")), page
+        assert all(f"**{part}.**" in text for part in ("Cause", "Test", "Remedy")), page
         assert f"[{page}]({page}.md)" in index
         assert any(re.fullmatch(code, page) for code in known), page
 
