@@ -263,30 +263,30 @@ def _flown_clean(vehicles: Sequence[str], seeds: range) -> dict[str, Clean]:
     return found
 
 
-HEAD = """# What a check says
+HEAD = """# Results of massprop check
 
-## Of faults
+## Faults
 
 {made}
-Faults are those of [faults.md](faults.md), one log of each on each vehicle that can have it. What a check finds is a fault where values or
-sigmas may be wrong; what stands in the last column is seen in the log itself, before any estimate. The disturbed vehicle's slow torque is
-stated in no file, and named in every log of it.
+Faults are those of [faults.md](faults.md), one log of each on each vehicle that can have it. A finding is a fault where values or
+sigmas may be wrong. The check detects faults in the last column in the log itself, before any estimate. No file states the slow torque of the
+disturbed vehicle; the check names it in every log.
 """
 CLEAN = """
-## Of clean logs
+## Clean logs
 
 {made}
-The inertia of the docking vehicle, the thesis's, breaks the triangle inequality: that is the note on each of its logs.
+The inertia of the docking vehicle, from the thesis, violates the triangle inequality; the note on each of its logs reports this.
 """
 SIGMAS = """
-Achieved over expected sigma is the root mean square of all errors over the sigmas that go with them, of quantities that the motion tells
-by the check, and ± how far it scatters by chance, as the errors of a log are correlated. Quantity by quantity it is within {low:.2f} to
-{high:.2f} in 95 % of all cells by chance; bold is what is off by more than 15 %:
+Achieved over expected sigma is the root mean square of errors over sigmas, for quantities that the check reports as excited. ± is its
+scatter by chance; errors of one log are correlated. By chance the value of one quantity is within {low:.2f} to {high:.2f} in 95 % of
+cells. Bold: off by more than 15 %.
 """
 TIMES = """
-## Its time
+## Time
 
-The whole commands, from the shell on, the median of {repeats} runs by turns:
+Whole commands, from the shell, median of {repeats} alternating runs:
 """
 
 if __name__ == "__main__":

@@ -114,12 +114,12 @@ def _shown(found: Run) -> str:
         for v in found.values
     ]
     times = f"{found.ratio:.1f} times the clean twin's, {found.command_ratio:.1f} times as a whole command"
-    lines.append(f"  mended right: {found.mended}; {found.seconds:.2f} s of CPU, {times}")
+    lines.append(f"  corrected right: {found.mended}; {found.seconds:.2f} s of CPU, {times}")
     return "\n".join(lines)
 
 
 def _matrix(runs: Sequence[Run], faults: Sequence[str], vehicles: Sequence[str]) -> str:
-    lines = [f"| fault | {' | '.join(vehicles)} | mended right | time | command |", "|---|" + "---|" * len(vehicles) + "--:|--:|--:|"]
+    lines = [f"| fault | {' | '.join(vehicles)} | corrected right | time | command |", "|---|" + "---|" * len(vehicles) + "--:|--:|--:|"]
     for fault in faults:
         own = [r for r in runs if r.fault == fault]
         if own:
@@ -204,26 +204,26 @@ def _clean_table(logs: Sequence[tuple[str, int]], found: Sequence[Clean]) -> str
 HEAD = """# Faults named, and false alarms
 
 Made by `python benchmarks/faults.py` at commit {commit} (massprop {version}), seeds {first} to {last}. Each kind of fault is flown on each
-vehicle, seed by seed; jet, axis, sign, size and time change with the seed. A cell counts runs:
+vehicle, once per seed; jet, axis, sign, size and time change with the seed. A cell counts runs:
 
 | | |
 |---|---|
-| ✓ | the right cause is named (its code, and the jet, axis, delay or unit in its text) and no other; ½ one of two at once |
-| ✗ | a wrong cause is named |
-| ? | the log is said not to fit, its cause not |
-| – | a value is more than 4 sigma off, and nothing is said (it may be called not converged) |
-| ○ | no value is more than 4 sigma off and no cause is named: silence is right |
-| ∅ | a value is more than 4 sigma off, and no log could tell: the fault leaves less than 25 of chi-square in the off-line fit |
-| **n!** | runs in which a value is called converged and is more than 4 sigma and 0.5 % of its size off |
+| ✓ | massprop names the right cause (its code, and the jet, axis, delay or unit in its text) and no other; ½ one of two simultaneous causes |
+| ✗ | massprop names a wrong cause |
+| ? | massprop reports a misfit without a cause |
+| – | a value is more than 4 sigma off, without a warning (it may be not_converged) |
+| ○ | no value is more than 4 sigma off, and massprop names no cause, as it should |
+| ∅ | a value is more than 4 sigma off, but the log does not show the fault: its chi-square in the off-line fit is below 25 |
+| **n!** | runs with a converged value that is more than 4 sigma and 0.5 % of its size off |
 
-Where the mass properties change, a value is held against the nearest that was true at some time. Time is CPU time over that of the same
-log without the fault: median, most; first of the estimate alone, then of `massprop estimate` as a whole, with its start and what it writes.
-A twin is timed {more} times, a log of more than {long:g} times its twin's command too, and the least counts. A start and what is written
-take {plain:.2f} s of CPU, {faulty:.2f} s of a log with a fault.
+Where the mass properties change, the error of a value is that from the nearest true value at any time. Time is CPU time over that of the
+same log without the fault (the clean log), median and maximum: first of the estimate alone, then of the whole `massprop estimate`. Times of
+clean logs, and of commands of more than {long:g} times the clean one, are the least of {more} runs. Start and output take {plain:.2f} s of
+CPU, {faulty:.2f} s for a log with a fault.
 """
-TOTALS_HEAD = """Wanted: 95 % right (80 % on noisy and disturbed), at most 1 % wrong, nothing that looks good and is wrong, no time over 3.
+TOTALS_HEAD = """Goals: 95 % right (80 % on noisy and disturbed), at most 1 % wrong, no converged value that is wrong, no time over 3.
 
-| vehicle | runs | right, of harm that a log can tell | wrong cause | looks good | mended right | time; over 3 | command; over 3 | refused |
+| vehicle | runs | right, of harmful faults that the log shows | wrong cause | converged but wrong | corrected right | time; over 3 | command; over 3 | refused |
 |---|--:|--:|--:|--:|--:|--:|--:|--:|"""
 CLEAN_HEAD = """
 | without fault | logs | causes named | values called converged | and wrong |

@@ -41,39 +41,39 @@ M4F = ["-Os", "-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=ha
 
 RINGS = (1024, 256, 128), (256, 128, 128), (128, 64, 128), (64, 64, 64), (32, 32, 32)
 """MP_LEARNING, MP_RING and MP_LONGEST."""
-RAM = """RAM of the free-flyer sample's vehicle (aim: 65,536 bytes) by the cycles that are held to be taken in anew: MP_LEARNING, MP_RING
-and MP_LONGEST of massprop.h. Last, by how much fewer of them move a final value of the sample logs, in double precision.
+RAM = """RAM of the free-flyer sample's vehicle (aim: 65,536 bytes) by the number of cycles stored for processing again: MP_LEARNING, MP_RING
+and MP_LONGEST of massprop.h. Last column: the largest change of a final value of the sample logs, in double precision.
 
 | cycles | RAM | of that, cycles held | checkpoints | moves by up to |
 |---|--:|--:|--:|--:|"""
 
 INTRODUCTION = """# The compiled kernel
 
-The causal estimator stands twice: in NumPy (massprop_cli/estimate) and in C99 (massprop_cli/kernel), which takes the same decisions at
-the same cycles. Where a C compiler was there when massprop was installed, `estimate`, `batch` and Python run on C; else on NumPy, and
-run.json says which (`kernel`). So does what goes through many cycles or suppositions on the ground: the response of a stretch of cycles,
-the filter and the predictions of off-line fits, what a lag makes of commands, and suppositions fitted against a log.
-`MASSPROP_KERNEL=numpy` chooses NumPy. Both agree to 1e-6 of a sigma at every cycle of the sample logs, but for crazyflie/yaw: the
-beginning of that log is chaotic, so that a change of 1e-13 of what is measured moves its values by sigmas in either.
+The causal estimator has two implementations: NumPy (massprop_cli/estimate) and C99 (massprop_cli/kernel). Both take the same decisions at
+the same cycles. If a C compiler was present when massprop was installed, `estimate`, `batch` and Python run on C, otherwise on NumPy.
+run.json names the implementation (`kernel`). Off-line computations over many cycles or hypotheses also run on C: the response of a segment,
+the filter and the predictions of off-line fits, the effect of a lag on commands, and fits of hypotheses to a log.
+`MASSPROP_KERNEL=numpy` selects NumPy. Both agree to 1e-6 of a sigma at every cycle of the sample logs, except for crazyflie/yaw. The
+start of that log is chaotic: a change of 1e-13 in the measurements moves its values by sigmas in either implementation.
 
-NumPy alone runs what the kernel's causal pass doesn't hold: environments other than `free` and `air_bearing`, [drift], damping that is
-looked for, wheels, rotors, jets or an IMU with uncertain places or thrust, more than 64 bins a cycle, and delay or lag with a sigma (also
-one that was found in the log). Of a log with a thrust lag, thrust that sags or fails for a time, a drifting clock, a low-pass within a
-sensor, more than 64 jets or a delay beyond 19 cycles only the alignment is NumPy's.
+Only NumPy supports environments other than `free` and `air_bearing`, [drift], estimated damping, wheels, control moment gyros, rotors, jets or an
+IMU with uncertain position or thrust, more than 64 bins a cycle, and delay or lag with a sigma (also an estimated one). For a log with a
+thrust lag, thrust that droops or fails for a time, a drifting clock, a low-pass within a sensor, more than 64 jets or a delay beyond 19
+cycles, only the alignment runs on NumPy.
 
-`massprop export-flight` writes the sources with a vehicle's tables for a flight computer, and a test vector that must come back to the
-last bit: it does on x86-64 with and without sanitizers, and on 32-bit ARM (gcc-arm-linux-gnueabihf under qemu-user). `massprop live`
-makes the same calls while records arrive on standard input:
+`massprop export-flight` writes the sources with a vehicle's tables for a flight computer, and a test vector. The flight code must reproduce
+the vector bit for bit. It does on x86-64 with and without sanitizers, and on 32-bit ARM (gcc-arm-linux-gnueabihf under qemu-user).
+`massprop live` makes the same calls while records arrive on standard input:
 
     tail -f telemetry.csv | massprop live --vehicle vehicle.toml --out flight | controller
 
 Each line of its output is one cycle: `{"time_s": ..., "phase": ..., "estimates": {"ixx": {"value": ..., "sigma": ..., "verdict": ...},
-...}}`, SI, null where nothing can be said, verdicts `untold`, `not_excited`, `not_converged`, `converged` by the sizes known by then, and
-`contradicted` where the gyro's or the accelerometer's latest 256 cycles leave normalised innovations with a mean square above 1.5 (1, where
-all is as stated; [how well that tells](aboard.md)): then something else is flown than the vehicle file says, or noise is stated more than
-1.22 times too small, and no value is to be used.
-Noise levels and delay must be stated in the vehicle file. In the end the recording (record.csv) is estimated like any log; in that
-result the disturbances are sized too, so that it may say more than the last line did.
+...}}`, SI, null where no value is possible. Verdicts are `untold`, `not_excited`, `not_converged` and `converged`, by the tolerances known by
+then. A verdict is `contradicted` where the latest 256 cycles of the gyro or the accelerometer have normalised innovations with a mean square
+above 1.5 (expected: 1; [detection rates](aboard.md)). Then the vehicle differs from the vehicle file, or the stated noise is more than
+1.22 times too small; do not use any value.
+The vehicle file must state noise levels and delay. At the end massprop estimates the recording (record.csv) like any log. That
+result also includes estimated disturbances, so it may differ from the last line.
 """
 
 
@@ -127,14 +127,12 @@ def costs(where: Path, longest: int) -> None:
         print(f"| {int(cycles):,} | {float(mean) / 1000:.1f} | {float(worst) / 1000:,.0f} | {' | '.join(ratios)} | {wrong} |")
     told = "filterpy is not installed here" if beside is None else f"filterpy's update of 9 states by 3 measurements took {beside:.1f} us"
     print(f"\n{told}. The kernel is built as pip builds it, and as flown with {optimised(where)}.")
-    print("The worst cycles are those after which the latest are taken in anew, or in which the machine did something else.\n")
+    print("The worst cycles are those after which the kernel processes the latest cycles again, or in which other programs ran.\n")
 
 
 def health(where: Path, longest: int) -> None:
     """What becomes of numbers where there is no noise, or nothing to learn."""
-    print(
-        "## Long flights\n\nA value, or a number of what is kept of all cycles, counts as wrong where it is not finite, a sigma where it is"
-    )
+    print("## Long flights\n\nA value, or a stored number, counts as wrong where it is not finite, a sigma where it is")
     print("not positive.\n")
     print("| flight | cycles | wrong numbers |\n|---|--:|--:|")
     for name, arguments in (
@@ -148,7 +146,7 @@ def health(where: Path, longest: int) -> None:
 
 def answers() -> None:
     """CPU time from a record's line to the line that answers it, or to being ready for the next."""
-    print("## Live\n\nCPU time in which a record is read, kept and, where it ends a cycle, answered (`massprop live`).\n")
+    print("## Live\n\nCPU time to read and store a record and, at the end of a cycle, to print the estimate (`massprop live`).\n")
     print("| log | records | a cycle's | median, us | 99.9 %, us | worst, us |\n|---|--:|--:|--:|--:|--:|")
     for name in ("free-flyer", "high-rate"):
         log, text = SAMPLES / name / "log.parquet", io.BytesIO()
@@ -236,7 +234,7 @@ def precision(where: Path) -> None:
     """Final errors in double and in single."""
     single = built(where, ["-DMP_SINGLE"])
     print("## Single precision\n\nErrors over the sigmas of double precision, at the end of each phase of the sample logs with a truth.\n")
-    print("| log | phase | rms, double | rms, single | ratio | quantity moved most, by |\n|---|---|--:|--:|--:|---|")
+    print("| log | phase | rms, double | rms, single | ratio | largest change |\n|---|---|--:|--:|--:|---|")
     for name, found in samples():
         truth = json.loads((SAMPLES / name / "truth.json").read_text())["phases"]
         for number, leg in enumerate(found.legs):
