@@ -269,8 +269,8 @@ HEAD = """# Results of massprop check
 
 {made}
 Faults are those of [faults.md](faults.md), one log of each on each vehicle that can have it. A finding is a fault where values or
-sigmas may be wrong. The check detects faults in the last column in the log itself, before any estimate. No file states the slow torque of the
-disturbed vehicle; the check names it in every log.
+sigmas may be wrong. The check detects faults in the last column in the log itself, before any estimate. No file states the slow torque of
+the disturbed vehicle; the check names it in every log.
 """
 CLEAN = """
 ## Clean logs

@@ -208,7 +208,7 @@ vehicle, once per seed; jet, axis, sign, size and time change with the seed. A c
 
 | | |
 |---|---|
-| ✓ | massprop names the right cause (its code, and the jet, axis, delay or unit in its text) and no other; ½ one of two simultaneous causes |
+| ✓ | massprop names the right cause (its code, and the jet, axis, delay or unit in its text) and no other; ½ one of two causes at once |
 | ✗ | massprop names a wrong cause |
 | ? | massprop reports a misfit without a cause |
 | – | a value is more than 4 sigma off, without a warning (it may be not_converged) |
@@ -223,7 +223,7 @@ CPU, {faulty:.2f} s for a log with a fault.
 """
 TOTALS_HEAD = """Goals: 95 % right (80 % on noisy and disturbed), at most 1 % wrong, no converged value that is wrong, no time over 3.
 
-| vehicle | runs | right, of harmful faults that the log shows | wrong cause | converged but wrong | corrected right | time; over 3 | command; over 3 | refused |
+| vehicle | runs | right, of visible harm | wrong cause | converged, wrong | corrected right | time; over 3 | command; over 3 | refused |
 |---|--:|--:|--:|--:|--:|--:|--:|--:|"""
 CLEAN_HEAD = """
 | without fault | logs | causes named | values called converged | and wrong |

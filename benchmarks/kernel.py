@@ -41,8 +41,8 @@ M4F = ["-Os", "-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=ha
 
 RINGS = (1024, 256, 128), (256, 128, 128), (128, 64, 128), (64, 64, 64), (32, 32, 32)
 """MP_LEARNING, MP_RING and MP_LONGEST."""
-RAM = """RAM of the free-flyer sample's vehicle (aim: 65,536 bytes) by the number of cycles stored for processing again: MP_LEARNING, MP_RING
-and MP_LONGEST of massprop.h. Last column: the largest change of a final value of the sample logs, in double precision.
+RAM = """RAM of the free-flyer sample's vehicle (aim: 65,536 bytes) by the number of cycles stored for processing again: MP_LEARNING,
+MP_RING and MP_LONGEST of massprop.h. Last column: the largest change of a final value of the sample logs, in double precision.
 
 | cycles | RAM | of that, cycles held | checkpoints | moves by up to |
 |---|--:|--:|--:|--:|"""
@@ -50,15 +50,15 @@ and MP_LONGEST of massprop.h. Last column: the largest change of a final value o
 INTRODUCTION = """# The compiled kernel
 
 The causal estimator has two implementations: NumPy (massprop_cli/estimate) and C99 (massprop_cli/kernel). Both take the same decisions at
-the same cycles. If a C compiler was present when massprop was installed, `estimate`, `batch` and Python run on C, otherwise on NumPy.
+the same cycles. If a C compiler was present at installation, `estimate`, `batch` and Python run on C, otherwise on NumPy.
 run.json names the implementation (`kernel`). Off-line computations over many cycles or hypotheses also run on C: the response of a segment,
 the filter and the predictions of off-line fits, the effect of a lag on commands, and fits of hypotheses to a log.
 `MASSPROP_KERNEL=numpy` selects NumPy. Both agree to 1e-6 of a sigma at every cycle of the sample logs, except for crazyflie/yaw. The
 start of that log is chaotic: a change of 1e-13 in the measurements moves its values by sigmas in either implementation.
 
-Only NumPy supports environments other than `free` and `air_bearing`, [drift], estimated damping, wheels, control moment gyros, rotors, jets or an
-IMU with uncertain position or thrust, more than 64 bins a cycle, and delay or lag with a sigma (also an estimated one). For a log with a
-thrust lag, thrust that droops or fails for a time, a drifting clock, a low-pass within a sensor, more than 64 jets or a delay beyond 19
+Only NumPy supports environments other than `free` and `air_bearing`, [drift], estimated damping, wheels, control moment gyros, rotors, jets
+or an IMU with uncertain position or thrust, more than 64 bins a cycle, and delay or lag with a sigma (also an estimated one). For a log with
+a thrust lag, thrust that droops or fails for a time, a drifting clock, a low-pass within a sensor, more than 64 jets or a delay beyond 19
 cycles, only the alignment runs on NumPy.
 
 `massprop export-flight` writes the sources with a vehicle's tables for a flight computer, and a test vector. The flight code must reproduce
@@ -68,10 +68,10 @@ the vector bit for bit. It does on x86-64 with and without sanitizers, and on 32
     tail -f telemetry.csv | massprop live --vehicle vehicle.toml --out flight | controller
 
 Each line of its output is one cycle: `{"time_s": ..., "phase": ..., "estimates": {"ixx": {"value": ..., "sigma": ..., "verdict": ...},
-...}}`, SI, null where no value is possible. Verdicts are `untold`, `not_excited`, `not_converged` and `converged`, by the tolerances known by
-then. A verdict is `contradicted` where the latest 256 cycles of the gyro or the accelerometer have normalised innovations with a mean square
-above 1.5 (expected: 1; [detection rates](aboard.md)). Then the vehicle differs from the vehicle file, or the stated noise is more than
-1.22 times too small; do not use any value.
+...}}`, SI, null where no value is possible. Verdicts are `untold`, `not_excited`, `not_converged` and `converged`, by the tolerances known
+then. A verdict is `contradicted` where the latest 256 cycles of the gyro or the accelerometer have normalised innovations with a mean
+square above 1.5 (expected: 1; [detection rates](aboard.md)). Then the vehicle differs from the vehicle file, or the stated noise is more
+than 1.22 times too small; do not use any value.
 The vehicle file must state noise levels and delay. At the end massprop estimates the recording (record.csv) like any log. That
 result also includes estimated disturbances, so it may differ from the last line.
 """
