@@ -117,25 +117,33 @@ def compared(model: Model, free: Free, variance: Array, supposed: Sequence[Hypot
 
 
 def fitted(
-    model: Model, free: Free, variance: Array, supposed: Sequence[Hypothesis], theta: Array | None = None, still: float = STILL
+    model: Model,
+    free: Free,
+    variance: Array,
+    supposed: Sequence[Hypothesis],
+    theta: Array | None = None,
+    still: float = STILL,
+    there: bool = False,
 ) -> list[Fitted]:
     """Each hypothesis with the body and the unknowns of its own that fit best; noise ``variance`` (6,).
 
-    A fit begins with the body that plain regression gives, or with ``theta`` (10,) where that leaves less. Those that need the same columns
-    are fitted side by side.
+    A fit begins with the body that plain regression gives, or with ``theta`` (10,) where that leaves less, or always if ``there``.
+    Those that need the same columns are fitted side by side.
     """
     columns = [model.columns(one.moved) for one in supposed]
     found: dict[int, Fitted] = {}
     for count in dict.fromkeys(columns):
         which = [i for i, own in enumerate(columns) if own == count]
-        found |= zip(which, _beside(model, free, variance, [supposed[i] for i in which], theta, still), strict=True)
+        found |= zip(which, _beside(model, free, variance, [supposed[i] for i in which], theta, still, there), strict=True)
     return [found[i] for i in range(len(supposed))]
 
 
-def _beside(model: Model, free: Free, variance: Array, supposed: Sequence[Hypothesis], theta: Array | None, still: float) -> list[Fitted]:
+def _beside(
+    model: Model, free: Free, variance: Array, supposed: Sequence[Hypothesis], theta: Array | None, still: float, there: bool
+) -> list[Fitted]:
     own = max(s.free.shape[1] for s in supposed)
     rows = _Rows.of_all(model, free, variance, supposed)
-    x, sizes = _begun(rows, supposed, theta)
+    x, sizes = _begun(rows, supposed, theta, there)
     uncertain = model.uncertain
     common = 10 + uncertain.shape[1]
     moves = np.zeros((len(supposed), x.shape[1], common + own))
@@ -168,9 +176,12 @@ def _descended(rows: _Rows, moves: Array, pulled: Array, x: Array, still: float)
     return Fits(descent.x, descent.left, descent.spread())
 
 
-def _begun(rows: _Rows, supposed: Sequence[Hypothesis], theta: Array | None) -> tuple[Array, Array]:
+def _begun(rows: _Rows, supposed: Sequence[Hypothesis], theta: Array | None, there: bool) -> tuple[Array, Array]:
     """(H, nx) x that fits begin with, and (H, 10) the sizes of θ."""
     x, sizes = rows.begun(supposed)
+    if theta is not None and there:
+        x[:, :10] = theta
+        return x, sizes
     balanced = x.copy()  # where force or weight hardly tell where the CG is, regression may find it anywhere
     balanced[:, MOMENT] = 0.0
     x = _least(rows, x, balanced)

@@ -24,9 +24,10 @@ from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.episode import episodes
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.phaseboundary import border
+from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.recordings import by_noise, otherwise, seen
 from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, helped, hopeless, refined, tried
-from massprop_cli.diagnosis.screening import CLEAR, Screening, about_its_body, beside_a_torque, busiest, screened
+from massprop_cli.diagnosis.screening import Screening, about_its_body, beside_a_torque, busiest, screened
 from massprop_cli.diagnosis.search import codes, same, searched
 from massprop_cli.diagnosis.wording import ABSENT, DEAD, UNANSWERED, alone, words_of
 from massprop_cli.errorparameters.table import PRIORS

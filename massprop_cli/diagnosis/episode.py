@@ -15,8 +15,9 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import written
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis.corrections import Correction, shown
+from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import PART
-from massprop_cli.diagnosis.screening import CLEAR, Screening, about_its_body, screened
+from massprop_cli.diagnosis.screening import Screening, about_its_body, screened
 from massprop_cli.diagnosis.windows import Reduced, Window
 from massprop_cli.errorparameters.thrust import NEAR
 from massprop_cli.estimate.whitening import Disturbance

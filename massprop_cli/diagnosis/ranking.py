@@ -1,7 +1,8 @@
 """Hypotheses ranked by likelihood, each fitted when its turn comes.
 
 What a channel's own hypotheses (its thrust, place and direction) leave is no less than what is left where nothing is supposed of what
-that channel does. So one fit for each channel says when its turn comes at the earliest, and most of its own are never fitted.
+that channel does. So one fit for each channel says when its turn comes at the earliest, and most of its own are never fitted. Where its own
+leave clearly more than that, they are fitted again from the body of that fit: a wrong jet may have drawn the body into another minimum.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted, fitted
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 
+CLEAR = 14.0
+"""−2 log of the odds (1 : 1000) by which a cause must come before its rivals to stand alone."""
 Score = Callable[[Array, Fitted, int], float]
 """−2 log of how likely a hypothesis is that leaves chi-square (6,), one of so many of its kind."""
 
@@ -44,6 +47,7 @@ class Ranking:
         freed = [model.without(channel) for channel in self._of]
         bounds = self._fitted(freed)
         self._left = {channel: one.chi_square for channel, one in zip(self._of, bounds, strict=True)}
+        self._body = {channel: one.value("theta") for channel, one in zip(self._of, bounds, strict=True)}
         self._fit(others)
 
     def __iter__(self) -> Iterator[tuple[float, Fitted]]:
@@ -85,7 +89,7 @@ class Ranking:
                 continue
             if score > reach():
                 continue
-            self._fit(self._of[which])
+            self._fit_channel(which)
             for i in self._of[which]:
                 heapq.heappush(waiting, (self._found[i][0], 1, i))
 
@@ -93,9 +97,19 @@ class Ranking:
         """The least score of those that leave no less than that: with the price of one that is dead or the other way round."""
         return self._likelihood(left) + 2 * float(np.log(min(self._alternatives[i] for i in own)))
 
-    def _fit(self, which: Sequence[int]) -> None:
-        for i, one in zip(which, self._fitted([self._supposed[i] for i in which]), strict=True):
+    def _fit_channel(self, channel: int) -> None:
+        """All of a channel's own."""
+        own = self._of[channel]
+        self._fit(own)
+        least = min(self._likelihood(self._found[i][1].chi_square) for i in own)
+        if least > self._likelihood(self._left[channel]) + CLEAR:
+            before = {i: self._found[i] for i in own}
+            self._fit(own, self._body[channel])
+            self._found |= {i: min(before[i], self._found[i], key=lambda one: one[0]) for i in own}
+
+    def _fit(self, which: Sequence[int], theta: Array | None = None) -> None:
+        for i, one in zip(which, self._fitted([self._supposed[i] for i in which], theta), strict=True):
             self._found[i] = self._score(one.chi_square, one, self._alternatives[i]), one
 
-    def _fitted(self, supposed: Sequence[Hypothesis]) -> list[Fitted]:
-        return fitted(self._model, self._free, self._free.variance, supposed, still=ROUGHLY)
+    def _fitted(self, supposed: Sequence[Hypothesis], theta: Array | None = None) -> list[Fitted]:
+        return fitted(self._model, self._free, self._free.variance, supposed, theta, ROUGHLY, there=theta is not None)

@@ -20,8 +20,9 @@ from massprop_cli.diagnosis.corrections import Case
 from massprop_cli.diagnosis.delay import unexplained_by
 from massprop_cli.diagnosis.hypotheses import along
 from massprop_cli.diagnosis.hypothesis import Hypothesis
+from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import Refit, tried
-from massprop_cli.diagnosis.screening import CLEAR, Screening
+from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.telemetry import Notice

@@ -11,7 +11,8 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import Fitted, fitted
 from massprop_cli.diagnosis.corrections import Case, applied, at_once
-from massprop_cli.diagnosis.screening import CLEAR, FITS, Screening, about_its_body, screened
+from massprop_cli.diagnosis.ranking import CLEAR
+from massprop_cli.diagnosis.screening import FITS, Screening, about_its_body, screened
 from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, PRIORS
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.prepare.recorded import narrowed

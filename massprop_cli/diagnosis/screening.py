@@ -20,7 +20,7 @@ from massprop_cli.diagnosis.comparison import ROUGHLY, TINY, Fitted, compared, f
 from massprop_cli.diagnosis.corrections import Case, certain
 from massprop_cli.diagnosis.design import verticals
 from massprop_cli.diagnosis.hypothesis import Hypothesis
-from massprop_cli.diagnosis.ranking import Ranking
+from massprop_cli.diagnosis.ranking import CLEAR, Ranking
 from massprop_cli.errorparameters.sensor import DEGREE, GRAVITY
 from massprop_cli.estimate.phases import as_stated
 from massprop_cli.estimate.whitening import Disturbance
@@ -45,8 +45,6 @@ NOISY = 1.2
 """The same, beyond which noise itself was stated too small: five sigma of chance in 1,000 cycles."""
 AS_STATED = 3.5
 """Sigmas of chance within which pure error is the stated noise in each of the channels."""
-CLEAR = 14.0
-"""−2 log of the odds (1 : 1000) by which a cause must come before its rivals to stand alone."""
 SHARE = 12
 """Mountings that are fitted."""
 UPRIGHT, AS_WELL, UPSET = 4, 1.05, 0.8

@@ -8,8 +8,9 @@ import numpy as np
 
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import at_once
+from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import AppliedHypothesis, Refit, begin, drifts_no_more, hopeless, tried
-from massprop_cli.diagnosis.screening import CLEAR, Screening
+from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.errorparameters.table import LATE
 
 FURTHER = 1.5

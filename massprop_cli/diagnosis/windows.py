@@ -15,7 +15,8 @@ from massprop_cli.base.arrays import Array, IntArray
 from massprop_cli.diagnosis.channelwise import SLOW, waves
 from massprop_cli.diagnosis.comparison import TINY
 from massprop_cli.diagnosis.design import Designs
-from massprop_cli.diagnosis.screening import CLEAR, Screening
+from massprop_cli.diagnosis.ranking import CLEAR
+from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.diagnosis.segment import edges_of
 from massprop_cli.estimate.whitening import Disturbance, white_rows
 from massprop_cli.model.plant import plant_of

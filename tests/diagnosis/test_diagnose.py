@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -425,3 +426,17 @@ def test_a_supply_that_remembers_leaves_no_value_wrong(memory_s: float, monkeypa
     monkeypatch.setattr(estimated, "_baffled", lambda *_: "")
     before = faulty.examined(wrong, flown.vehicle)
     assert faulty.looks_good_and_is_wrong(before, true) == ["ixx", "iyy", "izz"]
+
+
+def test_a_canted_jet_that_drew_the_cg_to_itself_is_named() -> None:
+    """5 degrees on a log of which one jet alone tells CG y: beside the CG's wrong minimum an IMU 174 mm away had fitted, too."""
+    log, used = faulty.sample("free-flyer", 20.0)
+    (jet,) = [number for number, one in enumerate(used.jets) if one.name == "roll_p2"]
+    size, angle = float(np.linalg.norm(used.jets[jet].force_n)), math.radians(5.0)
+    canted = faulty.stated(used, f"jets.{jet}.force_n={[size * math.sin(angle), 0.0, -size * math.cos(angle)]}")
+    found = faulty.examined(log, canted)
+    assert [notice.code for notice in found.notices] == ["jet-direction"]
+    (answer,) = found.mended
+    estimates, truth = answer.conclusions[0].estimates, faulty.truth("free-flyer")
+    off = [(one.value - exact) / one.sigma for one, exact in zip(estimates.values(), truth, strict=True) if one.value and one.sigma]
+    assert np.abs(off).max() < 4
