@@ -6,8 +6,10 @@ A coarse search asks which whole delay and which lag let commands explain the mo
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import field, replace
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -53,7 +55,11 @@ LITTLE = 0.05
 """Sigmas of a cutoff."""
 CUTOFFS_HZ = (300.0, 180.0, 110.0, 70.0, 45.0, 28.0, 18.0, 11.0, 7.0)
 """Of low-passes searched."""
+LATENCIES_S = (0.0, 0.0015, 0.003, 0.006, 0.012)
+"""Of sensors searched."""
 SENSORS = ("gyro", "accel")
+AT_ANY_TIME = ("delay", "gyro_latency", "accel_latency")
+"""Shifts in time, whose steps their own size does not bound."""
 ALIKE = 1e-9
 """Part of the largest singular value below which commands are the same."""
 MISMATCH = 0.1
@@ -138,12 +144,14 @@ def detect(
         steps = covariance @ (information @ found.steps - sharp * (found.steps + at - first))
         # two that look alike go to and fro
         steps = steps / 2 if len(unknown) > 1 and steps @ last < 0 else steps
-        most = np.array([LEAP * {"delay": 1.0, "lag": max(1.0, own)}.get(name, own) for name, own in zip(unknown, at, strict=True)])
+        most = np.array(
+            [LEAP * 1.0 if name in AT_ANY_TIME else max(1.0, own) if name == "lag" else own for name, own in zip(unknown, at, strict=True)]
+        )
         last = np.clip(steps, -most, most)
         now = shifted(now, unknown, last)
         moved = np.abs([cycles_of(now, name) - own for name, own in zip(unknown, at, strict=True)])
         sigmas = np.sqrt(np.diag(covariance))
-        small = np.where([name.endswith("cutoff") for name in unknown], LITTLE * sigmas, SETTLED)
+        small = np.where([name in ("delay", "lag") for name in unknown], SETTLED, LITTLE * sigmas)
         if (moved < np.maximum(small, SETTLED)).all():
             break
     else:
@@ -151,18 +159,25 @@ def detect(
     limits = [PRIOR / 2 * max(1.0, now.timing.lag) if name == "lag" else PRIOR / 2 for name in unknown]
     if not (sigmas < limits).all():
         return None
-    imu = now.vehicle.imu if any(name.endswith("_cutoff") for name in unknown) else None
+    imu = now.vehicle.imu if set(unknown) - {"delay", "lag"} else None
     return FoundTiming(now.timing, _sigmas(unknown, covariance), found.after, before, tuple(unknown), covariance, imu)
 
 
-def cutoffs(log: Log, vehicle: Vehicle, timing: Timing, automatic: Sequence[str]) -> Vehicle:
-    """The vehicle with those of :data:`CUTOFFS_HZ` by which commands explain most, for sensors whose cutoff is to be found."""
-    for sensor in automatic:
-        key, costs = f"imu.{sensor}_filter.cutoff_hz", []
-        for cutoff in CUTOFFS_HZ:
-            tried = Setup(log, vehicle, timing).having(key, np.array([cutoff])).vehicle
-            costs.append(unexplained_by(log, tried, timing)[SENSORS.index(sensor)])
-        vehicle = Setup(log, vehicle, timing).having(key, np.array([CUTOFFS_HZ[int(np.argmin(costs))]])).vehicle
+def low_passes(log: Log, vehicle: Vehicle, timing: Timing, cutoffs: Sequence[str], latencies: Sequence[str]) -> Vehicle:
+    """The vehicle with the low-passes of :data:`CUTOFFS_HZ` and :data:`LATENCIES_S` by which commands explain most.
+
+    ``cutoffs`` and ``latencies``: sensors of which each is to be found.
+    """
+    for place, sensor in enumerate(SENSORS):
+        keys = [f"imu.{sensor}_filter.{key}" for key, own in (("cutoff_hz", cutoffs), ("latency_s", latencies)) if sensor in own]
+        grid = [values for values, own in ((CUTOFFS_HZ, cutoffs), (LATENCIES_S, latencies)) if sensor in own]
+        best = (np.inf, vehicle)
+        for values in itertools.product(*grid) if keys else ():
+            tried = Setup(log, vehicle, timing)
+            for key, value in zip(keys, values, strict=True):
+                tried = tried.having(key, np.array([value]))
+            best = min(best, (unexplained_by(log, tried.vehicle, timing)[place], tried.vehicle), key=itemgetter(0))
+        vehicle = best[1]
     return vehicle
 
 

@@ -75,7 +75,7 @@ def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
 def _with_attitude_noise(log: Log, vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
     """With the noise of logged attitudes that measure something, and what to tell where the log alone shows it."""
     # a low-pass that is still to be found makes the gyro later by milliseconds, which is no turn of an attitude
-    sought = {name: None for name in ("gyro_filter", "accel_filter") if (one := getattr(vehicle.imu, name)) and one.cutoff_hz == "auto"}
+    sought = {name: None for name in ("gyro_filter", "accel_filter") if (one := getattr(vehicle.imu, name)) and one.open}
     known = vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=sought)})
     shown = attitudecheck.checked(recorded.undone(log, known), known)
     if shown is None or vehicle.imu.attitude_sigma_rad is not None:

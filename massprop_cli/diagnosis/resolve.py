@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.errors import UntoldError
+from massprop_cli.base.errors import InputError, UntoldError
 from massprop_cli.diagnosis import delay, segment
 from massprop_cli.diagnosis.delay import FoundTiming, Rated
 from massprop_cli.errorparameters.setup import Setup
@@ -26,18 +26,28 @@ from massprop_cli.model.sensitivity import Consider, variant
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
-_NAMES = {"delay": "command delay", "lag": "thrust lag", "gyro_cutoff": "gyro's cutoff", "accel_cutoff": "accelerometer's cutoff"}
+_NAMES = {
+    "delay": "command delay",
+    "lag": "thrust lag",
+    "gyro_cutoff": "gyro's cutoff",
+    "accel_cutoff": "accelerometer's cutoff",
+    "gyro_latency": "gyro's latency",
+    "accel_latency": "accelerometer's latency",
+}
 REMEDIES = {
     "delay": "the delay in cycles (cycle.command_delay_cycles)",
     "lag": "the lag in seconds (thrust.lag_s)",
     "gyro_cutoff": "the gyro's cutoff (imu.gyro_filter.cutoff_hz)",
     "accel_cutoff": "the accelerometer's cutoff (imu.accel_filter.cutoff_hz)",
+    "gyro_latency": "the gyro's latency (imu.gyro_filter.latency_s)",
+    "accel_latency": "the accelerometer's latency (imu.accel_filter.latency_s)",
 }
 PHASE = 0.1
 """Part of a record: one sigma of when an IMU on a clock of its own takes its samples by the commands' clock, unless it is stated."""
 LONGEST = 4800
 """Cycles that delay and lag are looked for in: beyond, they are known to a ten-thousandth of a cycle, and fits hold all cycles at once."""
-SOUGHT = ("delay", "lag", "gyro_cutoff", "accel_cutoff")
+LATENCIES = ("gyro_latency", "accel_latency")
+SOUGHT = ("delay", "lag", "gyro_cutoff", "accel_cutoff", *LATENCIES)
 """Error parameters that a vehicle file may leave to be found."""
 PAIRS = (
     ("delay", "lag"),
@@ -46,6 +56,15 @@ PAIRS = (
     ("gyro_cutoff", "lag"),
     ("accel_cutoff", "lag"),
     ("gyro_cutoff", "accel_cutoff"),
+    ("gyro_latency", "delay"),
+    ("accel_latency", "delay"),
+    ("gyro_latency", "lag"),
+    ("accel_latency", "lag"),
+    ("gyro_latency", "gyro_cutoff"),
+    ("accel_latency", "gyro_cutoff"),
+    ("gyro_latency", "accel_cutoff"),
+    ("accel_latency", "accel_cutoff"),
+    ("gyro_latency", "accel_latency"),
 )
 """Of which a vehicle file may state a correlation: the first in thrust, the others in imu.filter_correlation."""
 ROUGHLY = 0.5
@@ -86,9 +105,12 @@ def with_timing(stated: Vehicle, detected: FoundTiming | None) -> Vehicle:
     low_passes: dict[str, object] = {"filter_correlation": tuple(pairs[1:])}
     for sensor in delay.SENSORS:
         own: LowPass | None = getattr(detected.imu, f"{sensor}_filter")
-        if own is not None and f"{sensor}_cutoff" in found:
-            hertz = BY_NAME[f"{sensor}_cutoff"].scale(used.model_copy(update={"imu": detected.imu}))
-            low_passes[f"{sensor}_filter"] = own.model_copy(update={"cutoff_sigma_hz": hertz * found[f"{sensor}_cutoff"]})
+        if own is None:
+            continue
+        at = used.model_copy(update={"imu": detected.imu})
+        names = {f"{part}_sigma_{unit}": f"{sensor}_{part}" for part, unit in (("cutoff", "hz"), ("latency", "s"))}
+        sigmas = {key: BY_NAME[name].scale(at) * found[name] for key, name in names.items() if name in found}
+        low_passes[f"{sensor}_filter"] = own.model_copy(update=sigmas)
     return used.model_copy(update={"imu": used.imu.model_copy(update=low_passes)})
 
 
@@ -102,8 +124,8 @@ def uncertain_timing(setup: Setup, samples: Stream) -> Consider:
 def _stated_covariance(vehicle: Vehicle, names: Sequence[str]) -> Array:
     """(n, n) of the errors of what is stated to be uncertain, cycles²."""
     sigma, correlation = np.diag([BY_NAME[name].sigma(vehicle) for name in names]), np.eye(len(names))
-    stated = dict(zip(PAIRS, (vehicle.thrust.lag_delay_correlation, *(vehicle.imu.filter_correlation or (0.0,) * 5)), strict=True))
-    for pair, value in stated.items():
+    stated = zip(PAIRS, (vehicle.thrust.lag_delay_correlation, *(vehicle.imu.filter_correlation or ())), strict=False)
+    for pair, value in stated:
         if set(pair) <= set(names):
             both = names.index(pair[0]), names.index(pair[1])
             correlation[both] = correlation[both[::-1]] = value
@@ -122,22 +144,30 @@ def found_timing(log: Log, source: VehicleSource, say: Progress) -> FoundTiming 
     vehicle = source.vehicle
     automatic = {"delay": vehicle.cycle.command_delay_cycles == "auto", "lag": vehicle.thrust.lag_s == "auto"}
     open_ = [sensor for sensor in delay.SENSORS if _open(getattr(vehicle.imu, f"{sensor}_filter"))]
-    automatic |= {f"{sensor}_cutoff": True for sensor in open_}
+    late = [sensor for sensor in delay.SENSORS if (one := getattr(vehicle.imu, f"{sensor}_filter")) and one.latency_s == "auto"]
+    automatic |= {f"{sensor}_cutoff": True for sensor in open_} | {f"{sensor}_latency": True for sensor in late}
     unknown = [name for name, auto in automatic.items() if auto]
     if not unknown:
         return _narrowed(log, vehicle, say)
+    if automatic["delay"] and len(late) == 1 + any(log.axes[3:]):
+        raise InputError(
+            f'{log.path}: cycle.command_delay_cycles and the latency of each sensor are "auto", and the log gives only their sums; state '
+            "one of them"
+        )
     say("finding delay, lag and low-passes", 0.0)
     for sensor in open_:  # whatever it is, to begin with
         vehicle = Setup(log, vehicle, Timing(0.0, 0.0)).having(f"imu.{sensor}_filter.cutoff_hz", np.array([FIRST_HZ])).vehicle
+    for sensor in late:
+        vehicle = Setup(log, vehicle, Timing(0.0, 0.0)).having(f"imu.{sensor}_filter.latency_s", np.zeros(1)).vehicle
     given = stated_timing(vehicle)
     lags = delay.LAGS if automatic["lag"] else (given.lag,)
     latest = Timing(delay.LONGEST, max(lags))
     part, pieces = segment.bounded(log, vehicle, latest, [slice(0, log.cycles)], LONGEST)
-    found, coarse = None, given if unknown == [f"{sensor}_cutoff" for sensor in open_] else None
+    found, coarse = None, None if automatic["delay"] or automatic["lag"] else given
     rated = [] if coarse else delay.search(part, vehicle, lags, delay.DELAYS if automatic["delay"] else (given.delay,), pieces)
     coarse = rated[0].at if rated else coarse
     if coarse is not None:
-        vehicle = delay.cutoffs(part, vehicle, coarse, open_)
+        vehicle = delay.low_passes(part, vehicle, coarse, open_, late)
         found = _beside_stated(log, vehicle, coarse, automatic) or _detected(log, vehicle, coarse, unknown)
     if found is None:
         raise UntoldError(
@@ -211,6 +241,9 @@ def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
         return None
     say("finding delay, lag and low-passes", 0.0)
     found = _detected(log, vehicle, given.timing, unknown)
+    if found is None and set(LATENCIES) & set(unknown):  # latencies of both sensors and the delay together are one shift in time
+        unknown = [name for name in unknown if name not in LATENCIES]
+        found = _detected(log, vehicle, given.timing, unknown) if unknown else None
     if found is None:
         return None
     at = Setup(log, vehicle if found.imu is None else vehicle.model_copy(update={"imu": found.imu}), found.at)
@@ -219,7 +252,7 @@ def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
 
 
 def _stated_sigmas(vehicle: Vehicle) -> dict[str, float]:
-    """By which delay, lag and cutoffs are stated to be uncertain, cycles."""
+    """By which delay, lag, cutoffs and latencies are stated to be uncertain, cycles."""
     return {name: BY_NAME[name].sigma(vehicle) for name in SOUGHT}
 
 

@@ -145,7 +145,7 @@ def _later(sensor: str, setup: Setup, error: Array) -> Setup:
     """Values that are so many cycles later, behind a low-pass that nobody sees where none is stated."""
     imu, name, by = setup.vehicle.imu, f"{sensor}_filter", float(error[0]) * setup.period_s
     low_pass = getattr(imu, name) or LowPass(order=1, cutoff_hz=UNSEEN / setup.period_s)
-    changed = imu.model_copy(update={name: low_pass.model_copy(update={"latency_s": low_pass.latency_s + by})})
+    changed = imu.model_copy(update={name: low_pass.model_copy(update={"latency_s": low_pass.latency + by})})
     return setup._replace(vehicle=setup.vehicle.model_copy(update={"imu": changed}))
 
 

@@ -39,7 +39,9 @@ class LowPass(Section):
     order: Literal[1, 2] = Field(2, description="1: a first-order lag; 2: Butterworth of the second order")
     cutoff_hz: Positive | Literal["auto"] = Field(description='frequency at which it lets 0.707 through; "auto": estimated from the log')
     cutoff_sigma_hz: NonNegative = Field(0.0, description="one sigma of a stated cutoff; goes into every sigma")
-    latency_s: Real = Field(0.0, ge=-1.0, le=1.0, description="by which values are later than their time stamps beyond the low-pass")
+    latency_s: Annotated[Real, Field(ge=-1.0, le=1.0)] | Literal["auto"] = Field(
+        0.0, description='by which values are later than their time stamps beyond the low-pass; "auto": estimated from the log'
+    )
     latency_sigma_s: NonNegative = Field(0.0, description="one sigma of latency_s; goes into every sigma")
 
     @property
@@ -48,6 +50,18 @@ class LowPass(Section):
         if self.cutoff_hz == "auto":
             raise ValueError("the cutoff is not found yet")
         return self.cutoff_hz
+
+    @property
+    def latency(self) -> float:
+        """The latency as a number; ValueError where it is still to be found."""
+        if self.latency_s == "auto":
+            raise ValueError("the latency is not found yet")
+        return self.latency_s
+
+    @property
+    def open(self) -> bool:
+        """Whether cutoff or latency is still to be found."""
+        return "auto" in (self.cutoff_hz, self.latency_s)
 
 
 class Imu(Section):
@@ -92,10 +106,11 @@ class Imu(Section):
     accel_axes: Literal["imu", "start"] = Field(
         "imu", description="axes of the velocity increments: the IMU's own as it turns, or those that it had when each record began"
     )
-    filter_correlation: Annotated[tuple[FiniteFloat, ...], Field(min_length=5, max_length=5)] | None = Field(
+    filter_correlation: Annotated[tuple[FiniteFloat, ...], Field(min_length=5, max_length=14)] | None = Field(
         None,
         description="of the errors of time constants, 1 / (2 pi cutoff): gyro's and accelerometer's with the delay, the same with the lag, "
-        "the two with each other",
+        "the two with each other; then of latencies: gyro's and accelerometer's with the delay, the same with the lag, both with the "
+        "gyro's time constant, both with the accelerometer's, the two with each other",
     )
     gyro_range_rad_s: Positive | None = None
     accel_range_m_s2: Positive | None = None

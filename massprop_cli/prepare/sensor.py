@@ -45,7 +45,7 @@ class SensorKernel(NamedTuple):
     @staticmethod
     def of(instant: bool, low_pass: LowPass | None, lag_s: float = 0.0) -> SensorKernel:
         """With a first-order lag of the thrust before it."""
-        order, latency_s = (0, 0.0) if low_pass is None else (low_pass.order, low_pass.latency_s)
+        order, latency_s = (0, 0.0) if low_pass is None else (low_pass.order, low_pass.latency)
         tau = 0.0 if low_pass is None else 1 / (2 * np.pi * low_pass.cutoff)
         # Butterworth: of the second order the poles are at 45 degrees
         own = {0: [], 1: [tau], 2: [tau * (1 + 1j) / np.sqrt(2), tau * (1 - 1j) / np.sqrt(2)]}[order]

@@ -5,12 +5,16 @@ Over many of them: benchmarks/imus.py.
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
 from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
 from massprop_cli.conclude.analysis import Analysis
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from tests import anyimu
 
@@ -75,6 +79,35 @@ def test_a_cutoff_is_found_with_its_sigma() -> None:
             assert low_pass is not None
             assert 0 < low_pass.cutoff_sigma_hz < 15
             assert abs(low_pass.cutoff - 45.0) < 4.5 * low_pass.cutoff_sigma_hz
+
+
+def with_latency(used: Vehicle, delay: float | Literal["auto"]) -> Vehicle:
+    """The vehicle file with both latencies to be found."""
+    low_passes = {name: getattr(used.imu, name).model_copy(update={"latency_s": "auto"}) for name in ("gyro_filter", "accel_filter")}
+    cycle = used.cycle.model_copy(update={"command_delay_cycles": delay})
+    return used.model_copy(update={"imu": used.imu.model_copy(update=low_passes), "cycle": cycle})
+
+
+def test_latencies_are_estimated_and_not_apart_from_an_unknown_delay() -> None:
+    """Both sensors are 4 ms late beyond their low-pass; a shift of the commands looks the same as one of both sensors."""
+    imu, rng = anyimu.Imu(measures="sample", order=2, cutoff_hz=45.0, latency_s=0.004), np.random.default_rng(7)
+    own = anyimu.bodies(rng, 1)
+    flown = anyimu.fly(rng, own, imu, 0.05, 16.0, 0.1)
+    used = with_latency(anyimu.vehicle_of(own, 0, flown, imu, 0.05, 0.1), 2.0)
+    log = anyimu.log_of(flown, 0, imu, used)
+    answer = flow.examine(log, VehicleSource(used, "any-imu", ""))
+    for low_pass in (answer.vehicle.imu.gyro_filter, answer.vehicle.imu.accel_filter):
+        assert low_pass is not None
+        assert 0 < low_pass.latency_sigma_s < 2e-3
+        assert abs(low_pass.latency - 0.004) < 4 * low_pass.latency_sigma_s
+    told, truth = answer.conclusions[0].estimates, anyimu.truth_of(own, 0)
+    for name, value in zip(QUANTITIES, truth, strict=True):
+        one = told[name]
+        assert one.value is not None
+        assert one.sigma is not None
+        assert abs(one.value - value) < 4 * one.sigma
+    with pytest.raises(InputError, match="only their sums; state one"):
+        flow.examine(log, VehicleSource(with_latency(used, "auto"), "any-imu", ""))
 
 
 @pytest.mark.parametrize(
