@@ -91,7 +91,7 @@ def navigation(pages: Path) -> Nav:
     return [
         {"massprop": "index.md"},
         {"Your own log in 15 minutes": "tutorial.md"},
-        {"In and out": ["log.md", "vehicle.md", "formats.md", "result.md", "reports.md", "pages.md", "exit-codes.md"]},
+        {"Inputs and outputs": ["log.md", "vehicle.md", "formats.md", "result.md", "reports.md", "pages.md", "exit-codes.md"]},
         {"Tests and campaigns": ["plan.md", "simulate.md", "campaigns.md", "predict.md"]},
         {
             "Tables, wheels, on board": [
@@ -100,7 +100,7 @@ def navigation(pages: Path) -> Nav:
             ]
         },
         {
-            "What it says": [
+            "Verdicts and warnings": [
                 "verdicts/index.md",
                 *verdicts,
                 {"Warnings": ["warnings/index.md", *warnings]},
@@ -112,7 +112,7 @@ def navigation(pages: Path) -> Nav:
         {"How it works": ["theory.md", "where.md"]},
         {"How good": ["how-good.md", *GOOD]},
         {"How fast": FAST},
-        {"What it withstands": ["limits.md", "licences.md", {"Security": "security.md"}]},
+        {"Limits and licences": ["limits.md", "licences.md", {"Security": "security.md"}]},
         {"Reference": ["reference/commands.md", *(f"reference/{name}.md" for name in schemas.NAMES), "reference/python.md"]},
         {"Contributing": ["contributing.md", "checks.md"]},
         {"Changes": "changelog.md"},
