@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.check.finding import Finding, finding, rows
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -45,8 +45,17 @@ def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
         if both.mean() > TOGETHER:
             names = f"{vehicle.jets[first].name} and {vehicle.jets[second].name}"
             said = f"jets {names} push against each other in {int(both.sum())} cycles: their errors stay and their thrust cancels"
-            where = rows(np.repeat(both, log.records_per_cycle), place)
+            where = rows(_in_rows(log, both), place)
             found.append(finding("commands", "opposed-jets", "note", said, "allocate the commands so that only one of them fires", where))
+    return found
+
+
+def _in_rows(log: Log, commanded: BoolArray) -> BoolArray:
+    """(n,) of records, what is true of commands."""
+    if log.command_s is None:
+        return np.repeat(commanded, log.records_per_cycle)
+    found = np.zeros(len(log.time_s), dtype=bool)
+    found[np.minimum(np.searchsorted(log.time_s, log.command_s[commanded]), len(found) - 1)] = True
     return found
 
 

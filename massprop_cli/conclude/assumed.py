@@ -92,19 +92,20 @@ def memory(setup: Setup, samples: Stream) -> Iterator[AssumedValue]:
 
 
 def _use(log: Log, vehicle: Vehicle, memory_s: float) -> Array:
-    """(K,) what all jets took before each cycle, forgotten in so many seconds, over the most."""
+    """(M,) what all jets took before each command, forgotten in so many seconds, over the most."""
     taken = log.command @ np.linalg.norm(vehicle.jet_wrench[:, 3:], axis=1)
-    kept, held, found = float(np.exp(-vehicle.cycle.period_s / memory_s)), 0.0, np.empty(len(taken))
+    kept = np.exp(-np.diff(log.command_start_s, prepend=-np.inf) / memory_s).tolist()
+    held, found = 0.0, np.empty(len(taken))
     for k, now in enumerate(taken.tolist()):
-        found[k], held = held, kept * held + now
+        found[k] = held = kept[k] * held
+        held += now
     return found / max(float(found.max()), np.finfo(float).tiny)
 
 
 def _rest(log: Log, vehicle: Vehicle) -> Array:
-    """(K, C) how far each jet has rested before each cycle: 0 where it has just fired, 1 after long."""
-    count = len(log.command)
-    cycle = np.arange(count)[:, None]
-    last = np.maximum.accumulate(np.where(log.command > 0, cycle, -count), axis=0)
-    before = np.vstack([np.full((1, last.shape[1]), -count), last[:-1]])
-    found: Array = -np.expm1(-(cycle - before - 1) * vehicle.cycle.period_s / RESTED_S)
+    """(M, C) how far each jet has rested before each command: 0 where it has just fired, 1 after long."""
+    start_s = log.command_start_s[:, None]
+    last = np.maximum.accumulate(np.where(log.command > 0, start_s, -np.inf), axis=0)
+    before = np.vstack([np.full((1, last.shape[1]), -np.inf), last[:-1]])
+    found: Array = -np.expm1(-np.maximum(start_s - before - vehicle.cycle.period_s, 0.0) / RESTED_S)
     return found

@@ -10,9 +10,10 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.actuators.actuator import MomentumLog
-from massprop_cli.inputs.columns import COMMAND_TIME, WRENCH, jet
+from massprop_cli.inputs.columns import COMMAND_TIME, PULSE_START, WRENCH, jet
 from massprop_cli.inputs.equipment import Cycle
 from massprop_cli.inputs.logtable import LogTable
+from massprop_cli.inputs.pulses import Pulses
 from massprop_cli.inputs.vehicle import Vehicle
 
 CommandKind = Literal["jets", "wrench", "rotors"]
@@ -28,11 +29,13 @@ IDLE = 0.5
 """Part of all on-times that may stand at their least, where that isn't 0."""
 
 
-def commands(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[CommandKind, Array]:
-    """What was commanded: on-times of jets, torque about O and force, or what rotors are told.
+def commands(source: LogTable, vehicle: Vehicle, records: int, n: int, pulsed: Pulses | None = None) -> tuple[CommandKind, Array]:
+    """What was commanded: on-times of jets, ``pulsed`` where the log has pulses, torque about O and force, or what rotors are told.
 
     Nothing, (K, 0), beside momentum alone, and where a vehicle swings freely on a pedestal.
     """
+    if pulsed is not None:
+        return "jets", pulsed.on_s
     path, logged = source.table.path, source.logged
     if vehicle.rotors:
         return "rotors", _rotors(source, vehicle, records, n)
@@ -142,10 +145,11 @@ def momentum(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[
         stored = [one for one in own if one.device is not None]
         said = [one.read(source, records, n) for one in stored]
         summed = next((one.name for one, it in zip(stored, said, strict=True) if it.integrated), None)
-        if summed is not None and source.issued is not None:
+        timed = next((name for name in (COMMAND_TIME, PULSE_START) if source.has(name)), None)
+        if summed is not None and timed is not None:
             raise InputError(
                 f"{source.table.path}: the speed of wheel {summed!r} follows from its torque in each control cycle, and commands have "
-                f"times of their own ({source.name(COMMAND_TIME)}); log its speed instead"
+                f"times of their own ({source.name(timed)}); log its speed instead"
             )
         kind.check_together(source, stored, said)
         found += said

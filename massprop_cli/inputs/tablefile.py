@@ -327,6 +327,10 @@ class Cells:
                 return InputError(f"{self.path}, {self.places.of(row)}, column {self.name}: {said}")
         return InputError(f"{self.path}, column {self.name}: dates that differ in form or are none; write all alike, or as numbers")
 
+    def texts(self) -> list[str | None]:
+        """(rows,) text, None for null; numbers as they are written."""
+        return [None if cell is None else str(cell) for cell in self.read().to_pylist()]
+
     def numbers(self) -> Array:
         """(rows,) float64 with NaN for null. :class:`InputError` names the first cell that is no number."""
         import pyarrow as pa

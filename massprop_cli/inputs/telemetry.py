@@ -18,9 +18,9 @@ from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, BoolArray, frozen, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs import commands, stamps
+from massprop_cli.inputs import commands, pulses, stamps
 from massprop_cli.inputs.actuators.actuator import MomentumLog
-from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_V, GYRO, QUATERNION
+from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_V, GYRO, PULSE_JET, QUATERNION
 from massprop_cli.inputs.formats import agreement
 from massprop_cli.inputs.logtable import GAP, LONG, LogTable
 from massprop_cli.inputs.tablefile import Made, Table
@@ -172,17 +172,17 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     time_s = stamped.time_s
     interval_s, notices = _intervals(source, time_s, stamped.remedy)
     notices += [Notice("clock-rebuilt", f"{source.name('time_s')}: {stamped.message}")] if stamped.message else []
-    command_s = _command_times(source, time_s, stamped.moved_s)
+    pulsed = pulses.commands(source, vehicle, float(time_s[0] - interval_s[0]), float(time_s[-1]))
+    command_s = _command_times(source, time_s, stamped.moved_s) if pulsed is None else pulsed.issued_s
     records, paced = _grouped(source, time_s, interval_s, command_s, vehicle.cycle.period_s)
-    notices += paced
     n = table.rows // records * records
     if command_s is not None and source.issued is not None:
         source.issued = source.issued[source.issued < n]
         command_s = command_s[: len(source.issued)]
     imu = _imu(source, vehicle, interval_s)
     theta, velocity = imu.theta, imu.velocity
-    notices += _emptiness(source, imu.empty)
-    kind, command = commands.commands(source, vehicle, records, n)
+    notices += [*paced, *_emptiness(source, imu.empty)]
+    kind, command = commands.commands(source, vehicle, records, n, pulsed)
     attitude = _attitude(source)
     _check_outliers(source, vehicle, time_s, interval_s)
     notices += saturation(vehicle, theta, velocity, interval_s)
@@ -221,7 +221,7 @@ def _grouped(source: LogTable, time_s: Array, interval_s: Array, command_s: Arra
         notices = _pace(records * interval_s, period_s)
     else:
         records = _group(period_s / median(interval_s), median(interval_s))
-        notices = _pace(np.diff(command_s), period_s)
+        notices = [] if source.has(PULSE_JET) else _pace(np.diff(command_s), period_s)
     if len(time_s) < 2 * records:
         raise InputError(
             f"{source.table.path}: {len(time_s)} rows of {median(interval_s):g} s are not two control cycles of {period_s:g} s; record "

@@ -15,7 +15,7 @@ from massprop_cli.base.configfile import repeated
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands
-from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_V, GYRO, QUATERNION, TIME, WRENCH, jet
+from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_V, GYRO, PULSE_START, QUATERNION, TIME, WRENCH, jet
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.tablefile import Cells, Places, Table
 from massprop_cli.inputs.telemetry import ABSURD, OFF_UNIT
@@ -136,9 +136,10 @@ class StreamReader:
         twice = repeated(self.names)
         if twice is not None:
             raise InputError(f"standard input, line 1: column {twice!r} stands twice; rename one or drop it")
-        if self._has((COMMAND_TIME,)):
+        timed = next((name for name in (COMMAND_TIME, PULSE_START) if self._has((name,))), None)
+        if timed is not None:
             raise InputError(
-                f"standard input, line 1: column {self._own(COMMAND_TIME)!r}: commands with times of their own can't be estimated live; "
+                f"standard input, line 1: column {self._own(timed)!r}: commands with times of their own can't be estimated live; "
                 "write each command in the first record of its control cycle, or record a log for massprop estimate"
             )
         jets, wrench = [jet(each.name) for each in self.vehicle.jets], self._has(WRENCH)
