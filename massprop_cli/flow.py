@@ -21,7 +21,6 @@ from massprop_cli.estimate.crossvalidation import CrossValidation, cross_validat
 from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs import clipped, vehiclefile
-from massprop_cli.inputs.actuators.actuator import called
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.resolved import Resolved
@@ -75,7 +74,6 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         tried = None if filtered[0] is log else _tried(*filtered, assignments, say)
         if tried is not None and _fits(tried):
             return tried
-    told = replace(told, notices=(*_wheels_backwards(told, source, say), *told.notices))
     rests_on = assumptions(told.examination, told.log, told.vehicle, told.settled, told.conclusions)
     return with_pivot(replace(told, assumptions=rests_on, cross_validations=_cross_validations(told)))
 
@@ -119,25 +117,6 @@ def _explained(found: Analysis) -> bool:
 def _without_attitude(log: Log, why: str) -> Log:
     """The gyro carries the attitude from environment.initial_attitude_wxyz on."""
     return replace(log, attitude_wxyz=None, notices=(*log.notices, Notice("attitude-misfit", why)))
-
-
-def _wheels_backwards(told: Analysis, source: VehicleSource, say: Progress) -> list[Notice]:
-    """That wheels turn the other way than is logged: of a log in which they tell nothing, and told backwards do.
-
-    A body that turns with what drives it has no inertia that is positive, so that nothing is ever told of it.
-    """
-    values = [one.value for conclusion in told.conclusions for one in conclusion.estimates.values()]
-    if not told.log.spinning or any(value is not None for value in values):
-        return []
-    backwards = replace(told.log, spinning=tuple(one.backwards() for one in told.log.spinning))
-    try:
-        again = estimated(backwards, source, told.assignments, say, check=False)
-    except (InputError, np.linalg.LinAlgError):
-        return []
-    if not any(one.verdict == "converged" for conclusion in again.conclusions for one in conclusion.estimates.values()):
-        return []
-    what = f"the log tells no inertia as its {called(told.vehicle.spinning)} are logged, and does with all of them the other way round"
-    return [Notice("command-sign", f"{what}: mend the sign of their columns, or their axis")]
 
 
 def _by_likeliest(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, error: UntoldError) -> Analysis:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.design import RAMPS, SUPPLY
-from massprop_cli.diagnosis.hypothesis import Hypothesis
+from massprop_cli.diagnosis.hypothesis import STRAIGHT, Hypothesis
 from massprop_cli.errorparameters.sensor import DEGREE, GRAVITY, WORDS
 from massprop_cli.errorparameters.table import BY_NAME, PRIORS
 from massprop_cli.prepare.actuators import NOWHERE, lines_of
@@ -151,42 +152,57 @@ def _tilts(model: Model) -> Iterator[Hypothesis]:
     yield from (_free(model, f"{sensor}_turn", subject=(word,)) for sensor, word in WORDS.items())
 
 
-def units(model: Model, record_s: float, increments: bool) -> list[Hypothesis]:
+class OtherUnit(NamedTuple):
+    """What the columns of the IMU may hold instead of what their names say."""
+
+    code: str
+    words: str
+    gyro: Array
+    """(3,) what each axis shows of what is, IMU axes."""
+    accelerometer: Array
+    rare: float = 0.0
+    """−2 log of its odds against others of its kind."""
+
+
+def other_units(record_s: float, increments: bool) -> list[OtherUnit]:
     """Other units of a sensor, of some of its axes or of all; increments for rates, or the other way, over records of ``record_s``."""
     # of numbers that stand for rates in columns of increments they show as much more as a record is short, and the other way round
     kind, held = (1 / record_s, "hold rates, not increments") if increments else (record_s, "hold increments, not rates")
-    none = np.zeros((len(model.stated), 0))
-    some = [axes for count in (1, 2, 3) for axes in itertools.combinations(AXES, count)]
-
-    def of(sensor: str, axes: Sequence[str], words: str) -> tuple[str]:
-        which = "" if len(axes) == len(AXES) else f" of {' and '.join(axes)}"
-        return (f"{sensor} columns{which} {words}",)
-
-    def turned(axes: Sequence[str], factor: float) -> Array:
-        shows: Array = model.mounting @ np.diag([factor if axis in axes else 1.0 for axis in AXES]) @ model.mounting.T
-        return shows
-
-    gyro = [Hypothesis("gyro-units", of("gyro", axes, "are in degrees, not radians"), none, gyro=turned(axes, 1 / DEGREE)) for axes in some]
-    gyro.append(Hypothesis("gyro-units", of("gyro", AXES, "were turned into radians twice"), none, gyro=turned(AXES, DEGREE)))
-    accel = [
-        Hypothesis("accel-units", of("accelerometer", axes, "are in g"), none, accelerometer=turned(axes, 1 / GRAVITY)) for axes in some
-    ]
-    kinds = [
-        Hypothesis(
-            "column-kind", (f"{which} columns {held}{more}",), none, gyro=g * np.eye(3), accelerometer=a * np.eye(3), rare=TWO * bool(more)
-        )
+    every, gyro, accelerometer = np.ones(3), "gyro columns", "accelerometer columns"
+    found = []
+    for axes in (axes for count in (1, 2, 3) for axes in itertools.combinations(range(3), count)):
+        own = np.isin(np.arange(3), axes)
+        rare, of = TWO * (not own.all()), "" if own.all() else f" of {' and '.join(AXES[i] for i in axes)}"
+        found.append(OtherUnit("gyro-units", f"{gyro}{of} are in degrees, not radians", np.where(own, 1 / DEGREE, 1.0), every, rare))
+        found.append(OtherUnit("accel-units", f"{accelerometer}{of} are in g", every, np.where(own, 1 / GRAVITY, 1.0), rare))
+    found.append(OtherUnit("gyro-units", f"{gyro} were turned into radians twice", DEGREE * every, every))
+    return found + [
+        OtherUnit("column-kind", f"{which} {held}{more}", g * every, a * every, TWO * bool(more))
         for which, more, g, a in (
-            ("gyro and accelerometer", "", kind, kind),
-            ("gyro and accelerometer", ", the gyro's in degrees", kind / DEGREE, kind),
-            ("gyro and accelerometer", ", the accelerometer's in g", kind, kind / GRAVITY),
-            ("gyro and accelerometer", ", in degrees and in g", kind / DEGREE, kind / GRAVITY),
-            ("gyro", "", kind, 1.0),
-            ("gyro", ", in degrees", kind / DEGREE, 1.0),
-            ("accelerometer", "", 1.0, kind),
-            ("accelerometer", ", in g", 1.0, kind / GRAVITY),
+            ("gyro and accelerometer columns", "", kind, kind),
+            ("gyro and accelerometer columns", ", the gyro's in degrees", kind / DEGREE, kind),
+            ("gyro and accelerometer columns", ", the accelerometer's in g", kind, kind / GRAVITY),
+            ("gyro and accelerometer columns", ", in degrees and in g", kind / DEGREE, kind / GRAVITY),
+            (gyro, "", kind, 1.0),
+            (gyro, ", in degrees", kind / DEGREE, 1.0),
+            (accelerometer, "", 1.0, kind),
+            (accelerometer, ", in g", 1.0, kind / GRAVITY),
         )
     ]
-    return [*gyro, *accel, *kinds]
+
+
+def units(model: Model, record_s: float, increments: bool) -> list[Hypothesis]:
+    """The same as hypotheses."""
+    none = np.zeros((len(model.stated), 0))
+
+    def shown(factors: Array) -> Array:
+        turn: Array = model.mounting @ np.diag(factors) @ model.mounting.T
+        return STRAIGHT if (factors == 1).all() else turn
+
+    return [
+        Hypothesis(one.code, (one.words,), none, gyro=shown(one.gyro), accelerometer=shown(one.accelerometer), rare=one.rare)
+        for one in other_units(record_s, increments)
+    ]
 
 
 def mountings(model: Model) -> list[Hypothesis]:

@@ -104,6 +104,11 @@ def as_stated(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Ve
     return AsStated(used, fits, excess, gross, notices, settled)
 
 
+def roughly(samples: Source, phases: Sequence[tuple[Phase, slice]], used: Resolved) -> list[offline.Settled | None]:
+    """Off-line fits of few passes, which tell whether it is worth while to lead them on."""
+    return _fits(samples, phases, _first(samples, phases, used, Consider()), used, Consider(), SIZING)
+
+
 def _further(
     samples: Source, phases: Sequence[tuple[Phase, slice]], fits: Sequence[offline.Settled | None], used: Resolved, consider: Consider
 ) -> tuple[list[offline.Settled | None], Array]:

@@ -210,8 +210,8 @@ class MomentumLog(Protocol):
     def part(self, rows: slice) -> Self:
         """Of some records; ValueError where it is integrated."""
 
-    def backwards(self) -> Self:
-        """With the other sign."""
+    def times(self, factor: float) -> Self:
+        """With so many times what was logged, as in another unit or with the other sign."""
 
 
 def called(devices: Sequence[MomentumDevice]) -> str:

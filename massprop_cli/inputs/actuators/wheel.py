@@ -249,12 +249,12 @@ class WheelLog:
         before = float(self.speed_rad_s[rows.start - 1]) if rows.start else self.start_rad_s
         return replace(self, speed_rad_s=self.speed_rad_s[rows], start_rad_s=before)
 
-    def backwards(self) -> Self:
-        """Of a wheel that turns the other way."""
+    def times(self, factor: float) -> Self:
+        """With so many times what was logged, as in another unit or with the other sign."""
         speed, torque, start = self.speed_rad_s, self.torque_n_m, self.start_rad_s
         return replace(
             self,
-            speed_rad_s=None if speed is None else -speed,
-            torque_n_m=None if torque is None else -torque,
-            start_rad_s=None if start is None else -start,
+            speed_rad_s=None if speed is None else factor * speed,
+            torque_n_m=None if torque is None else factor * torque,
+            start_rad_s=None if start is None else factor * start,
         )

@@ -1,0 +1,245 @@
+"""Other ways to read a log's columns, each tested by an off-line fit of its own.
+
+Hypotheses (:mod:`massprop_cli.diagnosis.hypotheses`) are tested on one reduction of the log, which wheels, gyros and rotors have not. Of
+these each of a few readings is fitted as the log is estimated: the IMU in other units, wheels with another sign or unit, rotors that have
+one another's columns. A reading is named where the log fits under it alone.
+
+Which rotor a column is, its own answer tells. With growth b of the rate and a of the specific force per newton, of regressions on all
+columns, the rotor of wrench (τ, F) about O has, with inertia I, CG c, mass m and an IMU at p,
+
+    I b + c × F = τ,        a − b × p = F / m − b × c,
+
+which is linear in I, c and 1/m: of all orders of the rotors those are fitted that leave least.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.base.rigidbody import cross
+from massprop_cli.diagnosis import segment
+from massprop_cli.diagnosis.corrections import Actuators, Correction
+from massprop_cli.diagnosis.diagnose import EVEN, Diagnosis, Explanation
+from massprop_cli.diagnosis.hypotheses import other_units
+from massprop_cli.diagnosis.screening import CLEAR
+from massprop_cli.diagnosis.wording import IN_MAP, IN_VEHICLE_FILE
+from massprop_cli.estimate import phases
+from massprop_cli.inputs.actuators.wheel import Wheel
+from massprop_cli.inputs.columns import DELTA_THETA
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Phase
+from massprop_cli.model.resolved import Resolved
+from massprop_cli.model.sensitivity import Consider
+from massprop_cli.prepare.actuators import channel_wrench
+from massprop_cli.prepare.align import impulses
+from massprop_cli.prepare.stream import Stream
+from massprop_cli.prepare.timing import Timing
+
+FITS, CHANCE = 1.5, 6.0
+"""Mean square of normalised innovations up to which a channel fits, and sigmas of chance more."""
+FINALISTS = 3
+"""How many are fitted until they stand."""
+LONGEST = 400
+"""Cycles that readings are fitted to."""
+ORDERS, EVERY = 4, 7
+"""Orders of rotors that are fitted; rotors up to which every order is compared, of more only two or three that are exchanged."""
+SPEEDS = ((np.pi / 30, "rpm"), (np.pi / 180, "degrees per second"), (2 * np.pi, "revolutions per second"))
+TINY, SAME = 1e-300, 1e-9
+"""Below which a number is none; part of the largest singular value below which columns are the same."""
+
+
+class Reading(NamedTuple):
+    """How a log may have to be read."""
+
+    code: str
+    words: str
+    """Go on "the log fits if …"."""
+    correction: Correction
+    rare: float = 0.0
+    """−2 log of its odds against others."""
+
+
+def reread(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[tuple[Phase, slice]]) -> Diagnosis | None:
+    """The reading with which the log fits, beside those that are nearly as likely; None where it fits with none."""
+    phase, whole = max(pieces, key=lambda one: one[1].stop - one[1].start)
+    part, cycles = segment.busiest(log, vehicle, timing, whole, LONGEST)
+    some, case = _Case(part, vehicle, timing, (phase, cycles)), _Case(log, vehicle, timing, (phase, whole))
+    stated = some.look(Correction(), roughly=True).cost
+    each = [(some.look(one.correction, roughly=True).cost + one.rare, i, one) for i, one in enumerate(_readings(case))]
+    likely: list[tuple[float, int, Reading]] = []
+    for cost, i, reading in sorted(each)[:FINALISTS]:
+        look = case.look(reading.correction) if cost < stated - CLEAR else NOTHING
+        likely += [(look.cost + reading.rare, i, reading)] if look.fits else []
+    near = [reading for cost, _, reading in sorted(likely) if cost < min(likely)[0] + EVEN]
+    if not near:
+        return None
+    message = f"the log fits if {', or else '.join(one.words for one in near)}"
+    return Diagnosis((Explanation(near[0].code, message, near[0].correction, rivals=tuple(one.correction for one in near[1:])),))
+
+
+class _Look(NamedTuple):
+    cost: float
+    """−2 log likelihood of free noise levels, of what was measured."""
+    fits: bool
+
+
+NOTHING = _Look(np.inf, False)
+
+
+class _Case(NamedTuple):
+    log: Log
+    vehicle: Resolved
+    timing: Timing
+    phase: tuple[Phase, slice]
+
+    def look(self, correction: Correction, roughly: bool = False) -> _Look:
+        """What a fit leaves of the log as it is read then."""
+        try:
+            with np.errstate(all="ignore"):  # of a reading that is far off numbers run away
+                samples = Stream.of(correction.log(self.log), self.vehicle, self.timing)
+                few = phases.roughly(samples, [self.phase], self.vehicle) if roughly else None
+                (fit,) = few or phases.as_stated(samples, [self.phase], self.vehicle, Consider()).fits
+        except (InputError, np.linalg.LinAlgError):
+            return NOTHING
+        left = None if fit is None else fit.history.moments()
+        if fit is None or left is None or not left.count:
+            return NOTHING
+        variance = left.variance[~fit.history.unread]
+        # as densely as what was measured lies
+        sizes = [float(np.abs(np.linalg.det(np.array(one)))) for one in (correction.gyro, correction.accelerometer) if one]
+        cost = float((left.count * np.log(variance + TINY)).sum()) - 2 * left.count * float(np.log(sizes).sum())
+        return _Look(cost, bool((variance < FITS + CHANCE * np.sqrt(2 / left.count)).all()))
+
+
+def _readings(case: _Case) -> Iterator[Reading]:
+    log, vehicle, timing, (_, cycles) = case
+    yield from _other_units(log)
+    yield from _other_speeds(log, vehicle)
+    if log.command_kind == "rotors":
+        yield from _other_orders(log, vehicle, timing, cycles)
+
+
+def _other_units(log: Log) -> Iterator[Reading]:
+    where = IN_VEHICLE_FILE if log.made is None else IN_MAP
+    record_s = float(log.interval_s.mean())
+    for unit in other_units(record_s, log.rate_columns == DELTA_THETA):
+        factors = [tuple(map(tuple, np.diag(1 / own).tolist())) if (own != 1).any() else () for own in (unit.gyro, unit.accelerometer)]
+        by = " and ".join(dict.fromkeys(f"{1 / one:.6g}" for one in (*unit.gyro, *unit.accelerometer) if one != 1))
+        words = f"its {unit.words}; mend the log, or scale its columns {where} ({by})"
+        yield Reading(unit.code, words, Correction(gyro=factors[0], accelerometer=factors[1]), unit.rare)
+
+
+def _other_speeds(log: Log, vehicle: Resolved) -> Iterator[Reading]:
+    """Wheels with the other sign, one or all, or all in another unit."""
+    devices = vehicle.spinning
+    if not devices or not all(isinstance(one, Wheel) for one in devices):
+        return
+    names = tuple(next(c for c in one.COLUMNS if c.key == one.column).of(one.name) for one in vehicle.wheels)
+    where, signs = IN_VEHICLE_FILE if log.made is None else IN_MAP, np.ones(len(names))
+    mend = "reverse the sign of its column, or its axis"
+    for i, device in enumerate(devices):
+        correction = Correction(actuators=Actuators(names, tuple(np.where(np.arange(len(names)) == i, -1.0, signs).tolist())))
+        yield Reading("command-sign", f"wheel {device.name} turns opposite to its log; {mend}", correction)
+    yield Reading(
+        "command-sign",
+        "all wheels turn opposite to their log; reverse the sign of their columns, or their axes",
+        Correction(actuators=Actuators(names, tuple((-signs).tolist()))),
+    )
+    if all(one.column == "speed" for one in vehicle.wheels):
+        for factor, unit in SPEEDS:
+            words = f"speeds of wheels are in {unit}, not rad/s; scale their columns {where} ({factor:.6g})"
+            yield Reading("column-kind", words, Correction(actuators=Actuators(names, tuple((factor * signs).tolist()))))
+
+
+def _other_orders(log: Log, vehicle: Resolved, timing: Timing, cycles: slice) -> Iterator[Reading]:
+    """Orders of the rotors in which their columns' own answers leave least."""
+    names = tuple(next(c for c in one.COLUMNS if c.key == one.column).of(one.name) for one in vehicle.rotors)
+    answers = _answers(log, vehicle, timing, cycles)
+    if answers is None:
+        return
+    wrench = channel_wrench(log, vehicle)[: len(names)]
+    orders = _orders(len(names))
+    costs = _left(*answers, np.array(vehicle.imu.position_m), wrench, orders)
+    for at in np.argsort(costs, kind="stable")[: ORDERS + 1]:
+        does = orders[at].tolist()  # column i is that of rotor does[i]
+        moved = [i for i, own in enumerate(does) if own != i]
+        if not moved:
+            continue
+        order = tuple(int(does.index(i)) for i in range(len(does)))
+        said = "; ".join(f"column {names[i]} belongs to rotor {vehicle.rotors[does[i]].name}" for i in moved)
+        yield Reading("jets-swapped", f"{said}; swap wires, columns or entries", Correction(actuators=Actuators(names, order=order)))
+
+
+def _orders(count: int) -> Array:
+    """(n, count) which rotor each column is."""
+    if count <= EVERY:
+        return np.array(list(itertools.permutations(range(count))))
+    found = {tuple(range(count))}
+    for some in (*itertools.combinations(range(count), 2), *itertools.permutations(range(count), 3)):
+        order = list(range(count))
+        for i, j in zip(some, (*some[1:], some[0]), strict=True):
+            order[i] = j
+        found.add(tuple(order))
+    return np.array(sorted(found))
+
+
+def _answers(log: Log, vehicle: Resolved, timing: Timing, cycles: slice) -> tuple[Array, Array] | None:
+    """(C, 6) of each column: growth of the rate, rad/s² per newton, and specific force at the IMU, m/s² per newton; and their sigmas."""
+    try:
+        made = impulses(log, vehicle, timing.delay, timing.lag_s(vehicle))
+        samples = timing.of(log, vehicle, made)
+    except InputError:
+        return None
+    rate, force = samples.rate_rad_s[cycles], samples.specific_force_m_s2[cycles]
+    products = rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]]
+    rising, falling, whole = (part[cycles] for part in (made.rising, made.falling, made.whole))
+    both = []
+    for moved, by, more in (
+        (np.diff(rate, axis=0), rising[:-1] + falling[1:], (products[1:] + products[:-1]) / 2),
+        (force, whole, products),
+    ):
+        causes = np.hstack([by, more, np.ones((len(by), 1))])
+        size = np.maximum(np.sqrt((causes**2).sum(0)), TINY)
+        inverse = np.linalg.pinv(causes / size, rcond=SAME)
+        solved = inverse @ moved
+        spread = np.sqrt(((moved - causes / size @ solved) ** 2).mean(0)) * np.sqrt((inverse**2).sum(1))[:, None]
+        count = by.shape[1]
+        both.append(((solved / size[:, None])[:count], (spread / size[:, None])[:count]))
+    # a mean over a cycle goes with an impulse over its length
+    (grown, grown_sigma), (felt, felt_sigma) = both[0], (vehicle.cycle.period_s * part for part in both[1])
+    sigmas = np.maximum(np.hstack([grown_sigma, felt_sigma]), TINY)
+    return np.hstack([grown, felt]), np.where((np.ptp(whole, axis=0) > 0)[:, None], sigmas, np.inf)
+
+
+def _left(answers: Array, sigmas: Array, place: Array, wrench: Array, orders: Array) -> Array:
+    """(n,) what of the columns' answers a body leaves that each order of the rotors goes with."""
+    torque, force = wrench[:, :3][orders], wrench[:, 3:][orders]
+    grown, felt = answers[:, :3], answers[:, 3:]
+    count = len(orders)
+    design: Array = np.zeros((count, len(answers), 6, 10))
+    wanted: Array = np.zeros((count, len(answers), 6))
+    unit = np.eye(3)
+    for column, (i, j) in enumerate(zip(*np.triu_indices(3), strict=True)):
+        design[:, :, i, column] += grown[:, j]
+        if i != j:
+            design[:, :, j, column] += grown[:, i]
+    for axis in range(3):
+        design[:, :, :3, 6 + axis] = cross(np.broadcast_to(unit[axis], force.shape), force)
+        design[:, :, 3:, 6 + axis] = -cross(grown, np.broadcast_to(unit[axis], grown.shape))
+    design[:, :, 3:, 9] = force
+    wanted[:, :, :3] = torque
+    wanted[:, :, 3:] = felt - cross(grown, np.broadcast_to(place, grown.shape))
+    # sigmas of torques by the size that inertia has
+    size = np.linalg.norm(wrench[:, :3]) / max(float(np.linalg.norm(grown)), TINY)
+    weight = 1 / np.hstack([sigmas[:, :3] * size, sigmas[:, 3:]])
+    weighed, aim = (design * weight[None, :, :, None]).reshape(count, -1, 10), (wanted * weight).reshape(count, -1)
+    weighed = weighed / np.maximum(np.sqrt((weighed**2).sum(1, keepdims=True)), TINY)
+    solved = np.linalg.pinv(weighed) @ aim[..., None]
+    found: Array = ((aim - (weighed @ solved)[..., 0]) ** 2).sum(1)
+    return found

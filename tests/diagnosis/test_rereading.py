@@ -1,0 +1,70 @@
+"""Columns of wheels and rotors that are read otherwise: which rotor a column is, and which way a wheel turns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from massprop_cli import flow
+from massprop_cli.diagnosis import rereading
+from massprop_cli.diagnosis.resolve import stated_timing
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.model.resolved import Resolved
+from massprop_cli.prepare.actuators import channel_wrench
+from tests import anypedestal, anyrotors
+
+
+def logged(seed: int, cycles: int) -> tuple[Log, Resolved]:
+    """A multicopter's log, and its vehicle."""
+    rng = np.random.default_rng(seed)
+    own = anyrotors.multicopters(rng, 1)
+    flown = anyrotors.fly(rng, own, 0.02, cycles)
+    vehicle = Resolved.stated(anyrotors.vehicle_of(own, 0, flown))
+    assert vehicle is not None
+    return anypedestal.log_of(rng, own, 0, flown, vehicle), vehicle
+
+
+def test_a_rotors_own_answer_tells_which_column_is_its() -> None:
+    """Of 720 orders the right one leaves least by far, whatever the body is."""
+    log, vehicle = logged(1, 300)
+    wired = [3, 0, 2, 1, 5, 4]  # column i is what rotor wired[i] does
+    log = replace(log, command=log.command[:, wired])
+    answers = rereading._answers(log, vehicle, stated_timing(vehicle), slice(20, 290))
+    assert answers is not None
+    orders = rereading._orders(6)
+    left = rereading._left(*answers, np.array(vehicle.imu.position_m), channel_wrench(log, vehicle), orders)
+    first, second = np.sort(left)[:2]
+    assert orders[int(np.argmin(left))].tolist() == wired
+    assert second > 20 * first
+    assert orders[int(np.argmin(left))].tolist() != list(range(6))
+
+
+@pytest.mark.thorough
+def test_rotors_that_are_permuted_are_named() -> None:
+    log, vehicle = logged(3, 600)
+    wired = [1, 0, 2, 3, 4, 5]
+    with np.errstate(all="ignore"):
+        found = flow.examine(replace(log, command=log.command[:, wired]), VehicleSource(vehicle, "", ""))
+    assert "jets-swapped" in [notice.code for notice in found.notices]
+    assert found.mended[0].settings[:2] == (
+        'columns.rotor_r0_command={ from = "rotor_r1_command", scale = 1 }',
+        'columns.rotor_r1_command={ from = "rotor_r0_command", scale = 1 }',
+    )
+
+
+@pytest.mark.thorough
+def test_a_wheel_that_is_logged_backwards_is_named() -> None:
+    rng = np.random.default_rng(5)
+    own = anypedestal.tables(rng, 1)
+    flown = anypedestal.fly(rng, own, "wheels", 0.1, 60.0)
+    vehicle = anypedestal.vehicle_of(own, 0, flown)
+    log = anypedestal.log_of(rng, own, 0, flown, vehicle)
+    spinning = tuple(one.times(-1.0 if i == 2 else 1.0) for i, one in enumerate(log.spinning))
+    with np.errstate(all="ignore"):
+        found = flow.examine(replace(log, spinning=spinning), VehicleSource(vehicle, "", ""))
+    (named,) = (notice for notice in found.notices if notice.code == "command-sign")
+    assert "wheel w2 turns opposite to its log" in named.message
+    assert found.mended[0].settings == ('columns.wheel_w2_rad_s={ from = "wheel_w2_rad_s", scale = -1 }',)
