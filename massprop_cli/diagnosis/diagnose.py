@@ -25,7 +25,7 @@ from massprop_cli.diagnosis.episode import episodes
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.phaseboundary import border
 from massprop_cli.diagnosis.ranking import CLEAR
-from massprop_cli.diagnosis.recordings import by_noise, otherwise, seen
+from massprop_cli.diagnosis.recordings import by_noise, otherwise, seen, sparse
 from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, helped, hopeless, refined, tried
 from massprop_cli.diagnosis.screening import Screening, about_its_body, beside_a_torque, busiest, screened
 from massprop_cli.diagnosis.search import codes, same, searched
@@ -115,7 +115,10 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     if shown is not None:
         return Diagnosis((Explanation(shown.code, shown.message, None),))
     screening = about_its_body(screening)
-    alone, wandering = _alone(screening), beside_a_torque(screening)
+    alone, rarely = _alone(screening), sparse(screening.case)
+    if rarely and not any(map(_whole, alone)):
+        return Diagnosis(unknown=rarely)
+    wandering = beside_a_torque(screening)
     found = _instead(screening, alone, wandering) or _chosen(screening, alone)
     found = found if any(map(_whole, alone)) else _for_a_time(screening, screenings, found)
     # a torque that wanders may explain it too, or with what goes with it

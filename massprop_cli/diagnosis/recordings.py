@@ -17,7 +17,7 @@ from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Case
-from massprop_cli.diagnosis.delay import unexplained_by
+from massprop_cli.diagnosis.delay import ALIKE, unexplained_by
 from massprop_cli.diagnosis.hypotheses import along
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.ranking import CLEAR
@@ -25,7 +25,7 @@ from massprop_cli.diagnosis.refit import Refit, tried
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.inputs.columns import WRENCH
-from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.prepare.actuators import LATE
 
 States = dict[str, object]
@@ -35,6 +35,12 @@ PARTS = np.linspace(1.0, 0.25, 16)
 FINEST, NEAR, FLAT = 1e-5, 0.01, 1e3
 """Step at which the search for them ends, and behind the curvature of what they leave; the least curvature that tells a sigma: of 4 %."""
 
+RARELY, MOSTLY, LEAST = range(2, 41), 0.98, 12
+"""Cycles after which commands may change, part of the changes that come so, and how many there must be."""
+UNEQUAL, NEXT_TO = 30.0, 0.75
+"""−2 log likelihood ratio, per cycle of the n, by which residual variances differ; and the least of them over their mean. The latter is
+0.77 or more of slow controllers with another fault, and 0.68 or less where commands are missing."""
+TINY = 1e-300
 ANOTHER = 0.25
 """Cycles by which a delay that is found with something else is another one."""
 NORMALISED = 1e-6
@@ -63,6 +69,69 @@ def seen(case: Case) -> Notice | None:
         return None
     words = f'the accelerometer feels {felt:.4g} m/s^2 (median), as on the ground, and environment.kind is "free"'
     return Notice("gravity-felt", f'{words}; state "air_bearing", "pedestal" or "planar"')
+
+
+def sparse(case: Case) -> str:
+    """A sentence that commands were logged more rarely than given; empty where that is not so.
+
+    Commands that change in every n-th cycle alone may be those of a slow controller. So the motion is regressed on the logged wrench, the
+    one before and the one behind it, for each cycle of the n separately. If all commands are logged, the residual variance is the same in
+    each of the n, whatever else is wrong. If not, it is least next to a logged command.
+    """
+    given = _each_cycle(case.log)
+    every, first = (1, 0) if given is None else _rhythm(given)
+    if given is None or every == 1:
+        return ""
+    variance, count = _left_between(case, given, every, first)
+    if not len(variance):
+        return ""
+    mean = (count * variance).sum(0) / count.sum()
+    unequal = float((count * np.log(mean / variance)).sum())
+    if unequal < UNEQUAL * every or (variance / mean).mean(1).min() > NEXT_TO:
+        return ""
+    return (
+        f"log and vehicle file don't fit, cause unknown: logged commands change only in every {every}. control cycle, and the motion in "
+        "between does not follow them. Probably not every command was logged. Log every command with its time (command_time_s)"
+    )
+
+
+def _each_cycle(log: Log) -> Array | None:
+    """(K, C) the command that stands in each control cycle; None where the log begins before them."""
+    if log.command_s is None:
+        return log.command
+    rows = np.searchsorted(log.command_s, log.time_s[:: log.records_per_cycle][: log.cycles], "right") - 1
+    found: Array = log.command[rows]
+    return None if rows[0] < 0 else found
+
+
+def _rhythm(given: Array) -> tuple[int, int]:
+    """After how many cycles commands change, and in which first; 1 where they do in any."""
+    rows = np.flatnonzero((np.diff(given, axis=0) != 0).any(1)) + 1
+    if len(rows) < LEAST:
+        return 1, 0
+    return max(((n, at) for n in RARELY for at in range(n) if np.mean(rows % n == at) > MOSTLY), default=(1, 0))
+
+
+def _left_between(case: Case, given: Array, every: int, first: int) -> tuple[Array, Array]:
+    """(n, 6) residual variance of rates and specific force in each of the n cycles, and (n, 1) degrees of freedom; empty of a short log."""
+    samples, none = case.timing.of(case.log, case.vehicle), np.zeros((0, 1))
+    wrench = given @ samples.executed.channels.wrench[: given.shape[1]]
+    wrench = wrench[:, np.ptp(wrench, axis=0) > 0]
+    rate = samples.rate_rad_s
+    load = [rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]], samples.up_b[:-1], np.ones((len(rate), 1))]
+    causes = np.hstack([np.roll(wrench, every, 0), wrench, np.roll(wrench, -every, 0), *load])
+    causes = causes / np.maximum(np.sqrt((causes**2).mean(0)), TINY)
+    moved = np.hstack([np.diff(rate, axis=0, prepend=rate[:1]), samples.specific_force_m_s2])
+    inner = np.arange(2 * every, len(rate) - 2 * every)
+    left, counts = [], []
+    for cycle in range(every):
+        own = inner[(inner - first) % every == cycle]
+        if len(own) - causes.shape[1] < LEAST:
+            return none, none
+        rest = moved[own] - causes[own] @ np.linalg.lstsq(causes[own], moved[own], rcond=ALIKE)[0]
+        counts.append(len(own) - causes.shape[1])
+        left.append((rest**2).sum(0) / counts[-1] + TINY)
+    return np.array(left), np.array(counts)[:, None]
 
 
 def otherwise(screening: Screening) -> list[Refit]:

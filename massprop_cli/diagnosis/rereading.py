@@ -27,7 +27,7 @@ from massprop_cli.diagnosis import segment
 from massprop_cli.diagnosis.corrections import Actuators, Correction
 from massprop_cli.diagnosis.diagnose import EVEN, Diagnosis, Explanation
 from massprop_cli.diagnosis.hypotheses import other_units
-from massprop_cli.diagnosis.screening import CLEAR
+from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.wording import IN_MAP, IN_VEHICLE_FILE
 from massprop_cli.estimate import phases
 from massprop_cli.inputs.actuators.wheel import Wheel

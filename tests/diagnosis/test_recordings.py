@@ -11,9 +11,13 @@ import pytest
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import rotation
+from massprop_cli.diagnosis import recordings
+from massprop_cli.diagnosis.corrections import Case
+from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.testbed.simulate import SimulatedFlight
 from tests import faulty
 from tests.flown import PLAN, fly
@@ -134,3 +138,28 @@ def test_a_log_made_on_a_bearing_is_not_one_of_free_flight() -> None:
     found = faulty.examined(log, faulty.stated(used, 'environment.kind="free"'))
     assert found.notices[0].code == "gravity-felt"
     assert {one.verdict for one in found.conclusions[0].estimates.values()} <= {"contradicted", "unobservable", "not_excited"}
+
+
+def test_commands_that_were_logged_more_rarely_than_given_leave_least_next_to_one() -> None:
+    """And so do no others: commands of whatever strength, late or early, that are held as the logged ones are."""
+    flown = flight()
+    used, log = Resolved.stated(flown.vehicle), flown.log(0)
+    assert used is not None
+    logged = replace(log, command=log.command[np.arange(len(log.command)) // 5 * 5])
+    said = recordings.sparse(Case(logged, used, stated_timing(used)))
+    assert "every 5. control cycle" in said
+    assert "command_time_s" in said
+    assert recordings.sparse(Case(log, used, stated_timing(used))) == ""
+    # a slow controller's: the motion follows what is held
+    held, mass = logged.command, 20.0
+    turned = np.cumsum(held[:, :3], 0) * used.cycle.period_s
+    rate = (turned + np.vstack([np.zeros((1, 3)), turned[:-1]])) / 2
+    rng = np.random.default_rng(1)
+    slow = replace(
+        logged,
+        delta_theta_imu_rad=used.cycle.period_s * (rate + 1e-4 * rng.normal(size=rate.shape)),
+        delta_v_imu_m_s=used.cycle.period_s * (held[:, 3:] / mass + 1e-3 * rng.normal(size=rate.shape)),
+    )
+    for late in (0, 1, 3):
+        shifted = replace(slow, command=np.roll(3.0 * held, -late, axis=0))
+        assert recordings.sparse(Case(shifted, used, stated_timing(used))) == ""
