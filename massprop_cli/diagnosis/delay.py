@@ -144,9 +144,8 @@ def detect(
         steps = covariance @ (information @ found.steps - sharp * (found.steps + at - first))
         # two that look alike go to and fro
         steps = steps / 2 if len(unknown) > 1 and steps @ last < 0 else steps
-        most = np.array(
-            [LEAP * 1.0 if name in AT_ANY_TIME else max(1.0, own) if name == "lag" else own for name, own in zip(unknown, at, strict=True)]
-        )
+        sizes = [1.0 if name in AT_ANY_TIME else max(1.0, own) if name == "lag" else own for name, own in zip(unknown, at, strict=True)]
+        most = LEAP * np.array(sizes)
         last = np.clip(steps, -most, most)
         now = shifted(now, unknown, last)
         moved = np.abs([cycles_of(now, name) - own for name, own in zip(unknown, at, strict=True)])
