@@ -52,6 +52,9 @@ SIGMAS, FURTHEST = 5.0, 5e-3
 """Within which an interval is an equal part of a control cycle, and the most of it."""
 TOGETHER, MANY = 0.3, 0.3
 """Records that follow another within this part of the interval come in packets, if at least this part of them does."""
+EARLY, ONE_SIDED = 0.02, 0.5
+"""Part of the stamps that are no later than those of records on time; and earliness over lateness, both from the median, below which
+stamps are late, never early."""
 TWICE, STILL = 0.01, 1e-6
 """Part of the stamps that stand still, up to which they are records that stand twice; part of the interval that is none."""
 
@@ -201,6 +204,10 @@ def _even(source: LogTable, vehicle: Vehicle, time_s: Array, usual_s: float, los
         return time_s, ""
     steps, bursts = off + usual_s, float(np.mean(off < (TOGETHER - 1) * usual_s)) > MANY
     few = float(np.mean(np.abs(off) > FAR * usual_s)) < 0.1
+    away = time_s - even
+    early, middle, late = np.quantile(away, (EARLY, 0.5, 1 - EARLY))
+    if bursts or middle - early < ONE_SIDED * (late - middle):
+        even = even + early  # a record is late at most: those that are least so came at their time
     what = "come in packets" if bursts else "step" if few else "scatter"
     why = f"the stamps {what} (intervals of {steps[1:].min():.3g} to {steps[1:].max():.3g} s)"
     if follows is not None:

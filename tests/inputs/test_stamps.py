@@ -127,3 +127,14 @@ def test_records_that_came_with_the_next_are_not_used(tmp_path: Path) -> None:
     right = examined(tmp_path, lambda time_s: time_s)
     apart = (found.histories[0].values[-1] - right.histories[0].values[-1]) / right.histories[0].sigmas[-1]
     assert np.abs(apart[:9]).max() < 1.5
+
+
+@pytest.mark.parametrize(("change", "within"), [(packets, 1e-3), (arrival, 1e-3), (steps, STEP_S / 2)])
+def test_records_that_come_late_are_dated_by_those_that_do_not(change: Change, within: float, tmp_path: Path) -> None:
+    """The middle of their stamps had made commands on a clock of their own early, by half a packet."""
+    table = pq.read_table(SAMPLE / "log.parquet")[:ROWS]
+    true = np.asarray(table.column("time_s"), float)
+    columns = {name: table.column(name).to_numpy() for name in table.column_names} | {"time_s": change(true)}
+    pq.write_table(pa.table(columns), tmp_path / "log.parquet")
+    log = read(read_table(tmp_path / "log.parquet"), vehiclefile.load(SAMPLE / "vehicle.toml").vehicle)
+    assert abs(float(np.median(log.time_s - true))) < within
