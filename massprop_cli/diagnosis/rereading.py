@@ -68,7 +68,7 @@ class Reading(NamedTuple):
 def reread(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[tuple[Phase, slice]]) -> Diagnosis | None:
     """The reading with which the log fits, beside those that are nearly as likely; None where it fits with none."""
     phase, whole = max(pieces, key=lambda one: one[1].stop - one[1].start)
-    part, cycles = segment.busiest(log, vehicle, timing, whole, LONGEST)
+    part, (cycles,) = segment.bounded(log, vehicle, timing, [whole], LONGEST)
     some, case = _Case(part, vehicle, timing, (phase, cycles)), _Case(log, vehicle, timing, (phase, whole))
     stated = some.look(Correction(), roughly=True).cost
     each = [(some.look(one.correction, roughly=True).cost + one.rare, i, one) for i, one in enumerate(_readings(case))]
