@@ -96,7 +96,7 @@ def navigation(pages: Path) -> Nav:
         {
             "Tables, wheels, on board": [
                 *("planar.md", "pedestal.md", "balance.md", "actuators.md", "wheels.md"),
-                *("uncertain-geometry.md", "kernel.md", "control.md"),
+                *("uncertain-geometry.md", "imu-filters.md", "kernel.md", "control.md"),
             ]
         },
         {

@@ -1,11 +1,12 @@
 """What a vehicle file states of cycle, IMU, environment, thrust and jets."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, FiniteFloat, field_validator, model_validator
+from pydantic import ConfigDict, Field, FiniteFloat, ValidationInfo, field_validator, model_validator
 
 from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.inputs import imufilters
 from massprop_cli.inputs.section import IDENTITY, ZERO, NonNegative, Place, Positive, Real, Section, Vector
 
 Limits = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
@@ -33,9 +34,20 @@ class Cycle(Section):
     pulse_at: Literal["begin", "centre", "end"] = Field("begin", description="where in its cycle a jet's pulse lies, after the delay")
 
 
+def _by_cutoff_or_preset(schema: dict[str, Any]) -> None:
+    """A preset stands for the cutoff, which is filled in before it is asked for."""
+    del schema["required"]
+    schema["anyOf"] = [{"required": ["cutoff_hz"]}, {"required": ["preset"]}]
+
+
 class LowPass(Section):
     """What a sensor's values went through before they were recorded: a Butterworth low-pass, and a dead time."""
 
+    model_config = ConfigDict(json_schema_extra=_by_cutoff_or_preset)
+
+    preset: str | None = Field(
+        None, description="setting of a common IMU by name, whose keys hold where they are not stated here (docs/imu-filters.md)"
+    )
     order: Literal[1, 2] = Field(2, description="1: a first-order lag; 2: Butterworth of the second order")
     cutoff_hz: Positive | Literal["auto"] = Field(description='frequency at which it lets 0.707 through; "auto": estimated from the log')
     cutoff_sigma_hz: NonNegative = Field(0.0, description="one sigma of a stated cutoff; goes into every sigma")
@@ -120,6 +132,12 @@ class Imu(Section):
     accel_outliers_s: tuple[FiniteFloat, ...] | None = Field(
         None, description="time_s of records whose accelerometer readings are not used; absent: found in the log"
     )
+
+    @field_validator("gyro_filter", "accel_filter", mode="before")
+    @classmethod
+    def _by_preset(cls, stated: Any, about: ValidationInfo) -> Any:
+        preset = isinstance(stated, dict) and stated.get("preset") is not None
+        return imufilters.resolved(str(about.field_name).removesuffix("_filter"), stated) if preset else stated
 
     @field_validator("body_from_imu")
     @classmethod

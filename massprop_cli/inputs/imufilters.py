@@ -1,0 +1,54 @@
+"""Low-passes of common IMUs by name, from what their data sheets state (imufilters.toml, with the source of each).
+
+A data sheet gives a bandwidth and often a delay, and not the filter. The order is the one whose own delay is nearer to the stated one:
+1 / (2π f) of the first, √2 / (2π f) of the second. The rest is latency; where it would be negative it is 0, and its sigma includes the
+difference. Data sheets give no tolerances, so sigmas are assumed.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from functools import cache
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from massprop_cli.base.configfile import nearest
+
+BANDWIDTH = 0.1
+"""Part of a stated bandwidth: one sigma of it."""
+DELAY_S = 5e-4
+"""s: one sigma of a stated delay."""
+UNSTATED, UNSTATED_S = 0.25, 1e-3
+"""Part of the filter's own delay, and s: one sigma of the latency where no delay is stated."""
+
+
+@cache
+def table() -> dict[str, dict[str, Any]]:
+    """The data sheets' settings by name."""
+    found: dict[str, dict[str, Any]] = tomllib.loads(resources.files(__package__).joinpath("imufilters.toml").read_text(encoding="utf-8"))
+    return found
+
+
+def resolved(sensor: str, stated: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys of a sensor's low-pass (``gyro`` or ``accel``): those of its ``preset``, and over them those that are ``stated``.
+
+    ValueError for a name that is none, or has no such sensor.
+    """
+    name = stated["preset"]
+    known = [one for one, own in table().items() if sensor in own]
+    if name not in known:
+        raise ValueError(f"preset {name!r} is none of this sensor{nearest(str(name), known, 'the nearest is')}")
+    return {**_keys(**table()[name][sensor]), **stated}
+
+
+def _keys(bandwidth_hz: float, delay_ms: float | None = None) -> dict[str, Any]:
+    lag_s = 1 / (2 * np.pi * bandwidth_hz)
+    found = {"cutoff_hz": float(bandwidth_hz), "cutoff_sigma_hz": BANDWIDTH * bandwidth_hz}
+    second_s = float(np.sqrt(2) * lag_s)
+    if delay_ms is None:
+        return found | {"order": 2, "latency_s": 0.0, "latency_sigma_s": float(np.hypot(UNSTATED_S, UNSTATED * second_s))}
+    order, left_s = min(((2, 1e-3 * delay_ms - second_s), (1, 1e-3 * delay_ms - lag_s)), key=lambda one: abs(one[1]))
+    return found | {"order": order, "latency_s": max(left_s, 0.0), "latency_sigma_s": float(np.hypot(DELAY_S, min(left_s, 0.0)))}
