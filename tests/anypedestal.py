@@ -1,13 +1,14 @@
-"""Bodies that turn about a fixed pivot under their weight, written apart from massprop: by jets, by wheels, or swinging freely.
+"""Bodies that turn about a fixed pivot under their weight, written apart from massprop: by jets, wheels, gimbal gyros, or swinging freely.
 
 The classic Runge-Kutta method on attitude, rate and the integrals of rate and specific force, from one begin or end of a pulse to the next,
 half a cycle at most: tables turn by 3 mrad in that at most, and increments are within 1e-6 of those of an eighth of it. Wheels turn
-relative to the body with a constant acceleration within a cycle, so that their logged speeds are exact.
+relative to the body with a constant acceleration within a cycle, and gimbals at a constant rate, so that what is logged of them is exact.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -30,9 +31,17 @@ CANDIDATES = 6
 BIAS = 1e-3, 0.01
 """rad/s and m/s², one sigma."""
 TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / 3**0.5
-Kind = Literal["jets", "wheels", "swing", "rotors"]
-COMMANDS = {"jets": "jet_j{}_s", "wheels": "wheel_w{}_rad_s", "swing": "{}", "rotors": "rotor_r{}_command"}
+SPUN, GIMBALLED = 200.0, 0.3
+"""rad/s: speed of a gimbal gyro's rotor, and fastest rate of its gimbal."""
+ACROSS = np.array([[1, -1, 0], [1, 1, 0], [-1, -1, 0], [1, -1, 0]]) / 2**0.5
+"""(4, 3) spin axes of gyros whose gimbals turn about ``TETRAHEDRON``."""
+Kind = Literal["jets", "wheels", "swing", "rotors", "gyros"]
+WHEELS: Kind = "wheels"
+GYROS: Kind = "gyros"
+COMMANDS = {"jets": "jet_j{}_s", "wheels": "wheel_w{}_rad_s", "swing": "{}", "rotors": "rotor_r{}_command", "gyros": "cmg_g{}_gimbal_rad"}
 """Their columns."""
+Momentum = Callable[[float], tuple[Array, Array]]
+"""At a time within a step, (V, 3) N m s, and how it grows."""
 
 
 class Sensed(Protocol):
@@ -115,7 +124,7 @@ class Flown:
     pushed: Array
     """(V, K, 3) velocity increments, m/s."""
     issued: Array
-    """(V, K, JETS) on-times, (V, K, 4) speeds, (V, K, 0), (V, K, ROTORS) commands."""
+    """(V, K, JETS) on-times, (V, K, 4) speeds or gimbal angles, (V, K, 0), (V, K, ROTORS) commands."""
     attitude: Array
     """(V, 4) at the start."""
     kind: Kind
@@ -132,10 +141,10 @@ class _Motion:
         self.inertia, self.inverse = own.about_pivot, np.linalg.inv(own.about_pivot)
         self.moment, self.arm = own.mass[:, None] * own.arm, own.imu - own.pivot
 
-    def slope(self, y: Array, torque: Array, momentum: tuple[Array, Array], at_s: float) -> Array:
+    def slope(self, y: Array, torque: Array, momentum: Momentum, at_s: float) -> Array:
         """Of (V, 13): attitude, rate, their integrals."""
         q, rate = y[:, :4], y[:, 4:7]
-        h, grown = momentum[0] + at_s * momentum[1], momentum[1]
+        h, grown = momentum(at_s)
         up = _up(q) / (q**2).sum(1, keepdims=True)
         inner = np.einsum("vij,vj->vi", self.inertia, rate) + h
         turned = np.einsum("vij,vj->vi", self.inverse, torque - self.gravity * cross(self.moment, up) - grown - cross(rate, inner))
@@ -144,7 +153,7 @@ class _Motion:
         spun = 0.5 * np.concatenate([-(v * rate).sum(1, keepdims=True), w * rate + cross(v, rate)], 1)
         return np.concatenate([spun, turned, rate, felt], 1)
 
-    def stepped(self, y: Array, torque: Array, momentum: tuple[Array, Array], h: float) -> Array:
+    def stepped(self, y: Array, torque: Array, momentum: Momentum, h: float) -> Array:
         k1 = self.slope(y, torque, momentum, 0.0)
         k2 = self.slope(y + h / 2 * k1, torque, momentum, h / 2)
         k3 = self.slope(y + h / 2 * k2, torque, momentum, h / 2)
@@ -152,10 +161,19 @@ class _Motion:
         return y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
-def fly(rng: np.random.Generator, own: Tables, kind: Kind, period_s: float, duration_s: float, gravity: float = GRAVITY) -> Flown:
+def fly(
+    rng: np.random.Generator,
+    own: Tables,
+    kind: Kind,
+    period_s: float,
+    duration_s: float,
+    gravity: float = GRAVITY,
+    acting: Array | None = None,
+) -> Flown:
     """From a small tilt on; what acts is drawn at random, of several draws the one that brings the table back best.
 
-    Without ``gravity`` and with the pivot at its CG a body that wheels turn is free.
+    Without ``gravity`` and with the pivot at its CG a body that wheels turn is free. Of each of four wheels or gyros a part ``acting`` of
+    its momentum is there, all of it by default.
     """
     count, cycles = len(own.mass), round(duration_s / period_s)
     motion = _Motion(own, gravity)
@@ -165,8 +183,9 @@ def fly(rng: np.random.Generator, own: Tables, kind: Kind, period_s: float, dura
     y[:, 4:7] = rng.normal(0, 0.05 if kind == "swing" else 0.01, (count, 3))
     attitude, sums = y[:, :4].copy(), np.zeros((cycles + 1, count, 6))
     jets = cross(own.jet_position - own.pivot[:, None], own.jet_force)
-    issued = np.zeros((count, cycles, {"jets": JETS, "wheels": 4, "swing": 0}[kind]))
-    speed: Array = rng.uniform(-50, 50, (count, 4))
+    issued = np.zeros((count, cycles, {"jets": JETS, "wheels": 4, "gyros": 4, "swing": 0}[kind]))
+    at: Array = rng.uniform(-50, 50, (count, 4)) if kind == "wheels" else rng.uniform(-0.5, 0.5, (count, 4))
+    held = own.spin[:, None] * (np.ones(4) if acting is None else acting)
     part_s, nothing = period_s / PARTS, np.zeros((count, 3))
     for k in range(cycles):
         on: Array = np.zeros((count, JETS))
@@ -174,21 +193,45 @@ def fly(rng: np.random.Generator, own: Tables, kind: Kind, period_s: float, dura
         if kind == "jets" and k * period_s > 0.5:
             drawn = np.where(rng.random((CANDIDATES, count, JETS)) < 0.2, rng.integers(1, PARTS + 1, (CANDIDATES, count, JETS)), 0)
             on = _best(drawn, np.einsum("cvj,vjk->cvk", drawn * part_s, jets), motion, y)
-        if kind == "wheels" and k * period_s > 0.5:
-            drawn = rng.uniform(-1, 1, (CANDIDATES, count, 4)) - speed / 400
-            growth = 40.0 * _best(drawn, -40.0 * period_s * own.spin[:, None] * (drawn @ TETRAHEDRON), motion, y)
-        of_wheels = own.spin[:, None] * (kind == "wheels")
+        if kind in ("wheels", "gyros") and k * period_s > 0.5:
+            fastest, most = (40.0, 400) if kind == "wheels" else (GIMBALLED, 2)
+            drawn = rng.uniform(-1, 1, (CANDIDATES, count, 4)) - at / most
+            impulse = [-fastest * period_s * np.einsum("vj,vjk->vk", own.spin[:, None] * one, _turning(at, kind)) for one in drawn]
+            growth = fastest * _best(drawn, np.array(impulse), motion, y)
         for begin, end in itertools.pairwise(np.unique([0, PARTS // 2, *on.ravel(), PARTS])):
             torque: Array = np.einsum("vj,vjk->vk", (begin < on).astype(float), jets) if kind == "jets" else nothing
-            momentum = of_wheels * ((speed + begin * part_s * growth) @ TETRAHEDRON), of_wheels * (growth @ TETRAHEDRON)
-            y = motion.stepped(y, torque, momentum, (end - begin) * part_s)
+            y = motion.stepped(y, torque, partial(_momentum, held, at, growth, kind, begin * part_s), (end - begin) * part_s)
         y = np.concatenate([y[:, :4] / np.linalg.norm(y[:, :4], axis=1, keepdims=True), y[:, 4:]], 1)
         sums[k + 1] = y[:, 7:]
-        speed = speed + period_s * growth
+        at = at + period_s * growth
         if kind != "swing":
-            issued[:, k] = on * part_s if kind == "jets" else speed
+            issued[:, k] = on * part_s if kind == "jets" else at
     made = np.diff(sums, axis=0).transpose(1, 0, 2)
     return Flown(period_s, made[..., :3], made[..., 3:], issued, attitude, kind)
+
+
+def _momentum(held: Array, at: Array, growth: Array, kind: Kind, begin_s: float, later_s: float) -> tuple[Array, Array]:
+    """Of wheels whose speeds, or gyros whose gimbal angles, were ``at`` (V, 4) as the cycle began and grow evenly."""
+    now = at + (begin_s + later_s) * growth
+    if kind not in ("wheels", "gyros"):
+        return np.zeros((len(at), 3)), np.zeros((len(at), 3))
+    along: Array = (
+        now[..., None] * TETRAHEDRON if kind == "wheels" else SPUN * (np.cos(now)[..., None] * ACROSS + np.sin(now)[..., None] * _third())
+    )
+    return np.einsum("vj,vjk->vk", held, along), np.einsum("vj,vjk->vk", held * growth, _turning(now, kind))
+
+
+def _third() -> Array:
+    """(4, 3) spin axes of gyros at 90 degrees."""
+    return np.cross(TETRAHEDRON, ACROSS)
+
+
+def _turning(at: Array, kind: Kind) -> Array:
+    """(V, 4, 3) by which the momentum of a unit of spin inertia grows with each speed or gimbal angle."""
+    if kind == "wheels":
+        return np.broadcast_to(TETRAHEDRON, (*at.shape, 3))
+    found: Array = SPUN * (np.cos(at)[..., None] * _third() - np.sin(at)[..., None] * ACROSS)
+    return found
 
 
 def _best(drawn: Array, impulse: Array, motion: _Motion, y: Array) -> Array:
@@ -213,6 +256,10 @@ def vehicle_of(own: Tables, body: int, flown: Flown, biases: bool = False, **kno
     if flown.kind == "wheels":
         spin = {"spin_inertia_kg_m2": float(own.spin[body]), "locked_in_inertia": True, "column": "speed"}
         data["wheels"] = [{"name": f"w{n}", "axis": axis.tolist(), **spin} for n, axis in enumerate(TETRAHEDRON)]
+    if flown.kind == "gyros":
+        alike = {"h_n_m_s": SPUN * float(own.spin[body]), "locked_in_inertia": True}
+        axes = zip(TETRAHEDRON.tolist(), ACROSS.tolist(), strict=True)
+        data["control_moment_gyros"] = [{"name": f"g{n}", "gimbal_axis": g, "spin_axis": s, **alike} for n, (g, s) in enumerate(axes)]
     return Vehicle.model_validate(data)
 
 

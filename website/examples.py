@@ -103,6 +103,14 @@ def _recorded(kind: str, number: int) -> Told:
         return _told(flow.examine(log_of(made.columns, made.vehicle), VehicleSource(made.vehicle, "", "")))
 
 
+def _actuator(platform: str, fault: str) -> Told:
+    """A fault of benchmarks/actuator_faults.py."""
+    sys.path.insert(0, str(ROOT))
+    from tests.faultyactuators import examined
+
+    return _told(examined(platform, fault))
+
+
 def _sampled() -> Told:
     """A log of an IMU that is sampled, which nobody states."""
     sys.path.insert(0, str(ROOT))
@@ -221,6 +229,10 @@ WARNINGS: dict[str, Example] = {
         ("unphysical-inertia", "scenarios/refined/log.parquet", ("estimator.method=thesis",), INERTIA),
     )
 } | {
+    "actuator-dead": Example(partial(_actuator, "wheels", "dead"), *RATE),
+    "actuators-swapped": Example(partial(_actuator, "wheels", "swapped"), *RATE),
+    "rotor-spin": Example(partial(_actuator, "rotors", "spin"), *RATE),
+    "speed-units": Example(partial(_actuator, "wheels", "rpm"), *RATE),
     "clock-rebuilt": Example(partial(_recorded, "clock-bursts", 9000), *RATE),
     "records-doubled": Example(partial(_recorded, "records-late", 9000), *RATE),
     "sensor-frozen": Example(partial(_recorded, "frozen", 9008), *SEEN),

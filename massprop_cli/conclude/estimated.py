@@ -84,8 +84,7 @@ def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
 
 def _by_default(begun: Ready, plain: AsStated, check: bool, say: Progress) -> tuple[Estimates[Resolved], Checked]:
     """By the default method, and what the values rest on is examined; with ``check`` the causes of a misfit are looked for."""
-    looked = check and (plain.dubious or plain.quiet)
-    diagnosis = _diagnosis(begun, plain.used, say) if looked else None
+    diagnosis = _diagnosis(begun, plain.used, say) if check and (plain.dubious or plain.quiet) else None
     if diagnosis is not None and not plain.dubious and not _found_in_quiet(diagnosis, plain):
         diagnosis = None  # noise that was stated too large is no fault
     size = begun.stated.estimator.adapt_noise and not (diagnosis and diagnosis.explanations)
@@ -100,8 +99,7 @@ def _by_default(begun: Ready, plain: AsStated, check: bool, say: Progress) -> tu
     doubted = _doubted(examination, begun, answer)
     if not check:
         return answer, Checked(doubts=doubted, detected=begun.detected, plain=fits)
-    reread = looked and bool(used.spinning or used.rotors)
-    if any(one.sure and not one.faint for one in doubted) and diagnosis is None and not reread:
+    if any(one.sure and not one.faint for one in doubted) and diagnosis is None:
         diagnosis = _diagnosis(begun, used, say)
     detected = begun.detected or (diagnosis.detected if diagnosis else None)
     if detected is None and not sized(used, begun.stated):
@@ -126,18 +124,16 @@ def _doubted(examination: Examined, begun: Ready, answer: Estimates[Resolved]) -
 def _diagnosis(begun: Ready, used: Resolved, say: Progress) -> Diagnosis | None:
     """None where causes are not looked for: of a sensor that saturates or stands still.
 
-    Of wheels and rotors other readings of the columns are fitted; on a pedestal, too, where no hypothesis explains the log. There a gyro in
-    another unit turns the vehicle over.
+    Where no hypothesis explains the log of wheels, gyros or rotors, or on a pedestal, where a gyro in another unit turns the vehicle over,
+    other readings of the columns are fitted.
     """
     if _unread(begun.log):
         return None
     say("looking for the cause", 1.0)
     from massprop_cli.diagnosis import diagnose, rereading  # nine modules that a clean log does without
 
-    found = None
-    if not (used.spinning or used.rotors):
-        found = diagnose.diagnose(begun.log, used, begun.timing, [cycles for _, cycles in begun.phases])
-    if found is None or (used.on_pedestal and found.unknown and not found.explanations):
+    found = diagnose.diagnose(begun.log, used, begun.timing, [cycles for _, cycles in begun.phases])
+    if (used.on_pedestal or used.spinning or used.rotors) and found.unknown and not found.explanations:
         return rereading.reread(begun.log, used, begun.timing, begun.phases) or found
     return found
 

@@ -11,6 +11,7 @@ the triangles and the log is not gone through again.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -53,6 +54,11 @@ class Free:
     def regressed(self) -> dict[tuple[object, ...], Array]:
         """(9, 3) each: what plain regression has given of it so far, for fits to begin with (:mod:`massprop_cli.diagnosis.initialbody`)."""
         return {}
+
+    @property
+    def anew(self) -> Free:
+        """The same that remembers no regression: of channels that are wired otherwise."""
+        return replace(self)
 
     @property
     def size(self) -> int:

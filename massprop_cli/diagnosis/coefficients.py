@@ -7,8 +7,8 @@ time. A :class:`Hypothesis` names a few entries that may differ from what is sta
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import field
+from collections.abc import Mapping, Sequence
+from dataclasses import field, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,10 +17,12 @@ from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import cross, cross_matrix, rotation, tensor
 from massprop_cli.diagnosis.channelwise import Free
-from massprop_cli.diagnosis.design import SWUNG
+from massprop_cli.diagnosis.design import PER_AXIS, SWUNG
 from massprop_cli.diagnosis.hypothesis import STRAIGHT, Hypothesis
 from massprop_cli.errorparameters.environment import level_of
 from massprop_cli.errorparameters.table import BY_COLUMN, BY_NAME, ENTRIES, TABLE
+from massprop_cli.inputs.actuators.actuator import Actuator
+from massprop_cli.inputs.commands import CommandKind
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import gamma, products, products_by_rate
 from massprop_cli.model.plant.plant import MOMENT, MU, J
@@ -68,17 +70,16 @@ class Model:
     """(3,) at the start of the log, body axes; on a bearing."""
     translates: bool = True
     """Whether forces move the vehicle: not on a pedestal, which is as if no force could move the mass, mu = 0."""
+    kind: CommandKind = "jets"
+    thrusting: int = 0
+    """Channels that are commanded; the others, after them, store momentum."""
+    devices: Mapping[str, tuple[tuple[int, ...], ...]] = field(default_factory=dict)
+    """By their tables in the vehicle file, wheels and gyros, by their channels."""
 
     @staticmethod
-    def of(free: Free, vehicle: Vehicle, lag: float, by_jets: bool) -> Model:
+    def of(free: Free, vehicle: Vehicle, lag: float, kind: CommandKind) -> Model:
         """For a log's triangles; ``lag`` of the thrust as stated, cycles."""
-        if by_jets:
-            position = np.array([vehicle.jets[i].position_m for i in free.fired]).reshape(-1, 3)
-            force, couple = vehicle.jet_wrench[free.fired, 3:], np.zeros((len(free.fired), 3))
-        else:
-            wrench = np.eye(6)[free.fired]
-            position = np.tile(vehicle.thrust.wrench_point_m, (len(wrench), 1))
-            couple, force = wrench[:, :3], wrench[:, 3:]
+        position, force, couple = (part[free.fired] for part in _acting(vehicle, kind))
         bearing = np.array(vehicle.environment.bearing_position_m) if vehicle.pivoted else None
         gravity = vehicle.environment.gravity_m_s2 if vehicle.pivoted else 0.0
         imu, mounting = np.array(vehicle.imu.position_m), np.array(vehicle.imu.body_from_imu)
@@ -87,7 +88,10 @@ class Model:
         lags = {"lag": lag, "gyro_lag": vehicle.imu.gyro_lag_s / period, "accel_lag": vehicle.imu.accel_lag_s / period}
         up = world_up_b(np.array(vehicle.environment.initial_attitude_wxyz))
         stated = position, force, couple, imu, mounting, bearing
-        return Model(free.places, *stated, gravity, free.level, lags, free.clock_s, _together(free), biases, up, not vehicle.on_pedestal)
+        thrusting = len(free.fired) - len(vehicle.momentum_wrench)
+        commands = kind, thrusting, _devices(vehicle, thrusting)
+        told = free.level, lags, free.clock_s, _together(free), biases
+        return Model(free.places, *stated, gravity, *told, up, not vehicle.on_pedestal, *commands)
 
     @cached_property
     def entries(self) -> dict[str, slice]:
@@ -148,6 +152,11 @@ class Model:
         """Nothing, but that nothing is supposed of one channel."""
         return Hypothesis("", (), np.zeros((len(self.stated), 0))).whatever(channel)
 
+    def wired(self, does: Sequence[int], spun: Sequence[int]) -> Model:
+        """Where each channel does what is stated of another one, and rotors turn the other way round."""
+        order, sign = list(does or range(len(self.force))), np.where(np.isin(np.arange(len(self.force)), spun), -1.0, 1.0)
+        return replace(self, position=self.position[order], force=self.force[order], couple=sign[:, None] * self.couple[order])
+
     def wrench(self, x: Array) -> tuple[Array, Array]:
         """(..., C, 3) torque about O and force of each channel, which is as large in another direction."""
         shape = (*x.shape[:-1], -1, 3)
@@ -183,6 +192,9 @@ class Model:
         push["channels"] = push["channels"] + mu[..., None, None] * np.swapaxes(force, -1, -2)
         push["products"] = push["products"] + self._centripetal(arm, moment, mu)
         push["constant"] = push["constant"] + get("accel_bias")[..., None]
+        if "precession" in self.places:
+            spin["precession"] = inverse @ _precession(torque[..., self.thrusting :, :], get("gyro_bias"))
+            push["precession"] = self._felt(spin["precession"], arm, moment, mu)
         if "rates" in self.places:
             for parts in (spin, push):
                 _less_bias(parts, get("gyro_bias"))
@@ -197,16 +209,13 @@ class Model:
             push["aging"] = -age * through - lighter * (thrust - through)
         if self.bearing is not None:
             turning = inverse @ cross_matrix(moment) * mu[..., None, None]
-            fall = -self.gravity * inverse @ cross_matrix(moment)
             spin["channels"] = spin["channels"] - np.einsum("...ij,...cj->...ic", turning, force)
-            spin |= {"up": fall, "level": -turning}
-            push["up"] = self.gravity * _UNIT + self._felt(fall, arm, moment, mu)
+            spin |= {"up": -self.gravity * inverse @ cross_matrix(moment), "level": -turning}
+            push["up"] = self.gravity * _UNIT + self._felt(spin["up"], arm, moment, mu)
             push["level"] = mu[..., None, None] * _UNIT + self._felt(-turning, arm, moment, mu)
             self._add_swings(spin, push, x)
-        for name in ("slope 0", "slope 1"):
-            if name in self.places:
-                by = get("slope")[..., int(name[-1]), None, None]
-                spin[name], push[name] = np.zeros((3, 3)), by * _UNIT
+        for name in sorted({"slope 0", "slope 1"} & self.places.keys()):
+            spin[name], push[name] = np.zeros((3, 3)), get("slope")[..., int(name[-1]), None, None] * _UNIT
         return self._measured(spin, push, x, gyro, accelerometer)
 
     def _add_times(self, spin: dict[str, Array], push: dict[str, Array], x: Array, response: Array, thrust: Array) -> None:
@@ -286,7 +295,47 @@ class Model:
         for name, columns in (("products", _of_products(back)), ("rates", back)):
             if name in self.places:
                 turned[:, self.places[name]] = columns.swapaxes(1, 2) @ turned[:, self.places[name]]
+        if "precession" in self.places:
+            place = self.places["precession"]
+            for at in range(place.start, place.stop, PER_AXIS):
+                turned[:, at : at + 3] = back.swapaxes(1, 2) @ turned[:, at : at + 3]
         return turned
+
+
+def _devices(vehicle: Vehicle, first: int) -> dict[str, tuple[tuple[int, ...], ...]]:
+    found: dict[str, tuple[tuple[int, ...], ...]] = {}
+    for device, one in zip(vehicle.spinning, _stating(vehicle), strict=True):
+        own, first = tuple(range(first, first + len(device.axes))), first + len(device.axes)
+        if one is device:
+            found[device.TABLE] = (*found.get(device.TABLE, ()), own)
+    return found
+
+
+def _stating(vehicle: Vehicle) -> list[Actuator]:
+    """The actuators whose devices the vehicle's are: a rotor that turns is no wheel."""
+    return [one for _, own in vehicle.actuators for one in own if one.device is not None]
+
+
+def _acting(vehicle: Vehicle, kind: CommandKind) -> tuple[Array, Array, Array]:
+    """(C, 3) place, force at full, and torque beside that of the force, of each channel."""
+    if kind == "jets":
+        position, force = np.array([jet.position_m for jet in vehicle.jets]).reshape(-1, 3), vehicle.jet_wrench[:, 3:]
+        couple = np.zeros_like(force)
+    elif kind == "rotors":
+        position, force = np.array([rotor.position_m for rotor in vehicle.rotors]).reshape(-1, 3), vehicle.rotor_wrench[:, 3:]
+        couple = vehicle.rotor_wrench[:, :3] - cross(position, force)
+    else:
+        position, couple, force = np.tile(vehicle.thrust.wrench_point_m, (6, 1)), np.eye(6)[:, :3], np.eye(6)[:, 3:]
+    stored = vehicle.momentum_wrench[:, :3] * vehicle.environment.moving[:3]
+    none = np.zeros_like(stored)
+    return np.vstack([position, none]), np.vstack([force, none]), np.vstack([couple, stored])
+
+
+def _precession(torque: Array, bias: Array) -> Array:
+    """(..., 3, 4 A) torque by the rates times momentum, of channels (..., A, 3) by a unit, and by momentum that a gyro's ``bias`` turns."""
+    by_rate = -cross_matrix(torque)
+    each = np.concatenate([by_rate, -(by_rate @ bias[..., None, :, None])], -1)
+    return np.moveaxis(each, -3, -2).reshape(*each.shape[:-3], 3, -1)
 
 
 def _less_bias(parts: dict[str, Array], bias: Array) -> None:

@@ -88,7 +88,8 @@ class Fitted:
         errors, sigmas = ({name: of(name) for name in ENTRIES} for of in (self.error, self.sigma))
         turns, force = (self.hypothesis.gyro, self.hypothesis.accelerometer), (self.model.force, self.model.wrench(self.x)[1])
         about = (self.hypothesis.subject, tuple(names), errors, sigmas, stated, corrected)
-        return FittedHypothesis(*about, self.model.mounting, turns, force, float(self.x[MU]), self.x[MOMENT])
+        does = {names[i]: names[other] for i, other in enumerate(self.hypothesis.does) if names and i != other}
+        return FittedHypothesis(*about, self.model.mounting, turns, force, float(self.x[MU]), self.x[MOMENT], does)
 
     @cached_property
     def moved(self) -> Array:
@@ -130,11 +131,12 @@ def fitted(
     A fit begins with the body that plain regression gives, or with ``theta`` (10,) where that leaves less, or always if ``there``.
     Those that need the same columns are fitted side by side.
     """
-    columns = [model.columns(one.moved) for one in supposed]
+    alike = [(model.columns(one.moved), one.does, one.spun) for one in supposed]
     found: dict[int, Fitted] = {}
-    for count in dict.fromkeys(columns):
-        which = [i for i, own in enumerate(columns) if own == count]
-        found |= zip(which, _beside(model, free, variance, [supposed[i] for i in which], theta, still, there), strict=True)
+    for key in dict.fromkeys(alike):
+        which = [i for i, own in enumerate(alike) if own == key]
+        used = (model.wired(*key[1:]), free.anew) if any(key[1:]) else (model, free)
+        found |= zip(which, _beside(*used, variance, [supposed[i] for i in which], theta, still, there), strict=True)
     return [found[i] for i in range(len(supposed))]
 
 

@@ -16,11 +16,13 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.design import Designs
-from massprop_cli.errorparameters.setup import Setup, stating
+from massprop_cli.errorparameters.channels import spun, wired
+from massprop_cli.errorparameters.setup import LAG, Setup, own_lags, stating
 from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, TABLE
-from massprop_cli.errorparameters.thrust import NEAR, about_cg
+from massprop_cli.errorparameters.thrust import NEAR, RPM, about_cg
 from massprop_cli.inputs.columns import WRENCH, Column
 from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import ACTUATORS, Vehicle
 from massprop_cli.model.plant.plant import MOMENT
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.timing import Timing
@@ -181,6 +183,8 @@ def applied(case: Case, found: Fitted, fired: IntArray) -> Case | None:
         return None
     vehicle = stating(case.vehicle, found.hypothesis.states)
     setup = Setup(_on_columns(found).log(case.log), vehicle, case.timing, tuple(fired), found.model.clock_s)
+    setup = wired(setup, found.hypothesis.does) if found.hypothesis.does else setup
+    setup = spun(setup, found.hypothesis.spun) if found.hypothesis.spun else setup
     for one in moved:
         further = setup if one.by_columns else one.apply(setup, found.error(one.name))
         if further is None:
@@ -237,21 +241,28 @@ def _settings(before: Setup, after: Setup, found: Fitted) -> Iterator[str]:
     supposed = [one for one in TABLE if one.prior > 0]
     keys = dict.fromkeys(one.key for one in supposed if one.key is not None)
     differing = [key for key in keys if not np.array_equal(before.value(key), after.value(key))]
-    of_jets = [key for key in differing if key.startswith("jets")]
-    each = [(key, np.any(np.atleast_2d(before.value(key).T != after.value(key).T), 0)) for key in of_jets]
-    for i in range(len(before.vehicle.jets)):
-        yield from (f"jets.{i}.{key.partition('.')[2]}={_literal(after.value(key)[i])}" for key, differs in each if differs[i])
+    differing = [key for key in differing if not key.startswith("jets")]
+    yield from _of_actuators(before.vehicle, after.vehicle)
     yield from (f"{key}={configfile.written(value)}" for key, value in found.hypothesis.states.items())
     said = found.finding((), before, after)
     for one in sorted(supposed, key=lambda one: SECTIONS.index((one.key or "cycle").partition(".")[0])):
-        if one.key in differing and one.key not in of_jets:
+        if one.key in differing:
             differing.remove(one.key)
             value = after.value(one.key)
-            yield f"{one.key}={_literal(value if value.size > 1 else value[0])}"
+            if not (one.key == LAG and own_lags(before.vehicle)):
+                yield f"{one.key}={_literal(value if value.size > 1 else value[0])}"
         elif one.key is not None or one.name not in said.errors or not said.errors[one.name].any():
             continue
         if one.states:
             yield f"{one.sigma_key}={one.corrected_sigma(said):.3g}"
+
+
+def _of_actuators(before: Vehicle, after: Vehicle) -> Iterator[str]:
+    """Each actuator's keys that differ."""
+    for table in ("jets", *ACTUATORS):
+        for i, (one, other) in enumerate(zip(getattr(before, table), getattr(after, table), strict=True)):
+            keys = [key for key in type(one).model_fields if getattr(one, key) != getattr(other, key)]
+            yield from (f"{table}.{i}.{key}={_literal(getattr(other, key))}" for key in keys)
 
 
 def around(case: Case, found: Fitted, fired: IntArray) -> tuple[Correction, ...]:
@@ -286,8 +297,18 @@ def skewed(correction: Correction | None, found: Fitted) -> tuple[Correction, ..
 
 
 def at_once(found: Fitted) -> bool:
-    """Whether it says of channels that they are dead or push the other way round, and nothing else."""
-    return found.hypothesis.code == "thrust-scale" and bool((np.abs(found.factors[:, None] - [-1.0, 0.0]).min(1) < NEAR).all())
+    """Whether it says of channels that they are dead, push the other way round, or are logged in rpm, and nothing else."""
+    if found.hypothesis.code != "thrust-scale":
+        return False
+    exact = exact_of(found)
+    return bool((np.abs(found.factors - exact) < np.where(exact == RPM, NEAR * RPM, NEAR)).all())
+
+
+def exact_of(found: Fitted) -> Array:
+    """What factors are exactly, of those that it moves, in the nearest case that is no matter of degree."""
+    cases = np.array([-1.0, 0.0, *([RPM] if found.model.devices.get("wheels") else [])])
+    own: Array = cases[np.abs(found.factors[:, None] - cases).argmin(1)]
+    return own
 
 
 def certain(found: Fitted) -> bool:

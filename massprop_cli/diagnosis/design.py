@@ -21,13 +21,16 @@ from massprop_cli.estimate.whitening import Driven
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
-from massprop_cli.model.plant import plant_of
+from massprop_cli.model.intracycle import motion_within
+from massprop_cli.model.plant import Motion, plant_of
 from massprop_cli.model.regressors import integrals_about
 from massprop_cli.model.responsemap import ResponseMap
+from massprop_cli.model.windows import windows
 from massprop_cli.prepare import recorded
 from massprop_cli.prepare.actuators import channel_wrench, together
-from massprop_cli.prepare.align import Impulses, impulses
+from massprop_cli.prepare.align import Channels, Impulses, impulses
 from massprop_cli.prepare.compensate import Samples
+from massprop_cli.prepare.stored import Stored
 from massprop_cli.prepare.sums import net
 from massprop_cli.prepare.timing import Timing
 
@@ -45,6 +48,8 @@ RAMPS, SUPPLY = ("rising", "falling"), ("sagging", "ebbing")
 """Columns of thrust that rises, and that falls, more slowly; and that is less beside other jets. A short log does without."""
 ENOUGH = 2
 """Cycles that there must be for each column."""
+PER_AXIS = 4
+"""Columns of an axis of what stores momentum: the rates times the momentum, and the momentum."""
 KEPT = 16
 """Timings of commands that are remembered."""
 
@@ -78,11 +83,13 @@ class Design:
     start_s: Array
     """(K,) of each cycle."""
     duration_s: Array
+    nutation: float = 0.0
+    """What stored momentum turns an error of the rate by, squared: (rad/s)²."""
 
     @property
     def driven(self) -> Driven:
         """The rates, as they are made white."""
-        coupling = COUPLING * float((self.rate**2).sum(1).mean()) * self.cycle_s**2
+        coupling = COUPLING * (float((self.rate**2).sum(1).mean()) + self.nutation) * self.cycle_s**2
         steady = self.places["constant"].start if "constant" in self.places else None
         return Driven(self.growth, self.rate, self.used[:, 0], coupling, steady=steady, begun=self.cycle_s)
 
@@ -148,7 +155,7 @@ class Designs:
         if count < ENOUGH * _wide(places):
             raise InputError(f"{log.path}: {count} cycles are too few for {_wide(places)} free columns")
         acted = samples.executed.channels
-        fired = np.flatnonzero((acted.whole[cycles] != 0).any(0))
+        fired = np.flatnonzero(_acting(acted, cycles))
         growth, mean = (np.concatenate([part[i] for part in parts], 1) for i in (1, 2))
         rate = samples.rate_rad_s[cycles]
         if theta is not None:
@@ -169,6 +176,7 @@ class Designs:
             (acted.rising[cycles][:, fired], acted.falling[cycles][:, fired], acted.whole[cycles][:, fired]),
             samples.executed.start_s[cycles],
             samples.executed.duration_s[cycles],
+            _nutation(samples.executed.stored, cycles, rate),
         )
 
     def _window(self, log: Log, vehicle: Vehicle, delay: float, lag_s: float) -> _Window:
@@ -189,8 +197,9 @@ class Designs:
         times = tuple((jet.rise_s, jet.fall_s) for jet in vehicle.jets)
         thrust, imu = vehicle.thrust, vehicle.imu
         supply = thrust.droop, thrust.cycle_droop, thrust.failures, thrust.wrench_limits
+        others = tuple(one.model_dump_json() for _, own in vehicle.actuators for one in own)
         shown = log.sampled, imu.clock_drift_ppm, imu.gyro_filter, imu.accel_filter
-        key = (id(log.command), delay, lag_s, vehicle.cycle.pulse_at, times, supply, shown)
+        key = (id(log.command), delay, lag_s, vehicle.cycle.pulse_at, times, supply, shown, others)
         if key not in self._made:
             if len(self._made) == KEPT:
                 del self._made[next(iter(self._made))]
@@ -211,6 +220,12 @@ def _by_body(samples: Samples, vehicle: Vehicle, theta: Array, places: Mapping[s
         force, duration_s = slice(3, 6), samples.executed.duration_s[:, None]
         growth[:, places["level"]] -= (samples.executed.rising[:-1] + samples.executed.falling[1:])[:, force]
         mean[:, places["level"]] -= samples.executed.whole[:, force] / duration_s
+    if samples.executed.stored is not None:
+        motion = motion_within(samples, phi_map.reference(theta), phi_map).motion
+        within = _precession_within(samples.executed.stored, motion, samples.executed.duration_s)
+        for part, products_of in zip((growth, mean), within, strict=True):
+            columns = np.arange(places["precession"].start, places["precession"].stop).reshape(-1, PER_AXIS)[:, :3]
+            part[:, columns.ravel()] = products_of.reshape(len(part), -1)
     return np.concatenate([np.zeros((1, 3)), np.cumsum(swung, 0)])
 
 
@@ -249,7 +264,7 @@ def _columns(
     duration = executed.duration_s[cycles, None]
     lasting = (duration[:-1] + duration[1:]) / 2
     rate, channels = samples.rate_rad_s[cycles], executed.channels
-    fired = (channels.whole[cycles] != 0).any(0)
+    fired = _acting(channels, cycles)
     middle, step = (rate[1:] + rate[:-1]) / 2, np.diff(rate, axis=0)
     # of a rate that grows linearly: its mean square under the triangular window, and over a cycle
     product = (products(middle) + products(step) / 6) * lasting
@@ -271,6 +286,7 @@ def _columns(
         _Part("products", product, products(rate) + products(inner) / 12),
         _Part("constant", lasting, np.ones_like(duration)),
         *(_by_gravity(samples, cycles, lasting) if vehicle.pivoted else []),
+        *(_precessing(executed.stored.part(cycles), rate, duration, lasting) if executed.stored is not None else []),
     ]
     if plant_of(vehicle).tilt_sigma > 0:
         turning = np.broadcast_to(samples.rate_rad_s, (2, *samples.rate_rad_s.shape))
@@ -285,6 +301,45 @@ def _columns(
         _Part("aging", *(c * x for c, x in zip(clocks, wrench, strict=True))),
     ]
     return parts + [_Part(one.name, *((b - a) / one.by for a, b in zip(wrench, by_window(one.window), strict=True))) for one in thrusts]
+
+
+def _acting(channels: Channels, cycles: slice) -> BoolArray:
+    """(C,) which channels have a column: those that acted, and all that store momentum, which turns with the body."""
+    found: BoolArray = (channels.whole[cycles] != 0).any(0) | (np.arange(len(channels.wrench)) >= channels.thrusting)
+    return found
+
+
+def _precessing(stored: Stored, rate: Array, duration: Array, lasting: Array) -> list[_Part]:
+    """For each axis along which momentum is stored, the rates times that; and it alone, of which a gyro's bias makes a torque.
+
+    Of rates that are linear from each cycle's middle to the next.
+    """
+    held = windows(stored.mean, duration[:, 0] / stored.mean.shape[1], stored.skew.sum(1))
+    mean, step = held.whole / duration, held.step
+    bent = np.diff(rate, axis=0)[:, None] * np.diff(mean, axis=0)[..., None] * lasting[..., None] / 6
+    inner = np.gradient(rate, axis=0)[:, None] * np.gradient(mean, axis=0)[..., None] / 12
+    by_rate = (rate[1:] + rate[:-1])[:, None] / 2 * step[..., None] + bent, rate[:, None] * mean[..., None] + inner
+    growth, means = (np.concatenate([a, b[..., None]], -1).reshape(len(b), -1) for a, b in zip(by_rate, (step, mean), strict=True))
+    return [_Part("precession", growth, means)]
+
+
+def _nutation(stored: Stored | None, cycles: slice, rate: Array) -> float:
+    """(J h)² of the momentum h, two thirds of it across an axis; J by how much the rates grew while the momentum did."""
+    if stored is None:
+        return 0.0
+    held = stored.mean[cycles].mean(1) @ stored.axis
+    grown, turned = ((np.diff(one, axis=0) ** 2).sum() for one in (held, rate))
+    return float((held**2).sum(1).mean() * turned / grown * 2 / 3) if grown > 0 else 0.0
+
+
+def _precession_within(stored: Stored, motion: Motion, duration: Array) -> tuple[Array, Array]:
+    """(K − 1, A, 3) under the triangular window and (K, A, 3) mean of the rates times momentum, with the motion within the cycles."""
+    bin_s = duration / motion.rate.shape[1]
+    held, skew = stored.mean[..., None], stored.skew[..., None]
+    rate, growth = motion.rate[..., None, :], motion.rate_dot[..., None, :]
+    late = (rate * skew + growth * held * bin_s[:, None, None, None] ** 2 / 12).sum(1)
+    found = windows(rate * held + growth * skew, bin_s, late)
+    return found.step, found.whole / duration[:, None, None]
 
 
 def _parabola(moved: Sequence[tuple[Array, Array]], at: float) -> tuple[list[Array], list[Array]]:

@@ -175,7 +175,11 @@ def _alone(screening: Screening) -> list[Refit]:
     begun = _turned(screening) if screening.upset else []
     most = SECOND if screening.upset else FINALISTS[screening.model.bearing is not None]
     best = [*searched(screening, begun, (most, most), beyond(screening)), *otherwise(screening)]
-    return best if screening.upset or any(refit.fits for refit in best) else [*best, *_turned(screening)]
+    likeliest = min((refit for refit in best if refit.fits), key=lambda refit: refit.score, default=None)
+    if likeliest is not None and (likeliest.fitted.hypothesis.gyro != np.eye(3)).any():
+        # actuators that are wired round may be a turn of the whole vehicle
+        return [*best, *_wired(screening)]
+    return best if screening.upset or likeliest is not None else [*best, *_turned(screening)]
 
 
 def _different(each: Iterable[Fitted]) -> Iterator[Fitted]:
@@ -257,7 +261,7 @@ def _lowpassed(screening: Screening) -> Diagnosis | None:
     """A sensor's low-pass of cycles: further than a small step leads to."""
     refits = []
     for sensor in ("gyro", "accel"):
-        supposed = next(one for one in hypotheses.timing(screening.model, False) if one.code == f"{sensor}-filter")
+        supposed = next(one for one in hypotheses.timing(screening.model) if one.code == f"{sensor}-filter")
         x = screening.stated.x.copy()
         x[screening.model.place(f"{sensor}_lag")] = PRIORS[f"{sensor}_lag"]
         begun = Fitted(supposed, screening.model, x, screening.stated.chi_square, np.zeros(1))
@@ -376,9 +380,12 @@ def _beside(screening: Screening, first: Refit | None, others: Sequence[Refit], 
 
 
 def _swapped(screening: Screening) -> Diagnosis | None:
-    """Jets, each of which does what is stated of another: two, or more of which two after two are exchanged."""
-    if screening.case.log.command_kind != "jets":
-        return None
+    """Actuators of a kind, each of which does what is stated of another."""
+    return _chosen(screening, _wired(screening))
+
+
+def _wired(screening: Screening) -> list[Refit]:
+    """Two of them, or more of which two after two are exchanged, or of few any three."""
     refits, does, least = list[Refit](), tuple[int, ...](), np.inf
     for _ in range(EXCHANGES):
         found = fitted(
@@ -396,7 +403,7 @@ def _swapped(screening: Screening) -> Diagnosis | None:
         refits += [refit for refit in hopeful if refit is not None]
         if any(refit.fits for refit in refits):
             break
-    return _chosen(screening, refits)
+    return refits
 
 
 def _two_channels(screening: Screening) -> Diagnosis | None:

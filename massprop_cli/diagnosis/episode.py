@@ -82,7 +82,7 @@ def episodes(screening: Screening, others: Sequence[Screening] = ()) -> list[Epi
 
     One that begins, or ends, beyond what was looked at does so at the border to any of the ``others`` in which its jet does what is stated.
     """
-    if screening.case.log.command_kind != "jets" or not len(screening.free.fired):
+    if screening.case.log.command_kind != "jets" or not screening.model.thrusting:
         return []
     found: list[Episode] = []
     for beside in dict.fromkeys([_beside(screening), *screening.free.beside]):
@@ -116,7 +116,7 @@ def _lasts(screening: Screening) -> tuple[float, float]:
 def _windows(screening: Screening, beside: Disturbance) -> list[Window]:
     """The likeliest of a few jets, the likeliest first."""
     reduced = Reduced(screening, screening, beside)
-    each = (reduced.likeliest(i) for i in range(len(screening.free.fired)))
+    each = (reduced.likeliest(i) for i in range(screening.model.thrusting))
     windows = [one for one in each if one is not None and abs(one.thrust - 1) > LITTLE]
     most = max((one.gain for one in windows), default=0.0)
     return sorted((one for one in windows if one.gain > AS_WELL * most), key=lambda one: -one.gain)[:LIKELY]

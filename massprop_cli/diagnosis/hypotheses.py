@@ -15,19 +15,23 @@ from massprop_cli.diagnosis.design import RAMPS, SUPPLY
 from massprop_cli.diagnosis.hypothesis import STRAIGHT, Hypothesis
 from massprop_cli.errorparameters.sensor import DEGREE, GRAVITY, WORDS
 from massprop_cli.errorparameters.table import BY_NAME, PRIORS
+from massprop_cli.errorparameters.thrust import RPM
 from massprop_cli.prepare.actuators import NOWHERE, lines_of
 
 AXES = "xyz"
 TWO = 9.2
 """−2 log of the odds, 1 : 100, that a unit is another as well."""
+FEW = 8
+"""Devices, of which three may be wired round that no exchange of two leads to."""
 ROUNDING = 1e-9
 """Between elements of matrices that are the same."""
 
 
-def listed(model: Model, names: Sequence[str], by_jets: bool) -> list[Hypothesis]:
+def listed(model: Model, names: Sequence[str]) -> list[Hypothesis]:
     """All that move x by a little at a time, for a log whose channels that fired have ``names``."""
-    of_channels = [*_channels(model, names, by_jets), *_groups(model, names), *([] if by_jets else [_wrench_point(model, len(names))])]
-    return [*of_channels, *timing(model, by_jets), *_sensors(model), *_tilts(model), *_others(model)]
+    point = [_wrench_point(model, len(names))] if model.kind == "wrench" and len(names) == model.thrusting else []
+    of_channels = [*_channels(model, names), *_devices(model, names), *_groups(model, names), *point]
+    return [*of_channels, *timing(model), *_sensors(model), *_tilts(model), *_others(model)]
 
 
 def along(model: Model, *moves: tuple[str, Array]) -> Array:
@@ -49,15 +53,18 @@ def _wrench_point(model: Model, count: int) -> Hypothesis:
     return Hypothesis("wrench-point", (), np.hstack([along(model, ("position", np.tile(unit, count))) for unit in np.eye(3)]))
 
 
-def _channels(model: Model, names: Sequence[str], by_jets: bool) -> Iterator[Hypothesis]:
+def _channels(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
+    """Each that is commanded."""
     count = len(names)
-    for i, (name, force) in enumerate(zip(names, model.force, strict=True)):
+    for i, (name, force) in enumerate(zip(names[: model.thrusting], model.force, strict=False)):
         column = along(model, ("thrust", np.eye(count)[i]))
         yield Hypothesis("thrust-scale", (name,), column, suspects=(i,))
         for begin in (0.0, -1.0):  # dead, and the other way round: too far to be led there where two jets always fire together
             yield Hypothesis("thrust-scale", (name,), column, start={model.place("thrust").start + i: begin})
+        if model.kind == "rotors" and model.couple[i].any():
+            yield Hypothesis("rotor-spin", (name,), np.zeros((len(model.stated), 0)), spun=(i,), suspects=(i,))
         size = float(np.linalg.norm(force))
-        if size == 0 or not by_jets:
+        if size == 0 or model.kind == "wrench":
             continue
         # across its own line only: along it nothing changes
         _, _, across = np.linalg.svd(force[None])
@@ -65,6 +72,18 @@ def _channels(model: Model, names: Sequence[str], by_jets: bool) -> Iterator[Hyp
             key = code.removeprefix("jet-")
             columns = [along(model, (key, unit * np.outer(np.eye(count)[i], axis).ravel())) for axis in across[1:]]
             yield Hypothesis(code, (name,), np.hstack(columns), suspects=(i,))
+
+
+def _devices(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
+    """Each that stores momentum: another part of it, none, the other way round, its speed in rpm; a gimbal that turns the other way."""
+    count, thrust = len(names), model.place("thrust").start
+    for group in itertools.chain(*model.devices.values()):
+        column, subject = along(model, ("thrust", np.isin(np.arange(count), group).astype(float))), tuple(names[i] for i in group)
+        yield Hypothesis("thrust-scale", subject, column, suspects=group)
+        for begin in (0.0, -1.0, *([RPM] if len(group) == 1 else [])):
+            yield Hypothesis("thrust-scale", subject, column, start={thrust + i: begin for i in group})
+        for i in group if len(group) > 1 else ():
+            yield Hypothesis("thrust-scale", (names[i],), np.zeros((len(model.stated), 0)), start={thrust + i: -1.0})
 
 
 def two_channels(model: Model, names: Sequence[str]) -> list[Hypothesis]:
@@ -79,23 +98,26 @@ def swapped(model: Model, names: Sequence[str], does: Sequence[int] = ()) -> lis
 
     Nothing is left to be found.
     """
-    size, place = np.linalg.norm(model.force, axis=1), {name: model.place(name).start for name in ("thrust", "position", "direction")}
     found, none = [], np.zeros((len(model.stated), 0))
-    for i, j in itertools.combinations(range(len(names)), 2):
-        if not size[i] * size[j]:
-            continue
+    devices = [(i,) for i in range(model.thrusting) if model.kind != "wrench"], *model.devices.values()
+    for group in (turn for kind in devices for turn in _turns(kind, bool(does))):
         order = list(does or range(len(names)))
-        order[i], order[j] = order[j], order[i]
-        start: dict[int, float] = {}
-        others = tuple(k for k, other in enumerate(order) if other != k)
+        for own, other in zip(group, (*group[1:], group[0]), strict=True):
+            for i, j in zip(own, other, strict=True):
+                order[i] = (does or range(len(names)))[j]
+        others = tuple(k for k, does_of in enumerate(order) if does_of != k)
         if not others:  # swapped back
             continue
-        for k in others:
-            start[place["thrust"] + k] = float(size[order[k]] / size[k])
-            for name, stated in (("position", model.position), ("direction", model.force)):
-                start |= {place[name] + 3 * k + axis: float(by) for axis, by in enumerate(stated[order[k]] - stated[k])}
-        found.append(Hypothesis("jets-swapped", tuple(names[k] for k in others), none, start=start, suspects=others, does=tuple(order)))
+        code = "jets-swapped" if model.kind == "jets" and others[0] < model.thrusting else "actuators-swapped"
+        found.append(Hypothesis(code, tuple(names[k] for k in others), none, suspects=others, does=tuple(order)))
     return found
+
+
+def _turns(devices: Sequence[tuple[int, ...]], begun: bool) -> Iterator[tuple[tuple[int, ...], ...]]:
+    """Any two of them; and of few, where nothing is exchanged as yet, any three both ways round."""
+    yield from itertools.combinations(devices, 2)
+    for first, *others in itertools.combinations(devices, 3) if not begun and len(devices) <= FEW else ():
+        yield from ((first, *rest) for rest in itertools.permutations(others))
 
 
 def _groups(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
@@ -127,9 +149,9 @@ def scaled(model: Model, names: Sequence[str], group: Sequence[int], begin: floa
     return Hypothesis("thrust-scale", tuple(names[i] for i in group), along(model, ("thrust", marks)), start=start)
 
 
-def timing(model: Model, by_jets: bool) -> Iterator[Hypothesis]:
+def timing(model: Model) -> Iterator[Hypothesis]:
     """What makes motion late."""
-    if by_jets and set(RAMPS) <= model.places.keys():  # valves that open or close late, or both alike
+    if set(RAMPS) <= model.places.keys():  # valves that open or close late, or both alike
         ramps = (("rise",), ("fall",), ("rise", "fall"))
         yield from (Hypothesis("thrust-rise", (), along(model, *((ramp, np.ones(1)) for ramp in own))) for own in ramps)
     if set(SUPPLY) <= model.places.keys():

@@ -44,6 +44,8 @@ class Hypothesis:
     """The same with each number that was sought in the log one sigma away."""
     does: tuple[int, ...] = ()
     """The channel of which each does what is stated, where some are wired as others are."""
+    spun: tuple[int, ...] = ()
+    """Rotors that turn the other way round than stated."""
     freed: int | None = None
     """A channel of which nothing at all is supposed: what it does is free."""
 

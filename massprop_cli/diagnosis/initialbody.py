@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.rigidbody import cross_matrix
 from massprop_cli.diagnosis.coefficients import Model
+from massprop_cli.diagnosis.design import PER_AXIS
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.kernelfits import PackedTriangles
 from massprop_cli.estimate.whitening import ReducedLeastSquares
@@ -82,11 +84,20 @@ def _each(model: Model, told: tuple[ReducedLeastSquares, ReducedLeastSquares], x
     torque, force = model.wrench(x)
     centre = np.zeros(3) if model.bearing is None else model.bearing
     channels, products = unit[model.places["channels"]], unit[model.places["products"]]
-    turning, pushing = (part.T @ channels for part in (torque - np.cross(centre, force), force))
+    about = torque - np.cross(centre, force)
+    precession = (
+        unit[model.places["precession"]].reshape(-1, PER_AXIS, len(unit))[:, :3]
+        if "precession" in model.places
+        else unit[:0].reshape(0, 3, len(unit))
+    )
+    turning, pushing = about.T @ channels, force.T @ channels
+    for column, own in zip(precession[~suspects[model.thrusting :]], about[model.thrusting :][~suspects[model.thrusting :]], strict=True):
+        turning = turning - cross_matrix(own) @ column
     gravity = unit[model.places["up"]] if model.bearing is not None else unit[:0]
     by = gravity if model.bearing is not None else pushing
-    beside = [channels[suspects], products]
-    known = ~(channels[suspects] != 0).any(0)
+    suspected = [channels[suspects], *precession[suspects[model.thrusting :]]]
+    beside = [*suspected, products]
+    known = ~(np.concatenate(suspected) != 0).any(0)
     growth = _regressed(turned, known, [turning, by], beside)[:6]
     return np.concatenate([growth, _regressed(pushed, known, [pushing, turning], [*beside, gravity])[:3]])
 

@@ -19,7 +19,7 @@ from massprop_cli.kernel import kernel, pointer
 BLOCKS = (
     *("channels", "products", "constant", "rates", "later", "lagging", "smeared", "drifting", "rising", "falling"),
     *("sagging", "ebbing", "aging", "up", "level"),
-    *("east", "north", *(f"{name} {axis}" for name in SWUNG for axis in range(3)), "slope 0", "slope 1"),
+    *("east", "north", *(f"{name} {axis}" for name in SWUNG for axis in range(3)), "slope 0", "slope 1", "precession"),
 )
 """Blocks of columns in the kernel's order."""
 
@@ -55,7 +55,13 @@ class PackedTriangles:
         flat = np.zeros((2, 3)) if model.bearing is None else level_of(model.up)
         parts = (
             *(model.imu, model.mounting, [model.bearing is not None], bearing, [model.gravity], model.level, model.up, flat),
-            *([model.lags["lag"], model.lags["gyro_lag"], model.lags["accel_lag"], RAMP], model.position, model.force, model.couple),
+            *(
+                [model.lags["lag"], model.lags["gyro_lag"], model.lags["accel_lag"], RAMP],
+                [model.thrusting, model.translates],
+                model.position,
+                model.force,
+                model.couple,
+            ),
         )
         self._numbers = np.concatenate([np.ravel(part) for part in parts], dtype=float)
         self._triangles = [np.ascontiguousarray(part.T) for one in told for part in (one.triangle, one.measured)] + [np.sqrt(noise)]
@@ -66,7 +72,7 @@ class PackedTriangles:
         """(N, 9, 3) plain regression of motion on commands of any x (N, nx), where ``suspects`` (N, C) have a response of their own."""
         channels = suspects.shape[1]
         found = np.empty((len(x), 9, 3))
-        room = np.empty(6 * channels + self.columns * (channels + 18))
+        room = np.empty(6 * channels + self.columns * (4 * channels + 18))
         self._run("mp_host_plain", 0, np.ascontiguousarray(x), suspects, room, found, count=len(x))
         return found
 

@@ -177,7 +177,7 @@ def _supposed(case: Case) -> Iterator[tuple[str, States, tuple[States, ...], flo
         found = _limits(case)
         if found is not None:
             yield "commands-limited", found[0], found[1], 0.0
-    if case.log.command_kind == "jets":
+    if case.log.command_kind == "jets" and case.log.command.any():
         yield from _pulses_elsewhere(case)
 
 

@@ -10,7 +10,7 @@ from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import Fitted, fitted
-from massprop_cli.diagnosis.corrections import Case, applied, at_once
+from massprop_cli.diagnosis.corrections import Case, applied, at_once, exact_of
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.screening import FITS, Screening, about_its_body, screened
 from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, PRIORS
@@ -228,13 +228,14 @@ def refined(screening: Screening, found: Fitted, case: Case, best: float = np.in
 
 
 def _rounded(screening: Screening, found: Fitted) -> Fitted:
-    """With the factors of channels that are dead or push the other way round as they are then."""
+    """With the factors of channels that are dead, push the other way round or are logged in rpm as they are then."""
     thrust = screening.model.place("thrust")
-    exact = [part.hypothesis.free[thrust].any(1) for part in found.parts if at_once(part)]
+    exact = [part for part in found.parts if at_once(part)]
     if not exact:
         return found
     x = found.x.copy()
-    x[thrust] = np.where(np.any(exact, 0), x[thrust].round(), x[thrust])
+    for part in exact:
+        x[thrust][part.hypothesis.free[thrust].any(1)] = exact_of(part)
     return replace(found, x=x)
 
 

@@ -1,7 +1,7 @@
 """Other ways to read a log's columns, each tested by an off-line fit of its own.
 
-Hypotheses (:mod:`massprop_cli.diagnosis.hypotheses`) are tested on one reduction of the log, which wheels, gyros and rotors have not. Of
-these each of a few readings is fitted as the log is estimated: the IMU in other units, wheels with another sign or unit, rotors that have
+Where no hypothesis (:mod:`massprop_cli.diagnosis.hypotheses`) explains the log of wheels, gyros or rotors, which a wrong reading may turn too
+far for one reduction of the log, each of a few readings is fitted as the log is estimated: the IMU in other units, wheels with another sign or unit, rotors that have
 one another's columns. A reading is named where the log fits under it alone.
 
 Which rotor a column is, its own answer tells. With growth b of the rate and a of the specific force per newton, of regressions on all
@@ -173,7 +173,7 @@ def _other_orders(log: Log, vehicle: Resolved, timing: Timing, cycles: slice) ->
             continue
         order = tuple(int(does.index(i)) for i in range(len(does)))
         said = "; ".join(f"column {names[i]} belongs to rotor {vehicle.rotors[does[i]].name}" for i in moved)
-        yield Reading("jets-swapped", f"{said}; swap wires, columns or entries", Correction(actuators=Actuators(names, order=order)))
+        yield Reading("actuators-swapped", f"{said}; swap wires, columns or entries", Correction(actuators=Actuators(names, order=order)))
 
 
 def _orders(count: int) -> Array:

@@ -22,6 +22,7 @@ from massprop_cli.diagnosis.design import verticals
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.ranking import CLEAR, Ranking
 from massprop_cli.errorparameters.sensor import DEGREE, GRAVITY
+from massprop_cli.errorparameters.setup import LAG
 from massprop_cli.estimate.phases import as_stated
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.inputs.vehicle import Phase
@@ -68,7 +69,7 @@ def screened(case: Case, piece: slice, likely: Sequence[Disturbance] = (), theta
 
 
 def _screening(case: Case, piece: slice, free: Free, theta: Array | None) -> Screening:
-    model = Model.of(free, case.vehicle, case.timing.lag, case.log.command_kind == "jets")
+    model = Model.of(free, case.vehicle, float(case.setup.value(LAG)[0]) / case.vehicle.cycle.period_s, case.log.command_kind)
     noise = np.repeat([case.vehicle.imu.gyro_noise_rad_s, case.vehicle.imu.accel_noise_m_s2], 3) ** 2
     (stated,) = fitted(model, free, free.variance, [Hypothesis("", (), np.zeros((len(model.stated), 0)))], theta)
     return Screening(case, piece, free, model, noise, stated)
@@ -240,7 +241,7 @@ class Screening:
     @cached_property
     def ranked(self) -> Ranking:
         """Every hypothesis that leaves less than what is stated, the likeliest first."""
-        listed = hypotheses.listed(self.model, self.names, self.case.log.command_kind == "jets")
+        listed = hypotheses.listed(self.model, self.names)
         supposed = [*listed, *self._likely_turns(), *self._pushing_more()]
         most = self.score(self.stated.chi_square, self.stated) - CLEAR
         return Ranking(self.model, self.free, supposed, self.score, self.likelihood, most)

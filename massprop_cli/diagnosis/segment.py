@@ -25,10 +25,13 @@ def busiest(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, longest: i
     """
     integrated = vehicle.pivoted and log.attitude_wxyz is None
     first, stop = piece.start, min(piece.start + longest, piece.stop)
+    whole = any(one.integrated for one in log.spinning)
     if stop < piece.stop and not integrated:
         total = np.concatenate([[0.0], np.cumsum(_effort(log, piece, _most(log)))])
         first = piece.start + int(np.argmax(total[longest:] - total[:-longest]))
         stop = first + longest
+    if whole:
+        return log, slice(first, stop)
     begin = 0 if integrated else max(first - MEMORY - int(timing.delay + LAGS_FORGOTTEN * timing.lag), 0)
     end = min(stop + 1, log.cycles)
     return log.part(begin, end), slice(first - begin, stop - begin)

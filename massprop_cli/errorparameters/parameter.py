@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import field, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -43,6 +43,8 @@ class FittedHypothesis:
     """As estimated, 1/kg."""
     cg: Array
     """(3,) as estimated."""
+    does: Mapping[str, str] = field(default_factory=dict)
+    """Of channels that are wired as others are, the one of which each does what is stated."""
 
     @property
     def channel(self) -> int:
@@ -55,9 +57,11 @@ class FittedHypothesis:
         return 1.0 + float(self.errors["thrust"][self.channel])
 
     @property
-    def by_jets(self) -> bool:
-        """Whether commands are on-times of jets."""
-        return self.stated.log.command_kind == "jets"
+    def tables(self) -> tuple[str, ...]:
+        """Of the channels that fired, where the vehicle file states them; empty: a wrench's components."""
+        vehicle, kind = self.stated.vehicle, self.stated.log.command_kind
+        stored = [device.TABLE for device in vehicle.spinning for _ in device.axes]
+        return (*("" if kind == "wrench" else kind for _ in range(len(self.names) - len(stored))), *stored)
 
     def mean(self, name: str) -> float:
         """Of a parameter's components."""

@@ -35,7 +35,8 @@ class Setup(NamedTuple):
     def value(self, key: str) -> Array:
         """(n,) or (n, m) of a key, ``section.name``; of ``jets.name`` one row per jet."""
         if key in (DELAY, LAG):
-            return np.array([self.timing.delay if key == DELAY else self.timing.lag_s(self.vehicle)])
+            own = own_lags(self.vehicle)
+            return np.array([self.timing.delay if key == DELAY else np.mean(own) if own else self.timing.lag_s(self.vehicle)])
         return stated(self.vehicle, key)
 
     def having(self, key: str, value: Array) -> Self:
@@ -43,6 +44,8 @@ class Setup(NamedTuple):
         if key == DELAY:
             return self._replace(timing=self.timing._replace(delay=float(value[0])))
         if key == LAG:
+            if own_lags(self.vehicle):
+                return self._replace(vehicle=_lagging(self.vehicle, float((value - self.value(key))[0])))
             return self._replace(timing=self.timing._replace(lag=float(value[0]) / self.period_s))
         section, _, name = key.partition(".")
         if section == "jets":
@@ -54,6 +57,21 @@ class Setup(NamedTuple):
         # constructed anew: a copy would keep what was computed of the jets before
         used = type(self.vehicle).model_construct(self.vehicle.model_fields_set, **{**dict(self.vehicle), section: changed})
         return self._replace(vehicle=used)
+
+
+def own_lags(vehicle: Vehicle) -> list[float]:
+    """Lags that rotors have of their own, up and down, s."""
+    return [lag for rotor in vehicle.rotors if rotor.lag_up_s is not None for lag in rotor.lags(0.0)]
+
+
+def _lagging(vehicle: Vehicle, by_s: float) -> Vehicle:
+    """With each rotor's own lags so much longer."""
+    rotors = []
+    for rotor in vehicle.rotors:
+        keys = ("lag_up_s", "lag_down_s")
+        own = {key: max(value + by_s, 0.0) for key in keys if (value := getattr(rotor, key)) is not None}
+        rotors.append(rotor.model_copy(update=own))
+    return type(vehicle).model_construct(vehicle.model_fields_set, **{**dict(vehicle), "rotors": tuple(rotors)})
 
 
 def stating(vehicle: Vehicle, values: Mapping[str, Any]) -> Vehicle:

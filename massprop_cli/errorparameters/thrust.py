@@ -8,99 +8,97 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.errorparameters import channels
 from massprop_cli.errorparameters.parameter import ErrorParameter, FittedHypothesis, SpecialCase, Step, Wording, vector
 from massprop_cli.errorparameters.setup import Setup
-from massprop_cli.inputs.equipment import MOST_DROOP, Jet
+from massprop_cli.inputs.equipment import MOST_DROOP
+from massprop_cli.inputs.vehicle import ACTUATORS
 from massprop_cli.prepare.actuators import together
 
 NEAR = 0.05
 """Parts of the stated thrust within which a jet is dead or reversed: a sixth of the prior sigma of a jet that is neither."""
+RPM = float(np.pi / 30)
+"""rad/s of one revolution a minute."""
 REVERSED = -0.5
 """Part of the stated thrust below which a jet pushes the other way: beside another error that is near to as much as stated."""
 WRENCH_POINT = "thrust.wrench_point_m"
+KEYS = {"rotors": "thrust_n", "wheels": "spin_inertia_kg_m2", "control_moment_gyros": "h_n_m_s or spin_inertia_kg_m2"}
+"""What says how strong each is."""
 _REFIT = "a correction is refitted one sigma further on instead"
-
-
-def _at_jets(setup: Setup, key: str, value: Array) -> Setup:
-    """With a row of a key for each channel that fired; as it is where commands are no jets'."""
-    if setup.log.command_kind != "jets":
-        return setup
-    every = setup.value(key)
-    every[list(setup.fired)] = value
-    return setup.having(key, every)
-
-
-def _turned(setup: Setup, error: Array) -> Setup:
-    """Forces of the same size along other directions."""
-    force = setup.value("jets.force_n")[list(setup.fired)] if setup.log.command_kind == "jets" else np.zeros((len(setup.fired), 3))
-    along = force + error.reshape(-1, 3)
-    size, stated = (np.linalg.norm(part, axis=-1, keepdims=True) for part in (along, force))
-    return _at_jets(setup, "jets.force_n", along * (stated / np.where(stated > 0, size, 1.0)))
-
-
-def _scaled(setup: Setup, error: Array) -> Setup:
-    """Forces, or commands, times a factor."""
-    fired = list(setup.fired)
-    if setup.log.command_kind == "wrench":
-        command = np.ones(setup.log.command.shape[1])
-        command[fired] += error
-        return setup._replace(log=replace(setup.log, command=setup.log.command * command))
-    if setup.log.command_kind != "jets":
-        return setup
-    return _at_jets(setup, "jets.force_n", setup.value("jets.force_n")[fired] * (1 + error[:, None]))
 
 
 def _about(setup: Setup, error: Array) -> Setup:
     return setup.having(WRENCH_POINT, setup.value(WRENCH_POINT) + error)
 
 
-def _moved(setup: Setup, error: Array) -> Setup:
+def _moved(setup: Setup, error: Array) -> Setup | None:
     if setup.log.command_kind == "wrench":  # torques about another point: all its forces are moved alike
         return _about(setup, error.reshape(-1, 3).mean(0))
-    if setup.log.command_kind != "jets":
-        return setup
-    return _at_jets(setup, "jets.position_m", setup.value("jets.position_m")[list(setup.fired)] + error.reshape(-1, 3))
+    return channels.moved(setup, error.reshape(-1, 3))
 
 
 def _angle(finding: FittedHypothesis) -> Mapping[str, object]:
     stated, true = (force[finding.channel] for force in finding.force)
     cosine = stated @ true / np.linalg.norm(stated) / np.linalg.norm(true)
-    return {"jet": finding.subject[0], "angle": np.degrees(np.arccos(np.clip(cosine, -1, 1))), "force": vector(true)}
+    return {
+        "who": _who(finding)["who"],
+        "key": "force_n" if _of(finding) == "jets" else "axis",
+        "angle": np.degrees(np.arccos(np.clip(cosine, -1, 1))),
+        "force": vector(true),
+    }
 
 
 def _place(finding: FittedHypothesis) -> Mapping[str, object]:
-    return {"jet": finding.subject[0], "by": vector(finding.errors["position"].reshape(-1, 3)[finding.channel], 1e3)}
+    return {"who": _who(finding)["who"], "by": vector(finding.errors["position"].reshape(-1, 3)[finding.channel], 1e3)}
+
+
+def _of(finding: FittedHypothesis) -> str:
+    """The table of the vehicle file in which the channels stand that it is about; empty: a wrench's components."""
+    return finding.tables[finding.channel]
+
+
+def _nouns(finding: FittedHypothesis) -> tuple[str, str]:
+    """One and many of them, each with a space; empty of a wrench's components."""
+    table = _of(finding)
+    one = {"jets": "jet"} | {name: kind.NOUN for name, kind in ACTUATORS.items()}
+    return (f"{one[table]} ", f"{one[table]}s ") if table else ("", "")
+
+
+def _entries(finding: FittedHypothesis) -> list[str]:
+    """Names of the actuators that it is about, in place of those of their axes."""
+    by_axis = _of(finding) == "control_moment_gyros"
+    return list(dict.fromkeys(name.rpartition(" ")[0] if by_axis else name for name in finding.subject))
 
 
 def _who(finding: FittedHypothesis) -> Mapping[str, object]:
-    several, listed = len(finding.subject) > 1, ", ".join(finding.subject)
-    who = listed if not finding.by_jets else f"jets {listed}" if several else f"jet {listed}"
+    entries, table, (one, many) = _entries(finding), _of(finding), _nouns(finding)
+    several, listed = len(entries) > 1, ", ".join(entries)
     scale = "mend the unit or scale of these, or of the others, under [columns]" if several else "mend the scale under [columns]"
     verbs = {"push": "push", "give": "give", "do": "do"} if several else {"push": "pushes", "give": "gives", "do": "does"}
+    if table not in ("", "jets", "rotors"):
+        verbs["push"] = "turn the vehicle" if several else "turns the vehicle"
     turned = "" if abs(finding.factor + 1) < NEAR else f", with {-finding.factor:.3g} of the thrust"
     return {
-        "who": who,
+        "who": f"{many if several else one}{listed}",
         "factor": finding.factor,
         "turned": turned,
-        "scale": "mend force_n or calibrate" if finding.by_jets else scale,
+        "of": "momentum" if table not in ("", "jets", "rotors") else "thrust",
+        "scale": {"jets": "mend force_n or calibrate", "": scale}.get(
+            table, f"mend {KEYS.get(table, '')} or calibrate, or look at the unit of its column"
+        ),
+        "key": KEYS.get(table, ""),
         **verbs,
     }
 
 
-def _apart(one: Jet, other: Jet) -> float:
-    """Between two jets, m and N."""
-    return float(
-        np.hypot(np.linalg.norm(np.subtract(one.position_m, other.position_m)), np.linalg.norm(np.subtract(one.force_n, other.force_n)))
-    )
-
-
 def _swapped(finding: FittedHypothesis) -> Mapping[str, object]:
-    jets, stated = finding.subject, finding.stated.vehicle.jets
-    wired = [one for one in finding.corrected.vehicle.jets if one.name in jets]
-    does = {one.name: min(stated, key=lambda other: _apart(one, other)).name for one in wired}
-    as_another = "; ".join(f"{name} does what is stated of {does[name]}" for name in jets)
-    how = "swapped: each does what is stated of the other" if len(jets) == 2 else f"wired round: {as_another}"
-    return {"jets": f"{', '.join(jets[:-1])} and {jets[-1]}", "how": how}
+    names, (_, many) = _entries(finding), _nouns(finding)
+    does = {name: replace(finding, subject=(other,)) for name, other in finding.does.items()}
+    as_another = "; ".join(
+        f"{_entries(replace(finding, subject=(name,)))[0]} does what is stated of {_entries(does[name])[0]}" for name in finding.subject
+    )
+    how = "swapped: each does what is stated of the other" if len(names) == 2 else f"wired round: {as_another}"
+    return {"jets": f"{many}{', '.join(names[:-1])} and {names[-1]}", "how": how}
 
 
 def _limits(finding: FittedHypothesis) -> Mapping[str, object]:
@@ -220,9 +218,9 @@ PARAMETERS = (
         sigma_key="jets.direction_sigma_rad",
         size=3,
         per_channel=True,
-        change=_turned,
+        change=lambda setup, error: channels.turned(setup, error.reshape(-1, 3)),
         uncertain=("jet-direction", "jets point where they are stated to within jets.direction_sigma_rad"),
-        wording=Wording("jet {jet} pushes {angle:.3g} degrees away from its force_n, with {force} N", "mend it", _angle),
+        wording=Wording("{who} pushes {angle:.3g} degrees away from its {key}, with {force} N", "mend it", _angle),
     ),
     ErrorParameter(
         "thrust",
@@ -234,9 +232,9 @@ PARAMETERS = (
         key="jets.force_n",
         sigma_key="jets.thrust_sigma",
         per_channel=True,
-        change=_scaled,
+        change=channels.scaled,
         uncertain=("jet-thrust", "each jet's own thrust is as uncertain as jets.thrust_sigma says"),
-        wording=Wording("{who} ({factor:+.4g}) {give} another part of the stated thrust than others", "{scale}", _who),
+        wording=Wording("{who} ({factor:+.4g}) {give} another part of the stated {of} than others", "{scale}", _who),
     ),
     ErrorParameter(
         "position",
@@ -251,7 +249,7 @@ PARAMETERS = (
         per_channel=True,
         change=_moved,
         uncertain=("jet-position", "jets sit where they are stated to within jets.position_sigma_m"),
-        wording=Wording("jet {jet} sits {by} mm away from its position_m", "mend it", _place),
+        wording=Wording("{who} sits {by} mm away from its position_m", "mend it", _place),
     ),
     ErrorParameter(
         "wrench_point",
@@ -284,23 +282,43 @@ def _all_reversed(finding: FittedHypothesis) -> bool:
     return _reversed(finding) and 1 < len(finding.subject) == len(finding.names)
 
 
+def _jets(finding: FittedHypothesis) -> bool:
+    return _of(finding) == "jets"
+
+
+def _dead(finding: FittedHypothesis) -> bool:
+    return abs(finding.factor) < NEAR
+
+
+def _in_rpm(finding: FittedHypothesis) -> bool:
+    return _of(finding) == "wheels" and abs(finding.factor / RPM - 1) < NEAR
+
+
+def _gimbal_reversed(finding: FittedHypothesis) -> bool:
+    return _of(finding) == "control_moment_gyros" and len(finding.subject) == 1 and _reversed(finding)
+
+
+_NOTHING = "{who} {do} not push at all"
+_RPM = "{who} {do} so much as if its speed is logged in rpm"
+_SPUN = "{who} turns the other way round than its spin says"
+_GIMBAL = "{who} turns its gimbal the other way than stated"
 _ALL_JETS = "all jets push the other way: force_n is what pushes the vehicle, not the plume"
 _ALL_COMMANDS = "all commands act the other way: commands are what acts on the vehicle, not what it reacts to"
 _OTHER_WAY = "{who} {push} the other way than stated{turned}"
 _ABOUT_CG = "commanded torques are about the CG, {point} mm from O, and not about O"
 _LIMITED = "of commanded wrenches no more acts than {limits}, as of an allocation that saturates"
-_SWAPPED = "jets {jets} are {how}"
+_SWAPPED = "{jets} are {how}"
 SPECIAL_CASES = (
-    SpecialCase("thrust-scale", "jet-sign", lambda f: f.by_jets and _all_reversed(f), Wording(_ALL_JETS, "mend the sign of every force_n")),
+    SpecialCase("thrust-scale", "jet-sign", lambda f: _jets(f) and _all_reversed(f), Wording(_ALL_JETS, "mend the sign of every force_n")),
     SpecialCase("thrust-scale", "command-sign", _all_reversed, Wording(_ALL_COMMANDS, "mend their signs under [columns]")),
-    SpecialCase("thrust-scale", "jet-sign", lambda f: f.by_jets and _reversed(f), Wording(_OTHER_WAY, "mend force_n", _who)),
-    SpecialCase("thrust-scale", "command-sign", _reversed, Wording(_OTHER_WAY, "mend the sign under [columns]", _who)),
+    SpecialCase("thrust-scale", "jet-sign", lambda f: _jets(f) and _reversed(f), Wording(_OTHER_WAY, "mend force_n", _who)),
     SpecialCase(
-        "thrust-scale",
-        "jet-dead",
-        lambda f: abs(f.factor) < NEAR,
-        Wording("{who} {do} not push at all", "look at valves and wiring", _who),
+        "thrust-scale", "command-sign", _gimbal_reversed, Wording(_GIMBAL, "mend the sign of its column, or its gimbal_axis", _who)
     ),
+    SpecialCase("thrust-scale", "command-sign", _reversed, Wording(_OTHER_WAY, "mend the sign under [columns]", _who)),
+    SpecialCase("thrust-scale", "jet-dead", lambda f: _jets(f) and _dead(f), Wording(_NOTHING, "look at valves and wiring", _who)),
+    SpecialCase("thrust-scale", "actuator-dead", _dead, Wording(_NOTHING, "look at its motor and wiring, and at its column", _who)),
+    SpecialCase("thrust-scale", "speed-units", _in_rpm, Wording(_RPM, "mend the scale under [columns]", _who)),
     SpecialCase(
         "wrench-point",
         "wrench-point",
@@ -311,5 +329,9 @@ SPECIAL_CASES = (
         "pulse-position", "pulse-position", lambda _: True, Wording("pulses {place} their cycles{delay}", "state {key}", _pulse_at)
     ),
     SpecialCase("commands-limited", "commands-limited", lambda _: True, Wording(_LIMITED, "state thrust.wrench_limits", _limits)),
-    SpecialCase("jets-swapped", "jets-swapped", lambda _: True, Wording(_SWAPPED, "swap wires, columns or entries", _swapped)),
+    SpecialCase("rotor-spin", "rotor-spin", lambda _: True, Wording(_SPUN, "mend its spin, or swap two of its motor's wires", _who)),
+    *(
+        SpecialCase(code, code, lambda _: True, Wording(_SWAPPED, "swap wires, columns or entries", _swapped))
+        for code in ("jets-swapped", "actuators-swapped")
+    ),
 )

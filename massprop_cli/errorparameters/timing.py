@@ -26,8 +26,8 @@ def _drifting(setup: Setup, error: Array) -> Setup:
 
 
 def _lagging(setup: Setup, error: Array) -> Setup:
-    """In cycles, as the timing has it."""
-    return setup._replace(timing=setup.timing.moved(["lag"], error))
+    """In cycles, as the timing has it, or rotors of their own."""
+    return setup.having(LAG, setup.value(LAG) + setup.period_s * error)
 
 
 def _assumed(setup: Setup) -> str:

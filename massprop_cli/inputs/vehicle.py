@@ -270,6 +270,20 @@ class Vehicle(Section):
         axes = np.concatenate([np.zeros((0, 3)), *(device.axes for device in self.spinning)])
         return np.hstack([-axes, np.zeros_like(axes)])
 
+    def with_acting(self, factors: Array) -> Self | None:
+        """The vehicle with so many times (A,) the momentum along each axis of :attr:`spinning`; None where that can't be stated."""
+        changed, at = {}, 0
+        for kind, own in self.actuators:
+            found = []
+            for one in own:
+                count = 0 if one.device is None else len(one.device.axes)
+                mine, at = factors[at : at + count], at + count
+                found.append(one if (mine == 1).all() else one.acting(mine))
+            if None in found:
+                return None
+            changed[kind.TABLE] = tuple(found)
+        return self.model_copy(update=changed)
+
     def with_momentum(self, factor: float) -> Self:
         """The vehicle with so many times the momentum in everything that stores it."""
         return self.model_copy(update={kind.TABLE: tuple(one.scaled(factor) for one in own) for kind, own in self.actuators})

@@ -55,7 +55,8 @@ enum {
     NORTH,
     BY_SCALE,
     BY_BIAS = 20,
-    SLOPES = 23
+    SLOPES = 23,
+    PRECESSION = HYPOTHESIS_PRECESSION
 };
 
 typedef double matrix[3][3];
@@ -77,6 +78,9 @@ static void cross_matrix(const double *v, matrix out) {
     out[2][0] = -v[1];
     out[2][1] = v[0];
 }
+
+/* 1/m; as if nothing moved the mass where its pivot stands still. */
+static double mass_inverse(const mp_hypotheses *about, const double *x) { return about->translates ? x[MU] : 0.0; }
 
 void mp_hypothesis_product(matrix a, const double *b, int wide, double *out) {
     int i, j;
@@ -111,7 +115,9 @@ void mp_hypotheses_of(const long *sizes, const long *places, const double *numbe
     out->flat = numbers + 29;
     out->lags = numbers + 35;
     out->ramp = numbers[38];
-    out->position = numbers + 39;
+    out->thrusting = (long)numbers[39];
+    out->translates = numbers[40] != 0.0;
+    out->position = numbers + 41;
     out->force = out->position + 3 * out->channels;
     out->couple = out->force + 3 * out->channels;
 }
@@ -221,7 +227,7 @@ static void put_vertical(const mp_hypotheses *about, const double *x, matrix inv
     mp_hypothesis_product(seen, level[0][0], 3, level[1][0]);
     for (i = 0; i < 3; i++) {
         up[1][i][i] += about->gravity;
-        level[1][i][i] += x[MU];
+        level[1][i][i] += mass_inverse(about, x);
     }
     put(about, LEVEL, level[0][0], level[1][0], 3, out);
     cross(x + GYRO_TURN, about->up, turned);
@@ -289,6 +295,8 @@ static void put_turned(const mp_hypotheses *about, const double *x, const mp_hyp
     of_products(back, squares);
     mixed(squares[0], 6, out + about->places[PRODUCTS] * 6);
     if (about->places[RATES] >= 0) mixed(back[0], 3, out + about->places[RATES] * 6);
+    for (c = about->thrusting; about->places[PRECESSION] >= 0 && c < about->channels; c++)
+        mixed(back[0], 3, out + (about->places[PRECESSION] + HYPOTHESIS_PER_AXIS * (c - about->thrusting)) * 6);
 }
 
 static int straight(const double *x, const mp_hypothesis *one) {
@@ -324,6 +332,32 @@ void mp_hypothesis_gain(const mp_hypotheses *about, const double *x, int sensor,
         }
 }
 
+void mp_hypothesis_precession(const double *torque, matrix out) {
+    matrix across;
+    int i, k;
+    cross_matrix(torque, across);
+    for (i = 0; i < 3; i++)
+        for (k = 0; k < 3; k++) out[i][k] = -across[i][k];
+}
+
+/* What the momentum of a channel does that turns with the body: rows by the products of rates and momentum, and by the gyro's bias. */
+static void put_precession(const double *x, const double *torque, matrix inverted, matrix seen, double *rows) {
+    matrix turned, parts[2];
+    int i, k, s;
+    mp_hypothesis_precession(torque, turned);
+    mp_hypothesis_product(inverted, turned[0], 3, parts[0][0]);
+    mp_hypothesis_product(seen, parts[0][0], 3, parts[1][0]);
+    for (s = 0; s < 2; s++)
+        for (i = 0; i < 3; i++) {
+            double *bias = rows + 3 * 6 + 3 * s + i;
+            *bias = 0.0;
+            for (k = 0; k < 3; k++) {
+                rows[k * 6 + 3 * s + i] = parts[s][i][k];
+                *bias -= parts[s][i][k] * x[GYRO_BIAS + k];
+            }
+        }
+}
+
 void mp_hypothesis_coefficients(const mp_hypotheses *about, const double *x, const mp_hypothesis *one, double *out) {
     matrix inverted, inertia, seen, across, turning, shifted;
     double centre[3], arm[3], leaning[3], pushed[3][6], leant[3][6], parts[2][3][6], constant[2][3], rates[2][3][3];
@@ -336,7 +370,7 @@ void mp_hypothesis_coefficients(const mp_hypotheses *about, const double *x, con
     for (i = 0; i < 3; i++) {
         centre[i] = about->pivoted ? about->bearing[i] + x[BEARING + i] : x[MOMENT + i];
         arm[i] = about->imu[i] + x[IMU + i] - centre[i];
-        leaning[i] = x[MOMENT + i] * x[MU];
+        leaning[i] = x[MOMENT + i] * mass_inverse(about, x);
     }
     /* specific force by angular acceleration */
     cross_matrix(arm, across);
@@ -391,7 +425,7 @@ void mp_hypothesis_coefficients(const mp_hypotheses *about, const double *x, con
     cross_matrix(x + MOMENT, across);
     mp_hypothesis_product(inverted, across[0], 3, turning[0]);
     for (i = 0; i < 3; i++)
-        for (j = 0; j < 3; j++) turning[i][j] *= about->pivoted ? x[MU] : 0.0;
+        for (j = 0; j < 3; j++) turning[i][j] *= about->pivoted ? mass_inverse(about, x) : 0.0;
     for (c = 0; c < about->channels; c++) {
         double force[3], torque[3], spin[3], push[3];
         double *column = out + (about->places[CHANNELS] + c) * 6;
@@ -400,9 +434,12 @@ void mp_hypothesis_coefficients(const mp_hypotheses *about, const double *x, con
         mp_hypothesis_product(seen, spin, 1, push);
         for (i = 0; i < 3; i++) {
             column[i] = spin[i];
-            column[3 + i] = push[i] + x[MU] * force[i];
+            column[3 + i] = push[i] + mass_inverse(about, x) * force[i];
             for (j = 0; j < 3; j++) column[i] -= turning[i][j] * force[j];
         }
+        if (c >= about->thrusting && about->places[PRECESSION] >= 0)
+            put_precession(x, torque, inverted, seen,
+                           out + (about->places[PRECESSION] + HYPOTHESIS_PER_AXIS * (c - about->thrusting)) * 6);
     }
     if (about->places[LATER] >= 0) {
         cross_matrix(centre, across);
@@ -414,7 +451,7 @@ void mp_hypothesis_coefficients(const mp_hypotheses *about, const double *x, con
             }
         mp_hypothesis_product(seen, response[0], 6, through[0]);
         memcpy(thrust, through, sizeof thrust);
-        for (i = 0; i < 3; i++) thrust[i][3 + i] += x[MU];
+        for (i = 0; i < 3; i++) thrust[i][3 + i] += mass_inverse(about, x);
         put_late(about, x, response[0], through[0], thrust[0], out);
     }
     if (about->pivoted) put_vertical(about, x, inverted, seen, turning, out);

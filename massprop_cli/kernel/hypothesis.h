@@ -7,14 +7,16 @@
 #define HYPOTHESIS_CHANNELS 0
 #define HYPOTHESIS_PRODUCTS 1
 #define HYPOTHESIS_UP 13 /* on a bearing */
+#define HYPOTHESIS_PRECESSION 25 /* of what stores momentum: for each axis of it the rates times the momentum, and the momentum */
+#define HYPOTHESIS_PER_AXIS 4
 
 /* What all hypotheses about a log share. */
 typedef struct {
-    long channels, columns, entries;
+    long channels, columns, entries, thrusting; /* those of channels come first; the others store momentum */
     const long *places;
     const double *imu, *mounting, *bearing, *level, *up, *flat, *lags, *position, *force, *couple;
     double gravity, ramp;
-    int pivoted;
+    int pivoted, translates;
 } mp_hypotheses;
 
 /* One hypothesis. */
@@ -37,6 +39,8 @@ void mp_sensors_of(const long *sizes, const double *const *triangles, mp_sensor 
 /* (columns, 6) of x: growth of the rate, specific force. */
 void mp_hypothesis_coefficients(const mp_hypotheses *about, const double *x, const mp_hypothesis *one, double *out);
 /* Force of a channel, and torque about a centre, with its thrust, place and direction in x. */
+/* (3, 3) torque of a channel's precession by the rate about each axis, of its torque by a unit. */
+void mp_hypothesis_precession(const double *torque, double out[3][3]);
 void mp_hypothesis_wrench(const mp_hypotheses *about, const double *x, long channel, const double *centre, double force[3], double torque[3]);
 /* (3, 3) gain of a sensor (0: gyro, 1: accelerometer) by its scale along its own axes in x. */
 void mp_hypothesis_gain(const mp_hypotheses *about, const double *x, int sensor, double out[3][3]);

@@ -61,6 +61,19 @@ static void add_column(const mp_sensor *told, long column, double by, double *ou
     for (r = 0; by != 0.0 && r < end; r++) out[r] += by * own[r];
 }
 
+static long precession_of(const mp_hypotheses *about, long channel) {
+    return about->places[HYPOTHESIS_PRECESSION] + HYPOTHESIS_PER_AXIS * (channel - about->thrusting);
+}
+
+/* To (3) columns along each axis, what a channel's momentum does that turns with the body. */
+static void add_precession(const mp_hypotheses *about, const mp_sensor *told, long channel, const double *torque, double *out) {
+    double turned[3][3];
+    int i, k;
+    mp_hypothesis_precession(torque, turned);
+    for (i = 0; i < 3; i++)
+        for (k = 0; k < 3; k++) add_column(told, precession_of(about, channel) + k, turned[i][k], out + i * told->rows);
+}
+
 /* (3) columns of sums of the channels: along each axis of what those give that nobody suspects. What all of them make alone, squared. */
 static double add_sums(const mp_hypotheses *about, const mp_sensor *told, const double *given, const unsigned char *suspects, double *out) {
     double all = 0.0;
@@ -74,6 +87,7 @@ static double add_sums(const mp_hypotheses *about, const mp_sensor *told, const 
             all += given[3 * c + i] * given[3 * c + i] * square;
             add_column(told, about->places[HYPOTHESIS_CHANNELS] + c, suspects[c] ? 0.0 : given[3 * c + i], out + i * told->rows);
         }
+        if (c >= about->thrusting && !suspects[c]) add_precession(about, told, c, given + 3 * c, out);
     }
     return all;
 }
@@ -86,7 +100,7 @@ static void plain_of(const mp_hypotheses *about, const mp_sensor *told, const do
     long up = about->pivoted ? about->places[HYPOTHESIS_UP] : -1;
     double sums[2] = {0.0, 0.0};
     int i;
-    for (c = 0; c < about->channels; c++) suspected += suspects[c] != 0;
+    for (c = 0; c < about->channels; c++) suspected += suspects[c] ? 1 + 3 * (c >= about->thrusting) : 0;
     count = 12 + suspected + (felt && up >= 0 ? 3 : 0);
     memset(room, 0, (size_t)(p * (count + 3)) * sizeof room[0]);
     sums[0] = add_sums(about, told, first, suspects, room);
@@ -95,7 +109,10 @@ static void plain_of(const mp_hypotheses *about, const mp_sensor *told, const do
     for (c = 0; second == NULL && c < 3 * p; c++) sums[1] += room[3 * p + c] * room[3 * p + c];
     at = 6;
     for (c = 0; c < about->channels; c++)
-        if (suspects[c]) add_column(told, channels + c, 1.0, room + at++ * p);
+        if (suspects[c]) {
+            add_column(told, channels + c, 1.0, room + at++ * p);
+            for (i = 0; c >= about->thrusting && i < 3; i++) add_column(told, precession_of(about, c) + i, 1.0, room + at++ * p);
+        }
     for (i = 0; i < 6; i++) add_column(told, about->places[HYPOTHESIS_PRODUCTS] + i, 1.0, room + at++ * p);
     for (i = 0; felt && up >= 0 && i < 3; i++) add_column(told, up + i, 1.0, room + at++ * p);
     for (i = 0; i < 3; i++) memcpy(room + (count + i) * p, told->measured + i * p, (size_t)p * sizeof room[0]);
@@ -103,7 +120,7 @@ static void plain_of(const mp_hypotheses *about, const mp_sensor *told, const do
 }
 
 /* plain (H, 27) of x (H, entries) where suspects (H, channels) have a response of their own.
- * room: 6 channels + columns (channels + 18). */
+ * room: 6 channels + columns (4 channels + 18). */
 int mp_host_plain(const long *sizes, const long *places, const double *numbers, const double *const *triangles, const double *x,
                   const unsigned char *suspects, double *room, double *plain) {
     static const double origin[3] = {0.0, 0.0, 0.0};

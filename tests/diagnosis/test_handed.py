@@ -26,7 +26,7 @@ NOISE = np.repeat([1e-4, 0.02], 3) ** 2
 def reduced(kind: str) -> tuple[Model, Free]:
     flown = flight.standard(kind)
     free = free_response(flown.log(np.random.default_rng(0)), flown.resolved, Timing(2.0, 0.0), PIECE)
-    return Model.of(free, flown.used, 0.3, True), free
+    return Model.of(free, flown.used, 0.3, "jets"), free
 
 
 def anything(model: Model, rng: np.random.Generator) -> Array:
@@ -60,7 +60,7 @@ def test_what_is_left_of_anything_is_what_numpy_says(kind: str, monkeypatch: pyt
 def test_fits_begin_where_numpy_begins(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     model, free = reduced(kind)
     names = [f"jet {i}" for i in range(len(model.force))]
-    supposed = [*hypotheses.listed(model, names, True), *hypotheses.units(model, 0.05, True), *map(model.without, range(len(names)))]
+    supposed = [*hypotheses.listed(model, names), *hypotheses.units(model, 0.05, True), *map(model.without, range(len(names)))]
     alone = [Hypothesis("", (), np.zeros((len(model.stated), 0)), suspects=tuple(range(1, len(names))))]  # hardly any are left to go by
     rows = _Rows.of_all(model, free, NOISE, [*supposed, *alone])
     x, sizes = rows.begun([*supposed, *alone])
@@ -88,7 +88,7 @@ def test_a_sum_that_cancels_but_for_rounding_begins_no_body() -> None:
 def test_every_supposition_ends_where_numpy_ends(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     model, free = reduced(kind)
     names = [f"jet {i}" for i in range(len(model.force))]
-    supposed = [*hypotheses.listed(model, names, True), *hypotheses.units(model, 0.05, True), model.without(2)]
+    supposed = [*hypotheses.listed(model, names), *hypotheses.units(model, 0.05, True), model.without(2)]
     own = fitted(model, free, NOISE, supposed)
     monkeypatch.setattr(comparison, "compiled", lambda: False)
     for one, other in zip(own, fitted(model, free, NOISE, supposed), strict=True):

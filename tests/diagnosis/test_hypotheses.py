@@ -45,7 +45,7 @@ def theta(kind: str) -> Array:
 def left(log: Log, used: Vehicle, kind: str, **entries: Array) -> float:
     """Chi-square that the true body leaves of a log, with entries of x as given."""
     free = free_response(log, resolved(used), DELAY, slice(2, log.cycles))
-    model = Model.of(free, used, 0.0, True)
+    model = Model.of(free, used, 0.0, "jets")
     x = model.stated
     x[:10] = theta(kind)
     for name, value in entries.items():
@@ -148,7 +148,7 @@ def test_a_fit_finds_the_body_and_what_is_wrong_from_noise() -> None:
     flown = flight.standard("free")
     log, used = weak(flown.log(np.random.default_rng(3)), flown.used)
     free = free_response(log, resolved(used), DELAY, PIECE)
-    model = Model.of(free, used, 0.0, True)
+    model = Model.of(free, used, 0.0, "jets")
     column = np.zeros((len(model.stated), 1))
     column[model.place("thrust").start] = 0.3
     stated, found = fitted(
@@ -168,7 +168,7 @@ def test_no_mounting_is_supposed_twice_or_as_it_is_stated_whatever_the_rounding(
     rng = np.random.default_rng(0)
     mounted = rotation(np.array([angle, 0.2 * angle, 0.0])) @ (np.eye(3) + 3e-10 * rng.standard_normal((3, 3)))
     flown = flight.standard()
-    model = replace(Model.of(free_response(flown.log(), flown.resolved, DELAY, PIECE), flown.used, 0.0, True), mounting=mounted)
+    model = replace(Model.of(free_response(flown.log(), flown.resolved, DELAY, PIECE), flown.used, 0.0, "jets"), mounting=mounted)
     whole = [one.gyro for one in mountings(model) if np.array_equal(one.gyro, one.accelerometer)]
     apart = np.abs(np.array(whole)[:, None] - whole).max((2, 3)) + np.eye(len(whole))
     assert apart.min() > 1e-3

@@ -33,7 +33,7 @@ def weak(jet: int) -> Screening:
 
 def test_the_order_is_that_of_all_fitted_at_once() -> None:
     screening = weak(3)
-    supposed = [*hypotheses.listed(screening.model, screening.names, True), *screening._likely_turns(), *screening._pushing_more()]
+    supposed = [*hypotheses.listed(screening.model, screening.names), *screening._likely_turns(), *screening._pushing_more()]
     kinds = [one.code for one in supposed]
     every = fitted(screening.model, screening.free, screening.free.variance, supposed, still=ROUGHLY)
     scores = sorted((screening.score(one.chi_square, one, kinds.count(one.hypothesis.code)), i) for i, one in enumerate(every))
@@ -47,7 +47,7 @@ def test_the_order_is_that_of_all_fitted_at_once() -> None:
 def test_a_channel_left_free_leaves_no_more_than_any_of_its_own_suppositions() -> None:
     screening = weak(3)
     for channel in range(len(screening.names)):
-        own = [one for one in hypotheses.listed(screening.model, screening.names, True) if screening.model.channel(one) == channel]
+        own = [one for one in hypotheses.listed(screening.model, screening.names) if screening.model.channel(one) == channel]
         assert {one.code for one in own} == {"thrust-scale", "jet-position", "jet-direction"}
         bound, *each = fitted(screening.model, screening.free, screening.free.variance, [screening.model.without(channel), *own])
         assert all(one.chi_square.sum() > bound.chi_square.sum() - 1.0 for one in each)

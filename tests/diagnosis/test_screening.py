@@ -137,7 +137,7 @@ def test_a_torque_that_wanders_is_found_at_the_level_that_explains_most(walk: fl
 @pytest.mark.parametrize("part", [1.0, 0.9])
 def test_a_cause_whose_values_are_chance_is_none(part: float) -> None:
     screening = otherwise(thrust("roll_p1", part))
-    every = listed(screening.model, screening.names, True)
+    every = listed(screening.model, screening.names)
     supposed = [one for one in every if (one.code, one.subject) == ("thrust-scale", ("roll_p1",)) and not one.start]
     (found,) = fitted(screening.model, screening.free, screening.free.variance, supposed)
     assert found.factors[0] == pytest.approx(part, abs=2e-3)

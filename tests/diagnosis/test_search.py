@@ -86,8 +86,7 @@ def test_what_a_gyro_gets_wrong_bends_what_is_measured_on_a_bearing_alone(name: 
     """There it moves the vertical. A unit makes another motion within the cycles, and nothing that is late follows a straight line."""
     screening = look_of(*faulty.sample(name))
     supposed = {
-        one.code: one
-        for one in (*hypotheses.listed(screening.model, screening.names, True), *hypotheses.units(screening.model, 0.05, True))
+        one.code: one for one in (*hypotheses.listed(screening.model, screening.names), *hypotheses.units(screening.model, 0.05, True))
     }
     expected = {"gyro-scale": bent, "gyro-bias": bent, "gyro-units": True, "jet-position": False, "clock-drift": True}
     for code, curved in expected.items():

@@ -20,6 +20,8 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.section import Section, Vector
 
+DEAD = 1e-9
+"""Part of its momentum that a device has that does nothing: none is no number that a vehicle file takes."""
 NEAR = 0.02
 """Part of itself within which a first reading is what is stated of it in another unit."""
 SPEEDS = {
@@ -66,6 +68,8 @@ class Actuator(Section):
     NOUN: ClassVar[str]
     COLUMNS: ClassVar[tuple[LogColumn, ...]]
     """Where a log has several of one actuator, it is read by the first."""
+    DOES: ClassVar[tuple[str, ...]]
+    """Keys that say what it does to the vehicle: those of another one, where two are swapped."""
     THRUSTS: ClassVar[bool] = False
     """Whether it is commanded in place of jets or a wrench."""
 
@@ -109,6 +113,10 @@ class Actuator(Section):
     @abstractmethod
     def scaled(self, factor: float) -> Self:
         """The same with so many times the momentum."""
+
+    def acting(self, factors: Array) -> Self | None:
+        """The same whose momentum along each of its axes is so many times as much; None where nothing stated of it could be so."""
+        return self.scaled(float(factors[0])) if (factors == factors[0]).all() and factors[0] > 0 else None
 
 
 class MomentumDevice(Actuator):

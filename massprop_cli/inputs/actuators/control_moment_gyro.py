@@ -49,6 +49,7 @@ class ControlMomentGyro(actuator.MomentumDevice):
     TABLE: ClassVar = "control_moment_gyros"
     NOUN: ClassVar = "control moment gyro"
     COLUMNS: ClassVar = (GIMBAL, SPEED)
+    DOES: ClassVar = ("gimbal_axis", "spin_axis", "h_n_m_s", "spin_inertia_kg_m2")
 
     gimbal_axis: _Axis = Field(description="about which positive gimbal angles turn, body axes; of any length")
     spin_axis: _Axis = Field(description="of the spin momentum at gimbal angle 0, body axes; of any length, orthogonal to gimbal_axis")
@@ -120,6 +121,15 @@ class ControlMomentGyro(actuator.MomentumDevice):
         """The same with so many times its spin momentum."""
         keys = ("h_n_m_s", "spin_inertia_kg_m2")
         return self.model_copy(update={key: factor * stated for key in keys if (stated := getattr(self, key)) is not None})
+
+    def acting(self, factors: Array) -> Self | None:
+        """Both below 0: its rotor spins the other way; the second alone: its gimbal turns the other way."""
+        first, second = factors.tolist()
+        if abs(abs(first) - abs(second)) > SQUARE * abs(first):
+            return None
+        gimbal = self.gimbal_axis if first * second >= 0 else tuple(-part for part in self.gimbal_axis)
+        spin = self.spin_axis if first >= 0 else tuple(-part for part in self.spin_axis)
+        return self.scaled(max(abs(first), actuator.DEAD)).model_copy(update={"gimbal_axis": gimbal, "spin_axis": spin})
 
     def read(self, source: LogTable, records: int, n: int) -> "GyroLog":  # noqa: ARG002
         """Gimbal angles, and speeds where the momentum is not stated."""

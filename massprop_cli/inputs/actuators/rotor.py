@@ -32,6 +32,7 @@ class Rotor(Actuator):
     TABLE: ClassVar = "rotors"
     NOUN: ClassVar = "rotor"
     COLUMNS: ClassVar = (COMMAND, SPEED)
+    DOES: ClassVar = ("position_m", "axis", "spin", "thrust_n", "torque_ratio_m")
     THRUSTS: ClassVar = True
 
     position_m: Place

@@ -51,6 +51,7 @@ class Wheel(actuator.MomentumDevice):
     TABLE: ClassVar = "wheels"
     NOUN: ClassVar = "wheel"
     COLUMNS: ClassVar = (SPEED, ON_WHEEL)
+    DOES: ClassVar = ("axis", "spin_inertia_kg_m2")
 
     axis: Annotated[Vector, actuator.pointing("the wheel's axis")] = Field(
         description="direction of positive speed, body axes; of any length"
@@ -133,6 +134,13 @@ class Wheel(actuator.MomentumDevice):
     def scaled(self, factor: float) -> Self:
         """The same with so many times its spin inertia."""
         return self.model_copy(update={"spin_inertia_kg_m2": factor * self.spin_inertia_kg_m2})
+
+    def acting(self, factors: Array) -> Self:
+        """Below 0 it turns the other way."""
+        x, y, z = self.axis
+        size = max(abs(float(factors[0])), actuator.DEAD)
+        axis = (-x, -y, -z) if factors[0] < 0 else self.axis
+        return self.model_copy(update={"axis": axis, "spin_inertia_kg_m2": size * self.spin_inertia_kg_m2})
 
     def read(self, source: LogTable, records: int, n: int) -> "WheelLog":
         """By the column that the vehicle file names."""

@@ -1,0 +1,112 @@
+"""What log and vehicle file state of each command channel, changed channel by channel: jets, wrenches, rotors, and what stores momentum."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.inputs.vehicle import Vehicle
+
+DOES = ("position_m", "force_n")
+"""What a jet does, by keys of the vehicle file."""
+
+
+def scaled(setup: Setup, error: Array) -> Setup | None:
+    """Of the channels that fired, forces, commands or momenta times 1 + ``error``; None where that can't be stated."""
+    factors = np.ones(_commanded(setup) + len(setup.vehicle.momentum_wrench))
+    factors[list(setup.fired)] += error
+    own, stored = np.split(factors, [_commanded(setup)])
+    if setup.log.command_kind == "wrench" and (own != 1).any():
+        setup = setup._replace(log=replace(setup.log, command=setup.log.command * own))
+    elif setup.log.command_kind == "jets":
+        setup = setup.having("jets.force_n", setup.value("jets.force_n") * own[:, None])
+    elif setup.log.command_kind == "rotors":
+        pushed = (tuple(float(factor * part) for part in one.thrust_n) for one, factor in zip(setup.vehicle.rotors, own, strict=True))
+        setup = _having(setup, "rotors", [{"thrust_n": one} for one in pushed])
+    if (stored == 1).all():
+        return setup
+    vehicle = setup.vehicle.with_acting(stored)
+    return None if vehicle is None else setup._replace(vehicle=_anew(setup.vehicle, vehicle))
+
+
+def moved(setup: Setup, error: Array) -> Setup | None:
+    """Jets or rotors at other places by ``error`` (C, 3)."""
+    table = setup.log.command_kind
+    if table == "wrench":
+        return None if error.any() else setup
+    every = np.zeros((_commanded(setup) + len(setup.vehicle.momentum_wrench), 3))
+    every[list(setup.fired)] = error
+    now = [np.array(one.position_m) for one in getattr(setup.vehicle, table)]
+    return _having(setup, table, [{"position_m": _plain(a + b)} for a, b in zip(now, every, strict=False)])
+
+
+def turned(setup: Setup, error: Array) -> Setup | None:
+    """Jets' forces, or rotors' axes, of the same size along other directions by ``error`` (C, 3), N."""
+    table = setup.log.command_kind
+    if table == "wrench":
+        return None if error.any() else setup
+    key = "force_n" if table == "jets" else "axis"
+    every = np.zeros((_commanded(setup) + len(setup.vehicle.momentum_wrench), 3))
+    every[list(setup.fired)] = error
+    changed = []
+    for one, by in zip(getattr(setup.vehicle, table), every, strict=False):
+        stated = np.array(getattr(one, key), dtype=float)
+        size = np.linalg.norm(stated)
+        along = stated + by * (1.0 if table == "jets" else size)  # of a rotor by one newton
+        length = np.linalg.norm(along)
+        changed.append({key: _plain(along * (size / length if size > 0 else 1.0))} if by.any() else {})
+    return _having(setup, table, changed)
+
+
+def wired(setup: Setup, does: Sequence[int]) -> Setup:
+    """Of the channels that fired, each does what is stated of the one that ``does`` says, by its place among them."""
+    order = list(range(_commanded(setup) + len(setup.vehicle.momentum_wrench)))
+    for at, other in zip(setup.fired, does, strict=True):
+        order[at] = setup.fired[other]
+    if setup.log.command_kind != "wrench":
+        setup = _swapped(setup, setup.log.command_kind, order[: _commanded(setup)], DOES if setup.log.command_kind == "jets" else None)
+    first = _commanded(setup)
+    for kind, own in setup.vehicle.actuators:
+        if own and not kind.THRUSTS:
+            starts = [first + sum(len(one.axes) for one in own[:i]) for i in range(len(own))]
+            first += sum(len(one.axes) for one in own)
+            setup = _swapped(setup, kind.TABLE, [starts.index(order[start]) for start in starts])
+    return setup
+
+
+def spun(setup: Setup, which: Sequence[int]) -> Setup:
+    """Rotors, by their places among the channels that fired, turn the other way round."""
+    turned = {setup.fired[i] for i in which}
+    rotors = setup.vehicle.rotors
+    return _having(setup, "rotors", [{"spin": -one.spin} if i in turned else {} for i, one in enumerate(rotors)])
+
+
+def _swapped(setup: Setup, table: str, order: Sequence[int], keys: Sequence[str] | None = None) -> Setup:
+    own = getattr(setup.vehicle, table)
+    used = own[0].DOES if keys is None else keys
+    return _having(setup, table, [{key: getattr(own[other], key) for key in used} if other != i else {} for i, other in enumerate(order)])
+
+
+def _commanded(setup: Setup) -> int:
+    """How many channels are commanded; those that store momentum come after them."""
+    return int(setup.log.command.shape[1])
+
+
+def _having(setup: Setup, table: str, changes: Sequence[dict[str, Any]]) -> Setup:
+    """With other values of the keys of each of a table's entries."""
+    own = tuple(one.model_copy(update=by) if by else one for one, by in zip(getattr(setup.vehicle, table), changes, strict=True))
+    return setup._replace(vehicle=_anew(setup.vehicle, setup.vehicle.model_copy(update={table: own})))
+
+
+def _anew(before: Vehicle, vehicle: Vehicle) -> Vehicle:
+    """Constructed anew: a copy would keep what was computed of it before."""
+    return type(before).model_construct(before.model_fields_set, **dict(vehicle))
+
+
+def _plain(values: Array) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)

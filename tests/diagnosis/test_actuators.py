@@ -1,0 +1,75 @@
+"""Wheels, control moment gyros and rotors that are not as stated are named, and what they are is estimated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import rotation
+from massprop_cli.diagnosis import comparison
+from massprop_cli.diagnosis.channelwise import free_response
+from massprop_cli.diagnosis.coefficients import Model
+from massprop_cli.diagnosis.comparison import _Rows
+from massprop_cli.diagnosis.hypothesis import Hypothesis
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.kernel import kernel
+from massprop_cli.prepare.timing import Timing
+from tests import anypedestal, flight
+from tests.faultyactuators import FAULTS, TABLES, Subject, examination, flown
+
+NOISE = np.repeat([1e-4, 0.02], 3) ** 2
+KINDS = [(platform, name) for platform in TABLES for name, fault in FAULTS.items() if platform in fault.platforms and fault.codes]
+
+
+@pytest.mark.numerical
+@pytest.mark.skipif(kernel().library is None, reason="no compiled kernel was built")
+@pytest.mark.parametrize("platform", ["gyros", "pedestal, wheels"])
+def test_the_kernel_makes_of_stored_momentum_what_numpy_makes(platform: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    of = flown(platform, "none", cycles=200)
+    used = Vehicle.model_validate(of.stated)
+    free = free_response(
+        anypedestal.log_of(np.random.default_rng(0), of.own, 0, of.flown, used), flight.resolved(used), Timing(0.0, 0.0), slice(2, 190)
+    )
+    model, rng = Model.of(free, used, 0.0, "jets"), np.random.default_rng(1)
+    x = np.repeat(model.stated[None] + rng.normal(0.0, 0.05, len(model.stated)), 2, 0)
+    x[:, :10] = [1.0, 0.1, 0.2, 2.0, 0.1, 1.5, 0.1, -0.05, 0.02, 0.05]
+    turns = np.eye(3), rotation(np.array([0.3, 0.1, -0.2]))
+    own = [Hypothesis("", (), np.eye(len(model.stated)), gyro=turn, accelerometer=turn, suspects=(1,)) for turn in turns]
+    rows = _Rows.of_all(model, free, NOISE, own)
+    left, (begun, _) = rows.left(x), rows.begun(own)
+    monkeypatch.setattr(comparison, "compiled", lambda: False)
+    np.testing.assert_allclose(left, rows.left(x), rtol=1e-9, atol=1e-9 * np.abs(left).max())
+    np.testing.assert_allclose(begun, replace(rows, regressed={}).begun(own)[0], rtol=1e-6, atol=1e-9)
+
+
+def wrong(of: Subject, seed: int) -> tuple[set[str], Array, Array]:
+    """Codes; deviations in sigmas of what is called converged, and of what the corrected estimate gives."""
+    answer = examination(of, np.random.default_rng([seed, 0, 3]))
+    z = []
+    for conclusions in (answer.conclusions, *(one.conclusions for one in answer.mended)):
+        items = conclusions[0].about_pivot if answer.vehicle.on_pedestal else conclusions[0].estimates
+        told = [(one.value or 0.0, one.sigma, of.truth[name]) for name, one in items.items() if one.verdict == "converged"]
+        z.append(np.array([abs((value - truth) / sigma) for value, sigma, truth in told if sigma]))
+    return {notice.code for notice in answer.notices}, z[0], np.concatenate(z[1:]) if z[1:] else np.zeros(0)
+
+
+@pytest.mark.parametrize(("platform", "name"), [("wheels", "swapped")])
+def test_a_fault_is_named_and_its_correction_gives_the_truth(platform: str, name: str) -> None:
+    named(platform, name, 0, 300)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("platform", "name"), KINDS)
+def test_each_fault_is_named(platform: str, name: str) -> None:
+    named(platform, name, 0, 600)
+
+
+def named(platform: str, name: str, seed: int, cycles: int) -> None:
+    codes, now, corrected = wrong(flown(platform, name, seed, cycles), seed)
+    assert codes & set(FAULTS[name].codes)
+    assert now.max(initial=0.0) < 4
+    assert len(corrected) > 5
+    assert corrected.max() < 4.5
