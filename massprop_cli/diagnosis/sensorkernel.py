@@ -84,7 +84,8 @@ def without(source: VehicleSource) -> VehicleSource:
 
 def _costs(log: Log, vehicle: Vehicle, kinds: tuple[bool, ...]) -> dict[_Kernel, tuple[float, float]]:
     """−2 log likelihood of gyro and accelerometer by each kernel that is tried; none where the log is too short."""
-    part = log.part(0, min(log.cycles, LONGEST))
+    whole = any(one.integrated for one in log.spinning)  # momentum by its torque follows from all that went before
+    part = log if whole else log.part(0, min(log.cycles, LONGEST))
     stated = vehicle.cycle.command_delay_cycles
     lag = 0.0 if vehicle.thrust.lag_s == "auto" else vehicle.thrust.lag_s / vehicle.cycle.period_s
     at = Timing(0.0, lag) if stated == "auto" else Timing(stated, lag)
