@@ -1,7 +1,7 @@
 """Other ways to read a log's columns, each tested by an off-line fit of its own.
 
-Where no hypothesis (:mod:`massprop_cli.diagnosis.hypotheses`) explains the log of wheels, gyros or rotors, which a wrong reading may turn too
-far for one reduction of the log, each of a few readings is fitted as the log is estimated: the IMU in other units, wheels with another sign or unit, rotors that have
+Where no hypothesis (:mod:`massprop_cli.diagnosis.hypotheses`) explains the log of wheels, gyros or rotors, each of a few readings is
+fitted as the log is estimated: the IMU in other units, wheels with another sign or unit, rotors that have
 one another's columns. A reading is named where the log fits under it alone.
 
 Which rotor a column is, its own answer tells. With growth b of the rate and a of the specific force per newton, of regressions on all
