@@ -41,6 +41,8 @@ FINALISTS = (6, 12)
 FIRST, SECOND = (2, 3), 2
 """How many are tried with a second one, in free flight and on a bearing, where gravity tells several mountings apart from the stated but
 not from one another; and how many of these each time if none makes the log fit. docs/faults.md moves, dead-turned."""
+SLIGHT = 0.01
+"""Part by which a channel may be off beside another one without being named."""
 EXCHANGES = 4
 """Most pairs of jets that are exchanged one after another."""
 CHANNELS = 3
@@ -421,11 +423,17 @@ def _two_channels(screening: Screening) -> Diagnosis | None:
     return Diagnosis(
         tuple(
             Explanation(code, f"the log fits if {words}", both, around=near)
-            for name in refit.fitted.hypothesis.subject
+            for name in _off(refit.fitted)
             for code, words in [words_of(alone(refit.fitted, name), screening.names, screening.case, refit.case)]
         ),
         score=refit.score,
     )
+
+
+def _off(found: Fitted) -> list[str]:
+    """Of two channels those whose thrust is off by more than what stands for a misfit of another kind."""
+    pairs = zip(found.hypothesis.subject, found.factors, strict=True)
+    return [name for name, factor in pairs if abs(factor - 1) > SLIGHT] or list(found.hypothesis.subject)
 
 
 def _in_vain(screening: Screening) -> str:
