@@ -9,7 +9,7 @@ import pytest
 
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
-from massprop_cli.inputs.clipped import at_extremes, standing
+from massprop_cli.inputs.clipped import at_extremes, standing, with_unstated
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from tests import faulty
 
@@ -126,3 +126,17 @@ def test_a_sensor_that_saturates_leaves_nothing_converged() -> None:
     (notice,) = [notice for notice in found.notices if notice.code == "gyro-saturated"]
     assert "imu.gyro_range_rad_s" in notice.message
     assert "converged" not in {estimate.verdict for estimate in found.conclusions[0].estimates.values()}
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-5])
+def test_a_body_that_coasts_at_its_fastest_does_not_saturate(noise: float) -> None:
+    """Of a log without noise all axes of both sensors repeat then; of a sensor that saturates its own do, beside noise."""
+    log, _ = faulty.sample("free-flyer", 20.0)
+    pushed = np.cumsum(np.random.default_rng(1).uniform(0.0, 1e-3, (log.rows, 3)), 0)
+    pushed[-40:] = pushed[-41]
+    other = noise * np.random.default_rng(2).normal(size=(log.rows, 3))
+    fast = replace(
+        log, delta_theta_imu_rad=pushed, delta_v_imu_m_s=np.where(np.arange(log.rows)[:, None] < log.rows - 40, pushed, 0) + other
+    )
+    told = [notice.code for notice in with_unstated(replace(fast, notices=())).notices]
+    assert told == ([] if noise == 0 else ["sensor-frozen"])
