@@ -45,6 +45,7 @@ def measured(seed: int, auto: bool, said: Counter[str]) -> Array:
     imu, period_s = drawn(np.random.default_rng(9000 + seed), auto)
     rng = np.random.default_rng(seed)
     own = anyimu.bodies(rng, BODIES, bearing=bool(rng.random() < 0.35))
+    odd = list[str]()
     flown, z = anyimu.fly(rng, own, imu, period_s, DURATION_S, DELAY * period_s), np.full((BODIES, 10), np.nan)
     for body in range(BODIES):
         used = anyimu.vehicle_of(own, body, flown, imu, period_s, DELAY * period_s, auto)
@@ -54,6 +55,7 @@ def measured(seed: int, auto: bool, said: Counter[str]) -> Array:
             said[f"refused: {error}"] += 1
             continue
         told, truth = found.conclusions[0].estimates, anyimu.truth_of(own, body)
+        odd += [f"{body}: {notice.code}" for notice in found.notices if not notice.code.startswith("noise")]
         said.update(one.verdict for one in told.values())
         said.update(f"notice {notice.code}" for notice in found.notices if not notice.code.startswith("noise"))
         for i, name in enumerate(QUANTITIES):
@@ -62,7 +64,7 @@ def measured(seed: int, auto: bool, said: Counter[str]) -> Array:
                 z[body, i] = (one.value - truth[i]) / one.sigma
     print(
         f"{seed:3d} {imu.measures:9s} order {imu.order} {imu.cutoff_hz:5.1f} Hz of {imu.rate_hz:3.0f} Hz, control {1 / period_s:3.0f} Hz, "
-        f"bearing {own.bearing!s:5s}: rms {np.sqrt(np.nanmean(z**2)):.2f}, worst {np.nanmax(np.abs(z)):.1f}",
+        f"bearing {own.bearing!s:5s}: rms {np.sqrt(np.nanmean(z**2)):.2f}, worst {np.nanmax(np.abs(z)):.1f} {', '.join(odd)}",
         flush=True,
     )
     return z
