@@ -27,10 +27,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from massprop_cli import QUANTITIES, flow
+from massprop_cli import ABOUT_PIVOT, QUANTITIES, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.estimate.pivot import ABOUT_PIVOT
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource

@@ -55,6 +55,10 @@ INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 CG = ("cg_x", "cg_y", "cg_z")
 QUANTITIES = (*INERTIA, *CG, "mass")
 UNITS = {**dict.fromkeys(INERTIA, "kg m^2"), **dict.fromkeys(CG, "m"), "mass": "kg"}
+MOMENT = ("moment_x", "moment_y", "moment_z")
+ABOUT_PIVOT = (*INERTIA, *MOMENT)
+"""The nine quantities about a pivot, in their order."""
+PIVOT_UNITS = {name: UNITS.get(name, "kg m") for name in ABOUT_PIVOT}
 
 __all__ = ["QUANTITIES", "UNITS", "Campaign", "InputError", "LogEstimate", "__version__", "estimate_log", "run_campaign"]
 

@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from massprop_cli import QUANTITIES, flow
+from massprop_cli import ABOUT_PIVOT, QUANTITIES, flow
 from massprop_cli.base.arrays import Array
-from massprop_cli.estimate.pivot import ABOUT_PIVOT
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from tests import anypedestal, anyrotors

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
+from massprop_cli import ABOUT_PIVOT
 from massprop_cli.balance import document, solve, stated
 from massprop_cli.balance.document import G_CM, hang, moment
 from massprop_cli.balance.solve import Hanging, MovedMoments
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import tensor
-from massprop_cli.estimate.pivot import ABOUT_PIVOT
 from massprop_cli.inputs.ballast import Ballast
 from massprop_cli.result.judge import INFORMED
 from massprop_cli.result.read import Recorded, check_same

@@ -1,6 +1,6 @@
 """What a campaign keeps of a result: values, sigmas, and how much of each sigma all logs of a vehicle file share."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.job import Unmet
 from massprop_cli.report.body import values
-from massprop_cli.result.schema import DockedObject, PhaseItem, Result
+from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
 
 
 def vehicle(found: Result) -> outcome.StatedVehicle:
@@ -70,10 +70,7 @@ def bodies(found: Result, used: Vehicle, stated: Vehicle) -> list[PhaseQuantitie
     """Phases and docked object; of the vehicle as it was ``used``, and as its file states it."""
     thesis = used.estimator.method == "thesis"
     alike = {phase.name: _stated(found, phase, used, stated) for phase in found.phases}
-    kept = [
-        PhaseQuantities(part="phase", name=phase.name, estimates=_values(phase, None if thesis else shared(phase, used), alike[phase.name]))
-        for phase in found.phases
-    ]
+    kept = [_phase(phase, None if thesis else shared(phase, used), alike[phase.name]) for phase in found.phases]
     docked = found.docked_object
     if docked is not None:
         # of what is known, or uncertain, of both phases the share in their difference isn't told
@@ -81,7 +78,7 @@ def bodies(found: Result, used: Vehicle, stated: Vehicle) -> list[PhaseQuantitie
         name = f"{docked.after} less {docked.before}"
         kept.append(
             PhaseQuantities(
-                part="docked", name=name, estimates=_values(docked, _docked_shared(docked, used) if told else None, np.zeros(10))
+                part="docked", name=name, estimates=_values(docked.estimates, _docked_shared(docked, used) if told else None, np.zeros(10))
             )
         )
     return kept
@@ -89,12 +86,19 @@ def bodies(found: Result, used: Vehicle, stated: Vehicle) -> list[PhaseQuantitie
 
 def joint_bodies(found: Result) -> list[PhaseQuantities]:
     """Of a result of several logs; how much of it they share is in its sigmas, and isn't told apart."""
-    kept = [PhaseQuantities(part="phase", name=phase.name, estimates=_values(phase, None, np.zeros(10))) for phase in found.phases]
+    kept = [_phase(phase, None, np.zeros(10)) for phase in found.phases]
     docked = found.docked_object
-    return kept + ([] if docked is None else [PhaseQuantities(part="docked", name="object", estimates=_values(docked, None, np.zeros(10)))])
+    return kept + (
+        [] if docked is None else [PhaseQuantities(part="docked", name="object", estimates=_values(docked.estimates, None, np.zeros(10)))]
+    )
 
 
-def _values(body: PhaseItem | DockedObject, common: Array | None, alike: Array) -> dict[str, Value]:
+def _phase(phase: PhaseItem, common: Array | None, alike: Array) -> PhaseQuantities:
+    own, about = _values(phase.estimates, common, alike), _values(phase.about_pivot, None, np.zeros(9))
+    return PhaseQuantities(part="phase", name=phase.name, estimates=own, about_pivot=about)
+
+
+def _values(estimates: Mapping[str, EstimateItem], common: Array | None, alike: Array) -> dict[str, Value]:
     return {
         name: Value(
             value=item.value,
@@ -105,7 +109,7 @@ def _values(body: PhaseItem | DockedObject, common: Array | None, alike: Array) 
             met=None if item.expected is None else item.expected.met,
             expected=None if item.expected is None else item.expected.value,
         )
-        for i, (name, item) in enumerate(body.estimates.items())
+        for i, (name, item) in enumerate(estimates.items())
     }
 
 

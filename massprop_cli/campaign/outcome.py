@@ -44,11 +44,12 @@ class Value(OutcomePart):
 
 
 class PhaseQuantities(OutcomePart):
-    """Ten quantities of a phase, or of the docked object."""
+    """Ten quantities of a phase, or of the docked object; of a phase on a bearing or pedestal, nine more."""
 
     part: Literal["phase", "docked"]
     name: str
     estimates: dict[str, Value]
+    about_pivot: dict[str, Value] = Field({}, description="inertia and first moment about the pivot; empty without one")
 
 
 class StatedVehicle(OutcomePart):

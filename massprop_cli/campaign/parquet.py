@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from massprop_cli import QUANTITIES, UNITS
+from massprop_cli import ABOUT_PIVOT, PIVOT_UNITS, QUANTITIES, UNITS
 from massprop_cli.base import arrow
 from massprop_cli.base.escape import cell
 from massprop_cli.campaign.outcome import CampaignRow, Outcome, PhaseQuantities, Value, state
 from massprop_cli.campaign.summary import Summary
 from massprop_cli.report.spreadsheet import SPELT
 
+PIVOT = "pivot_"
+"""Before the name of a quantity about the pivot, as in history.parquet."""
 _TOGETHER = 250
 """Logs whose rows are held, and written, together."""
 Line = tuple[CampaignRow, Outcome | None, PhaseQuantities | None]
@@ -42,21 +44,27 @@ _NUMBERS: dict[str, Callable[[Outcome], float | None]] = {
 
 def parquet(found: Summary) -> bytes:
     """Name, log, tags, exit_code (null: not tried), message, then per quantity value and sigmas in SI, verdict, and whether it met its
-    expectation. Inertia is about the CG in body axes, products are tensor elements, the CG is from O.
+    expectation. Inertia is about the CG in body axes, products are tensor elements, the CG is from O. Of campaigns with a
+    bearing or pedestal the same of the nine values about the pivot, pivot_ixx … pivot_moment_z.
     """  # noqa: D205
     import pyarrow.parquet as pq
 
     out = io.BytesIO()
     with ExitStack() as stack:
-        writer = None
+        writer, pivoted = None, any_about_pivot(found)
         for start in range(0, len(found.logs), _TOGETHER):
-            part = _part(found.logs[start : start + _TOGETHER])
+            part = _part(found.logs[start : start + _TOGETHER], pivoted)
             writer = writer or stack.enter_context(pq.ParquetWriter(out, part.schema, compression="zstd"))
             writer.write_table(part)
     return out.getvalue()
 
 
-def _part(rows: Sequence[CampaignRow]) -> Any:
+def any_about_pivot(found: Summary) -> bool:
+    """Whether any log has values about a pivot."""
+    return any(body.about_pivot for row in found.logs if row.outcome for body in row.outcome.bodies)
+
+
+def _part(rows: Sequence[CampaignRow], pivoted: bool) -> Any:
     """The table of some rows."""
     import pyarrow as pa
 
@@ -68,6 +76,8 @@ def _part(rows: Sequence[CampaignRow]) -> Any:
     for quantity in QUANTITIES:
         values = [None if body is None else body.estimates[quantity] for *_, body in lines]
         columns |= _quantity(quantity, values)
+    for quantity in ABOUT_PIVOT if pivoted else ():
+        columns |= _quantity(f"{PIVOT}{quantity}", [None if body is None else body.about_pivot.get(quantity) for *_, body in lines])
     return pa.table(columns)
 
 
@@ -93,26 +103,30 @@ def _numbers(values: Sequence[float | None]) -> Any:
 
 _PARTS = ("verdict", "expected", "met")
 _ABOUT = ("number", "name", "log", "tags", "outcome", "exit_code", "message", "vehicle", "part", "phase", "warnings")
-COLUMNS = (
-    *_ABOUT,
-    *(
-        column
-        for name in QUANTITIES
-        for column in (f"{name}_{SPELT[UNITS[name]]}", f"{name}_sigma_{SPELT[UNITS[name]]}", *(f"{name}_{part}" for part in _PARTS))
-    ),
-)
+
+
+def _columns(name: str, unit: str) -> tuple[str, ...]:
+    return f"{name}_{SPELT[unit]}", f"{name}_sigma_{SPELT[unit]}", *(f"{name}_{part}" for part in _PARTS)
+
+
+COLUMNS = (*_ABOUT, *(column for name in QUANTITIES for column in _columns(name, UNITS[name])))
 """In their order."""
+PIVOT_COLUMNS = tuple(column for name in ABOUT_PIVOT for column in _columns(f"{PIVOT}{name}", PIVOT_UNITS[name]))
+"""After them, of campaigns with a bearing or pedestal."""
 
 
 def csv_rows(found: Summary) -> Iterator[str]:
     """A row for each log's phases and docked object, one for each log without a result; RFC 4180, log by log."""
-    yield _line(COLUMNS)
+    pivoted = any_about_pivot(found)
+    yield _line([*COLUMNS, *(PIVOT_COLUMNS if pivoted else ())])
     for number, row in enumerate(found.logs, 1):
         one = row.outcome
         for body in _bodies(one):
             said = {name: cell(tell(row, one, body) or "") for name, tell in _TEXTS.items()}
             said |= {"number": str(number), "outcome": state(one), "exit_code": "" if one is None else str(one.exit_code)}
             values = [""] * (5 * len(QUANTITIES)) if body is None else [v for name in QUANTITIES for v in _value(body.estimates[name])]
+            about = body.about_pivot if body is not None else {}
+            values += [v for name in ABOUT_PIVOT for v in (_value(about[name]) if about else ("",) * 5)] if pivoted else []
             yield _line([*(said[name] for name in _ABOUT), *values])
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli import QUANTITIES, UNITS
+from massprop_cli import ABOUT_PIVOT, PIVOT_UNITS, QUANTITIES, UNITS
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
@@ -17,7 +17,6 @@ from massprop_cli.conclude.pivot import estimates_about
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Conclusion, Estimate, Verdict
 from massprop_cli.diagnosis.preprocessing import Ready
-from massprop_cli.estimate.pivot import ABOUT_PIVOT, PIVOT_UNITS
 from massprop_cli.estimate.pivot import about_pivot as pivot_of
 from massprop_cli.inputs.vehicle import ASSUMED_KG, Phase
 from massprop_cli.model.plant import BearingBody

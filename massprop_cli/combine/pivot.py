@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from massprop_cli import QUANTITIES, UNITS
+from massprop_cli import ABOUT_PIVOT, QUANTITIES, UNITS
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.combine.joint import Piece
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Estimate
-from massprop_cli.estimate.pivot import ABOUT_PIVOT, beside_mass
+from massprop_cli.estimate.pivot import beside_mass
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import PhaseItem, VehicleInfo
 

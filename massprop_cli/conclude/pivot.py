@@ -8,13 +8,12 @@ from typing import Literal
 
 import numpy as np
 
-from massprop_cli import QUANTITIES
+from massprop_cli import ABOUT_PIVOT, PIVOT_UNITS, QUANTITIES
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.assumptions import AssumptionEffects
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Conclusion, Estimate
 from massprop_cli.estimate.initial import knows_inertia
-from massprop_cli.estimate.pivot import ABOUT_PIVOT, PIVOT_UNITS
 from massprop_cli.inputs.vehicle import Vehicle
 
 

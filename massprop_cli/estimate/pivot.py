@@ -10,15 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli import INERTIA, UNITS
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import elements
 from massprop_cli.inputs.vehicle import Vehicle
-
-MOMENT = ("moment_x", "moment_y", "moment_z")
-ABOUT_PIVOT = (*INERTIA, *MOMENT)
-"""The nine quantities about a pivot, in their order."""
-PIVOT_UNITS = {name: UNITS.get(name, "kg m") for name in ABOUT_PIVOT}
 
 
 class AboutCg(NamedTuple):

@@ -11,7 +11,7 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, FiniteFloat, JsonValue, model_validator
 
-from massprop_cli import QUANTITIES
+from massprop_cli import ABOUT_PIVOT, MOMENT, QUANTITIES
 from massprop_cli.base import configfile
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
@@ -23,6 +23,8 @@ from massprop_cli.inputs.vehicle import PRODUCTS
 
 Convention = Literal["tensor", "positive_integral"]
 SCHEMA, TRUTH = "massprop/expect/1", "massprop/truth/1"
+PIVOT = "about_pivot."
+"""Before the name of a quantity about the pivot."""
 _OLDER = ("env", "bound")
 """Keys that tell a truth.json of before it named its schema."""
 
@@ -35,7 +37,7 @@ class Quantity(Section):
 
 
 def _numbers_too(schema: dict[str, Any]) -> None:
-    for name in QUANTITIES:
+    for name in {*QUANTITIES, *MOMENT} & schema["properties"].keys():
         schema["properties"][name]["anyOf"].insert(0, {"type": "number"})
 
 
@@ -66,7 +68,38 @@ class ExpectedBody(Section, json_schema_extra=_numbers_too):
         return self
 
 
-class PhaseBody(ExpectedBody):
+class ExpectedPivot(Section, json_schema_extra=_numbers_too):
+    """What is expected about the pivot: any of ``about_pivot``'s nine values."""
+
+    tolerance: Stated | None = Field(None, description="of quantities here without one of their own; absent: the body's")
+    ixx: Quantity | None = None
+    ixy: Quantity | None = None
+    ixz: Quantity | None = None
+    iyy: Quantity | None = None
+    iyz: Quantity | None = None
+    izz: Quantity | None = None
+    moment_x: Quantity | None = None
+    moment_y: Quantity | None = None
+    moment_z: Quantity | None = None
+
+    @property
+    def quantities(self) -> dict[str, Quantity]:
+        """Those that are expected."""
+        return {name: getattr(self, name) for name in ABOUT_PIVOT if getattr(self, name) is not None}
+
+    @model_validator(mode="after")
+    def _fits_units(self) -> Self:
+        check_units({name: quantity.tolerance for name, quantity in self.quantities.items()}, self.tolerance)
+        return self
+
+
+class PivotedBody(ExpectedBody):
+    """What is expected of a body, also about the pivot of a bearing or pedestal."""
+
+    about_pivot: ExpectedPivot | None = Field(None, description="inertia [kg m^2] and first moment [kg m] about the pivot")
+
+
+class PhaseBody(PivotedBody):
     """What is expected of one phase."""
 
     name: str
@@ -81,7 +114,7 @@ class ExpectFile(Section):
     )
     tolerance: Stated | None = Field(None, description='of quantities without one of their own: "2 %" or "4 sigma"; default 4 sigma')
     require: Required | None = Field(None, description='what must converge in every phase, and how precisely: "mass<2%, ixx", or a list')
-    all: ExpectedBody = Field(ExpectedBody(), description="expected in every phase")
+    all: PivotedBody = Field(PivotedBody(), description="expected in every phase")
     phases: tuple[PhaseBody, ...] = ()
     docked: ExpectedBody = Field(ExpectedBody(), description="expected of the docked object")
 
@@ -92,7 +125,7 @@ class ExpectFile(Section):
         return self
 
 
-class TruthPhase(ExpectedBody):
+class TruthPhase(PivotedBody):
     """The truth of one phase; without names they are in the order of the result's."""
 
     name: str | None = None
@@ -152,7 +185,7 @@ def parse(text: str, path: Path) -> Expectations:
     truth = data.get("schema") == TRUTH or ("schema" not in data and any(key in data for key in _OLDER))
     model: type[ExpectFile | TruthFile] = TruthFile if truth else ExpectFile
     file = configfile.validate(model, _spelt_out(data), str(path), "" if as_json else text)
-    every = file.all if isinstance(file, ExpectFile) else ExpectedBody()
+    every = file.all if isinstance(file, ExpectFile) else PivotedBody()
     default = (file.tolerance if isinstance(file, ExpectFile) else None) or FOUR_SIGMA
 
     def wanted(body: ExpectedBody, place: str) -> dict[str, Wanted]:
@@ -160,7 +193,7 @@ def parse(text: str, path: Path) -> Expectations:
         return {
             name: _wanted(name, quantity, convention, quantity.tolerance or body.tolerance or default, f"{path}: {place}.{name}")
             for name, quantity in body.quantities.items()
-        }
+        } | _wanted_about_pivot(body, convention, body.tolerance or default, f"{path}: {place}")
 
     bodies: tuple[PhaseBody | TruthPhase, ...] = file.phases
     phases = tuple((phase.name, wanted(phase, f"phases.{number}")) for number, phase in enumerate(bodies))
@@ -208,11 +241,21 @@ def _spelt_out(data: Mapping[str, Any]) -> dict[str, Any]:
     def body(given: Any) -> Any:
         if not isinstance(given, dict):
             return given
-        return {key: {"value": v} if key in QUANTITIES and not isinstance(v, dict) else v for key, v in given.items()}
+        found = {key: {"value": v} if key in (*QUANTITIES, *MOMENT) and not isinstance(v, dict) else v for key, v in given.items()}
+        return found | ({"about_pivot": body(given["about_pivot"])} if "about_pivot" in given else {})
 
     phases = data.get("phases")
     found = {key: body(value) if key in ("all", "docked") else value for key, value in data.items()}
     return found | ({"phases": [body(phase) for phase in phases]} if isinstance(phases, list) else {})
+
+
+def _wanted_about_pivot(body: ExpectedBody, convention: str | None, default: Tolerance, place: str) -> dict[str, Wanted]:
+    own = body.about_pivot if isinstance(body, PivotedBody) else None
+    if own is None:
+        return {}
+    stated = own.tolerance or default
+    each = own.quantities.items()
+    return {f"{PIVOT}{name}": _wanted(name, one, convention, one.tolerance or stated, f"{place}.{PIVOT}{name}") for name, one in each}
 
 
 def _wanted(name: str, quantity: Quantity, convention: str | None, tolerance: Tolerance, place: str) -> Wanted:

@@ -9,12 +9,13 @@ from typing import Annotated, Literal
 
 from pydantic import PlainValidator
 
-from massprop_cli import UNITS
+from massprop_cli import PIVOT_UNITS, UNITS
 from massprop_cli.base.configfile import at_key
 from massprop_cli.base.dataclass import dataclass
 
 _TEXT = re.compile(r"\s*\+?((?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", re.DOTALL)
 _SIGMA = ("sigma", "sigmas", "σ")
+_UNITS = UNITS | PIVOT_UNITS
 _REMEDY = 'write a number in the quantity\'s own unit, "2 %", "4 sigma" or "0.05 kg m^2"'
 
 
@@ -30,7 +31,7 @@ class Tolerance:
 
     def stated(self, quantity: str) -> str:
         """In words, with its unit: what :func:`parse` reads back."""
-        ending = {"absolute": self.unit or UNITS[quantity], "relative": "%", "sigma": "sigma"}[self.kind]
+        ending = {"absolute": self.unit or _UNITS[quantity], "relative": "%", "sigma": "sigma"}[self.kind]
         return f"{self.amount!r} {ending}".replace(".0 ", " ")
 
     def absolute(self, about: float, sigma: float | None) -> float | None:
@@ -41,7 +42,7 @@ class Tolerance:
 
     def misfit(self, quantity: str) -> str:
         """Why this can't be a tolerance of ``quantity``, or an empty text."""
-        unit = UNITS[quantity]
+        unit = _UNITS[quantity]
         if self.unit in ("", unit):
             return ""
         return f'the tolerance "{self.amount:g} {self.unit}" is not in the unit of {quantity}; give it in {unit}'
@@ -75,7 +76,7 @@ def parse(given: object) -> Tolerance:
     if ending.lower() in _SIGMA:
         return Tolerance(amount, "sigma")
     unit = ending.replace("²", "^2").replace("*", " ").replace("·", " ")
-    if unit not in UNITS.values():
+    if unit not in _UNITS.values():
         said = f"{ending!r} is no unit of a mass property (kg m^2, m, kg)" if ending else "a text needs its unit"
         raise ValueError(f"{said}; {_REMEDY}")
     return Tolerance(amount, "absolute", unit)

@@ -10,7 +10,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, PlainValidator, model_validator
 
-from massprop_cli import QUANTITIES
+from massprop_cli import ABOUT_PIVOT, QUANTITIES
 from massprop_cli.base import configfile
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
@@ -54,7 +54,41 @@ class Limits(Section):
         return own or self.tolerance
 
 
-class PhaseLimits(Limits):
+class AboutPivotLimits(Section):
+    """What is allowed about the pivot."""
+
+    tolerance: Text = Field(None, description="of the quantities that are not named here; absent: the body's")
+    ixx: Text = None
+    ixy: Text = None
+    ixz: Text = None
+    iyy: Text = None
+    iyz: Text = None
+    izz: Text = None
+    moment_x: Text = None
+    moment_y: Text = None
+    moment_z: Text = None
+
+    @model_validator(mode="after")
+    def _fits_units(self) -> Self:
+        check_units({name: getattr(self, name) for name in ABOUT_PIVOT}, self.tolerance)
+        return self
+
+
+class PivotedLimits(Limits):
+    """What is allowed of a body, also about the pivot of a bearing or pedestal."""
+
+    about_pivot: AboutPivotLimits = Field(AboutPivotLimits(), description="inertia and first moment about the pivot")
+
+    def of(self, quantity: str) -> Tolerance | None:
+        """Of a quantity, those about the pivot with a prefix before their names."""
+        name = quantity.removeprefix(expect.PIVOT)
+        if name == quantity:
+            return super().of(quantity)
+        own: Tolerance | None = getattr(self.about_pivot, name)
+        return own or self.about_pivot.tolerance or self.tolerance
+
+
+class PhaseLimits(PivotedLimits):
     """What is allowed of one phase."""
 
     name: str
@@ -64,7 +98,7 @@ class ToleranceFile(Section):
     """A whole tolerance file. What it does not name is held to so many sigmas."""
 
     schema_: Literal["massprop/tolerance/1"] = Field("massprop/tolerance/1", alias="schema")
-    all: Limits = Field(Limits(), description="in every phase")
+    all: PivotedLimits = Field(PivotedLimits(), description="in every phase")
     phases: tuple[PhaseLimits, ...] = ()
     docked: Limits = Field(Limits(), description="of the docked object")
 
@@ -110,6 +144,8 @@ def load(path: Path | None, max_sigma: float) -> Gate:
     expect.check_place(data, str(path))
     file = configfile.validate(ToleranceFile, data, str(path), "" if as_json else text)
     limits = [file.all, file.docked, *file.phases]
-    if all(getattr(stated, name) is None for stated in limits for name in (*QUANTITIES, "tolerance")):
+    pivots = [stated.about_pivot for stated in (file.all, *file.phases)]
+    stated_at = [*((one, QUANTITIES) for one in limits), *((one, ABOUT_PIVOT) for one in pivots)]
+    if all(getattr(one, name) is None for one, names in stated_at for name in (*names, "tolerance")):
         raise InputError(f'{path}: states no tolerance; write for instance [all] and below it mass = "2 %"')
     return Gate(fallback, file, str(path))

@@ -20,12 +20,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli import QUANTITIES
+from massprop_cli import ABOUT_PIVOT, QUANTITIES
 from massprop_cli.base.arrays import Array, IntArray
 from massprop_cli.base.errors import InputError
 from massprop_cli.combine.joint import Piece, is_body, linear
 from massprop_cli.combine.phase import piece
-from massprop_cli.estimate.pivot import ABOUT_PIVOT
 from massprop_cli.estimate.quantities import left_by_known
 from massprop_cli.result.schema import PhaseItem, VehicleInfo
 

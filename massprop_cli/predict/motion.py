@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from massprop_cli import QUANTITIES
+from massprop_cli import ABOUT_PIVOT, QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import elements, tensor
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.estimate import offline
-from massprop_cli.estimate.pivot import ABOUT_PIVOT
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.predict.document import Explained, MotionItem

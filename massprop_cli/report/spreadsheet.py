@@ -15,7 +15,7 @@ from massprop_cli.result.judge import contradiction, parts
 from massprop_cli.result.read import Recorded, labels
 from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
 
-SPELT = {"kg m^2": "kg_m2", "m": "m", "kg": "kg"}
+SPELT = {"kg m^2": "kg_m2", "m": "m", "kg": "kg", "kg m": "kg_m"}
 """Units in names of columns."""
 
 

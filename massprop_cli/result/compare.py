@@ -15,7 +15,7 @@ from massprop_cli import QUANTITIES
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.inputs.tolerancefile import Gate
-from massprop_cli.result.judge import INFORMED, parts
+from massprop_cli.result.judge import INFORMED, PIVOT, items, parts
 from massprop_cli.result.read import Recorded, check_same
 from massprop_cli.result.schema import Conventions, EstimateItem, Item, Result
 
@@ -77,13 +77,14 @@ def compare(result: Recorded, baseline: Recorded, gate: Gate) -> Comparison:
     """Hold a result against a baseline of the same vehicle and phases; :class:`InputError` where they are not of the same."""
     _check_alike(result, baseline)
     gate.check([phase.name for phase in result.result.phases])
-    before = {key: body.estimates for key, body in parts(baseline.result)}
-    after = {key: body.estimates for key, body in parts(result.result)}
+    before = {key: items(body) for key, body in parts(baseline.result)}
+    after = {key: items(body) for key, body in parts(result.result)}
     found, empty = [], []
     for key in dict.fromkeys([*before, *after]):
         docked = not key.startswith("phase ")
         name = key.removeprefix("phase ")
-        pairs = {q: (after.get(key, {}).get(q), before.get(key, {}).get(q)) for q in QUANTITIES}
+        names = dict.fromkeys([*QUANTITIES, *after.get(key, {}), *before.get(key, {})])
+        pairs = {q: (after.get(key, {}).get(q), before.get(key, {}).get(q)) for q in names}
         differences = {q: _difference(q, new, old, gate, None if docked else name) for q, (new, old) in pairs.items()}
         both = sum(d.difference is not None for d in differences.values())
         found.append(ComparedPart(part="docked" if docked else "phase", name=name, compared=both, differences=differences))
@@ -176,7 +177,7 @@ def _difference(quantity: str, new: EstimateItem | None, old: EstimateItem | Non
         difference_sigma=sigma,
         sigmas=None if difference is None else 0.0 if difference == 0 else difference / sigma if sigma else None,
         tolerance=allowed,
-        stated=tolerance.stated(quantity),
+        stated=tolerance.stated(quantity.removeprefix(PIVOT)),
         within=before is None if difference is None else abs(difference) <= (allowed or 0.0),
         note=_missing(new, old) or ("no sigma: none but an equal value is within" if tolerance.kind == "sigma" and not sigma else ""),
     )
@@ -199,7 +200,7 @@ def _missing(new: EstimateItem, old: EstimateItem) -> str:
 
 
 def _absent(other: EstimateItem | None) -> EstimateItem:
-    """In place of a docked object that one of the two does not have."""
+    """In place of a docked object, or of values about a pivot, that one of the two does not have."""
     unit = other.unit if other else ""
     reason = str(Reason("no-docked-object"))
     return EstimateItem(

@@ -5,11 +5,10 @@ from typing import BinaryIO
 
 import numpy as np
 
-from massprop_cli import QUANTITIES
+from massprop_cli import ABOUT_PIVOT, QUANTITIES
 from massprop_cli.base import arrow
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate.history import History
-from massprop_cli.estimate.pivot import ABOUT_PIVOT
 from massprop_cli.flow import Analysis
 from massprop_cli.prepare.compensate import acceleration
 from massprop_cli.result.schema import AXES

@@ -11,6 +11,9 @@ from massprop_cli.result.schema import DockedObject, EstimateItem, ExpectationFi
 if TYPE_CHECKING:
     from massprop_cli.inputs.expect import Expectations, Wanted
 
+PIVOT = "about_pivot."
+"""Before the name of a quantity about the pivot, as :mod:`massprop_cli.inputs.expect` has it."""
+
 INFORMED = ("converged", "not_converged")
 """Verdicts of values that the motion told; a contradicted one meets no expectation."""
 
@@ -19,7 +22,7 @@ def judge(found: Result, expectations: Expectations) -> Result:
     """The result with every estimate held against its expectation; :class:`InputError` where it lacks a phase that is expected."""
     names = [phase.name for phase in found.phases]
     own = _by_name(expectations, names)
-    phases = [_phase(phase, _asked(expectations, phase.estimates, expectations.every | own.get(phase.name, {}))) for phase in found.phases]
+    phases = [_phase(phase, _asked(expectations, items(phase), expectations.every | own.get(phase.name, {}))) for phase in found.phases]
     docked = found.docked_object
     if expectations.docked and docked is None:
         raise InputError(
@@ -35,13 +38,26 @@ def judge(found: Result, expectations: Expectations) -> Result:
 
 
 def _asked(expectations: Expectations, estimates: dict[str, EstimateItem], wanted: dict[str, Wanted]) -> dict[str, Wanted]:
-    """All of it; of a truth, which has all ten, only what has a part in the motion."""
-    return {name: one for name, one in wanted.items() if not (expectations.of_truth and estimates[name].verdict == "unobservable")}
+    """All of it; of a truth, which has all, only what has a part in the motion. :class:`InputError` where the result has none of it."""
+    stranger = next((name for name in wanted if name not in estimates), None)
+    if stranger is not None and not expectations.of_truth:
+        raise InputError(f"{expectations.source}: expects {stranger}, and the result has no pivot; leave about_pivot out")
+    asked = {name: one for name, one in wanted.items() if name in estimates}
+    return {name: one for name, one in asked.items() if not (expectations.of_truth and estimates[name].verdict == "unobservable")}
+
+
+def items(body: PhaseItem | DockedObject) -> dict[str, EstimateItem]:
+    """The ten quantities, and those about a pivot with a prefix before their names."""
+    about = body.about_pivot if isinstance(body, PhaseItem) else {}
+    return body.estimates | {f"{PIVOT}{name}": item for name, item in about.items()}
 
 
 def _phase(phase: PhaseItem, wanted: dict[str, Wanted]) -> PhaseItem:
-    held = {"estimates": _estimates(phase.estimates, wanted)}
-    return phase.model_copy(update=held | {"implied_thrust_scale": phase.implied_thrust_scale or _implied(phase, wanted.get("mass"))})
+    held = _estimates(items(phase), wanted)
+    about = {"about_pivot": {name: held.pop(f"{PIVOT}{name}") for name in phase.about_pivot}} if phase.about_pivot else {}
+    return phase.model_copy(
+        update=about | {"estimates": held, "implied_thrust_scale": phase.implied_thrust_scale or _implied(phase, wanted.get("mass"))}
+    )
 
 
 def _implied(phase: PhaseItem, mass: Wanted | None) -> ImpliedScale | None:
@@ -81,7 +97,7 @@ def _expected(name: str, item: EstimateItem, wanted: Wanted) -> Expected:
     return Expected(
         value=wanted.value,
         tolerance=tolerance,
-        stated=wanted.tolerance.stated(name),
+        stated=wanted.tolerance.stated(name.removeprefix(PIVOT)),
         met=told and abs(difference or 0.0) <= (tolerance or 0.0),
         difference=difference,
         sigmas=difference / item.sigma if difference is not None and item.sigma else None,
@@ -107,7 +123,7 @@ def missed(found: Result) -> list[str]:
     return [
         f"{name} in {part}: {why(item, contradiction(body))}"
         for part, body in parts(found)
-        for name, item in body.estimates.items()
+        for name, item in items(body).items()
         if item.expected is not None and not item.expected.met
     ]
 

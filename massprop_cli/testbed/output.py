@@ -10,9 +10,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from massprop_cli import QUANTITIES
+from massprop_cli import ABOUT_PIVOT, QUANTITIES
 from massprop_cli.base import arrow, configfile, escape, files, foldername
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.rigidbody import elements, parallel_axis
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
@@ -223,9 +224,21 @@ def truth_of(flight: SimulatedFlight, member: int, scenario: Scenario) -> dict[s
         "env": scenario.vehicle.environment.kind,
         "delay_cycles": scenario.delay_cycles,
         "poi_convention": "tensor",
-        "phases": [{"name": phase.name, **_named(values)} for phase, values in zip(flight.phases, flight.truth[member], strict=True)],
+        "phases": [
+            {"name": phase.name, **_named(values), **_about_pivot(values, scenario)}
+            for phase, values in zip(flight.phases, flight.truth[member], strict=True)
+        ],
     }
     return found | ({} if flight.docked is None else {"docked": _named(flight.docked)})
+
+
+def _about_pivot(values: Any, scenario: Scenario) -> dict[str, dict[str, float]]:
+    """The nine values about the pivot, if the vehicle turns about one."""
+    if not scenario.vehicle.pivoted:
+        return {}
+    mass, arm = float(values[9]), np.array(values[6:9]) - scenario.vehicle.environment.bearing_position_m
+    inertia = np.array(values[:6]) + elements(parallel_axis(mass, arm))
+    return {"about_pivot": dict(zip(ABOUT_PIVOT, [*inertia.tolist(), *(mass * arm).tolist()], strict=True))}
 
 
 def _named(values: Any) -> dict[str, float]:

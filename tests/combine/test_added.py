@@ -12,13 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from massprop_cli import CG, flow, job
+from massprop_cli import ABOUT_PIVOT, CG, flow, job
 from massprop_cli.base import escape
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.combine import added
 from massprop_cli.combine.flow import together, together_docked
-from massprop_cli.estimate.pivot import ABOUT_PIVOT
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.result import build, schema, store
 from massprop_cli.result.read import Recorded

@@ -8,12 +8,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from massprop_cli import CG, INERTIA, QUANTITIES, flow
+from massprop_cli import ABOUT_PIVOT, CG, INERTIA, QUANTITIES, flow
 from massprop_cli.base import escape
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.verdict import Conclusion
-from massprop_cli.estimate.pivot import ABOUT_PIVOT
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.result import build, schema
 from tests import anypedestal
