@@ -198,6 +198,8 @@ def other_units(record_s: float, increments: bool) -> list[OtherUnit]:
         found.append(OtherUnit("gyro-units", f"{gyro}{of} are in degrees, not radians", np.where(own, 1 / DEGREE, 1.0), every, rare))
         found.append(OtherUnit("accel-units", f"{accelerometer}{of} are in g", every, np.where(own, 1 / GRAVITY, 1.0), rare))
     found.append(OtherUnit("gyro-units", f"{gyro} were turned into radians twice", DEGREE * every, every))
+    for words, factor in (("are in milli-g", 1e3 / GRAVITY), ("are in mm/s^2", 1e3)):
+        found.append(OtherUnit("accel-units", f"{accelerometer} {words}", every, factor * every, TWO))
     return found + [
         OtherUnit("column-kind", f"{which} {held}{more}", g * every, a * every, TWO * bool(more))
         for which, more, g, a in (

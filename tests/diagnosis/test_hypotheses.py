@@ -13,7 +13,7 @@ from massprop_cli.base.rigidbody import elements, rotation, tensor
 from massprop_cli.diagnosis.channelwise import free_response
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import _Rows, fitted
-from massprop_cli.diagnosis.hypotheses import mountings
+from massprop_cli.diagnosis.hypotheses import mountings, other_units
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -174,3 +174,11 @@ def test_no_mounting_is_supposed_twice_or_as_it_is_stated_whatever_the_rounding(
     assert apart.min() > 1e-3
     assert np.abs(np.array(whole) - np.eye(3)).max((1, 2)).min() > 1e-3
     assert len(whole) == (47 if angle == 0 else 1 + 48 + 47)
+
+
+def test_units_of_the_accelerometer_are_told_from_rates_of_about_the_same_size() -> None:
+    """Milli-g make 102 of 1, and rates over a hundredth of a second 100: of both alike the one that is named more often comes first."""
+    each = {one.words: one for one in other_units(0.01, increments=True)}
+    milli, rates = each["accelerometer columns are in milli-g"], each["accelerometer columns hold rates, not increments"]
+    np.testing.assert_allclose(milli.accelerometer / rates.accelerometer, 1.0197162, rtol=1e-7)
+    assert milli.rare > rates.rare == 0.0
