@@ -18,10 +18,15 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel
 from massprop_cli.prepare.timing import Timing
 from tests import anypedestal, flight
-from tests.faultyactuators import FAULTS, TABLES, Subject, examination, flown
+from tests.faultyactuators import FAULTS, Subject, examination, flown
 
 NOISE = np.repeat([1e-4, 0.02], 3) ** 2
-KINDS = [(platform, name) for platform in TABLES for name, fault in FAULTS.items() if platform in fault.platforms and fault.codes]
+KINDS = [
+    *(("wheels", name) for name in ("rpm", "strong")),
+    *(("gyros", name) for name in ("sign", "dead")),
+    *(("rotors", name) for name in ("spin", "delayed")),
+]
+"""One of each code: `python benchmarks/actuator_faults.py` has every fault on every platform (docs/actuators.md)."""
 
 
 @pytest.mark.numerical
@@ -63,7 +68,7 @@ def test_a_fault_is_named_and_its_correction_gives_the_truth(platform: str, name
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("platform", "name"), KINDS)
-def test_each_fault_is_named(platform: str, name: str) -> None:
+def test_a_fault_of_each_code_is_named(platform: str, name: str) -> None:
     named(platform, name, 0, 600)
 
 
