@@ -84,7 +84,7 @@ class Run:
     said of harm; harmless: nothing beyond 4 sigma, no cause named; hidden: harm that no log can tell; refused: no result; crash."""
     values: tuple[Value, ...] = ()
     mended: bool = False
-    """Whether the mended answer is there and right."""
+    """Whether the corrected answer is there and right."""
     seconds: float = 0.0
     """CPU time."""
     clean_seconds: float = 1.0
@@ -252,7 +252,7 @@ def _values(found: Analysis, bodies: Sequence[Body]) -> Iterator[Value]:
 
 
 def _fits(conclusion: Conclusion, bodies: Sequence[Body]) -> bool:
-    """Whether a mended answer is some true body's within 4 sigma, in all that it tells."""
+    """Whether a corrected answer is some true body's within 4 sigma, in all that it tells."""
     told = {name: e for name, e in conclusion.estimates.items() if e.value is not None and e.sigma is not None}
     return bool(told) and any(
         all(

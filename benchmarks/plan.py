@@ -1,4 +1,4 @@
-"""Plans for the packaged vehicles, held against their own logs over many seeds.
+"""Plans for the packaged vehicles, tested against their own logs over many seeds.
 
     python benchmarks/plan.py --seeds 50
 

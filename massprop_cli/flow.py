@@ -33,7 +33,7 @@ UNFIT = (
 
 
 def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), progress: Progress | None = None) -> Analysis:
-    """A log at hand: estimate, look for what contradicts, mend it beside, judge."""
+    """A log at hand: estimate, look for what contradicts, correct it beside, judge."""
     try:
         return _examined(log, source, assignments, progress or (lambda *_: None))
     except np.linalg.LinAlgError as error:
@@ -125,7 +125,7 @@ def _without_attitude(log: Log, why: str) -> Log:
 
 
 def _by_likeliest(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, error: UntoldError) -> Analysis:
-    """What the likeliest timing gives where the log can't tell it; no value is called converged then.
+    """What the most likely timing gives where the log can't tell it; no value is called converged then.
 
     Another fault may hide it, which has a name under about the right one.
     """
@@ -134,7 +134,7 @@ def _by_likeliest(log: Log, source: VehicleSource, assignments: Sequence[str], s
     found = _examined(log, replace(source, vehicle=vehiclefile.changed(source.vehicle, error.settings)), assignments, say)
     taken = " and ".join(error.settings[::2])
     told = Notice(
-        "timing-untold", f"{str(error).removeprefix(f'{log.path}: ')}; the likeliest was taken: {taken}, and no value is called converged"
+        "timing-untold", f"{str(error).removeprefix(f'{log.path}: ')}; the most likely was taken: {taken}, and no value is called converged"
     )
     conclusions = tuple(in_doubt(one, dict.fromkeys(QUANTITIES, Reason.of("timing-untold", taken=taken))) for one in found.conclusions)
     return replace(found, source=source, conclusions=conclusions, notices=(told, *found.notices))

@@ -1,4 +1,4 @@
-"""One log, from what it is read from to what is said of it: the result, what it was held against, and the exit code.
+"""One log, from what it is read from to what is said of it: the result, what it was tested against, and the exit code.
 
 The command, a campaign and Python all come through here, so that the same log with the same demands ends in the same words everywhere.
 """
@@ -78,7 +78,7 @@ class Unmet:
 
 @dataclass(frozen=True)
 class Judged:
-    """One log, estimated and held against what was demanded."""
+    """One log, estimated and tested against what was demanded."""
 
     result: Result
     """The whole of result.json."""

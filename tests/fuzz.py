@@ -1,7 +1,7 @@
 """Coverage-guided fuzzing by name: ``python -m tests.fuzz csv 3600`` feeds a target of tests/targets.py for so many seconds.
 
 What is new goes into a folder of its own; what ends it (a traceback, more than 10 s of a processor, more than 1 GB) is written beside,
-and belongs into tests/corpus once it is mended.
+and belongs into tests/corpus once it is corrected.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from tests.flown import fly
 
 @pytest.mark.thorough
 def test_a_log_that_can_not_tell_its_delay_is_estimated_at_the_likeliest() -> None:
-    """In degrees, as a new log often comes, commands explain nothing of the motion; under the likeliest delay that has a name."""
+    """In degrees, as a new log often comes, commands explain nothing of the motion; under the most likely delay that has a name."""
     log, used = faulty.sample("air-bearing", 15.0)
     wrong = replace(log, delta_theta_imu_rad=np.degrees(log.delta_theta_imu_rad))
     found = faulty.examined(wrong, faulty.stated(used, 'cycle.command_delay_cycles="auto"'))

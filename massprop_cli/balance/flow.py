@@ -1,4 +1,4 @@
-"""A result's first moment, the changes that make it what is wanted, and a later result held against them."""
+"""A result's first moment, the changes that make it what is wanted, and a later result tested against them."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -88,7 +88,7 @@ def chosen(recorded: Recorded, phase: str | None) -> PhaseItem:
         raise InputError(f"{recorded.path}: about_pivot holds {', '.join(item.about_pivot)}, not {', '.join(ABOUT_PIVOT)}; make it again")
     for name, one in item.about_pivot.items():
         if one.value is None or one.verdict not in (*INFORMED, "contradicted"):
-            raise InputError(f"{recorded.path}: {name} is {one.verdict}: {one.reason}. Record a log that tells it, and estimate that")
+            raise InputError(f"{recorded.path}: {name} is {one.verdict}: {one.reason}. Record a log that shows it, and estimate that")
     return item
 
 
@@ -104,7 +104,7 @@ def _hanging(recorded: Recorded, item: PhaseItem, ballast: Sequence[Ballast]) ->
     gravity, pivot = float(vehicle.gravity_m_s2 or 0.0), np.array(vehicle.bearing_position_m)
     told = np.isfinite(covariance).all() and bool(np.linalg.eigvalsh(covariance[:3, :3])[0] > 0)
     if not (told and np.linalg.eigvalsh(tensor(values[:6]))[0] > 0 and gravity > 0):
-        raise InputError(f"{recorded.path}: about_pivot or its covariance is that of no body; it was edited, or its log tells too little")
+        raise InputError(f"{recorded.path}: about_pivot or its covariance is that of no body; it was edited, or its log shows too little")
     return Hanging(values[6:], tensor(values[:6]), masses, covariance, pivot, gravity, upright)
 
 

@@ -4,7 +4,7 @@
 class InputError(Exception):
     """Unusable input or configuration (exit 3). The message names file, place, value and remedy.
 
-    ``option`` is that of the command line, or the keyword of the Python interface, by which it is mended; empty where there is none.
+    ``option`` is that of the command line, or the keyword of the Python interface, by which it is corrected; empty where there is none.
     """
 
     def __init__(self, message: str, option: str = "") -> None:
@@ -17,7 +17,7 @@ class MachineError(InputError):
 
 
 class UntoldError(InputError):
-    """Where a log can't tell its own delay or lag; ``settings`` are the likeliest, each with a sigma, if any is likelier than others."""
+    """Where a log can't tell its own delay or lag; ``settings`` are the most likely, each with a sigma, if any is likelier than others."""
 
     def __init__(self, message: str, settings: tuple[str, ...] = ()) -> None:
         super().__init__(message)

@@ -1,4 +1,4 @@
-"""A campaign held against an earlier one: log by log where both have it, and vehicle by vehicle in the pooled values."""
+"""A campaign tested against an earlier one: log by log where both have it, and vehicle by vehicle in the pooled values."""
 
 import hashlib
 import math

@@ -186,7 +186,9 @@ def _connected(address: str) -> Iterator[Any]:
             client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError, ImportError, RuntimeError) as error:
         said = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"cluster {address}: no scheduler answers ({said}); start one with dask scheduler, or mend the address") from None
+        raise InputError(
+            f"cluster {address}: no scheduler answers ({said}); start one with dask scheduler, or correct the address"
+        ) from None
     with _quiet():
         try:
             yield client

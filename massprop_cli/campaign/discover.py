@@ -57,7 +57,7 @@ def _campaign(place: str) -> tuple[str, list[FoundLog]]:
     paths = [location.below(log.location, base) for log in logs]
     for number, rule in enumerate(file.match):
         if not any(campaignfile.fits(rule.logs, path) for path in paths):
-            raise InputError(f"{place}: match.{number}.logs = {list(rule.logs)}: fits none of the {len(logs)} logs; mend the pattern")
+            raise InputError(f"{place}: match.{number}.logs = {list(rule.logs)}: fits none of the {len(logs)} logs; correct the pattern")
     title = file.name or location.stem(place)
     return title, [campaignfile.applied(file, base, log, path) for log, path in zip(logs, paths, strict=True)]
 

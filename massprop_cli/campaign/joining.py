@@ -73,7 +73,7 @@ def joinings(named: Sequence[str], jobs: Sequence[Job]) -> list[Joining]:
 def _fitting(below: Sequence[tuple[Job, str]], patterns: tuple[str, ...], where: str) -> tuple[Job, ...]:
     found = tuple(job for job, path in below if campaignfile.fits(patterns, path))
     if patterns and not found:
-        raise InputError(f"{where} = {list(patterns)}: fits none of the {len(below)} logs; mend the pattern")
+        raise InputError(f"{where} = {list(patterns)}: fits none of the {len(below)} logs; correct the pattern")
     return found
 
 

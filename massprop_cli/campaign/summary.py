@@ -39,7 +39,7 @@ class Beyond(OutcomePart):
 
 
 class Baseline(OutcomePart):
-    """The campaign held against an earlier one."""
+    """The campaign tested against an earlier one."""
 
     sha256: str
     compared: int = Field(description="logs that both have")

@@ -145,7 +145,7 @@ class UrlPlace:
         with remote.told(self.url, "bucket"):
             # writing would make a bucket that is misspelt in some stores, and in others fail with less to say
             if "/" not in path[:1] and not files.exists(bucket):
-                raise InputError(f"{self.url}: no bucket {bucket!r} that these credentials may use; create it, or mend the URL")
+                raise InputError(f"{self.url}: no bucket {bucket!r} that these credentials may use; create it, or correct the URL")
         with self._lease.held():
             yield
 

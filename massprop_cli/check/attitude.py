@@ -32,7 +32,7 @@ def on_table(log: Log, vehicle: Vehicle) -> list[Finding]:
     off = float(np.linalg.norm(felt - [0.0, 0.0, vehicle.environment.gravity_m_s2])) if all(log.axes[3:]) else 0.0
     if off > TILTED * vehicle.environment.gravity_m_s2:
         said = f"the accelerometer feels {', '.join(f'{x:.4g}' for x in felt)} m/s^2 along the body's X, Y and Z on the mean; Z points up"
-        remedy = "mend imu.body_from_imu, the accelerometer's signs and unit, or environment.gravity_m_s2"
+        remedy = "correct imu.body_from_imu, the accelerometer's signs and unit, or environment.gravity_m_s2"
         found.append(finding("attitude", "table-gravity", "fault", said, remedy))
     rate = log.delta_theta_imu_rad @ mount.T / log.interval_s[:, None]
     slow = rate - rate.mean(0)
@@ -41,7 +41,7 @@ def on_table(log: Log, vehicle: Vehicle) -> list[Finding]:
     if rocking > ROCKING * yaw and rocking > noise:
         said = f"the vehicle yaws by {yaw:.3g} rad/s (rms), and the gyro shows {rocking:.3g} rad/s about the axes that lie in the table"
         found.append(
-            finding("attitude", "table-rocking", "fault", said, "mend imu.body_from_imu; or see to the pads, on which the vehicle rocks")
+            finding("attitude", "table-rocking", "fault", said, "correct imu.body_from_imu; or see to the pads, on which the vehicle rocks")
         )
     return found
 
@@ -89,6 +89,6 @@ def _gravity(log: Log, mount: Array) -> list[Finding]:
             "attitude-gravity",
             "fault",
             said,
-            "mend the attitude's reference (Z up), imu.body_from_imu, or the accelerometer's signs",
+            "correct the attitude's reference (Z up), imu.body_from_imu, or the accelerometer's signs",
         )
     ]

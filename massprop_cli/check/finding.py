@@ -18,7 +18,7 @@ SUBJECTS: dict[Subject, str] = {
     "timing": "delay, lag and clocks",
     "attitude": "attitude against gyro and gravity",
     "model": "log against vehicle file",
-    "excitation": "what the motion tells",
+    "excitation": "what the motion shows",
 }
 Grade = Literal["unusable", "fault", "note"]
 

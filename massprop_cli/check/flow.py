@@ -139,7 +139,7 @@ def _of_notice(notice: Notice, named: bool) -> Finding:
         grade="note" if notice.code in NOTES else "fault",
         what=notice.message if not cure else what,
         where="",
-        sure="the log passes its test once it is mended; rivals are named with it" if named else "measured in this log",
+        sure="the log passes its test once it is corrected; rivals are named with it" if named else "measured in this log",
         remedy=cure,
     )
 
@@ -207,7 +207,7 @@ def _idle(log: Log, vehicle: Vehicle, expected: Sequence[ExpectedQuantity]) -> l
     if not missing or not idle:
         return []
     cures = "; ".join(dict.fromkeys(f"{name}: {vocabulary.cure(name)}" for name in missing))
-    said = f"never commanded: {', '.join(idle)}; {', '.join(missing)} can't be told without motion"
+    said = f"never commanded: {', '.join(idle)}; {', '.join(missing)} cannot be estimated without motion"
     return [finding("excitation", "never-fired", "note", said, f"fly what is missing ({cures}); massprop plan finds it")]
 
 

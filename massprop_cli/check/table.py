@@ -36,7 +36,7 @@ def show(found: Check, console: Console) -> None:
 
 def _expected(found: Check, phase: str) -> Table:
     columns, words = ("quantity", "± sigma", "± wanted", "unit", "verdict", "reached"), ("quantity", "unit", "verdict", "reached")
-    table = titled(escape.rich(f"{found.log}, phase {phase}: what it tells"), columns, words)
+    table = titled(escape.rich(f"{found.log}, phase {phase}: what it shows"), columns, words)
     for one in found.expected:
         if one.phase != phase:
             continue

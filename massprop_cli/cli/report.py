@@ -104,7 +104,7 @@ def _formats(given: str | None, with_figures: bool) -> tuple[list[str], list[Lit
 
 
 def _held(item: Recorded, wanted: Expectations | None) -> Recorded:
-    """The result held against ``--expect``; without, as it was when it was estimated."""
+    """The result tested against ``--expect``; without, as it was when it was estimated."""
     from dataclasses import replace
 
     from massprop_cli.result import judge

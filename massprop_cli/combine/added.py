@@ -146,7 +146,7 @@ class _Fit:
         for side, own in zip(sides, told, strict=True):
             if not own[6:9].any() or (own != (told[0] | told[1])).any():
                 raise InputError(
-                    f"{side.name}: does not tell all that --added is to be the scale of; command motion about and along more axes", "added"
+                    f"{side.name}: does not show all that --added is to be the scale of; command motion about and along more axes", "added"
                 )
         given = np.array([known.get(name, (np.nan, np.nan)) for name in QUANTITIES])
         self.stated = np.flatnonzero(np.isfinite(given[:, 0]))

@@ -176,8 +176,8 @@ def _joint(name: str, parts: Sequence[Part]) -> tuple[Joint, list[WarningItem]]:
         found = fit.fitted([fit.Behind(part.recorded.result, part.ready(), part.phase.name) for part in parts], pieces)
     except InputError as error:
         message = (
-            f"phase {name}: {', '.join(part.label for part, few in zip(parts, short, strict=True) if few)} told some axes alone, and adds "
-            f"nothing to the inertia: the logs can't be fitted at once ({error})"
+            f"phase {name}: {', '.join(part.label for part, few in zip(parts, short, strict=True) if few)} showed some axes alone, and "
+            f"adds nothing to the inertia: the logs can't be fitted at once ({error})"
         )
         return joint([fit.without_inertia(one) if few else one for one, few in zip(pieces, short, strict=True)]), [
             WarningItem(code="result-partial", message=message)

@@ -22,11 +22,11 @@ from massprop_cli.prepare.timing import Timing
 
 @dataclass(frozen=True)
 class MendedAnswer:
-    """What the log gives if a named fault is mended."""
+    """What the log gives if a named fault is corrected."""
 
     fault: Fault
     settings: tuple[str, ...]
-    """KEY=VALUE of the vehicle file that mend it, with how uncertain they are."""
+    """KEY=VALUE of the vehicle file that correct it, with how uncertain they are."""
     conclusions: tuple[Conclusion, ...]
     rivals: tuple[list[Array], ...] = ()
     """(10,) values of each phase, for each cause that can't be ruled out beside it."""

@@ -4,7 +4,7 @@ Three things contradict: a fault that has a name (a unit, a jet, the delay, a sa
 does not bear out, and a misfit without a name: what the model leaves still follows the commands or the motion after all noise was sized
 (:mod:`massprop_cli.diagnosis.lackoffit`), or it would be a disturbance larger than the vehicle's own commands. A value is touched
 
-- by a named fault, unless the log, mended, contradicts nothing any more, tells as much as it seemed to, and gives the same value and
+- by a named fault, unless the log, corrected, contradicts nothing any more, tells as much as it seemed to, and gives the same value and
   sigma;
 - by a contradicted known value, if it is proportional to the thrust as that one is (mass, inertia), or all for a known CG;
 - by a misfit that no named fault stands for, if the log claims to tell it and what the misfit may have done to it exceeds its sigma by far.
@@ -45,9 +45,9 @@ GROSS = 4.0
 MATTERS = 1e-3
 """Part of its own size below which an error of a quantity is none."""
 AGREES, ALIKE = 1.0, 1.5
-"""Sigmas within which a mended value is the same, and the ratio within which its sigma is."""
+"""Sigmas within which a corrected value is the same, and the ratio within which its sigma is."""
 STRAINED = 3.0
-"""By how much wider most of the mended sigmas may be."""
+"""By how much wider most of the corrected sigmas may be."""
 TOLD = ("converged", "not_converged")
 PROPORTIONAL = (*INERTIA, "mass")
 
@@ -58,11 +58,11 @@ class Fault:
 
     notice: Notice
     cure: Correction | None
-    """None where nothing mends the log."""
+    """None where nothing corrects the log."""
     change_s: float | None = None
     """When the mass properties changed, if they did."""
     around: tuple[Correction, ...] = ()
-    """The cure with each of its unknowns one sigma further on, and with the gyro's axes out of square where they may be."""
+    """The remedy with each of its unknowns one sigma further on, and with the gyro's axes out of square where they may be."""
     rivals: tuple[Correction, ...] = ()
     """Of causes that can't be ruled out."""
 
@@ -81,8 +81,8 @@ def by_faults(
 ) -> Contradiction | None:
     """Of named faults.
 
-    ``mended`` holds what each one's cure gives for this phase, None where there is no cure or it is none; ``rivals`` the values (10,) by
-    off-line fits if a cause is mended instead that can't be ruled out.
+    ``mended`` holds what each one's remedy gives for this phase, None where there is no remedy or it is none; ``rivals`` the values (10,)
+    by off-line fits if a cause is corrected instead that can't be ruled out.
     """
     if not faults:
         return None
@@ -96,7 +96,7 @@ def by_faults(
 
 
 def _settles(stated: Conclusion, mended: Conclusion) -> bool:
-    """Whether the log, mended, contradicts nothing and tells most of what it seemed to as sharply.
+    """Whether the log, corrected, contradicts nothing and tells most of what it seemed to as sharply.
 
     Else there is more, or a torque stands for what is left.
     """
@@ -117,7 +117,7 @@ def _same(one: Estimate, other: Estimate) -> bool:
         return False
     sigma = min(one.sigma, other.sigma)
     if one.verdict == "converged" != other.verdict:
-        return False  # a doubt of the mended log's is one of the log's
+        return False  # a doubt of the corrected log's is one of the log's
     return abs(one.value - other.value) <= AGREES * sigma and max(one.sigma, other.sigma) <= ALIKE * sigma
 
 
@@ -173,7 +173,7 @@ def by_misfit(
 def unheld(conclusion: Conclusion, vehicle: Vehicle) -> dict[str, Reason]:
     """Why values are not to be called converged where the cause of a misfit is unknown: their sigmas are none of what it may do to them.
 
-    That holds where several causes would mend the log, too, and all of them give the same value: the true one may be another. Those that
+    That holds where several causes would correct the log, too, and all of them give the same value: the true one may be another. Those that
     stay are as uncertain as the thrust is stated to be, which is more.
     """
     by_noise = _own_variance(conclusion, vehicle) > conclusion.sigmas**2 / 2

@@ -47,18 +47,18 @@ FOUND = {
 
 
 def mended(found: Analysis, say: Progress) -> list[MendedAnswer]:
-    """One answer for each named fault that has a cure."""
+    """One answer for each named fault that has a remedy."""
     return [answer for fault in _distinct(found.faults) if (answer := _mended(found, fault, say)) is not None]
 
 
 def _distinct(faults: Sequence[Fault]) -> list[Fault]:
-    """One of those that the same cure mends."""
+    """One of those that the same remedy corrects."""
     return [fault for i, fault in enumerate(faults) if fault.cure is not None and fault.cure not in [f.cure for f in faults[:i]]]
 
 
 def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None:
-    """The log examined again with the fault mended; None where it can't be."""
-    say("with the fault mended", 1.0)
+    """The log examined again with the fault corrected; None where it can't be."""
+    say("with the fault corrected", 1.0)
     cure = fault.cure
     if cure is None:
         return None
@@ -75,7 +75,7 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None
 
 
 def _with_sigmas(found: Analysis, cure: Correction, others: Sequence[Correction]) -> tuple[str, ...]:
-    """The settings of a cure with how uncertain it is: ``others`` hold it one sigma further on, or what may be wrong instead."""
+    """The settings of a remedy with how uncertain it is: ``others`` hold it one sigma further on, or what may be wrong instead."""
     stated = found.source.vehicle
     own, spreads = cure.keys
     entries, estimated_too = [*stated.uncertain], dict[str, object]()
@@ -101,7 +101,7 @@ def _stated(vehicle: Vehicle, key: str) -> Any:
 
 
 def _beside(found: Analysis, mended: Analysis, cure: Correction, passes: int = 1) -> list[Array]:
-    """(10,) what so many passes on from the mended fit of each phase give with another cure instead; NaN where there is none."""
+    """(10,) what so many passes on from the corrected fit of each phase give with another remedy instead; NaN where there is none."""
     vehicle = _as_noisy(vehiclefile.changed(found.source.vehicle, cure.settings), mended.vehicle)
     samples = Stream.of(outliers.without(cure.log(found.log), vehicle), vehicle, stated_timing(vehicle, mended.timing))
     phases = phases_of(samples.log, vehicle, samples)
@@ -114,6 +114,6 @@ def _beside(found: Analysis, mended: Analysis, cure: Correction, passes: int = 1
 
 
 def _as_noisy(vehicle: Vehicle, used: Vehicle) -> Vehicle:
-    """With the noise, the disturbances and the outliers that were found of another, so that its values differ by its cure alone."""
+    """With the noise, the disturbances and the outliers that were found of another, so that its values differ by its remedy alone."""
     parts = {name: {key: getattr(getattr(used, name), key) for key in keys} for name, keys in FOUND.items()}
     return vehicle.model_copy(update={name: getattr(vehicle, name).model_copy(update=keys) for name, keys in parts.items()})

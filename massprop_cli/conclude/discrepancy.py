@@ -59,7 +59,7 @@ TELLS = {
     NOISE: "a longer log, or stronger commands",
     UNSPANNED: "a second log of the same kind, to see what repeats",
 }
-"""What would tell most, by what makes most of the sigmas."""
+"""Most informative next step, by what makes most of the sigmas."""
 
 
 class PlainFits(NamedTuple):

@@ -54,7 +54,7 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
     if contradictions:
         reason = Reason.of("phases-contradicted", phases=" and ".join(c.phase.name for c in pair if c.causes))
     elif less:
-        reason = lighter(float(found[9]), f"phase {pair[1].phase.name}", f"phase {pair[0].phase.name}", "mend [docking]")
+        reason = lighter(float(found[9]), f"phase {pair[1].phase.name}", f"phase {pair[0].phase.name}", "correct [docking]")
         contradictions = [str(reason)]
     estimates = estimates_of(found, covariance, verdict, reason)
     estimates |= {

@@ -157,7 +157,7 @@ def _discrepancies(conclusions: Sequence[Conclusion], told: Sequence[Discrepancy
             like = f"; it behaves like {' and '.join(one.behaves_like)}, or something else that does the same" if one.behaves_like else ""
             usual = f"whatever a careful lab may have stated wrongly, times {max(one.scale, LEAST):.2g}, and what none of that explains"
             given = [i for i, each in enumerate(conclusion.estimates.values()) if each.value is not None]
-            like += f". What would tell most: {one.tells(given)}"
+            like += f". Most informative next step: {one.tells(given)}"
             message = f"log and vehicle file don't explain one another, and every sigma includes what may be wrong: {usual}{like}"
             yield Notice("model-discrepancy", f"phase {conclusion.phase.name}: {message}")
 
@@ -178,14 +178,14 @@ def _docking_notices(docked: Docked | None, conclusions: tuple[Conclusion, ...],
     apart = masses_apart(conclusions, used) if docked is None else None
     if apart is not None:
         message = (
-            f"the two phases' masses differ by {apart[0]:.3g} ± {apart[1]:.2g} kg, too little to tell of a docking, so no docked object is "
+            f"the two phases' masses differ by {apart[0]:.3g} ± {apart[1]:.2g} kg, too little to show a docking, so no docked object is "
             "given; name the phases under [docking] (before, after) if there is one"
         )
         return [Notice("no-docked-object", message)]
     mass = docked.estimates["mass"].value if docked else None
     if docked is None or mass is None or mass > 0:
         return []
-    return [Notice("docked-mass", str(lighter(mass, f"phase {docked.after}", f"phase {docked.before}", "mend [docking]")))]
+    return [Notice("docked-mass", str(lighter(mass, f"phase {docked.after}", f"phase {docked.before}", "correct [docking]")))]
 
 
 def _at_origin(found: Analysis, conclusions: Sequence[Conclusion]) -> Iterator[Notice]:

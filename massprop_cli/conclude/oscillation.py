@@ -1,12 +1,12 @@
 """Oscillation test: a flexible part or slosh that goes on after a push.
 
 A spring or a pendulum within the vehicle answers each push by a swing of its own, so that at first the body seems lighter than it is: mass
-or inertia come out too small, by up to the part that swings, in the likeness of a good fit. What is left, made white, is held against
+or inertia come out too small, by up to the part that swings, in the likeness of a good fit. What is left, made white, is tested against
 the answers of oscillators to what was commanded, damped within one period, of periods half an octave apart,
 
     y_k = Σ_j h_j u_(k−j),  h_j = exp(−j / P) (cos, sin)(2π j / P),  j = 1 … 3 P.
 
-Two directions for each axis, so that any phase and damping shows in the one that is nearest. Rates are held against the torque about each
+Two directions for each axis, so that any phase and damping shows in the one that is nearest. Rates are tested against the torque about each
 axis, and against the forces across it, since a part that swings away from the CG turns the body; specific force against the force along
 each axis, and against the torques across it. Of all cycles only the sums of products of what is some cycles apart are kept. As it knows
 what was commanded, it sees a swing far below the noise, which no test of what is left alone does (:mod:`massprop_cli.conclude.whiteness`).
@@ -37,7 +37,7 @@ MEMORY = 3
 REPEATED = 2
 """Least periods within a phase."""
 ANSWERS = np.array([[0, 1, 2, 3, 4, 5], [4, 5, 3, 1, 2, 0], [5, 3, 4, 2, 0, 1]])
-"""Which commanded component (torque x y z, force x y z) what is left of rate x y z and specific force x y z is held against: its own; and
+"""Which commanded component (torque x y z, force x y z) what is left of rate x y z and specific force x y z is tested against: its own; and
 those across."""
 EMPTY = 1e-9
 """Part of the power of all axes that is none."""

@@ -110,7 +110,7 @@ SENTENCES: dict[Code, str] = {
         "log and vehicle file don't fit and the cause is unknown, so its sigma leaves out what the cause may do to it; look at what came "
         "nearest in the warning cause-unknown"
     ),
-    "timing-untold": "the log can't tell when its commands act ({taken} was taken as the likeliest); state it",
+    "timing-untold": "the log cannot show when its commands act ({taken} was taken as the most likely); state it",
     "changed": (
         "what the log says of {quantity} before {at_s:.6g} s ({before:.4g}) and after it ({after:.4g}) is apart by {sigmas:.2g} sigma: has "
         "the IMU been changed, or ballast? Split the log there ([[phases]])"

@@ -26,7 +26,7 @@ WARY = 2.5
 a thousand values of clean logs. Of faults that a log tells by five sigma one in 160 shows less than this by chance, one in two less than
 what refutes it. docs/faults.md moves."""
 FAR, PART = 2.0, 0.005
-"""Of its sigma and of its size, the change of a value that hangs on an assumption in doubt: its likeliest change is uncertain itself."""
+"""Of its sigma and of its size, the change of a value that hangs on an assumption in doubt: its most likely change is uncertain itself."""
 SCALES = (GYRO, ACCELEROMETER)
 """Of a sensor's three axes, each of which is tested by itself too."""
 MOVES = 1.0
@@ -42,7 +42,7 @@ class Doubt:
     limit: float
     """Sigmas beyond which it is refuted (:mod:`massprop_cli.estimate.residualtest`)."""
     moves: tuple[Array | None, ...]
-    """(10, a) of each phase: by how much the likeliest value of it would move the estimates' state parameters, and as much of any that is
+    """(10, a) of each phase: by how much the most likely value of it would move the estimates' state parameters, and as much of any that is
     of its kind, along another axis."""
     faint: bool = False
     """Whether it shows in several channels together alone: too little for its cause to be found."""
@@ -100,7 +100,7 @@ def doubts(found: Examined, names: Sequence[str], groups: Sequence[Sequence[int]
 
 
 def by_doubts(conclusion: Conclusion, at: int, found: Sequence[Doubt]) -> Contradiction | None:
-    """Of assumptions that nothing with a name stands for, in phase number ``at``: what their likeliest values would move."""
+    """Of assumptions that nothing with a name stands for, in phase number ``at``: what their most likely values would move."""
     sure = [doubt for doubt in found if doubt.sure]
     touched: BoolArray = np.zeros(len(QUANTITIES), dtype=bool)
     for _, change, sigma in _changes(conclusion, at, sure):

@@ -3,7 +3,7 @@
 Where the stated noise doesn't explain a log, disturbances are sized until it does (:mod:`massprop_cli.estimate.disturbances`), and their
 covariance goes into every sigma. That is honest of noise alone. A flexible part or sloshing answers a push for many cycles, and a command
 that was not executed leaves a few steps as large as the command: both are no white torque, and may move a value by far more than its sigma.
-So the whitened innovations that are left are held against what they claim to be, sensor by sensor, by two tests:
+So the whitened innovations that are left are tested against what they claim to be, sensor by sensor, by two tests:
 
     Q = N Σ r_k², k = 1 … 11, of three axes,   chi-square of as many degrees of freedom (Box & Pierce 1970), r_k their autocorrelation,
     K = Σ z⁴ / N / (Σ z² / N)² − 3, the largest of the axes,   normal with a variance of 24 / N.

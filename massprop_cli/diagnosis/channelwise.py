@@ -4,7 +4,7 @@ The growth of the mean rate and the specific force are linear in columns that th
 products of the measured rates, a constant, the rates themselves, the stated wrench as it would act later, smeared, with a drifting clock
 or on a body that changes, and on a bearing the vertical. Each column has six free coefficients, three for the rate's growth and three for
 the specific force. What the log says of them is a triangle of constant size for each kind of measurement. Every hypothesis about jets,
-commands, IMU, timing or torques (:mod:`massprop_cli.diagnosis.coefficients`) only says what these coefficients are, so it is held against
+commands, IMU, timing or torques (:mod:`massprop_cli.diagnosis.coefficients`) only says what these coefficients are, so it is tested against
 the triangles and the log is not gone through again.
 """
 
@@ -46,7 +46,7 @@ class Free:
     gyro: ReducedLeastSquares
     accelerometer: ReducedLeastSquares
     beside: tuple[Disturbance, ...]
-    """The likeliest disturbance; none where the stated noise explains the rates."""
+    """The most likely disturbance; none where the stated noise explains the rates."""
     clock_s: tuple[float, float]
     """From the log's beginning to the middle of the stretch, and how long that is."""
 
@@ -112,7 +112,7 @@ def free_response(
 ) -> Free:
     """What cycles ``piece`` say; :class:`InputError` if they are too few.
 
-    Beside the likeliest disturbance, where the stated noise doesn't explain the rates or one is stated; where some are ``likely``, one of
+    Beside the most likely disturbance, where the stated noise doesn't explain the rates or one is stated; where some are ``likely``, one of
     these. With the motion within the cycles that a body ``theta`` of :mod:`massprop_cli.model.plant` has, if one is given.
     """
     design = (designs or Designs()).of(log, vehicle, timing, piece, theta)

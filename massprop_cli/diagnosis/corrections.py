@@ -80,7 +80,7 @@ class Actuators(NamedTuple):
 
 @dataclass(frozen=True)
 class Correction:
-    """How a named fault is mended: keys of the vehicle file, and factors on what the log holds."""
+    """How a named fault is corrected: keys of the vehicle file, and factors on what the log holds."""
 
     settings: tuple[str, ...] = ()
     gyro: Matrix = ()
@@ -138,7 +138,7 @@ class Correction:
         )
 
     def column_settings(self, log: Log, columns: Mapping[str, Column]) -> tuple[str, ...]:
-        """The keys that mend units, signs, order and scale of the log's own columns; nothing for a sensor that takes more than that."""
+        """The keys that correct units, signs, order and scale of the log's own columns; nothing for a sensor that takes more than that."""
         settings: list[str] = []
         turns = [(log.rate_columns, self.gyro), (log.force_columns, self.accelerometer), (WRENCH, _diagonal(self.command))]
         turns += [] if self.actuators is None else [(self.actuators.names, self.actuators.rows)]
@@ -230,7 +230,7 @@ def _both_turned(found: Fitted) -> Array | None:
 
 
 def correction_of(case: Case, mended: Case, found: Fitted) -> Correction | None:
-    """The keys that mend it, and factors on columns; None where neither does."""
+    """The keys that correct it, and factors on columns; None where neither does."""
     settings = tuple(_settings(case.setup, mended.setup, found))
     correction = replace(_on_columns(found), settings=settings, command=_command(case, found))
     return None if correction == Correction() else correction

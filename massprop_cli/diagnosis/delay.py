@@ -230,7 +230,7 @@ def unexplained_by(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0) -
     motion = _motion(timing.of(log, vehicle, made), vehicle)
     cycles = slice(max(first, int(np.argmax(made.usable)) + 1), log.cycles)
     if cycles.stop - cycles.start < LEAST + 3 * made.whole.shape[1]:
-        raise InputError(f"{log.path}: {cycles.stop - cycles.start} cycles are too few to tell what the IMU records; record longer")
+        raise InputError(f"{log.path}: {cycles.stop - cycles.start} cycles are too few to show what the IMU records; record longer")
     return _unexplained(motion, made, cycles)
 
 

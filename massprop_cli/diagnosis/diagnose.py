@@ -70,7 +70,7 @@ class Explanation:
     code: str
     message: str
     correction: Correction | None
-    """None where neither the vehicle file's keys nor factors on the log's columns mend it."""
+    """None where neither the vehicle file's keys nor factors on the log's columns correct it."""
     change_s: float | None = None
     """When the mass properties changed at once, if that is what is supposed."""
     around: tuple[Correction, ...] = ()
@@ -144,7 +144,7 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
 
 
 def _further(screening: Screening, alone: Sequence[Refit], whole: Screening, least: float) -> list[Callable[[Screening], Diagnosis | None]]:
-    """What else to look for, the likeliest first, that explains more than the ``least`` score: all along in pairs, or in time."""
+    """What else to look for, the most likely first, that explains more than the ``least`` score: all along in pairs, or in time."""
     pair = partial(_pair, alone=alone, worst=min([least, *(refit.score for refit in alone)]))
     changed = partial(_changed, whole=whole)
     two: list[Callable[[Screening], Diagnosis | None]] = [_swapped, pair]
@@ -173,7 +173,7 @@ def _for_a_time(screening: Screening, screenings: Sequence[Screening], found: Di
 
 
 def _alone(screening: Screening) -> list[Refit]:
-    """The likeliest causes, each put to the test."""
+    """The most likely causes, each put to the test."""
     begun = _turned(screening) if screening.upset else []
     most = SECOND if screening.upset else FINALISTS[screening.model.bearing is not None]
     best = [*searched(screening, begun, (most, most), beyond(screening)), *otherwise(screening)]
@@ -198,7 +198,7 @@ def _turned(screening: Screening) -> list[Refit]:
 
 
 def _chosen(screening: Screening, refits: Sequence[Refit]) -> Diagnosis | None:
-    """The likeliest of those with which the log fits."""
+    """The most likely of those with which the log fits."""
     fitting = _likeliest(screening, refits)
     if not fitting:
         return None
@@ -223,7 +223,7 @@ def _likeliest(screening: Screening, refits: Sequence[Refit]) -> list[Refit]:
 
 
 def _instead(screening: Screening, alone: Sequence[Refit], whole: Screening) -> Diagnosis | None:
-    """What the likeliest of single causes may stand for: it hides what is further off than a small step leads to.
+    """What the most likely of single causes may stand for: it hides what is further off than a small step leads to.
 
     A turned gyro for a delay of cycles, where a torque or more noise is left than is stated; a slow change of the body for one at once.
     """
@@ -273,7 +273,7 @@ def _lowpassed(screening: Screening) -> Diagnosis | None:
 
 
 def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = ()) -> tuple[Explanation, ...]:
-    """In words, with the settings that mend it: one for each of two causes at once.
+    """In words, with the settings that correct it: one for each of two causes at once.
 
     What a rival that is nearly as likely has not got is not named.
     """
@@ -342,7 +342,7 @@ def _changed(screening: Screening, whole: Screening, less_than: float = np.inf) 
 
 
 def _pair(screening: Screening, alone: Sequence[Refit], worst: float) -> Diagnosis | None:
-    """Two causes at once that beat the ``worst`` score: two channels; or the likeliest few, each with what explains the rest."""
+    """Two causes at once that beat the ``worst`` score: two channels; or the most likely few, each with what explains the rest."""
     if (channels := _two_channels(screening)) is not None:
         return channels
     upright = [found.hypothesis for found in screening.upright]
@@ -370,7 +370,7 @@ def _pair(screening: Screening, alone: Sequence[Refit], worst: float) -> Diagnos
 
 
 def _beside(screening: Screening, first: Refit | None, others: Sequence[Refit], worst: float) -> list[Refit]:
-    """Pairs with a first that is mended, where there are ``others``; what explains less than the ``worst`` score is none."""
+    """Pairs with a first that is corrected, where there are ``others``; what explains less than the ``worst`` score is none."""
     if first is None or first.screening is None:
         return []
     most = beyond(first.screening)

@@ -1,7 +1,7 @@
 """A jet that fails for a time: start, end and what it gives meanwhile.
 
-The likeliest windows (:mod:`massprop_cli.diagnosis.windows`) are put into the vehicle file in turn; then the log has another body, by which
-the window is looked for again, until both stand.
+The most likely windows (:mod:`massprop_cli.diagnosis.windows`) are put into the vehicle file in turn; then the log has another body, by
+which the window is looked for again, until both stand.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges
 
 LIKELY, AS_WELL = 3, 0.3
-"""Jets that are put to the test, and the part of the likeliest one's gain that others must have."""
+"""Jets that are put to the test, and the part of the most likely one's gain that others must have."""
 ROUNDS, STANDS = 10, 0.3
 """How often a window is looked for by another body at most, and by how many of its sigmas what the jet gives moves in the end."""
 SLOWLY, FAR = 0.8, 10.0
@@ -70,7 +70,7 @@ class Episode(NamedTuple):
         return f"jet {jet} gives {self.failure.thrust:.4g} of the stated thrust{when}"
 
     def correction(self, vehicle: Resolved, sigmas: float = 0.0) -> Correction:
-        """The key that mends it, with its thrust so many sigmas further on."""
+        """The key that corrects it, with its thrust so many sigmas further on."""
         further = self.failure.model_copy(update={"thrust": self.failure.thrust + sigmas * self.sigma})
         return Correction(
             (f"thrust.failures={written([one.model_dump(exclude_none=True) for one in (*vehicle.thrust.failures, further)])}",)
@@ -78,7 +78,7 @@ class Episode(NamedTuple):
 
 
 def episodes(screening: Screening, others: Sequence[Screening] = ()) -> list[Episode]:
-    """The failures of a jet for a time with which the log fits, the likeliest first: those that are about as likely.
+    """The failures of a jet for a time with which the log fits, the most likely first: those that are about as likely.
 
     One that begins, or ends, beyond what was looked at does so at the border to any of the ``others`` in which its jet does what is stated.
     """
@@ -114,7 +114,7 @@ def _lasts(screening: Screening) -> tuple[float, float]:
 
 
 def _windows(screening: Screening, beside: Disturbance) -> list[Window]:
-    """The likeliest of a few jets, the likeliest first."""
+    """The most likely of a few jets, the most likely first."""
     reduced = Reduced(screening, screening, beside)
     each = (reduced.likeliest(i) for i in range(screening.model.thrusting))
     windows = [one for one in each if one is not None and abs(one.thrust - 1) > LITTLE]

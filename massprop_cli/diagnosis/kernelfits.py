@@ -36,7 +36,7 @@ class Fits(NamedTuple):
 
 
 class PackedTriangles:
-    """Hypotheses held against two triangles, as the kernel has them."""
+    """Hypotheses tested against two triangles, as the kernel has them."""
 
     def __init__(
         self,

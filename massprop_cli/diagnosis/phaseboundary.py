@@ -45,7 +45,7 @@ class Border(NamedTuple):
 
     @property
     def key(self) -> str:
-        """Of the phase, that is to be mended."""
+        """Of the phase, that is to be corrected."""
         return "start_s" if self.begins else "end_s"
 
     @property
@@ -56,12 +56,12 @@ class Border(NamedTuple):
         other = "until then something else was docked" if self.begins else "from then on something else is docked"
         return (
             f"the log fits without the {which} {self.left_out} cycles{name}, that is {side} {shown(self.time_s)} s: {other}, "
-            f"the vehicle was held, or a jet failed; mend {self.key} under [[phases]]"
+            f"the vehicle was held, or a jet failed; correct {self.key} under [[phases]]"
         )
 
     @property
     def correction(self) -> Correction:
-        """The key that mends it."""
+        """The key that corrects it."""
         if self.phase is not None:
             return Correction((f"phases.{self.number}.{self.key}={self.time_s}",))
         begin_s, end_s = self.log_s

@@ -25,7 +25,7 @@ Score = Callable[[Array, Fitted, int], float]
 
 
 class Ranking:
-    """Those whose score is below ``most``, the likeliest first; ``likelihood`` is what is left, in a score without prices."""
+    """Those whose score is below ``most``, the most likely first; ``likelihood`` is what is left, in a score without prices."""
 
     def __init__(
         self, model: Model, free: Free, supposed: Sequence[Hypothesis], score: Score, likelihood: Callable[[Array], float], most: float

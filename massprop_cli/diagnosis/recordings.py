@@ -148,7 +148,7 @@ def otherwise(screening: Screening) -> list[Refit]:
             refit = tried(screening, Fitted(hypothesis, model, x, screening.stated.chi_square, np.zeros(free.shape[1])))
             # what is led to another delay is that delay
             found += [refit] if refit is not None and abs(refit.case.timing.delay - case.timing.delay - later) < ANOTHER else []
-    # such a fault leaves nothing once it is mended: beside a torque of its own it would be one of many that leave less
+    # such a fault leaves nothing once it is corrected: beside a torque of its own it would be one of many that leave less
     return [refit for refit in found if refit.screening is not None and not refit.screening.free.beside]
 
 

@@ -46,7 +46,7 @@ SLOWLY, FARTHER = 0.3, 0.97
 
 @dataclass(frozen=True)
 class Refit:
-    """A hypothesis, how it is mended, and what it leaves."""
+    """A hypothesis, how it is corrected, and what it leaves."""
 
     fitted: Fitted
     case: Case
@@ -56,9 +56,9 @@ class Refit:
     """−2 log likelihood of what was measured, with that price."""
     fits: bool
     screening: Screening | None = None
-    """What is left of the log as mended; None where that can't be written down."""
+    """What is left of the log as corrected; None where that can't be written down."""
     units: float = 0.0
-    """−2 log of how densely the mended measurements lie where they were measured."""
+    """−2 log of how densely the corrected measurements lie where they were measured."""
 
 
 def hopeless(screening: Screening, found: Fitted, most: float) -> bool:
@@ -149,7 +149,7 @@ def helped(screening: Screening, begun: Fitted) -> Refit | None:
 
 
 def _beside(screening: Screening, first: Refit, second: Fitted) -> Fitted:
-    """A hypothesis beside the one that is mended already."""
+    """A hypothesis beside the one that is corrected already."""
     one = first.fitted
     x = _together(one.x, second.x, screening.model)
     supposed = one.hypothesis.beside(second.hypothesis)
@@ -194,7 +194,7 @@ def refined(screening: Screening, found: Fitted, case: Case, best: float = np.in
     """What is left once the case is reduced anew, its unknowns moved on from there until they stand, or can't come near the ``best`` score.
 
     First beside the disturbance that it was found with: a misfit may hide behind that, and without it the way is too steep. Then beside
-    what is likeliest there, until that stays.
+    what is most likely there, until that stays.
     """
     beside = screening.free.beside
     found, case, mended = _led(screening, found, case, beside, best, bool(beside), begun)
@@ -240,7 +240,7 @@ def _rounded(screening: Screening, found: Fitted) -> Fitted:
 
 
 def _gained(screening: Screening, mended: Screening) -> float:
-    """By how much −2 log likelihood of free noise levels is less once mended, of a fit as exact as the estimator is."""
+    """By how much −2 log likelihood of free noise levels is less once corrected, of a fit as exact as the estimator is."""
     before, after = screening.exact, mended.exact
     return -np.inf if before is None or after is None else float((len(before) * np.log((before**2).mean(0) / (after**2).mean(0))).sum())
 
@@ -266,7 +266,7 @@ def _led(
     roughly: bool = False,
     begun: AppliedHypothesis | None = None,
 ) -> tuple[Fitted, Case, Screening | None]:
-    """A hypothesis moved on until it stands, beside one of the ``likely`` disturbances, or what is likeliest now.
+    """A hypothesis moved on until it stands, beside one of the ``likely`` disturbances, or what is most likely now.
 
     Or until it promises too little to come near the ``best`` cost.
     """
@@ -306,7 +306,7 @@ def _led(
 
 
 def _anew(screening: Screening, case: Case, likely: tuple[Disturbance, ...], theta: Array | None) -> Screening | None:
-    """A case mended by a hypothesis, reduced about θ; None where that is too short, or other channels fire."""
+    """A case corrected by a hypothesis, reduced about θ; None where that is too short, or other channels fire."""
     mended = screened(case, screening.piece, likely, theta)
     return mended if mended is not None and np.array_equal(mended.free.fired, screening.free.fired) else None
 
@@ -327,7 +327,7 @@ def _together(x: Array, more: Array, model: Model) -> Array:
 
 
 def _by_units(mended: Screening, found: Fitted, stated: Case) -> float:
-    """−2 log of the density of mended measurements in the units, along the axes and behind the low-passes of the measured."""
+    """−2 log of the density of corrected measurements in the units, along the axes and behind the low-passes of the measured."""
     supposed, free, log = found.hypothesis, mended.free, stated.log
     record_s = median(log.interval_s)
     sensors = (("gyro", supposed.gyro, free.gyro), ("accel", supposed.accelerometer, free.accelerometer))

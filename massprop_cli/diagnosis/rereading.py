@@ -131,7 +131,7 @@ def _other_units(log: Log) -> Iterator[Reading]:
     for unit in other_units(record_s, log.rate_columns == DELTA_THETA):
         factors = [tuple(map(tuple, np.diag(1 / own).tolist())) if (own != 1).any() else () for own in (unit.gyro, unit.accelerometer)]
         by = " and ".join(dict.fromkeys(f"{1 / one:.6g}" for one in (*unit.gyro, *unit.accelerometer) if one != 1))
-        words = f"its {unit.words}; mend the log, or scale its columns {where} ({by})"
+        words = f"its {unit.words}; correct the log, or scale its columns {where} ({by})"
         yield Reading(unit.code, words, Correction(gyro=factors[0], accelerometer=factors[1]), unit.rare)
 
 

@@ -171,16 +171,16 @@ def found_timing(log: Log, source: VehicleSource, say: Progress) -> FoundTiming 
         found = _beside_stated(log, vehicle, coarse, automatic) or _detected(log, vehicle, coarse, unknown)
     if found is None:
         raise UntoldError(
-            f"{log.path}: {' and '.join(f'the {_NAMES[name]}' for name in unknown)} can't be told from this log; its commands explain too "
-            f"little of its motion{_compared(log, rated)}. State {' and '.join(REMEDIES[name] for name in unknown)}; of commands that are "
-            "stamped after they act bring the clocks together first (clock.offset_s of a map)",
+            f"{log.path}: {' and '.join(f'the {_NAMES[name]}' for name in unknown)} cannot be estimated from this log; its commands "
+            f"explain too little of its motion{_compared(log, rated)}. State {' and '.join(REMEDIES[name] for name in unknown)}; of "
+            "commands that are stamped after they act bring the clocks together first (clock.offset_s of a map)",
             () if coarse is None else _likeliest(Setup(log, vehicle, coarse), unknown),
         )
     return found
 
 
 def _compared(log: Log, rated: Sequence[Rated]) -> str:
-    """How much more the next delays leave of the motion than the likeliest does."""
+    """How much more the next delays leave of the motion than the most likely does."""
     others = {one.at.delay: np.exp((one.cost - rated[0].cost) / (2 * 6 * log.cycles)) for one in reversed(rated)}
     each = [f"{cycles:g} leave {left:.3g} times" for cycles, left in sorted(others.items(), key=lambda one: one[1])[1:NEXT]]
     return f" (by {rated[0].at.delay:g} cycles most; {', '.join(each)} as much unexplained)" if each else ""

@@ -37,7 +37,7 @@ FITS = (2.0, 6.0)
 """The log fits if what is left is below this many times pure error, and this many sigmas of chance more. The motion within a cycle is taken
 as linear, which leaves as much as the noise does where a body turns by 0.06 rad in a cycle."""
 CLOSE = 1.4
-"""The same where the motion within the cycles is a body's own: beside a torque, and of a log that is mended."""
+"""The same where the motion within the cycles is a body's own: beside a torque, and of a log that is corrected."""
 BY_CHANCE = 3.0
 """Sigmas of chance beyond which it is more than that."""
 LOUD = 4.0
@@ -240,14 +240,14 @@ class Screening:
 
     @cached_property
     def ranked(self) -> Ranking:
-        """Every hypothesis that leaves less than what is stated, the likeliest first."""
+        """Every hypothesis that leaves less than what is stated, the most likely first."""
         listed = hypotheses.listed(self.model, self.names)
         supposed = [*listed, *self._likely_turns(), *self._pushing_more()]
         most = self.score(self.stated.chi_square, self.stated) - CLEAR
         return Ranking(self.model, self.free, supposed, self.score, self.likelihood, most)
 
     def _pushing_more(self) -> list[Hypothesis]:
-        """The channels that push giving another part of what is stated than those that only turn, from where it is likeliest on.
+        """The channels that push giving another part of what is stated than those that only turn, from where it is most likely on.
 
         Of k times the force the CG c and the mass m look like k c and m / k, with the IMU (k − 1) c away from its place. So where that
         explains the log this does too, and a small step leads from the one to the other no more than along a curved valley.
@@ -271,7 +271,7 @@ class Screening:
 
     @cached_property
     def upright(self) -> list[Fitted]:
-        """Units and mountings by which, on a bearing, gravity is found where it should be as well as as stated; the likeliest first.
+        """Units and mountings by which, on a bearing, gravity is found where it should be as well as as stated; the most likely first.
 
         They turn the vertical that the log was reduced with, so that nothing is fitted to it.
         """

@@ -37,9 +37,9 @@ def searched(
 ) -> list[Refit]:
     """What a look makes likely, each put to the test, until one fits and none that is left comes near it; ``others`` may fit as well.
 
-    Beside a ``first`` that is mended already, where there is one, by what that leaves. After those that it has ``begun`` with, and no more
-    than so many while none of all fits, and when one does; of chi-square the look, where it is as good as exact, may leave no more than
-    ``leaving``; and none may promise a score above the ``worst``.
+    Beside a ``first`` that is corrected already, where there is one, by what that leaves. After those that it has ``begun`` with, and no
+    more than so many while none of all fits, and when one does; of chi-square the look, where it is as good as exact, may leave no more
+    than ``leaving``; and none may promise a score above the ``worst``.
     """
     best = list(begun)
     near = -np.inf

@@ -16,7 +16,7 @@ UNANSWERED = (
     "its clock, and were they executed?"
 )
 IN_VEHICLE_FILE, IN_MAP = "under [columns]", "in the map (unit, scale, axes)"
-"""Where the columns of a plain log are mended, and those of a recording."""
+"""Where the columns of a plain log are corrected, and those of a recording."""
 
 
 def words_of(found: Fitted, names: Sequence[str], stated: Case, corrected: Case) -> tuple[str, str]:

@@ -99,7 +99,7 @@ PARAMETERS = (
         difference=1e-4,
         wording=Wording(
             "the bearing's centre is {mm} mm away from environment.bearing_position_m",
-            "mend it",
+            "correct it",
         ),
         step=Step(
             "bearing-position",
@@ -127,7 +127,7 @@ PARAMETERS = (
         redone="motion",
         difference=0.1 * DEGREE,
         wording=Wording(
-            "the vehicle began tilted by {angle:.3g} degrees from environment.initial_attitude_wxyz", "mend it, or level the table"
+            "the vehicle began tilted by {angle:.3g} degrees from environment.initial_attitude_wxyz", "correct it, or level the table"
         ),
     ),
     ErrorParameter(

@@ -95,7 +95,7 @@ PARAMETERS = (
         size=3,
         difference=1e-3,
         uncertain=("imu-position", "the IMU sits where it is stated to within imu.position_sigma_m"),
-        wording=Wording("the IMU sits {mm} mm away from imu.position_m", "mend it"),
+        wording=Wording("the IMU sits {mm} mm away from imu.position_m", "correct it"),
         step=Step("imu-position", 1e-3, "1 mm along {axis}", _stated_place, lambda setup: any(setup.log.axes[3:])),
     ),
     _turn("gyro"),
@@ -127,12 +127,12 @@ SPECIAL_CASES = (
         "imu-mounting",
         "imu-mounting",
         lambda f: not set(WORDS.values()).isdisjoint(f.subject) and not any(f.errors[f"{sensor}_turn"].any() for sensor in WORDS),
-        Wording("the {sensor}'s axes alone are {rows} of what they are taken for{handed}", "mend them under [columns]", _alone),
+        Wording("the {sensor}'s axes alone are {rows} of what they are taken for{handed}", "correct them under [columns]", _alone),
     ),
     SpecialCase(
         "imu-mounting",
         "imu-mounting",
         lambda f: set(WORDS.values()).isdisjoint(f.subject) and bool(np.linalg.det(f.turns[0]) < 0),
-        Wording("the IMU's axes lie in the body's as {rows}{handed}", "mend them under [columns]", _mirrored),
+        Wording("the IMU's axes lie in the body's as {rows}{handed}", "correct them under [columns]", _mirrored),
     ),
 )

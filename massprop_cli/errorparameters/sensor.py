@@ -204,13 +204,13 @@ PARAMETERS = (
 
 
 def _columns_held(finding: FittedHypothesis) -> Mapping[str, object]:
-    """What columns hold, and by which factors they are mended."""
+    """What columns hold, and by which factors they are corrected."""
     shows = [np.diag(finding.mounting.T @ turn @ finding.mounting) for turn in finding.turns]
     factors = dict.fromkeys(f"{1 / factor:.6g}" for own in shows for factor in own if abs(factor - 1) > NO_FACTOR)
     return {"which": finding.subject[0], "factors": " and ".join(factors)}
 
 
-_HELD = Wording("its {which}", "mend the log, or scale its columns under [columns] ({factors})", _columns_held)
+_HELD = Wording("its {which}", "correct the log, or scale its columns under [columns] ({factors})", _columns_held)
 _AXES = Wording("velocity increments are in the axes that the IMU had at the start of each record", 'state imu.accel_axes = "start"')
 SPECIAL_CASES = (
     SpecialCase("accel-axes", "accel-axes", lambda _: True, _AXES),

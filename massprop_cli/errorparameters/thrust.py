@@ -73,7 +73,7 @@ def _entries(finding: FittedHypothesis) -> list[str]:
 def _who(finding: FittedHypothesis) -> Mapping[str, object]:
     entries, table, (one, many) = _entries(finding), _of(finding), _nouns(finding)
     several, listed = len(entries) > 1, ", ".join(entries)
-    scale = "mend the unit or scale of these, or of the others, under [columns]" if several else "mend the scale under [columns]"
+    scale = "correct the unit or scale of these, or of the others, under [columns]" if several else "correct the scale under [columns]"
     verbs = {"push": "push", "give": "give", "do": "do"} if several else {"push": "pushes", "give": "gives", "do": "does"}
     if table not in ("", "jets", "rotors"):
         verbs["push"] = "turn the vehicle" if several else "turns the vehicle"
@@ -83,8 +83,8 @@ def _who(finding: FittedHypothesis) -> Mapping[str, object]:
         "factor": finding.factor,
         "turned": turned,
         "of": "momentum" if table not in ("", "jets", "rotors") else "thrust",
-        "scale": {"jets": "mend force_n or calibrate", "": scale}.get(
-            table, f"mend {KEYS.get(table, '')} or calibrate, or look at the unit of its column"
+        "scale": {"jets": "correct force_n or calibrate", "": scale}.get(
+            table, f"correct {KEYS.get(table, '')} or calibrate, or look at the unit of its column"
         ),
         "key": KEYS.get(table, ""),
         **verbs,
@@ -202,7 +202,7 @@ def _ramp(name: str, column: str, what: str) -> ErrorParameter:
         late=True,
         redone="commands",
         difference=0.02,
-        wording=Wording("{ramps}", "mend {them}", _ramps),
+        wording=Wording("{ramps}", "correct {them}", _ramps),
     )
 
 
@@ -220,7 +220,7 @@ PARAMETERS = (
         per_channel=True,
         change=lambda setup, error: channels.turned(setup, error.reshape(-1, 3)),
         uncertain=("jet-direction", "jets point where they are stated to within jets.direction_sigma_rad"),
-        wording=Wording("{who} pushes {angle:.3g} degrees away from its {key}, with {force} N", "mend it", _angle),
+        wording=Wording("{who} pushes {angle:.3g} degrees away from its {key}, with {force} N", "correct it", _angle),
     ),
     ErrorParameter(
         "thrust",
@@ -249,7 +249,7 @@ PARAMETERS = (
         per_channel=True,
         change=_moved,
         uncertain=("jet-position", "jets sit where they are stated to within jets.position_sigma_m"),
-        wording=Wording("{who} sits {by} mm away from its position_m", "mend it", _place),
+        wording=Wording("{who} sits {by} mm away from its position_m", "correct it", _place),
     ),
     ErrorParameter(
         "wrench_point",
@@ -309,16 +309,18 @@ _ABOUT_CG = "commanded torques are about the CG, {point} mm from O, and not abou
 _LIMITED = "of commanded wrenches no more acts than {limits}, as of an allocation that saturates"
 _SWAPPED = "{jets} are {how}"
 SPECIAL_CASES = (
-    SpecialCase("thrust-scale", "jet-sign", lambda f: _jets(f) and _all_reversed(f), Wording(_ALL_JETS, "mend the sign of every force_n")),
-    SpecialCase("thrust-scale", "command-sign", _all_reversed, Wording(_ALL_COMMANDS, "mend their signs under [columns]")),
-    SpecialCase("thrust-scale", "jet-sign", lambda f: _jets(f) and _reversed(f), Wording(_OTHER_WAY, "mend force_n", _who)),
     SpecialCase(
-        "thrust-scale", "command-sign", _gimbal_reversed, Wording(_GIMBAL, "mend the sign of its column, or its gimbal_axis", _who)
+        "thrust-scale", "jet-sign", lambda f: _jets(f) and _all_reversed(f), Wording(_ALL_JETS, "correct the sign of every force_n")
     ),
-    SpecialCase("thrust-scale", "command-sign", _reversed, Wording(_OTHER_WAY, "mend the sign under [columns]", _who)),
+    SpecialCase("thrust-scale", "command-sign", _all_reversed, Wording(_ALL_COMMANDS, "correct their signs under [columns]")),
+    SpecialCase("thrust-scale", "jet-sign", lambda f: _jets(f) and _reversed(f), Wording(_OTHER_WAY, "correct force_n", _who)),
+    SpecialCase(
+        "thrust-scale", "command-sign", _gimbal_reversed, Wording(_GIMBAL, "correct the sign of its column, or its gimbal_axis", _who)
+    ),
+    SpecialCase("thrust-scale", "command-sign", _reversed, Wording(_OTHER_WAY, "correct the sign under [columns]", _who)),
     SpecialCase("thrust-scale", "jet-dead", lambda f: _jets(f) and _dead(f), Wording(_NOTHING, "look at valves and wiring", _who)),
     SpecialCase("thrust-scale", "actuator-dead", _dead, Wording(_NOTHING, "look at its motor and wiring, and at its column", _who)),
-    SpecialCase("thrust-scale", "speed-units", _in_rpm, Wording(_RPM, "mend the scale under [columns]", _who)),
+    SpecialCase("thrust-scale", "speed-units", _in_rpm, Wording(_RPM, "correct the scale under [columns]", _who)),
     SpecialCase(
         "wrench-point",
         "wrench-point",
@@ -329,7 +331,7 @@ SPECIAL_CASES = (
         "pulse-position", "pulse-position", lambda _: True, Wording("pulses {place} their cycles{delay}", "state {key}", _pulse_at)
     ),
     SpecialCase("commands-limited", "commands-limited", lambda _: True, Wording(_LIMITED, "state thrust.wrench_limits", _limits)),
-    SpecialCase("rotor-spin", "rotor-spin", lambda _: True, Wording(_SPUN, "mend its spin, or swap two of its motor's wires", _who)),
+    SpecialCase("rotor-spin", "rotor-spin", lambda _: True, Wording(_SPUN, "correct its spin, or swap two of its motor's wires", _who)),
     *(
         SpecialCase(code, code, lambda _: True, Wording(_SWAPPED, "swap wires, columns or entries", _swapped))
         for code in ("jets-swapped", "actuators-swapped")

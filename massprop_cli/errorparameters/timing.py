@@ -45,7 +45,7 @@ _DRIFT = ErrorParameter(
     "cycles",
     prior=2.0,  # over the stretch: 100 ppm, of two cheap oscillators, over 1,000 s at 20 Hz
     key="imu.clock_drift_ppm",
-    no_sigma="the log tells it to parts per million, far below what moves a value",
+    no_sigma="the log shows it to parts per million, far below what moves a value",
     lowest=-FASTEST_PPM,
     highest=FASTEST_PPM,
     change=_drifting,
@@ -76,7 +76,7 @@ PARAMETERS = (
         difference=DIFFERENCE,
         wording=Wording(
             "commands act later or earlier than cycle.command_delay_cycles = {stated:g}: the log shows {value:.4g} ± {sigma:.2g} cycles",
-            'mend it, or state "auto" to have it found',
+            'correct it, or state "auto" to have it found',
         ),
         step=Step("command-delay", DELAY_STEP, f"{DELAY_STEP:g} cycles", _assumed),
     ),

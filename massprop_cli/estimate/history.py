@@ -130,7 +130,7 @@ def phases_of(log: Log, used: Vehicle, samples: Stream) -> list[tuple[Phase, sli
             raise InputError(
                 f"{log.path}: phase {phase.name!r} ({phase.start_s:g} to {phase.end_s:g} s) holds "
                 f"{cycles.stop - cycles.start} usable cycles; "
-                f"the log runs from {start:g} to {end:g} s. Mend [[phases]] in the vehicle file"
+                f"the log runs from {start:g} to {end:g} s. Correct [[phases]] in the vehicle file"
             )
         found.append((phase, cycles))
     return found

@@ -28,7 +28,7 @@ LONGEST = 2048
 LEVELS = (0.0, *(10.0**k for k in range(-3, 4)))
 """Each tried, of both kinds; 1 is a torque whose cycle's impulse moves the rate by as much as the gyro's noise."""
 FINER = (3.0, 1.7, 1.3, 1.1)
-"""Factors by which the likeliest is then varied, one after the other."""
+"""Factors by which the most likely is then varied, one after the other."""
 
 
 class _Piece(NamedTuple):
@@ -64,7 +64,7 @@ def likeliest_levels(samples: Source, cycles: Sequence[slice], noisier: bool = F
 
 
 def torque_levels(samples: Source, cycles: Sequence[slice], vehicle: Resolved, noisier: bool = False) -> Levels:
-    """The likeliest over the first cycles of each phase, beside the stated noise; with ``noisier`` the gyro may be noisier than that."""
+    """The most likely over the first cycles of each phase, beside the stated noise; with ``noisier`` the gyro may be noisier than that."""
     pieces = [piece for part in cycles if (piece := _piece(samples, part, vehicle)) is not None]
     if not pieces:
         return Levels(0.0, 0.0, 1.0)

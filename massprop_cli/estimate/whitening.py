@@ -12,7 +12,7 @@ from massprop_cli.base.arrays import Array, BoolArray, triangle_of
 from massprop_cli.kernel import kernel, pointer
 
 LEVELS, FINER = (1e-6, 1e-4, 1e-2, 1.0), 10.0
-"""Of a disturbance, each tried: the likeliest is taken, and what is so much smaller and larger."""
+"""Of a disturbance, each tried: the most likely is taken, and what is so much smaller and larger."""
 TINY = 1e-300
 SAME = 1e-8
 """Part of a column that others leave of it, below which it is one of them but for rounding."""
@@ -68,7 +68,7 @@ class Driven(NamedTuple):
 
 
 def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tuple[ReducedLeastSquares, tuple[Disturbance, ...]]:
-    """What the rates say: beside the likeliest disturbance, if the noise ``stated`` [(rad/s)²] doesn't explain them; and which that is.
+    """What the rates say: beside the most likely disturbance, if the noise ``stated`` [(rad/s)²] doesn't explain them; and which that is.
 
     Where some are ``likely`` no others are tried. Where a torque is stated, so that no noise is (0), one that walks stands for it: of a
     white one free coefficients take for their own what commands do in answer to it.

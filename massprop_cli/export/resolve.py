@@ -64,7 +64,7 @@ def stated(source: VehicleSource, jets: bool | None = None) -> Constants:
     if missing:
         raise InputError(
             f"{source.source}: {', '.join(missing)} must be stated for a flight, above 0 where it is a noise; massprop estimate on a log "
-            "tells them, export-flight takes them from one"
+            "shows them, export-flight takes them from one"
         )
     timing = stated_timing(vehicle)
     used = _checked(source, vehicle, timing, vehicle.cycle.period_s)

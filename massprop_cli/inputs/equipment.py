@@ -230,7 +230,7 @@ class Failure(Section):
     def _is_ordered(self) -> Self:
         if self.start_s is not None and self.end_s is not None and self.end_s <= self.start_s:
             raise ValueError(
-                f"the failure of jet {self.jet!r} from {self.start_s:g} to {self.end_s:g} s never happens; mend start_s or end_s"
+                f"the failure of jet {self.jet!r} from {self.start_s:g} to {self.end_s:g} s never happens; correct start_s or end_s"
             )
         return self
 

@@ -1,4 +1,4 @@
-"""The expect file: what values are expected, and how far off they may be. It is held against a result and never pulls an estimate.
+"""The expect file: what values are expected, and how far off they may be. It is tested against a result and never pulls an estimate.
 
 The models below are the schema (``massprop schema expect``); TOML or JSON. truth.json of ``massprop simulate`` is one too.
 """
@@ -156,7 +156,7 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Expectations:
-    """What a result is held against."""
+    """What a result is tested against."""
 
     source: str
     """The file, for messages."""

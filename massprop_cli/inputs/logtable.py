@@ -87,7 +87,7 @@ class LogTable:
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
             cell = "nan or an empty cell" if np.isnan(values[bad[0]]) else f"{values[bad[0]]}"
-            raise self.error(int(bad[0]), column, f"{cell} is not a finite number; mend or cut the record")
+            raise self.error(int(bad[0]), column, f"{cell} is not a finite number; correct or cut the record")
         return values
 
     def increments(self, columns: Sequence[str], rates: Sequence[str], interval_s: Array) -> Array:
@@ -133,7 +133,7 @@ class LogTable:
             return self._of_issued(column, values)
         bad = np.flatnonzero(np.isinf(values))
         if bad.size:
-            raise self.error(int(bad[0]), column, f"{values[bad[0]]} is not a finite number; mend or cut the record")
+            raise self.error(int(bad[0]), column, f"{values[bad[0]]} is not a finite number; correct or cut the record")
         grid = values.reshape(-1, records)
         first = grid[:, :1]
         missing = np.flatnonzero(np.isnan(first[:, 0]))

@@ -131,7 +131,7 @@ def _check_pages(place: str, data: Content, columns: Sequence[_Column], groups: 
                 limits.NUMBERS.check(place, max(cells, unpacked // 8))
                 if page.encoding == _BY_PREFIXES and page.kind != _DICTIONARY:
                     raise InputError(
-                        f"{place}, column {column.path}: text packed as DELTA_BYTE_ARRAY, whose size can't be told before it is "
+                        f"{place}, column {column.path}: text packed as DELTA_BYTE_ARRAY, whose size cannot be known before it is "
                         "unpacked; drop the column, or write it with a dictionary"
                     )
 

@@ -269,7 +269,7 @@ def _texts(path: Path, data: Content, names: Sequence[str], cut: str) -> Any:
             found = line.count(cut) + 1
             if line.strip() and found != len(names) and '"' not in line:
                 above = "; or if the columns' names stand further down, delete what is above them" if number <= _HEADED else ""
-                raise InputError(f"{path}, line {number}: {found} cells under {len(names)} columns; mend the line{above}") from None
+                raise InputError(f"{path}, line {number}: {found} cells under {len(names)} columns; correct the line{above}") from None
         raise InputError(f"{path}: not a readable CSV file ({str(error).splitlines()[0]})") from None
 
 
@@ -323,7 +323,7 @@ class Cells:
     def _no_instant(self) -> InputError:
         for row, cell in enumerate(value.as_py() for value in self.read()):
             if cell is not None and not instants.is_instant(cell):
-                said = f"{cell!r} is no date and time; mend the cell; {instants.FORMS}"
+                said = f"{cell!r} is no date and time; correct the cell; {instants.FORMS}"
                 return InputError(f"{self.path}, {self.places.of(row)}, column {self.name}: {said}")
         return InputError(f"{self.path}, column {self.name}: dates that differ in form or are none; write all alike, or as numbers")
 
@@ -373,7 +373,7 @@ class Cells:
                     "split the file there"
                 )
             if not is_number:
-                mend = "mend the cell"
+                mend = "correct the cell"
                 if self.instants:  # from the first row on
                     mend = "name the column as a clock in a map file (massprop columns with --as-map drafts it)"
                 elif instants.is_like(str(cell)):

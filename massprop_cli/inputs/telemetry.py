@@ -40,7 +40,7 @@ SATURATED = ("gyro-saturated", "accelerometer-saturated")
 UNREAD = (*SATURATED, "sensor-frozen")
 """... or repeated one reading: no cause is looked for in what such a sensor shows."""
 VOID = (*UNREAD, "cycle-period")
-"""Codes of notices beside which no value holds, and which nothing mends."""
+"""Codes of notices beside which no value holds, and which nothing corrects."""
 LONGEST_S = 0.06
 """s that are taken together where commands have times of their own: a body turns by little in them, and a pulse still stands out."""
 PACE = 0.0025
@@ -225,7 +225,7 @@ def _grouped(source: LogTable, time_s: Array, interval_s: Array, command_s: Arra
     if len(time_s) < 2 * records:
         raise InputError(
             f"{source.table.path}: {len(time_s)} rows of {median(interval_s):g} s are not two control cycles of {period_s:g} s; record "
-            "longer, or mend cycle.period_s"
+            "longer, or correct cycle.period_s"
         )
     return records, notices
 
@@ -249,7 +249,7 @@ def _command_times(source: LogTable, time_s: Array, moved_s: Array | None) -> Ar
         raise InputError(f"{source.table.path}, column {source.name(COMMAND_TIME)}: {len(rows)} command(s); a log needs at least two")
     bad = np.flatnonzero(~np.isfinite(found))
     if bad.size:
-        raise source.error(int(rows[bad[0]]), COMMAND_TIME, f"{found[bad[0]]} is not a finite number; mend or cut the record")
+        raise source.error(int(rows[bad[0]]), COMMAND_TIME, f"{found[bad[0]]} is not a finite number; correct or cut the record")
     back = np.flatnonzero(np.diff(found) <= 0)
     if back.size:
         row = int(rows[back[0] + 1])
@@ -339,7 +339,9 @@ def _axes(
 def _emptiness(source: LogTable, empty: Sequence[str]) -> list[Notice]:
     if not empty:
         return []
-    said = f"columns that are 0 in every row count as absent: {', '.join(map(source.name, empty))}; if the sensor works, mend its logging"
+    said = (
+        f"columns that are 0 in every row count as absent: {', '.join(map(source.name, empty))}; if the sensor works, correct its logging"
+    )
     return [Notice("empty-columns", said)]
 
 

@@ -18,7 +18,7 @@ from massprop_cli.testbed.bound import natural_sizes
 PRIOR = 1e-4
 """Information on the quantities over their natural size before anything is flown: a hundred times that is the sigma, as the estimator's."""
 SHARP = 8
-"""Power of the mean of ratios that stands for the worst: it still falls where one step mends what isn't worst yet."""
+"""Power of the mean of ratios that stands for the worst: it still falls where one step corrects what isn't worst yet."""
 SIGNED = ("ixx", "iyy", "izz", "mass")
 """Quantities that are above 0 for any body."""
 SWEEPS = 4

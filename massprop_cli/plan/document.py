@@ -79,7 +79,7 @@ class PlanFile(Item):
     limits: dict[str, LimitItem]
     time_s: list[float] = Field(description="of the course of sigmas")
     course: dict[str, list[float | None]] = Field(
-        description="sigma at each time, of the body that is guessed; null before anything is told"
+        description="sigma at each time, of the body that is guessed; null before anything is estimated"
     )
     beyond_bound: dict[str, float] = Field(description="factor on the bound of what the vehicle file states beside the IMU's noise")
     notes: list[str]
@@ -169,7 +169,7 @@ def _limited_by(found: Planned, quantities: dict[str, QuantityItem], rehearsal: 
     ratio, i = item.ratio or 0.0, QUANTITIES.index(name)
     best = f"{name} comes to ± {item.worst_sigma:.3g} {item.unit} in {max_time_s:g} s at worst, {ratio:.3g} times what is wanted"
     if item.told == "by no motion of this vehicle":
-        return f"{name} can be told by no motion of this vehicle ({', '.join(rehearsal.axes)} can be driven)"
+        return f"{name} can be estimated by no motion of this vehicle ({', '.join(rehearsal.axes)} can be driven)"
     if ever[i] > (item.wanted_sigma or 0.0):
         key = "thrust.scale_sigma" if rehearsal.vehicle.thrust.scale_sigma else "the information of all motions"
         return f"{best}; {key} keeps it above ± {ever[i]:.3g} {item.unit} however long it lasts: weigh the vehicle ([known]) or want less"

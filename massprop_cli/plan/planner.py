@@ -118,7 +118,7 @@ def _tried(rehearsal: Rehearsal, order: Order, motions: Sequence[Manoeuvre], blo
     found: list[Tried] = []
     batch = MEMBERS // SEARCHED
     for start in range(0, len(kept), batch):
-        say("what each motion tells", start / len(kept))
+        say("what each motion shows", start / len(kept))
         part = kept[start : start + batch]
         issued = np.concatenate([issued for _, issued, _ in part])
         told = rehearsal.information(block, issued, np.tile(bodies, (len(part), 1))).sum(1)
@@ -136,7 +136,7 @@ def _unkept(rehearsal: Rehearsal, order: Order, used: dict[str, float]) -> str:
     unit = limited.UNITS[worst]
     return (
         f"{rehearsal.source}: no motion keeps the limit of {order.limits[worst]:.4g} {unit} on the {limited.NAMES[worst]}; "
-        f"the gentlest takes {used[worst]:.3g} {unit}. Raise the limit, or mend the guess"
+        f"the gentlest takes {used[worst]:.3g} {unit}. Raise the limit, or correct the guess"
     )
 
 

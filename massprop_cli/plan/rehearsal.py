@@ -91,7 +91,7 @@ def rehearsal(vehicle: VehicleSource, guess: Guess, off: Sequence[str] = ()) -> 
             continue
         simulated = "" if kind.THRUSTS else f", or rehearse motions by {kind.NOUN}s with massprop simulate (by_wheels = true in a segment)"
         raise InputError(
-            f"{vehicle.source}: motions by [[{kind.TABLE}]] can't be planned, and without them a plan tells less than the vehicle does; "
+            f"{vehicle.source}: motions by [[{kind.TABLE}]] can't be planned, and without them a plan shows less than the vehicle does; "
             f"plan by its jets or wrench with a copy that has no [[{kind.TABLE}]]{simulated}"
         )
     if not jets and (stated.jets or not (limits.max_torque_n_m or limits.max_force_n)):

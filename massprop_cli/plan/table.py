@@ -91,6 +91,6 @@ def legend(found: PlanFile) -> list[str]:
         "Inertia about the CG in body axes; products are the tensor's own elements, ixy = -Σ m x y. CG from O in body axes. "
         f"± is one standard deviation: the Cramér–Rao bound of the plan flown in software. At worst: over {found.bodies} bodies that the "
         f"vehicle may be (guess: {found.guess}).",
-        *([f"No motion of this vehicle can tell {', '.join(untold)}."] if untold else []),
+        *([f"No motion of this vehicle can show {', '.join(untold)}."] if untold else []),
         *(f"Note: {note}." for note in found.notes),
     ]

@@ -50,7 +50,7 @@ class PredictionSide(NamedTuple):
 
 
 class Compared(NamedTuple):
-    """Two sides held against one another."""
+    """Two sides tested against one another."""
 
     names: tuple[str, ...]
     difference: Array

@@ -20,7 +20,7 @@ class PredictionTest(Item):
     """The likelihood-ratio test of the log's motion under the result's values with their covariance."""
 
     chi_square: float
-    freedom: int = Field(description="directions that both tell by more than what they share")
+    freedom: int = Field(description="directions that both show by more than what they share")
     p: float = Field(description="chance of as large a difference where both are of one body")
     limit: float = Field(description="confidence level: it passes where p is above 1 - limit")
     passes: bool
@@ -68,4 +68,4 @@ class Prediction(Item):
     log: PredictionSource
     test: PredictionTest
     quantities: dict[str, PredictedQuantity] = Field(description="the ten, on a fixed pedestal the nine about the pivot")
-    motion: list[MotionItem] = Field(description="by channel and manoeuvre; empty where either tells of no body")
+    motion: list[MotionItem] = Field(description="by channel and manoeuvre; empty where either gives no body")

@@ -1,4 +1,4 @@
-"""A result held against a log that it was not made from."""
+"""A result tested against a log that it was not made from."""
 
 from pathlib import Path
 
@@ -112,7 +112,7 @@ def _check_told(path: Path, item: PhaseItem, pivoted: bool) -> None:
         )
     values = (item.about_pivot if pivoted else item.estimates).values()
     if all(one.value is None for one in values):
-        raise InputError(f"{path}: gives no value in phase {item.name}: {next(iter(values)).reason}. Record a log that tells one")
+        raise InputError(f"{path}: gives no value in phase {item.name}: {next(iter(values)).reason}. Record a log that shows one")
 
 
 def _source(path: Path, of: Result, item: PhaseItem) -> PredictionSource:

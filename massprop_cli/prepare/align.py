@@ -324,7 +324,7 @@ def first_usable_s(log: Log, vehicle: Vehicle, delay_s: float, lag_s: float) -> 
     if last < usable_s:
         raise InputError(
             f"{log.path}: lasts {log.cycle_end_s[-1] - first:.6g} s, too short for a command delay of {delay_s:.6g} s, a thrust lag of "
-            f"{longest_lag_s(vehicle, lag_s):.6g} s and two cycles; record longer, or mend cycle.command_delay_cycles or thrust.lag_s"
+            f"{longest_lag_s(vehicle, lag_s):.6g} s and two cycles; record longer, or correct cycle.command_delay_cycles or thrust.lag_s"
         )
     return usable_s
 

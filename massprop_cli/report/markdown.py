@@ -64,7 +64,7 @@ def _beginning(blocks: list[list[str]], left: int, name: str) -> list[str]:
 def _overview(recorded: Sequence[Recorded], names: Sequence[str]) -> list[str]:
     wrong = sum(bool(missed(item.result)) for item in recorded)
     held = sum(item.result.expectations is not None for item in recorded)
-    said = f"{held} held against expectations, {wrong} of them not as expected" if held else "none held against expectations"
+    said = f"{held} tested against expectations, {wrong} of them not as expected" if held else "none tested against expectations"
     rows, left = [], OVERVIEW
     for item, name in zip(recorded, names, strict=True):
         line = row([shown(name), shown(item.result.log.path), shown(item.result.vehicle.name), *_summary(item.result)])
@@ -97,7 +97,7 @@ def _sections(found: Result, name: str) -> list[list[str]]:
         *(_mended(one) for one in found.mended),
         *_assumptions(found),
         _list("Conventions:", vocabulary.conventions(found)),
-        _list(f"Not converged, and {'what' if _alarms(found) else 'the motion that'} would tell it:", gaps(found)),
+        _list(f"Not converged, and {'what' if _alarms(found) else 'the motion that'} would show it:", gaps(found)),
         *_warnings(found),
     ]
 
@@ -110,7 +110,7 @@ def _alarms(found: Result) -> list[str]:
 def _alarm(found: Result) -> list[str]:
     if not _alarms(found):
         return []
-    said = "Contradicted values stand as found and their sigmas do not hold: do not use them. Mend the cause; no motion cures it."
+    said = "Contradicted values stand as found and their sigmas do not hold: do not use them. Correct the cause; no motion remedies it."
     return [*(f"**{vocabulary.SIGNS['contradicted']} {shown(line)}**  " for line in _alarms(found)), said, ""]
 
 
@@ -128,7 +128,7 @@ def _verdict(found: Result) -> list[str]:
     if found.expectations is None:
         return []
     wrong = missed(found)
-    against = f"held against {shown(found.expectations.path)}"
+    against = f"tested against {shown(found.expectations.path)}"
     if not wrong:
         return [f"**✓ All as expected** ({against}).", ""]
     return _list(f"**✗ {len(wrong)} not as expected** ({against}):", wrong)

@@ -1,4 +1,4 @@
-"""What a log gives if a fault that it names is mended, as text: beside the result, never in its place."""
+"""What a log gives if a fault that it names is corrected, as text: beside the result, never in its place."""
 
 import shlex
 
@@ -7,11 +7,11 @@ from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.report import digits, vocabulary
 from massprop_cli.result.schema import Mended, MendedPhase
 
-TITLE = "If it is mended"
+TITLE = "Corrected estimate"
 
 
 def options(found: Mended) -> list[str]:
-    """The options of ``massprop estimate`` that mend it, as a shell takes them."""
+    """The options of ``massprop estimate`` that correct it, as a shell takes them."""
     return [f"--set {shlex.quote(line(setting))}" for setting in found.settings]
 
 
@@ -29,5 +29,5 @@ def rows(phase: MendedPhase) -> list[tuple[str, str, str, str, Verdict]]:
 
 
 def still(phase: MendedPhase) -> str:
-    """What mending doesn't mend; empty where it mends all."""
+    """What correcting doesn't correct; empty where it corrects all."""
     return f"still contradicted: {phase.contradiction}" if phase.contradiction else ""

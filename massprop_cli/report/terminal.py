@@ -47,7 +47,7 @@ def _part(title: str, body: PhaseItem | DockedObject, found: Result, console: Co
 
 
 def _why(name: str, item: EstimateItem, body: PhaseItem | DockedObject, cause: str) -> str:
-    """Verdict, reason, cure; a docked object has no motion of its own that would cure it."""
+    """Verdict, reason, remedy; a docked object has no motion of its own that would remedy it."""
     return vocabulary.gap(name, item, cause) if isinstance(body, PhaseItem) else f"{item.verdict}: {item.reason}"
 
 
@@ -55,7 +55,7 @@ def _mended(one: Mended, console: Console) -> None:
     console.print()
     console.print(escape.rich(f"{mended.TITLE} (not the result): {one.message} [{one.code}]"), style="bold")
     for phase in one.phases:
-        table = titled(escape.rich(f"mended, phase {phase.name}"), ("quantity", "value", "± sigma", "unit", "verdict"), _WORDS, "dim")
+        table = titled(escape.rich(f"corrected, phase {phase.name}"), ("quantity", "value", "± sigma", "unit", "verdict"), _WORDS, "dim")
         for name, value, sigma, unit, verdict in mended.rows(phase):
             table.add_row(escape.rich(name), *_dimmed(verdict, value, sigma), unit, f"[{_STYLE[verdict]}]{verdict}[/]")
         fitted(table, console)

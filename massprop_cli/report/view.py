@@ -207,7 +207,7 @@ def differences(estimates: Mapping[str, EstimateItem], first: Mapping[str, Estim
 
 
 def cures(table: QuantityTable) -> list[tuple[str, Row, str]]:
-    """Of the quantities that are not converged: name, row, and what would help; those that share verdict, reason and cure together."""
+    """Of the quantities that are not converged: name, row, and what would help; those that share verdict, reason and remedy together."""
     keys = {symbol: key for key, symbol in vocabulary.SYMBOLS.items()}
     alike: dict[tuple[str, str, str], list[Row]] = {}
     for row in sorted(table.open, key=lambda row: row.verdict != "contradicted"):

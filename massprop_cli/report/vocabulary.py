@@ -16,9 +16,9 @@ SYMBOLS = {
 VERDICTS: dict[Verdict, str] = {
     "converged": "informed by the motion, and steady within tolerance to the end",
     "not_converged": "informed, but still moving, or informed too late to be called steady; a longer log would settle it",
-    "not_excited": "a motion of this vehicle could tell it, but this log's commands did not, or disturbances drowned them",
+    "not_excited": "a motion of this vehicle would make it observable, but this log's commands did not, or disturbances drowned them",
     "contradicted": "log and vehicle file contradict each other: the value stands as found, its sigma does not hold; not to be used",
-    "unobservable": "no motion of this vehicle could tell it by this method",
+    "unobservable": "no motion of this vehicle makes it observable by this method",
 }
 SIGNS: dict[str, str] = {"converged": "✓", "not_converged": "~", "not_excited": "○", "contradicted": "‼", "unobservable": "✕"}
 """A sign for each verdict, so that colour is never the only one."""
@@ -35,7 +35,7 @@ ON_PEDESTAL = (
     "On a fixed pedestal the motion gives inertia and first moment about the pivot, moment = mass × (CG − pivot). CG and inertia about it "
     "need a weighed mass (known.mass)."
 )
-ON_TABLE = "On a table the vehicle slides and yaws: Izz, CG x, CG y and mass are told; nothing else has a part in that motion."
+ON_TABLE = "On a table the vehicle slides and yaws: Izz, CG x, CG y and mass are estimated; nothing else has a part in that motion."
 
 
 def unit(text: str) -> str:
@@ -84,7 +84,7 @@ def _thrust_scale(result: Result) -> str:
     if result.provenance.method == "thesis":
         return "Sigmas of the thesis's filters are its “precision”: they shrink with noise alone and are no errors."
     if vehicle.wheels:
-        return "Inertia and mass have their scale from stored momentum and from the thrust; what the log tells of both is in every sigma."
+        return "Inertia and mass have their scale from stored momentum and from the thrust; what the log shows of both is in every sigma."
     said = (
         "Mass and inertia are proportional to the thrust that the vehicle file states; a scale common to all thrust can't be seen in a log"
     )
@@ -100,11 +100,11 @@ def _thrust_scale(result: Result) -> str:
 
 
 def remedy(quantity: str, verdict: str, contradiction: str = "", reason_code: str = "") -> str:
-    """What to do about a quantity that is not converged; in a phase with a contradiction no motion is the cure."""
+    """What to do about a quantity that is not converged; in a phase with a contradiction no motion is the remedy."""
     if verdict == "contradicted":
-        return "mend the cause; no motion cures it"
+        return "correct the cause; no motion remedies it"
     if contradiction and verdict != "unobservable":
-        return "mend what contradicts this phase first"
+        return "correct what contradicts this phase first"
     if verdict == "not_converged" and reason_code in NOT_WHITE:
         return "find what disturbs, and keep it away or cut the log there"
     if verdict == "not_converged" and reason_code == "oscillation":
@@ -130,7 +130,7 @@ NAMES_MOTION = (
 
 
 def gaps(found: Result) -> list[str]:
-    """A sentence for each quantity of each phase that is not converged: verdict, reason, cure."""
+    """A sentence for each quantity of each phase that is not converged: verdict, reason, remedy."""
     return [
         f"{name} in {part}: {gap(name, item, contradiction(body))}"
         for part, body in parts(found)

@@ -1,4 +1,4 @@
-"""A result held against expectations. Nothing passes silently: what is missing, not excited or unobservable is not as expected."""
+"""A result tested against expectations. Nothing passes silently: what is missing, not excited or unobservable is not as expected."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ INFORMED = ("converged", "not_converged")
 
 
 def judge(found: Result, expectations: Expectations) -> Result:
-    """The result with every estimate held against its expectation; :class:`InputError` where it lacks a phase that is expected."""
+    """The result with every estimate tested against its expectation; :class:`InputError` where it lacks a phase that is expected."""
     names = [phase.name for phase in found.phases]
     own = _by_name(expectations, names)
     phases = [_phase(phase, _asked(expectations, items(phase), expectations.every | own.get(phase.name, {}))) for phase in found.phases]

@@ -54,7 +54,7 @@ class VehicleInfo(Item):
     commands: Literal["jets", "wrench", "rotors"]
     jets: list[str]
     thrust_scale_sigma: float = Field(
-        description="common relative uncertainty of all forces and torques; 0 beside wheels, which tell it as far as the covariance says"
+        description="common relative uncertainty of all forces and torques; 0 beside wheels, which show it as far as the covariance says"
     )
     rotors: list[str] = Field([], description="absent where there are none")
     wheels: list[str] = Field(
@@ -111,7 +111,7 @@ class Conventions(Item):
 
 
 class Expected(Item):
-    """An expectation that the value was held against."""
+    """An expectation that the value was tested against."""
 
     value: float = Field(description="in the estimate's unit, products as tensor elements")
     tolerance: float | None = Field(description="absolute, in the estimate's unit; null where it is in sigmas and there is no sigma")
@@ -122,7 +122,7 @@ class Expected(Item):
 
 
 class ExpectationFile(Item):
-    """What the result was held against."""
+    """What the result was tested against."""
 
     path: str = Field(description="base name")
     sha256: str
@@ -176,7 +176,7 @@ class Innovations(Item):
 class DiscrepancyItem(Item):
     """What the sigmas of a log include that does not fit and whose cause has no name."""
 
-    scale: float = Field(description="common size of all error parameters as the log tells it, over their usual ones; at least 0.3 is used")
+    scale: float = Field(description="common size of all error parameters as the log shows it, over their usual ones; at least 0.3 is used")
     thrust_scale_sigma: float = Field(
         description="relative, of an error common to all thrust: what the covariance has of it beyond what is stated"
     )
@@ -260,7 +260,7 @@ class DockedObject(Item):
 
 
 class MendedEstimate(Item):
-    """One quantity as the mended log gives it."""
+    """One quantity as the corrected log gives it."""
 
     value: float | None
     sigma: float | None
@@ -269,21 +269,21 @@ class MendedEstimate(Item):
 
 
 class MendedPhase(Item):
-    """One phase as the mended log gives it."""
+    """One phase as the corrected log gives it."""
 
     name: str
     estimates: dict[str, MendedEstimate]
-    contradiction: str = Field("", description="what is still contradicted once it is mended; empty where nothing is")
+    contradiction: str = Field("", description="what is still contradicted once it is corrected; empty where nothing is")
 
 
 class Mended(Item):
-    """What the log gives if a fault that a warning names is mended: beside the result, never instead of it."""
+    """What the log gives if a fault that a warning names is corrected: beside the result, never instead of it."""
 
     code: str = Field(description="of the warning that names the fault")
     message: str
-    settings: list[str] = Field(description="KEY=VALUE, each for one --set, that mend it; with how uncertain what was found is")
+    settings: list[str] = Field(description="KEY=VALUE, each for one --set, that correct it; with how uncertain what was found is")
     whole: bool = Field(
-        True, description="whether these settings alone give these estimates; false: the log's columns have to be mended, too"
+        True, description="whether these settings alone give these estimates; false: the log's columns have to be corrected, too"
     )
     phases: list[MendedPhase]
 
@@ -294,7 +294,7 @@ class Effect(Item):
     phase: str
     change: dict[str, float] = Field(description="of each value, in its unit, for one step; quantities that it doesn't move are left out")
     seen_sigma: float | None = Field(
-        None, description="how many sigmas the log itself would misfit for one step; below about 5 the log can't tell it; null: not at all"
+        None, description="how many sigmas the log itself would misfit for one step; below about 5 the log cannot show it; null: not at all"
     )
 
 

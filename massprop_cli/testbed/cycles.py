@@ -225,7 +225,7 @@ class Cycles:
             member = int(np.argmax(gone))
             raise InputError(
                 f"{self.source.source}, seed {self.seeds[member]}: at {self.period * (k + 1):g} s the fuel burnt leaves no body (mass "
-                f"{left[member]:.4g} kg, least moment of inertia {least[member]:.4g} kg m^2); raise fuel.specific_impulse_s, or mend "
+                f"{left[member]:.4g} kg, least moment of inertia {least[member]:.4g} kg m^2); raise fuel.specific_impulse_s, or correct "
                 "fuel.tank_position_m"
             )
 

@@ -104,7 +104,9 @@ class Scenario(Timed):
         for failure in self.failures:
             begun, ended = failure.start_s or 0.0, np.inf if failure.end_s is None else failure.end_s
             if begun >= self.cycles * period or ended <= 0:
-                raise ValueError(f"the failure of jet {failure.jet!r} from {begun:g} to {ended:g} s never happens; mend start_s or end_s")
+                raise ValueError(
+                    f"the failure of jet {failure.jet!r} from {begun:g} to {ended:g} s never happens; correct start_s or end_s"
+                )
         if self.vehicle.jets and (self.actuators.max_torque_n_m or self.actuators.max_force_n):
             raise ValueError("actuators.max_torque_n_m and max_force_n are for vehicles without jets; drop them")
         if not self.vehicle.jets and (self.actuators.pwm_tick_s or self.actuators.minimum_pulse_s):

@@ -163,7 +163,7 @@ def test_a_log_that_takes_its_workers_along_is_a_row_and_the_rest_goes_on(logs: 
 def test_what_is_wrong_with_a_cluster_is_one_line_with_a_remedy(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cluster, "CONNECT_S", 1.0)
     monkeypatch.setattr(cluster, "FIRST_WORKER_S", 1.0)
-    with pytest.raises(InputError, match=r"cluster tcp://127\.0\.0\.1:9: no scheduler answers .*mend the address"):
+    with pytest.raises(InputError, match=r"cluster tcp://127\.0\.0\.1:9: no scheduler answers .*correct the address"):
         run(logs, tmp_path / "a", "tcp://127.0.0.1:9")
     with pytest.raises(InputError, match="cluster nonsense://x:1: no scheduler answers"):
         run(logs, tmp_path / "b", "nonsense://x:1")

@@ -288,7 +288,7 @@ def test_what_is_wrong_is_named_with_its_place(faults: str, clean: Path, tmp_pat
 
 @pytest.mark.thorough
 def test_a_clipped_channel_is_told_once_and_nothing_mends_it(clean: Path, tmp_path: Path) -> None:
-    """It was said three times, as standing still and as saturated, the last with "the log passes its test once it is mended"."""
+    """It was said three times, as standing still and as saturated, the last with "the log passes its test once it is corrected"."""
 
     def cut(columns: Columns) -> None:
         values = columns["delta_theta_x_rad"]
@@ -302,7 +302,7 @@ def test_a_clipped_channel_is_told_once_and_nothing_mends_it(clean: Path, tmp_pa
     assert "never beyond: clipped" in one.what
     stated = spoiled(clean, tmp_path, cut, **{"imu.accel_range_m_s2": 1e-3})
     assert "accelerometer-saturated" in codes(stated)
-    assert all("once it is mended" not in one.sure for one in stated.findings)
+    assert all("once it is corrected" not in one.sure for one in stated.findings)
 
 
 def test_a_stated_range_is_told_with_its_rows(clean: Path, tmp_path: Path) -> None:

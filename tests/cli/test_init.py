@@ -190,7 +190,7 @@ def test_a_cycle_that_on_times_leave_open_is_asked_for(tmp_path: Path) -> None:
     found = traits.traits(read_table(alternating(tmp_path, 0.05)))
     assert (found.choices, found.records) == ((1, 2), 1)
     text = draft.draft("own", found, {})
-    assert 'period_s = "?"   # 0.05 (1) or 0.1 (2) record(s), which the log can\'t tell' in text
+    assert 'period_s = "?"   # 0.05 (1) or 0.1 (2) record(s), which the log can\'t show' in text
     assert "gyro_noise_rad_s" not in tomllib.loads(text)["imu"]
     with pytest.raises(InputError, match=r"cycle.period_s"):
         vehiclefile.parse(text, "own")

@@ -90,7 +90,7 @@ def test_what_the_plan_predicts_for_a_table_is_what_an_estimate_of_it_has(tmp_pa
     wanted = "izz 1 %, cg_x 0.5 mm, mass 5 %"
     done = massprop(tmp_path, "plan", "--vehicle", "vehicle.toml", "--want", wanted, "--max-time", "15", "--out", "plan")
     assert done.returncode == 0, done.stderr
-    assert "No motion of this vehicle can tell ixx, ixy, ixz, iyy, iyz, cg_z" in done.stdout.replace("\n", " ")
+    assert "No motion of this vehicle can show ixx, ixy, ixz, iyy, iyz, cg_z" in done.stdout.replace("\n", " ")
     assert massprop(tmp_path, "simulate", "plan/scenario.toml", "--out", "flown", "-q").returncode == 0
     required = "izz<1%,cg_x<0.5mm,mass<5%"
     assert massprop(tmp_path, "estimate", "flown/log.parquet", "--out", "result", "--require", required, "-q").returncode == 0

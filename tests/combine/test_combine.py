@@ -1,4 +1,4 @@
-"""Results of one vehicle added up: held against a least-squares fit of all data at once that shares nothing with the estimator."""
+"""Results of one vehicle added up: tested against a least-squares fit of all data at once that shares nothing with the estimator."""
 
 from __future__ import annotations
 

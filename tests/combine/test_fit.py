@@ -102,7 +102,7 @@ def test_without_their_logs_results_of_some_axes_add_nothing_to_the_inertia(plac
         (tmp_path / part / "run.json").write_text(json.dumps(told | {"log": str(tmp_path / "gone.parquet")}))
     found = flow.combine([tmp_path / "roll", tmp_path / "pushes"])
     (warning,) = [one for one in found.warnings if one.code == "result-partial"]
-    assert "roll, pushes told some axes alone" in warning.message
+    assert "roll, pushes showed some axes alone" in warning.message
     assert "gone.parquet: is not there any more; put it back" in warning.message
     values, _ = numbers(found)
     assert np.isnan(values[:6]).all()

@@ -69,7 +69,7 @@ def test_an_object_that_weighs_less_than_nothing_is_contradicted() -> None:
     found = faulty.examined(log, faulty.stated(used, "docking.before=combined", "docking.after=single"))
     assert found.docked is not None
     assert {item.verdict for item in found.docked.estimates.values()} == {"contradicted"}
-    assert found.docked.contradiction.endswith("phase single weighs less than phase combined; mend [docking]")
+    assert found.docked.contradiction.endswith("phase single weighs less than phase combined; correct [docking]")
     assert [notice.code for notice in found.notices] == ["docked-mass"]
     # each phase by itself is as it was
     assert "contradicted" not in {item.verdict for one in found.conclusions for item in one.estimates.values()}

@@ -1,4 +1,4 @@
-"""The likeliest moment of a sudden change, and what stretches of a log say together, against the whole log and the truth."""
+"""The most likely moment of a sudden change, and what stretches of a log say together, against the whole log and the truth."""
 
 from __future__ import annotations
 

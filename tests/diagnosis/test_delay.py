@@ -125,7 +125,7 @@ def test_a_stated_delay_is_contradicted_only_where_it_is_wrong(stated: float, tr
 def test_nothing_converges_of_a_log_that_cannot_tell_its_delay() -> None:
     flown = fly("free-flyer", "duration_s=5.0", "plan=[]")
     found = faulty.examined(flown.log(0), faulty.stated(flown.vehicle, AUTO))
-    assert "the command delay can't be told from this log" in found.notices[0].message
+    assert "the command delay cannot be estimated from this log" in found.notices[0].message
     assert not any(one.verdict == "converged" for one in found.conclusions[0].estimates.values())
 
 

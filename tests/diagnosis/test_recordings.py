@@ -1,4 +1,4 @@
-"""What a recorder or a person wrote otherwise than the vehicle file says is named, and mended by its keys."""
+"""What a recorder or a person wrote otherwise than the vehicle file says is named, and corrected by its keys."""
 
 from __future__ import annotations
 

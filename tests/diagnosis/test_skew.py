@@ -35,7 +35,7 @@ LEANING = np.array([[1.0, 0.01, 0.0], [0.0, 1.0, 0.01], [0.01, 0.0, 1.0]])
 @pytest.mark.numerical
 @pytest.mark.parametrize("seed", [1, pytest.param(3, marks=pytest.mark.thorough)])
 def test_what_a_shear_moves_is_not_called_good(seed: int) -> None:
-    """Before, moments had been converged 45 sigma off on other vehicles, stated and mended alike."""
+    """Before, moments had been converged 45 sigma off on other vehicles, stated and corrected alike."""
     flown = fly("free-flyer", "duration_s=25.0", f"plan=[{TURNS}, {ALL}]", seeds=(1, 3))
     log = flown.log(flown.seeds.index(seed))
     leaning = replace(log, delta_theta_imu_rad=frozen(log.delta_theta_imu_rad @ LEANING.T))
@@ -53,7 +53,7 @@ def test_what_a_shear_moves_is_not_called_good(seed: int) -> None:
 @pytest.mark.numerical
 @pytest.mark.parametrize("seed", [1, 2])
 def test_where_a_turn_is_named_the_mended_values_hold_a_shear(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without it a moment is many sigma off once mended, whatever is made of it."""
+    """Without it a moment is many sigma off once corrected, whatever is made of it."""
     flown = fly("free-flyer", "duration_s=30.0", f"plan=[{STEERED}]", seeds=(1, 2))
     log = flown.log(flown.seeds.index(seed))
     leaning = replace(log, delta_theta_imu_rad=frozen(log.delta_theta_imu_rad @ LEANING.T))

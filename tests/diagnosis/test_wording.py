@@ -54,8 +54,10 @@ def test_a_ramp_says_what_a_valve_does_and_what_each_pulse_gives() -> None:
     cycle_s = flight.standard().used.cycle.period_s
     late = words_of("thrust-rise", finding(rise=np.array([0.1])))[1]
     assert late.startswith(f"thrust takes {200 * cycle_s:.3g} ms longer to rise than rise_s says")
-    assert late.endswith("later, so each pulse gives less; mend it")
-    assert words_of("thrust-rise", finding(rise=np.array([0.1]), fall=np.array([0.1])))[1].endswith("than rise_s and fall_s say; mend them")
+    assert late.endswith("later, so each pulse gives less; correct it")
+    assert words_of("thrust-rise", finding(rise=np.array([0.1]), fall=np.array([0.1])))[1].endswith(
+        "than rise_s and fall_s say; correct them"
+    )
 
 
 def test_a_commanded_component_has_the_scale_of_its_column_as_its_remedy() -> None:
@@ -67,4 +69,4 @@ def test_a_commanded_component_has_the_scale_of_its_column_as_its_remedy() -> No
     found = replace(found, subject=("ty",), names=("tx", "ty"), stated=commanded, corrected=commanded)
     code, words = words_of("thrust-scale", found)
     assert code == "thrust-scale"
-    assert words == "ty (+1.25) gives another part of the stated thrust than others; mend the scale under [columns]"
+    assert words == "ty (+1.25) gives another part of the stated thrust than others; correct the scale under [columns]"

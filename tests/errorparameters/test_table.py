@@ -24,7 +24,7 @@ GOOD: dict[str, Any] = {
     "prior": 0.1,
     "key": "imu.position_m",
     "sigma_key": "imu.position_sigma_m",
-    "wording": Wording("it is off", "mend it"),
+    "wording": Wording("it is off", "correct it"),
 }
 
 

@@ -95,7 +95,7 @@ def test_sigmas_are_the_bound_and_nothing_else_is_given(name: str) -> None:
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", CASES)
 def test_errors_over_many_seeds_are_within_a_tenth_of_the_bound_and_intervals_cover(name: str) -> None:
-    """Some 125 independent values: chance leaves 6 % of the rms error. Of a few logs sigmas are held against their bounds."""
+    """Some 125 independent values: chance leaves 6 % of the rms error. Of a few logs sigmas are tested against their bounds."""
     case = CASES[name]
     source, flight = flown(name, case.seeds)
     told = [QUANTITIES.index(one) for one in case.told]

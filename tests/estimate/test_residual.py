@@ -1,4 +1,4 @@
-"""What the final values predict of a log, held against the motion integrated by hand."""
+"""What the final values predict of a log, tested against the motion integrated by hand."""
 
 from __future__ import annotations
 

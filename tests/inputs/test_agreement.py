@@ -42,7 +42,7 @@ def check(rate: Array, turns: Rotation) -> None:
 @pytest.mark.parametrize("scale", [0.87, 0.95, 1.05, 1.14])
 def test_a_gyro_that_turns_otherwise_than_the_attitude_is_refused_with_the_figure(axes: tuple[float, ...], scale: float) -> None:
     rate, turns = turning(axes)
-    with pytest.raises(InputError, match=r"x.csv: \[gyro\] of m.toml turns .* as the logged attitude; mend unit or scale") as told:
+    with pytest.raises(InputError, match=r"x.csv: \[gyro\] of m.toml turns .* as the logged attitude; correct unit or scale") as told:
         check(rate * scale, turns)
     figure = float(str(told.value).partition("turns ")[2].split()[0])
     assert figure == pytest.approx(scale, abs=4e-3)

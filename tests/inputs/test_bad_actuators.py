@@ -37,11 +37,11 @@ BAD = {
     "no column": Bad(WHEEL, added(), ("'wheel_w1_rad_s' is missing", "add it")),
     "speed stated, torque there": Bad(WHEEL, TORQUE, ("'wheel_w1_n_m'", 'state column = "torque"')),
     "torque stated, speed there": Bad(BY_TORQUE, SPEED, ("'wheel_w1_rad_s'", 'state column = "speed"')),
-    "speed in rpm": Bad(WHEEL + "start_rad_s = 1.0472\n", SPEED, ("9.549 times the start_rad_s", "it is in rpm", "mend the speeds")),
+    "speed in rpm": Bad(WHEEL + "start_rad_s = 1.0472\n", SPEED, ("9.549 times the start_rad_s", "it is in rpm", "correct the speeds")),
     "speed the other way round": Bad(WHEEL + "start_rad_s = -10.0\n", SPEED, ("-1 times the start_rad_s", "it has the other sign")),
     "torque without a start": Bad(BY_TORQUE, TORQUE, ("'w1'", "start_rad_s", "first cell of column 'wheel_w1_rad_s'")),
     "empty cell of a speed": Bad(
-        WHEEL, lambda table: cell("wheel_w1_rad_s", 7, NAN)(SPEED(table)), ("row 7", "wheel_w1_rad_s", "mend or cut")
+        WHEEL, lambda table: cell("wheel_w1_rad_s", 7, NAN)(SPEED(table)), ("row 7", "wheel_w1_rad_s", "correct or cut")
     ),
     "torque within a cycle of which there is none": Bad(
         BY_TORQUE + "start_rad_s = 0.0\n",
@@ -118,7 +118,9 @@ BAD_GYROS = {
     "gyros in the log alone": Bad("", GIMBAL, ("'cmg_g1_gimbal_rad'", "it has no [[control_moment_gyros]] at all", "Add it")),
     "no column": Bad(GYRO, added(), ("'cmg_g1_gimbal_rad' is missing", "add it")),
     "no speed where the momentum is not stated": Bad(BY_SPEED, GIMBAL, ("'cmg_g1_rad_s' is missing", "add it")),
-    "empty cell": Bad(GYRO, lambda table: cell("cmg_g1_gimbal_rad", 7, NAN)(GIMBAL(table)), ("row 7", "cmg_g1_gimbal_rad", "mend or cut")),
+    "empty cell": Bad(
+        GYRO, lambda table: cell("cmg_g1_gimbal_rad", 7, NAN)(GIMBAL(table)), ("row 7", "cmg_g1_gimbal_rad", "correct or cut")
+    ),
     "a gimbal that leaps": Bad(
         GYRO,
         lambda table: cell("cmg_g1_gimbal_rad", 7, 3.0)(GIMBAL(table)),
@@ -130,7 +132,9 @@ BAD_GYROS = {
         ("row 7", "cmg_g1_gimbal_rad", "360.25 rad", "is it in radians"),
     ),
     "angles in degrees": Bad(
-        GYRO + "start_gimbal_rad = 0.0043633\n", GIMBAL, ("57.3 times the start_gimbal_rad", "it is in degrees", "mend the gimbal angles")
+        GYRO + "start_gimbal_rad = 0.0043633\n",
+        GIMBAL,
+        ("57.3 times the start_gimbal_rad", "it is in degrees", "correct the gimbal angles"),
     ),
     "the other way round": Bad(GYRO + "start_gimbal_rad = -0.25\n", GIMBAL, ("-1 times the start_gimbal_rad", "it has the other sign")),
     "speed in rpm": Bad(

@@ -69,29 +69,29 @@ BAD_LOGS = {
     ),
     "has jets and a wrench": BadLog(added(cmd_torque_x_n_m=0.0), None, ("jet_*", "cmd_*", "keep the one kind")),
     "holds NaN in an IMU column": BadLog(
-        cell("delta_theta_y_rad", 42, NAN), 42, ("column delta_theta_y_rad", "nan", "not a finite number", "mend or cut")
+        cell("delta_theta_y_rad", 42, NAN), 42, ("column delta_theta_y_rad", "nan", "not a finite number", "correct or cut")
     ),
-    "holds an empty IMU cell": BadLog(cell("delta_v_z_m_s", 42, None), 42, ("column delta_v_z_m_s", "mend or cut")),
+    "holds an empty IMU cell": BadLog(cell("delta_v_z_m_s", 42, None), 42, ("column delta_v_z_m_s", "correct or cut")),
     "holds infinity in an IMU column": BadLog(
-        cell("delta_v_x_m_s", 17, -INF), 17, ("column delta_v_x_m_s", "-inf", "not a finite number", "mend or cut")
+        cell("delta_v_x_m_s", 17, -INF), 17, ("column delta_v_x_m_s", "-inf", "not a finite number", "correct or cut")
     ),
     "has two records of one moment": BadLog(
         lambda table: cell("time_s", 42, table.column("time_s")[41].as_py() + 1e-9)(table),
         42,
         ("column time_s", "comes 1e-09 s after the record before", "is a record there twice?"),
     ),
-    "holds NaN in its time": BadLog(cell("time_s", 42, NAN), 42, ("column time_s", "nan", "not a finite number", "mend or cut")),
+    "holds NaN in its time": BadLog(cell("time_s", 42, NAN), 42, ("column time_s", "nan", "not a finite number", "correct or cut")),
     "counts time from too far away": BadLog(
         times(lambda _, time: time + 1e12), None, ("column time_s", "steps of 0.00012 s", "take the log's beginning off")
     ),
     "holds text in an IMU column": BadLog(
-        text_cell("delta_theta_z_rad", 42, "abc"), 42, ("column delta_theta_z_rad", "'abc'", "not a number", "mend the cell")
+        text_cell("delta_theta_z_rad", 42, "abc"), 42, ("column delta_theta_z_rad", "'abc'", "not a number", "correct the cell")
     ),
     "holds text in a jet column": BadLog(
-        text_cell("jet_roll_n2_s", 7, "off"), 7, ("column jet_roll_n2_s", "'off'", "not a number", "mend the cell")
+        text_cell("jet_roll_n2_s", 7, "off"), 7, ("column jet_roll_n2_s", "'off'", "not a number", "correct the cell")
     ),
     "holds text in its time": BadLog(
-        text_cell("time_s", 3, "12:30:05"), 3, ("column time_s", "'12:30:05'", "not a number", "mend the cell")
+        text_cell("time_s", 3, "12:30:05"), 3, ("column time_s", "'12:30:05'", "not a number", "correct the cell")
     ),
     "has time that stands still": BadLog(
         times(lambda row, time: 2.1 if row == 42 else time), 42, ("column time_s", "stands still", "2.1 s", "cut the log")
@@ -128,7 +128,7 @@ BAD_LOGS = {
         cell("jet_pitch_p1_s", 42, 0.06), 42, ("column jet_pitch_p1_s", "0.06 s", "longer than the control cycle of 0.05 s", "in seconds")
     ),
     "has an infinite on-time": BadLog(
-        cell("jet_pitch_p1_s", 42, INF), 42, ("column jet_pitch_p1_s", "inf", "not a finite number", "mend or cut")
+        cell("jet_pitch_p1_s", 42, INF), 42, ("column jet_pitch_p1_s", "inf", "not a finite number", "correct or cut")
     ),
     "misses a command": BadLog(cell("jet_yaw_n1_s", 42, None), 42, ("column jet_yaw_n1_s", "no command", "first row", "write one")),
     "misses a command in the first row of a cycle": BadLog(

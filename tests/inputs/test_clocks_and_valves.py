@@ -295,7 +295,7 @@ def test_groups_above_the_names_and_numbers_in_their_place_are_refused(tmp_path:
     with pytest.raises(InputError, match="line 52, column wx: the header stands here again"):
         read_table(path)
     path.write_text("\n".join([header, "05/01/2024 12:00:00.05 PM" + rows[0][rows[0].index(",") :], *rows[1:]]))
-    with pytest.raises(InputError, match="is not a number; mend the cell; a date and time is ISO 8601's"):
+    with pytest.raises(InputError, match="is not a number; correct the cell; a date and time is ISO 8601's"):
         read_table(path)
 
 
@@ -303,8 +303,8 @@ def test_groups_above_the_names_and_numbers_in_their_place_are_refused(tmp_path:
     ("cell", "said"),
     [
         ("2024-05-01T12:00:00.05", r"name the column as a clock in a map file \(massprop columns with --as-map drafts it\)"),
-        ("٣", "'٣' is not a number; mend the cell"),
-        ("1_0", "'1_0' is not a number; mend the cell"),
+        ("٣", "'٣' is not a number; correct the cell"),
+        ("1_0", "'1_0' is not a number; correct the cell"),
     ],
 )
 def test_a_cell_that_is_no_number_is_named_with_what_to_do(cell: str, said: str, tmp_path: Path) -> None:

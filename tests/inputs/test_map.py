@@ -234,7 +234,7 @@ def test_streams_that_are_not_right_are_refused() -> None:
         made(broken, text + 'zero = "start"\n')
     broken = motion()
     broken["imu/wy"] = (np.where(np.arange(4000) == 9, np.nan, broken["imu/wy"][0]), "imu/t", "rad/s")
-    with pytest.raises(InputError, match="'imu/wx': a number is missing at sample 9, beside other axes'; mend the row"):
+    with pytest.raises(InputError, match="'imu/wx': a number is missing at sample 9, beside other axes'; correct the row"):
         made(broken, text)
     broken = motion()
     broken |= {path: (said[0], said[1], "") for path, said in broken.items()}

@@ -82,7 +82,7 @@ def test_a_converged_quantity_must_have_the_sigma_that_is_wanted() -> None:
     assert imprecise(found, requirements("mass<2.5%,ixx")) == []
     assert imprecise(found, requirements("mass<2%,ixx")) == ["mass in phase b has a sigma of 0.5 kg, and mass<2% wants 0.4 kg at most"]
     late = recorded.result([recorded.phase("b", mass={"value": 20.0, "sigma": 0.5, "verdict": "not_converged"})])
-    assert imprecise(late, requirements("mass<2%")) == [], "it is told once, as not converged"
+    assert imprecise(late, requirements("mass<2%")) == [], "it is estimated once, as not converged"
 
 
 def from_command(log: Path, text: str, folder: Path) -> tuple[int, str]:

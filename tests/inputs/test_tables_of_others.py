@@ -154,7 +154,7 @@ def test_a_number_that_is_missing_beside_others_is_refused_with_its_line(tmp_pat
     imu.loc[100, "wy"] = np.nan
     path = tmp_path / "log.csv"
     pd.concat((imu, commands), axis=1).to_csv(path, index=False)
-    with pytest.raises(InputError, match=r"log.csv, 'wx': a number is missing at line 102, beside other axes'; mend the row \(\[gyro\]"):
+    with pytest.raises(InputError, match=r"log.csv, 'wx': a number is missing at line 102, beside other axes'; correct the row \(\[gyro\]"):
         mapped(path)
 
 
@@ -205,7 +205,7 @@ def test_a_cell_that_is_no_date_is_named_by_its_line(tmp_path: Path) -> None:
     imu.loc[7, "t"] = "yesterday"
     path = tmp_path / "log.csv"
     pd.concat((imu, commands), axis=1).to_csv(path, index=False)
-    with pytest.raises(InputError, match=r"log.csv, line 9, column t: 'yesterday' is no date and time; mend the cell"):
+    with pytest.raises(InputError, match=r"log.csv, line 9, column t: 'yesterday' is no date and time; correct the cell"):
         mapped(path, "")
 
 

@@ -64,9 +64,9 @@ def test_a_contradiction_stands_in_red_before_anything_else_and_no_motion_cures_
     assert re.search(r"\.alarm .*var\(--red\)", text)
     assert page.table("Whole log")[1][:6] == ["Ixx", "−830", "± 4.0", "", "kg m²", "‼ contradicted"]
     cures = {row[0]: row[1:] for row in page.table("Quantities that are not converged")[1:]}
-    assert cures["Ixx, Ixy, Ixz, Iyy, Iyz, CG z, Mass"] == ["‼ contradicted", recorded.CAUSE, "mend the cause; no motion cures it"]
-    assert cures["Izz"] == ["○ not excited", "the motion in this phase hardly informed it", "mend what contradicts this phase first"]
-    assert cures["CG x"][2] == "mend what contradicts this phase first"
+    assert cures["Ixx, Ixy, Ixz, Iyy, Iyz, CG z, Mass"] == ["‼ contradicted", recorded.CAUSE, "correct the cause; no motion remedies it"]
+    assert cures["Izz"] == ["○ not excited", "the motion in this phase hardly informed it", "correct what contradicts this phase first"]
+    assert cures["CG x"][2] == "correct what contradicts this phase first"
     assert "can't give it" in cures["CG y"][2]
     assert vocabulary.VERDICTS["contradicted"] in page.said()
     fine = html.page([flyer])
@@ -83,12 +83,12 @@ def test_a_contradicted_docked_object_is_named_though_its_phases_are_fine(dockin
 def test_the_mended_answer_stands_apart_with_the_settings_to_give(flyer: Recorded) -> None:
     found = recorded.result([recorded.contradicted()], mended=[recorded.mended()], assumptions=recorded.assumptions())
     page = Page(html.page([replace(flyer, result=found)]))
-    assert page.table("Mended")[1] == ["Ixx", "0.620", "± 0.010", "kg m²", "✓ converged"]
+    assert page.table("Corrected")[1] == ["Ixx", "0.620", "± 0.010", "kg m²", "✓ converged"]
     assert page.table("Whole log")[1][1] == "−830"
     assert "--set 'jets.roll_p1.force_n=[0.0, 0.0, -1.112]' --set cycle.command_delay_cycles=2.0" in page.said()
     assert {"#mended", "#assumptions"} <= set(page.links)
     assert {"mended", "assumptions"} <= set(page.ids)
-    assert "What the log gives if it is mended" in page.said()
+    assert "What the log gives if it is corrected" in page.said()
     assert "still contradicted" not in page.said()
     odd = found.model_copy(update={"mended": [Mended.model_validate(recorded.mended("the rates don't add up"))]})
     assert "still contradicted: the rates don't add up" in Page(html.page([replace(flyer, result=odd)])).said()

@@ -145,7 +145,7 @@ def test_a_contradicted_quantity_fails_with_the_cause_expected_or_not() -> None:
     for cases_ in (only(LogOutcome("run", found)), only(LogOutcome("run", held(found, mass=22.0)))):
         assert kinds(cases_["mass"]) == kinds(cases_["ixx"]) == [Failure]
         assert recorded.CAUSE in cases_["mass"].result[0].message
-        assert cases_["ixx"].result[0].message == f"contradicted: {recorded.CAUSE}; mend the cause; no motion cures it"
+        assert cases_["ixx"].result[0].message == f"contradicted: {recorded.CAUSE}; correct the cause; no motion remedies it"
         assert cases_["ixx"].system_out == "ixx = -830 ± 4.0 kg m², contradicted"
     assert cases_["mass"].result[0].message == f"expected 22 ± 1 kg (4 sigma), contradicted: {recorded.CAUSE}"
     (suite,) = document(LogOutcome("run", found))

@@ -66,7 +66,7 @@ def test_expectations_stand_beside_the_values_and_what_is_missed_above_them() ->
     assert table[1][6:] == ["0.5", "4 sigma", "✗ missed"]
     assert table[2][6:] == ["–", "–", "–"]
     assert table[10][6:] == ["22.5", "5 %", "✓ met"]
-    assert "✗ 1 not as expected (held against expect.toml):" in items(text)
+    assert "✗ 1 not as expected (tested against expect.toml):" in items(text)
     assert "ixx in phase all: expected 0.5 ± 0.04 kg m^2 (4 sigma), got 0.62 (off by +0.12, +12 sigma)" in items(text)
 
 
@@ -104,7 +104,7 @@ def test_several_results_begin_with_an_overview() -> None:
         ["monday", "log.parquet", "tug", "10 of 10", "✗ 1 of 2", "0"],
         ["friday", "log.parquet", "tug", "10 of 10", "–", "0"],
     ]
-    assert "2 results, 1 held against expectations, 1 of them not as expected." in items(text)
+    assert "2 results, 1 tested against expectations, 1 of them not as expected." in items(text)
 
 
 def test_results_of_one_folder_name_are_told_apart_by_the_folder_above() -> None:
@@ -118,7 +118,7 @@ def test_a_page_stays_under_200_kilobytes_and_says_how_many_were_left_out() -> N
     text = markdown.text(many)
     said, (overview, *each) = items(text), tables(text)
     assert 150_000 < len(text.encode()) <= 200_000
-    assert "1000 results, 1000 held against expectations, 1000 of them not as expected." in said
+    assert "1000 results, 1000 tested against expectations, 1000 of them not as expected." in said
     assert f"{1000 - len(each)} of 1000 results are left out here or cut short, to keep this page under 200 kB." in said
     assert f"{1000 - (len(overview) - 1)} more of 1000 results are left out of this table." in said
     assert 0 < len(each) < len(overview) < 1000
@@ -192,9 +192,10 @@ def test_a_contradiction_comes_first_and_offers_no_motion_as_its_cure() -> None:
     assert overview[1][3] == "20 of 30, ‼ 7 contradicted"
     assert overview[2][3] == "10 of 10"
     assert single[1] == ["ixx", "-830", "4.0", "kg m²", "‼ contradicted", "–"]
-    assert f"ixx in phase single: contradicted: {recorded.CAUSE}; mend the cause; no motion cures it" in items(text)
-    assert "izz in phase single: not_excited: the motion in this phase hardly informed it; mend what contradicts this phase first" in items(
-        text
+    assert f"ixx in phase single: contradicted: {recorded.CAUSE}; correct the cause; no motion remedies it" in items(text)
+    assert (
+        "izz in phase single: not_excited: the motion in this phase hardly informed it; correct what contradicts this phase first"
+        in items(text)
     )
     for name in QUANTITIES:
         assert vocabulary.cure(name) not in text or name == "cg_y"
@@ -208,7 +209,7 @@ def test_the_mended_answer_has_its_own_heading_and_the_settings_to_give() -> Non
     assert result[1][1:3] == ["-830", "4.0"]
     assert mended[0] == ["quantity", "value", "± sigma", "unit", "verdict"]
     assert mended[1] == ["ixx", "0.620", "0.010", "kg m²", "✓ converged"]
-    assert text.index("### If it is mended") < text.index("    --set 'jets.roll_p1.force_n=[0.0, 0.0, -1.112]'\n    --set cycle")
+    assert text.index("### Corrected estimate") < text.index("    --set 'jets.roll_p1.force_n=[0.0, 0.0, -1.112]'\n    --set cycle")
     assert "Not the result: With jet roll_p1 turned round (jet-sign)" in items(text)
     assert any("still contradicted: still odd" in entry for entry in items(text))
 

@@ -64,10 +64,10 @@ def test_units_stand_in_the_names_and_frame_and_convention_in_columns() -> None:
 
 
 def test_what_is_missing_is_empty_and_named_with_the_motion_that_cures_it() -> None:
-    gap = {"verdict": "unobservable", "value": None, "sigma": None, "final_at_s": None, "reason": "no motion tells it"}
+    gap = {"verdict": "unobservable", "value": None, "sigma": None, "final_at_s": None, "reason": "no motion shows it"}
     (row,) = read(spreadsheet.text([recorded.recorded(recorded.result([recorded.phase("all", mass=gap)]))]))
     assert (row["mass_kg"], row["mass_sigma_kg"], row["mass_final_at_s"]) == ("", "", "")
-    assert row["missing"] == "mass: unobservable: no motion tells it; it wants force, pushed one way and the other"
+    assert row["missing"] == "mass: unobservable: no motion shows it; it wants force, pushed one way and the other"
 
 
 def test_expectations_and_warnings_have_columns() -> None:
@@ -119,5 +119,5 @@ def test_a_contradiction_has_a_column_and_numbers_stay_in_full_precision() -> No
     one, two, three = read(spreadsheet.text([recorded.recorded(found)]))
     assert [row["contradiction"] for row in (one, two, three)] == [recorded.CAUSE, "", "phase single is contradicted"]
     assert (one["ixx_kg_m2"], one["ixx_sigma_kg_m2"], one["ixx_verdict"]) == ("-825.1234567", "4.0", "contradicted")
-    assert f"mass: contradicted: {recorded.CAUSE}; mend the cause" in one["missing"]
+    assert f"mass: contradicted: {recorded.CAUSE}; correct the cause" in one["missing"]
     assert "torque about" not in one["missing"]

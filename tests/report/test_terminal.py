@@ -77,8 +77,8 @@ def test_each_verdict_but_converged_has_its_reason_and_what_would_cure_it() -> N
 
 def test_where_a_fault_is_named_no_motion_is_said_to_cure_what_it_touches() -> None:
     text = printed(recorded.result([recorded.contradicted()]))
-    assert "izz not_excited: the motion in this phase hardly informed it; mend what contradicts this phase first\n" in text
-    assert "cg_x not_converged: it still moved more than the tolerance; mend what contradicts this phase first\n" in text
+    assert "izz not_excited: the motion in this phase hardly informed it; correct what contradicts this phase first\n" in text
+    assert "cg_x not_converged: it still moved more than the tolerance; correct what contradicts this phase first\n" in text
     assert [line.split()[0] for line in text.splitlines() if "it wants" in line] == ["cg_y"], "unobservable, fault or none"
     assert text.count(recorded.CAUSE) == 1
 
@@ -132,7 +132,7 @@ def test_a_contradicted_phase_says_the_cause_in_bold_red_under_its_table() -> No
 def test_the_mended_answer_stands_apart_under_what_mends_it_with_the_settings_to_give() -> None:
     bad = recorded.mended("the rates don't add up", ixx={"verdict": "contradicted", "value": -825.1, "sigma": 4.0})
     text = printed(recorded.result([recorded.contradicted()], mended=[recorded.mended(), bad]))
-    result, good, still = text.split("If it is mended (not the result): With jet roll_p1 turned round [jet-sign]\n")
+    result, good, still = text.split("Corrected estimate (not the result): With jet roll_p1 turned round [jet-sign]\n")
     assert cells(result, "ixx")[1] == "-830"
     assert cells(good, "ixx") == ["ixx", "0.620", "0.010", "kg m²", "converged"]
     assert "  --set 'jets.roll_p1.force_n=[0.0, 0.0, -1.112]'\n  --set cycle.command_delay_cycles=2.0\n" in good

@@ -1,4 +1,4 @@
-"""Values about a pivot are compared, held against expectations and in a campaign's tables like the ten quantities."""
+"""Values about a pivot are compared, tested against expectations and in a campaign's tables like the ten quantities."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_truth_is_that_of_the_motion_about_the_pivot(folder: Path) -> None:
-    """Nine values, each held against the estimate."""
+    """Nine values, each tested against the estimate."""
     truth = json.loads((folder / "log-1" / "truth.json").read_text())["phases"][0]
     assert tuple(truth["about_pivot"]) == ABOUT_PIVOT
     result = json.loads((folder / "run-1" / "result.json").read_text())["phases"][0]["about_pivot"]

@@ -1,4 +1,4 @@
-"""history.parquet as written, held against the analysis and result.json."""
+"""history.parquet as written, tested against the analysis and result.json."""
 
 from __future__ import annotations
 

@@ -250,8 +250,8 @@ def refuse_other_units(
     for factor, why in factors.items():
         if known and all(abs(first - factor * stated) < NEAR * abs(factor * stated) for stated, first in known):
             raise InputError(
-                f"{source.table.path}: the first {what} is {factor:.4g} times the {key} of the vehicle file: {why.format(key)}; mend the "
-                f"{what.partition(' of ')[0]}s, or {key}"
+                f"{source.table.path}: the first {what} is {factor:.4g} times the {key} of the vehicle file: {why.format(key)}; correct "
+                f"the {what.partition(' of ')[0]}s, or {key}"
             )
 
 

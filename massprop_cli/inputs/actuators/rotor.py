@@ -21,7 +21,7 @@ from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.section import NonNegative, Place, Positive, Real, Vector
 
 COMMAND = LogColumn(
-    "rotor_", "_command", "command", PLAIN, False, True, "what a rotor is told in this control cycle, as its thrust_n takes it"
+    "rotor_", "_command", "command", PLAIN, False, True, "what a rotor is commanded in this control cycle, as its thrust_n takes it"
 )
 SPEED = LogColumn("rotor_", "_rad_s", "speed", SPIN, True, False, "a rotor's speed at time_s, rad/s")
 

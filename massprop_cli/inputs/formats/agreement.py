@@ -71,11 +71,15 @@ def _compare(path: Path, made: Made, key: str, measured: Array, wanted: Array, l
     best, axes, unit = min(tried)
     if best < _TOGETHER:
         wrong = [f"axes = {list(axes)} beyond those it has"] * (axes != ("x", "y", "z")) + [f"unit = {unit!r}"] * (factors[unit] != 1.0)
-        problem = f"it agrees with {' and '.join(wrong)}: mend that under [{key}], or the attitude's own axes, turns and world ([attitude])"
+        problem = (
+            f"it agrees with {' and '.join(wrong)}: correct that under [{key}], or the attitude's own axes, turns and world ([attitude])"
+        )
     elif apart(-np.eye(3)) < _TOGETHER:
-        problem = f"it agrees the other way round: state scale = -1.0 under [{key}], or mend the attitude's turns and world ([attitude])"
+        problem = f"it agrees the other way round: state scale = -1.0 under [{key}], or correct the attitude's turns and world ([attitude])"
     else:
-        problem = f"no order of axes and no unit mends that; are the quaternion's order, turns and world right ([attitude]), and [{key}]?"
+        problem = (
+            f"no order of axes and no unit corrects that; are the quaternion's order, turns and world right ([attitude]), and [{key}]?"
+        )
     raise InputError(
         f"{path}: [{key}] of {made.map} and the logged attitude contradict each other by {now:.2g} of what the attitude says; {problem}"
     )
@@ -86,8 +90,8 @@ def _check_scale(path: Path, made: Made, angle: Array, attitude: Array) -> None:
     scale, sigma = _scale(angle, attitude)
     if abs(scale - 1) > max(_OFF, _SURE * sigma):
         raise InputError(
-            f"{path}: [gyro] of {made.map} turns {scale:.4g} ± {sigma:.1g} times as far as the logged attitude; mend unit or scale under "
-            f"[gyro] (scale = {1 / scale:.4g} beyond what it has makes them agree), or how its values and clock are stated"
+            f"{path}: [gyro] of {made.map} turns {scale:.4g} ± {sigma:.1g} times as far as the logged attitude; correct unit or scale "
+            f"under [gyro] (scale = {1 / scale:.4g} beyond what it has makes them agree), or how its values and clock are stated"
         )
 
 

@@ -36,7 +36,7 @@ def _cycle(found: Traits) -> list[str]:
         own = " or ".join(f"{n * float(np.median(steps)):.6g} ({n})" for n in found.choices)
         lines = [
             f"# {jitter}",
-            f'period_s = "?"   # {own} record(s), which the log can\'t tell: on-times change at multiples of the last only,',
+            f'period_s = "?"   # {own} record(s), which the log can\'t show: on-times change at multiples of the last only,',
             "# and each counts once a control cycle, so that mass and inertia are proportional to it: ask who made the controller",
         ]
     else:

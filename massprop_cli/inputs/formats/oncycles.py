@@ -183,7 +183,7 @@ def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands:
             f"{late.key}.clock",
             late.times.path,
             f"two clocks don't overlap: {late.key} is {late.times.span()}, {early.key} {early.times.span()}; "
-            "mend clock.unit, or state the clock.offset_s between them",
+            "correct clock.unit, or state the clock.offset_s between them",
         )
     zero = gyro.times.zero_s
     start = start if records.start_s is None else max(start, records.start_s - zero)
@@ -273,8 +273,8 @@ def _on_cycles(signals: Signals, command: StreamCommand, cycles: Array) -> Array
                 signal.key,
                 signal.paths[0],
                 f"{_counted(signal, first, count, int(wrong[0]))} in the control cycle of {length:.6g} s at {at:.13g} s; each cycle wants "
-                "one (0 where the jet is off), or the same in all of its records: mend the length of cycles or their beginning ([records])"
-                + _astray(int(count[wrong[0]])),
+                "one (0 where the jet is off), or the same in all of its records: correct the length of cycles or their beginning "
+                "([records])" + _astray(int(count[wrong[0]])),
             )
         apart = np.abs(signal.times.s[first] - cycles[:-1]).max()
         most = int(count.max())

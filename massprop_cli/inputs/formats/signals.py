@@ -81,7 +81,8 @@ class Signals:
                 found.key,
                 found.paths[0],
                 f"an increment covers {covering.usual(length):.6g} by {length.path!r}, and they come every {found.times.step_s:.6g} s: "
-                'what happened in between is lost. Log all of them, or map rates instead (values = "sample" or "mean"); or mend the clock',
+                'what happened in between is lost. Log all of them, or map rates instead (values = "sample" or "mean"), or '
+                "correct the clock",
             )
 
     def wrench(self, key: str, said: MappedWrench, known: Mapping[str, float]) -> QuantitySignal:
@@ -197,7 +198,7 @@ class Signals:
         if none.all() or some.size:
             row = int(some[0]) if some.size else 0
             where = self._stream(key, paths[0]).place(row)
-            problem = "no sample has a number" if none.all() else f"a number is missing at {where}, beside other axes'; mend the row"
+            problem = "no sample has a number" if none.all() else f"a number is missing at {where}, beside other axes'; correct the row"
             raise self.error(key, paths[0], problem)
         if none.any():
             self.made.append(f"{key}: {int(none.sum())} of {len(none)} rows of the file hold none of its samples")
@@ -251,7 +252,7 @@ class Signals:
         if factor is None:
             raise self.error(key, stream.path, f"unit {text!r} is none of this quantity; it is one of {choices}")
         if said and recorded and recorded != units.plain(said):
-            problem = f"the map says unit {said!r}, the file {stream.unit!r}; drop unit from the map, or mend it"
+            problem = f"the map says unit {said!r}, the file {stream.unit!r}; drop unit from the map, or correct it"
             if units.is_any(recorded):
                 raise self.error(key, stream.path, problem)
             if units.is_foreign(stream.unit) and "scale" not in stated.model_fields_set:
@@ -282,7 +283,7 @@ class Signals:
         if bad.size:
             where = stream.place(int(np.flatnonzero(held)[bad[0]]))
             raise self.error(
-                f"{key}.clock", path, f"no time at {where}, where there is a sample; name the clock that it has, or mend the row"
+                f"{key}.clock", path, f"no time at {where}, where there is a sample; name the clock that it has, or correct the row"
             )
         return counts.astype(np.int64) if counts.dtype.kind == "u" else counts
 

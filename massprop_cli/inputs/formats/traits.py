@@ -133,7 +133,7 @@ def _numbers(table: Table, names: tuple[str, ...]) -> Array:
     bad = np.argwhere(~np.isfinite(values))
     if bad.size:
         row, column = (int(i) for i in bad[0])
-        raise InputError(f"{table.path}, {table.places.of(row)}, column {names[column]}: not a finite number; mend or cut the record")
+        raise InputError(f"{table.path}, {table.places.of(row)}, column {names[column]}: not a finite number; correct or cut the record")
     return values
 
 

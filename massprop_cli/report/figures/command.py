@@ -24,7 +24,7 @@ KINDS = {
     "rate": ("torque", "Angular acceleration {} left", "rad/s²", "torque", "N m"),
     "specific_force": ("force", "Specific force {} left", "m/s²", "force", "N"),
 }
-"""What is left: the command that it is held against, heading and unit; the command's name and unit."""
+"""What is left: the command that it is tested against, heading and unit; the command's name and unit."""
 
 
 class Against(NamedTuple):
@@ -119,11 +119,11 @@ def _panel(kind: str, letter: str, each: Against) -> Panel:
 
 def _slope(found: list[CommandMean], unit: str, command_unit: str) -> str:
     if len(found) < 2:
-        return "not told"
+        return "not estimated"
     at, values, sigmas = (np.array(column) for column in zip(*found, strict=True))
     weight = 1 / np.maximum(sigmas, 1e-300) ** 2
     offset = at - weight @ at / weight.sum()
     spread = weight @ offset**2
     if not spread > 0:
-        return "not told"
+        return "not estimated"
     return f"slope {weight @ (offset * values) / spread:.2g} ± {spread**-0.5:.1g} {unit} per {command_unit}"

@@ -14,7 +14,7 @@ from massprop_cli.result.schema import Matrix
 CAPTION = (
     "Correlation of the errors of each two quantities, from the covariance: 1 means that they are off together, −1 oppositely, 0 "
     "independently. Blue is positive, orange is negative and carries a minus; the deeper the colour, the stronger. A strong correlation "
-    "says that the motion told a combination of the two better than each alone."
+    "says that the motion showed a combination of the two better than each alone."
 )
 
 

@@ -43,7 +43,7 @@ def picture(recorded: Recorded) -> Picture:
     caption = (
         "Above: how strongly torque and force executed (rms, each kind over its largest). Below: when each quantity was learnt, as the "
         "share of its information 1/σ² that came in then; every row is scaled to its own peak. A peak under a burst of torque or force "
-        "says which motion told it."
+        "says which motion showed it."
     )
     return Picture(caption, panels, 2)
 
