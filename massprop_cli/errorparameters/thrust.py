@@ -299,7 +299,7 @@ def _gimbal_reversed(finding: FittedHypothesis) -> bool:
 
 
 _NOTHING = "{who} {do} not push at all"
-_RPM = "{who} {do} so much as if its speed is logged in rpm"
+_RPM = "the speed of {who} is logged in rpm"
 _SPUN = "{who} turns the other way round than its spin says"
 _GIMBAL = "{who} turns its gimbal the other way than stated"
 _ALL_JETS = "all jets push the other way: force_n is what pushes the vehicle, not the plume"

@@ -53,18 +53,3 @@ def test_rotors_that_are_permuted_are_named() -> None:
         'columns.rotor_r0_command={ from = "rotor_r1_command", scale = 1 }',
         'columns.rotor_r1_command={ from = "rotor_r0_command", scale = 1 }',
     )
-
-
-@pytest.mark.thorough
-def test_a_wheel_that_is_logged_backwards_is_named() -> None:
-    rng = np.random.default_rng(5)
-    own = anypedestal.tables(rng, 1)
-    flown = anypedestal.fly(rng, own, "wheels", 0.1, 60.0)
-    vehicle = anypedestal.vehicle_of(own, 0, flown)
-    log = anypedestal.log_of(rng, own, 0, flown, vehicle)
-    spinning = tuple(one.times(-1.0 if i == 2 else 1.0) for i, one in enumerate(log.spinning))
-    with np.errstate(all="ignore"):
-        found = flow.examine(replace(log, spinning=spinning), VehicleSource(vehicle, "", ""))
-    (named,) = (notice for notice in found.notices if notice.code == "command-sign")
-    assert "wheel w2 turns the vehicle the other way than stated" in named.message
-    assert "wheels.2.axis=[0.577350269, -0.577350269, 0.577350269]" in found.mended[0].settings

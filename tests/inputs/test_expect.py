@@ -101,7 +101,8 @@ def test_every_truth_of_a_sample_log_is_an_expect_file(path: Path) -> None:
     assert len(found.phases) == len(truth["phases"])
     for (name, wanted), stated in zip(found.phases, truth["phases"], strict=True):
         assert name == stated.get("name")
-        assert {quantity: w.value for quantity, w in wanted.items()} == {quantity: stated[quantity] for quantity in QUANTITIES}
+        pivot = {f"about_pivot.{quantity}": value for quantity, value in stated.get("about_pivot", {}).items()}
+        assert {quantity: w.value for quantity, w in wanted.items()} == {quantity: stated[quantity] for quantity in QUANTITIES} | pivot
         assert {w.tolerance for w in wanted.values()} == {FOUR_SIGMA}
     assert len(found.docked) == (10 if "docked" in truth else 0)
 
