@@ -42,7 +42,7 @@ FIRST, SECOND = (2, 3), 2
 """How many are tried with a second one, in free flight and on a bearing, where gravity tells several mountings apart from the stated but
 not from one another; and how many of these each time if none makes the log fit. docs/faults.md moves, dead-turned."""
 SLIGHT = 0.01
-"""Part by which a channel may be off beside another one without being named."""
+"""Part of its thrust below which a second channel is no cause beside one with which the log fits."""
 EXCHANGES = 4
 """Most pairs of jets that are exchanged one after another."""
 CHANNELS = 3
@@ -343,7 +343,7 @@ def _changed(screening: Screening, whole: Screening, less_than: float = np.inf) 
 
 def _pair(screening: Screening, alone: Sequence[Refit], worst: float) -> Diagnosis | None:
     """Two causes at once that beat the ``worst`` score: two channels; or the most likely few, each with what explains the rest."""
-    if (channels := _two_channels(screening)) is not None:
+    if (channels := _two_channels(screening, any(refit.fits for refit in alone))) is not None:
         return channels
     upright = [found.hypothesis for found in screening.upright]
     likeliest = sorted((refit for refit in alone if any(refit.fitted.hypothesis is one for one in upright)), key=lambda refit: refit.score)
@@ -408,32 +408,32 @@ def _wired(screening: Screening) -> list[Refit]:
     return refits
 
 
-def _two_channels(screening: Screening) -> Diagnosis | None:
-    """The thrust of any two channels at once."""
+def _two_channels(screening: Screening, one_fits: bool) -> Diagnosis | None:
+    """The thrust of any two channels at once; where one cause fits already, only if both are off by more than :data:`SLIGHT`."""
     supposed = hypotheses.two_channels(screening.model, screening.names)
     if not supposed:
         return None
     found = fitted(screening.model, screening.free, screening.free.variance, supposed, still=ROUGHLY)
     likeliest = sorted(found, key=lambda one: (screening.likelihood(one.chi_square), one.hypothesis.subject))[:CHANNELS]
     refits = [tried(screening, one) for one in likeliest if not hopeless(screening, one, beyond(screening))]
-    refit = min((one for one in refits if one is not None and one.fits), key=lambda one: one.score, default=None)
+    fitting = (one for one in refits if one is not None and one.fits and not (one_fits and _has_slight(one.fitted)))
+    refit = min(fitting, key=lambda one: one.score, default=None)
     if refit is None:
         return None
     both, near = correction_of(screening.case, refit.case, refit.fitted), around(screening.case, refit.fitted, screening.free.fired)
     return Diagnosis(
         tuple(
             Explanation(code, f"the log fits if {words}", both, around=near)
-            for name in _off(refit.fitted)
+            for name in refit.fitted.hypothesis.subject
             for code, words in [words_of(alone(refit.fitted, name), screening.names, screening.case, refit.case)]
         ),
         score=refit.score,
     )
 
 
-def _off(found: Fitted) -> list[str]:
-    """Of two channels those whose thrust is off by more than what stands for a misfit of another kind."""
-    pairs = zip(found.hypothesis.subject, found.factors, strict=True)
-    return [name for name, factor in pairs if abs(factor - 1) > SLIGHT] or list(found.hypothesis.subject)
+def _has_slight(found: Fitted) -> bool:
+    """Whether a channel is hardly off: it stands for a misfit of another kind."""
+    return bool((np.abs(found.factors - 1) < SLIGHT).any())
 
 
 def _in_vain(screening: Screening) -> str:

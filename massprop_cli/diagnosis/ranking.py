@@ -40,7 +40,7 @@ class Ranking:
         others = []
         for i, one in enumerate(supposed):
             channel = model.channel(one)
-            if channel is None:
+            if channel is None or channel >= model.thrusting:  # one that is left free keeps the momentum that it stores
                 others.append(i)
             else:
                 self._of.setdefault(channel, []).append(i)

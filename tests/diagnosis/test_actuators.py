@@ -23,7 +23,8 @@ from tests.faultyactuators import FAULTS, Subject, examination, flown
 NOISE = np.repeat([1e-4, 0.02], 3) ** 2
 KINDS = [
     ("wheels", "rpm"),
-    *(("gyros", name) for name in ("sign", "dead")),
+    ("pedestal, wheels", "sign"),
+    ("gyros", "dead"),
     ("rotors", "spin"),
 ]
 """One of each code: `python benchmarks/actuator_faults.py` has every fault on every platform (docs/actuators.md)."""
