@@ -10,6 +10,7 @@ from massprop_cli.balance import document, solve, stated
 from massprop_cli.balance.document import G_CM, hang, moment
 from massprop_cli.balance.solve import Hanging, MovedMoments
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.chance import chance
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.inputs.ballast import Ballast
@@ -206,10 +207,8 @@ def _change(hanging: Hanging, ballast: Sequence[Ballast], n: int, by: float) -> 
 
 
 def _check(found: MovedMoments, ballast: Sequence[Ballast], change: Array, given: bool, gravity: float) -> document.MoveCheck:
-    from scipy.special import gammaincc
-
     difference, none = found.measured - found.predicted, np.zeros((3, 3))
-    p = float(gammaincc(1.5, found.chi_square / 2))
+    p = chance(found.chi_square, 3)
     done = [(n, one, float(change[n])) for n, one in enumerate(ballast) if change[n]]
     return document.MoveCheck(
         moved=[

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.chance import chance
 from massprop_cli.base.dataclass import dataclass
 
 OUTLYING = 4.0
@@ -97,13 +98,11 @@ def mean(samples: LogValues) -> Mean:
 
 def scatter(samples: LogValues) -> Scatter | None:
     """χ² about the weighted mean; None for fewer than two logs."""
-    from scipy.special import gammaincc
-
     free = len(samples.value) - 1
     if free < 1:
         return None
     chi_square = float((((samples.value - mean(samples).value) / samples.own) ** 2).sum())
-    return Scatter(chi_square, free, float(gammaincc(free / 2, chi_square / 2)), float(np.sqrt(chi_square / free)))
+    return Scatter(chi_square, free, chance(chi_square, free), float(np.sqrt(chi_square / free)))
 
 
 def outliers(samples: LogValues) -> dict[int, float]:

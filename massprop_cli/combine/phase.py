@@ -9,6 +9,7 @@ import numpy as np
 
 from massprop_cli import ABOUT_PIVOT, PIVOT_UNITS, QUANTITIES, UNITS
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.chance import chance
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.combine import added, fit, pivot
@@ -144,7 +145,7 @@ def by_object(before: Gathered, after: Gathered, text: str) -> tuple[list[Phased
     scales = [piece(part.label, part.vehicle, part.phase).scale_sigma for of in (before, after) for part in of.parts]
     found = added.calibrated((_side(before), _side(after)), known, max(scales) if vehicle.thrust_scale_sigma > 0 else 0.0)
     against = ""
-    if _chance(found.chi_square, found.freedom) < RARE:
+    if chance(found.chi_square, found.freedom) < RARE:
         against = (
             f"mass and place stated by --added do not fit the logs (chi-square {found.chi_square:.4g} of {found.freedom}): check its mass, "
             "its position from O in body axes, and that nothing else was changed"
@@ -196,22 +197,14 @@ def _contradictions(parts: Sequence[Part], found: Joint) -> list[str]:
             said += f", which pulls {', '.join(along)} away from it" if along else ""
             notes.append(f"{said}; was the vehicle the same?")
     for part, (chi_square, freedom) in zip(parts, found.alone, strict=False):
-        if _chance(chi_square, freedom) < RARE:
+        if chance(chi_square, freedom) < RARE:
             notes.append(
                 f"{part.label} does not fit the body of the others together (chi-square {chi_square:.4g} of {freedom}); was the vehicle "
                 "the same?"
             )
-    chance = _chance(found.chi_square, found.freedom)
-    if not notes and chance < CHANCE:
+    if not notes and chance(found.chi_square, found.freedom) < CHANCE:
         notes.append(f"the results scatter more than their sigmas allow (chi-square {found.chi_square:.4g} of {found.freedom})")
     return notes
-
-
-def _chance(chi_square: float, freedom: int) -> float:
-    """Of as much or more, by chance alone."""
-    from scipy.special import gammaincc
-
-    return float(gammaincc(freedom / 2, chi_square / 2)) if freedom > 0 else 1.0
 
 
 def _estimate(i: int, quantity: str, of: Gathered) -> Estimate:
@@ -226,7 +219,7 @@ def _estimate(i: int, quantity: str, of: Gathered) -> Estimate:
     verdict, reason = _verdict(own, sigma, size)
     off = [max(abs(apart[i]), abs(pulled[i])) for apart, pulled in zip(found.apart, found.pulled, strict=True)]
     bad = [part.label for part, z in zip(parts, off, strict=True) if z > BEYOND]
-    bad += [part.label for part, alone in zip(parts, found.alone, strict=False) if _chance(*alone) < RARE]
+    bad += [part.label for part, alone in zip(parts, found.alone, strict=False) if chance(*alone) < RARE]
     odd = found.strange or [True] * len(parts)  # what one log's own fit didn't explain, the others' body may
     bad += [part.label for part, one, may in zip(parts, own, odd, strict=True) if one == "contradicted" and may]
     if of.against:

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array, triangle_of
+from massprop_cli.base.chance import chance
 from massprop_cli.estimate.discrepancy import posed_segments
 from massprop_cli.estimate.pivot import about_pivot
 from massprop_cli.estimate.quantities import MOMENTS, quantities
@@ -43,9 +44,7 @@ class SegmentPrediction(NamedTuple):
     @property
     def p(self) -> float:
         """Chance of as large a difference."""
-        from scipy.special import gammaincc
-
-        return float(gammaincc(self.freedom / 2, self.chi_square / 2)) if self.freedom else 1.0
+        return chance(self.chi_square, self.freedom)
 
 
 class CrossValidation(NamedTuple):

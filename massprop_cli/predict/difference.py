@@ -22,6 +22,7 @@ import numpy as np
 
 from massprop_cli import ABOUT_PIVOT, QUANTITIES
 from massprop_cli.base.arrays import Array, IntArray
+from massprop_cli.base.chance import chance
 from massprop_cli.base.errors import InputError
 from massprop_cli.combine.joint import Piece, is_body, linear
 from massprop_cli.combine.phase import piece
@@ -63,9 +64,7 @@ class Compared(NamedTuple):
     @property
     def p(self) -> float:
         """Chance of as large a difference."""
-        from scipy.special import gammaincc
-
-        return float(gammaincc(self.freedom / 2, self.chi_square / 2))
+        return chance(self.chi_square, self.freedom)
 
 
 def compared(first: tuple[VehicleInfo, PhaseItem], second: tuple[VehicleInfo, PhaseItem]) -> Compared:

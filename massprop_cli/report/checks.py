@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from massprop_cli.base.chance import limit
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.result.schema import CrossValidationItem, Delay, Innovations, Lag
 
@@ -38,13 +39,10 @@ class StatisticCheck:
 
 def cross_validation(found: CrossValidationItem) -> list[StatisticCheck]:
     """Chi-square of each segment against the prediction by all others, and its limit at the level that is shared out over the segments."""
-    from scipy.special import gammainccinv
-
     share, checks = (1 - found.level) / len(found.segments), list[StatisticCheck]()
     for one in found.segments:
-        limit = 2 * float(gammainccinv(one.freedom / 2, share)) if one.freedom else 0.0
         what = f"chi-square of {one.start_s:.4g} to {one.end_s:.4g} s, predicted from the rest of the phase"
-        checks.append(StatisticCheck(what, one.chi_square, float(one.freedom), max(limit - one.freedom, 0.0)))
+        checks.append(StatisticCheck(what, one.chi_square, float(one.freedom), max(limit(share, one.freedom) - one.freedom, 0.0)))
     return checks
 
 
