@@ -7,7 +7,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, FiniteFloat, JsonValue, model_validator
 
@@ -41,56 +41,50 @@ def _numbers_too(schema: dict[str, Any]) -> None:
         schema["properties"][name]["anyOf"].insert(0, {"type": "number"})
 
 
-class ExpectedBody(Section, json_schema_extra=_numbers_too):
-    """What is expected of one body: any of the ten quantities."""
+class ExpectedInertia(Section, json_schema_extra=_numbers_too):
+    """What is expected of an inertia, and of the ``NAMES`` beside it."""
 
-    poi_convention: Convention | None = Field(None, description="sign of the products here; absent: the file's")
-    tolerance: Stated | None = Field(None, description="of quantities here without one of their own; absent: the file's")
+    NAMES: ClassVar[tuple[str, ...]] = ()
+
+    tolerance: Stated | None = Field(None, description="of quantities here without one of their own; absent: that of what is around it")
     ixx: Quantity | None = None
     ixy: Quantity | None = None
     ixz: Quantity | None = None
     iyy: Quantity | None = None
     iyz: Quantity | None = None
     izz: Quantity | None = None
+
+    @property
+    def quantities(self) -> dict[str, Quantity]:
+        """Those that are expected."""
+        return {name: getattr(self, name) for name in self.NAMES if getattr(self, name) is not None}
+
+    @model_validator(mode="after")
+    def _fits_units(self) -> Self:
+        check_units({name: quantity.tolerance for name, quantity in self.quantities.items()}, self.tolerance)
+        return self
+
+
+class ExpectedBody(ExpectedInertia):
+    """What is expected of one body: any of the ten quantities."""
+
+    NAMES = QUANTITIES
+
+    poi_convention: Convention | None = Field(None, description="sign of the products here; absent: the file's")
     cg_x: Quantity | None = None
     cg_y: Quantity | None = None
     cg_z: Quantity | None = None
     mass: Quantity | None = None
 
-    @property
-    def quantities(self) -> dict[str, Quantity]:
-        """Those that are expected."""
-        return {name: getattr(self, name) for name in QUANTITIES if getattr(self, name) is not None}
 
-    @model_validator(mode="after")
-    def _fits_units(self) -> Self:
-        check_units({name: quantity.tolerance for name, quantity in self.quantities.items()}, self.tolerance)
-        return self
-
-
-class ExpectedPivot(Section, json_schema_extra=_numbers_too):
+class ExpectedPivot(ExpectedInertia):
     """What is expected about the pivot: any of ``about_pivot``'s nine values."""
 
-    tolerance: Stated | None = Field(None, description="of quantities here without one of their own; absent: the body's")
-    ixx: Quantity | None = None
-    ixy: Quantity | None = None
-    ixz: Quantity | None = None
-    iyy: Quantity | None = None
-    iyz: Quantity | None = None
-    izz: Quantity | None = None
+    NAMES = ABOUT_PIVOT
+
     moment_x: Quantity | None = None
     moment_y: Quantity | None = None
     moment_z: Quantity | None = None
-
-    @property
-    def quantities(self) -> dict[str, Quantity]:
-        """Those that are expected."""
-        return {name: getattr(self, name) for name in ABOUT_PIVOT if getattr(self, name) is not None}
-
-    @model_validator(mode="after")
-    def _fits_units(self) -> Self:
-        check_units({name: quantity.tolerance for name, quantity in self.quantities.items()}, self.tolerance)
-        return self
 
 
 class PivotedBody(ExpectedBody):

@@ -6,7 +6,7 @@ would read as the value that an expect file has there.
 
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, PlainValidator, model_validator
 
@@ -28,24 +28,22 @@ def _text(given: object) -> Tolerance:
 Text = Annotated[Tolerance | None, PlainValidator(_text, json_schema_input_type=str)]
 
 
-class Limits(Section):
-    """What is allowed of one body's quantities."""
+class InertiaLimits(Section):
+    """What is allowed of an inertia, and of the ``NAMES`` beside it."""
 
-    tolerance: Text = Field(None, description="of the quantities that are not named here")
+    NAMES: ClassVar[tuple[str, ...]] = ()
+
+    tolerance: Text = Field(None, description="of the quantities that are not named here; absent: that of what is around it")
     ixx: Text = None
     ixy: Text = None
     ixz: Text = None
     iyy: Text = None
     iyz: Text = None
     izz: Text = None
-    cg_x: Text = None
-    cg_y: Text = None
-    cg_z: Text = None
-    mass: Text = None
 
     @model_validator(mode="after")
     def _fits_units(self) -> Self:
-        check_units({name: getattr(self, name) for name in QUANTITIES}, self.tolerance)
+        check_units({name: getattr(self, name) for name in self.NAMES}, self.tolerance)
         return self
 
     def of(self, quantity: str) -> Tolerance | None:
@@ -54,24 +52,25 @@ class Limits(Section):
         return own or self.tolerance
 
 
-class AboutPivotLimits(Section):
+class Limits(InertiaLimits):
+    """What is allowed of one body's quantities."""
+
+    NAMES = QUANTITIES
+
+    cg_x: Text = None
+    cg_y: Text = None
+    cg_z: Text = None
+    mass: Text = None
+
+
+class AboutPivotLimits(InertiaLimits):
     """What is allowed about the pivot."""
 
-    tolerance: Text = Field(None, description="of the quantities that are not named here; absent: the body's")
-    ixx: Text = None
-    ixy: Text = None
-    ixz: Text = None
-    iyy: Text = None
-    iyz: Text = None
-    izz: Text = None
+    NAMES = ABOUT_PIVOT
+
     moment_x: Text = None
     moment_y: Text = None
     moment_z: Text = None
-
-    @model_validator(mode="after")
-    def _fits_units(self) -> Self:
-        check_units({name: getattr(self, name) for name in ABOUT_PIVOT}, self.tolerance)
-        return self
 
 
 class PivotedLimits(Limits):
@@ -82,10 +81,7 @@ class PivotedLimits(Limits):
     def of(self, quantity: str) -> Tolerance | None:
         """Of a quantity, those about the pivot with a prefix before their names."""
         name = quantity.removeprefix(expect.PIVOT)
-        if name == quantity:
-            return super().of(quantity)
-        own: Tolerance | None = getattr(self.about_pivot, name)
-        return own or self.about_pivot.tolerance or self.tolerance
+        return super().of(quantity) if name == quantity else self.about_pivot.of(name) or self.tolerance
 
 
 class PhaseLimits(PivotedLimits):
