@@ -38,7 +38,8 @@ def test_wheels_that_are_logged_backwards_are_named_where_nothing_is_told() -> N
     turns = 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], every_cycles=5, max_cycles=4, start_s=0.0, end_s=20.0}]'
     flown = fly("wheels", "duration_s=20.0", turns, seeds=(1,))
     log, source = flown.log(0), VehicleSource(flown.vehicle, "", "")
-    other = flow.examine(replace(log, spinning=tuple(said.times(-1.0) for said in log.spinning)), source)
+    backwards = tuple(WheelLog(-np.asarray(one.speed_rad_s), None, None) for one in log.spinning if isinstance(one, WheelLog))
+    other = flow.examine(replace(log, spinning=backwards), source)
     assert not any(one.verdict == "converged" for one in other.conclusions[0].estimates.values())
     assert [notice.code for notice in other.notices] == ["command-sign"]
     assert flow.examine(log, source).notices == ()

@@ -54,28 +54,18 @@ class Case(NamedTuple):
         return Setup(self.log, self.vehicle, self.timing)
 
 
-class Actuators(NamedTuple):
-    """Columns of momentum devices that are times a factor, or of rotors that are one another's."""
+class RotorColumns(NamedTuple):
+    """Columns of rotors that are one another's."""
 
     names: tuple[str, ...]
     """The contract's, of all of them."""
-    factors: tuple[float, ...] = ()
-    """On what devices have logged; empty: none."""
-    order: tuple[int, ...] = ()
-    """Of which column each rotor is read; empty: of its own."""
+    order: tuple[int, ...]
+    """Of which column each rotor is read."""
 
     @property
     def rows(self) -> Matrix:
         """Factors on columns, a row each."""
-        return (
-            _diagonal(self.factors) if self.factors else tuple(tuple(float(i == at) for i in range(len(self.order))) for at in self.order)
-        )
-
-    def log(self, log: Log) -> Log:
-        """A log as it is read so."""
-        if self.order:
-            return replace(log, command=log.command[:, list(self.order)])
-        return replace(log, spinning=tuple(one.times(factor) for one, factor in zip(log.spinning, self.factors, strict=True)))
+        return tuple(tuple(float(i == at) for i in range(len(self.order))) for at in self.order)
 
 
 @dataclass(frozen=True)
@@ -88,8 +78,8 @@ class Correction:
     accelerometer: Matrix = ()
     command: tuple[float, ...] = ()
     """On each component of a commanded wrench; empty: none."""
-    actuators: Actuators | None = None
-    """What columns of wheels or rotors are read instead."""
+    rotors: RotorColumns | None = None
+    """Which columns of rotors are read instead."""
 
     @property
     def by_keys(self) -> bool:
@@ -124,12 +114,12 @@ class Correction:
             tuple(a * b for a, b in zip(self.command, other.command, strict=True))
             if self.command and other.command
             else self.command or other.command,
-            other.actuators or self.actuators,
+            other.rotors or self.rotors,
         )
 
     def log(self, log: Log) -> Log:
         """The log as it is after the correction's factors."""
-        log = log if self.actuators is None else self.actuators.log(log)
+        log = log if self.rotors is None else replace(log, command=log.command[:, list(self.rotors.order)])
         return replace(
             log,
             delta_theta_imu_rad=log.delta_theta_imu_rad @ np.array(self.gyro).T if self.gyro else log.delta_theta_imu_rad,
@@ -141,7 +131,7 @@ class Correction:
         """The keys that correct units, signs, order and scale of the log's own columns; nothing for a sensor that takes more than that."""
         settings: list[str] = []
         turns = [(log.rate_columns, self.gyro), (log.force_columns, self.accelerometer), (WRENCH, _diagonal(self.command))]
-        turns += [] if self.actuators is None else [(self.actuators.names, self.actuators.rows)]
+        turns += [] if self.rotors is None else [(self.rotors.names, self.rotors.rows)]
         for names, turn in turns:
             if all(sum(value != 0 for value in row) == 1 for row in turn):
                 settings += [_column(columns, name, names, row) for name, row in zip(names, turn, strict=False)]

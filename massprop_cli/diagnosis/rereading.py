@@ -1,8 +1,8 @@
 """Other ways to read a log's columns, each tested by an off-line fit of its own.
 
 Where no hypothesis (:mod:`massprop_cli.diagnosis.hypotheses`) explains the log of wheels, gyros or rotors, each of a few readings is
-fitted as the log is estimated: the IMU in other units, wheels with another sign or unit, rotors that have
-one another's columns. A reading is named where the log fits under it alone.
+fitted as the log is estimated: the IMU in other units, and rotors that have one another's columns in any order. A reading is named where
+the log fits under it alone.
 
 Which rotor a column is, its own answer tells. With growth b of the rate and a of the specific force per newton, of regressions on all
 columns, the rotor of wrench (τ, F) about O has, with inertia I, CG c, mass m and an IMU at p,
@@ -24,13 +24,12 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import cross
 from massprop_cli.diagnosis import segment
-from massprop_cli.diagnosis.corrections import Actuators, Correction
+from massprop_cli.diagnosis.corrections import Correction, RotorColumns
 from massprop_cli.diagnosis.diagnose import EVEN, Diagnosis, Explanation
 from massprop_cli.diagnosis.hypotheses import other_units
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.wording import IN_MAP, IN_VEHICLE_FILE
 from massprop_cli.estimate import phases
-from massprop_cli.inputs.actuators.wheel import Wheel
 from massprop_cli.inputs.columns import DELTA_THETA
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Phase
@@ -49,12 +48,11 @@ LONGEST = 400
 """Cycles that readings are fitted to."""
 ORDERS, EVERY = 4, 7
 """Orders of rotors that are fitted; rotors up to which every order is compared, of more only two or three that are exchanged."""
-SPEEDS = ((np.pi / 30, "rpm"), (np.pi / 180, "degrees per second"), (2 * np.pi, "revolutions per second"))
 TINY, SAME = 1e-300, 1e-9
 """Below which a number is none; part of the largest singular value below which columns are the same."""
 
 
-class Reading(NamedTuple):
+class ColumnReading(NamedTuple):
     """How a log may have to be read."""
 
     code: str
@@ -72,7 +70,7 @@ def reread(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[tuple[P
     some, case = _Case(part, vehicle, timing, (phase, cycles)), _Case(log, vehicle, timing, (phase, whole))
     stated = some.look(Correction(), roughly=True).cost
     each = [(some.look(one.correction, roughly=True).cost + one.rare, i, one) for i, one in enumerate(_readings(case))]
-    likely: list[tuple[float, int, Reading]] = []
+    likely: list[tuple[float, int, ColumnReading]] = []
     for cost, i, reading in sorted(each)[:FINALISTS]:
         look = case.look(reading.correction) if cost < stated - CLEAR else NOTHING
         likely += [(look.cost + reading.rare, i, reading)] if look.fits else []
@@ -117,47 +115,24 @@ class _Case(NamedTuple):
         return _Look(cost, bool((variance < FITS + CHANCE * np.sqrt(2 / left.count)).all()))
 
 
-def _readings(case: _Case) -> Iterator[Reading]:
+def _readings(case: _Case) -> Iterator[ColumnReading]:
     log, vehicle, timing, (_, cycles) = case
     yield from _other_units(log)
-    yield from _other_speeds(log, vehicle)
     if log.command_kind == "rotors":
         yield from _other_orders(log, vehicle, timing, cycles)
 
 
-def _other_units(log: Log) -> Iterator[Reading]:
+def _other_units(log: Log) -> Iterator[ColumnReading]:
     where = IN_VEHICLE_FILE if log.made is None else IN_MAP
     record_s = float(log.interval_s.mean())
     for unit in other_units(record_s, log.rate_columns == DELTA_THETA):
         factors = [tuple(map(tuple, np.diag(1 / own).tolist())) if (own != 1).any() else () for own in (unit.gyro, unit.accelerometer)]
         by = " and ".join(dict.fromkeys(f"{1 / one:.6g}" for one in (*unit.gyro, *unit.accelerometer) if one != 1))
         words = f"its {unit.words}; correct the log, or scale its columns {where} ({by})"
-        yield Reading(unit.code, words, Correction(gyro=factors[0], accelerometer=factors[1]), unit.rare)
+        yield ColumnReading(unit.code, words, Correction(gyro=factors[0], accelerometer=factors[1]), unit.rare)
 
 
-def _other_speeds(log: Log, vehicle: Resolved) -> Iterator[Reading]:
-    """Wheels with the other sign, one or all, or all in another unit."""
-    devices = vehicle.spinning
-    if not devices or not all(isinstance(one, Wheel) for one in devices):
-        return
-    names = tuple(next(c for c in one.COLUMNS if c.key == one.column).of(one.name) for one in vehicle.wheels)
-    where, signs = IN_VEHICLE_FILE if log.made is None else IN_MAP, np.ones(len(names))
-    mend = "reverse the sign of its column, or its axis"
-    for i, device in enumerate(devices):
-        correction = Correction(actuators=Actuators(names, tuple(np.where(np.arange(len(names)) == i, -1.0, signs).tolist())))
-        yield Reading("command-sign", f"wheel {device.name} turns opposite to its log; {mend}", correction)
-    yield Reading(
-        "command-sign",
-        "all wheels turn opposite to their log; reverse the sign of their columns, or their axes",
-        Correction(actuators=Actuators(names, tuple((-signs).tolist()))),
-    )
-    if all(one.column == "speed" for one in vehicle.wheels):
-        for factor, unit in SPEEDS:
-            words = f"speeds of wheels are in {unit}, not rad/s; scale their columns {where} ({factor:.6g})"
-            yield Reading("column-kind", words, Correction(actuators=Actuators(names, tuple((factor * signs).tolist()))))
-
-
-def _other_orders(log: Log, vehicle: Resolved, timing: Timing, cycles: slice) -> Iterator[Reading]:
+def _other_orders(log: Log, vehicle: Resolved, timing: Timing, cycles: slice) -> Iterator[ColumnReading]:
     """Orders of the rotors in which their columns' own answers leave least."""
     names = tuple(next(c for c in one.COLUMNS if c.key == one.column).of(one.name) for one in vehicle.rotors)
     answers = _answers(log, vehicle, timing, cycles)
@@ -173,7 +148,7 @@ def _other_orders(log: Log, vehicle: Resolved, timing: Timing, cycles: slice) ->
             continue
         order = tuple(int(does.index(i)) for i in range(len(does)))
         said = "; ".join(f"column {names[i]} belongs to rotor {vehicle.rotors[does[i]].name}" for i in moved)
-        yield Reading("actuators-swapped", f"{said}; swap wires, columns or entries", Correction(actuators=Actuators(names, order=order)))
+        yield ColumnReading("actuators-swapped", f"{said}; swap wires, columns or entries", Correction(rotors=RotorColumns(names, order)))
 
 
 def _orders(count: int) -> Array:

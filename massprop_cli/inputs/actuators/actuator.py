@@ -218,9 +218,6 @@ class MomentumLog(Protocol):
     def part(self, rows: slice) -> Self:
         """Of some records; ValueError where it is integrated."""
 
-    def times(self, factor: float) -> Self:
-        """With so many times what was logged, as in another unit or with the other sign."""
-
 
 def called(devices: Sequence[MomentumDevice]) -> str:
     """What a sentence calls all of them: wheels, say."""

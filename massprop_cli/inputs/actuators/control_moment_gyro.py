@@ -202,8 +202,3 @@ class GyroLog:
         speed, last = self.speed_rad_s, rows.start - 1
         before = (float(self.angle_rad[last]), 0.0 if speed is None else float(speed[last])) if rows.start else self.before
         return replace(self, angle_rad=self.angle_rad[rows], speed_rad_s=None if speed is None else speed[rows], before=before)
-
-    def times(self, factor: float) -> Self:
-        """With so many times the gimbal's angle, as in another unit or turned the other way."""
-        before = None if self.before is None else (factor * self.before[0], self.before[1])
-        return replace(self, angle_rad=factor * self.angle_rad, before=before)

@@ -256,13 +256,3 @@ class WheelLog:
             raise ValueError("the speed of a wheel whose torque was logged follows from its whole log")
         before = float(self.speed_rad_s[rows.start - 1]) if rows.start else self.start_rad_s
         return replace(self, speed_rad_s=self.speed_rad_s[rows], start_rad_s=before)
-
-    def times(self, factor: float) -> Self:
-        """With so many times what was logged, as in another unit or with the other sign."""
-        speed, torque, start = self.speed_rad_s, self.torque_n_m, self.start_rad_s
-        return replace(
-            self,
-            speed_rad_s=None if speed is None else factor * speed,
-            torque_n_m=None if torque is None else factor * torque,
-            start_rad_s=None if start is None else factor * start,
-        )
