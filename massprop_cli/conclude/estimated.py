@@ -28,7 +28,7 @@ from massprop_cli.prepare.actuators import along_one_line, always_together, chan
 from massprop_cli.prepare.timing import Timing
 
 if TYPE_CHECKING:
-    from massprop_cli.diagnosis.diagnose import Diagnosis
+    from massprop_cli.diagnosis.explanation import Diagnosis
 
 
 UNITS = {"gyro-units", "accel-units", "column-kind"}

@@ -15,13 +15,12 @@ from itertools import chain, islice
 
 import numpy as np
 
-from massprop_cli.base.dataclass import dataclass
-from massprop_cli.diagnosis import UNKNOWN, change, delay, hypotheses
+from massprop_cli.diagnosis import change, delay, hypotheses
 from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted, fitted
-from massprop_cli.diagnosis.corrections import Case, Correction, around, correction_of, skewed
-from massprop_cli.diagnosis.delay import FoundTiming, near
+from massprop_cli.diagnosis.corrections import Case, Correction, around, correction_of
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.episode import episodes
+from massprop_cli.diagnosis.explanation import Diagnosis, Explanation, by_wander, chosen, fitting_causes
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.phaseboundary import border
 from massprop_cli.diagnosis.ranking import CLEAR
@@ -32,7 +31,7 @@ from massprop_cli.diagnosis.search import codes, same, searched
 from massprop_cli.diagnosis.wording import ABSENT, DEAD, UNANSWERED, alone, words_of
 from massprop_cli.errorparameters.table import PRIORS
 from massprop_cli.estimate.initial import first_reference
-from massprop_cli.inputs.telemetry import JITTER, Log, Notice, jitter
+from massprop_cli.inputs.telemetry import JITTER, Log, jitter
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.timing import Timing
 
@@ -57,44 +56,6 @@ NOTHING = 0.5
 ANSWERED = 30.0
 """Sigmas of chance by which a motion follows commands, at least: those that moved a vehicle, however wrongly stated, make hundreds, those
 of another recording six, and shifted by some cycles 20."""
-NEARLY = 4.6
-"""−2 log of the odds (1 : 10) below which of two kinds neither is named."""
-EVEN = 6.0
-"""−2 log of the odds (1 : 20) below which two of a kind are named side by side."""
-
-
-@dataclass(frozen=True)
-class Explanation:
-    """A cause that has a name."""
-
-    code: str
-    message: str
-    correction: Correction | None
-    """None where neither the vehicle file's keys nor factors on the log's columns correct it."""
-    change_s: float | None = None
-    """When the mass properties changed at once, if that is what is supposed."""
-    around: tuple[Correction, ...] = ()
-    """The correction with each of its unknowns one sigma further on, and with the gyro's axes out of square where they may be."""
-    rivals: tuple[Correction, ...] = ()
-    """Of causes that can't be ruled out."""
-
-    @property
-    def notice(self) -> Notice:
-        """For the reader."""
-        return Notice(self.code, self.message)
-
-
-@dataclass(frozen=True)
-class Diagnosis:
-    """What was found: several causes are wrong together."""
-
-    explanations: tuple[Explanation, ...] = ()
-    detected: FoundTiming | None = None
-    """What the log says of the command delay, if that is the cause."""
-    unknown: str = ""
-    """Where log and vehicle file don't fit and nothing explains it: what was tried."""
-    score: float = -np.inf
-    """Of what is named: −2 log likelihood, with its price."""
 
 
 def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice]) -> Diagnosis:
@@ -121,10 +82,10 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     if rarely and not any(map(_whole, alone)):
         return Diagnosis(unknown=rarely)
     wandering = beside_a_torque(screening)
-    found = _instead(screening, alone, wandering) or _chosen(screening, alone)
+    found = _instead(screening, alone, wandering) or chosen(screening, alone)
     found = found if any(map(_whole, alone)) else _for_a_time(screening, screenings, found)
     # a torque that wanders may explain it too, or with what goes with it
-    with_it = [refit.score for refit in alone if refit.fits and _by_wander(refit, screening)]
+    with_it = [refit.score for refit in alone if refit.fits and by_wander(refit, screening)]
     least = min([wandering.cost, *with_it]) - CLEAR
     moved = wandering.free.answered > ANSWERED
     for search in () if wandering.close and moved else _further(screening, alone, wandering, least):
@@ -136,7 +97,7 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     at = next((placed for one in screenings if (placed := border(one, float(log.time_s[-1]))) is not None), None)
     if at is not None:  # all the rest needs no torque that wanders
         return Diagnosis((Explanation("phase-border", at.words, at.correction),))
-    if screening.fits and (units := _chosen(screening, by_noise(screening))) is not None:
+    if screening.fits and (units := chosen(screening, by_noise(screening))) is not None:
         return units
     if not moved and screening.loud:
         return Diagnosis(unknown=UNANSWERED)
@@ -197,37 +158,12 @@ def _turned(screening: Screening) -> list[Refit]:
     return [refit for found in screening.upright if (refit := tried(screening, found)) is not None]
 
 
-def _chosen(screening: Screening, refits: Sequence[Refit]) -> Diagnosis | None:
-    """The most likely of those with which the log fits."""
-    fitting = _likeliest(screening, refits)
-    if not fitting:
-        return None
-    rivals = [refit for refit in fitting[1:] if refit.score < fitting[0].score + CLEAR]
-    first = fitting[0]
-    detected = None
-    if first.fitted.hypothesis.code == "delay-mismatch":
-        before, after = screening.misfit, float(first.fitted.chi_square.sum() / screening.freedom)
-        by = first.case.timing.delay - screening.case.timing.delay
-        detected = near(screening.case.timing, by, float(first.fitted.spread[0]), before, after)
-    return Diagnosis(_explained(screening, first, rivals), detected, score=first.score)
-
-
-def _likeliest(screening: Screening, refits: Sequence[Refit]) -> list[Refit]:
-    """Those with which the log fits, but for rivals of what doesn't; these come last where they are too faint to be named themselves."""
-    fitting = [
-        (screening.ranked.faint(refit.fitted.hypothesis), refit) for refit in refits if refit.fits and not _by_wander(refit, screening)
-    ]
-    if all(faint for faint, _ in fitting):
-        return []
-    return [refit for _, refit in sorted(fitting, key=lambda one: (one[0], one[1].score))]
-
-
 def _instead(screening: Screening, alone: Sequence[Refit], whole: Screening) -> Diagnosis | None:
     """What the most likely of single causes may stand for: it hides what is further off than a small step leads to.
 
     A turned gyro for a delay of cycles, where a torque or more noise is left than is stated; a slow change of the body for one at once.
     """
-    best = next(iter(_likeliest(screening, alone)), None)
+    best = next(iter(fitting_causes(screening, alone)), None)
     if best is None:
         return None
     if best.screening is not None and (best.screening.free.beside or best.screening.noisy):
@@ -236,12 +172,6 @@ def _instead(screening: Screening, alone: Sequence[Refit], whole: Screening) -> 
     if "fuel-use" in codes(best):
         return _changed(screening, whole, max(float(best.fitted.chi_square.sum()) - screening.freedom, 0.0))
     return None
-
-
-def _by_wander(refit: Refit, screening: Screening) -> bool:
-    """Whether it goes with a torque that wanders: its mean, its part along the rate, or what the accelerometer feels of it."""
-    beside = (refit.screening or screening).free.beside
-    return bool(codes(refit) & {"gyro-bias", "accel-bias", "steady-torque", "rate-torque"}) and any(one.walk > 0 for one in beside)
 
 
 def _much_later(screening: Screening) -> Diagnosis | None:
@@ -256,7 +186,7 @@ def _much_later(screening: Screening) -> Diagnosis | None:
     supposed = Hypothesis("delay-mismatch", (), hypotheses.along(screening.model, ("delay", np.ones(1))))
     begun = Fitted(supposed, screening.model, x, screening.stated.chi_square, np.zeros(1))
     refit = refined(screening, begun, screening.case._replace(timing=timing._replace(delay=at.delay)))
-    return None if refit is None else _chosen(screening, [refit])
+    return None if refit is None else chosen(screening, [refit])
 
 
 def _lowpassed(screening: Screening) -> Diagnosis | None:
@@ -269,48 +199,7 @@ def _lowpassed(screening: Screening) -> Diagnosis | None:
         begun = Fitted(supposed, screening.model, x, screening.stated.chi_square, np.zeros(1))
         refit = helped(screening, begun)
         refits += [] if refit is None else [refit]
-    return _chosen(screening, refits)
-
-
-def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = ()) -> tuple[Explanation, ...]:
-    """In words, with the settings that correct it: one for each of two causes at once.
-
-    What a rival that is nearly as likely has not got is not named.
-    """
-    said = _said(screening, refit)
-    message, beside, sure = _joined(said), [], [code for code, _ in said]
-    for rival in rivals:
-        its = _said(screening, rival)
-        if _subjects(rival) == _subjects(refit) and sorted(code for code, _ in its) == sorted(code for code, _ in said):
-            continue  # the same, found from elsewhere
-        if [code for code, _ in its] == [code for code, _ in said] and rival.score < refit.score + EVEN:
-            message += f", or else {_joined(its)}"
-        else:
-            beside.append(f"{_joined(its)} (odds {np.exp((refit.score - rival.score) / 2):.2g} to 1)")
-            sure = [code for code in sure if code in dict(its) or rival.score > refit.score + NEARLY]
-    message = f"the log fits if {message}"
-    if beside:
-        message += "; rivals that the log can't rule out: " + "; or ".join(beside[:2])
-    if not sure:
-        message = f"log and vehicle file don't fit, cause unknown: {message}"
-    others = (correction_of(screening.case, rival.case, rival.fitted) for rival in rivals)
-    correction = correction_of(screening.case, refit.case, refit.fitted)
-    near = (*around(screening.case, refit.fitted, screening.free.fired), *skewed(correction, refit.fitted))
-    instead = tuple(other for other in others if other is not None)
-    return tuple(Explanation(code, message, correction, around=near, rivals=instead) for code in sure or [UNKNOWN])
-
-
-def _said(screening: Screening, refit: Refit) -> list[tuple[str, str]]:
-    """(code, words) of each cause."""
-    return [words_of(part, screening.names, screening.case, refit.case) for part in refit.fitted.parts]
-
-
-def _joined(said: Sequence[tuple[str, str]]) -> str:
-    return ", and ".join(words for _, words in said) + " as well" * (len(said) > 1)
-
-
-def _subjects(refit: Refit) -> list[tuple[str, ...]]:
-    return sorted(part.hypothesis.subject for part in refit.fitted.parts)
+    return chosen(screening, refits)
 
 
 def _changed(screening: Screening, whole: Screening, less_than: float = np.inf) -> Diagnosis | None:
@@ -366,7 +255,7 @@ def _pair(screening: Screening, alone: Sequence[Refit], worst: float) -> Diagnos
         # where a pair leaves no more than chance, what is about a channel may still be about it otherwise, or about another
         if (i > 0 or part.unknowns) and not (exact and screening.model.channel(part.hypothesis) is not None):
             together += beside(corrected_alone(screening, part), together)
-    return _chosen(screening, together)
+    return chosen(screening, together)
 
 
 def _beside(screening: Screening, first: Refit | None, others: Sequence[Refit], worst: float) -> list[Refit]:
@@ -383,7 +272,7 @@ def _beside(screening: Screening, first: Refit | None, others: Sequence[Refit], 
 
 def _swapped(screening: Screening) -> Diagnosis | None:
     """Actuators of a kind, each of which does what is stated of another."""
-    return _chosen(screening, _wired(screening))
+    return chosen(screening, _wired(screening))
 
 
 def _wired(screening: Screening) -> list[Refit]:

@@ -25,7 +25,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import cross
 from massprop_cli.diagnosis import segment
 from massprop_cli.diagnosis.corrections import Correction, RotorColumns
-from massprop_cli.diagnosis.diagnose import EVEN, Diagnosis, Explanation
+from massprop_cli.diagnosis.explanation import EVEN, Diagnosis, Explanation
 from massprop_cli.diagnosis.hypotheses import other_units
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.wording import IN_MAP, IN_VEHICLE_FILE

@@ -1,0 +1,129 @@
+"""What is said of the causes with which a log fits: the most likely one, its rivals, and the settings that correct it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from massprop_cli.base.dataclass import dataclass
+from massprop_cli.diagnosis import UNKNOWN
+from massprop_cli.diagnosis.corrections import Correction, around, correction_of, skewed
+from massprop_cli.diagnosis.delay import FoundTiming, near
+from massprop_cli.diagnosis.ranking import CLEAR
+from massprop_cli.diagnosis.refit import Refit
+from massprop_cli.diagnosis.screening import Screening
+from massprop_cli.diagnosis.search import codes
+from massprop_cli.diagnosis.wording import words_of
+from massprop_cli.inputs.telemetry import Notice
+
+NEARLY = 4.6
+"""−2 log of the odds (1 : 10) below which of two kinds neither is named."""
+EVEN = 6.0
+"""−2 log of the odds (1 : 20) below which two of a kind are named side by side."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A cause that has a name."""
+
+    code: str
+    message: str
+    correction: Correction | None
+    """None where neither the vehicle file's keys nor factors on the log's columns correct it."""
+    change_s: float | None = None
+    """When the mass properties changed at once, if that is what is supposed."""
+    around: tuple[Correction, ...] = ()
+    """The correction with each of its unknowns one sigma further on, and with the gyro's axes out of square where they may be."""
+    rivals: tuple[Correction, ...] = ()
+    """Of causes that can't be ruled out."""
+
+    @property
+    def notice(self) -> Notice:
+        """For the reader."""
+        return Notice(self.code, self.message)
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found: several causes are wrong together."""
+
+    explanations: tuple[Explanation, ...] = ()
+    detected: FoundTiming | None = None
+    """What the log says of the command delay, if that is the cause."""
+    unknown: str = ""
+    """Where log and vehicle file don't fit and nothing explains it: what was tried."""
+    score: float = -np.inf
+    """Of what is named: −2 log likelihood, with its price."""
+
+
+def chosen(screening: Screening, refits: Sequence[Refit]) -> Diagnosis | None:
+    """The most likely of those with which the log fits."""
+    fitting = fitting_causes(screening, refits)
+    if not fitting:
+        return None
+    rivals = [refit for refit in fitting[1:] if refit.score < fitting[0].score + CLEAR]
+    first = fitting[0]
+    detected = None
+    if first.fitted.hypothesis.code == "delay-mismatch":
+        before, after = screening.misfit, float(first.fitted.chi_square.sum() / screening.freedom)
+        by = first.case.timing.delay - screening.case.timing.delay
+        detected = near(screening.case.timing, by, float(first.fitted.spread[0]), before, after)
+    return Diagnosis(_explained(screening, first, rivals), detected, score=first.score)
+
+
+def fitting_causes(screening: Screening, refits: Sequence[Refit]) -> list[Refit]:
+    """Those with which the log fits, but for rivals of what doesn't; these come last where they are too faint to be named themselves."""
+    fitting = [
+        (screening.ranked.faint(refit.fitted.hypothesis), refit) for refit in refits if refit.fits and not by_wander(refit, screening)
+    ]
+    if all(faint for faint, _ in fitting):
+        return []
+    return [refit for _, refit in sorted(fitting, key=lambda one: (one[0], one[1].score))]
+
+
+def by_wander(refit: Refit, screening: Screening) -> bool:
+    """Whether it goes with a torque that wanders: its mean, its part along the rate, or what the accelerometer feels of it."""
+    beside = (refit.screening or screening).free.beside
+    return bool(codes(refit) & {"gyro-bias", "accel-bias", "steady-torque", "rate-torque"}) and any(one.walk > 0 for one in beside)
+
+
+def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = ()) -> tuple[Explanation, ...]:
+    """In words, with the settings that correct it: one for each of two causes at once.
+
+    What a rival that is nearly as likely has not got is not named.
+    """
+    said = _said(screening, refit)
+    message, beside, sure = _joined(said), [], [code for code, _ in said]
+    for rival in rivals:
+        its = _said(screening, rival)
+        if _subjects(rival) == _subjects(refit) and sorted(code for code, _ in its) == sorted(code for code, _ in said):
+            continue  # the same, found from elsewhere
+        if [code for code, _ in its] == [code for code, _ in said] and rival.score < refit.score + EVEN:
+            message += f", or else {_joined(its)}"
+        else:
+            beside.append(f"{_joined(its)} (odds {np.exp((refit.score - rival.score) / 2):.2g} to 1)")
+            sure = [code for code in sure if code in dict(its) or rival.score > refit.score + NEARLY]
+    message = f"the log fits if {message}"
+    if beside:
+        message += "; rivals that the log can't rule out: " + "; or ".join(beside[:2])
+    if not sure:
+        message = f"log and vehicle file don't fit, cause unknown: {message}"
+    others = (correction_of(screening.case, rival.case, rival.fitted) for rival in rivals)
+    correction = correction_of(screening.case, refit.case, refit.fitted)
+    near = (*around(screening.case, refit.fitted, screening.free.fired), *skewed(correction, refit.fitted))
+    instead = tuple(other for other in others if other is not None)
+    return tuple(Explanation(code, message, correction, around=near, rivals=instead) for code in sure or [UNKNOWN])
+
+
+def _said(screening: Screening, refit: Refit) -> list[tuple[str, str]]:
+    """(code, words) of each cause."""
+    return [words_of(part, screening.names, screening.case, refit.case) for part in refit.fitted.parts]
+
+
+def _joined(said: Sequence[tuple[str, str]]) -> str:
+    return ", and ".join(words for _, words in said) + " as well" * (len(said) > 1)
+
+
+def _subjects(refit: Refit) -> list[tuple[str, ...]]:
+    return sorted(part.hypothesis.subject for part in refit.fitted.parts)
