@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from massprop_cli.base.arrays import frozen
-from massprop_cli.diagnosis import diagnose
+from massprop_cli.diagnosis import explanation
 from massprop_cli.diagnosis.channelwise import free_response
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import Fitted
@@ -65,7 +65,7 @@ def test_where_a_turn_is_named_the_mended_values_hold_a_shear(seed: int, monkeyp
         return float(max(abs((one.value or 0.0) - true) / (one.sigma or 1e-300) for one, true in estimates))
 
     assert farthest() < 4
-    monkeypatch.setattr(diagnose, "skewed", lambda *_: ())
+    monkeypatch.setattr(explanation, "skewed", lambda *_: ())
     assert farthest() > 8
 
 
