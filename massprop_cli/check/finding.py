@@ -63,6 +63,7 @@ class Check(Item):
     findings: list[Finding]
     expected: list[ExpectedQuantity]
     delay: str = Field(description="what the log shows of its command delay, in words; empty where nothing")
+    low_passes: list[str] = Field([], description="what the log shows of each sensor's cutoff and latency, in words; empty where nothing")
     exit_code: int
 
 

@@ -21,7 +21,7 @@ from massprop_cli.inputs.tablefile import Table
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.report import vocabulary
+from massprop_cli.report import timing, vocabulary
 from massprop_cli.result import build
 from massprop_cli.result.schema import PhaseItem, Result
 
@@ -87,12 +87,12 @@ def of_table(
                 told = build.result(estimated)
         except InputError as error:
             # its times are told already
-            return _told(table, vehicle, found if unusable else [*found, _unusable(str(error))], [], "", exits.INPUT)
+            return _told(table, vehicle, found if unusable else [*found, _unusable(str(error))], [], exits.INPUT)
     found = with_estimate(found, estimated, told, vehicle)
     expected = _expected(told, wants)
     found += _idle(log, vehicle, expected)
     unmet = job.unmet(told, job.Demands(tuple(wants), allow_contradicted=allow_contradicted))
-    return _told(table, vehicle, found, expected, _delay(told), unmet.exit_code)
+    return _told(table, vehicle, found, expected, unmet.exit_code, told)
 
 
 def seen(log: Log, vehicle: Vehicle, place: Callable[[int], str]) -> list[Finding]:
@@ -211,16 +211,9 @@ def _idle(log: Log, vehicle: Vehicle, expected: Sequence[ExpectedQuantity]) -> l
     return [finding("excitation", "never-fired", "note", said, f"fly what is missing ({cures}); massprop plan finds it")]
 
 
-def _delay(told: Result) -> str:
-    delay = told.delay
-    if delay.detected_cycles is None or delay.sigma_cycles is None:
-        return ""
-    return (
-        f"commands execute {delay.detected_cycles:.4g} ± {delay.sigma_cycles:.2g} cycles after their cycle began (used: {delay.cycles:g})"
-    )
-
-
-def _told(table: Table, vehicle: Vehicle, found: list[Finding], expected: list[ExpectedQuantity], delay: str, code: int) -> Check:
+def _told(
+    table: Table, vehicle: Vehicle, found: list[Finding], expected: list[ExpectedQuantity], code: int, told: Result | None = None
+) -> Check:
     usable = code != exits.INPUT
     return Check(
         schema="massprop/check/1",
@@ -233,7 +226,8 @@ def _told(table: Table, vehicle: Vehicle, found: list[Finding], expected: list[E
         fit=usable and code == 0 and not any(one.grade == "fault" for one in found),
         findings=found,
         expected=expected,
-        delay=delay,
+        delay="" if told is None else timing.detected_delay(told.delay),
+        low_passes=[] if told is None else timing.low_passes(told),
         exit_code=code,
     )
 

@@ -28,6 +28,8 @@ def show(found: Check, console: Console) -> None:
         fitted(_expected(found, phase), console)
     if found.delay:
         console.print(escape.rich(f"The log's own delay: {found.delay}."))
+    if found.low_passes:
+        console.print(escape.rich(f"The log's own low-passes: {'; '.join(found.low_passes)}."))
     if found.expected:
         console.print(
             "Inertia about the CG in body axes, products as tensor elements. ± is one standard deviation, as of massprop estimate."

@@ -144,11 +144,8 @@ def _result(recorded: Sequence[Recorded], names: Sequence[str], found: Sequence[
         message = "the command delay's uncertainty counts as if each log had its own; if it is one and the same, sigmas are too small"
         notes.append(WarningItem(code="delay-shared", message=message))
     if len(delays) > 1:
-        notes.append(
-            WarningItem(
-                code="delays-differ", message=f"the logs were taken with delays of {', '.join(f'{d:g}' for d in sorted(delays))} cycles"
-            )
-        )
+        message = f"the logs were taken with delays of {', '.join(f'{d:g}' for d in sorted(delays))} cycles"
+        notes.append(WarningItem(code="delays-differ", message=message))
     told = [
         WarningItem(code=warning.code, message=f"{name}: {warning.message}")
         for name, one in zip(names, recorded, strict=True)
@@ -178,6 +175,7 @@ def _result(recorded: Sequence[Recorded], names: Sequence[str], found: Sequence[
         "phases": [one.item for one in found],
         "docked_object": docked,
         "expectations": None,
+        "low_passes": [],
         "mended": [],
         "assumptions": [],
         "warnings": [*notes, *told],

@@ -1,4 +1,4 @@
-"""What the log says about the model: whitened innovations and the delay, each beside what is expected of it."""
+"""What the log says about the model: whitened innovations, each beside what is expected of it."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from massprop_cli.base.chance import limit
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.result.schema import CrossValidationItem, Delay, Innovations, Lag
+from massprop_cli.result.schema import CrossValidationItem, Innovations
 
 CHANNELS = ("rate X", "rate Y", "rate Z", "specific force X", "specific force Y", "specific force Z")
 COUNT = 3.3
@@ -83,30 +83,3 @@ def verdict(held: Sequence[bool]) -> Verdict | None:
     if all(held):
         return Verdict(True, f"the model fits the log: {len(held)} of {len(held)} checks hold")
     return Verdict(False, f"the model does not fit the log: {sum(held)} of {len(held)} checks hold")
-
-
-SOURCES = {
-    "vehicle": "stated by the vehicle file",
-    "option": "stated by an option",
-    "detected": "detected from the log",
-    "default": "a default, stated nowhere",
-}
-
-
-def delay(found: Delay) -> list[tuple[str, str]]:
-    """What was used, what the log says, and how far apart they are."""
-    rows = [("used", f"{found.cycles:.6g} cycles, {SOURCES[found.source]}")]
-    if found.detected_cycles is None:
-        return [*rows, ("detected in the log", "not looked for, or not to be seen")]
-    spread = "" if found.sigma_cycles is None else f" ± {found.sigma_cycles:.2g}"
-    rows.append(("detected in the log", f"{found.detected_cycles:.6g}{spread} cycles"))
-    if found.source != "detected" and found.sigma_cycles:
-        off = (found.detected_cycles - found.cycles) / found.sigma_cycles
-        rows.append(("detected less used", f"{found.detected_cycles - found.cycles:+.2g} cycles, {off:+.1f} sigma".replace("-", "−")))
-    return rows
-
-
-def lag(found: Lag) -> tuple[str, str]:
-    """The lag that was used."""
-    spread = "" if found.sigma_s is None else f" ± {found.sigma_s:.2g}"
-    return "lag of the thrust", f"{found.lag_s:.6g}{spread} s, {SOURCES[found.source]}"

@@ -11,7 +11,7 @@ from massprop_cli import QUANTITIES
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.escape import visible
-from massprop_cli.report import assumptions, body, checks, digits, figures, matrices, mended, view, vocabulary
+from massprop_cli.report import assumptions, body, checks, digits, figures, matrices, mended, timing, view, vocabulary
 from massprop_cli.report.figures import Picture, canvas, comparison, correlation, palette
 from massprop_cli.report.svg import gathered, inline, quoted, script
 from massprop_cli.result.read import Recorded, labels
@@ -106,7 +106,7 @@ def _report(recorded: Recorded) -> Mapping[str, Any]:
         "stacked": STACKED,
         "expectations": _figure("expectations", recorded, "expectations") if any(table.has("expected") for table in tables) else None,
         "signals": [_figure(name, recorded, name) for name in OF_LOG],
-        "delay": [*checks.delay(result.delay), checks.lag(result.lag)],
+        "delay": timing.rows(result),
         "settings": settings(result),
         "verdicts": view.signs(tables),
     }

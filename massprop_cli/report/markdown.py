@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 
 from massprop_cli.base.escape import markdown as shown
-from massprop_cli.report import assumptions, mended, view, vocabulary
+from massprop_cli.report import assumptions, mended, timing, view, vocabulary
 from massprop_cli.report.vocabulary import gaps
 from massprop_cli.result.judge import contradiction, missed, parts
 from massprop_cli.result.read import Recorded, labels
@@ -119,7 +119,7 @@ def _origin(found: Result) -> str:
     return (
         f"Log {shown(log.path)} ({log.duration_s:.6g} s, {log.cycles} cycles), vehicle {shown(found.vehicle.name)}, "
         f"method {shown(found.provenance.method)}, command delay {found.delay.cycles:.6g} cycles ({found.delay.source}), "
-        f"thrust lag {found.lag.lag_s:.6g} s ({found.lag.source}), "
+        f"thrust lag {found.lag.lag_s:.6g} s ({found.lag.source}), {''.join(f'{said} (detected), ' for said in timing.low_passes(found))}"
         f"massprop {shown(found.provenance.massprop)}."
     )
 

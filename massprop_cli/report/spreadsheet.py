@@ -15,6 +15,8 @@ from massprop_cli.result.judge import contradiction, parts
 from massprop_cli.result.read import Recorded, labels
 from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
 
+SENSORS, LOW_PASS = ("gyro", "accelerometer"), ("cutoff_hz", "cutoff_sigma_hz", "latency_s", "latency_sigma_s")
+"""What columns of what the log shows of a sensor are called."""
 SPELT = {"kg m^2": "kg_m2", "m": "m", "kg": "kg", "kg m": "kg_m"}
 """Units in names of columns."""
 
@@ -29,7 +31,9 @@ def _of(quantity: str) -> tuple[str, ...]:
 COLUMNS = (
     *("result", "log", "vehicle", "environment", "method", "part", "phase", "start_s", "end_s"),
     *(column for quantity in QUANTITIES for column in _of(quantity)),
-    *("inertia_about", "axes", "products_of_inertia", "delay_cycles", "contradiction", "missing", "warnings", "expectations"),
+    *("inertia_about", "axes", "products_of_inertia", "delay_cycles"),
+    *(f"{sensor}_{key}" for sensor in SENSORS for key in LOW_PASS),
+    *("contradiction", "missing", "warnings", "expectations"),
     *("massprop", "input_sha256", "vehicle_sha256"),
 )
 """In their order."""
@@ -48,11 +52,13 @@ def text(recorded: Sequence[Recorded]) -> str:
 
 def _row(name: str, found: Result, part: PhaseItem | DockedObject) -> list[str]:
     contradicted = contradiction(part)
+    shown = {f"{one.sensor}_{key}": getattr(one, key) for one in found.low_passes for key in LOW_PASS}
     return [
         *(cell(name), cell(found.log.path), cell(found.vehicle.name), found.vehicle.environment),
         *(cell(found.provenance.method), *_part(part)),
         *(value for quantity in QUANTITIES for value in _quantity(part.estimates[quantity])),
         *(found.conventions.inertia_about, "body", found.conventions.products_of_inertia, repr(found.delay.cycles)),
+        *(_number(shown.get(f"{sensor}_{key}")) for sensor in SENSORS for key in LOW_PASS),
         cell(contradicted),
         cell("; ".join(f"{q}: {gap(q, item, contradicted)}" for q, item in part.estimates.items() if item.verdict != "converged")),
         cell("; ".join(f"{warning.message} [{warning.code}]" for warning in found.warnings)),

@@ -4,7 +4,7 @@ from rich.console import Console
 from rich.table import Table
 
 from massprop_cli.base import escape
-from massprop_cli.report import assumptions, digits, mended, view, vocabulary
+from massprop_cli.report import assumptions, digits, mended, timing, view, vocabulary
 from massprop_cli.report.fit import fitted, titled
 from massprop_cli.result.judge import INFORMED, contradiction
 from massprop_cli.result.schema import DockedObject, EstimateItem, Mended, PhaseItem, Result
@@ -26,6 +26,9 @@ def show(found: Result, console: Console) -> None:
         _part(f"docked object: phase {docked.after} less phase {docked.before}", docked, found, console)
     for told in _legend(found):
         console.print(escape.rich(told))
+    shown = timing.automatic(found)
+    if shown:
+        console.print(escape.rich(f"Found in the log: {'; '.join(shown)}."))
     for one in found.mended:
         _mended(one, console)
     _assumptions(found, console)

@@ -52,6 +52,7 @@ def result(analysis: Analysis) -> schema.Result:
         ),
         delay=_delay(analysis),
         lag=_lag(analysis),
+        low_passes=_low_passes(analysis),
         conventions=schema.Conventions(),
         phases=[
             _phase(analysis, i, factors, told)
@@ -100,6 +101,20 @@ def _lag(analysis: Analysis) -> schema.Lag:
         source=_source(analysis, "thrust", "lag_s"),
         sigma_s=found.sigma.lag * period if found is not None and found.sigma.lag > 0 else None,
     )
+
+
+def _low_passes(analysis: Analysis) -> list[schema.DetectedLowPass]:
+    sought, names = () if analysis.detected is None else analysis.detected.unknown, {"gyro": "gyro", "accel": "accelerometer"}
+    found = []
+    for sensor, name in names.items():
+        low_pass = getattr(analysis.vehicle.imu, f"{sensor}_filter")
+        values = {
+            key: getattr(low_pass, key) if f"{sensor}_{key.partition('_')[0]}" in sought else None
+            for key in ("cutoff_hz", "cutoff_sigma_hz", "latency_s", "latency_sigma_s")
+        }
+        if any(value is not None for value in values.values()):
+            found.append(schema.DetectedLowPass(sensor=name, **values))
+    return found
 
 
 def _source(analysis: Analysis, section: str, key: str) -> Literal["vehicle", "option", "detected", "default"]:

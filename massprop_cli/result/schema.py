@@ -103,6 +103,16 @@ class Lag(Item):
     sigma_s: float | None = None
 
 
+class DetectedLowPass(Item):
+    """Cutoff and latency of a sensor, as far as the log shows them beyond what the vehicle file states."""
+
+    sensor: Literal["gyro", "accelerometer"]
+    cutoff_hz: float | None = Field(description="null where it was not looked for")
+    cutoff_sigma_hz: float | None
+    latency_s: float | None = Field(description="by which values are later than their time stamps, beyond the low-pass; null likewise")
+    latency_sigma_s: float | None
+
+
 class Conventions(Item):
     """How inertia is to be read."""
 
@@ -324,6 +334,7 @@ class Result(Item):
     log: LogInfo
     delay: Delay
     lag: Lag
+    low_passes: list[DetectedLowPass] = Field([], description="of sensors whose cutoff or latency the log shows")
     conventions: Conventions
     phases: list[PhaseItem]
     docked_object: DockedObject | None

@@ -5,6 +5,7 @@ Over many of them: benchmarks/imus.py.
 
 from __future__ import annotations
 
+import re
 from typing import Literal
 
 import numpy as np
@@ -16,6 +17,8 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.report import timing
+from massprop_cli.result import build
 from tests import anyimu
 
 QUIET = 1e-4
@@ -100,6 +103,11 @@ def test_latencies_are_estimated_and_not_apart_from_an_unknown_delay() -> None:
         assert low_pass is not None
         assert 0 < low_pass.latency_sigma_s < 2e-3
         assert abs(low_pass.latency - 0.004) < 4 * low_pass.latency_sigma_s
+    shown = build.result(answer)
+    assert [(one.sensor, one.cutoff_hz) for one in shown.low_passes] == [("gyro", None), ("accelerometer", None)]
+    said = re.fullmatch(r"the accelerometer is ([\d.]+) ± ([\d.]+) ms late", timing.low_passes(shown)[1])
+    assert said is not None
+    assert abs(float(said[1]) - 4.0) < 4 * float(said[2])
     told, truth = answer.conclusions[0].estimates, anyimu.truth_of(own, 0)
     for name, value in zip(QUANTITIES, truth, strict=True):
         one = told[name]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from massprop_cli.report import assumptions, checks, html, view, vocabulary
+from massprop_cli.report import assumptions, checks, html, timing, view, vocabulary
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import Delay, Innovations, Mended, PhaseItem
 from tests import recorded
@@ -286,8 +286,8 @@ def test_the_allowance_of_a_check_is_that_of_a_random_sample() -> None:
 
 
 def test_the_delay_is_shown_with_what_the_log_says_of_it() -> None:
-    rows = dict(checks.delay(Delay(cycles=2.0, source="vehicle", detected_cycles=1.5, sigma_cycles=0.01)))
+    rows = dict(timing.delay(Delay(cycles=2.0, source="vehicle", detected_cycles=1.5, sigma_cycles=0.01)))
     assert rows["used"] == "2 cycles, stated by the vehicle file"
     assert rows["detected in the log"] == "1.5 ± 0.01 cycles"
     assert rows["detected less used"] == "−0.5 cycles, −50.0 sigma"
-    assert dict(checks.delay(Delay(cycles=0.0, source="option")))["detected in the log"].startswith("not looked for")
+    assert dict(timing.delay(Delay(cycles=0.0, source="option")))["detected in the log"].startswith("not looked for")
