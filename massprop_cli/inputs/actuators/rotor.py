@@ -6,13 +6,13 @@ the speed that it is told, so the lag is the speed's, and thrust is what that ma
 
 import json
 from collections.abc import Sequence
-from math import factorial
+from math import exp, factorial
 from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.arrays import Array, IntArray, frozen
 from massprop_cli.inputs.actuators.actuator import Actuator, LogColumn, own_column, pointing, unit
 from massprop_cli.inputs.actuators.wheel import Wheel, WheelLog
 from massprop_cli.inputs.columns import SUPPLY
@@ -142,31 +142,53 @@ class Held(NamedTuple):
 
 def thrust_integrals(rotors: Sequence[Held], edges_s: Array) -> tuple[Array, Array]:
     """∫ T dt and ∫ (t − bin start) T dt over each bin of ``edges_s``, (bins, rotors) each; before its first command a rotor stood there."""
-    found = [_bin_integrals(rotor, edges_s) for rotor in rotors]
+    begun = {id(rotor.begin_s): rotor.begin_s for rotor in rotors}
+    pieces = {key: _Pieces.of(begin_s, edges_s) for key, begin_s in begun.items()}
+    found = [_bin_integrals(rotor, pieces[id(rotor.begin_s)]) for rotor in rotors]
     integral, moment = (np.stack(part, 1) for part in zip(*found, strict=True))
     return integral, moment
 
 
-def _bin_integrals(rotor: Held, edges_s: Array) -> tuple[Array, Array]:
-    """Between bins' edges and commands it is at ``x + d exp(−t / lag)``, so thrust is a sum of ``exp(−n t / lag)``."""
+class _Pieces(NamedTuple):
+    """Time from each bin's edge or command to the next."""
+
+    bins: IntArray
+    """(n,) in which bin a piece is; the last piece is in the last."""
+    into_s: Array
+    """From the bin's beginning to the piece's."""
+    length_s: Array
+    k: IntArray
+    """(n,) whose command holds in a piece."""
+    since_s: Array
+    """From that command to the piece's beginning."""
+
+    @staticmethod
+    def of(begin_s: Array, edges_s: Array) -> "_Pieces":
+        """Of commands that act from ``begin_s`` on."""
+        inner = begin_s[(begin_s > edges_s[0]) & (begin_s < edges_s[-1])]
+        points = np.sort(np.concatenate([edges_s, inner]))
+        first = points[:-1]
+        k = np.maximum(np.searchsorted(begin_s, first, "right") - 1, 0)
+        bins = np.minimum(np.searchsorted(edges_s, first, "right") - 1, len(edges_s) - 2)
+        return _Pieces(bins, first - edges_s[bins], np.diff(points), k, np.maximum(first - begin_s[k], 0.0))
+
+
+def _bin_integrals(rotor: Held, pieces: _Pieces) -> tuple[Array, Array]:
+    """In each piece it is at ``x + d exp(−t / lag)``, so thrust is a sum of ``exp(−n t / lag)``."""
     at, lag = _departures(rotor)
-    inner = rotor.begin_s[(rotor.begin_s > edges_s[0]) & (rotor.begin_s < edges_s[-1])]
-    points = np.sort(np.concatenate([edges_s, inner]))
-    first, length = points[:-1], np.diff(points)
-    k = np.maximum(np.searchsorted(rotor.begin_s, first, "right") - 1, 0)
-    left = at[k] * np.exp(-np.maximum(first - rotor.begin_s[k], 0.0) / lag[k])
+    k, length = pieces.k, pieces.length_s
+    left = at[k] * np.exp(-pieces.since_s / lag[k])
     polynomial = np.polynomial.Polynomial(rotor.thrust_n)
-    settled = polynomial(rotor.asked[k])
+    settled = polynomial(rotor.asked)[k]
     integral, moment = settled * length, settled * length**2 / 2
-    for n in range(1, len(rotor.thrust_n)):
-        size, tau = polynomial.deriv(n)(rotor.asked[k]) / factorial(n) * left**n, lag[k] / n
+    for n in range(1, len(rotor.thrust_n)) if at.any() else ():
+        size, tau = (polynomial.deriv(n)(rotor.asked) / factorial(n))[k] * left**n, (lag / n)[k]
         gone = -np.expm1(-length / tau)
         integral += size * tau * gone
         moment += size * tau * (tau * gone - length * (1 - gone))
-    bins = np.minimum(np.searchsorted(edges_s, first, "right") - 1, len(edges_s) - 2)
-    moment += (first - edges_s[bins]) * integral
-    count = len(edges_s) - 1
-    return np.bincount(bins, integral, count).astype(np.float64), np.bincount(bins, moment, count).astype(np.float64)
+    moment += pieces.into_s * integral
+    first, second = (np.bincount(pieces.bins, each).astype(np.float64) for each in (integral, moment))
+    return first, second
 
 
 def _departures(rotor: Held) -> tuple[Array, Array]:
@@ -178,5 +200,5 @@ def _departures(rotor: Held) -> tuple[Array, Array]:
         lag = rotor.up_s if asked > now else rotor.down_s
         left.append(now - asked if lag > 0 else 0.0)
         lags.append(lag or 1.0)
-        now = asked + left[-1] * float(np.exp(-lasting / lags[-1]))
+        now = asked + left[-1] * exp(-lasting / lags[-1])
     return np.array(left), np.array(lags)
