@@ -24,7 +24,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import absentaxes, actuators
 from massprop_cli.prepare.actuators import capability, channel_wrench, executed, longest_lag_s
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges, pace
-from massprop_cli.prepare.sensor import KernelEffect, SensorKernel, Shown, kernel_effect, sensors, shown, shown_late_s
+from massprop_cli.prepare.sensor import KernelEffect, SensorKernel, Shown, kernel_effect, sensors, shown_late_s
 from massprop_cli.prepare.signal import Signal, window_integrals
 from massprop_cli.prepare.stored import Stored, first_known_s, turned
 from massprop_cli.prepare.sums import of_records, windows, wrenches
@@ -244,12 +244,12 @@ def _by_sensors(acted: _Acted, cycles: slice, start: Array, duration: Array) -> 
 
 def _in_bins(signals: Sequence[Signal], sensor: SensorKernel, edges: Array) -> tuple[Array, Array]:
     """Integrals and first moments of signals as a sensor shows them, (bins, signals) each."""
-    each = [_binned(shown(signal, sensor, edges), edges) for signal in signals]
+    each = [_binned(Shown(signal, sensor, edges)) for signal in signals]
     return np.stack([one[0] for one in each], 1), np.stack([one[1] for one in each], 1)
 
 
-def _binned(at: Shown, edges: Array) -> tuple[Array, Array]:
-    return np.diff(at.first), np.diff(edges) * at.first[1:] - np.diff(at.second)
+def _binned(at: Shown) -> tuple[Array, Array]:
+    return np.diff(at.first), np.diff(at.time_s) * at.first[1:] - np.diff(at.second)
 
 
 def _read(
@@ -267,17 +267,17 @@ def _read(
 
     ``moving`` is by which the body is moved, as late as the gyro; ``ends`` (n,) of records, ``share`` (K, records) of each in its group.
     """
-    binned, bins = shown(signal, moving, edges), (len(edges) - 1) // len(duration)
-    boundary = binned.first[::bins]
+    moved, bins = Shown(signal, moving, edges), (len(edges) - 1) // len(duration)
+    boundary = moved.first[::bins]
     if gyro.instant:
-        mean = (shown(signal, gyro, ends).first.reshape(share.shape) * share).sum(1)
+        mean = (Shown(signal, gyro, ends).first.reshape(share.shape) * share).sum(1)
     else:
-        mean = np.diff(shown(signal, gyro, edges[::bins]).second) / duration
+        mean = np.diff(Shown(signal, gyro, edges[::bins]).second) / duration
     if accelerometer.instant:
-        whole = duration * (shown(signal, accelerometer, ends).value.reshape(share.shape) * share).sum(1)
+        whole = duration * (Shown(signal, accelerometer, ends).value.reshape(share.shape) * share).sum(1)
     else:
-        whole = np.diff(shown(signal, accelerometer, cycles_s).first)
-    return *_binned(binned, edges), boundary[1:] - mean, mean - boundary[:-1], whole
+        whole = np.diff(Shown(signal, accelerometer, cycles_s).first)
+    return *_binned(moved), boundary[1:] - mean, mean - boundary[:-1], whole
 
 
 def align(

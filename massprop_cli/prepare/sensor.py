@@ -13,16 +13,19 @@ the signal and its integrals behind it are exact at any time (U' = u, V' = U, al
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, ComplexArray
+from massprop_cli.base.arrays import Array, ComplexArray, IntArray
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.equipment import LowPass
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.prepare.signal import Signal
+from massprop_cli.prepare.signal import Course, Signal
 
+Lags = Array | ComplexArray
 APART = 1e-5
 """Part by which two lags differ at least: the same lag twice has no form in parallel, and this has its response to some millionths."""
 FORGOTTEN = 1e-18
@@ -112,74 +115,100 @@ def shown_late_s(log: Log, vehicle: Vehicle) -> tuple[float, float]:
     return gyro, accelerometer
 
 
-class Shown(NamedTuple):
-    """A signal behind a sensor's low-pass at some times, and its integrals."""
+@dataclass(frozen=True)
+class Shown:
+    """A signal behind a sensor's low-pass and dead time at some times, and its integrals, each computed as it is asked for."""
 
-    value: Array
-    first: Array
-    second: Array
+    signal: Signal
+    sensor: SensorKernel
+    time_s: Array
+    """(Q,)"""
+
+    @property
+    def value(self) -> Array:
+        """(Q,) the signal."""
+        if len(self._lags):
+            return self._begun(self._weighted.sum(0).real)
+        course, at = self.signal.course, self._at
+        return self._begun(course.level[at] + course.rising[at] * self._since)
+
+    @cached_property
+    def first(self) -> Array:
+        """(Q,) its integral."""
+        return self._begun(self._first - (self._lags * self._weighted).sum(0).real if len(self._lags) else self._first)
+
+    @property
+    def second(self) -> Array:
+        """(Q,) the integral of that."""
+        course, at, since = self.signal.course, self._at, self._since
+        found = course.second[at] + since * (course.first[at] + since * (course.level[at] / 2 + course.rising[at] * since / 6))
+        if len(self._lags):
+            mean = float((self.sensor.weights * self.sensor.lags_s).sum().real)
+            found = found - mean * self._first + (self._lags**2 * self._weighted).sum(0).real
+        return self._begun(found)
+
+    @cached_property
+    def _place(self) -> IntArray:
+        """Which event each time follows; -1: none."""
+        return np.searchsorted(self.signal.course.time_s, self.time_s - self.sensor.latency_s - ROUNDED_S) - 1
+
+    @cached_property
+    def _at(self) -> IntArray:
+        return np.maximum(self._place, 0)
+
+    def _begun(self, found: Array) -> Array:
+        return np.where(self._place < 0, 0.0, found)
+
+    @cached_property
+    def _since(self) -> Array:
+        return np.where(self._place < 0, 0.0, self.time_s - self.sensor.latency_s - self.signal.course.time_s[self._at])
+
+    @cached_property
+    def _first(self) -> Array:
+        """The integral before the low-pass."""
+        course, at, since = self.signal.course, self._at, self._since
+        found: Array = course.first[at] + since * (course.level[at] + course.rising[at] * since / 2)
+        return found
+
+    @cached_property
+    def _lags(self) -> Lags:
+        """(P, 1), real where all are: complex numbers take several times as long."""
+        lags = self.sensor.lags_s[:, None]
+        return lags if lags.imag.any() else lags.real
+
+    @cached_property
+    def _weighted(self) -> Lags:
+        """(P, Q) what each lag is at, times its weight."""
+        course, at, lags = self.signal.course, self._at, self._lags
+        began, kept = _at_events(course, lags), _kept(self._since, lags)
+        lagged = began[:, at] * kept + _let_through(course.level[at], course.rising[at], self._since, lags, kept)
+        weights = self.sensor.weights[:, None]
+        found: Lags = (weights if np.iscomplexobj(lags) else weights.real) * lagged
+        return found
 
 
-def shown(signal: Signal, sensor: SensorKernel, time_s: Array) -> Shown:
-    """A piecewise linear signal as a sensor has it in what it shows at times (Q,), its latency included."""
-    order = np.argsort(signal.time_s, kind="stable")
-    time, step, slope = signal.time_s[order], signal.step[order], signal.slope[order]
-    if not len(time):
-        return Shown(*np.zeros((3, len(time_s))))
-    lasting = np.diff(time)
-    rising = np.cumsum(slope)
-    level = np.cumsum(step) + np.append(0.0, np.cumsum(rising[:-1] * lasting))
-    grown = level[:-1] * lasting + rising[:-1] * lasting**2 / 2
-    first = np.append(0.0, np.cumsum(grown))
-    second = np.append(0.0, np.cumsum(first[:-1] * lasting + level[:-1] * lasting**2 / 2 + rising[:-1] * lasting**3 / 6))
-    asked = time_s - sensor.latency_s
-    at = np.searchsorted(time, asked - ROUNDED_S) - 1
-    before, at = at < 0, np.maximum(at, 0)
-    since = np.where(before, 0.0, asked - time[at])
-    level_at, rising_at, first_at = level[at], rising[at], first[at]
-    value = level_at + rising_at * since
-    found = Shown(
-        value,
-        first_at + since * (level_at + rising_at * since / 2),
-        second[at] + since * (first_at + since * (level_at / 2 + rising_at * since / 6)),
-    )
-    if len(sensor.lags_s):
-        lags = sensor.lags_s[:, None]
-        began = _at_events(level, rising, lasting, lags)
-        kept = _kept(since, lags)
-        lagged = began[:, at] * kept + _let_through(level_at, rising_at, since, lags, kept)
-        weighted = sensor.weights[:, None] * lagged
-        mean = float((sensor.weights * sensor.lags_s).sum().real)
-        found = Shown(
-            weighted.sum(0).real,
-            found.first - (lags * weighted).sum(0).real,
-            found.second - mean * found.first + (lags**2 * weighted).sum(0).real,
-        )
-    return Shown(*(np.where(before, 0.0, part) for part in found))
-
-
-def _kept(for_s: Array, lags: ComplexArray) -> ComplexArray:
-    """(P, Q) exp(−t / τ): real where all lags are; by sines and cosines NumPy is several times as fast as by its complex exponential."""
+def _kept(for_s: Array, lags: Lags) -> Lags:
+    """(P, Q) exp(−t / τ); by sines and cosines NumPy is several times as fast as by its complex exponential."""
     by_second = 1 / lags
     size = np.exp(-for_s * by_second.real)
-    if not by_second.imag.any():
-        return size.astype(np.complex128)
+    if not np.iscomplexobj(lags):
+        return size
     angle = for_s * by_second.imag
-    found: ComplexArray = size * (np.cos(angle) - 1j * np.sin(angle))
+    found: Lags = size * (np.cos(angle) - 1j * np.sin(angle))
     return found
 
 
-def _let_through(level: Array, rising: Array, for_s: Array, lags: ComplexArray, kept: ComplexArray) -> ComplexArray:
+def _let_through(level: Array, rising: Array, for_s: Array, lags: Lags, kept: Lags) -> Lags:
     """(P, Q) what lags (P, 1) have come to, from zero, after signals that begin at a level and rise (Q,)."""
     rest = 1.0 - kept
-    found: ComplexArray = level * rest
+    found: Lags = level * rest
     return found + rising * (for_s - lags * rest) if rising.any() else found
 
 
-def _at_events(level: Array, rising: Array, lasting: Array, lags: ComplexArray) -> ComplexArray:
+def _at_events(course: Course, lags: Lags) -> Lags:
     """(P, E) what each lag is at as each event comes: y[e + 1] = d[e] y[e] + f[e], with twice the reach in each pass."""
-    during = _kept(lasting, lags)
-    forced = _let_through(level[:-1], rising[:-1], lasting, lags, during)
+    during = _kept(course.lasting_s, lags)
+    forced = _let_through(course.level[:-1], course.rising[:-1], course.lasting_s, lags, during)
     kept = np.concatenate([np.zeros_like(lags), during], 1)
     found = np.concatenate([np.zeros_like(lags), forced], 1)
     reach = 1

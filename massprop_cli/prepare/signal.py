@@ -1,7 +1,11 @@
 """Piecewise linear functions of time, what a first-order lag makes of them, and their exact integrals over bins."""
 
+from __future__ import annotations
+
 import ctypes
 from collections.abc import Sequence
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +21,31 @@ class Signal:
     time_s: Array
     step: Array
     slope: Array
+
+    @cached_property
+    def course(self) -> Course:
+        """The signal and its integrals at its events; without any, at one that changes nothing."""
+        time, step, slope = _in_order(self) if len(self.time_s) else np.zeros((3, 1))
+        lasting, rising = np.diff(time), np.cumsum(slope)
+        level = np.cumsum(step) + np.append(0.0, np.cumsum(rising[:-1] * lasting))
+        grown = level[:-1] * lasting + rising[:-1] * lasting**2 / 2
+        first = np.append(0.0, np.cumsum(grown))
+        second = np.append(0.0, np.cumsum(first[:-1] * lasting + level[:-1] * lasting**2 / 2 + rising[:-1] * lasting**3 / 6))
+        return Course(time, lasting, level, rising, first, second)
+
+
+class Course(NamedTuple):
+    """(E,) of a signal just after each of its events, in the order of time."""
+
+    time_s: Array
+    lasting_s: Array
+    """(E − 1,) from each event to the next."""
+    level: Array
+    rising: Array
+    first: Array
+    """Its integral up to there."""
+    second: Array
+    """The integral of that."""
 
 
 def joined(parts: Sequence[tuple[float, Signal]]) -> Signal:
