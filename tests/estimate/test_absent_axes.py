@@ -43,12 +43,12 @@ FREE = plan('"roll", "pitch", "yaw", "x", "y", "z"', 20)
 TABLE = plan('"x", "y", "yaw"', 20)
 TURNED = ("vehicle.imu.body_from_imu=[[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]",)
 CASES = {
-    "jets, gyro alone": Case("free-flyer", (*FREE, NO_ACCELEROMETER), ALL, 14),
+    "jets, gyro alone": Case("free-flyer", (*FREE, NO_ACCELEROMETER), ALL, 7),
     "wheels, gyro alone": Case("wheels", (*plan('"roll", "pitch", "yaw"', 10), NO_ACCELEROMETER), INERTIA, 42),
-    "table, yaw gyro alone": Case("planar", (*TABLE, NO_ACCELEROMETER, YAW), PLANE, 42),
-    "table, yaw gyro and two accelerations": Case("planar", (*TABLE, YAW, 'sensors.accel_axes=["x", "y"]'), (*PLANE, "mass"), 30),
+    "table, yaw gyro alone": Case("planar", (*TABLE, NO_ACCELEROMETER, YAW), PLANE, 21),
+    "table, yaw gyro and two accelerations": Case("planar", (*TABLE, YAW, 'sensors.accel_axes=["x", "y"]'), (*PLANE, "mass"), 15),
     "air bearing, gyro alone": Case("testbed", (NO_ACCELEROMETER,), QUANTITIES, 60),
-    "jets, two accelerations askew": Case("free-flyer", (*FREE, *TURNED, 'sensors.accel_axes=["x", "z"]'), QUANTITIES, 12),
+    "jets, two accelerations askew": Case("free-flyer", (*FREE, *TURNED, 'sensors.accel_axes=["x", "z"]'), QUANTITIES, 6),
 }
 FIRST = ("jets, gyro alone", "table, yaw gyro and two accelerations")
 VERDICTS = {"mass": "sensor-absent-mass"}
@@ -95,7 +95,7 @@ def test_sigmas_are_the_bound_and_nothing_else_is_given(name: str) -> None:
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", CASES)
 def test_errors_over_many_seeds_are_within_a_tenth_of_the_bound_and_intervals_cover(name: str) -> None:
-    """Some 125 independent values: chance leaves 6 % of the rms error. Of a few logs sigmas are tested against their bounds."""
+    """Some 60 to 125 independent values: chance leaves 6 to 9 % of the rms error. Of a few logs sigmas are tested against their bounds."""
     case = CASES[name]
     source, flight = flown(name, case.seeds)
     told = [QUANTITIES.index(one) for one in case.told]

@@ -168,17 +168,16 @@ def beyond(log: Log, rng: np.random.Generator) -> list[Log]:
 
 @pytest.mark.thorough
 def test_sigmas_cover_what_nobody_foresaw() -> None:
-    """Eight logs; of commands that are lost values are too large by that part, which is 2.5 %."""
+    """Four logs; of commands that are lost values are too large by that part, which is 2.5 %."""
     off, wide = list[Array](), 0
-    for seed in range(21, 23):
-        flight = fly("free-flyer", *RANDOM, seeds=(seed,))
-        for log in beyond(flight.log(0), np.random.default_rng(seed)):
-            found = examined(log, flight.vehicle)
-            conclusion = found.conclusions[0]
-            wide += found.discrepancies[0] is not None
-            off.append(np.abs(conclusion.values - flight.truth[0][-1]) / conclusion.sigmas)
+    flight = fly("free-flyer", *RANDOM, seeds=(21,))
+    for log in beyond(flight.log(0), np.random.default_rng(21)):
+        found = examined(log, flight.vehicle)
+        conclusion = found.conclusions[0]
+        wide += found.discrepancies[0] is not None
+        off.append(np.abs(conclusion.values - flight.truth[0][-1]) / conclusion.sigmas)
     z = np.concatenate(off)
     z = z[np.isfinite(z)]
-    assert wide >= 4
+    assert wide >= 2
     assert (z < 1.96).mean() > 0.9
     assert (z > 4).mean() < 0.02
