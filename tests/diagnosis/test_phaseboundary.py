@@ -21,7 +21,7 @@ DOCKING = (
 )
 
 
-@pytest.mark.parametrize("cycles", [-18, *(pytest.param(n, marks=pytest.mark.thorough) for n in (30, -6, 6))])
+@pytest.mark.parametrize("cycles", [-18, *(pytest.param(n, marks=pytest.mark.thorough) for n in (30, 6))])
 def test_docking_that_is_stated_early_or_late_is_named_and_mended(cycles: int) -> None:
     flown = fly("docking", *DOCKING, seeds=(4,))
     log, used = flown.log(0), flown.vehicle
@@ -45,9 +45,9 @@ def test_docking_that_is_stated_early_or_late_is_named_and_mended(cycles: int) -
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("origin_s", [0.0, 1763000000.0])
-def test_a_vehicle_that_is_held_as_its_log_begins_is_named(origin_s: float) -> None:
-    """Nothing moves for the first 22 cycles though jets fire: somebody has it in his hands. By a clock that counts from 1970, too."""
+def test_a_vehicle_that_is_held_as_its_log_begins_is_named() -> None:
+    """Nothing moves for the first 22 cycles though jets fire: somebody has it in his hands. The clock counts from 1970."""
+    origin_s = 1763000000.0
     flown = fly("free-flyer", *PLAN)
     held = replace(flown.log(0), time_s=flown.log(0).time_s + origin_s)
     turned, felt = held.delta_theta_imu_rad.copy(), held.delta_v_imu_m_s.copy()
