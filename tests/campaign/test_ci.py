@@ -71,11 +71,11 @@ def test_the_ready_made_job_runs_as_it_stands(tmp_path: Path, file: str, wheels:
     path = {"PATH": f"{tools}:/usr/bin:/bin", "GITHUB_STEP_SUMMARY": str(tmp_path / "summary.md"), "GITHUB_ACTIONS": "true"}
     path["PYTHONPATH"] = str(installed)
 
-    def run() -> subprocess.CompletedProcess[str]:
+    def run(*lines: str) -> subprocess.CompletedProcess[str]:
         script = "\n".join(["set -eo pipefail", *lines])
         return subprocess.run(["bash", "-c", script], cwd=tmp_path, env=environment(**path), capture_output=True, text=True, check=False)
 
-    done = run()
+    done = run(*lines)
     assert done.returncode == 0, done.stderr
     assert (installed / "massprop_cli" / "job.py").is_file(), "what ran is what the job installed"
     assert JUnitXml.fromfile(str(tmp_path / "massprop.junit.xml")).tests == 20
@@ -83,7 +83,7 @@ def test_the_ready_made_job_runs_as_it_stands(tmp_path: Path, file: str, wheels:
     (tmp_path / "baseline").mkdir()
     shutil.copy(tmp_path / "massprop-out" / "campaign.json", tmp_path / "baseline")
     (tmp_path / "flights" / "seed-0002" / "log.parquet").write_bytes(b"")
-    done = run()
+    done = run(*lines[1:])
     assert done.returncode == 3
     assert "::error title=seed-0002::seed-0002/log.parquet%3A" not in done.stderr
     assert "::error title=seed-0002::seed-0002/log.parquet: the file is empty; record the log again" in done.stderr.splitlines()

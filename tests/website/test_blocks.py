@@ -59,11 +59,12 @@ TABLE = (
     "massprop simulate pedestal -q --set duration_s=20.0 --set "
     '\'plan=[{motion="random",axes=["roll","pitch","yaw"],every_cycles=6,max_cycles=4,closed_loop=true,start_s=0.0,end_s=20.0}]\''
 )
+SHORT = """-q --set duration_s=20.0 --set 'plan=[{motion="random",axes=["roll","pitch","yaw","x","y","z"],start_s=0.0,end_s=20.0}]'"""
 RECORDS = """--csv -q --set duration_s=10.0 --set 'plan=[{motion="random",axes=["yaw","x"],start_s=0.0,end_s=10.0}]'"""
 COMMANDS_BEFORE = f"""
 {SAMPLE}
 printf 'spread = 0.2\\n[body]\\nixx = 0.6\\niyy = 2.7\\nizz = 2.4\\nmass = 22.0\\n' > guess.toml
-massprop simulate free-flyer --seeds 2 -q --out flights
+massprop simulate free-flyer --seeds 2 {SHORT} --out flights
 massprop simulate free-flyer {RECORDS} --out records && cp records/log.csv .
 for n in 1 2; do massprop estimate flights/seed-000$n/log.parquet -q --out run-$n; done
 massprop estimate log.parquet -q --out baseline/log
@@ -76,7 +77,7 @@ cp -r flights/seed-0002 friday && cp friday/log.parquet friday.parquet
 {TABLE} --seed 2 --set truth.cg_x=0.0 --set truth.cg_y=0.0 --out moved
 massprop estimate moved/log.parquet -q --out after
 printf '{BALLAST}' > ballast.toml
-massprop simulate free-flyer -q --seed 2 {LOADED} --out flown-loaded
+massprop simulate free-flyer {SHORT} --seed 2 {LOADED} --out flown-loaded
 massprop estimate flown-loaded/log.parquet -q --out loaded
 cp -r run-1 empty
 """
