@@ -56,9 +56,10 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("file", ["github-workflow.yml", "gitlab-ci.yml"])
-def test_the_ready_made_job_runs_as_it_stands(tmp_path: Path, file: str, wheels: Path) -> None:
-    lines = scripts(DOCS / file)
+def test_the_ready_made_job_runs_as_it_stands(tmp_path: Path, wheels: Path) -> None:
+    """GitHub's; GitLab's has the same lines."""
+    lines = scripts(DOCS / "github-workflow.yml")
+    assert lines == scripts(DOCS / "gitlab-ci.yml")
     assert lines[0].startswith("pip install ")
     (tmp_path / "wheels").symlink_to(wheels)
     simulate(tmp_path / "flights", 2)
