@@ -246,7 +246,6 @@ def quarter(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
     ("mistakes", "key", "codes", "words"),
     [
         ((degrees, giving(-1.0, "pitch_p1")), "", {"gyro-units", "jet-sign"}, ("pitch_p1", "degrees")),
-        ((quarter,), dead("roll_p1"), {"imu-mounting", "jet-dead"}, ("roll_p1", "90 degrees")),
         ((askew, quarter), dead("roll_p1"), {"imu-mounting", "jet-dead"}, ("roll_p1", "90 degrees")),
         ((tilted, giving(0.8, "yaw_n2")), "", {"imu-mounting", "thrust-scale"}, ("yaw_n2 (+0.8", "3 degrees")),
     ],
