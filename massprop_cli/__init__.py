@@ -59,6 +59,10 @@ MOMENT = ("moment_x", "moment_y", "moment_z")
 ABOUT_PIVOT = (*INERTIA, *MOMENT)
 """The nine quantities about a pivot, in their order."""
 PIVOT_UNITS = {name: UNITS.get(name, "kg m") for name in ABOUT_PIVOT}
+PIVOT = "about_pivot."
+"""Before the name of a quantity about the pivot, where it stands among the ten."""
+ALL_UNITS = UNITS | {f"{PIVOT}{name}": unit for name, unit in PIVOT_UNITS.items()}
+"""Of the ten quantities and the nine about a pivot, in their order."""
 
 __all__ = ["QUANTITIES", "UNITS", "Campaign", "InputError", "LogEstimate", "__version__", "estimate_log", "run_campaign"]
 

@@ -54,7 +54,7 @@ class LogEstimate(Judged):
             | item.model_dump(include={"value", "sigma", "unit", "verdict", "final_at_s", "reason", "nominal"})
             | {"expected": item.expected.value if item.expected else None, "met": item.expected.met if item.expected else None}
             for part, body in judge.parts(self.result)
-            for name, item in body.estimates.items()
+            for name, item in judge.items(body).items()
         ]
         return pd.DataFrame(rows).set_index(["phase", "quantity"])
 
@@ -99,7 +99,7 @@ class Campaign:
             | dict(item)
             | {"outliers": [stray.log for stray in item.outliers]}
             for pool in self.summary.pooled
-            for name, item in pool.estimates.items()
+            for name, item in pool.items.items()
         ]
         return pd.DataFrame(rows, columns=columns).set_index(["vehicle", "phase", "quantity"])
 

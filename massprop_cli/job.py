@@ -13,16 +13,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from massprop_cli import flow
+from massprop_cli import QUANTITIES, flow
 from massprop_cli.base import exits, files
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.errors import InputError
 from massprop_cli.flow import Analysis, Progress
 from massprop_cli.inputs import logfile, telemetry, vehiclefile
 from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.tablefile import Table, give_back
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.result import build, judge
-from massprop_cli.result.schema import Result
+from massprop_cli.result.schema import EstimateItem, PhaseItem, Result
 
 if TYPE_CHECKING:
     from massprop_cli.inputs.expect import Expectations
@@ -158,9 +159,10 @@ def contradicted(found: Result) -> list[str]:
     """Phases, and the docked object, with a contradicted quantity: which these are, and the cause."""
     said = []
     for part, body in judge.parts(found):
-        names = [name for name, item in body.estimates.items() if item.verdict == "contradicted"]
+        told = {name: item for name, item in judge.items(body).items() if item.verdict != "unobservable"}
+        names = [name for name, item in told.items() if item.verdict == "contradicted"]
         if names:
-            listed = "all quantities" if len(names) == len(body.estimates) else ", ".join(names)
+            listed = "all quantities" if len(names) == len(told) else ", ".join(names)
             said.append(f"{listed} in {part} ({judge.contradiction(body)})")
     return said
 
@@ -171,7 +173,7 @@ def unconverged(found: Result, required: Sequence[str]) -> list[str]:
     for phase in found.phases:
         alike: dict[tuple[str, str], list[str]] = {}
         for name in dict.fromkeys(required):
-            item = phase.estimates[name]
+            item = _required(phase, name)
             if item.verdict != "converged":
                 alike.setdefault((item.verdict, item.reason), []).append(name)
         for (verdict, reason), names in alike.items():
@@ -179,12 +181,21 @@ def unconverged(found: Result, required: Sequence[str]) -> list[str]:
     return said
 
 
+def _required(phase: PhaseItem, name: str) -> EstimateItem:
+    found = judge.items(phase).get(name)
+    if found is None:
+        raise InputError(
+            f"{name} is required, and phase {phase.name} has no pivot (environment.kind); require {', '.join(QUANTITIES)} alone"
+        )
+    return found
+
+
 def imprecise(found: Result, required: Sequence[Requirement]) -> list[str]:
     """Required quantities that are converged in a phase, but with a sigma above the one that is wanted."""
     said = []
     for phase in found.phases:
         for item in required:
-            estimate = phase.estimates[item.quantity]
+            estimate = _required(phase, item.quantity)
             if item.precision is None or estimate.verdict != "converged" or estimate.value is None:
                 continue
             wanted, sigma, unit = item.precision.sigma(estimate.value), estimate.sigma, estimate.unit

@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from massprop_cli import UNITS
+from massprop_cli import ALL_UNITS, PIVOT
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import location, summary
 from massprop_cli.campaign.outcome import CampaignRow, PhaseQuantities, Value
@@ -52,7 +52,7 @@ def compare(rows: Sequence[CampaignRow], earlier: Earlier, gate: Gate) -> Baseli
     for row in old.logs:
         if row.outcome is not None and row.outcome.bodies:
             before.add(row.name)
-            tells |= any(_told(value) for body in row.outcome.bodies for value in body.estimates.values())
+            tells |= any(_told(value) for body in row.outcome.bodies for value in body.items.values())
             beyond += _log(row.name, rows[now[row.name]] if row.name in now else None, row, gate)
     beyond += [] if tells else [_beyond("nothing could be compared: no log of the baseline has a value")]
     pools = {Key.of(pool): pool for pool in pooled(rows)}
@@ -79,19 +79,20 @@ def _log(name: str, now: CampaignRow | None, before: CampaignRow, gate: Gate) ->
         if own is None:
             yield _beyond(f"{name}: {_title(body)} is in the baseline, and not here", log=name, vehicle=vehicle, part=_title(body))
             continue
-        for quantity, old in body.estimates.items():
-            new = own.estimates[quantity]
+        here = own.items
+        for quantity, old in body.items.items():
+            new = here.get(quantity)
             phase = None if body.part == "docked" else body.name
             yield from _difference(f"{name}: ", name, vehicle, _title(body), quantity, _told(new), _told(old), gate, phase)
 
 
-def _told(item: Value) -> tuple[float, float | None] | None:
-    return (item.value, item.sigma) if item.verdict in INFORMED and item.value is not None else None
+def _told(item: Value | None) -> tuple[float, float | None] | None:
+    return (item.value, item.sigma) if item and item.verdict in INFORMED and item.value is not None else None
 
 
 def _pool(now: Pool | None, before: Pool, gate: Gate) -> Iterator[Beyond]:
-    for quantity, old in before.estimates.items():
-        new = now.estimates[quantity] if now is not None else None
+    for quantity, old in before.items.items():
+        new = now.items.get(quantity) if now is not None else None
         if new is None or new.value is None or old.value is None:
             continue  # its logs say so already
         where, phase = f"vehicle {before.vehicle}, all logs: ", None if before.part == "docked" else before.name
@@ -113,7 +114,7 @@ def _difference(
     """One quantity; nothing where it is within."""
     if old is None:
         return
-    unit, tolerance = UNITS[quantity], gate.of(quantity, phase)
+    unit, tolerance = ALL_UNITS[quantity], gate.of(quantity, phase)
     if new is None:
         said = f"{where}{quantity} in {part}: {old[0]:.9g} {unit} in the baseline, missing here"
         yield _beyond(said, log=log, vehicle=vehicle, part=part, quantity=quantity, baseline_value=old[0])
@@ -127,7 +128,7 @@ def _difference(
     how = "" if sigmas is None else f", {sigmas:+.3g} sigma"
     said = (
         f"{where}{quantity} in {part}: {new[0]:.9g}, in the baseline {old[0]:.9g}, off by {off:+.3g} {unit}{how}, "
-        f"allowed {allowed:.3g} {unit} ({tolerance.stated(quantity)})"
+        f"allowed {allowed:.3g} {unit} ({tolerance.stated(quantity.removeprefix(PIVOT))})"
     )
     yield _beyond(said, log=log, vehicle=vehicle, part=part, quantity=quantity, value=new[0], baseline_value=old[0], sigmas=sigmas)
 

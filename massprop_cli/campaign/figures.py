@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_cli import QUANTITIES
+from massprop_cli import ALL_UNITS
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import pool
@@ -50,7 +50,7 @@ def spreads(group: Group) -> dict[str, Spread]:
     """Of each quantity that any log tells."""
     values = np.array(group.values)
     found = {}
-    for i, name in enumerate(QUANTITIES):
+    for i, name in enumerate(ALL_UNITS):
         told = np.isfinite(values[:, i, 0])
         if told.any():
             samples = pool.LogValues(np.array(group.numbers, dtype=float)[told], *values[told, i].T)
@@ -61,7 +61,7 @@ def spreads(group: Group) -> dict[str, Spread]:
 
 def picture(found: dict[str, Spread], of: Pool) -> Picture:
     """A panel for each quantity, and one of all in sigmas."""
-    panels = [_values(name, spread, of.estimates[name]) for name, spread in found.items()]
+    panels = [_values(name, spread, of.items[name]) for name, spread in found.items()]
     lengths = [len(spread.samples.value) for spread in found.values()]
     thinned = said(lengths, BUCKETS).replace("cycles", "logs")
     caption = (

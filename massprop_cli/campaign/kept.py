@@ -11,11 +11,13 @@ from massprop_cli.campaign import outcome
 from massprop_cli.campaign.outcome import PhaseQuantities, Value
 from massprop_cli.check.finding import ExpectedQuantity
 from massprop_cli.errorparameters.timing import DELAY_STEP
+from massprop_cli.estimate.pivot import by_ten
 from massprop_cli.estimate.quantities import by_scale, by_scale_beside, in_common
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.job import Unmet
 from massprop_cli.report.body import values
+from massprop_cli.result.judge import apart
 from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
 
 
@@ -63,14 +65,15 @@ def expected(found: Sequence[ExpectedQuantity]) -> list[PhaseQuantities]:
     phases: dict[str, dict[str, Value]] = {}
     for one in found:
         phases.setdefault(one.phase, {})[one.quantity] = Value(value=None, sigma=one.sigma, verdict=one.verdict, met=one.reached)
-    return [PhaseQuantities(part="phase", name=name, estimates=estimates) for name, estimates in phases.items()]
+    split = {name: apart(every) for name, every in phases.items()}
+    return [PhaseQuantities(part="phase", name=name, estimates=ten, about_pivot=about) for name, (ten, about) in split.items()]
 
 
 def bodies(found: Result, used: Vehicle, stated: Vehicle) -> list[PhaseQuantities]:
     """Phases and docked object; of the vehicle as it was ``used``, and as its file states it."""
     thesis = used.estimator.method == "thesis"
     alike = {phase.name: _stated(found, phase, used, stated) for phase in found.phases}
-    kept = [_phase(phase, None if thesis else shared(phase, used), alike[phase.name]) for phase in found.phases]
+    kept = [_phase(phase, None if thesis else used, alike[phase.name]) for phase in found.phases]
     docked = found.docked_object
     if docked is not None:
         # of what is known, or uncertain, of both phases the share in their difference isn't told
@@ -93,9 +96,11 @@ def joint_bodies(found: Result) -> list[PhaseQuantities]:
     )
 
 
-def _phase(phase: PhaseItem, common: Array | None, alike: Array) -> PhaseQuantities:
-    own, about = _values(phase.estimates, common, alike), _values(phase.about_pivot, None, np.zeros(9))
-    return PhaseQuantities(part="phase", name=phase.name, estimates=own, about_pivot=about)
+def _phase(phase: PhaseItem, used: Vehicle | None, alike: Array) -> PhaseQuantities:
+    """With what is shared, where the vehicle as it was ``used`` is given; ``alike`` (10,)."""
+    own = _values(phase.estimates, None if used is None else shared(phase, used), alike)
+    pivot = (None, np.zeros(9)) if used is None or not phase.about_pivot else shared_about_pivot(phase, used, alike)
+    return PhaseQuantities(part="phase", name=phase.name, estimates=own, about_pivot=_values(phase.about_pivot, *pivot))
 
 
 def _values(estimates: Mapping[str, EstimateItem], common: Array | None, alike: Array) -> dict[str, Value]:
@@ -119,6 +124,24 @@ def shared(phase: PhaseItem, used: Vehicle) -> Array:
     return in_common(by_scale(values(phase.estimates), used), np.array(phase.covariance, dtype=float), known, used)
 
 
+def shared_about_pivot(phase: PhaseItem, used: Vehicle, alike: Array) -> tuple[Array, Array]:
+    """(9,) the same about the pivot, and what the stated uncertainty of the geometry may make ``alike``, carried over from the ten (10,).
+
+    Where the ten have no values, the nine are proportional to the thrust, and known inertia is about the pivot. The effect of the geometry
+    on them is then unknown: all of their sigmas may be alike.
+    """
+    ten, about = values(phase.estimates), values(phase.about_pivot)
+    known = {name: sigma for name, (_, sigma) in phase.known.items()}
+    if np.isfinite(ten).all():
+        turning = ten - np.append(np.zeros(9), used.bearing_mass_kg)
+        _, onto = by_ten(turning, np.array(used.environment.bearing_position_m), turning[9])
+        return in_common(by_scale(ten, used), np.array(phase.covariance, dtype=float), known, used, onto), np.abs(onto) @ alike
+    untold = np.full(9, np.inf if alike.any() else 0.0)
+    if known and not used.on_pedestal:
+        return np.full(9, np.nan), untold
+    return in_common(about, np.array(phase.about_pivot_covariance, dtype=float), known, used), untold
+
+
 def _stated(found: Result, phase: PhaseItem, used: Vehicle, stated: Vehicle) -> Array:
     """(10,) sigma of what the stated uncertainty of jets, IMU and delay makes: one error in all logs, as far as they move alike.
 
@@ -129,6 +152,9 @@ def _stated(found: Result, phase: PhaseItem, used: Vehicle, stated: Vehicle) -> 
     steps = {code: 1.0 for code in (one.code for one in found.assumptions) if code.startswith(("uncertain-jet-", "uncertain-imu-"))}
     steps["command-delay"] = delay / DELAY_STEP
     variance = np.zeros(10)
+    hidden = all(one.value is None for one in phase.estimates.values())
+    if hidden and any(steps.get(one.code) for one in found.assumptions):
+        return np.full(10, np.inf)  # of quantities that are not reported no effect is
     for one in found.assumptions:
         for effect in one.effects:
             if effect.phase == phase.name and one.code in steps:

@@ -69,7 +69,7 @@ def _doubts(pool: Pool) -> list[str]:
 
 def _all(row: CampaignRow) -> str:
     found = row.outcome
-    items = [item for body in found.bodies for item in body.estimates.values()] if found else []
+    items = [item for body in found.bodies for item in body.items.values()] if found else []
     converged = f"{sum(item.verdict == 'converged' for item in items)} of {len(items)}" if items else "–"
     vehicle = shown(found.vehicle.name) if found and found.vehicle else "–"
     return markdown.row(

@@ -10,6 +10,7 @@ from massprop_cli.base import escape, exits
 from massprop_cli.campaign.plan import Job
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.inputs.equipment import EnvironmentKind
+from massprop_cli.result.judge import together
 
 FILE = "outcome.json"
 CHECKED = "check.json"
@@ -51,6 +52,11 @@ class PhaseQuantities(OutcomePart):
     estimates: dict[str, Value]
     about_pivot: dict[str, Value] = Field({}, description="inertia and first moment about the pivot; empty without one")
 
+    @property
+    def items(self) -> dict[str, Value]:
+        """All of them, those about the pivot with a prefix before their names."""
+        return together(self.estimates, self.about_pivot)
+
 
 class StatedVehicle(OutcomePart):
     """The vehicle as its file states it."""
@@ -86,7 +92,7 @@ STATES = {1: "internal error", 3: "unusable", 6: "contradicted", 4: "not converg
 
 def contradicted(found: Outcome | None) -> int:
     """In how many quantities a log and its vehicle file contradict each other."""
-    return sum(item.verdict == "contradicted" for body in (found.bodies if found else []) for item in body.estimates.values())
+    return sum(item.verdict == "contradicted" for body in (found.bodies if found else []) for item in body.items.values())
 
 
 def state(found: Outcome | None) -> str:

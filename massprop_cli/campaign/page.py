@@ -8,13 +8,13 @@ from functools import partial
 from typing import Any
 from urllib.parse import quote
 
-from massprop_cli import QUANTITIES, UNITS
+from massprop_cli import ALL_UNITS
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import figures
 from massprop_cli.campaign.outcome import CHECKED, STATES, CampaignRow, Outcome, PhaseQuantities, Value, contradicted, state
 from massprop_cli.campaign.place import RESULTS
 from massprop_cli.campaign.pooled import Key, Pool, Pooled, grouped
-from massprop_cli.campaign.summary import Summary
+from massprop_cli.campaign.summary import Summary, quantities
 from massprop_cli.report import digits, html, vocabulary
 from massprop_cli.report.svg import script
 from massprop_cli.result.judge import INFORMED
@@ -47,6 +47,7 @@ class QuantityCell:
 def page(found: Summary) -> Iterator[str]:
     """The whole page, piece by piece; it loads nothing from anywhere."""
     several = tagged = False
+    names = _beside_mass(found)
     states: dict[str, None] = {}
     vehicles: dict[str, None] = {}
     verdicts: dict[str, str] = {}
@@ -55,7 +56,7 @@ def page(found: Summary) -> Iterator[str]:
         tagged |= bool(entry["tags"])
         states[entry["state"]] = None
         vehicles |= {entry["vehicle"]: None} if entry["vehicle"] else {}
-        verdicts |= {cell.verdict: cell.sign for cells in (*entry["cells"], entry["mass"]) for cell in cells}
+        verdicts |= {cell.verdict: cell.sign for cells in (*entry["cells"], entry["mass"]) for cell in cells if cell.sign}
     return (
         html.environment()
         .get_template("campaign.html.j2")
@@ -67,9 +68,11 @@ def page(found: Summary) -> Iterator[str]:
             states=list(states),
             vehicles=list(vehicles),
             counts=counts(found),
-            quantities=[(vocabulary.SYMBOLS[name], vocabulary.unit(UNITS[name])) for name in QUANTITIES if name != "mass"],
+            quantities=[(vocabulary.SYMBOLS[name], vocabulary.unit(ALL_UNITS[name])) for name in names],
             pools=_pools(found),
-            combined=[(entry, told_of(row)) for entry, row in zip(map(partial(_entry, 0), found.combined), found.combined, strict=True)],
+            combined=[
+                (entry, told_of(row)) for entry, row in zip(map(partial(_entry, names, 0), found.combined), found.combined, strict=True)
+            ],
             verdicts=verdicts,
             view_title=title,
             doubts=doubts,
@@ -94,19 +97,24 @@ def told_of(row: CampaignRow) -> str:
     return f"{state(row.outcome)}{doubts}" + (f": {row.outcome.message}" if row.outcome and row.outcome.message else "")
 
 
+def _beside_mass(found: Summary) -> list[str]:
+    return [name for name in quantities(found) if name != "mass"]
+
+
 def _entries(found: Summary) -> Iterator[dict[str, Any]]:
-    return (_entry(number, row) for number, row in enumerate(found.logs, 1))
+    names = _beside_mass(found)
+    return (_entry(names, number, row) for number, row in enumerate(found.logs, 1))
 
 
-def _entry(number: int, row: CampaignRow) -> dict[str, Any]:
-    """What the page says of one log; quantities are by part."""
+def _entry(names: Sequence[str], number: int, row: CampaignRow) -> dict[str, Any]:
+    """What the page says of one log: the quantities ``names`` beside the mass, by part."""
     found = row.outcome
     code = found.exit_code if found else None
     sign, mark = _SIGNS[code], _MARKS.get(code, "unobservable")
     if found is not None and code == 0 and (found.warnings or contradicted(found)):
         sign, mark = _CONTRADICTED if contradicted(found) else _WARNED
     bodies = found.bodies if found else []
-    items = [item for body in bodies for item in body.estimates.values()]
+    items = [item for body in bodies for item in body.items.values()]
     return {
         "number": number,
         "name": row.name,
@@ -119,7 +127,7 @@ def _entry(number: int, row: CampaignRow) -> dict[str, Any]:
         "mark": mark,
         "message": found.message if found else "",
         "parts": tuple(title(body) for body in bodies),
-        "cells": tuple(tuple(_cell(body.estimates[name]) for body in bodies) for name in QUANTITIES if name != "mass"),
+        "cells": tuple(tuple(_cell(body.items.get(name)) for body in bodies) for name in names),
         "mass": tuple(_cell(body.estimates["mass"]) for body in bodies),
         "verdicts": " ".join(dict.fromkeys(item.verdict for item in items)),
         "converged": sum(item.verdict == "converged" for item in items),
@@ -146,7 +154,9 @@ def title(body: PhaseQuantities | Pool) -> str:
     return body.name if body.part == "phase" else f"docked: {body.name}"
 
 
-def _cell(item: Value) -> QuantityCell:
+def _cell(item: Value | None) -> QuantityCell:
+    if item is None:
+        return QuantityCell("absent", "", digits.ABSENT, digits.ABSENT, "", missed=False, rough=False)
     value, sigma = (digits.minus(text) for text in digits.numbers(item.value, item.sigma, item.verdict))
     if item.value is None and item.sigma is not None:  # of a check
         sigma = digits.figures(item.sigma)
@@ -171,7 +181,7 @@ def _pools(found: Summary) -> list[PooledVehicle]:
         picture = html.drawn("pool", "Log by log", figures.picture(spread, pool), f"pool{number}")
         within = {name: f"{one.within} of {len(one.samples.value)}" for name, one in spread.items()}
         told.append(
-            PooledVehicle(pool, [_pooled(name, item) | {"within": within.get(name, "–")} for name, item in pool.estimates.items()], picture)
+            PooledVehicle(pool, [_pooled(name, item) | {"within": within.get(name, "–")} for name, item in pool.items.items()], picture)
         )
     return told
 
@@ -215,10 +225,10 @@ def _without(item: Pooled) -> str:
 
 def doubts(found: Pool) -> list[str]:
     """What is wrong with pooling these logs, a sentence each: a mean's sigma means nothing where they contradict each other."""
-    names = [name for name, item in found.estimates.items() if item.p_value is not None and item.p_value < _UNLIKELY]
+    names = [name for name, item in found.items.items() if item.p_value is not None and item.p_value < _UNLIKELY]
     if not names:
         return []
-    worst = max(found.estimates[name].scatter_ratio or 0.0 for name in names)
+    worst = max(found.items[name].scatter_ratio or 0.0 for name in names)
     files = f"; they have {found.vehicle_files} different vehicle files" if found.vehicle_files > 1 else ""
     return [
         f"{', '.join(names)}: the logs contradict each other, scattering up to {_short(worst)} times as far as they claim{files}. "
@@ -228,4 +238,4 @@ def doubts(found: Pool) -> list[str]:
 
 def pooled(found: Pool) -> Sequence[dict[str, str]]:
     """Rows of a vehicle's table as text, for other pages than this."""
-    return [_pooled(name, item) for name, item in found.estimates.items()]
+    return [_pooled(name, item) for name, item in found.items.items()]

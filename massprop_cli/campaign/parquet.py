@@ -8,15 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from massprop_cli import ABOUT_PIVOT, PIVOT_UNITS, QUANTITIES, UNITS
+from massprop_cli import ALL_UNITS, PIVOT
 from massprop_cli.base import arrow
 from massprop_cli.base.escape import cell
 from massprop_cli.campaign.outcome import CampaignRow, Outcome, PhaseQuantities, Value, state
-from massprop_cli.campaign.summary import Summary
+from massprop_cli.campaign.summary import Summary, quantities
 from massprop_cli.report.spreadsheet import SPELT
 
-PIVOT = "pivot_"
-"""Before the name of a quantity about the pivot, as in history.parquet."""
 _TOGETHER = 250
 """Logs whose rows are held, and written, together."""
 Line = tuple[CampaignRow, Outcome | None, PhaseQuantities | None]
@@ -51,20 +49,20 @@ def parquet(found: Summary) -> bytes:
 
     out = io.BytesIO()
     with ExitStack() as stack:
-        writer, pivoted = None, any_about_pivot(found)
+        writer, names = None, quantities(found)
         for start in range(0, len(found.logs), _TOGETHER):
-            part = _part(found.logs[start : start + _TOGETHER], pivoted)
+            part = _part(found.logs[start : start + _TOGETHER], names)
             writer = writer or stack.enter_context(pq.ParquetWriter(out, part.schema, compression="zstd"))
             writer.write_table(part)
     return out.getvalue()
 
 
-def any_about_pivot(found: Summary) -> bool:
-    """Whether any log has values about a pivot."""
-    return any(body.about_pivot for row in found.logs if row.outcome for body in row.outcome.bodies)
+def _column(quantity: str) -> str:
+    """How a quantity's columns begin: about the pivot as in history.parquet."""
+    return quantity.replace(PIVOT, "pivot_")
 
 
-def _part(rows: Sequence[CampaignRow], pivoted: bool) -> Any:
+def _part(rows: Sequence[CampaignRow], names: Sequence[str]) -> Any:
     """The table of some rows."""
     import pyarrow as pa
 
@@ -73,11 +71,9 @@ def _part(rows: Sequence[CampaignRow], pivoted: bool) -> Any:
     for name, number in _NUMBERS.items():
         column = _numbers([None if outcome is None else number(outcome) for _, outcome, _ in lines])
         columns[name] = column.cast(pa.int64()) if name in ("exit_code", "cycles") else column
-    for quantity in QUANTITIES:
-        values = [None if body is None else body.estimates[quantity] for *_, body in lines]
-        columns |= _quantity(quantity, values)
-    for quantity in ABOUT_PIVOT if pivoted else ():
-        columns |= _quantity(f"{PIVOT}{quantity}", [None if body is None else body.about_pivot.get(quantity) for *_, body in lines])
+    every = [{} if body is None else body.items for *_, body in lines]
+    for quantity in names:
+        columns |= _quantity(_column(quantity), [told.get(quantity) for told in every])
     return pa.table(columns)
 
 
@@ -105,32 +101,30 @@ _PARTS = ("verdict", "expected", "met")
 _ABOUT = ("number", "name", "log", "tags", "outcome", "exit_code", "message", "vehicle", "part", "phase", "warnings")
 
 
-def _columns(name: str, unit: str) -> tuple[str, ...]:
-    return f"{name}_{SPELT[unit]}", f"{name}_sigma_{SPELT[unit]}", *(f"{name}_{part}" for part in _PARTS)
-
-
-COLUMNS = (*_ABOUT, *(column for name in QUANTITIES for column in _columns(name, UNITS[name])))
-"""In their order."""
-PIVOT_COLUMNS = tuple(column for name in ABOUT_PIVOT for column in _columns(f"{PIVOT}{name}", PIVOT_UNITS[name]))
-"""After them, of campaigns with a bearing or pedestal."""
+def columns(names: Sequence[str]) -> tuple[str, ...]:
+    """Of campaign.csv, in their order."""
+    pairs = ((_column(name), SPELT[ALL_UNITS[name]]) for name in names)
+    each = ((f"{name}_{unit}", f"{name}_sigma_{unit}", *(f"{name}_{part}" for part in _PARTS)) for name, unit in pairs)
+    return (*_ABOUT, *(column for of_one in each for column in of_one))
 
 
 def csv_rows(found: Summary) -> Iterator[str]:
     """A row for each log's phases and docked object, one for each log without a result; RFC 4180, log by log."""
-    pivoted = any_about_pivot(found)
-    yield _line([*COLUMNS, *(PIVOT_COLUMNS if pivoted else ())])
+    names = quantities(found)
+    yield _line(columns(names))
     for number, row in enumerate(found.logs, 1):
         one = row.outcome
         for body in _bodies(one):
             said = {name: cell(tell(row, one, body) or "") for name, tell in _TEXTS.items()}
             said |= {"number": str(number), "outcome": state(one), "exit_code": "" if one is None else str(one.exit_code)}
-            values = [""] * (5 * len(QUANTITIES)) if body is None else [v for name in QUANTITIES for v in _value(body.estimates[name])]
-            about = body.about_pivot if body is not None else {}
-            values += [v for name in ABOUT_PIVOT for v in (_value(about[name]) if about else ("",) * 5)] if pivoted else []
+            told = {} if body is None else body.items
+            values = [value for name in names for value in _value(told.get(name))]
             yield _line([*(said[name] for name in _ABOUT), *values])
 
 
-def _value(item: Value) -> tuple[str, ...]:
+def _value(item: Value | None) -> tuple[str, ...]:
+    if item is None:
+        return ("",) * (2 + len(_PARTS))
     value, sigma, expected = ("" if number is None else repr(number) for number in (item.value, item.sigma, item.expected))
     return value, sigma, item.verdict, expected, "" if item.met is None else str(item.met).lower()
 

@@ -9,14 +9,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from massprop_cli import QUANTITIES, UNITS
+from massprop_cli import ALL_UNITS
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import pool
 from massprop_cli.campaign.outcome import CampaignRow, OutcomePart, Value
 from massprop_cli.combine import twice
 from massprop_cli.inputs.equipment import EnvironmentKind
-from massprop_cli.result.judge import INFORMED
+from massprop_cli.result.judge import INFORMED, apart, together
 
 
 class Outlier(OutcomePart):
@@ -46,7 +46,7 @@ class Pooled(OutcomePart):
 
 
 class Pool(OutcomePart):
-    """Ten quantities of one vehicle, in one phase or as docked object; two logs at least tell one of them."""
+    """Ten quantities of one vehicle, in one phase or as docked object, on a pivot nine more; two logs at least tell one of them."""
 
     vehicle: str
     environment: EnvironmentKind
@@ -55,12 +55,18 @@ class Pool(OutcomePart):
     part: Literal["phase", "docked"]
     name: str
     estimates: dict[str, Pooled]
+    about_pivot: dict[str, Pooled] = Field({}, description="inertia and first moment about the pivot; empty where no log tells them")
+
+    @property
+    def items(self) -> dict[str, Pooled]:
+        """All of them, those about the pivot with a prefix before their names."""
+        return together(self.estimates, self.about_pivot)
 
 
 def pooled(rows: Iterable[CampaignRow]) -> list[Pool]:
     """By vehicle, method and part, in the order in which they first appear; of what two logs at least tell."""
     pools = [_pool(key, group) for key, group in grouped(rows).items() if len(group.numbers) > 1]
-    return [found for found in pools if any(quantity.logs > 1 for quantity in found.estimates.values())]
+    return [found for found in pools if any(quantity.logs > 1 for quantity in found.items.values())]
 
 
 @dataclass(frozen=True)
@@ -70,10 +76,10 @@ class Group:
     numbers: list[int] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
     values: list[Array] = field(default_factory=list)
-    """(10, 4) each: value, sigma, shared, alike; NaN where the log doesn't tell."""
+    """(19, 4) each, in the order of ALL_UNITS: value, sigma, shared, alike; NaN where the log doesn't tell."""
     files: set[str] = field(default_factory=set)
     """sha256 of their vehicle files."""
-    expected: tuple[set[float], ...] = field(default_factory=lambda: tuple(set() for _ in QUANTITIES))
+    expected: tuple[set[float], ...] = field(default_factory=lambda: tuple(set() for _ in ALL_UNITS))
     """Of each quantity, what any log expects."""
 
     def without(self, which: set[int]) -> Group:
@@ -102,15 +108,15 @@ def grouped(rows: Iterable[CampaignRow]) -> dict[Key, Group]:
             group.numbers.append(number)
             group.names.append(one.name)
             group.files.add(stated.sha256)
-            items = [body.estimates[quantity] for quantity in QUANTITIES]
+            items = [*map(body.items.get, ALL_UNITS)]
             group.values.append(np.array([_told(item) for item in items]))
             for alike, item in zip(group.expected, items, strict=True):
-                alike |= {item.expected} if item.expected is not None else set()
+                alike |= {item.expected} if item and item.expected is not None else set()
     return {key: group.without(_again(group.values)) for key, group in groups.items()}
 
 
 def _again(values: Sequence[Array]) -> set[int]:
-    """Which of these (10, 4) are of a recording that stands there before in another file."""
+    """Which of these (19, 4) are of a recording that stands there before in another file."""
     whole = np.array(values)
     quantity = int(np.argmax(np.isfinite(whole[:, :, 0]).sum(0)))
     order = [int(i) for i in np.argsort(whole[:, quantity, 0]) if np.isfinite(whole[i, quantity, 0])]
@@ -139,31 +145,29 @@ class Key(NamedTuple):
         return Key(found.vehicle, found.environment, found.bearing_mass_kg, found.part, found.name)
 
 
-def _told(item: Value) -> tuple[float, float, float, float]:
-    if item.verdict in INFORMED and item.value is not None and item.sigma and item.shared is not None:
+def _told(item: Value | None) -> tuple[float, float, float, float]:
+    if item and item.verdict in INFORMED and item.value is not None and item.sigma and item.shared is not None:
         return item.value, item.sigma, item.shared, item.alike
     return np.nan, np.nan, np.nan, np.nan
 
 
 def _pool(key: Key, group: Group) -> Pool:
-    return Pool(
-        **key._asdict(),
-        vehicle_files=len(group.files),
-        estimates={quantity: _quantity(quantity, group, n) for n, quantity in enumerate(QUANTITIES)},
-    )
+    ten, about = apart({quantity: _quantity(quantity, group, n) for n, quantity in enumerate(ALL_UNITS)})
+    told = any(item.logs for item in about.values())
+    return Pool(**key._asdict(), vehicle_files=len(group.files), estimates=ten, about_pivot=about if told else {})
 
 
 def _quantity(quantity: str, group: Group, index: int) -> Pooled:
     values = np.array([log[index] for log in group.values])
     told = np.flatnonzero(np.isfinite(values[:, 0]))
     if not len(told):
-        return Pooled(unit=UNITS[quantity], logs=0, value=None, sigma=None)
+        return Pooled(unit=ALL_UNITS[quantity], logs=0, value=None, sigma=None)
     names = [group.names[n] for n in told]
     samples = pool.LogValues(np.array(group.numbers, dtype=float)[told], *values[told].T)
     mean, scatter, trend, stray = pool.mean(samples), pool.scatter(samples), pool.trend(samples), pool.outliers(samples)
     rest = pool.mean(samples.only(np.delete(np.arange(len(names)), list(stray)))) if stray else None
     return Pooled(
-        unit=UNITS[quantity],
+        unit=ALL_UNITS[quantity],
         logs=len(names),
         value=mean.value,
         sigma=mean.sigma,

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, ValidatorFunctionWrapHandler, WrapSerializer, WrapValidator
 
-from massprop_cli import __version__
+from massprop_cli import ALL_UNITS, QUANTITIES, __version__
 from massprop_cli.base import escape, exits
 from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import location
@@ -92,6 +92,12 @@ def summary(name: str, rows: Sequence[CampaignRow], baseline: Baseline | None = 
         combined=[*combined],
         baseline=baseline,
     )
+
+
+def quantities(found: Summary) -> list[str]:
+    """Names of the quantities that its logs may tell: those about a pivot where any log has one."""
+    pivoted = any(body.about_pivot for row in found.logs if row.outcome for body in row.outcome.bodies)
+    return [*(ALL_UNITS if pivoted else QUANTITIES)]
 
 
 def to_json(found: Summary) -> Iterator[str]:

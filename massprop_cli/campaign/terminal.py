@@ -42,7 +42,7 @@ def show(found: Summary, console: Console) -> None:
 def _table(pool: Pool) -> Table:
     table = titled(escape.rich(f"{pool.vehicle}, {page.title(pool)}"), list(_COLUMNS.values()), _WORDS)
     table.columns[-1].no_wrap = False
-    for (name, item), row in zip(pool.estimates.items(), page.pooled(pool), strict=True):
+    for (name, item), row in zip(pool.items.items(), page.pooled(pool), strict=True):
         more = f" and {len(item.outliers) - NAMED} more" if len(item.outliers) > NAMED else ""
         stray = f"{', '.join(row['outliers'].split(', ')[:NAMED])}{more}" if item.outliers else "none"
         table.add_row(

@@ -22,7 +22,7 @@ from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.report import timing, vocabulary
-from massprop_cli.result import build
+from massprop_cli.result import build, judge
 from massprop_cli.result.schema import PhaseItem, Result
 
 IMU = ("gyro", "accel", "imu", "sensor", "outliers")
@@ -173,7 +173,7 @@ def _expected(told: Result, wants: Sequence[Requirement]) -> list[ExpectedQuanti
     asked = {item.quantity: item for item in wants}
     found = []
     for phase in told.phases:
-        for name, item in phase.estimates.items():
+        for name, item in judge.items(phase).items():
             want = asked.get(name)
             precision = want.precision if want is not None else None
             limit = precision.sigma(item.value) if precision is not None and item.value is not None else None

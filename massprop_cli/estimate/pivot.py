@@ -67,6 +67,13 @@ def about_pivot(values: Array, covariance: Array, pivot: Array, assumed_kg: Arra
 
     Where the mass wasn't weighed (NaN), inertia is about the pivot already, and the CG is the first moment's over ``assumed_kg`` (…,).
     """
+    about, slope = by_ten(values, pivot, assumed_kg)
+    shared = np.where(np.isfinite(covariance) | np.isfinite(values[..., 9])[..., None, None], covariance, 0.0)
+    return about, slope @ shared @ np.swapaxes(slope, -1, -2)
+
+
+def by_ten(values: Array, pivot: Array, assumed_kg: Array) -> tuple[Array, Array]:
+    """The same nine (…, 9), and their derivative (…, 9, 10) by the ten."""
     arm, weighed = values[..., 6:9] - pivot, np.isfinite(values[..., 9])
     mass, shifted = np.where(weighed, values[..., 9], assumed_kg), np.where(weighed, values[..., 9], 0.0)
     slope = np.zeros((*values.shape[:-1], 9, 10))
@@ -74,9 +81,8 @@ def about_pivot(values: Array, covariance: Array, pivot: Array, assumed_kg: Arra
     slope[..., :6, 6:9] = shifted[..., None, None] * _spread_by_arm(arm)
     slope[..., :6, 9], slope[..., 6:, 9] = elements(_spread(arm)), arm
     slope[~weighed, :, 9] = 0.0
-    shared = np.where(np.isfinite(covariance) | weighed[..., None, None], covariance, 0.0)
     about = values[..., :6] + shifted[..., None] * elements(_spread(arm))
-    return np.concatenate([about, mass[..., None] * arm], -1), slope @ shared @ np.swapaxes(slope, -1, -2)
+    return np.concatenate([about, mass[..., None] * arm], -1), slope
 
 
 def _spread(arm: Array) -> Array:

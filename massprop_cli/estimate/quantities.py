@@ -131,16 +131,19 @@ def open_scale(vehicle: Vehicle) -> float:
     return 0.0 if vehicle.spinning else vehicle.thrust.scale_sigma
 
 
-def in_common(slope: Array, covariance: Array, known: Mapping[str, float], vehicle: Vehicle) -> Array:
+def in_common(slope: Array, covariance: Array, known: Mapping[str, float], vehicle: Vehicle, onto: Array | None = None) -> Array:
     """(10,) sigma of the errors that all estimates of a vehicle have alike: of its scales, and of what is known. NaN where nothing is.
 
     ``slope`` (10,) is the derivative of the log's own values by the scale of the thrust κ, ``covariance`` (10, 10) the reported one. κ
     leaves (slope − K H slope) κ (:func:`left_by_known`), an error ε of what is known K ε. Beside wheels a log tells the scales of thrust
-    and wheels: of one that makes s of a value by itself, of which V is left, its estimate holds V/s, and never more than s.
+    and wheels: of one that makes s of a value by itself, of which V is left, its estimate holds V/s, and never more than s. ``onto``
+    (n, 10): the same of n other quantities, by their derivative by the ten.
     """
     index, gain = _gain(covariance, known)
-    given = ((gain * np.array(list(known.values()))) ** 2).sum(1)
-    moved = np.abs(slope - gain @ slope[index])
+    moved = slope - gain @ slope[index]
+    if onto is not None:
+        gain, moved, covariance = onto @ gain, onto @ moved, onto @ covariance @ onto.T
+    given, moved = ((gain * np.array(list(known.values()))) ** 2).sum(1), np.abs(moved)
     if not vehicle.spinning:
         return np.asarray(np.hypot(open_scale(vehicle) * moved, np.sqrt(given)))
     own = np.maximum(np.diag(covariance) - given, 0.0)

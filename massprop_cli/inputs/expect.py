@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, FiniteFloat, JsonValue, model_validator
 
-from massprop_cli import ABOUT_PIVOT, MOMENT, QUANTITIES
+from massprop_cli import ABOUT_PIVOT, MOMENT, PIVOT, QUANTITIES
 from massprop_cli.base import configfile
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
@@ -23,8 +23,6 @@ from massprop_cli.inputs.vehicle import PRODUCTS
 
 Convention = Literal["tensor", "positive_integral"]
 SCHEMA, TRUTH = "massprop/expect/1", "massprop/truth/1"
-PIVOT = "about_pivot."
-"""Before the name of a quantity about the pivot."""
 _OLDER = ("env", "bound")
 """Keys that tell a truth.json of before it named its schema."""
 

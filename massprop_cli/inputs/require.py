@@ -9,7 +9,7 @@ from typing import Annotated
 
 from pydantic import PlainValidator
 
-from massprop_cli import CG, QUANTITIES, UNITS
+from massprop_cli import ALL_UNITS, CG, MOMENT, PIVOT, QUANTITIES
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError, UsageError
 
@@ -17,7 +17,12 @@ ALL = "all"
 _ITEM = re.compile(r"([^\s<≤]+)(?:\s*(?:<=|[<≤\s])(.*))?")
 _SPACED = re.compile(r"^(cg) (?=[xyz]\b)", re.IGNORECASE)
 _AMOUNT = re.compile(r"\+?((?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D.*)?")
-_SCALES = {"kg": {"kg": 1.0, "g": 1e-3}, "m": {"m": 1.0, "mm": 1e-3}, "kg m^2": {"kg m^2": 1.0}}
+_SCALES = {
+    "kg": {"kg": 1.0, "g": 1e-3},
+    "m": {"m": 1.0, "mm": 1e-3},
+    "kg m": {"kg m": 1.0, "g cm": 1e-5, "g mm": 1e-6},
+    "kg m^2": {"kg m^2": 1.0},
+}
 """What may be written of a quantity with each SI unit."""
 
 
@@ -55,9 +60,10 @@ class MisreadError(ValueError):
 
 
 def requirements(stated: str | Sequence[str] | None, option: str = "--require") -> tuple[Requirement, ...]:
-    """Requirements in the order of the ten quantities, from a text with commas between or a sequence of such texts.
+    """Requirements in the order of the quantities, from a text with commas between or a sequence of such texts.
 
-    Names are taken as tables and as reports spell them ("ixx", "Ixx", "CG x"), "all" is the ten of them; what is said of a quantity goes
+    Names are taken as tables and as reports spell them ("ixx", "Ixx", "CG x"), "about_pivot.ixx" and "moment_x" are about a pivot, "all" is
+    the ten without these; what is said of a quantity goes
     before what is said of all, and a precision before none. :class:`UsageError` for what can't be understood, :class:`InputError` for a
     precision that makes no sense.
     """
@@ -70,6 +76,9 @@ def requirements(stated: str | Sequence[str] | None, option: str = "--require") 
 def precise(stated: str, option: str = "--want") -> tuple[Requirement, ...]:
     """The same where every quantity needs a precision."""
     found = requirements(stated, option)
+    pivoted = next((item.quantity for item in found if item.quantity.startswith(PIVOT)), None)
+    if pivoted is not None:
+        raise InputError(f"{option} {pivoted}: a plan has the sigmas of the ten quantities alone; name one of {', '.join(QUANTITIES)}")
     bare = next((item.quantity for item in found if item.precision is None), None)
     if bare is not None or not found:
         raise InputError(
@@ -89,7 +98,8 @@ def read(stated: object) -> tuple[Requirement, ...]:
         if before is not None and precision is not None and before != precision:
             raise MisreadError(f"{name}<{precision.written}: {name}<{before.written} is asked as well; keep one of them", True)
         found[name] = precision or before
-    return tuple(Requirement(name, found.get(name) or found.get(ALL)) for name in QUANTITIES if name in found or ALL in found)
+    named = [name for name in ALL_UNITS if name in found or (name in QUANTITIES and ALL in found)]
+    return tuple(Requirement(name, found.get(name) or (found.get(ALL) if name in QUANTITIES else None)) for name in named)
 
 
 def _is_text(item: object) -> bool:
@@ -101,8 +111,10 @@ def _item(text: str) -> tuple[str, Precision | None]:
     parts = _ITEM.fullmatch(_SPACED.sub(r"\1_", text))
     written, amount = parts.groups() if parts else (text, None)
     name = written.lower()
-    if name not in (*QUANTITIES, ALL):
+    name = f"{PIVOT}{name}" if name in MOMENT else name  # there is none but about a pivot
+    if name not in (*ALL_UNITS, ALL):
         said = f"{text or 'nothing'}: no such quantity; choose from {', '.join(QUANTITIES)} or {ALL}"
+        said += f"; about a pivot {PIVOT}ixx, … or {MOMENT[0]}, …"
         # a name alone may be a slip of the command line; a precision of what doesn't exist is a demand that makes no sense
         raise MisreadError(said, syntax=amount is None or _AMOUNT.fullmatch(amount.strip()) is None)
     return name, None if amount is None else _precision(text, name, amount.strip())
@@ -113,7 +125,7 @@ def _precision(text: str, name: str, amount: str) -> Precision:
     if found is None:
         raise MisreadError(f'{text}: {amount!r} is no precision; write for instance "{_example(name)}" or "{name}<2%"', True)
     number, unit = float(found[1]), " ".join((found[2] or "").replace("²", "^2").replace("*", " ").replace("·", " ").split())
-    scales = _SCALES[UNITS[name]] if name != ALL else {}
+    scales = _SCALES[ALL_UNITS[name]] if name != ALL else {}
     if unit != "%" and unit not in scales:
         allowed = " or ".join(["%", *scales])
         said = f"{unit!r} is no unit of {name}" if unit else "has no unit"
@@ -124,7 +136,8 @@ def _precision(text: str, name: str, amount: str) -> Precision:
 
 
 def _example(name: str) -> str:
-    return f"{name}<{'0.5 mm' if name in CG else '200 g' if name == 'mass' else '2%' if name == ALL else '0.01 kg m^2'}"
+    amounts = {**dict.fromkeys(CG, "0.5 mm"), "mass": "200 g", ALL: "2%", **{f"{PIVOT}{moment}": "100 g mm" for moment in MOMENT}}
+    return f"{name}<{amounts.get(name, '0.01 kg m^2')}"
 
 
 Stated = Annotated[tuple[Requirement, ...], PlainValidator(read, json_schema_input_type=str | list[str])]

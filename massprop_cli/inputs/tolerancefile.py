@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, PlainValidator, model_validator
 
-from massprop_cli import ABOUT_PIVOT, QUANTITIES
+from massprop_cli import ABOUT_PIVOT, PIVOT, QUANTITIES
 from massprop_cli.base import configfile
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
@@ -80,7 +80,7 @@ class PivotedLimits(Limits):
 
     def of(self, quantity: str) -> Tolerance | None:
         """Of a quantity, those about the pivot with a prefix before their names."""
-        name = quantity.removeprefix(expect.PIVOT)
+        name = quantity.removeprefix(PIVOT)
         return super().of(quantity) if name == quantity else self.about_pivot.of(name) or self.tolerance
 
 

@@ -13,7 +13,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.escape import line
 from massprop_cli.report import digits, vocabulary
 from massprop_cli.report.vocabulary import gap
-from massprop_cli.result.judge import INFORMED, contradiction, parts, unpredicted, why
+from massprop_cli.result.judge import INFORMED, contradiction, items, parts, unpredicted, why
 from massprop_cli.result.read import Recorded, labels
 from massprop_cli.result.schema import EstimateItem, Result
 
@@ -105,7 +105,7 @@ def _cases(outcome: LogOutcome) -> list[ET.Element]:
     return [
         _quantity(case(outcome.name, part, quantity), quantity, item, contradiction(body), allowed)
         for part, body in parts(found)
-        for quantity, item in body.estimates.items()
+        for quantity, item in items(body).items()
         if not held or item.expected is not None or item.verdict == "contradicted"
     ] + [said(one, "failure", missed, "not as expected") if missed else one for one, missed in validated]
 

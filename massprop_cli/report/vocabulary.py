@@ -1,6 +1,7 @@
 """What every report says in words: names, units, conventions, verdicts, and why a value is not converged and what would help."""
 
-from massprop_cli import CG
+from massprop_cli import ABOUT_PIVOT as NINE
+from massprop_cli import CG, PIVOT
 from massprop_cli.conclude.reason import HARDLY_INFORMED, NOT_WHITE
 from massprop_cli.conclude.verdict import WANTED, Verdict
 from massprop_cli.inputs.equipment import EnvironmentKind
@@ -12,7 +13,8 @@ SYMBOLS = {
     "cg_x": "CG x", "cg_y": "CG y", "cg_z": "CG z", "mass": "Mass",
     "moment_x": "Moment x", "moment_y": "Moment y", "moment_z": "Moment z",
 }  # fmt: skip
-"""How people write the ten quantities, and the first moment about a pivot."""
+SYMBOLS |= {f"{PIVOT}{name}": f"{SYMBOLS[name]} about pivot" for name in NINE}
+"""How people write the ten quantities, and those about a pivot alone or beside them."""
 VERDICTS: dict[Verdict, str] = {
     "converged": "informed by the motion, and steady within tolerance to the end",
     "not_converged": "informed, but still moving, or informed too late to be called steady; a longer log would settle it",
@@ -45,7 +47,7 @@ def unit(text: str) -> str:
 
 def cure(quantity: str) -> str:
     """The motion that would inform a quantity."""
-    return WANTED[quantity]
+    return WANTED[quantity.removeprefix(PIVOT)]
 
 
 def conventions(result: Result) -> list[str]:

@@ -11,11 +11,11 @@ from typing import Literal
 
 from pydantic import Field
 
-from massprop_cli import QUANTITIES
+from massprop_cli import PIVOT, QUANTITIES
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.inputs.tolerancefile import Gate
-from massprop_cli.result.judge import INFORMED, PIVOT, items, parts
+from massprop_cli.result.judge import INFORMED, items, parts
 from massprop_cli.result.read import Recorded, check_same
 from massprop_cli.result.schema import Conventions, EstimateItem, Item, Result
 

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
+from massprop_cli import PIVOT
 from massprop_cli.base.errors import InputError
 from massprop_cli.result.schema import DockedObject, EstimateItem, ExpectationFile, Expected, ImpliedScale, PhaseItem, Result
 
 if TYPE_CHECKING:
     from massprop_cli.inputs.expect import Expectations, Wanted
 
-PIVOT = "about_pivot."
-"""Before the name of a quantity about the pivot, as :mod:`massprop_cli.inputs.expect` has it."""
-
+_Kind = TypeVar("_Kind")
 INFORMED = ("converged", "not_converged")
 """Verdicts of values that the motion told; a contradicted one meets no expectation."""
 
@@ -48,16 +48,24 @@ def _asked(expectations: Expectations, estimates: dict[str, EstimateItem], wante
 
 def items(body: PhaseItem | DockedObject) -> dict[str, EstimateItem]:
     """The ten quantities, and those about a pivot with a prefix before their names."""
-    about = body.about_pivot if isinstance(body, PhaseItem) else {}
-    return body.estimates | {f"{PIVOT}{name}": item for name, item in about.items()}
+    return together(body.estimates, body.about_pivot if isinstance(body, PhaseItem) else {})
+
+
+def together(ten: Mapping[str, _Kind], about_pivot: Mapping[str, _Kind]) -> dict[str, _Kind]:
+    """What is said of the ten quantities and of those about a pivot, these with a prefix before their names."""
+    return {**ten, **{f"{PIVOT}{name}": item for name, item in about_pivot.items()}}
+
+
+def apart(every: Mapping[str, _Kind]) -> tuple[dict[str, _Kind], dict[str, _Kind]]:
+    """The same the other way."""
+    ten = {name: item for name, item in every.items() if not name.startswith(PIVOT)}
+    return ten, {name.removeprefix(PIVOT): item for name, item in every.items() if name.startswith(PIVOT)}
 
 
 def _phase(phase: PhaseItem, wanted: dict[str, Wanted]) -> PhaseItem:
-    held = _estimates(items(phase), wanted)
-    about = {"about_pivot": {name: held.pop(f"{PIVOT}{name}") for name in phase.about_pivot}} if phase.about_pivot else {}
-    return phase.model_copy(
-        update=about | {"estimates": held, "implied_thrust_scale": phase.implied_thrust_scale or _implied(phase, wanted.get("mass"))}
-    )
+    ten, about = apart(_estimates(items(phase), wanted))
+    scale = phase.implied_thrust_scale or _implied(phase, wanted.get("mass"))
+    return phase.model_copy(update={"estimates": ten, "about_pivot": about, "implied_thrust_scale": scale})
 
 
 def _implied(phase: PhaseItem, mass: Wanted | None) -> ImpliedScale | None:

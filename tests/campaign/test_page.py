@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from massprop_cli import QUANTITIES
 from massprop_cli.campaign import figures, terminal
 from massprop_cli.campaign import markdown as campaign_markdown
 from massprop_cli.campaign import page as campaign_page
 from massprop_cli.campaign.outcome import CampaignRow, Value, contradicted, state
-from massprop_cli.campaign.parquet import COLUMNS, csv_rows
+from massprop_cli.campaign.parquet import columns, csv_rows
 from massprop_cli.campaign.pooled import grouped
 from massprop_cli.campaign.summary import Summary, summary, to_json
 from massprop_cli.report.figures import canvas
@@ -211,7 +212,7 @@ def test_the_worst_warning_and_the_mass_stand_beside_the_outcome() -> None:
 def test_the_table_for_a_spreadsheet_has_every_value_and_no_formula() -> None:
     found = campaign()
     rows = list(csv.DictReader(io.StringIO("".join(csv_rows(found)), newline="")))
-    assert tuple(rows[0]) == COLUMNS
+    assert tuple(rows[0]) == columns(QUANTITIES)
     assert [one["name"] for one in rows] == [one.name for one in found.logs]
     assert [one["mass_kg"] for one in rows[:5]] == ["29.0", "28.0", "27.0", "26.0", ""]
     assert (rows[0]["mass_sigma_kg"], rows[0]["mass_verdict"], rows[0]["outcome"]) == ("0.25", "converged", "done")

@@ -30,6 +30,9 @@ from tests.commandline import massprop
         ("ixy<10%", -0.07, 0.007),
         ("CG x < 0.5 mm", 0.012, 0.0005),
         ("cg Y 1e-3 m", 0.012, 0.001),
+        ("about_pivot.ixx<2%", 0.6, 0.012),
+        ("moment_z < 10 g cm", 0.012, 1e-4),
+        ("About_pivot.Moment_x<1e-5 kg m", 0.012, 1e-5),
     ],
 )
 def test_a_precision_is_a_sigma_in_the_quantitys_unit_or_a_share_of_its_value(stated: str, value: float, sigma: float) -> None:
@@ -56,6 +59,7 @@ def test_what_is_said_of_a_quantity_goes_before_what_is_said_of_all() -> None:
         ("mass<1e400 kg", InputError, "above 0 and finite"),
         ("all<1 kg", InputError, "'kg' is no unit of all; give it in %"),
         ("weight", UsageError, "weight: no such quantity"),
+        ("moment_z<1 kg", InputError, "'kg' is no unit of about_pivot.moment_z; give it in % or kg m or g cm or g mm"),
         ("mass<", UsageError, "'' is no precision"),
         ("mass<abc", UsageError, "'abc' is no precision"),
         ("mass<-1 kg", UsageError, "'-1 kg' is no precision"),

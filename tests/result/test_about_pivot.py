@@ -4,13 +4,26 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from massprop_cli import ABOUT_PIVOT
+from massprop_cli import ABOUT_PIVOT, PIVOT, PIVOT_UNITS, QUANTITIES
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.campaign import kept, markdown
+from massprop_cli.campaign.summary import Summary
+from massprop_cli.estimate.pivot import about_pivot
+from massprop_cli.inputs.require import precise
+from massprop_cli.report import vocabulary
+from massprop_cli.result.schema import EstimateItem, PhaseItem
+from tests import flight, recorded
 from tests.commandline import massprop
+from tests.recording import SAMPLES
+from tests.report.page import Page
 
 SHORT = ("--set", "duration_s=20", "--set", 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], start_s=0, end_s=20}]')
 
@@ -62,3 +75,85 @@ def test_a_campaigns_tables_have_values_about_the_pivot(folder: Path) -> None:
     assert rows[1]["pivot_izz_verdict"] == "converged"
     table = pq.read_table(folder / "batch" / "campaign.parquet")
     assert table["pivot_izz"].to_pylist()[0] == pytest.approx(result["izz"]["value"], rel=1e-9)
+    (pool,) = json.loads((folder / "batch" / "campaign.json").read_text())["pooled"]
+    values, sigmas = ([row[f"pivot_izz{key}_kg_m2"] for row in rows] for key in ("", "_sigma"))
+    weight = np.array(sigmas, dtype=float) ** -2
+    assert tuple(pool["about_pivot"]) == ABOUT_PIVOT
+    assert pool["about_pivot"]["izz"]["value"] == pytest.approx(weight @ np.array(values, dtype=float) / weight.sum(), rel=1e-9)
+    assert pool["about_pivot"]["izz"]["sigma"] < min(map(float, sigmas))
+    page = Page((folder / "batch" / "campaign.html").read_text(encoding="utf-8")).said()
+    assert "Moment z about pivot" in page
+    assert found_in_summary(folder / "batch") >= set(ABOUT_PIVOT)
+
+
+def found_in_summary(out: Path) -> set[str]:
+    """Quantities about the pivot that a job's summary has rows of."""
+    written = Summary.model_validate_json((out / "campaign.json").read_text(encoding="utf-8"))
+    text = markdown.text(written, 100_000).replace("\\", "")
+    return {name for name in ABOUT_PIVOT if f"| {vocabulary.SYMBOLS[f'{PIVOT}{name}']} |" in text}
+
+
+def test_values_about_the_pivot_may_be_required(folder: Path) -> None:
+    """Without a known mass none of the ten is observable, and a contradiction is one of the nine alone."""
+    vehicle = (folder / "log-1" / "vehicle.toml").read_text()
+    (folder / "unweighed.toml").write_text(re.sub(r"\[known\.mass\]\nvalue.*\nsigma.*\n", "", vehicle))
+    estimate = ("estimate", "log-1/log.parquet", "--vehicle", "unweighed.toml", "--out", "required", "-q")
+    assert massprop(folder, *estimate, "--require", "about_pivot.ixx<1%, moment_z<10 g mm").returncode == 0
+    done = massprop(folder, *estimate, "--require", "about_pivot.ixx<0.0001%, mass")
+    assert done.returncode == 4
+    assert "mass in phase all is unobservable" in done.stderr
+    assert "about_pivot.ixx in phase all has a sigma of" in done.stderr
+    done = massprop(folder, "check", "log-1/log.parquet", "--vehicle", "unweighed.toml", "--want", "moment_x<0.0001%")
+    assert done.returncode == 4
+    assert "about_pivot.moment_x in phase all has a sigma of" in done.stderr
+    done = massprop(folder, *estimate, "--set", "wheels.0.axis=[-1.0, 0.0, 0.0]")
+    assert done.returncode == 6
+    assert "contradict each other: all quantities in phase all (" in done.stderr
+    done = massprop(folder, "estimate", SAMPLES / "high-rate" / "log.parquet", "--out", "free", "-q", "--require", "moment_x")
+    assert done.returncode == 3
+    assert "about_pivot.moment_x is required, and phase all has no pivot" in done.stderr
+    assert not (folder / "free").exists()
+    with pytest.raises(InputError, match=r"--want about_pivot.ixx: a plan has the sigmas of the ten quantities alone"):
+        precise("about_pivot.ixx<1%")
+
+
+def about(values: Array) -> tuple[Array, Array]:
+    """Nine values and their covariance, of ten on a bearing of 5 kg at the origin."""
+    covariance = np.diag(1e-8 * np.maximum(values, 1e-2) ** 2)
+    return about_pivot(values - np.append(np.zeros(9), 5.0), covariance, np.zeros(3), np.array(7.0))
+
+
+def pivoted(ten: Array, told: bool) -> PhaseItem:
+    """A phase of a body whose CG is off the pivot; without values of the ten unless ``told``."""
+    estimates = {name: {"value": float(value) if told else None} for name, value in zip(QUANTITIES, ten, strict=True)}
+    values, covariance = about(ten)
+    nine = {
+        name: EstimateItem(value=float(value), sigma=1e-3, unit=PIVOT_UNITS[name], verdict="converged", final_at_s=None, reason="")
+        for name, value in zip(ABOUT_PIVOT, values, strict=True)
+    }
+    spread = np.diag(1e-8 * np.maximum(ten, 1e-2) ** 2).tolist()
+    phase = recorded.result([recorded.phase("all", **estimates) | {"covariance": spread}]).phases[0]
+    return phase.model_copy(update={"about_pivot": nine, "about_pivot_covariance": covariance.tolist()})
+
+
+def test_what_logs_share_of_values_about_a_pivot_is_the_thrusts_scale() -> None:
+    """On a pedestal they are proportional to it; on a bearing as the ten are: inertia, mass and first moment of what turns."""
+    ten = np.append(np.array(flight.TRUTH[:9]), 12.0)
+    scale, gravity = {"scale_sigma": 0.02}, {"gravity_m_s2": 9.80665, "bearing_position_m": (0.0, 0.0, 0.0)}
+    pedestal = flight.vehicle("pedestal", thrust=scale, environment=gravity)
+    common, alike = kept.shared_about_pivot(pivoted(ten, told=False), pedestal, np.zeros(10))
+    np.testing.assert_allclose(common, 0.02 * np.abs(about(ten)[0]), rtol=1e-9)
+    np.testing.assert_array_equal(alike, 0.0)
+
+    def scaled(by: float) -> Array:
+        more = (1 + by) * ten
+        more[6:9] = (1 + by) * ten[6:9] * (ten[9] - 5.0) / (more[9] - 5.0)
+        return about(more)[0]
+
+    bearing = flight.vehicle("air_bearing", thrust=scale, environment=gravity | {"bearing_mass_kg": 5.0})
+    heavier = np.append(np.zeros(9), 0.1)
+    common, alike = kept.shared_about_pivot(pivoted(ten, told=True), bearing, heavier)
+    np.testing.assert_allclose(common, 0.02 * np.abs(scaled(1e-5) - scaled(-1e-5)) / 2e-5, rtol=1e-6)
+    np.testing.assert_allclose(alike, np.abs(about(ten + heavier)[0] - about(ten)[0]), rtol=1e-6, atol=1e-15)
+    _, alike = kept.shared_about_pivot(pivoted(ten, told=False), pedestal, heavier)
+    assert np.isinf(alike).all()
