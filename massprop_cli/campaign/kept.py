@@ -4,14 +4,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.escape import line
 from massprop_cli.campaign import outcome
 from massprop_cli.campaign.outcome import PhaseQuantities, Value
 from massprop_cli.check.finding import ExpectedQuantity
-from massprop_cli.errorparameters.timing import DELAY_STEP
-from massprop_cli.estimate.pivot import by_ten
+from massprop_cli.combine import incommon
 from massprop_cli.estimate.quantities import by_scale, by_scale_beside, in_common
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -121,45 +119,39 @@ def _values(estimates: Mapping[str, EstimateItem], common: Array | None, alike: 
 def shared(phase: PhaseItem, used: Vehicle) -> Array:
     """(10,) sigma of what the scale and what is known make of every log's error alike; NaN where there is no value."""
     known = {name: sigma for name, (_, sigma) in phase.known.items()}
-    return in_common(by_scale(values(phase.estimates), used), np.array(phase.covariance, dtype=float), known, used)
+    return in_common(by_scale(values(phase.estimates), used), np.array(phase.covariance, dtype=float), known, _doubted(phase, used))
 
 
 def shared_about_pivot(phase: PhaseItem, used: Vehicle, alike: Array) -> tuple[Array, Array]:
-    """(9,) the same about the pivot, and what the stated uncertainty of the geometry may make ``alike``, carried over from the ten (10,).
+    """(9,) the same about the pivot, and what the logs may have ``alike`` beside that, carried over from the ten (10,).
 
-    Where the ten have no values, the nine are proportional to the thrust, and known inertia is about the pivot. The effect of the geometry
-    on them is then unknown: all of their sigmas may be alike.
+    Where the ten have no values, the nine are proportional to the thrust, and known inertia is about the pivot.
     """
-    ten, about = values(phase.estimates), values(phase.about_pivot)
-    known = {name: sigma for name, (_, sigma) in phase.known.items()}
-    if np.isfinite(ten).all():
-        turning = ten - np.append(np.zeros(9), used.bearing_mass_kg)
-        _, onto = by_ten(turning, np.array(used.environment.bearing_position_m), turning[9])
-        return in_common(by_scale(ten, used), np.array(phase.covariance, dtype=float), known, used, onto), np.abs(onto) @ alike
-    untold = np.full(9, np.inf if alike.any() else 0.0)
+    known, doubted = {name: sigma for name, (_, sigma) in phase.known.items()}, _doubted(phase, used)
+    onto = incommon.by_ten_about_pivot(phase, used.bearing_mass_kg, np.array(used.environment.bearing_position_m))
+    more = incommon.alike_about_pivot(alike, onto)
+    if onto is not None:
+        return in_common(by_scale(values(phase.estimates), used), np.array(phase.covariance, dtype=float), known, doubted, onto), more
     if known and not used.on_pedestal:
-        return np.full(9, np.nan), untold
-    return in_common(about, np.array(phase.about_pivot_covariance, dtype=float), known, used), untold
+        return np.full(9, np.nan), more
+    return in_common(values(phase.about_pivot), np.array(phase.about_pivot_covariance, dtype=float), known, doubted), more
+
+
+def _doubted(phase: PhaseItem, used: Vehicle) -> Vehicle:
+    """With the thrust as uncertain as a log makes it that does not fit: no log shows an error common to all thrust."""
+    beyond = phase.discrepancy.thrust_scale_sigma if phase.discrepancy else 0.0
+    sigma = float(np.hypot(used.thrust.scale_sigma, beyond))
+    return used.model_copy(update={"thrust": used.thrust.model_copy(update={"scale_sigma": sigma})})
 
 
 def _stated(found: Result, phase: PhaseItem, used: Vehicle, stated: Vehicle) -> Array:
-    """(10,) sigma of what the stated uncertainty of jets, IMU and delay makes: one error in all logs, as far as they move alike.
+    """(10,) sigma of what all logs may have in common beside the scale and what is known.
 
     A log that narrows a stated delay from s to V leaves V/s of it; of one that it found by itself nothing is stated.
     """
     given, left = stated.cycle.command_delay_sigma_cycles, used.cycle.command_delay_sigma_cycles
     delay = left**2 / given if given > 0 and stated.cycle.command_delay_cycles != "auto" else 0.0
-    steps = {code: 1.0 for code in (one.code for one in found.assumptions) if code.startswith(("uncertain-jet-", "uncertain-imu-"))}
-    steps["command-delay"] = delay / DELAY_STEP
-    variance = np.zeros(10)
-    hidden = all(one.value is None for one in phase.estimates.values())
-    if hidden and any(steps.get(one.code) for one in found.assumptions):
-        return np.full(10, np.inf)  # of quantities that are not reported no effect is
-    for one in found.assumptions:
-        for effect in one.effects:
-            if effect.phase == phase.name and one.code in steps:
-                variance += (steps[one.code] * np.array([effect.change.get(name, 0.0) for name in QUANTITIES])) ** 2
-    return np.asarray(np.sqrt(variance))
+    return incommon.alike(found, phase, delay)
 
 
 def _docked_shared(docked: DockedObject, used: Vehicle) -> Array:

@@ -37,7 +37,9 @@ class Value(OutcomePart):
         None, description="of sigma, what all logs of this vehicle file have in common (thrust scale, known quantities); null: not known"
     )
     alike: float = Field(
-        0.0, description="of the rest of sigma, what a stated uncertainty of jets, IMU or delay makes: all logs may have it in common"
+        0.0,
+        description="of the rest of sigma, what an uncertain vehicle file (jets, IMU, delay) makes, as stated or by a model discrepancy: "
+        "all logs may have it in common",
     )
     verdict: Verdict
     met: bool | None = Field(None, description="its expectation; null without one")

@@ -28,7 +28,8 @@ def show(found: Summary, console: Console) -> None:
             console.print(escape.rich(f"⚠ {doubt}."), style="yellow")
     if found.pooled:
         console.print(
-            "Means are weighted by each log's own variance; what all logs share (thrust scale, known quantities) does not average out."
+            "Means are weighted by each log's own variance; what all logs share (thrust scale, known quantities, vehicle file) does not "
+            "average out."
         )
         console.print(
             "Scatter over claimed sigma is 1 where sigmas are honest and the vehicle did not change; p is the chance of as much or more."

@@ -32,7 +32,6 @@ def combine(paths: Sequence[Path]) -> Result:
 def together(recorded: Sequence[Recorded], ready: Callable[[Recorded], Ready] = logs.of_result) -> Result:
     """The same of results at hand; ``ready`` has the log of each."""
     twice.refuse(recorded)
-    _check_exact(recorded)
     names = labels(recorded)
     _check_alike(recorded, bearing=True)
     own = [[phase.name for phase in one.result.phases] for one in recorded]
@@ -68,7 +67,6 @@ def together_docked(
     sides = before, after
     for side in sides:
         twice.refuse(side)
-        _check_exact(side)
     recorded = [*sides[0], *sides[1]]
     names = labels(recorded)
     _check_alike(recorded, bearing=False)
@@ -86,17 +84,6 @@ def together_docked(
     single, combined = together_phase("before", alone), together_phase("after", joined)
     docked = docked_object((alone[0].vehicle, joined[0].vehicle), single.item, combined.item)
     return _result(recorded, names, [single, combined], docked)
-
-
-def _check_exact(recorded: Sequence[Recorded]) -> None:
-    """What is uncertain of jets and IMU is the same in all logs, and no result says how each of its values follows it."""
-    for one in recorded:
-        uncertain = [assumption.code for assumption in one.result.assumptions if assumption.code.startswith("uncertain-")]
-        if len(recorded) > 1 and uncertain:
-            raise InputError(
-                f"{one.path}: its sigmas hold an uncertain geometry ({', '.join(dict.fromkeys(uncertain))}), which all logs have in common "
-                "and which would count as if it were another in each; estimate them without the sigmas of jets and imu to combine them"
-            )
 
 
 def _chosen(one: Recorded, side: str) -> PhaseItem:

@@ -12,6 +12,8 @@ And the object that docked, from what was found of the vehicle alone and with it
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -50,6 +52,8 @@ class Piece:
     """On which it turned."""
     about_pivot: bool = False
     """Whether the values are inertia and first moment about a fixed pivot, and no mass (NaN)."""
+    alike: Array = field(default_factory=lambda: np.zeros(10))
+    """(10,) of its sigmas, what all pieces may have in common beside the scale and what is known."""
 
     def by_scale(self, values: Array) -> Array:
         """(10,) derivative by the thrust's scale of these ten quantities of the body; 0 where nothing can be said."""
@@ -79,6 +83,10 @@ class Joint:
     """Of each log that was fitted with the others: how much less chi-square it has with a body of its own, and of how many directions."""
     strange: tuple[bool, ...] = ()
     """Of the same: whether its stated noise doesn't explain it, whatever the body."""
+    alike: Array = field(default_factory=lambda: np.zeros(10))
+    """(10,) of the sigmas, what all pieces may have in common beside the scale and what is known."""
+    scatter: tuple[tuple[float, int], ...] = ()
+    """Of each quantity by itself: chi-square of the pieces' own values about their weighted mean, and its degrees of freedom."""
 
 
 def joint(pieces: Sequence[Piece]) -> Joint:
@@ -97,9 +105,45 @@ def joint(pieces: Sequence[Piece]) -> Joint:
         ranks += int(at.sum())
     apart = tuple(_apart(number, linear, told) for number in range(len(pieces)))
     bare = _back(bearing, values, covariance) if bearing else _to_quantities(values, covariance, curved)
+    together = _together(alone, [piece.alike for piece in pieces])
+    bare = bare[0], _widened(bare[1], together.added)
     back, spread = with_shared(*bare, pieces)
     pulled = tuple((values - theta) / np.sqrt(np.diag(own)) for theta, own in linear)
-    return Joint(back, spread, bare, chi_square, ranks - int(np.isfinite(values).sum()), apart, pulled)
+    freedom = ranks - int(np.isfinite(values).sum())
+    return Joint(back, spread, bare, chi_square, freedom, apart, pulled, alike=together.alike, scatter=together.scatter)
+
+
+class _Together(NamedTuple):
+    """Pieces quantity by quantity, each weighted by its own variance."""
+
+    alike: Array
+    """(10,) sigma of the mean that does not become smaller, ..."""
+    added: Array
+    """... and (10,) the variance that this adds to what independent pieces have."""
+    scatter: tuple[tuple[float, int], ...]
+
+
+def _together(alone: Sequence[tuple[Array, Array]], alike: Sequence[Array]) -> _Together:
+    """Parts g_i of the sigmas u_i that may be common to all, with weights w_i of sum 1 add (Σ w_i g_i)² − Σ (w_i g_i)² to the variance."""
+    values = np.array([value for value, _ in alone])
+    own = np.array([np.sqrt(np.diag(spread)) for _, spread in alone])
+    told = np.isfinite(values) & (own > 0)
+    weight = np.where(told, 1 / np.where(told, own, 1.0) ** 2, 0.0)
+    weight /= np.maximum(weight.sum(0), np.finfo(float).tiny)
+    part = weight * np.where(told, np.minimum(alike, own), 0.0)
+    mean = (weight * np.where(told, values, 0.0)).sum(0)
+    chi_square = (np.where(told, (values - mean) / np.where(told, own, 1.0), 0.0) ** 2).sum(0)
+    freedom = np.maximum(told.sum(0) - 1, 0)
+    scatter = tuple((float(one), int(free)) for one, free in zip(chi_square, freedom, strict=True))
+    return _Together(part.sum(0), part.sum(0) ** 2 - (part**2).sum(0), scatter)
+
+
+def _widened(covariance: Array, added: Array) -> Array:
+    """With so much more variance (10,), correlations as they are."""
+    variance = np.diag(covariance)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        factor = np.sqrt(1 + np.where(added > 0, added / variance, 0.0))
+    return np.asarray(covariance * factor[:, None] * factor)
 
 
 def is_body(values: Array) -> bool:

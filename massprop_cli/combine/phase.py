@@ -12,7 +12,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.chance import chance
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.combine import added, fit, pivot
+from massprop_cli.combine import added, fit, incommon, pivot
 from massprop_cli.combine.joint import BEYOND, Joint, Piece, joint, known_object
 from massprop_cli.conclude.pivot import estimates_about
 from massprop_cli.conclude.reason import Reason
@@ -72,17 +72,18 @@ class Phased(NamedTuple):
     """Labels of results whose logs were fitted at once and are explained by their stated noise."""
 
 
-def piece(label: str, vehicle: VehicleInfo, phase: PhaseItem) -> Piece:
-    """One phase of a result."""
+def piece(label: str, vehicle: VehicleInfo, phase: PhaseItem, alike: Array | None = None) -> Piece:
+    """One phase of a result; ``alike``: what its errors may have in common with those of others (:mod:`massprop_cli.combine.incommon`)."""
     if vehicle.environment == "pedestal":
-        return pivot.piece(label, vehicle, phase)
+        return pivot.piece(label, vehicle, phase, alike)
     values = np.array([np.nan if e.value is None or e.sigma is None else e.value for e in phase.estimates.values()])
     covariance = np.array(phase.covariance, dtype=float)
     at = np.array(vehicle.bearing_position_m)
     # gravity has no part in how the mass properties are written
     bearing = BearingBody(at, vehicle.bearing_mass_kg, 0.0) if vehicle.environment == "air_bearing" else None
     beyond = phase.discrepancy.thrust_scale_sigma if phase.discrepancy else 0.0
-    return Piece(label, values, covariance, phase.known, float(np.hypot(vehicle.thrust_scale_sigma, beyond)), bearing)
+    scale, common = float(np.hypot(vehicle.thrust_scale_sigma, beyond)), np.zeros(10) if alike is None else alike
+    return Piece(label, values, covariance, phase.known, scale, bearing, alike=common)
 
 
 def together_phase(name: str, parts: Sequence[Part]) -> Phased:
@@ -133,6 +134,7 @@ def phased(of: Gathered) -> Phased:
         contradiction="; ".join(against) if contradicted else "",
         known={quantity: pair for part in parts for quantity, pair in part.phase.known.items()},
         implied_thrust_scale=of.scale,
+        alike=found.alike[: 9 if vehicle.environment == "pedestal" else 10].tolist() if found.alike.any() else [],
     )
     explained = frozenset(part.label for part, odd in zip(parts, found.strange, strict=False) if not odd)
     return Phased(item, notes, explained)
@@ -169,7 +171,7 @@ def _side(of: Gathered) -> added.Side:
 
 def _joint(name: str, parts: Sequence[Part]) -> tuple[Joint, list[WarningItem]]:
     """Results added up; where one tells some axes alone, the logs are fitted at once, or it is left out of what it can't be added to."""
-    pieces = [piece(part.label, part.vehicle, part.phase) for part in parts]
+    pieces = [piece(part.label, part.vehicle, part.phase, incommon.alike(part.recorded.result, part.phase)) for part in parts]
     short = [fit.partial(one, part.vehicle.environment) for one, part in zip(pieces, parts, strict=True)]
     if len(parts) == 1 or not any(short):
         return joint(pieces), []
@@ -202,6 +204,11 @@ def _contradictions(parts: Sequence[Part], found: Joint) -> list[str]:
                 f"{part.label} does not fit the body of the others together (chi-square {chi_square:.4g} of {freedom}); was the vehicle "
                 "the same?"
             )
+    names = ABOUT_PIVOT if parts[0].vehicle.environment == "pedestal" else QUANTITIES
+    far = [name for name, one in zip(names, found.scatter, strict=False) if one[1] and chance(*one) < CHANCE / len(names)]
+    if not notes and far:
+        said = "; ".join(f"{name} {found.scatter[names.index(name)][0]:.4g} of {found.scatter[names.index(name)][1]}" for name in far)
+        notes.append(f"the results scatter more than their sigmas allow (chi-square of each quantity by itself: {said})")
     if not notes and chance(found.chi_square, found.freedom) < CHANCE:
         notes.append(f"the results scatter more than their sigmas allow (chi-square {found.chi_square:.4g} of {found.freedom})")
     return notes

@@ -250,11 +250,16 @@ class PhaseItem(Item):
     implied_thrust_scale: ImpliedScale | None = None
     discrepancy: DiscrepancyItem | None = Field(None, description="absent where the log fits")
     cross_validation: CrossValidationItem | None = Field(None, description="absent without estimator.cross_validate")
+    alike: list[float] = Field(
+        [],
+        description="of a combined result: the part of each sigma that its logs may have in common, beside the thrust's scale and what is "
+        "known, and that more logs don't make smaller; on a pedestal of about_pivot; absent where there is none",
+    )
 
     @model_serializer(mode="wrap")
     def _without_nothing(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         found: dict[str, Any] = handler(self)
-        absent = ("about_pivot", "about_pivot_covariance", "discrepancy", "cross_validation")
+        absent = ("about_pivot", "about_pivot_covariance", "discrepancy", "cross_validation", "alike")
         return {key: value for key, value in found.items() if key not in absent or value}
 
 
