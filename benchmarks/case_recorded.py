@@ -127,7 +127,7 @@ def _normalised(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
     if command is None:
         return None
     which = slice(0, 3) if rng.random() < 0.7 else slice(0, 6)
-    most = np.abs(command).max(0)
+    most = np.nanmax(np.abs(command), 0)  # a command stands in the first of its cycle's rows alone
     command[:, which] /= np.where(most > 0, most, 1.0)[which]
     return _commanding(columns, vehicle, command, f"{which.stop} components")
 
@@ -138,7 +138,7 @@ def _saturated(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
     if command is None:
         return None
     part = float(rng.uniform(0.6, 0.9))
-    largest = np.abs(command).max(0)
+    largest = np.nanmax(np.abs(command), 0)
     peaks = (np.abs(command) > 0.999 * largest) & (rng.random(command.shape) < 0.4) & (largest > 0)
     return _commanding(columns, vehicle, np.where(peaks, command / part, command), f"{part:.0%}")
 

@@ -23,6 +23,7 @@ from massprop_cli.conclude.score import by_doubts, hanging
 from massprop_cli.conclude.verdict import Conclusion, contradicted, in_doubt
 from massprop_cli.conclude.whiteness import unlike_noise
 from massprop_cli.diagnosis import UNKNOWN
+from massprop_cli.diagnosis.recordings import normalised
 from massprop_cli.estimate.discrepancy import LEAST
 from massprop_cli.estimate.disturbances import beyond_commands, sized
 from massprop_cli.estimate.history import History
@@ -32,6 +33,8 @@ from massprop_cli.model.resolved import Resolved
 
 AT_ORIGIN = (4.0, 0.005)
 """Sigmas, and part of the vehicle's size, within which a CG is at O."""
+FEWEST = 4
+"""Components of a wrench that are commanded, below which largest values of 1 may be chance."""
 SWINGS = 8.0
 """Cycles beyond which what swings on is no misfit of timing."""
 
@@ -171,6 +174,7 @@ def _notices(found: Analysis, conclusions: tuple[Conclusion, ...], docked: Docke
     yield from found.notices
     yield from _physical(found.conclusions)
     yield from _at_origin(found, conclusions)
+    yield from _all_normalised(found)
     yield from _docking_notices(docked, conclusions, found.vehicle)
 
 
@@ -186,6 +190,17 @@ def _docking_notices(docked: Docked | None, conclusions: tuple[Conclusion, ...],
     if docked is None or mass is None or mass > 0:
         return []
     return [Notice("docked-mass", str(lighter(mass, f"phase {docked.after}", f"phase {docked.before}", "correct [docking]")))]
+
+
+def _all_normalised(found: Analysis) -> Iterator[Notice]:
+    """That each command component has the largest value 1, of a log that fits: a scale common to all shows in no motion."""
+    log = found.log
+    if log.command_kind != "wrench" or found.faults:
+        return
+    ones = normalised(log)
+    if FEWEST <= len(ones) == np.count_nonzero(log.command.any(0)):
+        said = f"the largest values of {', '.join(ones)} are all 1, as of commands that are normalised; the log fits with any scale of them"
+        yield Notice("commands-normalised", f"{said}. If they are not in N m and N, state the scale of each under [columns]")
 
 
 def _at_origin(found: Analysis, conclusions: Sequence[Conclusion]) -> Iterator[Notice]:

@@ -6,10 +6,9 @@ one that explains most is put to the test like any other hypothesis.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from operator import itemgetter
 
 import numpy as np
 
@@ -40,6 +39,12 @@ RARELY, MOSTLY, LEAST = range(2, 41), 0.98, 12
 UNEQUAL, NEXT_TO = 30.0, 0.75
 """−2 log likelihood ratio, per cycle of the n, by which residual variances differ; and the least of them over their mean. The latter is
 0.77 or more of slow controllers with another fault, and 0.68 or less where commands are missing."""
+SHARPENED, FARTHEST = 2, 3.0
+"""Rounds in which values are moved to the greatest likelihood; sigmas by which one may be moved in each."""
+ALIKE_TO, MORE = 3, 0.1
+"""Digits of −2 log likelihood behind the point to which scales are alike; by how much values that are moved must explain more."""
+LEFT = 0.01
+"""Part of the variance of a torque beside the log, above which a correction doesn't explain it."""
 TINY = 1e-300
 ANOTHER = 0.25
 """Cycles by which a delay that is found with something else is another one."""
@@ -55,7 +60,7 @@ def seen(case: Case) -> Notice | None:
     """What the numbers themselves show of a log that doesn't fit."""
     log, environment = case.log, case.vehicle.environment
     if log.command_kind == "wrench":
-        ones = [name for name, most in zip(WRENCH, np.abs(log.command).max(0), strict=True) if abs(most - 1) < NORMALISED]
+        ones = normalised(log)
         if max(sum("torque" in name for name in ones), sum("force" in name for name in ones)) > 1:
             words = f"the largest values of {', '.join(ones)} are 1: they are normalised, and not in N m and N; state the scale of each"
             return Notice("commands-normalised", f"{words} under [columns]")
@@ -69,6 +74,11 @@ def seen(case: Case) -> Notice | None:
         return None
     words = f'the accelerometer feels {felt:.4g} m/s^2 (median), as on the ground, and environment.kind is "free"'
     return Notice("gravity-felt", f'{words}; state "air_bearing", "pedestal" or "planar"')
+
+
+def normalised(log: Log) -> list[str]:
+    """Columns of a commanded wrench whose largest value is 1."""
+    return [name for name, most in zip(WRENCH, np.abs(log.command).max(0), strict=True) if abs(most - 1) < NORMALISED]
 
 
 def sparse(case: Case) -> str:
@@ -135,7 +145,10 @@ def _left_between(case: Case, given: Array, every: int, first: int) -> tuple[Arr
 
 
 def otherwise(screening: Screening) -> list[Refit]:
-    """What explains more of the motion than what is stated, put to the test."""
+    """What explains more of the motion than what is stated, put to the test.
+
+    Such a fault leaves nothing once it is corrected: beside a torque of its own it would be one of many that leave less.
+    """
     case = screening.case
     stated = _left(case, {})
     found = []
@@ -145,11 +158,41 @@ def otherwise(screening: Screening) -> list[Refit]:
             x[model.place("delay")] += later
             free = along(model, ("delay", np.ones(1))) if later else np.zeros((len(x), 0))
             hypothesis = Hypothesis(code, (), free, states=states, further=further)
-            refit = tried(screening, Fitted(hypothesis, model, x, screening.stated.chi_square, np.zeros(free.shape[1])))
+            refit = _sharpened(screening, Fitted(hypothesis, model, x, screening.stated.chi_square, np.zeros(free.shape[1])))
             # what is led to another delay is that delay
             found += [refit] if refit is not None and abs(refit.case.timing.delay - case.timing.delay - later) < ANOTHER else []
-    # such a fault leaves nothing once it is corrected: beside a torque of its own it would be one of many that leave less
-    return [refit for refit in found if refit.screening is not None and not refit.screening.free.beside]
+    return [refit for refit in found if refit.screening is not None and not _disturbed(refit.screening, screening)]
+
+
+def _disturbed(corrected: Screening, stated: Screening) -> bool:
+    """Whether a torque beside a log is left of about the size that there was before it was corrected."""
+    now, before = (sum(sum(torque) for torque in one.free.beside) for one in (corrected, stated))
+    return now > LEFT * before
+
+
+def _sharpened(screening: Screening, found: Fitted) -> Refit | None:
+    """With the values that free coefficients found moved to the greatest likelihood: they take rates cycle by cycle, and momentum adds up.
+
+    By parabolas along each that was sought, by what is one sigma of the former.
+    """
+    best, begun = tried(screening, found), found.hypothesis.states
+    directions = [{key: np.array(further[key]) - np.array(begun[key]) for key in further} for further in found.hypothesis.further]
+    for steps in directions * SHARPENED:
+        at = found if best is None else best.fitted
+        moved = partial(_moved, screening, at, steps)
+        left = [np.inf if one is None else one.score for one in (moved(-1.0), best, moved(1.0))]
+        bent = left[0] - 2 * left[1] + left[2]
+        if not np.isfinite(bent) or bent <= 0:
+            continue
+        tip = moved(float(np.clip((left[0] - left[2]) / (2 * bent), -FARTHEST, FARTHEST)))
+        if tip is not None and tip.score < left[1] - MORE:
+            best = tip
+    return best
+
+
+def _moved(screening: Screening, found: Fitted, steps: Mapping[str, Array], by: float) -> Refit | None:
+    states = {key: tuple((np.array(found.hypothesis.states[key]) + by * step).tolist()) for key, step in steps.items()}
+    return tried(screening, replace(found, hypothesis=replace(found.hypothesis, states={**found.hypothesis.states, **states})))
 
 
 def by_noise(screening: Screening) -> list[Refit]:
@@ -210,7 +253,7 @@ def _limits(case: Case) -> tuple[States, tuple[States, ...]] | None:
     """Of each component, by which commands explain most, and with each that was sought one sigma away; None where it is more without any.
 
     One part of each one's largest command, as of an allocation that saturates; of a component by itself only where that explains more: of
-    commands that are as large whenever there are any a limit is a scale.
+    commands that are as large whenever there are any a limit is a scale. So of limits that explain as much it is the largest.
     """
     largest = np.abs(case.log.command).max(0)
     commanded = np.flatnonzero(largest)
@@ -224,15 +267,18 @@ def _limits(case: Case) -> tuple[States, tuple[States, ...]] | None:
         changed[list(which)] = part
         return _left(case, states(changed)), changed
 
+    def order(found: tuple[float, Array]) -> tuple[float, float]:
+        return round(found[0], ALIKE_TO), -float(found[1].sum())
+
     none: Array = np.ones(len(largest))
     (left, parts), further = (_left(case, {}), none), list[States]()
     for which in (commanded.tolist(), *([int(i)] for i in commanded)):
-        best = min((tried(parts, which, float(part)) for part in PARTS), key=itemgetter(0))
+        best = min((tried(parts, which, float(part)) for part in PARTS), key=order)
         step = float(PARTS[0] - PARTS[1])
         while step > FINEST:
             step /= 2
             now = float(best[1][which[0]])
-            best = min((best, tried(parts, which, now - step), tried(parts, which, now + step)), key=itemgetter(0))
+            best = min((best, tried(parts, which, now - step), tried(parts, which, now + step)), key=order)
         if best[0] < left - CLEAR:
             left, parts = best
             now = float(parts[which[0]])

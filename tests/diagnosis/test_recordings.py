@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -84,6 +85,28 @@ def test_mended_by_its_key_values_are_within_their_sigmas(mistake: Mistake) -> N
         assert one.value is not None, name
         assert one.sigma is not None, name
         assert abs(one.value - value) < 4 * one.sigma, name
+
+
+@pytest.mark.parametrize("records", [1, pytest.param(5, marks=pytest.mark.thorough)])
+def test_a_limit_is_the_largest_that_explains_a_quiet_log(records: int) -> None:
+    """Commands that are as large whenever there are any fit with any smaller limit as well, which would be a scale; and free coefficients
+    tell it to half a percent only, by which a gyro of 1e-5 rad/s is contradicted."""
+    flown = fly("free-flyer", *PLAN, *WRENCH, "vehicle.imu.gyro_noise_rad_s=1e-5", f"sensors.records_per_cycle={records}")
+    log, used = saturated(flown.log(0), flown.vehicle, flown.truth[0][0])
+    (answer,) = faulty.examined(log, used).mended
+    assert answer.settings[0].startswith("thrust.wrench_limits=")
+    limits = np.array(json.loads(answer.settings[0].partition("=")[2]))
+    np.testing.assert_allclose(limits, np.abs(flown.log(0).command).max(0), rtol=1e-3)
+
+
+def test_largest_commands_of_one_are_told_in_a_log_that_fits() -> None:
+    """All components divided by the same number: that makes a smaller body move alike."""
+    same = ("vehicle.jets=[]", "actuators.max_torque_n_m=[0.4, 0.4, 0.4]", "actuators.max_force_n=[0.4, 0.4, 0.4]")
+    flown = fly("free-flyer", *PLAN, *same)
+    log = flown.log(0)
+    assert not faulty.examined(log, flown.vehicle).notices
+    (said,) = faulty.examined(replace(log, command=log.command / 0.4), flown.vehicle).notices
+    assert (said.code, "the log fits with any scale of them" in said.message) == ("commands-normalised", True)
 
 
 def test_torques_about_the_cg_put_it_at_the_origin_and_that_is_said() -> None:
