@@ -17,7 +17,8 @@ from massprop_cli.inputs.vehicle import Vehicle
 
 Unit = Literal["1", "m", "N", "rad", "rad/s", "m/s²", "N m", "N m s", "cycles", "parts", "kg", "kg m²"]
 Redone = Literal["body", "motion", "commands", "all"]
-"""What another value changes: the model of the body alone; the IMU's readings or the attitude, too; what commands do; or all of it."""
+"""What another value changes: the model of the body alone; the IMU's readings or the attitude, too; what commands do, or when anything
+is measured; or all of it."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.errorparameters.parameter import ErrorParameter, Facts, FittedHypothesis, SpecialCase, Step, Unit, Wording
 from massprop_cli.errorparameters.setup import Setup, has_table
 from massprop_cli.errorparameters.timing import DIFFERENCE, EARLIEST, LATER
-from massprop_cli.inputs.equipment import LowPass
+from massprop_cli.inputs.equipment import PIVOTED, LowPass
 from massprop_cli.inputs.vehicle import Vehicle
 
 FINE, SHORTEST = 0.005, 0.05
@@ -190,7 +190,22 @@ def _stated_lowpass(sensor: str) -> tuple[ErrorParameter, ErrorParameter]:
     )
 
 
+_ATTITUDE = ErrorParameter(
+    "attitude_latency",
+    "attitude-misfit",
+    "age of a logged attitude at its time_s",
+    "cycles",
+    key="imu.attitude_latency_s",
+    sigma_key="imu.attitude_latency_sigma_s",
+    lowest=0.0,
+    scale=lambda vehicle: vehicle.cycle.period_s,
+    bends="always",
+    environments=PIVOTED,
+    redone="commands",
+    difference=DIFFERENCE,
+)
 PARAMETERS = (
+    _ATTITUDE,
     _scale("gyro"),
     _scale("accel"),
     # turn-on biases of small MEMS sensors: 3 °/s and 50 mg at worst

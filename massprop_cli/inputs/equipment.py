@@ -99,12 +99,18 @@ class Imu(Section):
     attitude_sigma_rad: Positive | None = Field(
         None, description="on an air bearing, white noise of each logged attitude about each axis; absent: estimated from the log"
     )
-    attitude_latency_s: NonNegative = Field(0.0, description="time by which each logged attitude is older than its time_s")
+    attitude_latency_s: NonNegative | Literal["auto"] = Field(
+        0.0, description='time by which each logged attitude is older than its time_s; "auto": estimated from the log'
+    )
+    attitude_latency_sigma_s: NonNegative = Field(0.0, description="one sigma of attitude_latency_s; goes into every sigma")
     attitude_misalignment_sigma_rad: NonNegative = Field(
         0.0, le=0.3, description="constant turn of the logged attitude's body axes from the vehicle's, about each axis; estimated"
     )
     gyro_bias_rad_s: Vector = Field(ZERO, description="known bias of the gyro, IMU axes; taken off what it shows")
     gyro_bias_sigma_rad_s: NonNegative = Field(0.0, description="one sigma of what the bias may be beside that, about each axis; estimated")
+    gyro_bias_walk_rad_s_sqrt_s: NonNegative = Field(
+        0.0, description="random walk of the gyro's bias about each axis: one sigma of its change in one second"
+    )
     accel_bias_sigma_m_s2: NonNegative = 0.0
     gyro_lag_s: NonNegative = Field(0.0, description="time constant of a first-order low-pass within the gyro; undone, record by record")
     accel_lag_s: NonNegative = Field(0.0, description="the same within the accelerometer; noise is what is before it")
@@ -132,6 +138,11 @@ class Imu(Section):
     accel_outliers_s: tuple[FiniteFloat, ...] | None = Field(
         None, description="time_s of records whose accelerometer readings are not used; absent: found in the log"
     )
+
+    @property
+    def attitude_latency(self) -> float:
+        """attitude_latency_s as a number; 0 where it is still to be found."""
+        return 0.0 if self.attitude_latency_s == "auto" else self.attitude_latency_s
 
     @field_validator("gyro_filter", "accel_filter", mode="before")
     @classmethod

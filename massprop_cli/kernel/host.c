@@ -54,6 +54,7 @@ mp_vehicle mp_vehicle_of(const double *table) {
     table = mp_copied(&vehicle.accel_bias_sigma, table, 1);
     table = mp_copied(&vehicle.torque_noise, table, 1);
     table = mp_copied(&vehicle.torque_walk, table, 1);
+    table = mp_copied(&vehicle.gyro_bias_walk, table, 1);
     table = mp_copied(&vehicle.prior_scale, table, 1);
     table = mp_copied(&vehicle.reach, table, 1);
     table = mp_copied(&vehicle.known_mass, table, 1);

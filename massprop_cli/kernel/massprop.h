@@ -36,7 +36,7 @@ typedef double mp_real;
 #define MP_COEFFICIENTS (3 * MP_CHANNELS + 4)
 #define MP_WIDTH (1 + MP_COEFFICIENTS + MP_BEGINNINGS)
 #define MP_UNKNOWNS (MP_BEGINNINGS + 28)
-#define MP_PROCESS 12
+#define MP_PROCESS 15
 #define MP_PACKED(n) ((n) * ((n) + 1) / 2)
 
 #define MP_UNTOLD_MASS ((mp_real)0.3) /* a relative sigma of 1/m above this says nothing about m; */
@@ -78,6 +78,7 @@ typedef struct {
     mp_real accel_bias_sigma;
     mp_real torque_noise;      /* N m, white, of a cycle */
     mp_real torque_walk;       /* N m per cycle */
+    mp_real gyro_bias_walk;    /* rad/s per root of a second */
     mp_real prior_scale;       /* prior sigma over natural sizes */
     mp_real reach;             /* m, of the farthest jet */
     mp_real known_mass;        /* kg, 0: not known */

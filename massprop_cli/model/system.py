@@ -151,8 +151,12 @@ def _noise(here: Samples, layout: Layout, reference: Reference, vehicle: Resolve
     executed = here.executed
     duration = executed.duration_s
     states = free.transition.shape[1]
-    torque = layout.torque
-    roots = []
+    torque, bias = layout.torque, layout.own(layout.gyro_bias)
+    roots = list[Array]()
+    if vehicle.imu.gyro_bias_walk_rad_s_sqrt_s > 0:
+        wandering = np.zeros((len(duration) - 1, states, 3))
+        wandering[:, bias] = np.eye(3) * (vehicle.imu.gyro_bias_walk_rad_s_sqrt_s * np.sqrt(duration[1:, None, None]))
+        roots.append(wandering)
     if vehicle.environment.disturbance_torque_n_m > 0:
         impulse = vehicle.environment.disturbance_torque_n_m * duration[1:, None, None]
         roots.append(_in_rate(free.moment_to_rate * impulse, states))

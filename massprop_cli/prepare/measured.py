@@ -4,7 +4,7 @@ The estimators are linear about a reference attitude; their states hold the rota
 attitude q̃ measures that: ``φ + noise = log(q⁻¹ ⊗ q̃)``, q the reference at the time of q̃. The reference is that of a multiplicative
 extended Kalman filter (Lefferts, Markley & Shuster 1982) on φ and the gyro's bias b,
 
-    φ[k+1] = R(−θ) φ[k] − J T (b − b̂) + gyro noise,      b constant,
+    φ[k+1] = R(−θ) φ[k] − J T (b − b̂) + gyro noise,      b constant but for its random walk,
 
 so that φ stays small whatever bias and start. It may be rough: the estimators know how it was carried, and have φ as a state of their own.
 """
@@ -121,7 +121,7 @@ def measured(log: Log, vehicle: Vehicle, gyro: float | Array = 1.0) -> Measured 
     if log.attitude_wxyz is None or not vehicle.pivoted:
         return None
     imu, late_s = vehicle.imu, shown_late_s(log, vehicle)[0]
-    stated = imu.attitude_sigma_rad, imu.attitude_latency_s + late_s, imu.gyro_noise_rad_s, *sigmas(vehicle)
+    stated = imu.attitude_sigma_rad, imu.attitude_latency + late_s, imu.gyro_noise_rad_s, *sigmas(vehicle)
     key = (imu.body_from_imu, vehicle.environment.initial_attitude_wxyz, np.asarray(gyro, dtype=float).tobytes(), *stated)
     if id(log) not in _made:
         _made[id(log)] = {}
@@ -141,9 +141,10 @@ _made: dict[int, dict[tuple[object, ...], Measured | None]] = {}
 """Of each log that is alive, by its id."""
 
 
-def sigmas(vehicle: Vehicle) -> tuple[float, float]:
-    """Of the gyro's bias, rad/s, and of the misalignment, rad."""
-    return vehicle.imu.gyro_bias_sigma_rad_s, vehicle.imu.attitude_misalignment_sigma_rad
+def sigmas(vehicle: Vehicle) -> tuple[float, float, float]:
+    """Of the gyro's bias, rad/s, of its change in a second, and of the misalignment, rad."""
+    imu = vehicle.imu
+    return imu.gyro_bias_sigma_rad_s, imu.gyro_bias_walk_rad_s_sqrt_s, imu.attitude_misalignment_sigma_rad
 
 
 def given(log: Log, vehicle: Vehicle, gyro: float | Array = 1.0) -> Given | None:
@@ -208,7 +209,7 @@ def read(log: Log, vehicle: Vehicle, gyro: float | Array) -> tuple[GyroTurns, Lo
     turns = times(body, gyro * of_records(log.delta_theta_imu_rad, records))
     rows = np.flatnonzero(np.isfinite(log.attitude_wxyz[:, 0]))
     # by the gyro's labels: what it shows is later than these
-    time_s = log.time_s[rows] - vehicle.imu.attitude_latency_s - shown_late_s(log, vehicle)[0]
+    time_s = log.time_s[rows] - vehicle.imu.attitude_latency - shown_late_s(log, vehicle)[0]
     within = (time_s > log.time_s[0] - log.interval_s[0]) & (time_s <= log.time_s[-1])
     rows, time_s = rows[within], time_s[within]
     record = np.searchsorted(log.time_s, time_s)
@@ -249,8 +250,18 @@ class Given(NamedTuple):
     noise: Noise
     bias_sigma: float
     """Of the gyro, rad/s."""
+    bias_walk: float
+    """Of that, rad/s in a second."""
     misalignment_sigma: float
     """rad"""
+
+
+def _process(given: Given, states: int) -> Array:
+    """(K, n, n) covariance of what gyro noise and the bias's random walk add in each cycle."""
+    found = np.zeros((len(given.motion.turns), states, states))
+    found[:, np.arange(3), np.arange(3)] = given.noise.gyro_rad**2
+    found[:, np.arange(3, 6), np.arange(3, 6)] = (given.bias_walk**2 * given.motion.duration_s)[:, None]
+    return found
 
 
 class LinearFilter(NamedTuple):
@@ -269,7 +280,7 @@ def filtered(given: Given, begun: Array, covariance: Array) -> tuple[Array, Arra
 
     From an attitude (4,) and the covariance (3, 3) of its error.
     """
-    motion, logged, edges, variance, noise, *_ = given
+    motion, logged, edges, variance, *_ = given
     count = len(motion.turns)
     transition = np.tile(np.eye(6), (count, 1, 1))
     transition[:, :3, :3] = rotation(-motion.turns)
@@ -278,11 +289,11 @@ def filtered(given: Given, begun: Array, covariance: Array) -> tuple[Array, Arra
     spread[:3, :3] = covariance
     attitude, drawn = spill.empty(count + 1, 4), spill.empty(count, 3)
     attitude[0] = begun
-    bias, white = np.zeros(3), np.diag(np.repeat([noise.gyro_rad**2, 0.0], 3))
+    bias, white = np.zeros(3), _process(given, 6)
     here = _floats(begun)
     for k in range(count):
         vector = motion.vectors[k] - bias * motion.duration_s[k]
-        spread = transition[k] @ spread @ transition[k].T + white
+        spread = transition[k] @ spread @ transition[k].T + white[k]
         onward = _of_vector(vector)
         if edges[k] < edges[k + 1]:
             residual = _residual(here, vector, logged, slice(edges[k], edges[k + 1]))
@@ -314,7 +325,7 @@ def linear(
     transition[:, :3, :3], transition[:, :3, 3:6] = rotation(-turns), -mean_rotation(-turns) * duration[:, None, None]
     observation[..., :3], observation[..., 3:6] = rotation(-turn), -mean_rotation(-turn) * gone_s[:, None, None]
     observation[..., 6:9], observation[..., 9] = np.eye(3), -turns / duration[:, None]
-    white = np.diag(np.repeat([given.noise.gyro_rad**2, 0.0], [3, 7]))
+    white = _process(given, STATES)
     stated = sigmas or (given.bias_sigma, given.misalignment_sigma, 0.0)
     state, spread, chi_square = np.zeros(STATES), np.diag(np.repeat([0.0, *stated], [3, 3, 3, 1]) ** 2), 0.0
     spread[:3, :3], state[:3] = begun, 0.0 if at is None else at
@@ -327,7 +338,7 @@ def linear(
             inverse = np.linalg.inv(observation[k] @ by + sigma**2 * np.eye(3))
             chi_square += float(residual @ inverse @ residual)
             state, spread = state + by @ inverse @ residual, spread - by @ inverse @ by.T
-        state, spread = transition[k] @ state, transition[k] @ ((spread + spread.T) / 2) @ transition[k].T + white
+        state, spread = transition[k] @ state, transition[k] @ ((spread + spread.T) / 2) @ transition[k].T + white[k]
         state[:3] -= drive[k]
         states[k + 1], each[k + 1] = state, spread
     return LinearFilter(states, each, chi_square)

@@ -293,6 +293,7 @@ def effective_settings(analysis: Analysis) -> dict[str, Any]:
     ):
         keys |= {k: v for k, v in vehicle.flat(getattr(used, section), section).items() if k.split(".")[1] in names}
     found = "gyro_filter", "accel_filter", "filter_correlation", *(["measures"] if used.imu.measures == "sample" else [])
+    found = *found, *(["attitude_latency_s", "attitude_latency_sigma_s"] if used.imu.attitude_latency_s else [])
     found = *found, *(["gyro_bias_rad_s"] if any(used.imu.gyro_bias_rad_s) else [])
     keys |= {k: v for k, v in vehicle.flat(used.imu, "imu").items() if k.split(".")[1] in found}
     for number, (wheel, before) in enumerate(zip(used.wheels, analysis.source.vehicle.wheels, strict=True)):

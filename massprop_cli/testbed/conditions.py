@@ -62,6 +62,9 @@ class Sensors(Section):
     gyro_noise_rad_s: NonNegative | None = None
     accel_noise_m_s2: NonNegative | None = None
     gyro_bias_rad_s: Vector = Field(ZERO, description="IMU axes")
+    gyro_bias_walk_rad_s_sqrt_s: NonNegative | None = Field(
+        None, description="random walk of that about each axis; absent: imu.gyro_bias_walk_rad_s_sqrt_s"
+    )
     accel_bias_m_s2: Vector = Field(ZERO, description="IMU axes")
     gyro_quantum_rad: NonNegative = Field(0.0, description="smallest angle increment; what is left over goes into the next record")
     accel_quantum_m_s: NonNegative = Field(0.0, description="smallest velocity increment")

@@ -122,7 +122,12 @@ def gyro(scenario: Scenario, rngs: list[np.random.Generator]) -> Sensor:
     stated, real = scenario.vehicle.imu, scenario.sensors
     sigma = stated.gyro_noise_rad_s if real.gyro_noise_rad_s is None else real.gyro_noise_rad_s
     limits = stated.gyro_range_rad_s, real.gyro_quantum_rad
-    return _sensor(scenario, rngs, sigma or 0.0, real.gyro_bias_rad_s, (stated.gyro_lag_s, stated.gyro_filter), *limits)
+    found = _sensor(scenario, rngs, sigma or 0.0, real.gyro_bias_rad_s, (stated.gyro_lag_s, stated.gyro_filter), *limits)
+    walk = stated.gyro_bias_walk_rad_s_sqrt_s if real.gyro_bias_walk_rad_s_sqrt_s is None else real.gyro_bias_walk_rad_s_sqrt_s
+    if walk > 0:
+        steps = np.stack([rng.standard_normal((3, found.noise[0, 0].size)) for rng in rngs], 1)
+        found.noise += walk * found.record_s**0.5 * np.cumsum(steps, -1).reshape(found.noise.shape)
+    return found
 
 
 def accelerometer(scenario: Scenario, rngs: list[np.random.Generator]) -> Sensor:
@@ -167,7 +172,7 @@ def logged_attitude(scenario: Scenario, rngs: Sequence[np.random.Generator], tru
     sensors, stated = scenario.sensors, scenario.vehicle.imu
     if not sensors.log_attitude:
         return None
-    latency_s = stated.attitude_latency_s if sensors.attitude_latency_s is None else sensors.attitude_latency_s
+    latency_s = stated.attitude_latency if sensors.attitude_latency_s is None else sensors.attitude_latency_s
     sigma = stated.attitude_sigma_rad if sensors.attitude_noise_rad is None else sensors.attitude_noise_rad
     records = true_wxyz.shape[1] - 1
     late = np.arange(1, records + 1) - latency_s * sensors.records_per_cycle / scenario.vehicle.cycle.period_s

@@ -172,7 +172,7 @@ def test_the_body_found_at_the_end_agrees(log: str) -> None:
 @pytest.mark.parametrize(
     "settings",
     [
-        ("imu.gyro_bias_sigma_rad_s=0.001", "imu.accel_bias_sigma_m_s2=0.05"),
+        ("imu.gyro_bias_sigma_rad_s=0.001", "imu.gyro_bias_walk_rad_s_sqrt_s=1e-4", "imu.accel_bias_sigma_m_s2=0.05"),
         ("environment.disturbance_torque_n_m=0.004", "thrust.pulse_sigma=0.02"),
         ("environment.disturbance_walk_n_m=0.0005", "known.mass={value=20.0, sigma=0.1}"),
     ],

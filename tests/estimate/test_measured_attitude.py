@@ -125,6 +125,7 @@ def test_a_twin_without_noise_gives_the_truth() -> None:
 SIMULATED = {
     "between the cycles' ends": ("sensors.records_per_cycle=4", "sensors.attitude_every_records=3"),
     "several cycles late": ("sensors.attitude_latency_s=0.13", "vehicle.imu.attitude_latency_s=0.13"),
+    "late by what is found": ("sensors.attitude_latency_s=0.13", 'vehicle.imu.attitude_latency_s="auto"'),
     "turned": (TURNED, "vehicle.imu.attitude_misalignment_sigma_rad=0.03"),
 }
 

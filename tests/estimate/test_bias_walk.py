@@ -1,0 +1,50 @@
+"""A gyro bias that wanders is estimated along with the rest, and no sigma counts it as constant."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprop_cli import flow
+from massprop_cli.inputs.vehiclefile import VehicleSource, changed
+from massprop_cli.testbed import scenario, simulate
+
+SEEDS = 12
+WALK = 1e-4
+"""rad/s in a second: of a MEMS gyro, and a hundred times what a cycle's noise leaves of the mean rate of a minute."""
+LOGGED = ("sensors.log_attitude=true", "sensors.attitude_noise_rad=1e-3")
+
+
+@pytest.mark.numerical
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("free-flyer", ()),
+        pytest.param("testbed", (), marks=pytest.mark.thorough),
+        pytest.param("testbed", LOGGED, marks=pytest.mark.thorough),
+    ],
+    ids=["free", "bearing", "bearing with a logged attitude"],
+)
+def test_intervals_cover_the_truth_while_a_bias_walks(name: str, settings: tuple[str, ...]) -> None:
+    """Of 120 values that are correlated in each log: an rms of 1 is known to 0.1. As a constant, the bias contradicts the log."""
+    walking = (f"vehicle.imu.gyro_bias_walk_rad_s_sqrt_s={WALK}", "vehicle.imu.gyro_bias_sigma_rad_s=1e-3", *settings)
+    flight = simulate.fly(scenario.load(name, walking), range(1, SEEDS + 1))
+    z = []
+    for member in range(SEEDS):
+        found = flow.examine(flight.log(member), VehicleSource(flight.vehicle, "", ""))
+        assert {notice.code for notice in found.notices} <= {"noise-estimated"}
+        last = found.conclusions[-1]
+        z.append((last.values - flight.truth[member][-1]) / np.sqrt(np.diag(last.covariance)))
+    assert 0.75 < float(np.sqrt((np.array(z) ** 2).mean())) < 1.3
+    constant = changed(flight.vehicle, ["imu.gyro_bias_walk_rad_s_sqrt_s=0"])
+    without = flow.examine(flight.log(0), VehicleSource(constant, "", ""))
+    assert without.notices
+
+
+def test_a_walk_without_a_sigma_is_a_bias_that_is_unknown_from_then_on() -> None:
+    """What is stated of the walk alone widens sigmas as much as it moves values."""
+    flight = simulate.fly(scenario.load("free-flyer", (f"vehicle.imu.gyro_bias_walk_rad_s_sqrt_s={WALK}",)), [1])
+    found = flow.examine(flight.log(0), VehicleSource(flight.vehicle, "", ""))
+    last = found.conclusions[-1]
+    assert not found.notices
+    assert np.abs((last.values - flight.truth[0][-1]) / np.sqrt(np.diag(last.covariance))).max() < 4
