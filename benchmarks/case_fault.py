@@ -139,7 +139,7 @@ UNKNOWN = ("model-discrepancy", "cause-unknown", "contradicted")
 """That is right of what has no name."""
 ACTUATED: dict[str, Kind] = {
     "thrust-falls": _changed("thrust that falls by 15 to 30 % over the log", _falling, "fuel-use", *UNKNOWN),
-    "one-late": _changed("one channel a cycle later than the others", UNFORESEEN["one-late"][1], *UNKNOWN),
+    "one-late": _changed("one channel a cycle later than the others", UNFORESEEN["one-late"][1], "jet-late", *UNKNOWN),
     "leak": _changed("a jet that leaks 2 % of its thrust", UNFORESEEN["leak"][1], "steady-torque", *UNKNOWN),
     "commands-sparse": _changed("every second to tenth command is logged", _sparse, *UNKNOWN),
     "gyro-late": _changed("gyro 1 to 3 records later than the accelerometer", partial(_later, sensor="gyro"), "gyro-filter", *UNKNOWN),

@@ -244,6 +244,7 @@ WARNINGS: dict[str, Example] = {
     "gravity-felt": Example(partial(_recorded, "grounded", 9003), *FORCE),
     "cycle-period": Example(partial(_sample, "free-flyer/log.parquet", "cycle.period_s=0.0505"), *RATE),
     "noise-estimated": Example(partial(_unstated, "free-flyer/log.parquet"), *RATE),
+    "jet-late": Example(partial(_flown, "free-flyer", *CENTRED[:2], "actuators.jet_delays_s={roll_n2=0.02}"), *RATE),
     "pulse-position": Example(partial(_flown, "free-flyer", *CENTRED), *RATE),
     "attitude-misfit": Example(partial(_flown, "testbed", *LATE), *RATE),
     "imu-kernel": Example(_sampled, *FORCE),

@@ -233,7 +233,7 @@ def _settings(before: Setup, after: Setup, found: Fitted) -> Iterator[str]:
     differing = [key for key in keys if not np.array_equal(before.value(key), after.value(key))]
     differing = [key for key in differing if not key.startswith("jets")]
     yield from _of_actuators(before.vehicle, after.vehicle)
-    yield from (f"{key}={configfile.written(value)}" for key, value in found.hypothesis.states.items())
+    yield from (f"{key}={configfile.written(value)}" for key, value in found.hypothesis.states.items() if not key.startswith("jets"))
     said = found.finding((), before, after)
     for one in sorted(supposed, key=lambda one: SECTIONS.index((one.key or "cycle").partition(".")[0])):
         if one.key in differing:

@@ -194,7 +194,7 @@ class Designs:
 
     def _impulses(self, log: Log, vehicle: Vehicle, delay: float, lag_s: float) -> Impulses:
         """What the commands do, as before where nothing differs that they go by."""
-        times = tuple((jet.rise_s, jet.fall_s) for jet in vehicle.jets)
+        times = tuple((jet.rise_s, jet.fall_s, jet.delay_s) for jet in vehicle.jets)
         thrust, imu = vehicle.thrust, vehicle.imu
         supply = thrust.droop, thrust.cycle_droop, thrust.failures, thrust.wrench_limits
         others = tuple(one.model_dump_json() for _, own in vehicle.actuators for one in own)

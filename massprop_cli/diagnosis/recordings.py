@@ -191,7 +191,8 @@ def _sharpened(screening: Screening, found: Fitted) -> Refit | None:
 
 
 def _moved(screening: Screening, found: Fitted, steps: Mapping[str, Array], by: float) -> Refit | None:
-    states = {key: tuple((np.array(found.hypothesis.states[key]) + by * step).tolist()) for key, step in steps.items()}
+    values = {key: (np.array(found.hypothesis.states[key]) + by * step).tolist() for key, step in steps.items()}
+    states = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
     return tried(screening, replace(found, hypothesis=replace(found.hypothesis, states={**found.hypothesis.states, **states})))
 
 
@@ -222,6 +223,7 @@ def _supposed(case: Case) -> Iterator[tuple[str, States, tuple[States, ...], flo
             yield "commands-limited", found[0], found[1], 0.0
     if case.log.command_kind == "jets" and case.log.command.any():
         yield from _pulses_elsewhere(case)
+        yield from (_later(case, jet) for jet in _likeliest_later(case))
 
 
 def _pulses_elsewhere(case: Case) -> Iterator[tuple[str, States, tuple[States, ...], float]]:
@@ -240,6 +242,47 @@ def _pulses_elsewhere(case: Case) -> Iterator[tuple[str, States, tuple[States, .
             by = 0.0
         if case.timing.delay + by >= 0:
             yield "pulse-position", states, (), by
+
+
+def _later(case: Case, jet: int) -> tuple[str, States, tuple[States, ...], float]:
+    """With pulses of one jet later by what explains most."""
+    key, stated_s, period_s = f"jets.{jet}.delay_s", case.vehicle.jets[jet].delay_s, case.vehicle.cycle.period_s
+
+    def states(cycles: float) -> States:
+        return {key: max(stated_s + cycles * period_s, 0.0)}
+
+    def left(cycles: float) -> float:
+        return _left(case, states(cycles))
+
+    by, step = min((0.5, 1.0, 1.5, 2.0), key=left), 0.5
+    while step > NEAR:
+        step /= 2
+        by = min((by, by - step, by + step), key=left)
+    bent = (left(by - NEAR) - 2 * left(by) + left(by + NEAR)) / NEAR**2
+    sigma = (2 / max(bent, FLAT)) ** 0.5 if np.isfinite(bent) else NEAR
+    return "jet-late", states(by), (states(by + sigma),), 0.0
+
+
+def _likeliest_later(case: Case) -> list[int]:
+    """The jets of which a pulse a cycle later explains most, if any does: some may be commanded alike.
+
+    By regression of the motion on what all of them do, beside what one does a cycle later.
+    """
+    samples = case.timing.of(case.log, case.vehicle)
+    acted, rate, jets = samples.executed.channels, samples.rate_rad_s, len(case.vehicle.jets)
+    load = np.hstack([rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]], samples.up_b[:-1], np.ones((len(rate), 1))])
+    first = int(np.argmax(samples.executed.usable)) + 1
+    gained = np.zeros(jets)
+    for moved, did, beside in (
+        (np.diff(rate, axis=0), acted.step[:, :jets], (load[1:] + load[:-1]) / 2),
+        (samples.specific_force_m_s2, acted.whole[:, :jets], load),
+    ):
+        causes = np.hstack([did, beside])[first:]
+        base = np.linalg.qr(causes[:, np.ptp(causes, axis=0) > 0])[0]
+        rest, later = (one - base @ (base.T @ one) for one in (moved[first:], (np.roll(did, 1, 0) - did)[first:]))
+        explained = (later.T @ rest) ** 2 / np.maximum(np.outer((later**2).sum(0), (rest**2).sum(0)), TINY)
+        gained -= len(rest) * np.log1p(-np.minimum(explained, 1 - ALIKE)).sum(1)
+    return np.flatnonzero(gained > max(gained.max(initial=0.0) - MORE, CLEAR)).tolist()
 
 
 def _left(case: Case, states: States, later: float = 0.0) -> float:

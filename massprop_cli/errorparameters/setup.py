@@ -111,8 +111,10 @@ def _of(vehicle: Vehicle, key: str) -> Any:
 
 
 def _with(section: Any, key: str, value: Any) -> Any:
-    """A section with another value of a key in it, which may be dotted."""
+    """A section with another value of a key in it, which may be dotted; a number is that of an entry in a list."""
     name, _, inner = key.partition(".")
+    if isinstance(section, tuple):
+        return tuple(_with(one, inner, value) if i == int(name) else one for i, one in enumerate(section))
     return section.model_copy(update={name: _with(getattr(section, name), inner, value) if inner else value})
 
 

@@ -117,6 +117,11 @@ def _pulse_at(finding: FittedHypothesis) -> Mapping[str, object]:
     return {"place": place[cycle.pulse_at], "delay": delay, "key": f'cycle.pulse_at = "{cycle.pulse_at}"'}
 
 
+def _one_later(finding: FittedHypothesis) -> Mapping[str, object]:
+    (one,) = (jet for jet, other in zip(finding.corrected.vehicle.jets, finding.stated.vehicle.jets, strict=True) if jet != other)
+    return {"jet": one.name, "later": one.delay_s}
+
+
 def _ramps(finding: FittedHypothesis) -> Mapping[str, object]:
     rise, fall = (2e3 * finding.mean(name) * finding.stated.period_s for name in ("rise", "fall"))
     by = rise or fall
@@ -307,6 +312,7 @@ _ALL_COMMANDS = "all commands act the other way: commands are what acts on the v
 _OTHER_WAY = "{who} {push} the other way than stated{turned}"
 _ABOUT_CG = "commanded torques are about the CG, {point} mm from O, and not about O"
 _LIMITED = "of commanded wrenches no more acts than {limits}, as of an allocation that saturates"
+_LATER = "pulses of jet {jet} begin {later:.3g} s later than stated of all"
 _SWAPPED = "{jets} are {how}"
 SPECIAL_CASES = (
     SpecialCase(
@@ -330,6 +336,7 @@ SPECIAL_CASES = (
     SpecialCase(
         "pulse-position", "pulse-position", lambda _: True, Wording("pulses {place} their cycles{delay}", "state {key}", _pulse_at)
     ),
+    SpecialCase("jet-late", "jet-late", lambda _: True, Wording(_LATER, "state its delay_s, or look at its driver and valve", _one_later)),
     SpecialCase("commands-limited", "commands-limited", lambda _: True, Wording(_LIMITED, "state thrust.wrench_limits", _limits)),
     SpecialCase("rotor-spin", "rotor-spin", lambda _: True, Wording(_SPUN, "correct its spin, or swap two of its motor's wires", _who)),
     *(

@@ -23,6 +23,7 @@ from massprop_cli.kernel import COMMANDS, PENDING, Kernel, kernel, pointer
 from massprop_cli.model.kernelargs import checked
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
+from massprop_cli.prepare.actuators import longest_delay_s
 from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.compensate import Source
 from massprop_cli.prepare.sensor import sensors
@@ -61,6 +62,8 @@ def beyond(vehicle: Vehicle, timing: Timing, shortest_s: float) -> str:
         return "thrust.droop or thrust.cycle_droop is not 0, and the kernel takes each jet's thrust as its own"
     if vehicle.thrust.failures:
         return "thrust.failures is not empty, and the kernel takes each jet's thrust as the same throughout"
+    if longest_delay_s(vehicle) > 0:
+        return "a jet has a delay_s of its own, and the kernel knows one delay of all commands"
     if len(vehicle.jets) > COMMANDS:
         return f"{len(vehicle.jets)} jets, and the kernel holds {COMMANDS}"
     ramps = max((jet.rise_s + jet.fall_s for jet in vehicle.jets), default=0.0)

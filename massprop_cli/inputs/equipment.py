@@ -285,6 +285,7 @@ class Jet(Section):
     force_n: Vector
     rise_s: NonNegative = Field(0.0, description="linear rise to full thrust")
     fall_s: NonNegative = Field(0.0, description="linear fall from full thrust")
+    delay_s: NonNegative = Field(0.0, le=1.0, description="by which its pulses begin later than cycle.command_delay_cycles says")
     thrust_sigma: NonNegative = Field(0.0, le=0.3, description="relative uncertainty of its thrust, beside the one that all have in common")
     position_sigma_m: NonNegative = Field(0.0, le=1.0, description="uncertainty of its place, along each axis")
     direction_sigma_rad: NonNegative = Field(0.0, le=0.3, description="uncertainty of its direction, about each axis across it")

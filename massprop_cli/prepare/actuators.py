@@ -159,6 +159,7 @@ def opened(start_s: Array, on_s: Array, vehicle: Vehicle) -> list[Opened]:
         levels = np.unique(strength[strength != 0]).tolist()
         lasting = [(part * level, np.where(strength == level, lasts_s, 0.0)) for part, lasts_s in lasting for level in levels]
     late, period_s = LATE[vehicle.cycle.pulse_at], vehicle.cycle.period_s
+    start_s = start_s + np.array([jet.delay_s for jet in vehicle.jets])[:, None]
     return [(part, start_s + late * np.maximum(period_s - lasts_s, 0.0), lasts_s) for part, lasts_s in lasting]
 
 
@@ -217,6 +218,11 @@ def pulse_integrals(lasting: Sequence[Opened], jets: Sequence[Jet], touching_s: 
         among = map(pointer, (edges, lag, room, found[0], found[1]))
         library.mp_host_pulses(*sizes[:2], *map(pointer, (*pulsed, ramps, touching)), ctypes.c_double(part), sizes[2], *among)
     return found[0].T, found[1].T
+
+
+def longest_delay_s(vehicle: Vehicle) -> float:
+    """Of any jet, beyond that of all commands."""
+    return max((jet.delay_s for jet in vehicle.jets), default=0.0)
 
 
 def longest_lag_s(vehicle: Vehicle, lag_s: float) -> float:

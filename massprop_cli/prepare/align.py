@@ -22,7 +22,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import absentaxes, actuators
-from massprop_cli.prepare.actuators import capability, channel_wrench, executed, longest_lag_s
+from massprop_cli.prepare.actuators import capability, channel_wrench, executed, longest_delay_s, longest_lag_s
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges, pace
 from massprop_cli.prepare.sensor import KernelEffect, SensorKernel, Shown, kernel_effect, sensors, shown_late_s
 from massprop_cli.prepare.signal import Signal, window_integrals
@@ -319,7 +319,7 @@ def align(
 def first_usable_s(log: Log, vehicle: Vehicle, delay_s: float, lag_s: float) -> float:
     """From when on all that is executed was commanded within the log; :class:`InputError` where that leaves less than two cycles."""
     first, last = (float(cycle_edges(log, slice(k, k + 1))[0][0]) for k in (0, log.cycles - 2))
-    memory_s = delay_s + LAGS_FORGOTTEN * longest_lag_s(vehicle, lag_s) + _shown_s(log, vehicle, LAGS_FORGOTTEN)
+    memory_s = delay_s + longest_delay_s(vehicle) + LAGS_FORGOTTEN * longest_lag_s(vehicle, lag_s) + _shown_s(log, vehicle, LAGS_FORGOTTEN)
     usable_s = max(max(first, float(log.command_start_s[0])) + memory_s, first_known_s(log, vehicle)) - 1e-6 * vehicle.cycle.period_s
     if last < usable_s:
         raise InputError(
@@ -339,7 +339,7 @@ def _memory_s(log: Log, vehicle: Vehicle, delay_s: float, lag_s: float) -> float
     """How far back what is shown now may have been commanded; what a lag keeps of earlier commands is below the last digit."""
     ramps = max((jet.rise_s + jet.fall_s for jet in vehicle.jets), default=0.0)
     lags_s = LAGS_KEPT * longest_lag_s(vehicle, lag_s) + _shown_s(log, vehicle, LAGS_KEPT)
-    return delay_s + 3 * vehicle.cycle.period_s + ramps + lags_s
+    return delay_s + longest_delay_s(vehicle) + 3 * vehicle.cycle.period_s + ramps + lags_s
 
 
 def _bin_edges(start: Array, duration: Array, bins: int) -> Array:

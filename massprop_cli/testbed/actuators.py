@@ -38,6 +38,8 @@ class Actuators:
         jets = self.scenario.vehicle.jets
         self.rise_s = np.array([jet.rise_s for jet in jets]) if jets else np.zeros(6)
         self.fall_s = np.array([jet.fall_s for jet in jets]) if jets else np.zeros(6)
+        real_s = self.scenario.actuators.jet_delays_s
+        self.own_delay_s = np.array([real_s.get(jet.name, jet.delay_s) for jet in jets]) if jets else np.zeros(6)
         lag = self.scenario.actuators.lag_s
         self.lag_s = self.scenario.vehicle.thrust.stated_lag_s if lag is None else lag
         thrust, real = self.scenario.vehicle.thrust, self.scenario.actuators
@@ -70,9 +72,10 @@ class Actuators:
         shape = (members * (last - first), channels, len(self.edges_s))
         thrust = _Thrust(np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape[:2]))
         delay = self.scenario.delay_cycles
-        for later in range(int(np.floor(-delay - 2)), min(int(np.floor(-delay)) + 2, 1)):
+        longest_s = float(self.own_delay_s.max())
+        for later in range(int(np.floor(-delay - longest_s / self.period_s - 2)), min(int(np.floor(-delay)) + 2, 1)):
             start_s = (later + delay) * self.period_s
-            if -self.period_s - self.fall_s.max() < start_s < self.period_s:
+            if -self.period_s - self.fall_s.max() - longest_s < start_s < self.period_s:
                 self._add_pulses(first + later, last + later, start_s, thrust)
         if self.lag_s > 0:
             self._lag(thrust)
@@ -121,7 +124,8 @@ class Actuators:
         reached = np.where(joined | (self.rise_s[channel] == 0), 1.0, rise / np.where(self.rise_s[channel] > 0, self.rise_s[channel], 1.0))
         fall = np.where(joins, 0.0, reached * self.fall_s[channel])
         late = self.late * (self.period_s - on)
-        begin, end = start_s + late, start_s + np.where(joins, self.period_s, late + on)
+        start = start_s + self.own_delay_s[channel]
+        begin, end = start + late, start + np.where(joins, self.period_s, late + on)
         height = strength * reached
         ramps = Ramp(np.concatenate([begin, end]), np.concatenate([begin + rise, end + fall]), np.concatenate([height, -height]))
         first, second = (_both(integral) for integral in ramps.integrals(self.edges_s))

@@ -94,6 +94,9 @@ class TrueActuators(Section):
     delay_cycles: NonNegative | None = Field(None, description="true delay, may be fractional")
     lag_s: NonNegative | None = Field(None, description="true first-order lag")
     pulse_at: Literal["begin", "centre", "end"] | None = Field(None, description="where in its cycle a jet's pulse lies in truth")
+    jet_delays_s: dict[str, NonNegative] = Field(
+        default_factory=dict, description="by jet, true delay of its pulses beyond that of all; absent: as the vehicle file states"
+    )
     scale: Positive = Field(1.0, description="true thrust over the vehicle file's")
     droop: Droop | None = Field(None, description="part of its thrust that a jet loses for each further one while that is open")
     cycle_droop: Droop | None = Field(None, description="the same for each further one that fires in the cycle")

@@ -76,11 +76,10 @@ class Scenario(Timed):
     @model_validator(mode="after")
     def _is_coherent(self) -> Self:
         jets = [jet.name for jet in self.vehicle.jets]
-        for failure in self.actuators.failures or ():
-            if failure.jet not in jets:
-                raise ValueError(
-                    f"actuators.failures names unknown jet {failure.jet!r}{configfile.nearest(failure.jet, jets, 'the nearest is')}"
-                )
+        named = [("failures", failure.jet) for failure in self.actuators.failures or ()]
+        for key, jet in [*named, *(("jet_delays_s", jet) for jet in self.actuators.jet_delays_s)]:
+            if jet not in jets:
+                raise ValueError(f"actuators.{key} names unknown jet {jet!r}{configfile.nearest(jet, jets, 'the nearest is')}")
         self._check_sizes()
         self._check_times()
         self._check_phases()

@@ -156,6 +156,27 @@ def test_pulses_elsewhere_in_their_cycles_are_named_and_mended(at: str, delay: s
     assert all(abs((one.value or 0) - value) < 4 * (one.sigma or 0) for one, value in zip(estimates, flown.truth[0][0], strict=True))
 
 
+@pytest.mark.parametrize(
+    ("jet", "later_s"), [("roll_n2", 0.05), pytest.param("roll_p1", 0.02, marks=pytest.mark.thorough), ("pitch_p2", 0.013)]
+)
+def test_a_jet_that_is_later_than_the_others_is_named_with_its_delay(jet: str, later_s: float) -> None:
+    """Though it is always commanded together with another one. Stated, its delay leaves nothing to be said."""
+    flown = fly("free-flyer", *PLAN, f"actuators.jet_delays_s={{{jet}={later_s}}}")
+    index = [one.name for one in flown.vehicle.jets].index(jet)
+    found = faulty.examined(flown.log(0), flown.vehicle)
+    (said,) = found.notices
+    assert (said.code, f"jet {jet} " in said.message) == ("jet-late", True)
+    (answer,) = found.mended
+    key, _, value = answer.settings[0].partition("=")
+    assert key == f"jets.{index}.delay_s"
+    assert float(value) == pytest.approx(later_s, abs=5e-4)
+    stated = faulty.examined(flown.log(0), faulty.stated(flown.vehicle, f"jets.{index}.delay_s={later_s}"))
+    assert stated.notices == ()
+    for conclusion in (answer.conclusions[0], stated.conclusions[0]):
+        z = (conclusion.values - flown.truth[0][0]) / np.sqrt(np.diag(conclusion.covariance))
+        assert np.abs(z).max() < 4
+
+
 def test_a_log_made_on_a_bearing_is_not_one_of_free_flight() -> None:
     log, used = faulty.sample("air-bearing", 15.0)
     found = faulty.examined(log, faulty.stated(used, 'environment.kind="free"'))
