@@ -194,6 +194,7 @@ def _answers(log: Log, vehicle: Resolved, timing: Timing, cycles: slice) -> tupl
 
 def _left(answers: Array, sigmas: Array, place: Array, wrench: Array, orders: Array) -> Array:
     """(n,) what of the columns' answers a body leaves that each order of the rotors goes with."""
+    answers, sigmas = answers[: len(wrench)], sigmas[: len(wrench)]  # the columns after thrust are those of stored momentum
     torque, force = wrench[:, :3][orders], wrench[:, 3:][orders]
     grown, felt = answers[:, :3], answers[:, 3:]
     count = len(orders)

@@ -236,6 +236,8 @@ def _by_sensors(acted: _Acted, cycles: slice, start: Array, duration: Array) -> 
             log, vehicle, delay_s, edges, bins, partial(_in_bins, sensor=moving, edges=edges), _shown_s(log, vehicle, LAGS_KEPT)
         )
         behind += [(torque, moving, *bare) for torque in torques]
+    if not behind:  # nothing acts, so no sensor shows it
+        return _by_bins(acted, _bin_edges(start, duration, bins), bins, duration)
     parts = [_read(*one, edges, np.append(start, start[-1] + duration[-1]), ends, share, duration) for one in behind]
     integral, moment, rising, falling, whole = (np.stack(each, -1) for each in zip(*parts, strict=True))
     shape = (count, bins, -1)

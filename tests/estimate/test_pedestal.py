@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,6 +14,8 @@ from massprop_cli.base import escape
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.verdict import Conclusion
+from massprop_cli.inputs import columns
+from massprop_cli.inputs.equipment import LowPass
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.result import build, schema
 from tests import anypedestal
@@ -133,6 +136,25 @@ def test_a_free_swing_with_nothing_known_tells_ratios_alone_and_says_so() -> Non
     assert {one.verdict for one in told.about_pivot.values()} == {"unobservable"}
     assert "ratios" in str(told.about_pivot["moment_z"].reason)
     assert all(told.estimates[name].value is None for name in (*INERTIA, *CG))
+
+
+@pytest.mark.parametrize(("imu", "most"), [({}, 0.1), ({"gyro_filter": LowPass(order=2, cutoff_hz=40.0)}, 1.0)], ids=["plain", "filtered"])
+def test_a_free_swing_logged_as_mean_rates_gives_what_its_increments_give(imu: dict[str, LowPass], most: float) -> None:
+    """Nothing is commanded, so no sensor shows a command late; a low-pass of 4 ms moves a swing of seconds by less than noise."""
+    own, flown, rng = moved(5, "swing", 1)
+    known = {
+        name: {"value": float(value), "sigma": 0.01 * float(np.trace(own.inertia[0])) / 3}
+        for name, value in zip(INERTIA, own.inertia[0][np.triu_indices(3)], strict=True)
+    }
+    known["mass"] = {"value": float(own.mass[0]), "sigma": 1e-3 * float(own.mass[0])}
+    used = anypedestal.vehicle_of(own, 0, flown, False, **known)
+    log = anypedestal.log_of(deepcopy(rng), own, 0, flown, used)
+    expected = flow.examine(log, VehicleSource(used, "", "")).conclusions[0]
+    rates = replace(log, rate_columns=columns.GYRO, force_columns=columns.ACCEL)
+    used = used.model_copy(update={"imu": used.imu.model_copy(update=imu)})
+    found = flow.examine(rates, VehicleSource(used, "", "")).conclusions[0]
+    assert np.abs((found.values - expected.values) / expected.sigmas)[:9].max() < most
+    np.testing.assert_allclose(found.sigmas[:9], expected.sigmas[:9], rtol=0.02)
 
 
 def test_a_result_has_the_nine_with_value_sigma_unit_and_verdict() -> None:
