@@ -6,13 +6,18 @@ depends on I_p and κ alone, so an error of the weighed mass moves c by ``−s/m
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
+from massprop_cli import INERTIA
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import elements
-from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehicle import Known, Vehicle
+
+SCALED, FACTORS, UPDATES = 100.0, 200, 8
+"""Largest factor by which what a log tells in ratios may have to be scaled, how many are compared, and updates from the best of them."""
 
 
 class AboutCg(NamedTuple):
@@ -38,16 +43,49 @@ def about_cg(mean: Array, covariance: Array, vehicle: Vehicle) -> AboutCg:
     slope[:, range(6, 9), range(6, 9)] = assumed
     moments = np.concatenate([mean[:, :6], (mean[:, 6:9] - pivot) * assumed], 1)
     nine = (slope @ covariance @ slope.transpose(0, 2, 1))[:, :9, :9]
-    return beside_mass(moments, nine, pivot, weighed.value, weighed.sigma)
+    known = {i: vehicle.known[name] for i, name in enumerate(INERTIA) if name in vehicle.known}
+    at = _with_inertia(moments, nine, weighed.value, known) if known else moments
+    return beside_mass(moments, nine, pivot, weighed.value, weighed.sigma, at)
 
 
-def beside_mass(about: Array, covariance: Array, pivot: Array, mass: float, sigma: float) -> AboutCg:
-    """Of inertia about the pivot (3,) and first moment, K rows (K, 9), their covariance (K, 9, 9), and a mass that was weighed, kg."""
-    count, arm = len(about), about[:, 6:9] / mass
-    values = np.column_stack([about[:, :6] - mass * elements(_spread(arm)), pivot + arm, np.full(count, mass)])
+def _with_inertia(about: Array, covariance: Array, mass: float, known: Mapping[int, Known]) -> Array:
+    """(K, 9) where inertia about the CG is ``known`` by its element, to second order: what ``about`` (K, 9) is conditioned to.
+
+    A free swing tells ratios alone, so all of ``about`` may have to be scaled by a large factor, and I = I_p − m S is of second order in
+    it. The search begins at the factor that leaves least, and goes on as an iterated Kalman update (Bell & Cathey 1993).
+    """
+    index, wanted, sigma = list(known), *(np.array([getattr(one, part) for one in known.values()]) for part in ("value", "sigma"))
+    factors = np.append(np.geomspace(1 / SCALED, SCALED, FACTORS), 1.0)
+    left = [(((_inertia(factor * about, mass)[:, index] - wanted) / sigma) ** 2).sum(1) for factor in factors]
+    found: Array = factors[np.argmin(left, 0)][:, None] * about
+    for _ in range(UPDATES):
+        slope = np.zeros((len(about), 6, 9))
+        slope[:, range(6), range(6)], slope[:, :, 6:] = 1.0, -_spread_by_arm(found[:, 6:] / mass)
+        slope = slope[:, index]
+        expected = _inertia(found, mass)[:, index] + (slope @ (about - found)[..., None])[..., 0]
+        across = covariance @ slope.transpose(0, 2, 1)
+        found = about + (across @ np.linalg.solve(slope @ across + np.diag(sigma**2), (wanted - expected)[..., None]))[..., 0]
+    return found
+
+
+def _inertia(about: Array, mass: float) -> Array:
+    """(K, 6) about the CG."""
+    found: Array = about[:, :6] - mass * elements(_spread(about[:, 6:9] / mass))
+    return found
+
+
+def beside_mass(about: Array, covariance: Array, pivot: Array, mass: float, sigma: float, at: Array | None = None) -> AboutCg:
+    """Of inertia about the pivot (3,) and first moment, K rows (K, 9), their covariance (K, 9, 9), and a mass that was weighed, kg.
+
+    Linear about ``at`` (K, 9), by default ``about``.
+    """
+    at = about if at is None else at
+    count, arm = len(about), at[:, 6:9] / mass
+    values = np.column_stack([_inertia(at, mass), pivot + arm, np.full(count, mass)])
     slope = np.zeros((count, 10, 9))
     slope[:, range(9), range(9)] = np.repeat([1.0, 1 / mass], [6, 3])
     slope[:, :6, 6:9] = -_spread_by_arm(arm)
+    values += (slope @ (about - at)[..., None])[..., 0]
     by_mass = sigma * np.column_stack([elements(_spread(arm)), -arm / mass, np.ones(count)])
     return AboutCg(values, slope @ covariance @ slope.transpose(0, 2, 1), by_mass[:, :, None] * by_mass[:, None, :])
 

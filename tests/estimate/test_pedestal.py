@@ -157,6 +157,26 @@ def test_a_free_swing_logged_as_mean_rates_gives_what_its_increments_give(imu: d
     np.testing.assert_allclose(found.sigmas[:9], expected.sigmas[:9], rtol=0.02)
 
 
+def test_a_pendulum_far_from_its_joint_swings_by_the_inertia_that_is_known() -> None:
+    """κ / (I + κ² / m) has two solutions, and I is of second order in κ: a linear update was 130 sigma off, and converged."""
+    rng = np.random.default_rng(4)
+    own = anypedestal.tables(rng, 4, offset_m=0.03)
+    flown = anypedestal.fly(rng, own, "swing", 0.05, 15.0)
+    for body in range(4):
+        size = 0.01 * float(np.trace(own.inertia[body])) / 3
+        known = {
+            name: {"value": float(value + size * rng.normal()), "sigma": size}
+            for name, value in zip(INERTIA, own.inertia[body][np.triu_indices(3)], strict=True)
+        }
+        known["mass"] = {"value": float(own.mass[body]), "sigma": 1e-3 * float(own.mass[body])}
+        used = anypedestal.vehicle_of(own, body, flown, False, **known)
+        found = flow.examine(anypedestal.log_of(rng, own, body, flown, used), VehicleSource(used, "", "")).conclusions[0]
+        assert np.linalg.norm(own.arm[body]) > 0.06
+        assert found.estimates["cg_z"].verdict == "converged"
+        assert np.abs((found.values - own.ten[body]) / found.sigmas).max() < 3.5
+        assert found.sigmas[8] < 0.02 * np.linalg.norm(own.arm[body])
+
+
 def test_a_result_has_the_nine_with_value_sigma_unit_and_verdict() -> None:
     _, (answer,) = found_of(3, "wheels", 1)
     found = schema.Result.model_validate_json(escape.document(build.result(answer)))
