@@ -114,6 +114,15 @@ class Discrepancy:
         """Whether errors would have to be far beyond any that a lab makes."""
         return self.scale > MOST
 
+    def covering(self, others: Sequence[Array]) -> Discrepancy:
+        """With the values (10,) that causes give which explain the log, and can't be told apart, within one sigma."""
+        if not others:
+            return self
+        away = np.nan_to_num(np.abs(np.array(others) - self.values)).max(0)
+        shares = {**self.shares, UNSPANNED: np.hypot(self.shares[UNSPANNED], away)}
+        bare = self.bare[0], self.bare[1] + np.diag(away**2)
+        return replace(self, covariance=self.covariance + np.diag(away**2), bare=bare, shares=shares)
+
     def tells(self, which: Sequence[int]) -> str:
         """The one check or experiment that would tell most of these quantities."""
         mains = [self.main(i) for i in which]

@@ -67,7 +67,8 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer], widen: bool) -
     own = [f for f in found.faults if f.change_s is None or conclusion.phase.start_s < f.change_s < conclusion.phase.end_s]
     unnamed = bool(found.unknown) or (bool(own) and all(fault.notice.code == UNKNOWN for fault in own))
     answers = [next((c for c in answer.conclusions if c.phase.name == conclusion.phase.name), None) for answer in mended]
-    named = by_faults(conclusion, own, answers, [values[i] for answer in mended for values in answer.rivals])
+    rivals = [values[i] for answer in mended for values in answer.rivals]
+    named = by_faults(conclusion, own, answers, rivals)
     nameless, factor = _nameless(found, i)
     nameless = [] if own else nameless
     # a disturbance that is no noise stands for something else
@@ -78,6 +79,7 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer], widen: bool) -
     known, vehicle = by_known(found.histories[i]), found.vehicle.in_phase(conclusion.phase)
     if told is not None and not told.refuted and (unnamed or not own):
         doubts = _slow(biased, found.stated) if misfit else unlike | biased
+        told = told.covering([*(answer.values for answer in answers if answer is not None), *rivals])
         conclusion = with_discrepancy(in_doubt(conclusion, doubts), told, settled, vehicle)
         return _Judged(_against(conclusion, known), factor, told)
     if unnamed:

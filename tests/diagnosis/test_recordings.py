@@ -123,6 +123,17 @@ def test_torques_about_the_cg_put_it_at_the_origin_and_that_is_said() -> None:
         assert abs(one.value - value) < 4 * (one.sigma or 0.0)
 
 
+def test_a_sigma_covers_what_each_of_two_causes_gives_that_cannot_be_told_apart() -> None:
+    """An IMU 23 mm out of place, or torques about another point: each explains the log, with CGs 23 mm apart."""
+    flown = fly("free-flyer", *PLAN, *WRENCH, *ASIDE, "vehicle.imu.accel_noise_m_s2=0.005")
+    found = faulty.examined(flown.log(0), faulty.stated(flown.vehicle, "imu.position_m=[0.1117, -0.0787, 0.1127]"))
+    assert "cause-unknown" in {notice.code for notice in found.notices}
+    (conclusion,), (answer,) = found.conclusions, found.mended
+    for values in (answer.conclusions[0].values, *(rival[0] for rival in answer.rivals), flown.truth[0][0]):
+        assert (np.abs(values - conclusion.values) < 1.01 * conclusion.sigmas).all()
+    assert [conclusion.estimates[name].verdict for name in ("cg_x", "cg_y")] == ["not_converged"] * 2
+
+
 def test_increments_in_the_axes_of_each_records_start_are_taken_back() -> None:
     """Where a body turns by 0.02 rad in a record under a specific force of gravity."""
     flown = fly("testbed", *PLAN)
