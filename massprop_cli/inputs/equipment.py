@@ -1,5 +1,6 @@
 """What a vehicle file states of cycle, IMU, environment, thrust and jets."""
 
+import math
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -11,6 +12,10 @@ from massprop_cli.inputs.section import IDENTITY, ZERO, NonNegative, Place, Posi
 
 Limits = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
 FASTEST_PPM = 1e5
+OFF_UNIT = 1e-2
+"""By which the norm of a quaternion, or a product of two rows of a rotation matrix, may be off: what rounding and averaging do."""
+EXACT = 1e-12
+"""Products of rows that are this near to those of a rotation are left as they are."""
 EDGE = 1e-9
 """s, within which a pulse begins at a time."""
 
@@ -154,9 +159,15 @@ class Imu(Section):
     @classmethod
     def _is_rotation(cls, rows: tuple[Vector, Vector, Vector]) -> tuple[Vector, Vector, Vector]:
         matrix = np.array(rows)
-        if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-6 or np.linalg.det(matrix) < 0:
+        off = np.abs(matrix @ matrix.T - np.eye(3)).max()
+        if off > OFF_UNIT or np.linalg.det(matrix) < 0:
             raise ValueError("is not a rotation matrix; give orthonormal rows with determinant +1")
-        return rows
+        if off < EXACT:
+            return rows
+        # the nearest rotation in the least-squares sense: the orthogonal factor of the polar decomposition
+        left, _, right = np.linalg.svd(matrix)
+        x, y, z = (left @ right).tolist()
+        return x, y, z
 
 
 class Environment(Section):
@@ -184,9 +195,11 @@ class Environment(Section):
     @field_validator("initial_attitude_wxyz")
     @classmethod
     def _is_unit(cls, quaternion: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-        if abs(np.linalg.norm(quaternion) - 1) > 1e-6:
-            raise ValueError("is not a unit quaternion; divide it by its norm")
-        return quaternion
+        norm = math.hypot(*quaternion)
+        if abs(norm - 1) > OFF_UNIT:
+            raise ValueError(f"has norm {norm:.4g}, not 1; a quaternion is wxyz, world from body")
+        w, x, y, z = (component / norm for component in quaternion)
+        return w, x, y, z
 
     @model_validator(mode="after")
     def _has_a_vertical(self) -> Self:

@@ -21,6 +21,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands, pulses, stamps
 from massprop_cli.inputs.actuators.actuator import MomentumLog
 from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_V, GYRO, PULSE_JET, QUATERNION
+from massprop_cli.inputs.equipment import OFF_UNIT
 from massprop_cli.inputs.formats import agreement
 from massprop_cli.inputs.logtable import GAP, LONG, LogTable
 from massprop_cli.inputs.tablefile import Made, Table
@@ -33,8 +34,6 @@ AT_ONCE = 1e-3
 """Part of the usual interval below which two records are of one moment."""
 COARSE = 1e-3
 """Of a control cycle: so far numbers of time may be apart. At 1.7e9 s, as clocks of computers count, they are 2.4e-7 s apart."""
-OFF_UNIT = 1e-2
-"""By which the norm of a logged quaternion may differ from 1: what rounding and averaging do."""
 SATURATED = ("gyro-saturated", "accelerometer-saturated")
 """Codes of notices that a sensor was at the end of its range."""
 UNREAD = (*SATURATED, "sensor-frozen")

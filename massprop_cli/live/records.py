@@ -16,9 +16,10 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands
 from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_V, GYRO, PULSE_START, QUATERNION, TIME, WRENCH, jet
+from massprop_cli.inputs.equipment import OFF_UNIT
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.tablefile import Cells, Places, Table
-from massprop_cli.inputs.telemetry import ABSURD, OFF_UNIT
+from massprop_cli.inputs.telemetry import ABSURD
 from massprop_cli.inputs.vehicle import Vehicle
 
 LONGEST = 1 << 20
