@@ -118,12 +118,15 @@ def test_world_commands_are_turned_with_the_logged_attitude() -> None:
     wanted = Slerp(t, turns)(issued).inv().apply(force)
     np.testing.assert_allclose(values(table, columns.WRENCH[3:])[::5], wanted, atol=1e-4)
     ends = Slerp(t, turns)(np.clip(table.columns["time_s"].numbers(), None, t[-1])).as_quat()[:, [3, 0, 1, 2]]
-    np.testing.assert_allclose(np.abs((values(table, columns.QUATERNION) * ends).sum(1)), 1.0, atol=1e-8)
+    same = np.abs((values(table, columns.QUATERNION) * ends).sum(1))
+    logged = np.isfinite(same)  # attitudes come half as often as records end
+    assert abs(logged.sum() - table.rows / 2) < 2
+    np.testing.assert_allclose(same[logged], 1.0, atol=1e-8)
     # in a world whose z is down, commands are of that world too; the log's own is z up
     down = made(streams, text + 'world = "z_down"\n')
     np.testing.assert_allclose(values(down, columns.WRENCH), values(table, columns.WRENCH), atol=1e-15)
     half = (Rotation.from_euler("x", 180, degrees=True) * Rotation.from_quat(ends[:, [1, 2, 3, 0]])).as_quat()[:, [3, 0, 1, 2]]
-    np.testing.assert_allclose(np.abs((values(down, columns.QUATERNION) * half).sum(1)), 1.0, atol=1e-8)
+    np.testing.assert_allclose(np.abs((values(down, columns.QUATERNION) * half).sum(1))[logged], 1.0, atol=1e-8)
     with pytest.raises(InputError, match=r"m.toml.*attitude contradict each other.*\[attitude\]"):
         telemetry.read(table, parse("schema = 1\n[cycle]\nperiod_s = 0.05\n", "v").vehicle)
 

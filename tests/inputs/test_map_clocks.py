@@ -108,6 +108,49 @@ def test_a_gap_within_a_record_is_bridged_and_told_of() -> None:
     assert "gyro: 1 gap(s) of up to 0.015 s, shorter than a record, are bridged evenly; the first after 4.995 s" in bridged.made.said
 
 
+def test_samples_beside_speeds_alone_are_handed_on_as_samples() -> None:
+    """Nothing is commanded then, so nothing needs another clock; an integral of samples would hide a low-pass."""
+    streams = {path: said for path, said in motion().items() if path.startswith("imu/w") or path == "imu/t"}
+    slow = 0.003 + 0.1 * np.arange(199)
+    streams |= {"tach/t": (slow, "", "s"), "tach/x": (300 * np.sin(slow), "tach/t", "rpm")}
+    text = 'schema = 1\n[gyro]\npaths = "imu/w?"\nvalues = "sample"\n[wheels.x]\npath = "tach/x"\n[records]\nsamples = 1\nper_cycle = 20\n'
+    table = made(streams, text)
+    time_s = table.columns[columns.TIME].numbers()
+    np.testing.assert_allclose(values(table, columns.GYRO), np.sin(np.outer(time_s, [1, 2, 3])), atol=1e-12)
+    np.testing.assert_allclose(table.columns["wheel_x_rad_s"].numbers(), 10 * np.pi * np.sin(time_s), atol=0.05)
+    assert columns.COMMAND_TIME not in table.columns
+    assert table.made is not None
+    assert table.made.sampled[0]
+    # a record of two samples is still their integral
+    assert columns.DELTA_THETA[0] in made(streams, text.replace("samples = 1", "samples = 2").replace("= 20", "= 10")).columns
+
+
+def test_a_seldom_attitude_with_a_gap_is_in_the_records_that_are_nearest_to_its_samples() -> None:
+    """Each sample is used once, and what lies in a gap is not made up."""
+    streams = motion()
+    at = 0.0021 + np.arange(600) / 30
+    at = at[(at < 8) | (at > 11)]
+    half = 0.2 * np.sin(0.5 * at)
+    streams |= {"att/t": (at, "", "s")} | {
+        f"att/q{n}": (part, "att/t", "") for n, part in enumerate((np.sin(half), 0 * at, 0 * at, np.cos(half)))
+    }
+    text = WRENCH_MAP + RECORDS + '[attitude]\npaths = "att/q?"\norder = "xyzw"\n'
+    table = made(streams, text)
+    time_s, quaternion = table.columns[columns.TIME].numbers(), values(table, columns.QUATERNION)
+    logged = np.isfinite(quaternion[:, 0])
+    within = (at > time_s[0]) & (at < time_s[-1])
+    assert 0 <= within.sum() - logged.sum() <= 3
+    assert not logged[(time_s > 8.01) & (time_s < 10.99)].any()
+    np.testing.assert_allclose(2 * np.arcsin(quaternion[logged, 1]), 0.4 * np.sin(0.5 * time_s[logged]), atol=2e-5)
+    assert table.made is not None
+    assert f"interpolated to the ends of the {logged.sum()} of {len(time_s)} records that are nearest to a sample" in "\n".join(
+        table.made.said
+    )
+    # commands in the world are turned with it at any time
+    with pytest.raises(InputError, match=r"'att/q0': a gap of 3\.\d* s after 7\.\d* s"):
+        made(streams, text.replace('paths = "cmd/f?"', 'paths = "cmd/f?"\nframe = "world"'))
+
+
 EVEN = 0.005 * np.arange(4000)
 
 

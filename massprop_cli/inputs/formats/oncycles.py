@@ -62,6 +62,12 @@ class Streams:
         """Those that are read off at records' ends."""
         return [*([] if self.attitude is None else [self.attitude]), *(signal for signal, _ in self.instants)]
 
+    @property
+    def unbroken(self) -> list[QuantitySignal]:
+        """Those of them that must be there all the time: a logged attitude only where commands are turned with it."""
+        turns = any(wrench.frame == "world" for _, wrench, _, _ in wrenches(self.signals))
+        return self.slow if turns else [signal for signal, _ in self.instants]
+
     def beside(self, time_s: Array, cycle_s: float) -> dict[str, Array]:
         """Columns of what is read off at records' ends (n,)."""
         made: dict[str, Array] = {}
@@ -69,8 +75,10 @@ class Streams:
         if self.attitude is not None and said is not None:
             times = self.attitude.times
             turned = resample.z_up(resample.attitude_at(self.attitude.values, times.s, time_s), said.world)
-            made |= dict(zip(columns.QUATERNION, turned.T, strict=True))
-            self.signals.made.append(f"attitude: every {times.step_s:.6g} s, interpolated to the records' ends")
+            own = resample.nearest_to_samples(times.s, time_s, GAP * times.step_s)
+            made |= dict(zip(columns.QUATERNION, np.where(own, turned.T, np.nan), strict=True))
+            where = "the records' ends" if own.all() else f"the ends of the {own.sum()} of {len(own)} records that are nearest to a sample"
+            self.signals.made.append(f"attitude: every {times.step_s:.6g} s, interpolated to {where}")
         for signal, column in self.instants:
             made[column] = np.interp(time_s, signal.times.s, signal.values[:, 0])
             self.signals.made.append(f"{signal.key}: {_read_off(signal, cycle_s)}")
@@ -92,7 +100,7 @@ def streams_of(signals: Signals, records: Records) -> tuple[Streams, Array]:
 def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Array]:
     """The log's columns by the contract's names, summed over records between ``edges``."""
     signals, gyro = streams.signals, streams.gyro
-    _check(signals, edges, [sensor for sensor, _ in streams.imu], streams.slow)
+    _check(signals, edges, [sensor for sensor, _ in streams.imu], streams.unbroken)
     zero = edges[0] if records.zero == "start" else 0.0
     made: dict[str, Array] = {columns.TIME: edges[1:] - zero}
     length = median(np.diff(edges))
@@ -220,7 +228,7 @@ def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands:
 
 
 def _check(signals: Signals, edges: Array, sensors: Sequence[QuantitySignal], slow: Sequence[QuantitySignal]) -> None:
-    """Sensors must be at least as fast as records, and nothing may have a gap."""
+    """Sensors must be at least as fast as records, and nothing may have a gap but an attitude that no command is turned with."""
     length = median(np.diff(edges))
     for signal in sensors:
         if signal.paths and signal.times.step_s > 1.01 * length:

@@ -20,24 +20,27 @@ LIKE = 0.2
 
 
 def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Array] | None:
-    """The log's columns; None where records fall on cycles of these ``edges``, or commands are not one row each."""
+    """The log's columns; None where records fall on cycles of these ``edges``, or commands are not one row each.
+
+    Samples without any command are records as they are: nothing has a time of its own.
+    """
     signals, gyro, kinds = streams.signals, streams.gyro, [kind for _, kind in streams.imu]
     together = all(one.times is gyro.times or np.array_equal(gyro.times.s, one.times.s) for one, _ in streams.imu)
     if not together or ("sample" not in kinds and _on(resample.knots(gyro.times.s, kinds[0]), edges, gyro.times.step_s)):
         return None
     issued = _issued(streams.commands, records.interval_s or 0.0, records.per_cycle)
-    if issued is None:
+    if issued is None and not _samples_alone(streams, kinds, median(np.diff(edges))):
         return None
-    issued_s, scatter_s = issued
+    issued_s, scatter_s = issued or (np.zeros(0), 0.0)
     time_s = gyro.times.s
     within = slice(*np.searchsorted(time_s, [edges[0] + SAME * gyro.times.step_s, edges[-1] + SAME * gyro.times.step_s]).tolist())
     time_s = time_s[within]
     own = (issued_s > time_s[0] - gyro.times.step_s) & (issued_s <= time_s[-1])
     rows = np.searchsorted(time_s, issued_s[own])
-    if len(rows) < 2 or (np.diff(rows) < 1).any():
+    if issued and (len(rows) < 2 or (np.diff(rows) < 1).any()):
         return None
     zero = edges[0] if records.zero == "start" else 0.0
-    made: dict[str, Array] = {columns.TIME: time_s - zero, columns.COMMAND_TIME: _in_rows(issued_s[own] - zero, rows, len(time_s))}
+    made: dict[str, Array] = {columns.TIME: time_s - zero}
     if zero:
         signals.made.append(f"time_s counts from {edges[0] + gyro.times.zero_s:.13g} s by {gyro.times.path!r}")
     signals.sampled = sampled(streams.imu)
@@ -47,12 +50,21 @@ def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Ar
         signals.made.append(
             f"{signal.key}: {len(time_s)} values ({kind}) every {gyro.times.step_s:.6g} s by {gyro.times.path!r}, as recorded"
         )
+    if issued is None:
+        return made | streams.beside(time_s, records.per_cycle * gyro.times.step_s)
+    made[columns.COMMAND_TIME] = _in_rows(issued_s[own] - zero, rows, len(time_s))
     for command in streams.commands:
         values = command.signal.values
         values = values[own] if command.signal.paths else np.repeat(values[:1], len(rows), 0)
         made |= dict(zip(command.names, (_in_rows(column, rows, len(time_s)) for column in values.T), strict=True))
     signals.made.append(f"commands: {len(rows)} every {median(np.diff(issued_s)):.6g} s, at their own times{_evened(scatter_s)}")
     return made | streams.beside(time_s, median(np.diff(issued_s)))
+
+
+def _samples_alone(streams: Streams, kinds: Sequence[str], length_s: float) -> bool:
+    """Whether nothing is commanded, and each record is one sample."""
+    recorded = any(command.signal.paths for command in streams.commands)
+    return not recorded and "sample" in kinds and abs(streams.gyro.times.step_s / length_s - 1) < SAME
 
 
 def _on(knots: Array, edges: Array, step_s: float) -> bool:

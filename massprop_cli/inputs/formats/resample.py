@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, IntArray
+from massprop_cli.base.arrays import Array, BoolArray, IntArray
 from massprop_cli.base.quaternion import inverse, matrices, quaternion_product
 from massprop_cli.base.rigidbody import times
 
@@ -89,6 +89,18 @@ def attitude_at(quaternions: Array, times_s: Array, wanted_s: Array) -> Array:
     between = (1 - share) * first + share * near
     found: Array = between / np.linalg.norm(between, axis=1)[:, None]
     return found
+
+
+def nearest_to_samples(times_s: Array, wanted_s: Array, longest_s: float) -> BoolArray:
+    """(m,) which wanted times are the nearest to a sample, and between two that are no more than ``longest_s`` apart.
+
+    Where samples are more seldom than wanted times, each sample is used once, so that its noise enters once.
+    """
+    before = np.clip(np.searchsorted(wanted_s, times_s), 1, len(wanted_s) - 1) - 1
+    found = np.zeros(len(wanted_s), bool)
+    found[before + (times_s - wanted_s[before] > wanted_s[before + 1] - times_s)] = True
+    after = np.clip(np.searchsorted(times_s, wanted_s), 1, len(times_s) - 1)
+    return found & (times_s[after] - times_s[after - 1] <= longest_s)
 
 
 def z_up(quaternions: Array, world: Literal["z_up", "z_down"]) -> Array:
