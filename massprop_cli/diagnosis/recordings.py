@@ -29,7 +29,7 @@ from massprop_cli.prepare.actuators import LATE
 
 States = dict[str, object]
 """Values of keys of the vehicle file."""
-PARTS = np.linspace(1.0, 0.25, 16)
+PARTS = np.geomspace(1.0, 0.05, 16)
 """Of the largest command, at which a component of a wrench may end."""
 FINEST, NEAR, FLAT = 1e-5, 0.01, 1e3
 """Step at which the search for them ends, and behind the curvature of what they leave; the least curvature that tells a sigma: of 4 %."""
@@ -321,7 +321,7 @@ def _limits(case: Case) -> tuple[States, tuple[States, ...]] | None:
         while step > FINEST:
             step /= 2
             now = float(best[1][which[0]])
-            best = min((best, tried(parts, which, now - step), tried(parts, which, now + step)), key=order)
+            best = min((best, tried(parts, which, max(now - step, now / 2)), tried(parts, which, now + step)), key=order)
         if best[0] < left - CLEAR:
             left, parts = best
             now = float(parts[which[0]])

@@ -38,10 +38,15 @@ def about_its_cg(log: Log, used: Vehicle, truth: Array) -> tuple[Log, Vehicle]:
     return replace(log, command=np.hstack([torque, log.command[:, 3:]])), used
 
 
-def saturated(log: Log, used: Vehicle, _: Array) -> tuple[Log, Vehicle]:
+def saturated(log: Log, used: Vehicle, _: Array, part: float = 0.8) -> tuple[Log, Vehicle]:
     """A part of the peaks is what an allocation of 80 % left of more."""
     peaks = (np.abs(log.command) > 0.999 * np.abs(log.command).max(0)) & (np.random.default_rng(1).random(log.command.shape) < 0.4)
-    return replace(log, command=np.where(peaks, log.command / 0.8, log.command)), used
+    return replace(log, command=np.where(peaks, log.command / part, log.command)), used
+
+
+def far_beyond(log: Log, used: Vehicle, truth: Array) -> tuple[Log, Vehicle]:
+    """The commands of a controller of high gain: an eighth of them acts."""
+    return saturated(log, used, truth, 0.12)
 
 
 def normalised(log: Log, used: Vehicle, _: Array) -> tuple[Log, Vehicle]:
@@ -66,6 +71,7 @@ def examined(mistake: Mistake) -> tuple[Analysis, Array]:
     [
         pytest.param(about_its_cg, "wrench-point", "thrust.wrench_point_m", marks=pytest.mark.thorough),
         (saturated, "commands-limited", "thrust.wrench_limits"),
+        (far_beyond, "commands-limited", "thrust.wrench_limits"),
         (normalised, "commands-normalised", ""),
     ],
 )
@@ -77,7 +83,7 @@ def test_what_a_commanded_wrench_may_be_otherwise_is_named(mistake: Mistake, cod
         assert found.mended[0].settings[0].startswith(f"{key}=")
 
 
-@pytest.mark.parametrize("mistake", [about_its_cg, saturated])
+@pytest.mark.parametrize("mistake", [about_its_cg, saturated, far_beyond])
 def test_mended_by_its_key_values_are_within_their_sigmas(mistake: Mistake) -> None:
     found, true = examined(mistake)
     estimates = found.mended[0].conclusions[0].estimates
