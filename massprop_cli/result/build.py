@@ -114,6 +114,10 @@ def _low_passes(analysis: Analysis) -> list[schema.DetectedLowPass]:
         }
         if any(value is not None for value in values.values()):
             found.append(schema.DetectedLowPass(sensor=name, **values))
+    imu = analysis.vehicle.imu
+    if analysis.source.vehicle.imu.attitude_latency_s == "auto" and imu.attitude_latency_sigma_s > 0:
+        late = {"latency_s": imu.attitude_latency, "latency_sigma_s": imu.attitude_latency_sigma_s}
+        found.append(schema.DetectedLowPass(sensor="attitude", cutoff_hz=None, cutoff_sigma_hz=None, **late))
     return found
 
 

@@ -106,7 +106,7 @@ class Lag(Item):
 class DetectedLowPass(Item):
     """Cutoff and latency of a sensor, as far as the log shows them beyond what the vehicle file states."""
 
-    sensor: Literal["gyro", "accelerometer"]
+    sensor: Literal["gyro", "accelerometer", "attitude"]
     cutoff_hz: float | None = Field(description="null where it was not looked for")
     cutoff_sigma_hz: float | None
     latency_s: float | None = Field(description="by which values are later than their time stamps, beyond the low-pass; null likewise")

@@ -18,6 +18,7 @@ from massprop_cli.conclude.estimated import estimated
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.prepare.measured import given, measured
+from massprop_cli.result import build
 from massprop_cli.testbed import scenario, simulate
 
 BEARINGS = {
@@ -139,6 +140,15 @@ def test_what_is_stated_of_the_attitude_is_followed(settings: tuple[str, ...]) -
     assert with_it.codes == {"noise-estimated"}
     assert np.abs(with_it.z).max() < 3.5
     assert (with_it.sigma < 1.01 * without.sigma).all()
+
+
+@pytest.mark.thorough
+def test_a_latency_that_is_left_to_the_log_is_found_within_its_sigma_and_told() -> None:
+    flight = flown(2, *biased(2), *MILLIRADIAN, "sensors.attitude_latency_s=0.13")
+    source = VehicleSource(changed(flight.vehicle, ['imu.attitude_latency_s="auto"']), "", "")
+    (told,) = build.result(flow.examine(flight.log(0), source)).low_passes
+    assert told.sensor == "attitude"
+    assert told.latency_s == pytest.approx(0.13, abs=3 * (told.latency_sigma_s or 0.0))
 
 
 @pytest.mark.thorough
