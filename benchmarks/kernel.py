@@ -56,10 +56,10 @@ the filter and the predictions of off-line fits, the effect of a lag on commands
 `MASSPROP_KERNEL=numpy` selects NumPy. Both agree to 1e-6 of a sigma at every cycle of the sample logs, except for crazyflie/yaw. The
 start of that log is chaotic: a change of 1e-13 in the measurements moves its values by sigmas in either implementation.
 
-Only NumPy supports environments other than `free` and `air_bearing`, [drift], estimated damping, wheels, control moment gyros, rotors,
-jets or an IMU with uncertain position or thrust, more than 64 bins a cycle, and delay or lag with a sigma (also an estimated one). For a
-log with a thrust lag, thrust that droops or fails for a time, a drifting clock, a low-pass within a sensor, more than 64 jets or a delay
-beyond 19 cycles, only the alignment runs on NumPy.
+Only NumPy supports environments other than `free` and `air_bearing`, [drift], estimated damping, wheels, control moment gyros, rotors with
+a spin inertia, jets or an IMU with uncertain position or thrust, more than 64 bins a cycle, and delay or lag with a sigma (also an
+estimated one). For a log with rotors, a thrust lag, thrust that droops or fails for a time, a drifting clock, a low-pass within a sensor,
+more than 64 jets or a delay beyond 19 cycles, only the alignment runs on NumPy.
 
 `massprop export-flight` writes the sources with a vehicle's tables for a flight computer, and a test vector. The flight code must reproduce
 the vector bit for bit. It does on x86-64 with and without sanitizers, and on 32-bit ARM (gcc-arm-linux-gnueabihf under qemu-user).

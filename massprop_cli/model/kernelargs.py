@@ -43,8 +43,8 @@ def unknown(vehicle: Vehicle) -> str:
         return "imu.attitude_misalignment_sigma_rad is stated, and the kernel takes no logged attitude"
     if vehicle.uncertain_geometry:
         return "jets or IMU are stated to be uncertain, and the kernel takes them as exact"
-    stated = next((kind.TABLE for kind, own in vehicle.actuators if own), "")
-    return f"[[{stated}]] are stated, and the kernel knows none" if stated else ""
+    storing = next((kind.TABLE for kind, own in vehicle.actuators if any(one.device is not None for one in own)), "")
+    return f"[[{storing}]] store momentum, and the kernel knows none" if storing else ""
 
 
 def vehicle_numbers(vehicle: Vehicle, states: Sequence[bool], begun: FlightStart, kernel_effect: KernelEffect | None) -> Array:

@@ -197,6 +197,11 @@ def test_what_the_kernel_cannot_hold_is_refused(setting: str, said: str) -> None
     assert "vehicle.toml" in str(refused.value)
 
 
+def test_a_vehicle_with_rotors_is_refused() -> None:
+    with pytest.raises(InputError, match=re.escape("[[rotors]] are stated, and the kernel takes commands of jets or a wrench alone")):
+        resolve.stated(vehiclefile.load(SAMPLES / "crazyflie" / "original" / "vehicle.toml"))
+
+
 @pytest.mark.parametrize("stated", ["", "inertia_tolerance=0.2", "mass_tolerance=0.3"])
 @pytest.mark.parametrize("relative", ["", "true", "false"])
 def test_a_value_has_converged_in_flight_by_the_rule_of_the_ground(relative: str, stated: str) -> None:
