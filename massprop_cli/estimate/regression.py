@@ -69,11 +69,8 @@ class Regression(Triangle):
         """The cycles of the ring anew, about a reference that they give themselves from ``reference`` on."""
         oldest, end = ring[0], ring[-1].at
         for _ in range(PASSES):
-            system, first = self._system(oldest.at, end, reference), max(oldest.at - 1, self.cycles.start)
-            ring = [replace(oldest, reference=reference, estimate=reference, moved=end)]
-            while ring[-1].at < end:
-                begin, stop = max(ring[-1].at - 1, first), min(ring[-1].at + CHECKPOINT, end)
-                ring.append(self._with(ring[-1], stop, system.part(begin - first, stop - first))[0])
+            begun = replace(oldest, reference=reference, estimate=reference, moved=end)
+            ring = [begun, *(run for run, _ in self.through(begun, [*range(oldest.at + CHECKPOINT, end, CHECKPOINT), end]))]
             ring[-1] = self.improved(ring[-1])
             if self.stands(ring[-1]):
                 break

@@ -10,7 +10,7 @@ coupling, J Γ(I), stays free of the inertia until the commands alone tell each 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -100,6 +100,14 @@ class Triangle:
         if self.in_kernel:
             return self._compiled(run, end)
         return self._with(run, end, self._system(run.at, end, run.reference))
+
+    def through(self, run: Run, stops: Sequence[int]) -> Iterator[tuple[Run, Taken]]:
+        """The cycles from ``run.at`` up to each of ``stops``, of a system that is computed once."""
+        first = max(run.at - 1, self.cycles.start)
+        system = self._system(run.at, stops[-1], run.reference)
+        for stop in stops:
+            run, taken = self._with(run, stop, system.part(max(run.at - 1, first) - first, stop - first))
+            yield run, taken
 
     def whole(self, reference: Reference) -> System:
         """Of all cycles of the phase."""
