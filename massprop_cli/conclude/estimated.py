@@ -124,8 +124,7 @@ def _doubted(examination: Examined, begun: Ready, answer: Estimates[Resolved]) -
 def _diagnosis(begun: Ready, used: Resolved, say: Progress) -> Diagnosis | None:
     """None where causes are not looked for: of a sensor that saturates or stands still.
 
-    Where no hypothesis explains the log of wheels, gyros or rotors, or on a pedestal, where a gyro in another unit turns the vehicle over,
-    other readings of the columns are fitted.
+    Where no hypothesis explains the log of rotors, other readings of the columns are fitted.
     """
     if _unread(begun.log):
         return None
@@ -133,7 +132,7 @@ def _diagnosis(begun: Ready, used: Resolved, say: Progress) -> Diagnosis | None:
     from massprop_cli.diagnosis import diagnose, rereading  # nine modules that a clean log does without
 
     found = diagnose.diagnose(begun.log, used, begun.timing, [cycles for _, cycles in begun.phases])
-    if (used.on_pedestal or used.spinning or used.rotors) and found.unknown and not found.explanations:
+    if used.rotors and found.unknown and not found.explanations:
         return rereading.reread(begun.log, used, begun.timing, begun.phases) or found
     return found
 

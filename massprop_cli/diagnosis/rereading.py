@@ -1,8 +1,8 @@
 """Other ways to read a log's columns, each tested by an off-line fit of its own.
 
-Where no hypothesis (:mod:`massprop_cli.diagnosis.hypotheses`) explains the log of wheels, gyros or rotors, each of a few readings is
-fitted as the log is estimated: the IMU in other units, and rotors that have one another's columns in any order. A reading is named where
-the log fits under it alone.
+Where no hypothesis (:mod:`massprop_cli.diagnosis.hypotheses`) explains the log of rotors, each of a few readings is fitted as the log
+is estimated: the IMU in other units, and rotors that have one another's columns in any order. A reading is named where the log fits under
+it alone.
 
 Which rotor a column is, its own answer tells. With growth b of the rate and a of the specific force per newton, of regressions on all
 columns, the rotor of wrench (τ, F) about O has, with inertia I, CG c, mass m and an IMU at p,
@@ -36,8 +36,7 @@ from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.actuators import channel_wrench
-from massprop_cli.prepare.align import impulses
-from massprop_cli.prepare.stream import Stream
+from massprop_cli.prepare.align import Impulses, impulses
 from massprop_cli.prepare.timing import Timing
 
 FITS, CHANCE = 1.5, 6.0
@@ -67,7 +66,10 @@ def reread(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[tuple[P
     """The reading with which the log fits, beside those that are nearly as likely; None where it fits with none."""
     phase, whole = max(pieces, key=lambda one: one[1].stop - one[1].start)
     part, (cycles,) = segment.bounded(log, vehicle, timing, [whole], LONGEST)
-    some, case = _Case(part, vehicle, timing, (phase, cycles)), _Case(log, vehicle, timing, (phase, whole))
+    some, case = (
+        _Case(own, vehicle, timing, (phase, piece), impulses(own, vehicle, timing.delay, timing.lag_s(vehicle)))
+        for own, piece in ((part, cycles), (log, whole))
+    )
     stated = some.look(Correction(), roughly=True).cost
     each = [(some.look(one.correction, roughly=True).cost + one.rare, i, one) for i, one in enumerate(_readings(case))]
     likely: list[tuple[float, int, ColumnReading]] = []
@@ -95,12 +97,15 @@ class _Case(NamedTuple):
     vehicle: Resolved
     timing: Timing
     phase: tuple[Phase, slice]
+    made: Impulses
+    """What the commands do, however the IMU is read."""
 
     def look(self, correction: Correction, roughly: bool = False) -> _Look:
         """What a fit leaves of the log as it is read then."""
+        made = self.made if correction.rotors is None else None
         try:
             with np.errstate(all="ignore"):  # of a reading that is far off numbers run away
-                samples = Stream.of(correction.log(self.log), self.vehicle, self.timing)
+                samples = self.timing.of(correction.log(self.log), self.vehicle, made)
                 few = phases.roughly(samples, [self.phase], self.vehicle) if roughly else None
                 (fit,) = few or phases.as_stated(samples, [self.phase], self.vehicle, Consider()).fits
         except (InputError, np.linalg.LinAlgError):
@@ -116,10 +121,8 @@ class _Case(NamedTuple):
 
 
 def _readings(case: _Case) -> Iterator[ColumnReading]:
-    log, vehicle, timing, (_, cycles) = case
-    yield from _other_units(log)
-    if log.command_kind == "rotors":
-        yield from _other_orders(log, vehicle, timing, cycles)
+    yield from _other_units(case.log)
+    yield from _other_orders(case)
 
 
 def _other_units(log: Log) -> Iterator[ColumnReading]:
@@ -132,13 +135,12 @@ def _other_units(log: Log) -> Iterator[ColumnReading]:
         yield ColumnReading(unit.code, words, Correction(gyro=factors[0], accelerometer=factors[1]), unit.rare)
 
 
-def _other_orders(log: Log, vehicle: Resolved, timing: Timing, cycles: slice) -> Iterator[ColumnReading]:
+def _other_orders(case: _Case) -> Iterator[ColumnReading]:
     """Orders of the rotors in which their columns' own answers leave least."""
+    vehicle = case.vehicle
     names = tuple(next(c for c in one.COLUMNS if c.key == one.column).of(one.name) for one in vehicle.rotors)
-    answers = _answers(log, vehicle, timing, cycles)
-    if answers is None:
-        return
-    wrench = channel_wrench(log, vehicle)[: len(names)]
+    answers = _answers(case)
+    wrench = channel_wrench(case.log, vehicle)[: len(names)]
     orders = _orders(len(names))
     costs = _left(*answers, np.array(vehicle.imu.position_m), wrench, orders)
     for at in np.argsort(costs, kind="stable")[: ORDERS + 1]:
@@ -164,13 +166,10 @@ def _orders(count: int) -> Array:
     return np.array(sorted(found))
 
 
-def _answers(log: Log, vehicle: Resolved, timing: Timing, cycles: slice) -> tuple[Array, Array] | None:
+def _answers(case: _Case) -> tuple[Array, Array]:
     """(C, 6) of each column: growth of the rate, rad/s² per newton, and specific force at the IMU, m/s² per newton; and their sigmas."""
-    try:
-        made = impulses(log, vehicle, timing.delay, timing.lag_s(vehicle))
-        samples = timing.of(log, vehicle, made)
-    except InputError:
-        return None
+    log, vehicle, timing, (_, cycles), made = case
+    samples = timing.of(log, vehicle, made)
     rate, force = samples.rate_rad_s[cycles], samples.specific_force_m_s2[cycles]
     products = rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]]
     rising, falling, whole = (part[cycles] for part in (made.rising, made.falling, made.whole))

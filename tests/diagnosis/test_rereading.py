@@ -1,4 +1,4 @@
-"""Columns of wheels and rotors that are read otherwise: which rotor a column is, and which way a wheel turns."""
+"""Columns of rotors that are read otherwise: which rotor a column is."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from massprop_cli import flow
+from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis import rereading
 from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.actuators import channel_wrench
+from massprop_cli.prepare.align import impulses
 from tests import anypedestal, anyrotors
 
 
@@ -27,13 +30,20 @@ def logged(seed: int, cycles: int) -> tuple[Log, Resolved]:
     return anypedestal.log_of(rng, own, 0, flown, vehicle), vehicle
 
 
+def answered(log: Log, vehicle: Resolved) -> tuple[Array, Array]:
+    """Each column's answer, and its sigmas."""
+    timing = stated_timing(vehicle)
+    made = impulses(log, vehicle, timing.delay, timing.lag_s(vehicle))
+    phase = Phase(name="all", start_s=0.0, end_s=1.0)
+    return rereading._answers(rereading._Case(log, vehicle, timing, (phase, slice(20, 290)), made))
+
+
 def test_a_rotors_own_answer_tells_which_column_is_its() -> None:
     """Of 720 orders the right one leaves least by far, whatever the body is."""
     log, vehicle = logged(1, 300)
     wired = [3, 0, 2, 1, 5, 4]  # column i is what rotor wired[i] does
     log = replace(log, command=log.command[:, wired])
-    answers = rereading._answers(log, vehicle, stated_timing(vehicle), slice(20, 290))
-    assert answers is not None
+    answers = answered(log, vehicle)
     orders = rereading._orders(6)
     left = rereading._left(*answers, np.array(vehicle.imu.position_m), channel_wrench(log, vehicle), orders)
     first, second = np.sort(left)[:2]
@@ -55,8 +65,7 @@ def test_a_rotor_whose_momentum_counts_answers_by_its_thrust(monkeypatch: pytest
         by_speed = {"column": "speed", "spin_inertia_kg_m2": spin, "lag_up_s": None}
         vehicle = stated.model_copy(update={"rotors": tuple(one.model_copy(update=by_speed) for one in stated.rotors)})
         log = anypedestal.log_of(np.random.default_rng(2), own, 0, flown, vehicle)
-        answers = rereading._answers(log, vehicle, stated_timing(vehicle), slice(20, 290))
-        assert answers is not None
+        answers = answered(log, vehicle)
         assert len(answers[0]) == count
         orders, wrench = rereading._orders(6), channel_wrench(log, vehicle)[:6]
         best.append(orders[int(np.argmin(rereading._left(*answers, np.array(vehicle.imu.position_m), wrench, orders)))].tolist())
