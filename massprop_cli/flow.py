@@ -12,13 +12,13 @@ from massprop_cli.conclude import correctedestimate, split
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.assumptions import assumptions
 from massprop_cli.conclude.estimated import estimated
+from massprop_cli.conclude.firstfit import first_fits
 from massprop_cli.conclude.judge import judged
 from massprop_cli.conclude.pivot import with_pivot
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import in_doubt
 from massprop_cli.diagnosis import UNKNOWN, sensorkernel
 from massprop_cli.estimate.crossvalidation import CrossValidation, cross_validation
-from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs import clipped, vehiclefile
 from massprop_cli.inputs.telemetry import Log, Notice
@@ -99,11 +99,10 @@ def _cross_validations(found: Analysis) -> tuple[CrossValidation | None, ...]:
 
 
 def _tried(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress) -> Analysis | None:
-    """The same; None where the log can't tell what it was asked for, or doesn't fit as it is then either."""
+    """The same; None where the log can't tell what it was asked for, or the stated noise doesn't explain it as it is then either."""
     try:
-        rough = estimated(log, source, assignments, say, check=False)
-        doubtful = any(one.sure and not one.faint for one in rough.doubts)
-        return None if doubtful or sized(rough.vehicle, rough.stated) else _examined(log, source, assignments, say)
+        _, plain = first_fits(log, source, say)
+        return None if plain is None or plain.misfit else _examined(log, source, assignments, say)
     except InputError:
         return None
 
