@@ -105,8 +105,8 @@ def as_stated(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Ve
 
 
 def roughly(samples: Source, phases: Sequence[tuple[Phase, slice]], used: Resolved) -> list[offline.Settled | None]:
-    """Off-line fits of few passes, which tell whether it is worth while to lead them on."""
-    return _fits(samples, phases, _first(samples, phases, used, Consider()), used, Consider(), SIZING)
+    """Off-line fits of one pass, which tell whether it is worth while to lead them on."""
+    return _fits(samples, phases, _first(samples, phases, used, Consider()), used, Consider(), 1)
 
 
 def _further(
