@@ -126,9 +126,13 @@ def _readings(case: _Case) -> Iterator[ColumnReading]:
 
 
 def _other_units(log: Log) -> Iterator[ColumnReading]:
+    """Other units of axes that the log has."""
     where = IN_VEHICLE_FILE if log.made is None else IN_MAP
     record_s = float(log.interval_s.mean())
+    absent = ~np.array(log.axes)
     for unit in other_units(record_s, log.rate_columns == DELTA_THETA):
+        if (np.append(unit.gyro, unit.accelerometer)[absent] != 1).any():
+            continue
         factors = [tuple(map(tuple, np.diag(1 / own).tolist())) if (own != 1).any() else () for own in (unit.gyro, unit.accelerometer)]
         by = " and ".join(dict.fromkeys(f"{1 / one:.6g}" for one in (*unit.gyro, *unit.accelerometer) if one != 1))
         words = f"its {unit.words}; correct the log, or scale its columns {where} ({by})"

@@ -72,6 +72,17 @@ def test_a_rotor_whose_momentum_counts_answers_by_its_thrust(monkeypatch: pytest
     assert best[0] == best[1]
 
 
+def test_no_unit_of_a_sensor_that_is_absent_is_supposed() -> None:
+    """Its zeros fit with any unit: a log of a gyro alone was told to have its accelerometer in g."""
+    log, _ = logged(1, 60)
+    both = {reading.words for reading in rereading._other_units(log)}
+    alone = {reading.words for reading in rereading._other_units(replace(log, axes=(True,) * 3 + (False,) * 3))}
+    assert alone == {words for words in both if "accelerometer" not in words}
+    assert any(words.startswith("its gyro columns are in degrees") for words in alone)
+    yaw = {reading.words for reading in rereading._other_units(replace(log, axes=(False, False, True) + (False,) * 3))}
+    assert {words.partition(";")[0] for words in yaw} == {"its gyro columns of z are in degrees, not radians"}
+
+
 @pytest.mark.thorough
 def test_rotors_that_are_permuted_are_named() -> None:
     log, vehicle = logged(3, 600)
