@@ -45,10 +45,13 @@ def judged(found: Analysis, mended: Sequence[MendedAnswer], widen: bool = True) 
     With ``widen`` values of a log that does not fit come beside all error parameters (:mod:`massprop_cli.conclude.discrepancy`).
     """
     each = [_one(found, i, mended, widen) for i in range(len(found.conclusions))]
-    conclusions, told = tuple(one.conclusion for one in each), tuple(one.discrepancy for one in each)
+    told = tuple(one.discrepancy for one in each)
+    at_origin = [_at_origin(found, one.conclusion, settled) for one, settled in zip(each, found.settled, strict=True)]
+    untold = [dict.fromkeys(CG, Reason.of("wrench-point-untold")) if at else {} for at in at_origin]
+    conclusions = tuple(in_doubt(one.conclusion, reasons) for one, reasons in zip(each, untold, strict=True))
     docked = docked_object(conclusions, found.vehicle)
     named = any(fault.notice.code != UNKNOWN for fault in found.faults)
-    notices = (*_discrepancies(conclusions, told, named), *_notices(found, conclusions, docked))
+    notices = (*_discrepancies(conclusions, told, named), *_notices(found, conclusions, docked, at_origin))
     factors = tuple(one.factor for one in each)
     return replace(
         found, conclusions=conclusions, docked=docked, notices=notices, lack_of_fit=factors, mended=tuple(mended), discrepancies=told
@@ -167,7 +170,7 @@ def _discrepancies(conclusions: Sequence[Conclusion], told: Sequence[Discrepancy
             yield Notice("model-discrepancy", f"phase {conclusion.phase.name}: {message}")
 
 
-def _notices(found: Analysis, conclusions: tuple[Conclusion, ...], docked: Docked | None) -> Iterator[Notice]:
+def _notices(found: Analysis, conclusions: tuple[Conclusion, ...], docked: Docked | None, at_origin: Sequence[bool]) -> Iterator[Notice]:
     causes = [fault.notice for fault in found.faults if fault.notice not in found.notices]
     yield from causes
     for conclusion in conclusions:
@@ -175,7 +178,13 @@ def _notices(found: Analysis, conclusions: tuple[Conclusion, ...], docked: Docke
             yield Notice("contradicted", f"phase {conclusion.phase.name}: {conclusion.contradiction}")
     yield from found.notices
     yield from _physical(found.conclusions)
-    yield from _at_origin(found, conclusions)
+    for conclusion, at in zip(conclusions, at_origin, strict=True):
+        if at:
+            said = f"phase {conclusion.phase.name}: the CG is found at O, about which commanded torques are taken to be"
+            remedy = (
+                "if they are about the CG, it is somewhere else; state thrust.wrench_point_m: where they are about, or [0, 0, 0] if it is O"
+            )
+            yield Notice("wrench-point", f"{said}: {remedy}")
     yield from _all_normalised(found)
     yield from _docking_notices(docked, conclusions, found.vehicle)
 
@@ -205,22 +214,16 @@ def _all_normalised(found: Analysis) -> Iterator[Notice]:
         yield Notice("commands-normalised", f"{said}. If they are not in N m and N, state the scale of each under [columns]")
 
 
-def _at_origin(found: Analysis, conclusions: Sequence[Conclusion]) -> Iterator[Notice]:
-    """That a CG is found just where commanded torques are about: as if they were about it, which no log tells from one that is there."""
+def _at_origin(found: Analysis, conclusion: Conclusion, settled: History) -> bool:
+    """Whether a CG is found just where commanded torques are about: as if they were about it, which no log tells from one that is there."""
     if found.log.command_kind != "wrench" or "wrench_point_m" in found.vehicle.thrust.model_fields_set:
-        return
-    for conclusion, settled in zip(conclusions, found.settled, strict=True):
-        own = [conclusion.estimates[name] for name in CG]
-        near = all(
-            one.verdict == "converged" and one.value is not None and abs(one.value) < AT_ORIGIN[0] * (one.sigma or 0.0) for one in own
-        )
-        size = float(settled.natural_sizes[QUANTITIES.index("cg_x")])
-        if near and float(np.linalg.norm(conclusion.values[6:9])) < AT_ORIGIN[1] * size:
-            said = f"phase {conclusion.phase.name}: the CG is found at O, about which commanded torques are taken to be"
-            remedy = (
-                "if they are about the CG, it is somewhere else; state thrust.wrench_point_m: where they are about, or [0, 0, 0] if it is O"
-            )
-            yield Notice("wrench-point", f"{said}: {remedy}")
+        return False
+    near = all(
+        one.verdict == "converged" and one.value is not None and abs(one.value) < AT_ORIGIN[0] * (one.sigma or 0.0)
+        for one in (conclusion.estimates[name] for name in CG)
+    )
+    size = float(settled.natural_sizes[QUANTITIES.index("cg_x")])
+    return near and float(np.linalg.norm(conclusion.values[6:9])) < AT_ORIGIN[1] * size
 
 
 def _physical(conclusions: Sequence[Conclusion]) -> list[Notice]:

@@ -27,6 +27,7 @@ VerdictReason = Literal[
     "assumption-in-doubt",
     "cause-unknown",
     "timing-untold",
+    "wrench-point-untold",
     "changed",
     "within-discrepancy",
     "discrepancy",
@@ -111,6 +112,9 @@ SENTENCES: dict[Code, str] = {
         "nearest in the warning cause-unknown"
     ),
     "timing-untold": "the log cannot show when its commands act ({taken} was taken as the most likely); state it",
+    "wrench-point-untold": (
+        "the CG is at O if commanded torques are about O, and may be anywhere if they are about the CG; state thrust.wrench_point_m"
+    ),
     "changed": (
         "what the log says of {quantity} before {at_s:.6g} s ({before:.4g}) and after it ({after:.4g}) is apart by {sigmas:.2g} sigma: has "
         "the IMU been changed, or ballast? Split the log there ([[phases]])"

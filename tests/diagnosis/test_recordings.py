@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from massprop_cli import CG, INERTIA
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis import recordings
@@ -119,8 +120,13 @@ def test_torques_about_the_cg_put_it_at_the_origin_and_that_is_said() -> None:
     """Of a log in which the accelerometer hardly tells where it is itself; where its point is stated there is nothing to be said."""
     flown = fly("free-flyer", *PLAN, *WRENCH, *ASIDE)
     log, used = about_its_cg(flown.log(0), flown.vehicle, flown.truth[0][0])
-    (said,) = faulty.examined(log, used).notices
+    found = faulty.examined(log, used)
+    (said,) = found.notices
     assert (said.code, "the CG is found at O" in said.message) == ("wrench-point", True)
+    verdicts = {name: one.verdict for name, one in found.conclusions[0].estimates.items()}
+    assert {verdicts[name] for name in INERTIA} == {"converged"}
+    assert {verdicts[name] for name in CG} == {"not_converged"}
+    assert "state thrust.wrench_point_m" in str(found.conclusions[0].estimates["cg_x"].reason)
     stated = faulty.examined(log, faulty.stated(used, "thrust.wrench_point_m=[0.031, -0.022, 0.017]"))
     assert stated.notices == ()
     estimates = stated.conclusions[0].estimates.values()
