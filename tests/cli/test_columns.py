@@ -169,6 +169,23 @@ def test_what_is_told_of_a_jet_beside_its_command_is_no_jet() -> None:
     assert all(f'# path = "{path}"' in text for path in asked)
 
 
+def test_tables_of_wheels_rotors_and_gimbals_are_shown_with_what_may_be_theirs() -> None:
+    told = {f"own/{name}": (np.arange(500.0), "cmd/t", "") for name in ("rw1_rpm", "esc_2", "gimbal_3")} | {
+        "own/m4": (np.ones(500), "cmd/t", "rpm")
+    }
+    text = propose.draft(recording(**without("torque", "force"), **told))
+    speeds, _, angles = text.partition("# [control_moment_gyros.NAME]")
+    assert "# [wheels.NAME]   # or [rotors.NAME]" in speeds
+    assert [path for path in told if f'# path = "{path}"' in speeds] == ["own/rw1_rpm", "own/esc_2", "own/m4"]
+    assert [path for path in told if f'# path = "{path}"' in angles] == ["own/gimbal_3"]
+    assert "[wheels" not in propose.draft(flight())
+
+
+def test_rates_called_by_a_letter_are_a_gyro() -> None:
+    text = propose.draft(recording(**without("gyro"), **three("imu/g*", "")))
+    assert 'paths = ["imu/gx", "imu/gy", "imu/gz"]' in section(text, "gyro")
+
+
 def test_a_change_of_attitude_is_none() -> None:
     turned = {f"est/{name}[{n}]": (np.full(2000, 0.5), "imu/t", "") for name in ("q", "delta_q_reset") for n in range(4)}
     text = propose.draft(flight(**turned))

@@ -56,7 +56,7 @@ class VectorName:
 SENSORS = (
     VectorName(
         "gyro",
-        re.compile(r"gyro?|ang(ular)?_?(vel|rate)|omega|d(elta)?_?(theta|ang)|body_?rate|/xyz$|^w\*|/w\*|^\*$", re.IGNORECASE),
+        re.compile(r"gyro?|ang(ular)?_?(vel|rate)|omega|d(elta)?_?(theta|ang)|body_?rate|/xyz$|^w\*|/w\*|^g\*|/g\*|^\*$", re.IGNORECASE),
         units.RATE,
         units.ANGLE,
         _NO_SENSOR,

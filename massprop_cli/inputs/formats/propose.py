@@ -31,6 +31,9 @@ _VALUES = {
 """What a number is, where a standard says so."""
 _NO_VALVE = re.compile(r"temp|enable|press|count|status|fault|volt|current", re.IGNORECASE)
 """What is told of a jet beside its command."""
+_SPEEDS = re.compile(r"(?<![a-z])(rpm|rw|esc|wheel|rotor|prop)(?![a-z])", re.IGNORECASE)
+_GIMBALS = re.compile(r"gimbal|(?<![a-z])cmg(?![a-z])", re.IGNORECASE)
+"""How speeds of wheels and rotors, and angles of gimbals, are called."""
 _ASK_INCREMENTS = '"increment", by its unit, if each covers all the time since the one before and none was left out when they were logged'
 _ASK_VALUES = '"sample": the rate at its time; "mean": since the one before; "increment": the change since the one before'
 
@@ -49,7 +52,7 @@ def draft(read: Recording) -> str:
     else:
         for quantity in COMMANDS:
             lines += _section(clocks, quantity, found, chosen)
-        lines += _valves(read)
+        lines += _valves(read) + _devices(read)
     lines += _attitude(clocks, found)
     lines = _one_clock(lines) + _records(clocks, chosen, jets)
     return "\n".join(lines) + "\n"
@@ -210,6 +213,21 @@ def _valves(read: Recording) -> list[str]:
     lines = ["# or, instead of [torque] and [force], for each jet of the vehicle file a table such as", "# [jets.NAME]"]
     lines += [f"# path = {json.dumps(path, ensure_ascii=False)}" for path in some[:_MANY]]
     return [*lines, '# unit = "?"   # s, ms, us: on-time of the control cycle; open (0 to 1) or %: the valve\'s state', ""]
+
+
+def _devices(read: Recording) -> list[str]:
+    """Streams that may be speeds of wheels and rotors or angles of gimbals, for whoever has those beside or instead of a wrench."""
+    lines = []
+    for table, may, unit in (
+        ("wheels.NAME]   # or [rotors.NAME", _SPEEDS, "rad/s or rpm: its speed; N m: the torque on a wheel; 1 or %: a rotor's command"),
+        ("control_moment_gyros.NAME", _GIMBALS, "rad or deg: the gimbal's angle"),
+    ):
+        some = [path for path, stream in read.streams.items() if may.search(path) or (may is _SPEEDS and stream.unit.lower() == "rpm")]
+        if some:
+            lines += ["# for each wheel, rotor or control moment gyro of the vehicle file a table such as", f"# [{table}]"]
+            lines += [f"# path = {json.dumps(path, ensure_ascii=False)}" for path in some[:_MANY]]
+            lines += [f'# unit = "?"   # {unit}', ""]
+    return lines
 
 
 def _clock(clocks: listing.Clocks, path: str) -> list[str]:
