@@ -15,14 +15,10 @@ WALK = 1e-4
 LOGGED = ("sensors.log_attitude=true", "sensors.attitude_noise_rad=1e-3")
 
 
-@pytest.mark.numerical
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "settings"),
-    [
-        ("free-flyer", ()),
-        pytest.param("testbed", (), marks=pytest.mark.thorough),
-        pytest.param("testbed", LOGGED, marks=pytest.mark.thorough),
-    ],
+    [("free-flyer", ()), ("testbed", ()), ("testbed", LOGGED)],
     ids=["free", "bearing", "bearing with a logged attitude"],
 )
 def test_intervals_cover_the_truth_while_a_bias_walks(name: str, settings: tuple[str, ...]) -> None:
