@@ -6,7 +6,8 @@ does not bear out, and a misfit without a name: what the model leaves still foll
 
 - by a named fault, unless the log, corrected, contradicts nothing any more, tells as much as it seemed to, and gives the same value and
   sigma;
-- by a contradicted known value, if it is proportional to the thrust as that one is (mass, inertia), or all for a known CG;
+- by a contradicted known value, if it is proportional to the thrust as that one is (mass, inertia), or all for a known CG or on a pedestal,
+  where the first moment has the scale of inertia;
 - by a misfit that no named fault stands for, if the log claims to tell it and what the misfit may have done to it exceeds its sigma by far.
 """
 
@@ -121,11 +122,11 @@ def _same(one: Estimate, other: Estimate) -> bool:
     return abs(one.value - other.value) <= AGREES * sigma and max(one.sigma, other.sigma) <= ALIKE * sigma
 
 
-def by_known(history: History) -> Contradiction | None:
+def by_known(history: History, vehicle: Vehicle) -> Contradiction | None:
     """Of known quantities that lie too far from what the log says."""
     if not history.belied:
         return None
-    turned = any(name in CG for name in history.belied)
+    turned = vehicle.on_pedestal or any(name in CG for name in history.belied)
     touched = np.array([turned or name in PROPORTIONAL for name in QUANTITIES])
     return Contradiction(tuple(Reason.of("known-mismatch", message=message) for message in history.belied.values()), touched)
 

@@ -23,6 +23,13 @@ def belied(told: Parameters, vehicle: Vehicle, phase: str) -> tuple[dict[str, st
     for name, z in discrepancies(told, vehicle).items():
         if abs(z) > MISMATCH:
             said[name] = f"lies {abs(z):.3g} sigmas from what the log alone says; check it, the thrust, and thrust.scale_sigma"
+    together = quantities(told, vehicle)[0][0]
+    for name, known in vehicle.known.items():
+        off = abs(known.value - together[QUANTITIES.index(name)])
+        if name != "mass" and name not in said and off > MISMATCH * known.sigma:
+            said[name] = (
+                f"lies {off / known.sigma:.3g} of its sigmas from what the log makes of all known values together; check each of them"
+            )
     heaviest = heaviest_body(told, vehicle)
     weighed = vehicle.known.get("mass")
     if weighed is not None and "mass" not in said and weighed.value - MISMATCH * weighed.sigma > heaviest:

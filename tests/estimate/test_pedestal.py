@@ -177,6 +177,21 @@ def test_a_pendulum_far_from_its_joint_swings_by_the_inertia_that_is_known() -> 
         assert found.sigmas[8] < 0.02 * np.linalg.norm(own.arm[body])
 
 
+def test_known_inertias_that_the_ratios_of_a_swing_deny_are_contradicted() -> None:
+    """Each by itself may be right, since the log's scale is open; together they are not."""
+    own, flown, rng = moved(5, "swing", 1)
+    size = 0.01 * float(np.trace(own.inertia[0])) / 3
+    known = {
+        name: {"value": float(value) * (0.6 if name == "izz" else 1.0), "sigma": size}
+        for name, value in zip(INERTIA, own.inertia[0][np.triu_indices(3)], strict=True)
+    }
+    known["mass"] = {"value": float(own.mass[0]), "sigma": 1e-3 * float(own.mass[0])}
+    used = anypedestal.vehicle_of(own, 0, flown, False, **known)
+    found = flow.examine(anypedestal.log_of(deepcopy(rng), own, 0, flown, used), VehicleSource(used, "", ""))
+    assert "known-mismatch" in [notice.code for notice in found.notices]
+    assert {one.verdict for one in found.conclusions[0].estimates.values()} == {"contradicted"}
+
+
 def test_a_result_has_the_nine_with_value_sigma_unit_and_verdict() -> None:
     _, (answer,) = found_of(3, "wheels", 1)
     found = schema.Result.model_validate_json(escape.document(build.result(answer)))
