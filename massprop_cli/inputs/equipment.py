@@ -166,8 +166,8 @@ class Imu(Section):
             return rows
         # the nearest rotation in the least-squares sense: the orthogonal factor of the polar decomposition
         left, _, right = np.linalg.svd(matrix)
-        x, y, z = (left @ right).tolist()
-        return x, y, z
+        (a, b, c), (d, e, f), (g, h, i) = (left @ right).tolist()
+        return (a, b, c), (d, e, f), (g, h, i)
 
 
 class Environment(Section):

@@ -204,7 +204,9 @@ def test_rotations_of_few_digits_are_the_nearest_ones() -> None:
     environment = Environment(initial_attitude_wxyz=(0.9659, 0.1, 0.2, 0.13))
     assert np.linalg.norm(environment.initial_attitude_wxyz) == pytest.approx(1.0, abs=1e-15)
     np.testing.assert_allclose(environment.initial_attitude_wxyz, np.array([0.9659, 0.1, 0.2, 0.13]) / np.sqrt(0.99986281), rtol=1e-12)
-    turn = np.array(Imu(body_from_imu=((0.707, -0.707, 0), (0.707, 0.707, 0), (0, 0, 1))).body_from_imu)
+    imu = Imu(body_from_imu=((0.707, -0.707, 0), (0.707, 0.707, 0), (0, 0, 1)))
+    turn = np.array(imu.body_from_imu)
+    assert Imu.model_validate(imu.model_dump()) == imu
     np.testing.assert_allclose(turn, np.array([[1, -1, 0], [1, 1, 0], [0, 0, 2**0.5]]) / 2**0.5, atol=1e-15)
     with pytest.raises(ValidationError, match=r"has norm 1\.414, not 1"):
         Environment(initial_attitude_wxyz=(1, 0, 0, 1))
