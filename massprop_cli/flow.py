@@ -46,8 +46,15 @@ def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), pr
 def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress) -> Analysis:
     read, stated = clipped.with_unstated(log), source
     log, source = sensorkernel.found(read, stated, say)
+    carried = log.attitude_wxyz is not None and source.vehicle.pivoted
     try:
-        found = estimated(log, source, assignments, say)
+        first = first_fits(log, source, say)
+        if carried and first[1] is not None and first[1].misfit:
+            # before anything else is doubted of a log that does not fit
+            without = _tried(_without_attitude(log, UNFIT), source, assignments, say)
+            if without is not None and _explained(without):
+                return without
+        found = estimated(log, source, assignments, say, first=first)
     except UntoldError as error:
         if source is not stated:  # of a low-pass that is too short to be found
             return _examined(read, sensorkernel.without(stated), assignments, say)
@@ -61,8 +68,6 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         again = _examined(found.log, parts, assignments, say)
         changes = (fault.notice for fault in found.faults if fault.change_s is not None)
         return replace(again, source=source, notices=(*changes, *again.notices))
-    carried = log.attitude_wxyz is not None and source.vehicle.pivoted
-    # before anything else is doubted of a log that does not fit
     told = None if carried and (found.faults or found.unknown) else judged(found, correctedestimate.mended(found, say))
     if carried and (told is None or not _explained(told)):
         again = _examined(_without_attitude(log, UNFIT), source, assignments, say)

@@ -46,9 +46,19 @@ class Checked(NamedTuple):
     plain: PlainFits | None = None
 
 
-def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, check: bool = True) -> Analysis:
-    """Timing, noise levels, causes, estimates. Disturbances are sized where nothing that has a name explains what is left."""
-    begun, plain = first_fits(log, source, say)
+def estimated(
+    log: Log,
+    source: VehicleSource,
+    assignments: Sequence[str],
+    say: Progress,
+    check: bool = True,
+    first: tuple[Ready, AsStated | None] | None = None,
+) -> Analysis:
+    """Timing, noise levels, causes, estimates. Disturbances are sized where nothing that has a name explains what is left.
+
+    ``first`` is what :func:`first_fits` gives, where that is at hand.
+    """
+    begun, plain = first or first_fits(log, source, say)
     if plain is None:
         told = Checked(detected=begun.detected)
         answer: Estimates[Vehicle] = by_thesis(begun.samples, begun.phases, begun.stated)
