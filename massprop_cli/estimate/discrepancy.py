@@ -27,7 +27,7 @@ from massprop_cli.model.responsemap import Tangent
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
 
-AT_ONCE = 512
+AT_ONCE = 128
 """Cycles taken in at a time: each has a hundred columns."""
 SEGMENTS = 20
 """Of time, by whose scatter what nothing spans is told."""
@@ -145,16 +145,14 @@ def _segments(regression: Regression, reference: Reference, count: int) -> tuple
     """Whitened rows of what is known before the first cycle, and triangles of those of each segment."""
     cycles = regression.cycles
     begun = run = replace(regression.begin(reference), bound=True)
-    ends = set(np.linspace(cycles.start, cycles.stop, count + 1).astype(int).tolist()) - {cycles.start, cycles.start + 1}
-    parts, found, first = list[Array](), list[tuple[slice, Array]](), run.at
-    for most in (*range(cycles.start + AT_ONCE, cycles.stop, AT_ONCE), cycles.stop):
-        stops = sorted({most} | {end for end in ends if run.at < end < most})
-        for after, taken in regression.through(run, stops):
-            run = after
+    ends = np.unique(np.linspace(cycles.start, cycles.stop, count + 1).astype(int)[1:])
+    found = []
+    for end in ends[ends > cycles.start + 1]:
+        parts, first = [], run.at
+        while run.at < end:
+            run, taken = regression.take(run, min(run.at + AT_ONCE, int(end)))
             parts.append(regression.ordered(taken))
-            if run.at in ends:
-                found.append((slice(first, run.at), triangle_of(np.vstack(parts))))
-                parts, first = [], run.at
+        found.append((slice(first, run.at), triangle_of(np.vstack(parts))))
     return begun.triangle, found
 
 
