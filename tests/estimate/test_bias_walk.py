@@ -9,7 +9,7 @@ from massprop_cli import flow
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.testbed import scenario, simulate
 
-SEEDS = 12
+SEEDS = 5
 WALK = 1e-4
 """rad/s in a second: of a MEMS gyro, and a hundred times what a cycle's noise leaves of the mean rate of a minute."""
 LOGGED = ("sensors.log_attitude=true", "sensors.attitude_noise_rad=1e-3")
@@ -22,7 +22,7 @@ LOGGED = ("sensors.log_attitude=true", "sensors.attitude_noise_rad=1e-3")
     ids=["free", "bearing", "bearing with a logged attitude"],
 )
 def test_intervals_cover_the_truth_while_a_bias_walks(name: str, settings: tuple[str, ...]) -> None:
-    """Of 120 values that are correlated in each log: an rms of 1 is known to 0.1. As a constant, the bias contradicts the log."""
+    """Of 50 values that are correlated in each log: an rms of 1 is known to 0.15. As a constant, the bias contradicts the log."""
     walking = (f"vehicle.imu.gyro_bias_walk_rad_s_sqrt_s={WALK}", "vehicle.imu.gyro_bias_sigma_rad_s=1e-3", *settings)
     flight = simulate.fly(scenario.load(name, walking), range(1, SEEDS + 1))
     z = []
@@ -31,7 +31,7 @@ def test_intervals_cover_the_truth_while_a_bias_walks(name: str, settings: tuple
         assert {notice.code for notice in found.notices} <= {"noise-estimated"}
         last = found.conclusions[-1]
         z.append((last.values - flight.truth[member][-1]) / np.sqrt(np.diag(last.covariance)))
-    assert 0.75 < float(np.sqrt((np.array(z) ** 2).mean())) < 1.3
+    assert 0.6 < float(np.sqrt((np.array(z) ** 2).mean())) < 1.45
     constant = changed(flight.vehicle, ["imu.gyro_bias_walk_rad_s_sqrt_s=0"])
     without = flow.examine(flight.log(0), VehicleSource(constant, "", ""))
     assert without.notices
