@@ -54,7 +54,7 @@ class Ready(NamedTuple):
 def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
     """:class:`massprop_cli.base.errors.InputError` where a phase holds too little, or timing can't be told."""
     check_supply(log, source.vehicle, source.source)
-    vehicle, told = _with_attitude(log, with_phase(log, finer(log, wandering(source.vehicle))))
+    vehicle, told = _with_attitude(log, with_phase(log, finer(log, source.vehicle)))
     source = replace(source, vehicle=vehicle)
     detected = found_timing(log, source, say)
     timing = stated_timing(source.vehicle) if detected is None else detected.at
@@ -87,15 +87,6 @@ def _with_attitude(log: Log, vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
         found["attitude_sigma_rad"] = sigma = shown.noise.attitude_rad
         told = [Notice("noise-estimated", f"imu.attitude_sigma_rad is not stated; {sigma:.3g} was estimated from the log")]
     return vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=found)}), told
-
-
-def wandering(vehicle: Vehicle) -> Vehicle:
-    """With a gyro bias that is unknown where one is stated to wander: at first by what it wanders in a cycle."""
-    imu = vehicle.imu
-    if imu.gyro_bias_walk_rad_s_sqrt_s == 0 or imu.gyro_bias_sigma_rad_s > 0:
-        return vehicle
-    sigma = imu.gyro_bias_walk_rad_s_sqrt_s * vehicle.cycle.period_s**0.5
-    return vehicle.model_copy(update={"imu": imu.model_copy(update={"gyro_bias_sigma_rad_s": sigma})})
 
 
 def finer(log: Log, vehicle: Vehicle) -> Vehicle:

@@ -112,9 +112,13 @@ class Imu(Section):
         0.0, le=0.3, description="constant turn of the logged attitude's body axes from the vehicle's, about each axis; estimated"
     )
     gyro_bias_rad_s: Vector = Field(ZERO, description="known bias of the gyro, IMU axes; taken off what it shows")
-    gyro_bias_sigma_rad_s: NonNegative = Field(0.0, description="one sigma of what the bias may be beside that, about each axis; estimated")
     gyro_bias_walk_rad_s_sqrt_s: NonNegative = Field(
-        0.0, description="random walk of the gyro's bias about each axis: one sigma of its change in one second"
+        0.0,
+        description="random walk of the gyro's bias about each axis: one sigma of its change in one second, which is "
+        "gyro_bias_sigma_rad_s where that is not stated",
+    )
+    gyro_bias_sigma_rad_s: NonNegative = Field(
+        0.0, description="one sigma of what the bias may be beside that, about each axis; estimated", validate_default=True
     )
     accel_bias_sigma_m_s2: NonNegative = 0.0
     gyro_lag_s: NonNegative = Field(0.0, description="time constant of a first-order low-pass within the gyro; undone, record by record")
@@ -143,6 +147,11 @@ class Imu(Section):
     accel_outliers_s: tuple[FiniteFloat, ...] | None = Field(
         None, description="time_s of records whose accelerometer readings are not used; absent: found in the log"
     )
+
+    @field_validator("gyro_bias_sigma_rad_s")
+    @classmethod
+    def _unknown_where_it_walks(cls, sigma: float, about: ValidationInfo) -> float:
+        return sigma or float(about.data.get("gyro_bias_walk_rad_s_sqrt_s", 0.0))
 
     @property
     def attitude_latency(self) -> float:

@@ -41,7 +41,7 @@ int mp_laid_out(const mp_vehicle *vehicle, mp_layout *layout) {
     }
     layout->states = end;
     layout->width = 1 + layout->coefficients + layout->beginnings;
-    layout->process = 3 * ((vehicle->torque_noise > R(0)) + vehicle->slow_torque + (vehicle->gyro_bias_walk > R(0)) + 2 * vehicle->pulses);
+    layout->process = 3 * ((vehicle->torque_noise > R(0)) + vehicle->slow_torque + (vehicle->gyro_bias && vehicle->gyro_bias_walk > R(0)) + 2 * vehicle->pulses);
     return MP_OK;
 }
 
@@ -137,7 +137,7 @@ void mp_time_update_of(const mp_vehicle *vehicle, const mp_layout *layout, const
             out->drive[t + i] = -lost[i];
         }
     }
-    if (vehicle->gyro_bias_walk > R(0)) {
+    if (vehicle->gyro_bias && vehicle->gyro_bias_walk > R(0)) {
         for (i = 0; i < 3; i++) out->process[layout->at_bias + i][q + i] = vehicle->gyro_bias_walk * MP_SQRT(into->duration_s);
         q += 3;
     }

@@ -40,6 +40,7 @@ def test_intervals_cover_the_truth_while_a_bias_walks(name: str, settings: tuple
 def test_a_walk_without_a_sigma_is_a_bias_that_is_unknown_from_then_on() -> None:
     """What is stated of the walk alone widens sigmas as much as it moves values."""
     flight = simulate.fly(scenario.load("free-flyer", (f"vehicle.imu.gyro_bias_walk_rad_s_sqrt_s={WALK}",)), [1])
+    assert flight.vehicle.imu.gyro_bias_sigma_rad_s == WALK  # by what it walks in a second, for a flight without a log as well
     found = flow.examine(flight.log(0), VehicleSource(flight.vehicle, "", ""))
     last = found.conclusions[-1]
     assert not found.notices
