@@ -6,7 +6,7 @@ one that explains most is put to the test like any other hypothesis.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -165,9 +165,13 @@ def otherwise(screening: Screening) -> list[Refit]:
 
 
 def _disturbed(corrected: Screening, stated: Screening) -> bool:
-    """Whether a torque beside a log is left of about the size that there was before it was corrected."""
-    now, before = (sum(sum(torque) for torque in one.free.beside) for one in (corrected, stated))
-    return now > LEFT * before
+    """Whether a torque beside a log is left of about the size that there was before it was corrected.
+
+    By the variance that K cycles of it give the rate: K w + K³ v / 3, of steps w and of steps v of what it grows by.
+    """
+    count = stated.piece.stop - stated.piece.start
+    now, before = (sum(count * torque.white + count**3 / 3 * torque.walk for torque in one.free.beside) for one in (corrected, stated))
+    return bool(now > LEFT * before)
 
 
 def _sharpened(screening: Screening, found: Fitted) -> Refit | None:
@@ -232,14 +236,9 @@ def _pulses_elsewhere(case: Case) -> Iterator[tuple[str, States, tuple[States, .
     idle = 1 - float((on**2).sum() / max(on.sum(), 1e-300)) / cycle.period_s
     for at in [at for at in LATE if at != cycle.pulse_at] if idle > NEAR else []:
         states: States = {"cycle.pulse_at": at}
-        tried = partial(_left, case, states)
-        step, by = 0.1, (LATE[cycle.pulse_at] - LATE[at]) * idle
-        if tried(0.0) > tried(by):
-            while step > NEAR / 4:
-                step /= 2
-                by = min((by, by - step, by + step), key=tried)
-        else:
-            by = 0.0
+        left = partial(_left, case, states)
+        by = (LATE[cycle.pulse_at] - LATE[at]) * idle
+        by = _least(left, (by,), 0.1, NEAR / 4) if left(0.0) > left(by) else 0.0
         if case.timing.delay + by >= 0:
             yield "pulse-position", states, (), by
 
@@ -254,12 +253,8 @@ def _later(case: Case, jet: int) -> tuple[str, States, tuple[States, ...], float
     def left(cycles: float) -> float:
         return _left(case, states(cycles))
 
-    by, step = min((0.5, 1.0, 1.5, 2.0), key=left), 0.5
-    while step > NEAR:
-        step /= 2
-        by = min((by, by - step, by + step), key=left)
-    bent = (left(by - NEAR) - 2 * left(by) + left(by + NEAR)) / NEAR**2
-    sigma = (2 / max(bent, FLAT)) ** 0.5 if np.isfinite(bent) else NEAR
+    by = _least(left, (0.5, 1.0, 1.5, 2.0), 0.5, NEAR)
+    sigma = _sigma(left, by)
     return "jet-late", states(by), (states(by + sigma),), 0.0
 
 
@@ -301,31 +296,41 @@ def _limits(case: Case) -> tuple[States, tuple[States, ...]] | None:
     largest = np.abs(case.log.command).max(0)
     commanded = np.flatnonzero(largest)
     largest[largest == 0] = 1.0
+    parts: Array = np.ones(len(largest))
 
-    def states(parts: Array) -> States:
-        return {"thrust.wrench_limits": tuple((parts * largest).tolist())}
-
-    def tried(parts: Array, which: Sequence[int], part: float) -> tuple[float, Array]:
+    def states(which: Sequence[int], part: float) -> States:
         changed = parts.copy()
         changed[list(which)] = part
-        return _left(case, states(changed)), changed
+        return {"thrust.wrench_limits": tuple((changed * largest).tolist())}
 
-    def order(found: tuple[float, Array]) -> tuple[float, float]:
-        return round(found[0], ALIKE_TO), -float(found[1].sum())
+    def left(which: Sequence[int], part: float) -> float:
+        return round(_left(case, states(which, part)), ALIKE_TO) if part > 0 else np.inf
 
-    none: Array = np.ones(len(largest))
-    (left, parts), further = (_left(case, {}), none), list[States]()
+    least, further = _left(case, {}), list[States]()
     for which in (commanded.tolist(), *([int(i)] for i in commanded)):
-        best = min((tried(parts, which, float(part)) for part in PARTS), key=order)
-        step = float(PARTS[0] - PARTS[1])
-        while step > FINEST:
-            step /= 2
-            now = float(best[1][which[0]])
-            best = min((best, tried(parts, which, max(now - step, now / 2)), tried(parts, which, now + step)), key=order)
-        if best[0] < left - CLEAR:
-            left, parts = best
-            now = float(parts[which[0]])
-            bent = (tried(parts, which, now - NEAR)[0] - 2 * left + tried(parts, which, now + NEAR)[0]) / NEAR**2
-            sigma = (2 / max(bent, FLAT)) ** 0.5 if np.isfinite(bent) else NEAR
-            further.append(states(tried(parts, which, now + sigma)[1]))
-    return (states(parts), tuple(further)) if further else None
+        by = partial(left, which)
+        part = _least(by, PARTS.tolist(), float(PARTS[0] - PARTS[1]), FINEST)
+        if by(part) < least - CLEAR:
+            least, sigma = by(part), _sigma(by, part)
+            further.append(states(which, part + sigma))
+            parts[list(which)] = part
+    return (states((), 1.0), tuple(further)) if further else None
+
+
+def _least(cost: Callable[[float], float], begun: Sequence[float], step: float, finest: float) -> float:
+    """The value with the least cost, from the best of those ``begun`` on by halved steps; of values that cost the same the largest."""
+
+    def order(value: float) -> tuple[float, float]:
+        return cost(value), -value
+
+    at = min(begun, key=order)
+    while step > finest:
+        step /= 2
+        at = min((at, at - step, at + step), key=order)
+    return at
+
+
+def _sigma(cost: Callable[[float], float], at: float) -> float:
+    """One sigma of a value by the curvature of −2 log likelihood."""
+    bent = (cost(at - NEAR) - 2 * cost(at) + cost(at + NEAR)) / NEAR**2
+    return float((2 / max(bent, FLAT)) ** 0.5) if np.isfinite(bent) else NEAR
