@@ -20,8 +20,8 @@ BIAS, TURN, LATENCY = 0.1, 0.2, 0.5
 """rad/s, rad, s; one sigma of what is looked for."""
 
 
-class Shown(NamedTuple):
-    """What a log shows of its attitude."""
+class NoiseAndLatency(NamedTuple):
+    """Of a logged attitude."""
 
     noise: Noise
     """As stated, or as the log shows it."""
@@ -29,7 +29,7 @@ class Shown(NamedTuple):
     latency_sigma_s: float
 
 
-def checked(log: Log, vehicle: Vehicle) -> Shown | None:
+def checked(log: Log, vehicle: Vehicle) -> NoiseAndLatency | None:
     """Noise and latency of a logged attitude; None where none is logged on an air bearing.
 
     :class:`InputError` where a bias, a misalignment or a latency shows that isn't stated, and explains all.
@@ -57,7 +57,7 @@ def checked(log: Log, vehicle: Vehicle) -> Shown | None:
             f"{remedy}, or leave the columns out"
         )
     at_it = given(log, _with(vehicle, attitude_latency_s=latency_s)) if auto else known
-    return None if at_it is None else Shown(at_it.noise, latency_s, sigma_s)
+    return None if at_it is None else NoiseAndLatency(at_it.noise, latency_s, sigma_s)
 
 
 def _with(vehicle: Vehicle, **imu: float | None) -> Vehicle:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base import spill
+from massprop_cli.base import onequaternion, spill
 from massprop_cli.base.arrays import Array, IntArray, frozen
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import AttitudeError
@@ -31,7 +31,6 @@ from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.sensor import shown_late_s
 from massprop_cli.prepare.sums import of_records
 
-Quaternion = tuple[float, float, float, float]
 STATES = 10
 """Of :class:`LinearFilter`."""
 START = 1.0
@@ -290,11 +289,11 @@ def filtered(given: Given, begun: Array, covariance: Array) -> tuple[Array, Arra
     attitude, drawn = spill.empty(count + 1, 4), spill.empty(count, 3)
     attitude[0] = begun
     bias, white = np.zeros(3), _process(given, 6)
-    here = _floats(begun)
+    here = onequaternion.floats(begun)
     for k in range(count):
         vector = motion.vectors[k] - bias * motion.duration_s[k]
         spread = transition[k] @ spread @ transition[k].T + white[k]
-        onward = _of_vector(vector)
+        onward = onequaternion.of_vector(vector)
         if edges[k] < edges[k + 1]:
             residual = _residual(here, vector, logged, slice(edges[k], edges[k + 1]))
             inverse = np.linalg.inv(spread[:3, :3] + variance[k] * np.eye(3))
@@ -302,9 +301,9 @@ def filtered(given: Given, begun: Array, covariance: Array) -> tuple[Array, Arra
             spread = spread - spread[:, :3] @ inverse @ spread[:3]
             spread = (spread + spread.T) / 2
             bias = bias + moved[3:]
-            onward = _product(onward, _of_vector(moved[:3]))
-        drawn[k] = _vector_of(onward) - motion.vectors[k]
-        attitude[k + 1] = here = _unit(_product(here, onward))
+            onward = onequaternion.product(onward, onequaternion.of_vector(moved[:3]))
+        drawn[k] = onequaternion.vector_of(onward) - motion.vectors[k]
+        attitude[k + 1] = here = onequaternion.unit(onequaternion.product(here, onward))
     return attitude, drawn
 
 
@@ -387,48 +386,11 @@ def _check_turns(log: Log, off: Array, turns: Array, variance: float) -> None:
         )
 
 
-def _residual(here: Quaternion, vector: Array, logged: Logged, own: slice) -> Array:
+def _residual(here: onequaternion.Quaternion, vector: Array, logged: Logged, own: slice) -> Array:
     """(3,) the mean error that a cycle's logged attitudes show of a reference that is ``here`` at its start and turns by ``vector``."""
     found = np.zeros(3)
     for wxyz, share, uneven in zip(logged.wxyz[own], logged.share[own], logged.uneven[own], strict=True):
-        w, x, y, z = _product(here, _of_vector(uneven + share * vector))
-        found += _vector_of(_product((w, -x, -y, -z), _floats(wxyz)))
+        w, x, y, z = onequaternion.product(here, onequaternion.of_vector(uneven + share * vector))
+        found += onequaternion.vector_of(onequaternion.product((w, -x, -y, -z), onequaternion.floats(wxyz)))
     found /= own.stop - own.start
     return found
-
-
-# of one quaternion numpy takes ten times as long as the numbers themselves
-
-
-def _floats(wxyz: Array) -> Quaternion:
-    w, x, y, z = wxyz.tolist()
-    return w, x, y, z
-
-
-def _product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Hamilton product."""
-    w, x, y, z = a
-    p, q, r, s = b
-    return w * p - x * q - y * r - z * s, w * q + x * p + y * s - z * r, w * r - x * s + y * p + z * q, w * s + x * r - y * q + z * p
-
-
-def _unit(one: Quaternion) -> Quaternion:
-    w, x, y, z = one
-    size = math.sqrt(w * w + x * x + y * y + z * z)
-    return w / size, x / size, y / size, z / size
-
-
-def _of_vector(vector: Array) -> Quaternion:
-    """Of a rotation vector, rad."""
-    x, y, z = vector.tolist()
-    half = 0.5 * math.sqrt(x * x + y * y + z * z)
-    by = 0.5 * math.sin(half) / half if half > 0 else 0.5
-    return math.cos(half), by * x, by * y, by * z
-
-
-def _vector_of(one: Quaternion) -> Array:
-    """(3,) rotation vector of one of unit length, no longer than π."""
-    w, x, y, z = one
-    sine = math.sqrt(x * x + y * y + z * z)
-    by = 2 * math.atan2(sine, abs(w)) / sine if sine > 0 else 2.0
-    return np.array([x, y, z]) * (-by if w < 0 else by)
