@@ -50,7 +50,7 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
     try:
         first = first_fits(log, source, say)
         if carried and first[1] is not None and first[1].misfit:
-            # before anything else is doubted of a log that does not fit
+            carried = False  # tried once: before anything else is doubted of a log that does not fit
             without = _tried(_without_attitude(log, UNFIT), source, assignments, say)
             if without is not None and _explained(without):
                 return without
