@@ -89,9 +89,9 @@ class Joint:
     """Of each quantity by itself: chi-square of the pieces' own values about their weighted mean, and its degrees of freedom."""
 
 
-def joint(pieces: Sequence[Piece]) -> Joint:
-    """Add up; values are NaN where no piece says anything."""
-    curved = all(is_body(piece.values) for piece in pieces)
+def joint(pieces: Sequence[Piece], wide: bool = False) -> Joint:
+    """Add up; values are NaN where no piece says anything. ``wide``: sigmas of inertia are of errors that are not Gaussian in θ either."""
+    curved = not wide and all(is_body(piece.values) for piece in pieces)
     alone = [_bare(piece) for piece in pieces]
     bearing = pieces[0].bearing if curved and all(np.isfinite(values).all() for values, _ in alone) else None
     linear = [_about(bearing, *piece) if bearing else _to_linear(*piece, curved) for piece in alone]
@@ -147,9 +147,10 @@ def _widened(covariance: Array, added: Array) -> Array:
 
 
 def is_body(values: Array) -> bool:
-    """Whether the inertia of the ten quantities (10,) is positive definite, or not wholly known."""
+    """Whether the inertia of the ten quantities (10,) is positive definite, or not told at all."""
     inertia = values[:6]
-    return not np.isfinite(inertia).all() or bool(np.linalg.eigvalsh(tensor(inertia))[0] > 0)
+    told = np.isfinite(inertia)
+    return bool(np.linalg.eigvalsh(tensor(inertia))[0] > 0) if told.all() else not told.any()
 
 
 def _bare(piece: Piece) -> tuple[Array, Array]:
@@ -178,7 +179,7 @@ def _bare(piece: Piece) -> tuple[Array, Array]:
 def linear(values: Array, curved: bool, bearing: BearingBody | None = None) -> tuple[Array, Array]:
     """(10,) θ of the ten quantities (10,), NaN where these are, and its (10, 10) derivative by them.
 
-    ``curved``: the inertia is a body's, or not wholly known; ``bearing``: on which it turned, where all ten are known.
+    ``curved``: the inertia is a body's, or not told; ``bearing``: on which it turned, where all ten are known.
     """
     if bearing is not None:
         theta = bearing.theta(Reference(tensor(values[:6]), values[6:9], 1 / values[9]))

@@ -170,11 +170,15 @@ def _side(of: Gathered) -> added.Side:
 
 
 def _joint(name: str, parts: Sequence[Part]) -> tuple[Joint, list[WarningItem]]:
-    """Results added up; where one tells some axes alone, the logs are fitted at once, or it is left out of what it can't be added to."""
+    """Results added up; where one tells some axes alone, the logs are fitted at once, or it is left out of what it can't be added to.
+
+    No fit explains a log that its model does not: where one has a discrepancy, results are added as they are.
+    """
     pieces = [piece(part.label, part.vehicle, part.phase, incommon.alike(part.recorded.result, part.phase)) for part in parts]
     short = [fit.partial(one, part.vehicle.environment) for one, part in zip(pieces, parts, strict=True)]
-    if len(parts) == 1 or not any(short):
-        return joint(pieces), []
+    doubted = any(part.phase.discrepancy for part in parts)
+    if len(parts) == 1 or doubted or not any(short):
+        return joint(pieces, wide=doubted and any(short)), []
     try:
         found = fit.fitted([fit.Behind(part.recorded.result, part.ready(), part.phase.name) for part in parts], pieces)
     except InputError as error:

@@ -164,3 +164,18 @@ def test_flights_of_a_real_quadrotor_have_a_mean_no_better_than_the_thrust(tmp_p
     assert found["sigma"] < 0.15 * found["value"]
     assert np.sqrt(found["sigma"] ** 2 - found["shared"] ** 2) < 0.02 * found["value"], "noise and what nothing explains average out"
     assert found["p_value"] > 1e-3
+
+
+@pytest.mark.thorough
+def test_flights_that_no_model_explains_are_added_as_they_are(tmp_path: Path) -> None:
+    """Each tells its own axes; no body fits all, and what each log doubts is in its sigmas. Values of the literature."""
+    results = []
+    for name in ("roll-pitch", "thrust", "yaw"):
+        made = job.of_file(SAMPLES / "crazyflie" / f"{name}.parquet")
+        results.append(Recorded(tmp_path / name / "result.json", made.result, {}))
+    found = flow.together(results).phases[0].estimates
+    assert not [name for name, item in found.items() if item.verdict == "contradicted"]
+    for name, literature in {"ixx": 1.66e-5, "iyy": 1.67e-5, "izz": 2.93e-5, "mass": 0.0319}.items():
+        sigma = found[name].sigma or 0.0
+        assert abs((found[name].value or 0.0) - literature) < 2 * sigma
+        assert all(sigma < (one.result.phases[0].estimates[name].sigma or np.inf) for one in results if name != "mass"), "logs add up"
