@@ -15,6 +15,8 @@ from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.base.quaternion import quaternion_of, quaternion_product
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.estimated import estimated
+from massprop_cli.inputs.formats import agreement
+from massprop_cli.inputs.tablefile import Made
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.prepare.measured import given, measured
@@ -164,6 +166,26 @@ def test_gaps_and_signs_of_the_quaternion_do_no_harm() -> None:
     gaps = answer(flight, replace(log, attitude_wxyz=frozen(attitude)))
     assert gaps.codes == {"noise-estimated"}
     assert np.abs(gaps.z).max() < 3.5
+
+
+GAPPED = {"free-flyer": 10, "testbed": 10, "pedestal": 25}
+"""Seconds without an attitude in each of two gaps."""
+
+
+@pytest.mark.parametrize("name", [*list(GAPPED)[:2], pytest.param("pedestal", marks=pytest.mark.thorough)])
+def test_gaps_of_many_seconds_name_no_cause(name: str) -> None:
+    """Half the log to most of it has no attitude; read by a map, its gyro is compared with what is left."""
+    flight = simulate.fly(scenario.load(name, MILLIRADIAN), [3])
+    log, length = flight.log(0), GAPPED[name]
+    assert log.attitude_wxyz is not None
+    since = log.time_s - log.time_s[0]
+    gone = (since % (length + 1.7) > 1.7) & (since < 2 * (length + 1.7))
+    gapped = replace(log, attitude_wxyz=frozen(np.where(gone[:, None], np.nan, log.attitude_wxyz)))
+    force = log.delta_v_imu_m_s / log.interval_s[:, None]
+    agreement.check(log.path, Made("m.toml", "0", ()), flight.vehicle, log.delta_theta_imu_rad, force, gapped.attitude_wxyz)
+    found = answer(flight, gapped)
+    assert found.codes <= {"noise-estimated"}
+    assert np.abs(found.z).max() < 3.5
 
 
 @pytest.mark.thorough

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -23,18 +24,20 @@ AXES = {"of a free flyer": (1.0, 1.0, 1.0), "of a table": (0.0, 0.0, 1.0)}
 
 
 @cache
-def turning(axes: tuple[float, ...]) -> tuple[Array, Rotation]:
-    """(n, 3) rates that wander by 0.3 rad/s, slower than 1 Hz, and the attitude at the end of each row."""
+def turning(axes: tuple[float, ...], size: float = 0.3) -> tuple[Array, Rotation]:
+    """(n, 3) rates that wander by ``size``, rad/s, slower than 1 Hz, and the attitude at the end of each row."""
     rate = gaussian_filter1d(np.random.default_rng(5).normal(size=(ROWS, 3)), 60, axis=0)
-    rate *= 0.3 / rate.std(0) * np.array(axes)
+    rate *= size / rate.std(0) * np.array(axes)
     turns = [Rotation.identity()]
     for each in Rotation.from_rotvec(rate * STEP_S):
         turns.append(turns[-1] * each)
     return rate, Rotation.concatenate(turns[1:])
 
 
-def check(rate: Array, turns: Rotation) -> None:
+def check(rate: Array, turns: Rotation, without: Sequence[slice] = ()) -> None:
     quaternions = turns.as_quat()[:, [3, 0, 1, 2]]
+    for rows in without:
+        quaternions[rows] = np.nan
     agreement.check(Path("x.csv"), Made("m.toml", "0", ()), VEHICLE, rate * STEP_S, np.zeros((ROWS, 3)), quaternions)
 
 
@@ -63,6 +66,30 @@ def test_a_right_gyro_is_taken_beside_a_poor_attitude(axes: tuple[float, ...]) -
         check(rate, attitude)
     check(rate + 0.05, turns)  # a bias is no scale
     check(rate * 1.02, turns)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.14])
+@pytest.mark.parametrize(
+    "gaps",
+    [
+        pytest.param([slice(1200, 1800)], id="6 s"),
+        pytest.param([slice(400, 1000), slice(2000, 3500)], id="6 s and 15 s"),
+        pytest.param([slice(500, 3500)], id="most of the log"),
+        pytest.param([slice(500, None)], id="to the end"),
+        pytest.param([slice(n, n + 150) for n in range(100, 4000, 200)], id="three quarters of every 2 s"),
+        pytest.param([slice(3, None)], id="all but three"),
+        pytest.param([slice(1, None)], id="all but one"),
+    ],
+)
+def test_gaps_in_the_attitude_contradict_no_gyro_and_hide_no_scale(scale: float, gaps: list[slice]) -> None:
+    """It turns by 2 rad a second about changing axes, so that a sum of increments over a gap is no turn."""
+    rate, turns = turning(AXES["of a free flyer"], 2.0)
+    left = ROWS - sum(len(range(ROWS)[gap]) for gap in gaps)
+    if scale == 1.0 or left < 4:
+        check(scale * rate, turns, gaps)
+    else:
+        with pytest.raises(InputError, match=r"turns 1\.1\d* ± .* times as far as the logged attitude"):
+            check(scale * rate, turns, gaps)
 
 
 def test_a_scale_that_a_noisy_attitude_does_not_tell_is_left_to_the_estimate() -> None:

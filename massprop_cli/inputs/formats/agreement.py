@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, IntArray
+from massprop_cli.base.arrays import Array, IntArray, median
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.quaternion import rotation_vector, turns_between
+from massprop_cli.inputs.formats.clocks import GAP
 from massprop_cli.inputs.formats.resample import into_body
 from massprop_cli.inputs.formats.units import DEG, G
 from massprop_cli.inputs.tablefile import Made
@@ -31,28 +32,35 @@ attitude that was smoothed or came late turns otherwise in what is fast alone.""
 
 def check(path: Path, made: Made, vehicle: Vehicle, theta_imu: Array, force_imu: Array, attitude: Array | None) -> None:
     """:class:`InputError` where gyro (n, 3) rad, accelerometer (n, 3) m/s² and attitude (n, 4) contradict each other."""
-    if attitude is None:
+    rows = np.flatnonzero([] if attitude is None else np.isfinite(attitude[:, 0]))
+    if attitude is None or len(rows) < 2:
         return
-    body, logged = np.array(vehicle.imu.body_from_imu), np.isfinite(attitude[:, 0])
-    attitude, angle = attitude[logged], np.cumsum(theta_imu @ body.T, 0)[logged]
-    edges, wanted = _stretches(attitude, _STRETCHES)
-    while _rms(wanted) < _NEAR and len(edges) > 2 * _LEAST:
-        edges, wanted = _stretches(attitude, len(edges) // 2)
-    while _rms(wanted) > _FAR and 2 * len(edges) < len(attitude):
-        edges, wanted = _stretches(attitude, 2 * len(edges))
-    _compare(path, made, "gyro", np.diff(angle[edges], axis=0), wanted, _NEAR / 2, {"as it is": 1.0, "deg": DEG, "rad": 1 / DEG})
+    body = np.array(vehicle.imu.body_from_imu)
+    attitude, angle = attitude[rows], np.cumsum(theta_imu @ body.T, 0)[rows]
+
+    def turns(edges: IntArray) -> tuple[Array, Array]:
+        """By gyro and attitude in each segment without a gap: across one the sum of increments is no turn."""
+        length = np.diff(rows[edges])
+        whole = length <= GAP * median(length)
+        return np.diff(angle[edges], axis=0)[whole], rotation_vector(turns_between(attitude[edges]))[whole]
+
+    edges = _edges(len(rows), _STRETCHES)
+    while _rms(turns(edges)[1]) < _NEAR and len(edges) > 2 * _LEAST:
+        edges = _edges(len(rows), len(edges) // 2)
+    while _rms(turns(edges)[1]) > _FAR and 2 * len(edges) < len(rows):
+        edges = _edges(len(rows), 2 * len(edges))
+    turned, wanted = turns(edges)
+    _compare(path, made, "gyro", turned, wanted, _NEAR / 2, {"as it is": 1.0, "deg": DEG, "rad": 1 / DEG})
     if _rms(wanted) >= _NEAR / 2:
-        edges = edges[::_LONGER] if len(edges) > _LONGER * _LEAST else edges
-        _check_scale(path, made, angle[edges], attitude[edges])
+        _check_scale(path, made, *turns(edges[::_LONGER] if len(edges) > _LONGER * _LEAST else edges))
     if vehicle.pivoted and force_imu.any(0).all():
         up = into_body(np.broadcast_to([0.0, 0.0, vehicle.environment.gravity_m_s2], (len(attitude), 3)), attitude)
-        _compare(path, made, "accelerometer", force_imu[logged] @ body.T, up, 1.0, {"as it is": 1.0, "g": G, "m/s^2": 1 / G})
+        _compare(path, made, "accelerometer", force_imu[rows] @ body.T, up, 1.0, {"as it is": 1.0, "g": G, "m/s^2": 1 / G})
 
 
-def _stretches(attitude: Array, count: int) -> tuple[IntArray, Array]:
-    """Rows at which stretches begin and end, and the turn in each."""
-    edges = np.unique(np.linspace(0, len(attitude) - 1, count + 1).astype(int))
-    return edges, rotation_vector(turns_between(attitude[edges]))
+def _edges(rows: int, count: int) -> IntArray:
+    """Rows at which so many segments begin and end."""
+    return np.unique(np.linspace(0, rows - 1, count + 1).astype(int))
 
 
 def _compare(path: Path, made: Made, key: str, measured: Array, wanted: Array, least: float, factors: dict[str, float]) -> None:
@@ -85,9 +93,9 @@ def _compare(path: Path, made: Made, key: str, measured: Array, wanted: Array, l
     )
 
 
-def _check_scale(path: Path, made: Made, angle: Array, attitude: Array) -> None:
+def _check_scale(path: Path, made: Made, turned: Array, wanted: Array) -> None:
     """Refuse a gyro that turns surely farther than the attitude, or less far."""
-    scale, sigma = _scale(angle, attitude)
+    scale, sigma = _scale(turned, wanted)
     if abs(scale - 1) > max(_OFF, _SURE * sigma):
         raise InputError(
             f"{path}: [gyro] of {made.map} turns {scale:.4g} ± {sigma:.1g} times as far as the logged attitude; correct unit or scale "
@@ -95,13 +103,12 @@ def _check_scale(path: Path, made: Made, angle: Array, attitude: Array) -> None:
         )
 
 
-def _scale(angle: Array, attitude: Array) -> tuple[float, float]:
-    """How many times as far as the attitude (m, 4) a gyro's integral (m, 3) turns from row to row, with its sigma.
+def _scale(turned: Array, wanted: Array) -> tuple[float, float]:
+    """How many times as far as the attitude (m, 3) a gyro's integral (m, 3) turns in each segment, with its sigma.
 
     By least squares, beside a steady drift of either and a turn between their axes: of one on the other and the other on the one, between
     which it lies whichever is noisy and whichever comes late. The nearer to 1 is told.
     """
-    turned, wanted = np.diff(angle, axis=0), rotation_vector(turns_between(attitude))
     if len(turned) < _LEAST:
         return 1.0, np.inf
     turned, wanted = turned - turned.mean(0), wanted - wanted.mean(0)
