@@ -56,22 +56,22 @@ class VectorName:
 SENSORS = (
     VectorName(
         "gyro",
-        re.compile(r"gyro?|ang(ular)?_?(vel|rate)|omega|d(elta)?_?(theta|ang)|body_?rate|/xyz$|^w\*|/w\*|^g\*|/g\*|^\*$", re.IGNORECASE),
+        re.compile(r"gyro?|ang(ular)?_?(vel|rate)|omega|d(elta)?_?(theta|ang)|body_?rate|/xyz$|(?<![a-z])[wg]_?\*|^\*$", re.IGNORECASE),
         units.RATE,
         units.ANGLE,
         _NO_SENSOR,
     ),
     VectorName(
         "accelerometer",
-        re.compile(r"acc|specific_?force|delta_?v|^dv_?\*|/dv_?\*|^a\*|/a\*", re.IGNORECASE),
+        re.compile(r"acc|specific_?force|delta_?v|(?<![a-z])(?:dv|a)_?\*", re.IGNORECASE),
         units.ACCELERATION,
         units.SPEED,
         _NO_SENSOR,
     ),
 )
 COMMANDS = (
-    VectorName("torque", re.compile(r"torque|moment|tau|^m\*|^t\*", re.IGNORECASE), units.TORQUE, {}, _NO_COMMAND),
-    VectorName("force", re.compile(r"force(?!.*specific)|thrust|^f\*|/f\*", re.IGNORECASE), units.FORCE, {}, _NO_COMMAND),
+    VectorName("torque", re.compile(r"torque|moment|tau|(?:^|(?<=cmd_))[mt]_?\*", re.IGNORECASE), units.TORQUE, {}, _NO_COMMAND),
+    VectorName("force", re.compile(r"force(?!.*specific)|thrust|(?<![a-z])f_?\*", re.IGNORECASE), units.FORCE, {}, _NO_COMMAND),
 )
 
 
@@ -81,10 +81,10 @@ def candidates(quantity: VectorName, found: Sequence[Vector]) -> tuple[list[Vect
     named = [v for v in some if _is_called(quantity, v)]
     if not named:
         # an angle is seldom an increment, and a velocity still less
-        named = [v for v in some if units.factor(v.streams[0].unit, quantity.rates) is not None and not _is_field(v)]
+        named = [v for v in some if units.factor(v.unit, quantity.rates) is not None and not _is_field(v)]
     if quantity in COMMANDS:
         named = [v for v in named if _COMMANDED.search(v.stem)] or named
-    named.sort(key=lambda v: units.factor(v.streams[0].unit, quantity.known) is None)
+    named.sort(key=lambda v: units.factor(v.unit, quantity.known) is None)
     return named, len(named) == 1 and not _IN_DOUBT.search(named[0].stem)
 
 
@@ -96,8 +96,8 @@ def attitudes(found: Sequence[Vector]) -> list[Vector]:
 
 def _is_called(quantity: VectorName, vector: Vector) -> bool:
     """By its name, where its unit is not another quantity's."""
-    unit = vector.streams[0].unit
-    if units.is_any(unit) and units.factor(unit, quantity.known) is None:
+    unit = vector.unit
+    if (vector.streams[0].unit or len(unit) > 1) and units.is_any(unit) and units.factor(unit, quantity.known) is None:
         return False
     others = [other for other in (*SENSORS, *COMMANDS) if other is not quantity and other.called.search(vector.stem)]
     by_axes = quantity.key == "gyro" and vector.axes == "pqr"
@@ -106,4 +106,4 @@ def _is_called(quantity: VectorName, vector: Vector) -> bool:
 
 def _is_field(vector: Vector) -> bool:
     """G is what some write for g, and others for gauss."""
-    return vector.streams[0].unit.strip("[]() ") == "G"
+    return vector.unit.strip("[]() ") == "G"

@@ -96,7 +96,7 @@ def _covering(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> t
     """Of increments the stream that says how long each covers, and whether that is all the time; None where there is none."""
     length = covering.lengths(clocks.streams, vector.paths)
     found = clocks.of(vector.streams[0])
-    if length is None or len(found) != 1 or units.factor(vector.streams[0].unit, quantity.increments) is None:
+    if length is None or len(found) != 1 or units.factor(vector.unit, quantity.increments) is None:
         return None
     step, factor = clocks.step(found[0], vector.streams[0]), units.factor(clocks.unit(found[0])[0], units.TIME)
     return length, covering.whole(length, [step * each for each in ([factor] if factor is not None else units.TIME.values())])
@@ -133,16 +133,15 @@ def _values_of(vector: Vector) -> list[Array]:
 
 def _sensor(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> list[str]:
     lines = []
-    unit = vector.streams[0].unit
     known = (*columns.DELTA_THETA, *columns.DELTA_V, *columns.GYRO, *columns.ACCEL)
     contract = [name for name in known if listing.leaf(vector.paths[0]) == name]
-    increments = units.factor(unit, quantity.increments) is not None
+    increments = units.factor(vector.unit, quantity.increments) is not None
     if contract:
         increments = contract[0].startswith("delta")
         unit = next(iter(quantity.increments if increments else quantity.rates))
         lines.append(f'unit = "{unit}"   # by its name')
-    elif units.factor(unit, quantity.known) is None:
-        lines.append(_unit(quantity, vector))
+    else:
+        lines += _unit(quantity, vector)
     named = next((said for name, said in _VALUES.items() if name in vector.stem), None)
     whole = _covering(clocks, quantity, vector)
     if contract:
@@ -158,18 +157,21 @@ def _sensor(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> lis
     return lines
 
 
-def _unit(quantity: VectorName, vector: Vector) -> str:
-    """What the numbers themselves settle: only gravity does."""
+def _unit(quantity: VectorName, vector: Vector) -> list[str]:
+    """The line for a unit, none where one of this quantity is recorded: by the name, or by the numbers, of which only gravity tells."""
+    unit = next((unit for unit in quantity.known if units.plain(unit) == units.plain(vector.unit)), None)
+    if unit is not None:
+        return [] if vector.streams[0].unit else [f'unit = "{unit}"   # by its name']
     values = _values_of(vector)
     size = listing.median_size(values)
     choices = " or ".join([*quantity.rates, *quantity.increments])
     if quantity.key == "accelerometer":
         for unit, gravity in (("m/s^2", units.G), ("g", 1.0), ("mg", 1e3)):
             if abs(size / gravity - 1) < 0.03:
-                return f'unit = "{unit}"   # its median size is {size:.4g}: gravity'
+                return [f'unit = "{unit}"   # its median size is {size:.4g}: gravity']
     largest = float(np.max(np.abs(values)))
     recorded = _recorded(vector)
-    return f'unit = "?"   # {choices}: {recorded}; its median size is {size:.3g}, its largest number {largest:.3g}'
+    return [f'unit = "?"   # {choices}: {recorded}; its median size is {size:.3g}, its largest number {largest:.3g}']
 
 
 def _recorded(vector: Vector) -> str:
@@ -181,12 +183,7 @@ def _recorded(vector: Vector) -> str:
 def _wrench(quantity: VectorName, vector: Vector) -> list[str]:
     if listing.leaf(vector.paths[0]) in columns.WRENCH:
         return [f'unit = "{next(iter(quantity.rates))}"   # by its name', 'frame = "body"   # by its name']
-    unit = (
-        []
-        if units.factor(vector.streams[0].unit, quantity.rates) is not None
-        else [f'unit = "?"   # {" or ".join(quantity.rates)}: {_recorded(vector)}']
-    )
-    return [*unit, 'frame = "?"   # "body", or "world", which wants [attitude]']
+    return [*_unit(quantity, vector), 'frame = "?"   # "body", or "world", which wants [attitude]']
 
 
 def _jet(clocks: listing.Clocks, path: str) -> list[str]:

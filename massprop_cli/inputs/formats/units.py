@@ -7,7 +7,7 @@ from collections.abc import Mapping
 DEG, G = math.pi / 180, 9.80665
 TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLE = {"rad": 1.0, "deg": DEG, "mrad": 1e-3}
-RATE = {"rad/s": 1.0, "deg/s": DEG, "mrad/s": 1e-3}
+RATE = {"rad/s": 1.0, "deg/s": DEG, "mrad/s": 1e-3, "mdeg/s": 1e-3 * DEG}
 SPEED = {"m/s": 1.0, "mm/s": 1e-3}
 ACCELERATION = {"m/s^2": 1.0, "g": G, "mg": 1e-3 * G, "mm/s^2": 1e-3}
 TORQUE = {"N m": 1.0, "mN m": 1e-3, "uN m": 1e-6}
@@ -23,8 +23,9 @@ TABLES = (TIME, ANGLE, SPIN, SPEED, ACCELERATION, TORQUE, FORCE, SHARE, SUPPLY)
 _ALIKE = {
     "sec": "s", "second": "s", "seconds": "s", "msec": "ms", "µs": "us", "μs": "us", "usec": "us", "microseconds": "us", "nsec": "ns",
     "nanoseconds": "ns", "milliseconds": "ms", "radian": "rad", "radians": "rad", "degree": "deg", "degrees": "deg", "°": "deg",
-    "dps": "deg/s", "°/s": "deg/s", "degree/s": "deg/s", "degrees/s": "deg/s", "rad/sec": "rad/s", "deg/sec": "deg/s", "radians/s": "rad/s",
-    "radps": "rad/s", "m/s2": "m/s^2", "m/s²": "m/s^2", "m/s/s": "m/s^2", "m/s**2": "m/s^2", "mps2": "m/s^2", "g0": "g", "gee": "g",
+    "dps": "deg/s", "°/s": "deg/s", "degree/s": "deg/s", "degrees/s": "deg/s", "radians/s": "rad/s", "radps": "rad/s", "degps": "deg/s",
+    "mdps": "mdeg/s", "m/s2": "m/s^2", "m/s²": "m/s^2", "m/s/s": "m/s^2", "m/s/2": "m/s^2", "m/s**2": "m/s^2", "mps2": "m/s^2",
+    "mss": "m/s^2", "ms2": "m/s^2", "g0": "g", "gee": "g",
     "nm": "n m", "n.m": "n m", "n·m": "n m", "n*m": "n m", "newton metre": "n m", "newton": "n", "mnm": "mn m", "mn·m": "mn m",
     "µn": "un", "percent": "%", "rev/min": "rpm", "r/min": "rpm", "1/min": "rpm", "min^-1": "rpm", "min-1": "rpm",
     "volt": "v", "volts": "v",
@@ -38,6 +39,9 @@ _FOREIGN = re.compile(
     re.IGNORECASE,
 )
 """Words of units that are none here."""
+_SECOND = re.compile(r"(?<=/)\s*sec(?:ond)?s?(?![a-z])")
+_WORDS = 4
+"""Of a unit in a name: ``m_per_s_squared``."""
 _POWER = re.compile(r"\s*([a-zµμ°]+)\s*[·*. ]?\s*s(?:\^|\*\*)?(?:-|⁻)(\d|¹|²)$")
 
 
@@ -45,7 +49,7 @@ def plain(text: str) -> str:
     """A unit in one spelling: ``M/S2`` and ``m s-2`` are ``m/s^2``; ``mG``, of a magnetic field, stays what it is."""
     if text.strip("[]() ") in _GAUSS:
         return text.strip("[]() ")
-    word = " ".join(text.lower().split()).strip("[]() ")
+    word = _SECOND.sub("s", " ".join(text.lower().split()).strip("[]() "))
     power = _POWER.match(word)
     if power:
         word = f"{power[1]}/s" + ("^2" if power[2] in "2²" else "")
@@ -65,6 +69,19 @@ def is_any(text: str) -> bool:
 def is_foreign(text: str) -> bool:
     """Whether it is a unit, and none here: of a label, as ``body`` or ``imu0``, it isn't known."""
     return not is_any(text) and _FOREIGN.search(text) is not None
+
+
+def within(name: str) -> tuple[str, str]:
+    """A name without the unit that is its last words, and that: ``gx`` and ``deg/s`` of ``gx_deg_s``; ``rads`` are rad/s there."""
+    words = name.split("_")
+    for count in range(min(_WORDS, len(words) - 1), 0, -1):
+        text = "_".join(words[-count:]).replace("_per_", "/").replace("_squared", "2")
+        for between in "/", " ":
+            unit = text.replace("_", between)
+            unit = "rad/s" if unit.lower() == "rads" else unit
+            if is_any(unit):
+                return "_".join(words[:-count]), unit
+    return name, ""
 
 
 def behind(name: str) -> tuple[str, str]:

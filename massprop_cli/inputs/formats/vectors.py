@@ -14,9 +14,11 @@ _MARKS = (
     (re.compile(r"([wxyzWXYZ])$"), 0),
     (re.compile(r"(?<=\D)(\d)$"), 0),
     (re.compile(r"(?<![a-zA-Z])[afmtwAFMTW]([xyzXYZ])(?=_)"), 0),
-    (re.compile(r"(?<![a-zA-Z])([pqr])(?![a-zA-Z])(?!.*/)"), 0),
+    (re.compile(r"(?<![a-zA-Z])([pqrPQR])(?![a-zA-Z])(?!.*/)"), 0),
+    (re.compile(r"(roll|pitch|yaw)(?=_?(?:rate|speed|vel))", re.IGNORECASE), 0),
 )
 """How names mark an axis, less the unit behind them, and from what number they count."""
+_TURNS = {"roll": "p", "pitch": "q", "yaw": "r"}
 _LONGEST = 1000
 """Characters of a name in which an axis is looked for, as that takes a time that grows as its square."""
 
@@ -35,6 +37,13 @@ class Vector:
     def paths(self) -> list[str]:
         """Of its axes, in their order."""
         return [one.path for one in self.streams]
+
+    @property
+    def unit(self) -> str:
+        """As recorded, or as its name has it, behind or before the axis; one letter before the axis is none."""
+        before, _, last = self.stem.rpartition("/")[2].rpartition("_")
+        named = units.within(before if last == "*" else self.stem)[1]
+        return self.streams[0].unit or (named if last != "*" or len(named) > 1 else "")
 
 
 def vectors(read: Recording) -> list[Vector]:
@@ -60,10 +69,10 @@ def _alike(streams: Sequence[RecordedStream]) -> bool:
 
 def _ways(path: str) -> Iterator[tuple[str, str, int]]:
     """The name without its axis, the axis, and which of the ways it was read in."""
-    name = units.behind(path)[0] if len(path) <= _LONGEST else ""
+    name = units.within(units.behind(path)[0])[0] if len(path) <= _LONGEST else ""
     for way, (mark, first) in enumerate(_MARKS):
         match = mark.search(name)
         if match:
-            axis = match[1].lower()
+            axis = _TURNS.get(match[1].lower(), match[1].lower())
             axis = str(int(axis) - first) if axis.isdigit() else axis
             yield f"{path[: match.start(1)]}*{path[match.end(1) :]}", axis, way
