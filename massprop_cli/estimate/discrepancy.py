@@ -13,7 +13,9 @@ move the estimate by ``H⁻¹ g`` with its score g, and their squares add up (Wh
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -27,8 +29,8 @@ from massprop_cli.model.responsemap import Tangent
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
 
-AT_ONCE = 128
-"""Cycles taken in at a time: each has a hundred columns."""
+AT_ONCE, TOGETHER = 128, 1024
+"""Cycles taken in at a time, each having a hundred columns; and most of which these are computed together."""
 SEGMENTS = 20
 """Of time, by whose scatter what nothing spans is told."""
 LEAST, MOST = 0.3, 3.0
@@ -103,8 +105,12 @@ def posed_segments(
     """A phase in ``count`` equal segments of time, or fewer where it is short."""
     plant = plant_of(vehicle)
     theta = plant.theta(reference)
-    regression = Regression(samples, cycles, vehicle, consider, Tangent(plant, theta))
-    known, each = _segments(regression, reference, count)
+    ends = np.unique(np.linspace(cycles.start, cycles.stop, count + 1).astype(int)[1:])
+    edges = [cycles.start, *ends[ends > cycles.start + 1].tolist()]
+    stops = [[*range(first + AT_ONCE, end, AT_ONCE), end] for first, end in pairwise(edges)]
+    begun = frozenset([cycles.start, *chain(*stops)])
+    regression = Regression(samples, cycles, vehicle, replace(consider, begun=begun), Tangent(plant, theta))
+    known, each = _segments(regression, reference, stops)
     rows, scale = regression.beside_assumptions([known, *(triangle for _, triangle in each)], theta)
     return PosedSegments(rows, [part for part, _ in each], regression.phi_map.parameters(theta), regression.phi_map.slopes(theta) * scale)
 
@@ -141,19 +147,19 @@ def error_fit(samples: Source, cycles: slice, reference: Reference, vehicle: Res
     )
 
 
-def _segments(regression: Regression, reference: Reference, count: int) -> tuple[Array, list[tuple[slice, Array]]]:
-    """Whitened rows of what is known before the first cycle, and triangles of those of each segment."""
-    cycles = regression.cycles
+def _segments(regression: Regression, reference: Reference, stops: Sequence[Sequence[int]]) -> tuple[Array, list[tuple[slice, Array]]]:
+    """Whitened rows of what is known before the first cycle, and triangles of those of each segment; ``stops`` on the way to its end."""
     begun = run = replace(regression.begin(reference), bound=True)
-    ends = np.unique(np.linspace(cycles.start, cycles.stop, count + 1).astype(int)[1:])
-    found = []
-    for end in ends[ends > cycles.start + 1]:
-        parts, first = [], run.at
-        while run.at < end:
-            run, taken = regression.take(run, min(run.at + AT_ONCE, int(end)))
-            parts.append(regression.ordered(taken))
-        found.append((slice(first, run.at), triangle_of(np.vstack(parts))))
-    return begun.triangle, found
+    white, first, every = dict[int, Array](), run.at, [*chain(*stops)]
+    while every:
+        count = max(sum(stop <= run.at + TOGETHER for stop in every), 1)
+        for after, taken in regression.through(run, every[:count]):
+            run, white[after.at] = after, regression.ordered(taken)
+        every = every[count:]
+    firsts = [first, *(own[-1] for own in stops)]
+    return begun.triangle, [
+        (slice(start, own[-1]), triangle_of(np.vstack([white[stop] for stop in own]))) for start, own in zip(firsts, stops, strict=False)
+    ]
 
 
 def _told(corner: Array, count: int) -> tuple[float, float, list[int]]:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import times
@@ -160,6 +160,8 @@ class Consider:
     """Changes of the channels' wrenches that follow these; they add nothing, either."""
     aging: bool = False
     """Whether all thrust's growing from half less to half more over the log follows; as the last two."""
+    begun: frozenset[int] = frozenset()
+    """Cycles from which on rates are followed anew, whose errors :attr:`Reading.of_motion` are."""
     imu: tuple[ImuChange, ...] = ()
     """What is uncertain of the IMU. Unknowns from here on, with a prior of one sigma."""
     jets: WrenchChanges = field(default_factory=WrenchChanges)
@@ -192,7 +194,8 @@ def fed(
     at_hand = _beyond(here, phi_map.coefficients(phi_map.theta(reference))[0], state)
     sides = _Sides(state, cycles, reference, {}, _Shared({}, {}, {}), [vehicle])
     sides.read[id(samples), id(vehicle)] = _with_attitude(at_hand, part, Layout.of(samples, vehicle), reference, state)
-    expected_motion = cache(partial(_expected_motion, part, at_hand, state))
+    begun = np.isin(np.arange(cycles.start + 1, cycles.stop), [*consider.begun])
+    expected_motion = cache(partial(_expected_motion, part, at_hand, state, begun))
 
     def add(variant: Variant | Reading) -> None:
         if isinstance(variant, Reading):
@@ -226,14 +229,16 @@ def fed(
     return np.stack(driven, -1), np.stack(measured, -1)
 
 
-def _expected_motion(part: Samples, expected: tuple[Array, Array], state: Array) -> tuple[Array, Array]:
+def _expected_motion(part: Samples, expected: tuple[Array, Array], state: Array, begun: BoolArray) -> tuple[Array, Array]:
     """Rates (K, 3) and specific force (K, 3) that were read, without the noise that they were read with in each cycle.
 
-    Forces are what the model expects, and rates what it expects from those before: ω⁻[k+1] = ω⁻[k] + growth[k] + g (ω[k] − ω⁻[k]).
+    Forces are what the model expects, and rates what it expects from those before: ω⁻[k+1] = ω⁻[k] + growth[k] + g (ω[k] − ω⁻[k]); from
+    the rate that was read, ω[k], where ``begun`` (K − 1,) is.
     """
     rate, growth = part.rate_rad_s.copy(), expected[0][:, :3] - state[:-1, :3]
     for k, step in enumerate(growth):
-        rate[k + 1] = rate[k] + step + FOLLOWED * (part.rate_rad_s[k] - rate[k])
+        before = part.rate_rad_s[k] if begun[k] else rate[k]
+        rate[k + 1] = before + step + FOLLOWED * (part.rate_rad_s[k] - before)
     return rate, part.specific_force_m_s2 - expected[1][:, 3:6]
 
 
