@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +15,12 @@ from pyarrow import csv
 
 from massprop_cli import QUANTITIES, job, schemas
 from massprop_cli.base import escape
-from massprop_cli.flow import Analysis
 from massprop_cli.result import build
 from massprop_cli.result.schema import Result
 from tests.commandline import massprop
 
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "sample_logs"
-
-
-@cache
-def crazyflie(name: str) -> Analysis:
-    return job.of_file(SAMPLES / "crazyflie" / f"{name}.parquet").analysis
 
 
 def short(tmp_path: Path, rows: int = 400, suffix: str = ".parquet", name: str = "free-flyer") -> Path:
@@ -97,35 +90,6 @@ def test_a_log_cut_short_has_the_same_history_before_the_cut(tmp_path: Path) -> 
         part = job.of_file(short(tmp_path, rows=rows)).analysis.histories[0]
         np.testing.assert_array_equal(part.values, whole.values[: rows - 2])
         np.testing.assert_array_equal(part.sigmas, whole.sigmas[: rows - 2])
-
-
-@pytest.mark.thorough
-def test_settings_given_back_reproduce_the_fit() -> None:
-    """Also where a first pass found disturbances: what it found stands in the settings, and is then no discrepancy any more."""
-    first = build.result(crazyflie("yaw"))
-    assert first.provenance.settings["environment.disturbance_walk_n_m"]
-    again = result(SAMPLES / "crazyflie" / "yaw.parquet", *given_back(first))
-    for one, other in zip(again.phases, first.phases, strict=True):
-        assert one.innovations == other.innovations
-    assert again.provenance.settings == first.provenance.settings
-
-
-@pytest.mark.slow
-def test_recorded_flights_agree_with_what_is_known_of_the_vehicle() -> None:
-    """A 31.9 g quadrotor; published inertia of the type 1.66e-5, 1.67e-5, 2.93e-5 kg m². Nothing that was not moved is converged."""
-    thrust, roll_pitch = (crazyflie(name).conclusions[0].estimates for name in ("thrust", "roll-pitch"))
-    for estimates, name, known, percent in (
-        (thrust, "mass", 0.0319, 15),
-        (roll_pitch, "mass", 0.0319, 15),
-        (roll_pitch, "ixx", 1.66e-5, 25),
-        (roll_pitch, "iyy", 1.67e-5, 25),
-    ):
-        found = estimates[name]
-        assert abs((found.value or 0) - known) < 2.5 * (found.sigma or 0) < 2.5 * percent / 100 * known
-    assert roll_pitch["izz"].verdict == "not_excited"
-    for name in ("ixx", "iyy", "izz", "ixy", "cg_z"):
-        assert thrust[name].verdict == "not_excited"
-    assert "disturbance-torque" in [notice.code for notice in crazyflie("roll-pitch").notices]
 
 
 def test_rates_columns_and_scales_stand_in_for_the_contract_names(tmp_path: Path) -> None:

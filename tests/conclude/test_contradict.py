@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -149,34 +148,6 @@ def test_a_steady_torque_on_a_bearing_that_nobody_stated_is_not_taken_for_mass()
     assert faulty.looks_good_and_is_wrong(found, flight.truth[0, 0]) == []
 
 
-@cache
-def yaw(*assignments: str) -> Analysis:
-    """What is found in a recorded flight."""
-    log, used = faulty.sample("crazyflie", file="yaw.parquet")
-    return faulty.examined(log, faulty.stated(used, *assignments))
-
-
-@pytest.mark.thorough
-def test_a_recorded_flight_that_nothing_explains_gives_a_mass_with_an_honest_sigma() -> None:
-    found = yaw()
-    mass = found.conclusions[0].estimates["mass"]
-    assert mass.value is not None
-    assert mass.sigma is not None
-    assert abs(mass.value - 0.0319) < 2 * mass.sigma
-    assert 0.02 < mass.sigma / mass.value < 0.1
-    assert faulty.verdicts(found)["izz"] == "not_excited"
-
-
-@pytest.mark.thorough
-def test_nominal_values_never_enter_anything() -> None:
-    assert yaw().vehicle.nominal.ixx is None
-    without, beside = yaw(), yaw("nominal.mass=1.0", "nominal.ixx=1.0", "nominal.izz=3e-6")
-    assert without.notices == beside.notices
-    for one, other in zip(without.histories, beside.histories, strict=True):
-        np.testing.assert_array_equal(one.values, other.values)
-        np.testing.assert_array_equal(one.sigmas, other.sigmas)
-
-
 def test_a_known_value_that_the_log_denies_contradicts_what_is_proportional_to_it() -> None:
     log, used = faulty.sample("free-flyer")
     found = faulty.examined(log, used.model_copy(update={"known": {"mass": Known(value=44.0, sigma=0.1)}}))
@@ -280,7 +251,7 @@ def test_what_several_causes_agree_on_is_less_certain_where_none_of_them_is_sure
 
 @pytest.mark.parametrize(
     ("scatter_s", "most", "seed"),
-    [(1e-3, 3.0, 0), *(pytest.param(*one, 1, marks=pytest.mark.thorough) for one in ((5e-4, 3.0), (2e-3, 4.5)))],
+    [(1e-3, 3.0, 0), pytest.param(2e-3, 4.5, 1, marks=pytest.mark.thorough)],
 )
 def test_times_that_scatter_make_no_inertia_too_small(scatter_s: float, most: float, seed: int) -> None:
     """Of pulses that fill their cycles the overlap had been lost: 9 to 30 sigma, and converged."""
@@ -292,16 +263,15 @@ def test_times_that_scatter_make_no_inertia_too_small(scatter_s: float, most: fl
     assert faulty.looks_good_and_is_wrong(found, TRUTH) == []
 
 
-@pytest.mark.parametrize("factor", [8.0, pytest.param(0.2, marks=pytest.mark.thorough)])
-def test_forces_in_another_unit_than_torques_give_no_converged_cg(factor: float) -> None:
+def test_forces_in_another_unit_than_torques_give_no_converged_cg() -> None:
     """They look like an IMU out of place: of k times the force the CG c looks like k c, with the IMU (k - 1) c away."""
     flight = fly(str(WRENCH), EACH_WAY)
     log = flight.log(0)
-    wrong = replace(log, command=log.command * np.repeat([1.0, 1 / factor], 3))
+    wrong = replace(log, command=log.command * np.repeat([1.0, 1 / 8.0], 3))
     found = faulty.examined(wrong, flight.vehicle)
     (notice,) = [notice for notice in found.notices if notice.code == "thrust-scale"]
     shown = notice.message.split("cmd_force_x_n, cmd_force_y_n, cmd_force_z_n (")[1]
-    assert float(shown.split(")")[0]) == pytest.approx(factor, rel=0.25)
+    assert float(shown.split(")")[0]) == pytest.approx(8.0, rel=0.25)
     assert "the IMU sits" in notice.message
     verdicts = faulty.verdicts(found)
     assert {verdicts[name] for name in (*CG, "mass")} == {"contradicted"}
@@ -348,12 +318,11 @@ def test_a_causal_estimate_that_lost_its_way_is_contradicted_by_the_fit_of_the_s
     assert [cause.code for cause in against.causes] == ["causal-estimate-lost"]
 
 
-@pytest.mark.parametrize("seed", [2, pytest.param(3, marks=pytest.mark.thorough)])
-def test_a_gyros_scale_beside_a_fault_of_the_accelerometer_leaves_no_inertia_converged(seed: int) -> None:
+def test_a_gyros_scale_beside_a_fault_of_the_accelerometer_leaves_no_inertia_converged() -> None:
     """The accelerometer's bias alone was named, and as it moves no inertia, this stayed converged, 11 to 16 sigma off."""
     flight = fly("free-flyer", *RANDOM, seeds=(3,))
     log, noise = flight.log(0), 2e-3
-    turned = log.delta_theta_imu_rad + noise * log.interval_s[:, None] * np.random.default_rng(seed).standard_normal((log.rows, 3))
+    turned = log.delta_theta_imu_rad + noise * log.interval_s[:, None] * np.random.default_rng(2).standard_normal((log.rows, 3))
     felt = log.delta_v_imu_m_s + np.array([0.05, -0.05, 0.05]) * log.interval_s[:, None]
     found = faulty.examined(
         faulty.with_increments(log, 1.01 * turned, felt), faulty.stated(flight.vehicle, f"imu.gyro_noise_rad_s={noise}")

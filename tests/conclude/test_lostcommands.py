@@ -63,10 +63,7 @@ def test_what_is_lost_and_what_scatters_are_told_apart(seed: int) -> None:
 
 
 @pytest.mark.numerical
-@pytest.mark.parametrize(
-    ("seconds", "noise", "seed"),
-    [(25.0, 0.004, 3), *(pytest.param(60.0, *one, marks=pytest.mark.thorough) for one in ((0.002, 2), (0.008, 3)))],
-)
+@pytest.mark.parametrize(("seconds", "noise", "seed"), [(25.0, 0.004, 3), pytest.param(60.0, 0.008, 3, marks=pytest.mark.thorough)])
 def test_lost_commands_are_told_of_beside_a_disturbance_that_stands_for_them(seconds: float, noise: float, seed: int) -> None:
     """Three in 200. Beside that disturbance values had been converged, of seed 3 in the greatest noise all but the mass."""
     log, vehicle = flown(seed, seconds, noise)
@@ -82,10 +79,9 @@ def test_lost_commands_are_told_of_beside_a_disturbance_that_stands_for_them(sec
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("seconds", "seed"), [(25.0, 2), (60.0, 3)])
-def test_pulses_that_scatter_are_not_lost(seconds: float, seed: int) -> None:
+def test_pulses_that_scatter_are_not_lost() -> None:
     """They leave squares that grow with the command as well, and no bias."""
-    log, vehicle = flown(seed, seconds, 0.004, "vehicle.thrust.pulse_sigma=0.25")
+    log, vehicle = flown(2, 25.0, 0.004, "vehicle.thrust.pulse_sigma=0.25")
     exact = vehicle.model_copy(update={"thrust": vehicle.thrust.model_copy(update={"pulse_sigma": 0.0})})
     found = examined(log, exact)
     assert [notice.code for notice in found.notices] == ["disturbance-torque"]

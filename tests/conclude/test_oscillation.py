@@ -143,13 +143,12 @@ def test_noise_follows_no_oscillator_by_more_than_chance() -> None:
     assert swings(one, periods, np.ones(2)).max() < 3.5
 
 
-@pytest.mark.parametrize("hertz", [0.3, pytest.param(0.8, marks=pytest.mark.thorough)])
-def test_a_mass_beside_sloshing_fuel_is_not_called_converged(hertz: float) -> None:
-    found = swung(0.1, hertz).conclusions[0].estimates
+def test_a_mass_beside_sloshing_fuel_is_not_called_converged() -> None:
+    found = swung(0.1, 0.3).conclusions[0].estimates
     assert found["mass"].verdict == "not_converged"
     reason = found["mass"].reason
     assert reason.code == "oscillation"
-    assert dict(reason.data)["period_s"] == pytest.approx(1 / hertz, rel=0.45)
+    assert dict(reason.data)["period_s"] == pytest.approx(1 / 0.3, rel=0.45)
     assert vocabulary.remedy("mass", "not_converged", "", reason.code).startswith("fix or drain")
     # rates tell inertia by themselves
     assert all(found[name].verdict == "converged" for name in ("ixx", "iyy", "izz"))
@@ -188,9 +187,8 @@ def test_an_inertia_beside_a_part_that_swings_within_few_cycles_holds_with_its_s
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("hertz", [0.3, 0.8])
-def test_no_inertia_beside_a_flexible_part_is_called_converged(hertz: float) -> None:
-    found = swung(0.1, hertz, turning=True).conclusions[0].estimates
+def test_no_inertia_beside_a_flexible_part_is_called_converged() -> None:
+    found = swung(0.1, 0.8, turning=True).conclusions[0].estimates
     assert all(found[name].verdict != "converged" for name in ("ixx", "iyy", "izz"))
 
 

@@ -86,11 +86,10 @@ def test_an_error_that_no_channel_shows_is_doubted_and_leaves_nothing_standing_t
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", range(3))
-def test_pulses_that_scatter_hide_no_wrong_assumption(seed: int) -> None:
+def test_pulses_that_scatter_hide_no_wrong_assumption() -> None:
     """With thrust.pulse_sigma stated nothing was tested: pitch jets at 90 % left iyy over eight sigma off and converged."""
     keys = (*RANDOM, "vehicle.thrust.pulse_sigma=0.02")
-    clean = fly("free-flyer", *keys, seeds=(seed,))
+    clean = fly("free-flyer", *keys, seeds=(0,))
     found = examined(clean.log(0), clean.vehicle)
     assert {one.verdict for one in found.conclusions[0].estimates.values()} == {"converged"}
     assert not [one for one in found.doubts if one.sure]

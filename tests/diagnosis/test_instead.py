@@ -32,11 +32,10 @@ EACH_THEN_ALL = ", ".join(
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", [1051, 1052, 1054])
-def test_of_a_noisy_log_a_delay_of_cycles_is_no_turned_gyro(seed: int) -> None:
+def test_of_a_noisy_log_a_delay_of_cycles_is_no_turned_gyro() -> None:
     """Beside a torque that nobody stated a gyro that is mounted the other way round leaves little more; the delay alone leaves nothing."""
-    flown = fly("free-flyer", *NOISY, f"plan = [{EACH_THEN_ALL}]", seeds=(1051, 1052, 1054))
-    found = faulty.examined(flown.log(flown.seeds.index(seed)), faulty.stated(flown.vehicle, "cycle.command_delay_cycles=4.0"))
+    flown = fly("free-flyer", *NOISY, f"plan = [{EACH_THEN_ALL}]", seeds=(1052,))
+    found = faulty.examined(flown.log(0), faulty.stated(flown.vehicle, "cycle.command_delay_cycles=4.0"))
     assert [notice.code for notice in found.notices if notice.code != "unphysical-inertia"] == ["delay-mismatch"]
 
 
@@ -45,13 +44,12 @@ JOINING = "docked={ixx=0.072, iyy=0.48, izz=0.44, mass=5.0, cg_x=-0.0015, cg_y=0
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", [1, 2])
-def test_an_object_that_docks_is_no_fuel_that_burns(seed: int) -> None:
+def test_an_object_that_docks_is_no_fuel_that_burns() -> None:
     """A body that changes all along the log leaves little more of it than one that changes at once; two bodies leave nothing."""
     event = 'events=[{kind="dock", cycle=280, motion="rates_kept"}]'
-    flown = fly("testbed", JOINING, event, seeds=(1, 2))
+    flown = fly("testbed", JOINING, event, seeds=(1,))
     unaware = flown.vehicle.model_copy(update={"phases": (), "docking": None})
-    found = faulty.examined(flown.log(flown.seeds.index(seed)), unaware)
+    found = faulty.examined(flown.log(0), unaware)
     (said,) = [notice for notice in found.notices if notice.code != "unphysical-inertia"]
     assert said.code == "mass-change"
     assert float(said.message.split("at once at ")[1].split(" s")[0]) == pytest.approx(280 * 0.05, abs=0.5)

@@ -144,11 +144,6 @@ def test_a_page_of_two_thousand_cycles_is_below_one_and_a_half_megabytes(page: P
     assert len(page.text.encode()) < 1.5e6
 
 
-@pytest.mark.thorough
-def test_a_further_phase_adds_its_own_figures_and_no_more(docking: Recorded) -> None:
-    assert len(html.page([restless(docking, 4)]).encode()) < 1.5e6 + 2 * 0.3e6
-
-
 def harmless(page: Page) -> None:
     """What is hostile is only text."""
     assert not [tag for tag, _ in page.tags if tag == "img"]

@@ -56,11 +56,11 @@ BODY = {
 """The free flyer with 0.5 kg more at (0.1, 0, 0.2) m."""
 LOADED = " ".join(f"--set truth.{name}={value}" for name, value in BODY.items())
 TABLE = (
-    "massprop simulate pedestal -q --set duration_s=20.0 --set "
-    '\'plan=[{motion="random",axes=["roll","pitch","yaw"],every_cycles=6,max_cycles=4,closed_loop=true,start_s=0.0,end_s=20.0}]\''
+    "massprop simulate pedestal -q --set duration_s=12.0 --set "
+    '\'plan=[{motion="random",axes=["roll","pitch","yaw"],every_cycles=6,max_cycles=4,closed_loop=true,start_s=0.0,end_s=12.0}]\''
 )
-SHORT = """-q --set duration_s=20.0 --set 'plan=[{motion="random",axes=["roll","pitch","yaw","x","y","z"],start_s=0.0,end_s=20.0}]'"""
-RECORDS = """--csv -q --set duration_s=10.0 --set 'plan=[{motion="random",axes=["yaw","x"],start_s=0.0,end_s=10.0}]'"""
+SHORT = """-q --set duration_s=12.0 --set 'plan=[{motion="random",axes=["roll","pitch","yaw","x","y","z"],start_s=0.0,end_s=12.0}]'"""
+RECORDS = """--csv -q --set duration_s=6.0 --set 'plan=[{motion="random",axes=["yaw","x"],start_s=0.0,end_s=6.0}]'"""
 COMMANDS_BEFORE = f"""
 {SAMPLE}
 printf 'spread = 0.2\\n[body]\\nixx = 0.6\\niyy = 2.7\\nizz = 2.4\\nmass = 22.0\\n' > guess.toml
