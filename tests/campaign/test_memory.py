@@ -72,8 +72,8 @@ def peak(logs: int) -> int:
 @pytest.mark.thorough
 def test_a_campaign_takes_little_more_memory_for_more_logs() -> None:
     peak(10)  # imports
-    few, many = peak(260), peak(390)
-    assert many - few < PER_LOG * 130
+    few, many = peak(130), peak(230)
+    assert many - few < PER_LOG * 100
 
 
 def test_text_written_in_pieces_is_that_of_the_whole() -> None:

@@ -70,7 +70,7 @@ def test_a_fault_is_named_and_its_correction_gives_the_truth(platform: str, name
 @pytest.mark.thorough
 @pytest.mark.parametrize(("platform", "name"), KINDS)
 def test_a_fault_of_each_code_is_named(platform: str, name: str) -> None:
-    named(platform, name, 0, 600)
+    named(platform, name, 0, 400)
 
 
 def named(platform: str, name: str, seed: int, cycles: int) -> None:
