@@ -17,7 +17,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.diagnosis.fit import PASSES, Extra, fit, response
+from massprop_cli.diagnosis.fit import PASSES, Extra, Fit, fit, response
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.estimate.initial import first_reference
@@ -44,6 +44,8 @@ PRIOR = 1.0
 """Cycles; one sigma of what a single step may change."""
 LEAP = 0.5
 """Cycles, or this part of the lag; the largest step."""
+BADLY = 10.0
+"""Chi-square beyond which a fit may have run into another minimum."""
 SHARPEST = 1e-12
 """Cycles; no log tells a delay better."""
 STEPS = 6
@@ -130,11 +132,11 @@ def detect(
     ``prior``: one sigma of what is stated of each, cycles; 0: nothing is. None where the log can't tell.
     """
     begun = now = Setup(log, vehicle, start)
-    before, last = None, np.zeros(len(unknown))
+    before, last, references = None, np.zeros(len(unknown)), dict[int, Reference]()
     sharp = np.array([1 / sigma**2 if sigma else 0.0 for sigma in prior or [0.0] * len(unknown)])
     first = np.array([cycles_of(begun, name) for name in unknown])
     for _ in range(STEPS if list(unknown) == ["delay"] else MORE_STEPS):
-        found = _move(now, pieces, unknown)
+        found = _move(now, pieces, unknown, references)
         if found is None:
             return None
         before = found.before if before is None else before
@@ -288,8 +290,11 @@ def _first(samples: Samples, cycles: slice, vehicle: Vehicle) -> Reference | Non
         return None
 
 
-def _move(setup: Setup, pieces: Sequence[slice], unknown: Sequence[str]) -> _Move | None:
-    """The move that fits best, pooled over pieces; None where no piece can tell."""
+def _move(setup: Setup, pieces: Sequence[slice], unknown: Sequence[str], references: dict[int, Reference]) -> _Move | None:
+    """The move that fits best, pooled over pieces; None where no piece can tell.
+
+    Each piece is fitted from the reference that the move before left in ``references``, and from the first one where that fits badly.
+    """
     size, vehicle = len(unknown), setup.vehicle
     assert isinstance(vehicle, Resolved)
     pairs = [tuple(shifted(setup, [name], [sign * BY_NAME[name].difference]) for sign in (-1, 1)) for name in unknown]
@@ -302,14 +307,15 @@ def _move(setup: Setup, pieces: Sequence[slice], unknown: Sequence[str]) -> _Mov
     information, moment = np.zeros((size, size)), np.zeros(size)
     before = after = 0.0
     rows = 0
-    for piece in pieces:
+    for number, piece in enumerate(pieces):
         cycles = slice(max(piece.start, first), piece.stop)
-        reference = _first(stated, cycles, vehicle)
-        if reference is None:
-            continue
-        plain = fit(stated, cycles, reference, vehicle, passes=PASSES)
+        plain = _fitted(stated, cycles, references.get(number), vehicle)
+        if plain is None or plain.chi_square > BADLY:
+            again = _fitted(stated, cycles, _first(stated, cycles, vehicle), vehicle)
+            plain = min((one for one in (plain, again) if one is not None), key=lambda one: one.chi_square, default=None)
         if plain is None:
-            continue  # a response that runs away tells nothing
+            continue
+        references[number] = plain.reference
         changes = [_change(*pair, by, cycles, plain.reference, vehicle) for pair, by in zip(sides, apart, strict=True)]
         jets = _of_jets(setup.log, stated, cycles, plain.reference, vehicle)
         growth, force = (np.concatenate([*each, own], -1) for each, own in zip(zip(*changes, strict=True), jets, strict=True))
@@ -329,6 +335,11 @@ def _move(setup: Setup, pieces: Sequence[slice], unknown: Sequence[str]) -> _Mov
         return None
     covariance = np.linalg.inv(information)
     return _Move(covariance @ moment, covariance, before / rows, after / rows)
+
+
+def _fitted(samples: Samples, cycles: slice, reference: Reference | None, vehicle: Resolved) -> Fit | None:
+    """None where there is no reference to begin with, or a response that runs away tells nothing."""
+    return None if reference is None else fit(samples, cycles, reference, vehicle, passes=PASSES)
 
 
 def _samples(setup: Setup) -> Samples:
