@@ -12,7 +12,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import outliers
 from massprop_cli.diagnosis.delay import FoundTiming
 from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertain_timing, with_phase, with_timing
-from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.estimate.history import phases_of
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs.telemetry import Log, Notice
@@ -54,7 +54,7 @@ class Ready(NamedTuple):
 def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
     """:class:`massprop_cli.base.errors.InputError` where a phase holds too little, or timing can't be told."""
     check_supply(log, source.vehicle, source.source)
-    vehicle, told = _with_attitude(log, with_phase(log, finer(log, source.vehicle)))
+    vehicle, told = _with_attitude(log, with_phase(log, _undelayed(log, finer(log, source.vehicle))))
     source = replace(source, vehicle=vehicle)
     detected = found_timing(log, source, say)
     timing = stated_timing(source.vehicle) if detected is None else detected.at
@@ -87,6 +87,16 @@ def _with_attitude(log: Log, vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
         found["attitude_sigma_rad"] = sigma = shown.noise.attitude_rad
         told = [Notice("noise-estimated", f"imu.attitude_sigma_rad is not stated; {sigma:.3g} was estimated from the log")]
     return vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=found)}), told
+
+
+def _undelayed(log: Log, vehicle: Vehicle) -> Vehicle:
+    """Without a delay or lag that is still to be found where all that acts is measured, as speeds are: neither moves anything then."""
+    if vehicle.rotors:
+        commanded = any(rotor.column == "command" for rotor in vehicle.rotors)
+    else:
+        commanded = log.command.shape[1] > 0 or any(one.integrated for one in log.spinning)
+    open_ = {"cycle.command_delay_cycles": vehicle.cycle.command_delay_cycles, "thrust.lag_s": vehicle.thrust.lag_s}
+    return vehicle if commanded else stating(vehicle, {key: 0.0 for key, value in open_.items() if value == "auto"})
 
 
 def finer(log: Log, vehicle: Vehicle) -> Vehicle:
