@@ -35,10 +35,17 @@ SPUN, GIMBALLED = 200.0, 0.3
 """rad/s: speed of a gimbal gyro's rotor, and fastest rate of its gimbal."""
 ACROSS = np.array([[1, -1, 0], [1, 1, 0], [-1, -1, 0], [1, -1, 0]]) / 2**0.5
 """(4, 3) spin axes of gyros whose gimbals turn about ``TETRAHEDRON``."""
-Kind = Literal["jets", "wheels", "swing", "rotors", "gyros"]
+Kind = Literal["jets", "wheels", "swing", "rotors", "gyros", "speeds"]
 WHEELS: Kind = "wheels"
 GYROS: Kind = "gyros"
-COMMANDS = {"jets": "jet_j{}_s", "wheels": "wheel_w{}_rad_s", "swing": "{}", "rotors": "rotor_r{}_command", "gyros": "cmg_g{}_gimbal_rad"}
+COMMANDS = {
+    "jets": "jet_j{}_s",
+    "wheels": "wheel_w{}_rad_s",
+    "swing": "{}",
+    "rotors": "rotor_r{}_command",
+    "speeds": "rotor_r{}_rad_s",
+    "gyros": "cmg_g{}_gimbal_rad",
+}
 """Their columns."""
 Momentum = Callable[[float], tuple[Array, Array]]
 """At a time within a step, (V, 3) N m s, and how it grows."""

@@ -79,8 +79,8 @@ def multicopters(rng: np.random.Generator, count: int) -> Multicopters:
     )
 
 
-def fly(rng: np.random.Generator, own: Multicopters, period_s: float, cycles: int) -> Flown:
-    """Rates of up to 10 rad/s, asked for anew every few cycles, with commands that act after one cycle."""
+def fly(rng: np.random.Generator, own: Multicopters, period_s: float, cycles: int, measured: bool = False) -> Flown:
+    """Rates of up to 10 rad/s, asked for anew every few cycles, with commands that act after one cycle; or speeds that are ``measured``."""
     count, step = len(own.mass), period_s / STEPS
     inverse, wrench, lever = np.linalg.inv(own.inertia), own.wrench, own.imu - own.cg
     mixer = np.linalg.pinv(wrench[..., :3].transpose(0, 2, 1))
@@ -98,7 +98,7 @@ def fly(rng: np.random.Generator, own: Multicopters, period_s: float, cycles: in
         return turned, force / own.mass[:, None] + cross(turned, lever) + cross(rate, cross(rate, lever))
 
     rate, x, asked = np.zeros((count, 3)), np.full((count, ROTORS), HOVER), np.zeros((count, 3))
-    issued, made = np.full((BEFORE + cycles + 1, count, ROTORS), HOVER), np.zeros((BEFORE + cycles, 2, count, 3))
+    speeds, issued, made = [], np.full((BEFORE + cycles + 1, count, ROTORS), HOVER), np.zeros((BEFORE + cycles, 2, count, 3))
     gain = own.inertia / (4 * LAG_S)
     steeper = own.full * (LINEAR + 2 * (1 - LINEAR) * HOVER)
     for k in range(BEFORE + cycles):
@@ -120,15 +120,18 @@ def fly(rng: np.random.Generator, own: Multicopters, period_s: float, cycles: in
             _, felt_between = slope(between, middle)
             made[k] += step / 6 * np.stack([rate + 4 * between + after, felt + 4 * felt_between + felt_last])
             rate, x = after, ends[2]
+        speeds.append(x)
     turned, pushed = made[BEFORE:].transpose(1, 2, 0, 3)
-    return Flown(period_s, turned, pushed, issued[BEFORE + 1 :].transpose(1, 0, 2), np.zeros((count, 4)), "rotors")
+    told = np.array(speeds[BEFORE:]) if measured else issued[BEFORE + 1 :]
+    return Flown(period_s, turned, pushed, told.transpose(1, 0, 2), np.zeros((count, 4)), "speeds" if measured else "rotors")
 
 
 def vehicle_of(own: Multicopters, body: int, flown: Flown) -> Vehicle:
     """The vehicle file of one of them."""
     gyro, accel = own.noise[body].tolist()
     full, ratio = float(own.full[body]), float(own.ratio[body])
-    alike = {"thrust_n": [0.0, LINEAR * full, (1 - LINEAR) * full], "torque_ratio_m": ratio, "lag_up_s": LAG_S}
+    follows = {"column": "speed"} if flown.kind == "speeds" else {"lag_up_s": LAG_S}
+    alike = {"thrust_n": [0.0, LINEAR * full, (1 - LINEAR) * full], "torque_ratio_m": ratio, **follows}
     places = zip(own.position[body].tolist(), own.axis[body].tolist(), spins().astype(int).tolist(), strict=True)
     data = {
         "schema": 1,

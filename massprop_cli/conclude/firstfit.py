@@ -44,7 +44,7 @@ def first_fits(log: Log, source: VehicleSource, say: Progress) -> tuple[Ready, A
         known = tuple((np.array(begun.stated.imu.body_from_imu).T @ bias).tolist())
         return _fitted(ready(log, replace(source, vehicle=stating(source.vehicle, {"imu.gyro_bias_rad_s": known})), say))
 
-    return _with_scattered_speeds(_without_its_bias(_fitted(begun), less))
+    return _with_unsampled_thrust(_with_scattered_speeds(_without_its_bias(_fitted(begun), less)))
 
 
 def _fitted(begun: Ready) -> _First:
@@ -106,6 +106,24 @@ def _with_scattered_speeds(first: _First) -> _First:
     noise = {"imu.gyro_noise_rad_s": level, "environment.disturbance_torque_n_m": torque}
     stated = stating(begun.stated.model_copy(update={"wheels": exact}), noise)
     return _fitted(begun._replace(stated=stated, notices=[*begun.notices, notice]))
+
+
+def _with_unsampled_thrust(first: _First) -> _First:
+    """What rotors whose speeds are measured did between samples: as a white torque, and as noise of the specific force."""
+    begun, rotors = first.begun, first.begun.stated.rotors
+    known = zip(rotors, begun.log.command.T, begun.log.cycles_apart, strict=True) if begun.log.cycles_apart else ()
+    sigmas = np.array([rotor.unsampled(x, each) for rotor, x, each in known])
+    reference = next((fit.history.reference for fit in first.plain.fits if fit is not None), None)
+    if reference is None or not sigmas.any():
+        return first
+    wrench = begun.stated.rotor_wrench * sigmas[:, None]
+    environment, imu = begun.stated.environment, first.plain.used.imu
+    torque = _largest((wrench[:, :3] - np.cross(reference.cg, wrench[:, 3:])) ** 2)
+    levels = {
+        "environment.disturbance_torque_n_m": float(np.hypot(environment.disturbance_torque_n_m, torque)),
+        "imu.accel_noise_m_s2": float(np.hypot(imu.accel_noise_m_s2, _largest(wrench[:, 3:] ** 2) * reference.mu)),
+    }
+    return _fitted(begun._replace(stated=stating(begun.stated, levels)))
 
 
 def _turned(scattered: Array, samples: Source, inertia: Array) -> float:

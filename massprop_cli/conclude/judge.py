@@ -149,7 +149,8 @@ def _biased(found: Analysis, settled: History) -> dict[str, Reason]:
     vehicle = _judgeable(found, settled)
     if vehicle is None:
         return {}
-    return swinging(settled, found.samples, vehicle, found.stated) | unexecuted(settled, found.samples, vehicle)
+    seldom = max(found.log.cycles_apart, default=0)
+    return swinging(settled, found.samples, vehicle, found.stated, seldom) | unexecuted(settled, found.samples, vehicle)
 
 
 def _explained(against: Contradiction | None, unknown: str) -> Contradiction | None:

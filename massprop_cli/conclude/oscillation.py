@@ -32,6 +32,8 @@ from massprop_cli.prepare.compensate import BLOCK, Source, apart
 
 PERIODS = 4.0 * 2.0 ** np.arange(0, 8.5, 0.5)
 """Cycles: 4 to 1024."""
+SEEN = 8
+"""Logged speeds of rotors in the shortest period: what they did between them goes with the commands, too."""
 MEMORY = 3
 """Periods after which a push is forgotten."""
 REPEATED = 2
@@ -59,13 +61,14 @@ class Lagged(NamedTuple):
     """Mean length of a cycle."""
 
 
-def swinging(history: History, samples: Source, used: Resolved, stated: Vehicle) -> dict[str, Reason]:
+def swinging(history: History, samples: Source, used: Resolved, stated: Vehicle, apart_cycles: int = 0) -> dict[str, Reason]:
     """Why values are not to be called converged, by quantity: those that rest on a sensor which shows a swing.
 
-    ``used`` holds the disturbances that were sized, beyond what is ``stated``.
+    ``used`` holds the disturbances that were sized, beyond what is ``stated``; speeds of rotors are known every ``apart_cycles``.
     """
     cycles = history.cycles
     periods = PERIODS[: np.searchsorted(PERIODS, (cycles.stop - cycles.start) / REPEATED, "right")]
+    periods = periods[periods >= SEEN * apart_cycles]
     if history.reference is None or not len(periods):
         return {}
     found = lagged(history, samples)

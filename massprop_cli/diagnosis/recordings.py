@@ -23,6 +23,7 @@ from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import Refit, tried
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.errorparameters.setup import stating
+from massprop_cli.inputs.actuators.rotor import SPEED
 from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.prepare.actuators import LATE
@@ -88,6 +89,13 @@ def sparse(case: Case) -> str:
     one before and the one behind it, for each cycle of the n separately. If all commands are logged, the residual variance is the same in
     each of the n, whatever else is wrong. If not, it is least next to a logged command.
     """
+    slow = {rotor.name: each for rotor, each in zip(case.vehicle.rotors, case.log.cycles_apart, strict=False) if each > 1}
+    if slow:
+        named = ", ".join(SPEED.of(name) for name in slow)
+        return (
+            f"log and vehicle file don't fit, cause unknown: {named}: a speed in every {max(slow.values())}. control cycle alone, and what "
+            "these rotors do in between moves the vehicle. Log their speeds in every control cycle, or their commands"
+        )
     given = _each_cycle(case.log)
     every, first = (1, 0) if given is None else _rhythm(given)
     if given is None or every == 1:

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from massprop_cli.base import spill
-from massprop_cli.base.arrays import Array, IntArray, median
+from massprop_cli.base.arrays import Array, IntArray, cubic, median
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.columns import COMMAND_TIME, FIXED, TIME, Column
@@ -22,6 +22,8 @@ SENSORS = "acc(?:el(?:eration|erometer)?)?|delta_?v|gyro?(?:scope)?|delta_?theta
 """What names of IMU columns hold in other programs."""
 GAP, LONG = 2.5, 1.5
 """Times the median interval: a record that is longer than that is a gap, or has lost one before it."""
+HELD, SELDOM = 10, 0.1
+"""Values that a recorder must have held before it counts as slower than the log, and part of them that may stand in one row alone."""
 
 
 def alike(column: str, other: str) -> bool:
@@ -180,6 +182,32 @@ class LogTable:
         return (
             f"; or a record was lost before {self.place(at)}, which comes {steps[at - 1]:.6g} s after the one above it: split the log there"
         )
+
+    def between(self, column: str, n: int) -> Array:
+        """(n,) the column, a smooth curve through its samples where records have none or repeat the last one."""
+        time_s, rows = self.required(TIME)[:n], self.samples(column, n)
+        values = self.optional(column)[:n]
+        return values if len(rows) == n else cubic(time_s, time_s[rows], values[rows])
+
+    def samples(self, column: str, n: int) -> IntArray:
+        """Rows that hold a sample: neither empty, nor one that a slower recorder holds between rows."""
+        values = self.optional(column)[:n]
+        rows = np.flatnonzero(~np.isnan(values))
+        if np.isinf(values).any() or not rows.size:
+            self.required(column)
+        changed = np.flatnonzero(np.diff(values[rows], prepend=np.nan))
+        held = np.diff(changed)
+        if len(held) < HELD or np.quantile(held, SELDOM) < 2:
+            return rows
+        # one that stays the same for longer was sampled as often
+        since = np.arange(len(rows)) - changed[np.searchsorted(changed, np.arange(len(rows)), "right") - 1]
+        found: IntArray = rows[since % int(np.median(held)) == 0]
+        return found
+
+    def ends(self, column: str, records: int, n: int) -> Array:
+        """(K,) what was measured at the end of each cycle, as :meth:`between`."""
+        values = self.between(column, n)
+        return values[records - 1 :: records] if self.issued is None else values[np.append(self.issued[1:], n) - 1]
 
     def mean(self, column: str, records: int, n: int) -> Array:
         """(K,) over each cycle, of a number in every record."""

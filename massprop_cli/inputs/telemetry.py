@@ -102,6 +102,8 @@ class Log:
     """(M,) when each row of ``command`` was issued, by the commands' clock; None: each begins a control cycle, M = K."""
     sampled: tuple[bool, bool] = (False, False)
     """Whether a record of the gyro, of the accelerometer is a sample at its time (times its length), not the motion over it."""
+    cycles_apart: tuple[int, ...] = ()
+    """Cycles from one logged speed of each rotor to the next, 0 of one whose command is logged."""
     began_s: float | None = None
     """When the log began that this is a part of; None: it is the whole."""
 
@@ -180,11 +182,10 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         command_s = command_s[: len(source.issued)]
     imu = _imu(source, vehicle, interval_s)
     theta, velocity = imu.theta, imu.velocity
-    notices += [*paced, *_emptiness(source, imu.empty)]
+    notices += [*paced, *_emptiness(source, imu.empty), *saturation(vehicle, theta, velocity, interval_s)]
     kind, command = commands.commands(source, vehicle, records, n, pulsed)
     attitude = _attitude(source)
     _check_outliers(source, vehicle, time_s, interval_s)
-    notices += saturation(vehicle, theta, velocity, interval_s)
     if table.made is not None:
         agreement.check(
             table.path, table.made, vehicle, theta[:n], velocity[:n] / interval_s[:n, None], None if attitude is None else attitude[:n]
@@ -210,6 +211,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         command_s=command_s,
         sampled=_sampled(source, vehicle),
         spinning=commands.momentum(source, vehicle, records, n),
+        cycles_apart=tuple(rotor.cycles_apart(source, records, n) for rotor in vehicle.rotors),
     )
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from massprop_cli import flow
+from massprop_cli.base.arrays import Array
+from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.estimate import compiled, engine
 from massprop_cli.inputs.vehicle import Phase
-from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.kernel import Kernel, kernel
 from massprop_cli.model import regressors
 from massprop_cli.model.resolved import Resolved
@@ -55,3 +59,46 @@ def test_the_compiled_kernel_says_the_same() -> None:
         by_numpy = engine.replay(samples, cycles, phase, vehicle)
     assert np.isfinite(by_kernel.values[-1]).all()
     assert np.nanmax(np.abs(by_kernel.values - by_numpy.values) / by_numpy.sigmas) < 1e-6
+
+
+def analysed(seed: int, period_s: float, seldom: int = 1, held: bool = False, measured: bool = True) -> tuple[Analysis, Array]:
+    """One of them with its delay left to the log, and errors over sigmas; speeds are logged in one cycle of ``seldom``."""
+    rng = np.random.default_rng(seed)
+    own = anyrotors.multicopters(rng, 1 if measured else 2)
+    flown = anyrotors.fly(rng, own, period_s, 1000, measured)
+    since = (np.arange(1000) - 1) % seldom
+    speeds = flown.issued[:, np.maximum(np.arange(1000) - since, 0)]
+    flown = replace(flown, issued=speeds if held else np.where((since == 0)[None, :, None], speeds, np.nan))
+    used = anyrotors.vehicle_of(own, 0, flown)
+    source = VehicleSource(changed(used, ['cycle.command_delay_cycles="auto"']), "", "")
+    found = flow.examine(anypedestal.log_of(rng, own, 0, flown, used), source)
+    (conclusion,) = found.conclusions
+    return found, (conclusion.values - own.ten[0]) / conclusion.sigmas
+
+
+@pytest.mark.numerical
+@pytest.mark.parametrize("seed", [3, 5])
+def test_measured_speeds_need_no_delay_and_converge(seed: int) -> None:
+    found, z = analysed(seed, 0.005)
+    assert not found.notices
+    assert {one.verdict for one in found.conclusions[0].estimates.values()} == {"converged"}
+    assert np.abs(z).max() < 3.5
+
+
+@pytest.mark.numerical
+@pytest.mark.parametrize(("seed", "held"), [(6, True), (7, False)], ids=["held", "empty between"])
+def test_speeds_logged_in_one_cycle_of_four_give_values_within_their_sigmas(seed: int, held: bool) -> None:
+    """50 Hz beside an IMU of 200 Hz: what rotors do in between widens the sigmas, and no cause is named."""
+    found, z = analysed(seed, 0.005, 4, held)
+    assert not {notice.code for notice in found.notices} - {"model-discrepancy"}
+    assert np.abs(z).max() < 3.5
+    assert np.median(found.conclusions[0].sigmas[:1] / found.conclusions[0].values[:1]) < 0.05
+
+
+@pytest.mark.numerical
+def test_a_delay_is_found_where_the_first_fit_runs_away() -> None:
+    found, z = analysed(1, 0.0125, measured=False)
+    assert not found.notices
+    assert found.detected is not None
+    assert found.detected.at.delay == pytest.approx(1.0, abs=4 * found.detected.sigma.delay)
+    assert np.abs(z).max() < 3.5

@@ -100,11 +100,24 @@ def test_a_measured_speed_acts_at_once_and_holds_momentum(tmp_path: Path) -> Non
     )
     aligned = align(read(table, vehicle), vehicle, 2.0, 0.0)
     assert aligned.stored is not None
-    assert np.abs(aligned.whole[:, 5] - 0.05e-4 * speed**2).max() < 1e-12
+    square = (speed[1:] ** 2 + speed[1:] * speed[:-1] + speed[:-1] ** 2) / 3  # its mean while the speed changes evenly
+    assert np.abs(aligned.whole[1:, 5] - 0.05e-4 * square).max() < 1e-12
     assert np.abs(aligned.stored.mean.mean(1)[1:, 0] - 3e-5 * (speed[1:] + speed[:-1]) / 2).max() < 1e-12
     assert aligned.stored.axis.tolist() == [[0.0, 0.0, -1.0]]
-    drag = 0.05e-4 * speed[1:] ** 2 * (0.2 * 0.0 + 0.05)  # turning left-handed, it turns the vehicle right-handed, as its spinning up does
+    drag = 0.05e-4 * square * (0.2 * 0.0 + 0.05)  # turning left-handed, it turns the vehicle right-handed, as its spinning up does
     assert np.abs(aligned.whole[1:, 2] - drag - 3e-5 * np.diff(speed)).max() < 1e-12
+
+
+@pytest.mark.parametrize("held", [True, False], ids=["held", "empty between"])
+def test_speeds_of_a_slower_recorder_are_on_a_curve_between_their_samples(tmp_path: Path, held: bool) -> None:
+    """Straight lines would be off by 2 rad/s."""
+    speed = 100 + 50 * np.sin(np.arange(100) / 7)
+    since = (np.arange(100) - 2) % 4
+    seldom = speed[np.maximum(np.arange(100) - since, 0)] if held else np.where(since == 0, speed, np.nan)
+    log = read(*of_rotors(tmp_path, {"rotor_r_rad_s": seldom}, column="speed"))
+    assert log.cycles_apart == (4,)
+    assert np.abs(log.command[6:95, 0] - speed[6:95]).max() < 0.2
+    assert read(*of_rotors(tmp_path, {"rotor_r_rad_s": speed}, column="speed")).cycles_apart == (1,)
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,8 @@ from massprop_cli.inputs.section import NonNegative, Place, Positive, Real, Vect
 COMMAND = LogColumn(
     "rotor_", "_command", "command", PLAIN, False, True, "what a rotor is commanded in this control cycle, as its thrust_n takes it"
 )
+FEW = 20
+"""Logged speeds from which on it is known how a rotor turns between them."""
 SPEED = LogColumn("rotor_", "_rad_s", "speed", SPIN, True, False, "a rotor's speed at time_s, rad/s")
 
 
@@ -116,21 +118,42 @@ class Rotor(Actuator):
 
     def read(self, source: LogTable, records: int, n: int) -> WheelLog:  # noqa: ARG002
         """The speed of what turns with it."""
-        return WheelLog(frozen(source.required(SPEED.of(self.name))[:n]), None, None)
+        return WheelLog(frozen(source.between(SPEED.of(self.name), n)), None, None)
 
     def held(self, asked: Array, begin_s: Array, at_once_s: Array, lag_s: float) -> "Held":
-        """Of what is asked for in cycles (K,) that act from ``begin_s`` on as commanded, from ``at_once_s`` on as measured."""
-        return Held(begin_s if self.column == "command" else at_once_s, asked, *self.lags(lag_s), self.thrust_n)
+        """Of what is asked for in cycles (K,) that act from ``begin_s`` on as commanded; as measured, at once."""
+        measured = self.column == "speed"
+        return Held(at_once_s if measured else begin_s, asked, *self.lags(lag_s), self.thrust_n, measured)
+
+    def cycles_apart(self, source: LogTable, records: int, n: int) -> int:
+        """How many cycles of ``records`` one logged speed stands for; 0 of a command."""
+        if self.column == "command":
+            return 0
+        rows = source.samples(SPEED.of(self.name), n)
+        return max(round(float(np.median(np.diff(rows))) / records), 1) if len(rows) > 1 else n // records
+
+    def unsampled(self, x: Array, each: int) -> float:
+        """One sigma of thrust [N] by what a rotor did between speeds ``x`` (K,), of which one in ``each`` cycles was logged.
+
+        A curve through every second one of those is off by E₂ at one between, through every fourth by E₄: through all, in the mean between
+        neighbours, by ⅔ E₂ E₂ / E₄, whether a speed is smooth or wanders (E₄ = √2 E₂). For m cycles it is off to the same side, which is in
+        each a white error of m times the variance.
+        """
+        if not each or len(x) < FEW * each:
+            return 0.0
+        near, far = _beside_curve(x, each), _beside_curve(x, 2 * each)
+        slope = float(np.sqrt(np.mean(np.polynomial.Polynomial(self.thrust_n).deriv()(x) ** 2)))
+        return slope * each**0.5 * 2 / 3 * near * min(near / far, 1.0) if far else 0.0
 
     def asked(self, source: LogTable, records: int, n: int) -> Array:
-        """(K,) what it is told in each cycle, as its thrust_n takes it; or its measured speed."""
+        """(K,) what it is told in each cycle, as its thrust_n takes it; or its measured speed at the end of each."""
         column = own_column(source, self, self.column, ", and thrust_n by that")
-        x = source.mean(column, records, n) if self.column == "speed" else source.per_cycle(column, records, n)
+        x = source.ends(column, records, n) if self.column == "speed" else source.per_cycle(column, records, n)
         return x if self.nominal_v is None else x * source.mean(SUPPLY, records, n) / self.nominal_v
 
 
 class Held(NamedTuple):
-    """What is asked for from each time to the next, the lags behind it, and the thrust that it makes."""
+    """What is asked for from each time to the next, or measured at the next; the lags behind it, and the thrust that it makes."""
 
     begin_s: Array
     asked: Array
@@ -138,6 +161,12 @@ class Held(NamedTuple):
     down_s: float
     thrust_n: Sequence[float]
     """Coefficients of the polynomial, the constant first."""
+    measured: bool = False
+    """Whether each was measured at the next one's time, and it changes evenly in between."""
+
+
+NODES, WEIGHTS = (each / 2 for each in np.polynomial.legendre.leggauss(5))
+"""Of Gauss's rule from −½ to ½, exact for a thrust of :attr:`Rotor.thrust_n` times the time."""
 
 
 def thrust_integrals(rotors: Sequence[Held], edges_s: Array) -> tuple[Array, Array]:
@@ -174,7 +203,31 @@ class _Pieces(NamedTuple):
 
 
 def _bin_integrals(rotor: Held, pieces: _Pieces) -> tuple[Array, Array]:
-    """In each piece it is at ``x + d exp(−t / lag)``, so thrust is a sum of ``exp(−n t / lag)``."""
+    """In each piece it is at ``x + d exp(−t / lag)``, so thrust is a sum of ``exp(−n t / lag)``; or it changes evenly between speeds."""
+    integral, moment = _measured(rotor, pieces) if rotor.measured else _lagging(rotor, pieces)
+    moment += pieces.into_s * integral
+    first, second = (np.bincount(pieces.bins, each).astype(np.float64) for each in (integral, moment))
+    return first, second
+
+
+def _measured(rotor: Held, pieces: _Pieces) -> tuple[Array, Array]:
+    """∫ T dt and ∫ t T dt over each piece."""
+    begin_s, length = rotor.begin_s, pieces.length_s
+    gone_s = length[:, None] * (0.5 + NODES)
+    end_s = np.append(begin_s[1:], 2 * begin_s[-1] - begin_s[-2:][0])
+    speed = np.interp((begin_s[pieces.k] + pieces.since_s)[:, None] + gone_s, end_s, rotor.asked)
+    thrust = np.polynomial.Polynomial(rotor.thrust_n)(speed)
+    return length * (thrust @ WEIGHTS), length * ((thrust * gone_s) @ WEIGHTS)
+
+
+def _beside_curve(x: Array, n: int) -> float:
+    """By how much x (K,), rms, is off a curve (:func:`massprop_cli.base.arrays.cubic`) through those n, 3 n, … away."""
+    found = x[3 * n : -3 * n] - (9 * (x[2 * n : -4 * n] + x[4 * n : -2 * n]) - x[: -6 * n] - x[6 * n :]) / 16
+    return float(np.sqrt(np.mean(found**2)))
+
+
+def _lagging(rotor: Held, pieces: _Pieces) -> tuple[Array, Array]:
+    """The same."""
     at, lag = _departures(rotor)
     k, length = pieces.k, pieces.length_s
     left = at[k] * np.exp(-pieces.since_s / lag[k])
@@ -186,9 +239,7 @@ def _bin_integrals(rotor: Held, pieces: _Pieces) -> tuple[Array, Array]:
         gone = -np.expm1(-length / tau)
         integral += size * tau * gone
         moment += size * tau * (tau * gone - length * (1 - gone))
-    moment += pieces.into_s * integral
-    first, second = (np.bincount(pieces.bins, each).astype(np.float64) for each in (integral, moment))
-    return first, second
+    return integral, moment
 
 
 def _departures(rotor: Held) -> tuple[Array, Array]:
