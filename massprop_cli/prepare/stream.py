@@ -23,10 +23,10 @@ from massprop_cli.prepare.sensor import kernel_effect, shown_late_s
 from massprop_cli.prepare.sums import of_records
 from massprop_cli.prepare.timing import Timing
 
-GRID = 1024
+GRID = 256
 """Parts begin at multiples of so many cycles, ..."""
-LEAST = 6 * GRID
-"""... and are so long at least: a causal pass looks back by less than two of the six."""
+LEAST = 24 * GRID
+"""... and are so long at least: a causal pass looks back by less than a third of that."""
 
 
 class Alignment:
@@ -35,17 +35,13 @@ class Alignment:
     def __init__(self, log: Log, vehicle: Vehicle, timing: Timing) -> None:
         self.log, self.vehicle, self.timing = recorded.undone(log, vehicle), vehicle, timing
         self.usable_s = first_usable_s(log, vehicle, timing.delay * vehicle.cycle.period_s, timing.lag_s(vehicle))
-        self._held = slice(0, min(LEAST, log.cycles))
-        self._aligned = self._align(self._held)
+        self._last: tuple[slice, Aligned] | None = None
 
     def part(self, cycles: slice) -> Aligned:
         """Of these cycles."""
-        if cycles != self._held:
-            self._held, self._aligned = cycles, self._align(cycles)
-        return self._aligned
-
-    def _align(self, cycles: slice) -> Aligned:
-        return align(self.log, self.vehicle, self.timing.delay, self.timing.lag_s(self.vehicle), cycles)
+        if self._last is None or self._last[0] != cycles:
+            self._last = cycles, align(self.log, self.vehicle, self.timing.delay, self.timing.lag_s(self.vehicle), cycles)
+        return self._last[1]
 
 
 class Stream:
