@@ -137,7 +137,8 @@ def _alone(screening: Screening) -> list[Refit]:
     """The most likely causes, each put to the test."""
     begun = _turned(screening) if screening.upset else []
     most = SECOND if screening.upset else FINALISTS[screening.model.bearing is not None]
-    best = [*searched(screening, begun, (most, most), beyond(screening)), *otherwise(screening)]
+    best = searched(screening, begun, (most, most), beyond(screening))
+    best += [] if any(map(_whole, best)) else otherwise(screening)
     likeliest = min((refit for refit in best if refit.fits), key=lambda refit: refit.score, default=None)
     if likeliest is not None and (likeliest.fitted.hypothesis.gyro != np.eye(3)).any():
         # actuators that are wired round may be a turn of the whole vehicle
