@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -316,8 +316,9 @@ def _limits(case: Case) -> tuple[States, tuple[States, ...]] | None:
 
     least, further = _left(case, {}), list[States]()
     for which in (commanded.tolist(), *([int(i)] for i in commanded)):
-        by = partial(left, which)
-        part = _least(by, PARTS.tolist(), float(PARTS[0] - PARTS[1]), FINEST)
+        by = cache(partial(left, which))
+        part = _least(by, PARTS.tolist(), float(PARTS[0] - PARTS[1]), NEAR)
+        part = _least(by, [part], NEAR, FINEST) if by(part) < least else part
         if by(part) < least - CLEAR:
             least, sigma = by(part), _sigma(by, part)
             further.append(states(which, part + sigma))
@@ -328,6 +329,7 @@ def _limits(case: Case) -> tuple[States, tuple[States, ...]] | None:
 def _least(cost: Callable[[float], float], begun: Sequence[float], step: float, finest: float) -> float:
     """The value with the least cost, from the best of those ``begun`` on by halved steps; of values that cost the same the largest."""
 
+    @cache
     def order(value: float) -> tuple[float, float]:
         return cost(value), -value
 
