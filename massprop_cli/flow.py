@@ -19,7 +19,7 @@ from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import in_doubt
 from massprop_cli.diagnosis import UNKNOWN, sensorkernel
 from massprop_cli.estimate.crossvalidation import CrossValidation, cross_validation
-from massprop_cli.estimate.phases import Progress
+from massprop_cli.estimate.phases import AsStated, Progress
 from massprop_cli.inputs import clipped, vehiclefile
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -30,6 +30,9 @@ UNFIT = (
     "from body, Z up), frame and latency"
 )
 """Of a logged attitude."""
+EXPLAINED, FITS, FAR = 0.1, 2.0, 1e3
+"""Part of the mean squared residual, and times the noise, beyond which a low-pass with about the most likely cutoff is not what is wrong: a
+cutoff that is off by a fifth leaves a part of 0.04. And times the noise beyond which it never is: the fit without may have run away."""
 
 
 def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), progress: Progress | None = None) -> Analysis:
@@ -45,7 +48,7 @@ def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), pr
 
 def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress) -> Analysis:
     read, stated = clipped.with_unstated(log), source
-    log, source = sensorkernel.found(read, stated, say)
+    log, source, _ = sensorkernel.found(read, stated, say)
     carried = log.attitude_wxyz is not None and source.vehicle.pivoted
     try:
         first = first_fits(log, source, say)
@@ -75,8 +78,7 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
             return again
     told = told or judged(found, correctedestimate.mended(found, say))
     if not told.faults and not _fits(told):
-        filtered = sensorkernel.found(log, source, say, unfit=True)
-        tried = None if filtered[0] is log else _tried(*filtered, assignments, say)
+        tried = _behind_a_low_pass(log, source, assignments, say, first[1])
         if tried is not None and _fits(tried):
             return tried
     if source is not stated and not told.faults and not _fits(told):
@@ -101,6 +103,20 @@ def _cross_validations(found: Analysis) -> tuple[CrossValidation | None, ...]:
                 one = cross_validation(found.samples, settled.cycles, settled.reference, vehicle, found.plain.consider)
         every.append(one)
     return tuple(every)
+
+
+def _behind_a_low_pass(
+    log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, plain: AsStated | None
+) -> Analysis | None:
+    """With sensors behind low-passes that the log shows; None where it does not fit so, or where nearly so it leaves most of ``plain``."""
+    filtered = sensorkernel.found(log, source, say, unfit=True)
+    if filtered.log is log or plain is None:
+        return None
+    with suppress(InputError):
+        _, nearly = first_fits(filtered.log, filtered.nearest, say)
+        if nearly is not None and nearly.left < max(min(EXPLAINED * plain.left, FAR), FITS):
+            return _tried(filtered.log, filtered.source, assignments, say)
+    return None
 
 
 def _tried(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress) -> Analysis | None:

@@ -69,18 +69,13 @@ def _without_its_bias(first: _First, less: Callable[[Array], _First]) -> _First:
 def _without_its_yaw_bias(first: _First, less: Callable[[Array], _First]) -> _First:
     """Less the bias about Z with which the log fits, where there is one: what three fits leave is quadratic in it."""
     step = np.array([0.0, 0.0, first.begun.stated.imu.gyro_bias_sigma_rad_s])
-    before, now, after = (_left(one.plain) for one in (less(-step), first, less(step)))
+    before, now, after = (one.plain.left for one in (less(-step), first, less(step)))
     bent = before - 2 * now + after
     parts = (before - after) / (2 * bent) if bent > 0 else np.inf
     if not abs(parts) < NO_BIAS:
         return first
     found = less(parts * step)
     return first if found.plain.misfit else found
-
-
-def _left(plain: AsStated) -> float:
-    """Chi-square of the off-line fits."""
-    return sum(fit.history.left() for fit in plain.fits if fit is not None)
 
 
 def _with_scattered_speeds(first: _First) -> _First:

@@ -7,6 +7,7 @@ Rates and specific force are regressed on the commands as each kernel would show
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal, NamedTuple
@@ -30,6 +31,10 @@ one sensor differs from the other's clear low-pass: they are mostly in one chip.
 UNUSUAL = 10.0
 """−2 log of the prior odds of means behind a low-pass against samples behind one."""
 CUTOFFS_HZ = (220.0, 150.0, 105.0, 75.0, 53.0, 38.0, 27.0, 19.0, 13.0, 9.5)
+BEGUN_HZ = CUTOFFS_HZ[1::3]
+"""Those that are tried first."""
+Order = Literal[0, 1, 2]
+LOW_PASSES: tuple[Order, ...] = (1, 2)
 SHIFTS = (-2.0, -1.0, 1.0, 2.0)
 """Sigmas of a phase that is not stated, by which means or samples without a low-pass may be early or late."""
 LONGEST = 4800
@@ -38,42 +43,62 @@ LONGEST = 4800
 
 class _Kernel(NamedTuple):
     sampled: bool
-    order: Literal[0, 1, 2]
+    order: Order
     cutoff_hz: float
 
 
-def found(log: Log, source: VehicleSource, say: Progress, unfit: bool = False) -> tuple[Log, VehicleSource]:
-    """Log and vehicle file with what the log shows of kernels that are not stated, and notices of it.
+class Read(NamedTuple):
+    """A log and its vehicle file, as the kernels are that the log shows."""
+
+    log: Log
+    """With a notice of them."""
+    source: VehicleSource
+    """With cutoffs that are still to be found."""
+    nearest: VehicleSource
+    """With about the most likely ones, between those that were tried."""
+
+
+def found(log: Log, source: VehicleSource, say: Progress, unfit: bool = False) -> Read:
+    """Log and vehicle file with what the log shows of kernels that are not stated.
 
     Of increments, which are what they are, low-passes alone, and where the log is ``unfit`` without any.
     """
-    vehicle = source.vehicle
+    vehicle, as_stated = source.vehicle, Read(log, source, source)
     rates = (log.rate_columns != DELTA_THETA and log.force_columns != DELTA_V) != unfit
     unstated = [sensor for sensor in delay.SENSORS if f"{sensor}_filter" not in vehicle.imu.model_fields_set]
     open_kind = not unfit and "measures" not in vehicle.imu.model_fields_set and log.made is None and not any(log.sampled)
     lagged = vehicle.imu.gyro_lag_s > 0 or vehicle.imu.accel_lag_s > 0
     if not rates or len(unstated) < len(delay.SENSORS) or lagged or vehicle.estimator.method != "default":
-        return log, source
+        return as_stated
     say("finding what the IMU records", 0.0)
     costs = _costs(log, vehicle, (False, True) if open_kind else (any(log.sampled),))
-    if not costs:
-        return log, source
-    best = _best(costs)
+    best = _best(costs) if costs else None
     if best is None:
-        return log, source
-    imu: dict[str, object] = {
-        f"{sensor}_filter": LowPass(order=one.order, cutoff_hz="auto")
-        for sensor, one in zip(delay.SENSORS, best, strict=True)
-        if one.order  # 0 is none
-    }
+        return as_stated
+    orders = {f"{sensor}_filter": one for sensor, one in zip(delay.SENSORS, best, strict=True) if one.order}  # 0 is none
     sampled = best[0].sampled
-    if sampled and open_kind:
-        imu["measures"] = "sample"
-    if not imu:
-        return log, source
-    used = vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=imu)})
+    kind: dict[str, object] = {"measures": "sample"} if sampled and open_kind else {}
+    if not (orders or kind):
+        return as_stated
+    sought, nearest = (
+        replace(source, vehicle=vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=kind | low_passes)}))
+        for low_passes in (
+            {key: LowPass(order=one.order, cutoff_hz="auto") for key, one in orders.items()},
+            {key: LowPass(order=one.order, cutoff_hz=_likeliest_hz(costs, key, one)) for key, one in orders.items()},
+        )
+    )
     log = replace(log, sampled=(sampled, sampled), notices=(*log.notices, _notice(best, sampled and open_kind)))
-    return log, replace(source, vehicle=used)
+    return Read(log, sought, nearest)
+
+
+def _likeliest_hz(costs: Mapping[_Kernel, tuple[float, float]], key: str, best: _Kernel) -> float:
+    """The cutoff of a sensor's low-pass by a parabola through the costs of the best of :data:`CUTOFFS_HZ` and of those beside it."""
+    sensor, at = delay.SENSORS.index(key.removesuffix("_filter")), CUTOFFS_HZ.index(best.cutoff_hz)
+    if not 0 < at < len(CUTOFFS_HZ) - 1:
+        return best.cutoff_hz
+    near = CUTOFFS_HZ[at - 1 : at + 2]
+    bent, slope, _ = np.polyfit(np.log(near), [costs[best._replace(cutoff_hz=cutoff)][sensor] for cutoff in near], 2)
+    return float(np.exp(np.clip(-slope / (2 * bent), *np.log([near[-1], near[0]])))) if bent > 0 else best.cutoff_hz
 
 
 def without(source: VehicleSource) -> VehicleSource:
@@ -91,23 +116,43 @@ def _costs(log: Log, vehicle: Vehicle, kinds: tuple[bool, ...]) -> dict[_Kernel,
     at = Timing(0.0, lag) if stated == "auto" else Timing(stated, lag)
     if stated == "auto":
         at = next((rated.at for rated in delay.search(part, vehicle, [lag])), at)
-    tried = [_Kernel(kind, 0, 0.0) for kind in kinds]
-    tried += [_Kernel(kind, order, cutoff) for kind in kinds for order in (1, 2) for cutoff in CUTOFFS_HZ]
-    phase, costs = PHASE * float(np.mean(log.interval_s)) / vehicle.cycle.period_s, {}
+    phase, costs = PHASE * float(np.mean(log.interval_s)) / vehicle.cycle.period_s, dict[_Kernel, tuple[float, float]]()
     longest = int(np.ceil(at.delay + 2)) + 5 * int(np.ceil(lag + 1 / (2 * np.pi * CUTOFFS_HZ[-1] * vehicle.cycle.period_s)))
-    for one in tried:
+
+    def add(one: _Kernel) -> None:
         low_pass = LowPass(order=one.order, cutoff_hz=one.cutoff_hz) if one.order else None
         imu = vehicle.imu.model_copy(update={f"{sensor}_filter": low_pass for sensor in delay.SENSORS})
         # of the bins within a cycle nothing is asked
         used = vehicle.model_copy(update={"imu": imu, "estimator": vehicle.estimator.model_copy(update={"bins_per_cycle": 2})})
         own = replace(part, sampled=(one.sampled, one.sampled))
         shifts = (0.0,) if one.order else (0.0, *SHIFTS)
-        try:
-            each = [delay.unexplained_by(own, used, at._replace(delay=max(at.delay + by * phase, 0.0)), longest) for by in shifts]
-        except InputError:
-            return {}
+        each = [delay.unexplained_by(own, used, at._replace(delay=max(at.delay + by * phase, 0.0)), longest) for by in shifts]
         costs[one] = min(gyro for gyro, _ in each), min(accelerometer for _, accelerometer in each)
+
+    try:
+        for kind in kinds:
+            add(_Kernel(kind, 0, 0.0))
+        for kind, order in itertools.product(kinds, LOW_PASSES):
+            due = {_Kernel(kind, order, cutoff) for cutoff in BEGUN_HZ}
+            while due:
+                for one in due:
+                    add(one)
+                due = _beside_the_best(costs, kind, order)
+    except InputError:
+        return {}
     return costs
+
+
+def _beside_the_best(costs: Mapping[_Kernel, tuple[float, float]], kind: bool, order: int) -> set[_Kernel]:
+    """What is still to be tried: cutoffs on both sides of the one that leaves least of either sensor, where it is less than with none."""
+    own = [one for one in costs if (one.sampled, one.order) == (kind, order)]
+    found = set[_Kernel]()
+    for sensor in range(len(delay.SENSORS)):
+        best = min(own, key=lambda one: costs[one][sensor])
+        if costs[best][sensor] < costs[_Kernel(kind, 0, 0.0)][sensor]:
+            at = CUTOFFS_HZ.index(best.cutoff_hz)
+            found |= {best._replace(cutoff_hz=cutoff) for cutoff in CUTOFFS_HZ[max(at - 1, 0) : at + 2]}
+    return found - costs.keys()
 
 
 def _best(costs: Mapping[_Kernel, tuple[float, float]]) -> tuple[_Kernel, _Kernel] | None:

@@ -60,6 +60,13 @@ class AsStated(NamedTuple):
         return not (np.isnan(self.excess).all() and np.isnan(self.gross).all())
 
     @property
+    def left(self) -> float:
+        """Mean squared residual of the fits, over the noise."""
+        fitted = [fit.history for fit in self.fits if fit is not None]
+        count = sum(one.moments().count * int((~one.unread).sum()) for one in fitted)
+        return sum(one.left() for one in fitted) / max(count, 1)
+
+    @property
     def dubious(self) -> bool:
         """Whether it doesn't, or a phase tells of no body at all."""
         return self.misfit or any(fit is None for fit in self.fits)
