@@ -62,6 +62,8 @@ def beyond(vehicle: Vehicle, timing: Timing, shortest_s: float) -> str:
         return "thrust.droop or thrust.cycle_droop is not 0, and the kernel takes each jet's thrust as its own"
     if vehicle.thrust.failures:
         return "thrust.failures is not empty, and the kernel takes each jet's thrust as the same throughout"
+    if vehicle.thrust.nominal_pa is not None:
+        return "thrust.nominal_pa is stated, and the kernel takes each jet's thrust as the same at any pressure"
     if vehicle.rotors:
         return "[[rotors]] are stated, and the kernel takes commands of jets or a wrench alone"
     if longest_delay_s(vehicle) > 0:

@@ -20,8 +20,9 @@ WRENCH = (*(f"cmd_torque_{a}_n_m" for a in AXES), *(f"cmd_force_{a}_n" for a in 
 QUATERNION = ("quat_w", "quat_x", "quat_y", "quat_z")
 EVENT = "event"
 SUPPLY = "supply_v"
+PRESSURE = "supply_pa"
 PULSE_JET, PULSE_START, PULSE_DURATION = PULSE = ("pulse_jet", "pulse_start_s", "pulse_duration_s")
-FIXED = (TIME, COMMAND_TIME, *DELTA_THETA, *DELTA_V, *GYRO, *ACCEL, *WRENCH, *QUATERNION, EVENT, SUPPLY, *PULSE)
+FIXED = (TIME, COMMAND_TIME, *DELTA_THETA, *DELTA_V, *GYRO, *ACCEL, *WRENCH, *QUATERNION, EVENT, SUPPLY, PRESSURE, *PULSE)
 
 
 def jet(name: str) -> str:

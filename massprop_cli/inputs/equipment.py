@@ -285,6 +285,9 @@ class Thrust(Section):
     droop: Droop = Field(0.0, description="part of its thrust that a jet loses for each further one while that is open")
     cycle_droop: Droop = Field(0.0, description="the same for each further one that fires in the cycle: of a supply slower than a pulse")
     failures: tuple[Failure, ...] = Field((), max_length=64, description="of jets, each for a time")
+    nominal_pa: Positive | None = Field(
+        None, description="absolute supply pressure that jets' force_n holds for; thrust is in proportion to column supply_pa over this"
+    )
     lag_delay_correlation: FiniteFloat = Field(0.0, ge=-1, le=1, description="of the errors of lag and command delay")
     wrench_point_m: Place = Field(ZERO, description="from O: the point about which commanded torques are")
     wrench_limits: Limits | None = Field(

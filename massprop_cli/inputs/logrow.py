@@ -24,6 +24,7 @@ def schema() -> dict[str, Any]:
         **columns(names.WRENCH[3:], command, "mean commanded force over the control cycle, body axes, N"),
         **columns(names.QUATERNION, command, "attitude at time_s, world from body; all four null in records without one"),
         names.SUPPLY: {**number, "description": "supply voltage over the record, for rotors that state nominal_v, V"},
+        names.PRESSURE: {**number, "description": "absolute supply pressure over the record, for thrust.nominal_pa, Pa"},
         names.PULSE_JET: {"type": ["string", "null"], "description": "name of the jet of a pulse, of which any row may hold one"},
         names.PULSE_START: {**command, "description": "when it was commanded to begin, by the commands' clock, s"},
         names.PULSE_DURATION: {**command, "minimum": 0, "description": "how long it was commanded to last, s"},

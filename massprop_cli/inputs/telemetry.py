@@ -18,12 +18,13 @@ from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, BoolArray, frozen, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs import commands, pulses, stamps
+from massprop_cli.inputs import commands, pulses, stamps, supply
 from massprop_cli.inputs.actuators.actuator import MomentumLog
 from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_V, GYRO, PULSE_JET, QUATERNION
 from massprop_cli.inputs.equipment import OFF_UNIT
 from massprop_cli.inputs.formats import agreement
 from massprop_cli.inputs.logtable import GAP, LONG, LogTable
+from massprop_cli.inputs.supply import Supply
 from massprop_cli.inputs.tablefile import Made, Table
 from massprop_cli.inputs.vehicle import Vehicle
 
@@ -104,6 +105,8 @@ class Log:
     """Whether a record of the gyro, of the accelerometer is a sample at its time (times its length), not the motion over it."""
     cycles_apart: tuple[int, ...] = ()
     """Cycles from one logged speed of each rotor to the next, 0 of one whose command is logged."""
+    supply: Supply | None = None
+    """The pressure of the jets' supply; None: it is as stated throughout."""
     began_s: float | None = None
     """When the log began that this is a part of; None: it is the whole."""
 
@@ -212,6 +215,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         sampled=_sampled(source, vehicle),
         spinning=commands.momentum(source, vehicle, records, n),
         cycles_apart=tuple(rotor.cycles_apart(source, records, n) for rotor in vehicle.rotors),
+        supply=supply.read(source, vehicle, time_s[:n], interval_s[:n], records) if kind == "jets" else None,
     )
 
 

@@ -148,6 +148,8 @@ class Vehicle(Section):
         unknown = next((failure.jet for failure in self.thrust.failures if failure.jet not in jets), None)
         if unknown is not None:
             raise ValueError(f"thrust.failures names unknown jet {unknown!r}{configfile.nearest(unknown, jets, 'the nearest is')}")
+        if self.thrust.nominal_pa is not None and not jets:
+            raise ValueError("thrust.nominal_pa is the pressure that jets are fed with, and there are no [[jets]]; leave it out")
         for first, second in combinations(self.phases, 2):
             if first.overlaps(second):
                 raise ValueError(

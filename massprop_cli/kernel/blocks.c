@@ -26,8 +26,8 @@ SHARED int mp_host_beyond(const double *table, const double *reference, const do
 SHARED int mp_host_bins(long events, const double *time, const double *step, const double *slope, long bins, const double *edges,
                         const double *lag, double *integral, double *moment);
 
-SHARED int mp_host_pulses(long jets, long count, const double *begin, const double *on, const double *ramps, const double *touching,
-                          double weight, long bins, const double *edges, const double *lag, double *room, double *integral,
+SHARED int mp_host_pulses(long jets, long count, const double *part, const double *begin, const double *on, const double *ramps,
+                          const double *touching, long bins, const double *edges, const double *lag, double *room, double *integral,
                           double *moment);
 
 SHARED int mp_host_white(long filters, long count, long columns, long states, const double *step, const double *added,
@@ -278,10 +278,10 @@ static long put_event(double *events, long most, long count, double time, double
     return count + 1;
 }
 
-/* Adds `weight` times the integrals of one pulse, by its events in the order of time; it is nothing after the last, and `first`, from which
- * bin on to look for it, goes on to the one in which it begins. */
-static void add_pulse(long events, long most, const double *room, double weight, long bins, const double *edges, long *first,
-                      double *integral, double *moment) {
+/* Adds the integrals of one pulse, by its events in the order of time; it is nothing after the last, and `first`, from which bin on to look
+ * for it, goes on to the one in which it begins. */
+static void add_pulse(long events, long most, const double *room, long bins, const double *edges, long *first, double *integral,
+                      double *moment) {
     const double *time = room, *step = room + most, *slope = room + 2 * most;
     double value = 0, rise = 0, now = time[0];
     long b, next = 0;
@@ -309,19 +309,20 @@ static void add_pulse(long events, long most, const double *room, double weight,
             rise += slope[next++];
             if (next == events) break;
         }
-        integral[b] += weight * sum;
-        moment[b] += weight * late;
+        integral[b] += sum;
+        moment[b] += late;
     }
 }
 
-/* The same of jets' pulses (massprop_cli/prepare/actuators.py), `weight` times, added to what is there: on-times (jets, count) from `begin`
- * (jets, count) on, ramps (jets, 2) of rise and fall; room: 12 count + 2 bins. */
-int mp_host_pulses(long jets, long count, const double *begin, const double *on, const double *ramps, const double *touching, double weight,
-                   long bins, const double *edges, const double *lag, double *room, double *integral, double *moment) {
+/* The same of jets' pulses (massprop_cli/prepare/actuators.py), added to what is there: parts of the thrust and on-times (jets, count) from
+ * `begin` (jets, count) on, ramps (jets, 2) of rise and fall; room: 12 count + 2 bins. */
+int mp_host_pulses(long jets, long count, const double *part, const double *begin, const double *on, const double *ramps,
+                   const double *touching, long bins, const double *edges, const double *lag, double *room, double *integral,
+                   double *moment) {
     long j, k, b, most = 4 * count;
     double *lagging = room + 3 * most;
-    for (j = 0; j < jets; j++, begin += count, on += count, ramps += 2, integral += bins, moment += bins) {
-        double rise = ramps[0], fall = ramps[1], since = 0.0, end = 0.0;
+    for (j = 0; j < jets; j++, part += count, begin += count, on += count, ramps += 2, integral += bins, moment += bins) {
+        double rise = ramps[0], fall = ramps[1], since = 0.0, end = 0.0, full = 0.0, now = 0.0;
         long events = 0, first = 0;
         int open = 0;
         for (k = 0; k <= count; k++) {
@@ -329,26 +330,32 @@ int mp_host_pulses(long jets, long count, const double *begin, const double *on,
             if (!last && !(on[k] > 0)) continue;
             if (open && (last || fabs(begin[k] - end) > *touching)) {
                 double top = since + rise < end ? since + rise : end, reached = rise > 0 ? (top - since) / rise : 1.0;
-                events = put_event(room, most, events, since, rise > 0 ? 0.0 : 1.0, rise > 0 ? 1 / rise : 0.0);
-                if (rise > 0) events = put_event(room, most, events, top, 0.0, -1 / rise);
-                events = put_event(room, most, events, end, fall > 0 ? 0.0 : -reached, fall > 0 ? -1 / fall : 0.0);
-                if (fall > 0) events = put_event(room, most, events, end + reached * fall, 0.0, 1 / fall);
+                events = put_event(room, most, events, since, rise > 0 ? 0.0 : full, rise > 0 ? full / rise : 0.0);
+                if (rise > 0) events = put_event(room, most, events, top, 0.0, -full / rise);
+                events = put_event(room, most, events, end, fall > 0 ? 0.0 : -reached * now, fall > 0 ? -now / fall : 0.0);
+                if (fall > 0) events = put_event(room, most, events, end + reached * fall, 0.0, now / fall);
                 open = 0;
                 if (!(*lag > 0)) { /* each by itself: most bins have none */
-                    add_pulse(events, most, room, weight, bins, edges, &first, integral, moment);
+                    add_pulse(events, most, room, bins, edges, &first, integral, moment);
                     events = 0;
                 }
             }
             if (last) break;
-            if (!open) since = begin[k];
+            if (!open) {
+                since = begin[k];
+                full = part[k];
+            } else if (part[k] != now) {
+                events = put_event(room, most, events, end, part[k] - now, 0.0);
+            }
             open = 1;
+            now = part[k];
             end = begin[k] + on[k];
         }
         if (events == 0) continue;
         mp_host_bins(events, room, room + most, room + 2 * most, bins, edges, lag, lagging, lagging + bins);
         for (b = 0; b < bins; b++) {
-            integral[b] += weight * lagging[b];
-            moment[b] += weight * lagging[bins + b];
+            integral[b] += lagging[b];
+            moment[b] += lagging[bins + b];
         }
     }
     return MP_OK;

@@ -143,6 +143,11 @@ class StreamReader:
                 f"standard input, line 1: column {self._own(timed)!r}: commands with times of their own can't be estimated live; "
                 "write each command in the first record of its control cycle, or record a log for massprop estimate"
             )
+        if self.vehicle.thrust.nominal_pa is not None:
+            raise InputError(
+                "standard input: thrust that follows its pressure (thrust.nominal_pa) can't be estimated live; record a log for massprop "
+                "estimate"
+            )
         jets, wrench = [jet(each.name) for each in self.vehicle.jets], self._has(WRENCH)
         if wrench and self._has(jets):
             raise InputError("standard input: has both jet_* and cmd_* columns; keep the one kind that was executed")

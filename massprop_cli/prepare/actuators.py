@@ -15,6 +15,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.actuators.rotor import thrust_integrals
 from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.equipment import Jet
+from massprop_cli.inputs.supply import Supply
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel, pointer
@@ -55,28 +56,33 @@ def channel_names(log: Log, vehicle: Vehicle) -> list[str]:
     return [*names, *(name for device in vehicle.spinning for name in device.channels)]
 
 
-def pulses(start_s: Array, on_s: Array, jet: Jet, touching_s: float) -> Signal:
-    """Thrust over full thrust of one jet.
+def pulses(part: Array, start_s: Array, on_s: Array, jet: Jet, touching_s: float) -> Signal:
+    """Thrust over full thrust of one jet, of which each pulse gives its ``part``.
 
     A pulse rises linearly from its start, lasts its on-time, then falls from the thrust reached. Pulses that end and begin within
-    ``touching_s`` are one. Where scattered times make a pulse begin before the last one ends, both give their whole impulse.
+    ``touching_s`` are one, which steps from part to part. Where scattered times make a pulse begin before the last one ends, both give
+    their whole impulse.
     """
     fired = on_s > 0
-    begin, end = start_s[fired], (start_s + on_s)[fired]
+    begin, end, part = start_s[fired], (start_s + on_s)[fired], part[fired]
     alone = np.concatenate([[True], np.abs(begin[1:] - end[:-1]) > touching_s])[: len(begin)]
-    begin, end = begin[alone], end[np.append(alone[1:], True)[: len(end)]]
-    none = np.zeros_like(begin)
+    last = np.append(alone[1:], True)[: len(end)]
+    goes_on = np.flatnonzero(~last)
+    onward = end[goes_on], part[goes_on + 1] - part[goes_on]
+    begin, end, first, part = begin[alone], end[last], part[alone], part[last]
+    none = np.zeros(len(begin))
+    events: list[tuple[Array, Array, Array]] = [(*onward, np.zeros(len(goes_on)))]
     if jet.rise_s > 0:
         top = np.minimum(begin + jet.rise_s, end)
         reached = (top - begin) / jet.rise_s
-        events = [(begin, none, none + 1 / jet.rise_s), (top, none, none - 1 / jet.rise_s)]
+        events += [(begin, none, first / jet.rise_s), (top, none, -first / jet.rise_s)]
     else:
         reached = none + 1
-        events = [(begin, reached, none)]
+        events += [(begin, first, none)]
     if jet.fall_s > 0:
-        events += [(end, none, none - 1 / jet.fall_s), (end + reached * jet.fall_s, none, none + 1 / jet.fall_s)]
+        events += [(end, none, -part / jet.fall_s), (end + reached * jet.fall_s, none, part / jet.fall_s)]
     else:
-        events += [(end, -reached, none)]
+        events += [(end, -reached * part, none)]
     return Signal(*(np.concatenate(parts) for parts in zip(*events, strict=True)))
 
 
@@ -97,7 +103,7 @@ def executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s:
         told = zip(vehicle.rotors, command, strict=True)
         return thrust_integrals([rotor.held(x, begin_s, at_once, lag_s) for rotor, x in told], edges_s)
     if log.command_kind == "jets":
-        return jet_integrals(begin_s, command, vehicle, edges_s, lag_s)
+        return jet_integrals(begin_s, command, vehicle, edges_s, lag_s, log.supply)
     return window_integrals([held(begin_s, value) for value in command], edges_s, lag_s)
 
 
@@ -125,48 +131,43 @@ def signals(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s: 
     if log.command_kind == "wrench":
         return [held(begin_s, value) for value in _limited(command.T, vehicle).T], lag_s
     touching_s = TOUCHING * vehicle.cycle.period_s
-    lasting = opened(begin_s, command, vehicle)
-    each = (
-        [(part, pulses(at_s[jet], on_s[jet], vehicle.jets[jet], touching_s)) for part, at_s, on_s in lasting] for jet in range(len(command))
-    )
+    lasting = opened(begin_s, command, vehicle, log.supply)
+    each = ([pulses(part[i], at_s[i], on_s[i], jet, touching_s) for part, at_s, on_s in lasting] for i, jet in enumerate(vehicle.jets))
     return [joined(parts) for parts in each], lag_s
 
 
-def jet_integrals(start_s: Array, on_s: Array, vehicle: Vehicle, edges_s: Array, lag_s: float) -> tuple[Array, Array]:
+def jet_integrals(
+    start_s: Array, on_s: Array, vehicle: Vehicle, edges_s: Array, lag_s: float, supply: Supply | None = None
+) -> tuple[Array, Array]:
     """Integrals as of :func:`window_integrals`, of the vehicle's jets with on-times (jets, K)."""
-    return pulse_integrals(opened(start_s, on_s, vehicle), vehicle.jets, TOUCHING * vehicle.cycle.period_s, edges_s, lag_s)
+    return pulse_integrals(opened(start_s, on_s, vehicle, supply), vehicle.jets, TOUCHING * vehicle.cycle.period_s, edges_s, lag_s)
 
 
-Opened = tuple[float, Array, Array]
-"""A part of the thrust, with when it begins and how long it lasts, (jets, K) s."""
+Opened = tuple[Array, Array, Array]
+"""Parts of the thrust, with when each begins and how long it lasts, (jets, K), s."""
 LATE = {"begin": 0.0, "centre": 0.5, "end": 1.0}
 """Part of what a pulse leaves of its cycle that is over when it begins."""
 
 
-def opened(start_s: Array, on_s: Array, vehicle: Vehicle) -> list[Opened]:
+def opened(start_s: Array, on_s: Array, vehicle: Vehicle, supply: Supply | None = None) -> list[Opened]:
     """Parts of the thrust, of on-times (jets, K) in cycles from ``start_s`` on, that sum to what jets give: pulses, less what they lose.
 
     Beside each further jet that is the droop's part of a pulse that lasts while both are open, or of its whole pulse. While a jet fails it
-    gives another part of its thrust.
+    gives another part of its thrust, and each pulse gives as much of it as the supply's pressure has in its middle.
     """
     thrust, strength = vehicle.thrust, strengths(start_s, vehicle)
-    if strength is not None:
-        on_s = np.where(strength == 0, 0.0, on_s)  # what doesn't open takes nothing from others
-    lasting = [(1.0, on_s)]
+    on_s = np.where(strength == 0, 0.0, on_s)  # what doesn't open takes nothing from others
+    lasting = [(strength, on_s)]
     for droop, while_open in ((thrust.droop, True), (thrust.cycle_droop, False)):
-        lasting += [(-droop, beside_s) for beside_s in beside_others(on_s, while_open)] if droop else []
-    if strength is not None:
-        levels = np.unique(strength[strength != 0]).tolist()
-        lasting = [(part * level, np.where(strength == level, lasts_s, 0.0)) for part, lasts_s in lasting for level in levels]
+        lasting += [(-droop * strength, beside_s) for beside_s in beside_others(on_s, while_open)] if droop else []
     late, period_s = LATE[vehicle.cycle.pulse_at], vehicle.cycle.period_s
     start_s = start_s + np.array([jet.delay_s for jet in vehicle.jets])[:, None]
-    return [(part, start_s + late * np.maximum(period_s - lasts_s, 0.0), lasts_s) for part, lasts_s in lasting]
+    found = [(part, start_s + late * np.maximum(period_s - lasts_s, 0.0), lasts_s) for part, lasts_s in lasting]
+    return found if supply is None else [(part * supply.at(begin_s + lasts_s / 2), begin_s, lasts_s) for part, begin_s, lasts_s in found]
 
 
-def strengths(start_s: Array, vehicle: Vehicle) -> Array | None:
-    """(jets, K) what of its thrust each gives in pulses that begin then; None where all of them give all."""
-    if not vehicle.thrust.failures:
-        return None
+def strengths(start_s: Array, vehicle: Vehicle) -> Array:
+    """(jets, K) what of its thrust each gives in pulses that begin then."""
     found = np.ones((len(vehicle.jets), len(start_s)))
     for failure in vehicle.thrust.failures:
         found[[jet.name == failure.jet for jet in vehicle.jets]] *= np.where(failure.of(start_s), failure.thrust, 1.0)
@@ -205,18 +206,18 @@ def pulse_integrals(lasting: Sequence[Opened], jets: Sequence[Jet], touching_s: 
     library = kernel().library
     found = np.zeros((2, len(jets), len(edges_s) - 1))
     if library is None:
-        for part, at_s, on_s in lasting:
-            signals = [pulses(*one, touching_s) for one in zip(at_s, on_s, jets, strict=True)]
-            found += part * np.swapaxes(window_integrals(signals, edges_s, lag_s), 1, 2)
+        for parts in lasting:
+            signals = [pulses(*one, touching_s) for one in zip(*parts, jets, strict=True)]
+            found += np.swapaxes(window_integrals(signals, edges_s, lag_s), 1, 2)
         return found[0].T, found[1].T
     edges, count = np.ascontiguousarray(edges_s), lasting[0][1].shape[1]
     ramps, touching, lag = np.array([(jet.rise_s, jet.fall_s) for jet in jets]), np.array([touching_s]), np.array([lag_s])
     room = np.empty(12 * count + (2 * found.shape[2] if lag_s > 0 else 0))
     sizes = [ctypes.c_long(n) for n in (len(jets), count, found.shape[2])]
-    for part, *times in lasting:
-        pulsed = [np.ascontiguousarray(each, dtype=float) for each in times]
+    for parts in lasting:
+        pulsed = [np.ascontiguousarray(each, dtype=float) for each in parts]
         among = map(pointer, (edges, lag, room, found[0], found[1]))
-        library.mp_host_pulses(*sizes[:2], *map(pointer, (*pulsed, ramps, touching)), ctypes.c_double(part), sizes[2], *among)
+        library.mp_host_pulses(*sizes[:2], *map(pointer, (*pulsed, ramps, touching)), sizes[2], *among)
     return found[0].T, found[1].T
 
 

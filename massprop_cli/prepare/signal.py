@@ -48,12 +48,9 @@ class Course(NamedTuple):
     """The integral of that."""
 
 
-def joined(parts: Sequence[tuple[float, Signal]]) -> Signal:
-    """A sum of signals, each with its factor."""
-    time, step, slope = (
-        np.concatenate(each) for each in zip(*((one.time_s, factor * one.step, factor * one.slope) for factor, one in parts), strict=True)
-    )
-    return Signal(time, step, slope)
+def joined(parts: Sequence[Signal]) -> Signal:
+    """A sum of signals."""
+    return Signal(*(np.concatenate(each) for each in zip(*((one.time_s, one.step, one.slope) for one in parts), strict=True)))
 
 
 def of_bins(edges_s: Array, integral: Array, moment: Array) -> Signal:

@@ -92,6 +92,11 @@ class Actuators:
         """Add what M cycles issued, ``start_s`` from the start of the executing ones on, less what jets lose beside others."""
         around = [_cycles(self.issued, first + k, last + k) for k in (-1, 0, 1)]
         strength = _cycles(self.strength, first, last)
+        at_s = np.tile(self.period_s * (np.arange(first, last) + self.scenario.delay_cycles), len(self.strength))[:, None]
+        middle_s = at_s + self.own_delay_s + self.late * (self.period_s - around[1]) + around[1] / 2
+        supply_pa, nominal_pa = self.scenario.supply_pa(middle_s), self.scenario.vehicle.thrust.nominal_pa
+        if supply_pa is not None and nominal_pa is not None:
+            strength = strength * supply_pa / nominal_pa
         self._add(around, strength, start_s, thrust)
         together = int((around[1] > 0).sum(1).max(initial=0))
         if self.on_jets and (self.droop + self.cycle_droop) * (together - 1) >= 1:

@@ -110,6 +110,9 @@ class TrueActuators(Section):
         None, description="time constant with which the rotors of control moment gyros run down; absent: they keep their speeds"
     )
     failures: tuple[Failure, ...] | None = Field(None, description="of jets; absent: as the vehicle file states")
+    supply_pa: tuple[Positive, Positive] | None = Field(
+        None, description="absolute supply pressure as the log begins and ends, in between it falls evenly; absent: thrust.nominal_pa"
+    )
 
 
 class TrueDisturbance(Section):

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from massprop_cli.base import configfile
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import vehiclefile
@@ -108,6 +109,8 @@ class Scenario(Timed):
                 )
         if self.vehicle.jets and (self.actuators.max_torque_n_m or self.actuators.max_force_n):
             raise ValueError("actuators.max_torque_n_m and max_force_n are for vehicles without jets; drop them")
+        if self.actuators.supply_pa is not None and self.vehicle.thrust.nominal_pa is None:
+            raise ValueError("actuators.supply_pa needs vehicle.thrust.nominal_pa, the pressure that the jets' force_n holds for; state it")
         if not self.vehicle.jets and (self.actuators.pwm_tick_s or self.actuators.minimum_pulse_s):
             raise ValueError("actuators.pwm_tick_s and minimum_pulse_s need jets; drop them")
 
@@ -268,6 +271,14 @@ class Scenario(Timed):
     def failures(self) -> tuple[Failure, ...]:
         """Of jets, as they really are."""
         return self.vehicle.thrust.failures if self.actuators.failures is None else self.actuators.failures
+
+    def supply_pa(self, time_s: Array) -> Array | None:
+        """Pressure of the jets' supply; None where the vehicle file states none."""
+        nominal_pa = self.vehicle.thrust.nominal_pa
+        if nominal_pa is None:
+            return None
+        ends = self.actuators.supply_pa or (nominal_pa, nominal_pa)
+        return np.interp(time_s, [0.0, self.cycles * self.vehicle.cycle.period_s], ends)
 
 
 @dataclass(frozen=True)

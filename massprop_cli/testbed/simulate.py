@@ -11,9 +11,8 @@ from massprop_cli.base import arrow
 from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs import commands
-from massprop_cli.inputs.actuators.actuator import MomentumLog
-from massprop_cli.inputs.columns import ACCEL, GYRO
+from massprop_cli.inputs import commands, supply
+from massprop_cli.inputs.columns import ACCEL, GYRO, PRESSURE
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.tablefile import Cells, Places, Table
 from massprop_cli.inputs.telemetry import Log, saturation
@@ -72,10 +71,11 @@ class SimulatedFlight:
             return issued[:, :0]
         return issued
 
-    def _spinning(self, path: Path, member: int) -> tuple[MomentumLog, ...]:
-        places, rows, records = Places(None), len(self.time_s), len(self.time_s) // self.issued.shape[1]
+    def _beside(self, path: Path, member: int) -> LogTable:
+        """What its file has beside commands and the IMU."""
+        places, rows = Places(None), len(self.time_s)
         cells = {name: Cells(path, name, partial(arrow.numbers, values[member]), places) for name, values in self.columns.items()}
-        return commands.momentum(LogTable(Table(path, "", cells, rows, places, None), {}), self.vehicle, records, rows)
+        return LogTable(Table(path, "", cells, rows, places, None), {})
 
     @property
     def kind(self) -> dict[str, Any]:
@@ -94,6 +94,7 @@ class SimulatedFlight:
             for axes, increments in ((self.axes[:3], self.delta_theta_rad), (self.axes[3:], self.delta_v_m_s))
         )
         path = Path(f"seed-{self.seeds[member]}")
+        beside = self._beside(path, member)
         return Log(
             path=path,
             sha256="",
@@ -106,7 +107,8 @@ class SimulatedFlight:
             axes=self.axes,
             command_kind="jets" if self.vehicle.jets or not self.commanded(member).shape[1] else "wrench",
             command=self.commanded(member),
-            spinning=self._spinning(path, member),
+            spinning=commands.momentum(beside, self.vehicle, records, len(self.time_s)),
+            supply=supply.read(beside, self.vehicle, self.time_s, interval, records),
             attitude_wxyz=None if self.logged_wxyz is None else self.logged_wxyz[member],
             notices=tuple(saturation(self.vehicle, theta, velocity, interval)),
             **self.kind,
@@ -140,16 +142,21 @@ def fly(
             progress(k / cycles)
     for name, sensor in (("gyro", flying.gyro), ("accelerometer", flying.accelerometer)):
         _check_sensor(source, name, sensor)
+    time_s = _record_ends(scenario)
+    logged = flying.exchange.columns
+    supply_pa = scenario.supply_pa(time_s - time_s[0] / 2)
+    if supply_pa is not None:
+        logged = {**logged, PRESSURE: np.tile(supply_pa, (len(seeds), 1))}
     return SimulatedFlight(
         vehicle=scenario.logged,
         seeds=tuple(seeds),
         axes=scenario.sensors.axes,
-        time_s=frozen(_record_ends(scenario)),
+        time_s=frozen(time_s),
         delta_theta_rad=frozen(_flat(flying.gyro.increments)),
         delta_v_m_s=frozen(_flat(flying.accelerometer.increments)),
         issued=frozen(np.concatenate([flying.actuators.issued, flying.exchange.issued], -1)),
         turning={name: frozen(values) for name, values in flying.exchange.turning.items()},
-        columns={name: frozen(values) for name, values in flying.exchange.columns.items()},
+        columns={name: frozen(values) for name, values in logged.items()},
         attitude_wxyz=frozen(flying.attitude),
         logged_wxyz=imu.logged_attitude(scenario, flying.rngs["attitude"], flying.attitude),
         rate_rad_s=frozen(flying.rate),

@@ -158,6 +158,9 @@ def test_speeds_of_wheels_that_come_slower_than_control_cycles_are_told_of(hz: f
     wanted = f"wheels.x: every {1 / hz:g} s, interpolated to the records' ends: slower than control cycles of 0.05 s, so that in between"
     assert len(told) == slow
     assert not slow or told[0].startswith(wanted)
+    assert (table.columns["supply_v"].numbers() == 12).all()
+    pressed = made(streams | {"bus/v": (20 + 0 * t, "rw/t", "bar")}, text)
+    np.testing.assert_allclose(pressed.columns["supply_pa"].numbers(), 2e6)
 
 
 REFUSED = {

@@ -52,7 +52,7 @@ def sampled(start: Array, on: Array, rise: float, fall: float, t: Array) -> Arra
 def test_window_integrals_equal_fine_quadrature(rise: float, fall: float, lag: float) -> None:
     start = np.array([0.1, 0.25, 0.4, 0.7])
     on = np.array([0.03, 0.004, 0.0, 0.05])
-    integral, moment = integrals(pulses(start, on, jet(rise, fall), 1e-5), EDGES, lag)
+    integral, moment = integrals(pulses(np.ones_like(start), start, on, jet(rise, fall), 1e-5), EDGES, lag)
     n = 400_000
     t = (np.arange(n) + 0.5) / n
     u = sampled(start, on, rise, fall, t)
@@ -76,12 +76,14 @@ def test_pulses_of_all_jets_at_once_are_those_of_each(lag: float) -> None:
     on[0, 10:14] = 0.05  # held on from cycle to cycle
     on[3] = 0.0
     on[3, ::7] = 0.03
-    found = pulse_integrals([(1.0, np.broadcast_to(start, on.shape), on)], jets, 5e-5, EDGES, lag)
-    expected = window_integrals([pulses(start, own, one, 5e-5) for own, one in zip(on, jets, strict=True)], EDGES, lag)
+    part = rng.uniform(0.5, 1.0, on.shape)
+    found = pulse_integrals([(part, np.broadcast_to(start, on.shape), on)], jets, 5e-5, EDGES, lag)
+    each_alone = [pulses(gives, start, own, one, 5e-5) for gives, own, one in zip(part, on, jets, strict=True)]
+    expected = window_integrals(each_alone, EDGES, lag)
     assert (expected[0] > 0).any(0).all()
     for ours, each in zip(found, expected, strict=True):
         np.testing.assert_allclose(ours, each, rtol=1e-12, atol=1e-16)
-    none = pulse_integrals([(1.0, np.broadcast_to(start, (1, 40)), np.zeros((1, 40)))], jets[:1], 5e-5, EDGES, lag)
+    none = pulse_integrals([(np.ones((1, 40)), np.broadcast_to(start, (1, 40)), np.zeros((1, 40)))], jets[:1], 5e-5, EDGES, lag)
     assert not none[0].any()
     assert not none[1].any()
 
@@ -89,9 +91,20 @@ def test_pulses_of_all_jets_at_once_are_those_of_each(lag: float) -> None:
 def test_touching_pulses_are_one_and_do_not_dip() -> None:
     start = np.array([0.1, 0.15, 0.2])
     on = np.full(3, 0.05)
-    joined, _ = integrals(pulses(start, on, jet(0.003, 0.003), 5e-5), EDGES)
-    alone, _ = integrals(pulses(start[:1], np.array([0.15]), jet(0.003, 0.003), 5e-5), EDGES)
+    joined, _ = integrals(pulses(np.ones_like(start), start, on, jet(0.003, 0.003), 5e-5), EDGES)
+    alone, _ = integrals(pulses(np.ones(1), start[:1], np.array([0.15]), jet(0.003, 0.003), 5e-5), EDGES)
     np.testing.assert_allclose(joined, alone, atol=1e-15)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.03])
+def test_a_jet_that_is_held_on_gives_in_each_cycle_its_part(lag: float) -> None:
+    """Oracle: thrust at each moment, that of the pulse without ramps times the pressure's steps."""
+    start, part = 0.05 * np.arange(6), np.array([1.0, 0.9, 0.85, 0.7, 0.0, 0.6])
+    on = np.array([0.05, 0.05, 0.05, 0.02, 0.0, 0.05])
+    integral, moment = integrals(pulses(part, start, on, jet(0.0, 0.0), 5e-5), EDGES, lag)
+    each = [integrals(pulses(np.ones(1), start[k : k + 1], on[k : k + 1], jet(0.0, 0.0), 5e-5), EDGES, lag) for k in range(6)]
+    np.testing.assert_allclose(integral, sum(gives * one for gives, (one, _) in zip(part, each, strict=True)), atol=1e-15)
+    np.testing.assert_allclose(moment, sum(gives * one for gives, (_, one) in zip(part, each, strict=True)), atol=1e-15)
 
 
 @pytest.mark.parametrize("jitter", [0.0, 2e-5, 5e-4, 2e-3])
@@ -100,8 +113,8 @@ def test_scattered_times_take_no_impulse_from_pulses_that_fill_their_cycles(jitt
     start = np.arange(400) * 0.05 + jitter * rng.standard_normal(400)
     on = np.repeat(rng.choice([0.0, 0.05], 40), 10)
     edges = np.linspace(-0.1, 20.2, 407)
-    alone, _ = integrals(pulses(start, on, jet(0.003, 0.003), 5e-5), edges)
-    together, _ = pulse_integrals([(1.0, start[None], on[None])], [jet(0.003, 0.003)], 5e-5, edges, 0.0)
+    alone, _ = integrals(pulses(np.ones_like(start), start, on, jet(0.003, 0.003), 5e-5), edges)
+    together, _ = pulse_integrals([(np.ones((1, 400)), start[None], on[None])], [jet(0.003, 0.003)], 5e-5, edges, 0.0)
     # what is summed over all events keeps a rounding after each pulse, where nothing is left of one by itself
     np.testing.assert_allclose(together[:, 0], alone, rtol=1e-12, atol=1e-14)
     # what touches is one, from the first begin to the last end: on the average as long as its parts
@@ -114,8 +127,8 @@ def test_any_delay_conserves_total_impulse(delay: float, seed: int, rise: float)
     on = np.random.default_rng(seed).choice([0.0, 0.0125, 0.05], 12)
     start = 0.05 * np.arange(12)
     edges = np.linspace(0, 2, 41)
-    at_once, _ = integrals(pulses(start, on, jet(rise, rise), 5e-5), edges)
-    delayed, _ = integrals(pulses(start + 0.05 * delay, on, jet(rise, rise), 5e-5), edges)
+    at_once, _ = integrals(pulses(np.ones_like(start), start, on, jet(rise, rise), 5e-5), edges)
+    delayed, _ = integrals(pulses(np.ones_like(start), start + 0.05 * delay, on, jet(rise, rise), 5e-5), edges)
     assert delayed.sum() == pytest.approx(at_once.sum(), abs=1e-13)
     assert at_once.sum() == pytest.approx(on.sum(), abs=1e-13)  # rise and fall of equal length cancel
 
@@ -138,7 +151,7 @@ def test_whole_delay_shifts_by_cycles_and_marks_unknown_commands() -> None:
 
 def test_triangular_window_gives_the_growth_of_cycle_means() -> None:
     """A double integrator driven by the signal: differences of its cycle-mean velocity equal rising plus falling impulse."""
-    signal = pulses(np.array([0.11, 0.32, 0.5]), np.array([0.03, 0.05, 0.02]), jet(0.004, 0.002), 1e-5)
+    signal = pulses(np.ones(3), np.array([0.11, 0.32, 0.5]), np.array([0.03, 0.05, 0.02]), jet(0.004, 0.002), 1e-5)
     integral, moment = integrals(signal, EDGES)
     n = 200_000
     t = np.arange(n + 1) / n

@@ -123,7 +123,7 @@ class MappedGyro(Mapped):
 
 
 class Supply(Mapped):
-    """The supply voltage."""
+    """The voltage of rotors' supply, or the absolute pressure of jets'."""
 
     path: Path_
 
@@ -173,7 +173,7 @@ class MapFile(Section):
     rotors: dict[str, MappedRotor] = Field({}, description="by their names in the vehicle file")
     wheels: dict[str, MappedWheel] = Field({}, description="by their names in the vehicle file")
     control_moment_gyros: dict[str, MappedGyro] = Field({}, description="by their names in the vehicle file")
-    supply: Supply | None = Field(None, description="for rotors that state nominal_v")
+    supply: Supply | None = Field(None, description="a voltage for rotors that state nominal_v, a pressure for thrust.nominal_pa")
     attitude: Attitude | None = None
     records: Records | None = None
 

@@ -122,8 +122,8 @@ class Signals:
                 column = next(column for column in kind.COLUMNS if unit in column.units)
                 yield signal, column.of(name), "instant" if column.instant else "mean", said.holds
         if self.map.supply is not None:
-            signal, _ = self._number("supply", self.map.supply, self.map.supply.path, units.SUPPLY)
-            yield signal, columns.SUPPLY, "instant", "until_next"
+            signal, unit = self._number("supply", self.map.supply, self.map.supply.path, units.VOLTAGE | units.PRESSURE)
+            yield signal, columns.PRESSURE if unit in units.PRESSURE else columns.SUPPLY, "instant", "until_next"
 
     def _number(self, key: str, said: Mapped, path: str, known: Mapping[str, float]) -> tuple[QuantitySignal, str]:
         stream = self._stream(key, path)

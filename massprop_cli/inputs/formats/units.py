@@ -18,8 +18,9 @@ SPIN = {**RATE, "rpm": math.pi / 30}
 """How fast a rotor or wheel turns."""
 PLAIN = {"1": 1.0, "%": 0.01}
 """What a rotor is told."""
-SUPPLY = {"V": 1.0, "mV": 1e-3}
-TABLES = (TIME, ANGLE, SPIN, SPEED, ACCELERATION, TORQUE, FORCE, SHARE, SUPPLY)
+VOLTAGE = {"V": 1.0, "mV": 1e-3}
+PRESSURE = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": 6894.757}
+TABLES = (TIME, ANGLE, SPIN, SPEED, ACCELERATION, TORQUE, FORCE, SHARE, VOLTAGE, PRESSURE)
 _ALIKE = {
     "sec": "s", "second": "s", "seconds": "s", "msec": "ms", "µs": "us", "μs": "us", "usec": "us", "microseconds": "us", "nsec": "ns",
     "nanoseconds": "ns", "milliseconds": "ms", "radian": "rad", "radians": "rad", "degree": "deg", "degrees": "deg", "°": "deg",

@@ -1,0 +1,59 @@
+"""The pressure that jets are fed with, as a log has it: their thrust is in proportion to it.
+
+The thrust of a choked nozzle is F = C_F A_t p, with the throat's area A_t and a thrust coefficient C_F that in vacuum, and far above
+the ambient pressure, does not change with p (Sutton and Biblarz, Rocket Propulsion Elements, 3.3).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.columns import PRESSURE
+from massprop_cli.inputs.logtable import LogTable
+from massprop_cli.inputs.vehicle import Vehicle
+
+LEAST, MOST = 0.01, 10.0
+"""Parts of the stated pressure outside which a reading has another unit: by a bar for a pascal it is 1e-5."""
+
+
+class Supply(NamedTuple):
+    """K pressures over the one that thrust is stated for."""
+
+    time_s: Array
+    """(K,) middle of each control cycle."""
+    part: Array
+    """(K,) mean over it."""
+
+    def at(self, time_s: Array) -> Array:
+        """Between these in proportion; beyond the log as at its ends."""
+        return np.interp(time_s, self.time_s, self.part)
+
+
+def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array, records: int) -> Supply | None:
+    """Of a log's records (n,), ``records`` to a cycle; None where the vehicle file states no pressure.
+
+    :class:`InputError` names row, column, value and remedy.
+    """
+    nominal_pa = vehicle.thrust.nominal_pa
+    if nominal_pa is None:
+        return None
+    if not source.has(PRESSURE):
+        raise InputError(
+            f"{source.table.path}: column {source.name(PRESSURE)!r} is missing, and thrust.nominal_pa says that thrust follows it; log it, "
+            "or leave thrust.nominal_pa out: each jet then gives the same throughout"
+        )
+    pressure = source.required(PRESSURE)[: len(time_s)]
+    bad = np.flatnonzero(~((pressure >= LEAST * nominal_pa) & (pressure <= MOST * nominal_pa)))
+    if bad.size:
+        raise source.error(
+            int(bad[0]),
+            PRESSURE,
+            f"{pressure[bad[0]]:.6g} Pa is {pressure[bad[0]] / nominal_pa:.2g} of thrust.nominal_pa = {nominal_pa:g}; are both absolute "
+            "pressures in pascals?",
+        )
+    middle_s, part = (values.reshape(-1, records).mean(1) for values in (time_s - interval_s / 2, pressure / nominal_pa))
+    return Supply(frozen(middle_s), frozen(part))
