@@ -230,12 +230,24 @@ def _supposed(case: Case) -> Iterator[tuple[str, States, tuple[States, ...], flo
     if case.vehicle.imu.accel_axes == "imu":
         yield "accel-axes", {"imu.accel_axes": "start"}, (), 0.0
     if case.log.command_kind == "wrench" and case.vehicle.thrust.wrench_limits is None:
-        found = _limits(case)
+        later, found = 0.0, _limits(case)
+        if found is not None and case.vehicle.cycle.command_delay_cycles == "auto":  # what is cut off has moved it
+            later = _delay_beside(case, found[0])
+            found = _limits(case._replace(timing=case.timing.moved(("delay",), (later,)))) or found
         if found is not None:
-            yield "commands-limited", found[0], found[1], 0.0
+            yield "commands-limited", *found, later
     if case.log.command_kind == "jets" and case.log.command.any():
         yield from _pulses_elsewhere(case)
         yield from (_later(case, jet) for jet in _likeliest_later(case))
+
+
+def _delay_beside(case: Case, states: States) -> float:
+    """By how many cycles later commands act beside these keys, as far as they explain most."""
+
+    def left(by: float) -> float:
+        return _left(case, states, by) if case.timing.delay + by >= 0 else np.inf
+
+    return _least(left, (0.0, -case.timing.delay), ANOTHER, NEAR / 4)
 
 
 def _pulses_elsewhere(case: Case) -> Iterator[tuple[str, States, tuple[States, ...], float]]:

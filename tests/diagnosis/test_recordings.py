@@ -19,6 +19,7 @@ from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import changed
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.testbed.simulate import SimulatedFlight
 from tests import faulty
@@ -50,6 +51,11 @@ def far_beyond(log: Log, used: Vehicle, truth: Array) -> tuple[Log, Vehicle]:
     return saturated(log, used, truth, 0.12)
 
 
+def saturated_late(log: Log, used: Vehicle, truth: Array) -> tuple[Log, Vehicle]:
+    """Of an unknown delay, which the peaks put astray."""
+    return saturated(log, changed(used, ['cycle.command_delay_cycles="auto"']), truth, 0.7)
+
+
 def normalised(log: Log, used: Vehicle, _: Array) -> tuple[Log, Vehicle]:
     return replace(log, command=log.command / np.append(np.abs(log.command[:, :3]).max(0), np.ones(3))), used
 
@@ -73,6 +79,7 @@ def examined(mistake: Mistake) -> tuple[Analysis, Array]:
         pytest.param(about_its_cg, "wrench-point", "thrust.wrench_point_m", marks=pytest.mark.thorough),
         (saturated, "commands-limited", "thrust.wrench_limits"),
         (far_beyond, "commands-limited", "thrust.wrench_limits"),
+        (saturated_late, "commands-limited", "thrust.wrench_limits"),
         (normalised, "commands-normalised", ""),
     ],
 )
@@ -84,7 +91,7 @@ def test_what_a_commanded_wrench_may_be_otherwise_is_named(mistake: Mistake, cod
         assert found.mended[0].settings[0].startswith(f"{key}=")
 
 
-@pytest.mark.parametrize("mistake", [about_its_cg, saturated, far_beyond])
+@pytest.mark.parametrize("mistake", [about_its_cg, saturated, far_beyond, saturated_late])
 def test_mended_by_its_key_values_are_within_their_sigmas(mistake: Mistake) -> None:
     found, true = examined(mistake)
     estimates = found.mended[0].conclusions[0].estimates
