@@ -6,7 +6,7 @@ the speed that it is told, so the lag is the speed's, and thrust is what that ma
 
 import json
 from collections.abc import Sequence
-from math import exp, factorial
+from math import factorial
 from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -243,13 +243,28 @@ def _lagging(rotor: Held, pieces: _Pieces) -> tuple[Array, Array]:
 
 
 def _departures(rotor: Held) -> tuple[Array, Array]:
-    """(K,) by how much it is over what is asked for as each command begins, and the lag (s) with which that goes; nothing without a lag."""
-    length = np.diff(rotor.begin_s, append=rotor.begin_s[-1]).tolist()
-    now = float(rotor.asked[0])
-    left, lags = [], []
-    for asked, lasting in zip(rotor.asked.tolist(), length, strict=True):
-        lag = rotor.up_s if asked > now else rotor.down_s
-        left.append(now - asked if lag > 0 else 0.0)
-        lags.append(lag or 1.0)
-        now = asked + left[-1] * exp(-lasting / lags[-1])
-    return np.array(left), np.array(lags)
+    """(K,) by how much it is over what is asked for as each command begins, and the lag (s) with which that goes; nothing without a lag.
+
+    Of steps s and of what is kept until the next, ``d[k + 1] = s[k + 1] + kept[k] d[k]``. Which lag it is, up or down, d itself tells: from
+    the first command on one more is right each time.
+    """
+    length, steps = np.diff(rotor.begin_s, append=rotor.begin_s[-1]), -np.diff(rotor.asked, prepend=rotor.asked[0])
+    rising = steps < 0
+    while True:
+        lag = np.where(rising, rotor.up_s, rotor.down_s)
+        lags = np.where(lag > 0, lag, 1.0)
+        found = _summed(steps, np.exp(-length / lags) * (lag > 0))
+        before, rising = rising, found < 0
+        if rotor.up_s == rotor.down_s or (rising == before).all():
+            return found * (lag > 0), lags
+
+
+def _summed(steps: Array, kept: Array) -> Array:
+    """(K,) d of steps s (K,): ``d[k + 1] = s[k + 1] + kept[k] d[k]``, with twice the reach in each pass."""
+    found, kept, reach = steps.copy(), np.append(0.0, kept[:-1]), 1
+    while reach < len(found):
+        found[reach:] += kept[reach:] * found[:-reach]
+        kept[reach:] *= kept[:-reach].copy()
+        kept[:reach] = 0.0
+        reach *= 2
+    return found
