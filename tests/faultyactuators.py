@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -111,8 +112,9 @@ def _in_rpm(of: Subject, draw: np.random.Generator) -> Subject:
     return _logged(of, lambda columns: columns * np.where(np.arange(columns.shape[1]) == one, 30 / np.pi, 1.0))
 
 
-def _in_degrees(of: Subject, _: np.random.Generator) -> Subject:
-    return _logged(of, lambda columns: np.degrees(columns))
+def _in_degrees(of: Subject, draw: np.random.Generator, every: bool = True) -> Subject:
+    one = int(draw.integers(of.flown.issued.shape[2]))
+    return _logged(of, lambda columns: columns * np.where(every | (np.arange(columns.shape[1]) == one), 180 / np.pi, 1.0))
 
 
 def _spin(of: Subject, draw: np.random.Generator) -> Subject:
@@ -169,7 +171,8 @@ FAULTS = {
     "swapped": Fault("two swapped", SWAPPED, lambda of, draw: _permuted(of, draw, 2)),
     "round": Fault("three wired round", SWAPPED, lambda of, draw: _permuted(of, draw, 3)),
     "rpm": Fault("one speed in rpm", ("speed-units",), _in_rpm, platforms=("wheels", "pedestal, wheels")),
-    "degrees": Fault("all gimbal angles in degrees", ("actuator-units",), _in_degrees, platforms=("gyros",)),
+    "degrees": Fault("all gimbal angles in degrees", ("gimbal-units",), _in_degrees, platforms=("gyros",)),
+    "one in degrees": Fault("one gimbal's angles in degrees", ("gimbal-units",), partial(_in_degrees, every=False), platforms=("gyros",)),
     "strong": Fault("one gives 10 % more", SCALE, acting=lambda draw, n: _one(draw, n, 1.1)),
     "weak": Fault("one gives 10 % less", SCALE, acting=lambda draw, n: _one(draw, n, 0.9)),
     "dead": Fault("one dead", ("actuator-dead",), acting=lambda draw, n: _one(draw, n, 0.0)),

@@ -233,6 +233,7 @@ WARNINGS: dict[str, Example] = {
     "actuators-swapped": Example(partial(_actuator, "wheels", "swapped"), *RATE),
     "rotor-spin": Example(partial(_actuator, "rotors", "spin"), *RATE),
     "speed-units": Example(partial(_actuator, "wheels", "rpm"), *RATE),
+    "gimbal-units": Example(partial(_actuator, "gyros", "one in degrees"), *RATE),
     "clock-rebuilt": Example(partial(_recorded, "clock-bursts", 9000), *RATE),
     "records-doubled": Example(partial(_recorded, "records-late", 9000), *RATE),
     "sensor-frozen": Example(partial(_recorded, "frozen", 9008), *SEEN),

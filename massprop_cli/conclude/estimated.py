@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from massprop_cli.conclude.analysis import Analysis
@@ -134,17 +135,18 @@ def _doubted(examination: Examined, begun: Ready, answer: Estimates[Resolved]) -
 def _diagnosis(begun: Ready, used: Resolved, say: Progress) -> Diagnosis | None:
     """None where causes are not looked for: of a sensor that saturates or stands still.
 
-    Where no hypothesis explains the log of rotors, other readings of the columns are fitted.
+    Where no hypothesis explains the log of rotors, other readings of the columns are fitted; of control moment gyros before all else.
     """
     if _unread(begun.log):
         return None
     say("looking for the cause", 1.0)
     from massprop_cli.diagnosis import diagnose, rereading  # nine modules that a clean log does without
 
+    reread = partial(rereading.reread, begun.log, used, begun.timing, begun.phases)
+    if used.control_moment_gyros and (read := reread()) is not None:
+        return read
     found = diagnose.diagnose(begun.log, used, begun.timing, [cycles for _, cycles in begun.phases])
-    if used.rotors and found.unknown and not found.explanations:
-        return rereading.reread(begun.log, used, begun.timing, begun.phases) or found
-    return found
+    return (reread() or found) if used.rotors and found.unknown and not found.explanations else found
 
 
 def _unexplained(diagnosis: Diagnosis | None, others: Sequence[Notice]) -> str:

@@ -20,6 +20,7 @@ from massprop_cli.errorparameters.channels import spun, wired
 from massprop_cli.errorparameters.setup import LAG, Setup, own_lags, stating
 from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, TABLE
 from massprop_cli.errorparameters.thrust import NEAR, RPM, about_cg
+from massprop_cli.inputs.actuators.control_moment_gyro import GyroLog
 from massprop_cli.inputs.columns import WRENCH, Column
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import ACTUATORS, Vehicle
@@ -68,6 +69,20 @@ class RotorColumns(NamedTuple):
         return tuple(tuple(float(i == at) for i in range(len(self.order))) for at in self.order)
 
 
+class GimbalColumns(NamedTuple):
+    """Columns of gimbals' angles in another unit."""
+
+    names: tuple[str, ...]
+    """The contract's, of each of :attr:`massprop_cli.inputs.vehicle.Vehicle.spinning`."""
+    factors: tuple[float, ...]
+    """On each; 1 of what is no gimbal."""
+
+    def turned(self, log: Log) -> Log:
+        """The log with these angles."""
+        pairs = zip(log.spinning, self.factors, strict=True)
+        return replace(log, spinning=tuple(one.turned(by) if isinstance(one, GyroLog) else one for one, by in pairs))
+
+
 @dataclass(frozen=True)
 class Correction:
     """How a named fault is corrected: keys of the vehicle file, and factors on what the log holds."""
@@ -80,6 +95,7 @@ class Correction:
     """On each component of a commanded wrench; empty: none."""
     rotors: RotorColumns | None = None
     """Which columns of rotors are read instead."""
+    gimbals: GimbalColumns | None = None
 
     @property
     def by_keys(self) -> bool:
@@ -115,11 +131,13 @@ class Correction:
             if self.command and other.command
             else self.command or other.command,
             other.rotors or self.rotors,
+            other.gimbals or self.gimbals,
         )
 
     def log(self, log: Log) -> Log:
         """The log as it is after the correction's factors."""
         log = log if self.rotors is None else replace(log, command=log.command[:, list(self.rotors.order)])
+        log = log if self.gimbals is None else self.gimbals.turned(log)
         return replace(
             log,
             delta_theta_imu_rad=log.delta_theta_imu_rad @ np.array(self.gyro).T if self.gyro else log.delta_theta_imu_rad,
@@ -132,6 +150,7 @@ class Correction:
         settings: list[str] = []
         turns = [(log.rate_columns, self.gyro), (log.force_columns, self.accelerometer), (WRENCH, _diagonal(self.command))]
         turns += [] if self.rotors is None else [(self.rotors.names, self.rotors.rows)]
+        turns += [] if self.gimbals is None else [(self.gimbals.names, _diagonal(self.gimbals.factors))]
         for names, turn in turns:
             if all(sum(value != 0 for value in row) == 1 for row in turn):
                 settings += [_column(columns, name, names, row) for name, row in zip(names, turn, strict=False)]

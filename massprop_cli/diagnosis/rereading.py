@@ -24,12 +24,14 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import cross
 from massprop_cli.diagnosis import segment
-from massprop_cli.diagnosis.corrections import Correction, RotorColumns
+from massprop_cli.diagnosis.corrections import Correction, GimbalColumns, RotorColumns
 from massprop_cli.diagnosis.explanation import EVEN, Diagnosis, Explanation
 from massprop_cli.diagnosis.hypotheses import other_units
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.wording import IN_MAP, IN_VEHICLE_FILE
+from massprop_cli.errorparameters.sensor import DEGREE
 from massprop_cli.estimate import phases
+from massprop_cli.inputs.actuators.control_moment_gyro import GIMBAL, GyroLog
 from massprop_cli.inputs.columns import DELTA_THETA
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Phase
@@ -102,7 +104,7 @@ class _Case(NamedTuple):
 
     def look(self, correction: Correction, roughly: bool = False) -> _Look:
         """What a fit leaves of the log as it is read then."""
-        made = self.made if correction.rotors is None else None
+        made = self.made if correction.rotors is None and correction.gimbals is None else None
         try:
             with np.errstate(all="ignore"):  # of a reading that is far off numbers run away
                 samples = self.timing.of(correction.log(self.log), self.vehicle, made)
@@ -121,8 +123,22 @@ class _Case(NamedTuple):
 
 
 def _readings(case: _Case) -> Iterator[ColumnReading]:
-    yield from _other_units(case.log)
-    yield from _other_orders(case)
+    if case.vehicle.rotors:
+        yield from _other_units(case.log)
+        yield from _other_orders(case)
+    yield from _gimbals_in_degrees(case)
+
+
+def _gimbals_in_degrees(case: _Case) -> Iterator[ColumnReading]:
+    """All angles, or one alone."""
+    spinning = case.vehicle.spinning
+    names, gyros = tuple(GIMBAL.of(one.name) for one in spinning), [isinstance(one, GyroLog) for one in case.log.spinning]
+    where = IN_VEHICLE_FILE if case.log.made is None else IN_MAP
+    each = [np.arange(len(gyros)) == i for i in np.flatnonzero(gyros)]
+    for own in [np.array(gyros), *each] if len(each) > 1 else each:
+        said = ", ".join(name for name, one in zip(names, own, strict=True) if one)
+        words = f"gimbal angles are in degrees, not radians ({said}); correct the log, or scale the columns {where} ({DEGREE:.6g})"
+        yield ColumnReading("gimbal-units", words, Correction(gimbals=GimbalColumns(names, tuple(np.where(own, DEGREE, 1.0).tolist()))))
 
 
 def _other_units(log: Log) -> Iterator[ColumnReading]:

@@ -26,6 +26,7 @@ KINDS = [
     ("pedestal, wheels", "sign"),
     ("gyros", "dead"),
     ("rotors", "spin"),
+    ("gyros", "one in degrees"),
 ]
 """One of each code: `python benchmarks/actuator_faults.py` has every fault on every platform (docs/actuators.md)."""
 
@@ -71,6 +72,11 @@ def test_a_fault_is_named_and_its_correction_gives_the_truth(platform: str, name
 @pytest.mark.parametrize(("platform", "name"), KINDS)
 def test_a_fault_of_each_code_is_named(platform: str, name: str) -> None:
     named(platform, name, 0, 400)
+
+
+def test_gimbal_angles_in_degrees_are_named() -> None:
+    """Those that turn so slowly that the log can be read."""
+    named("gyros", "degrees", 1, 300)
 
 
 def named(platform: str, name: str, seed: int, cycles: int) -> None:

@@ -197,6 +197,11 @@ class GyroLog:
         """Whether the gimbal turned, or the rotor's speed changed."""
         return bool(np.ptp(self.angle_rad) > 0) or (self.speed_rad_s is not None and bool(np.ptp(self.speed_rad_s) > 0))
 
+    def turned(self, factor: float) -> Self:
+        """With so many times the angle."""
+        before = None if self.before is None else (factor * self.before[0], self.before[1])
+        return replace(self, angle_rad=factor * self.angle_rad, before=before)
+
     def part(self, rows: slice) -> Self:
         """Of some records."""
         speed, last = self.speed_rad_s, rows.start - 1
