@@ -187,12 +187,10 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     theta, velocity = imu.theta, imu.velocity
     notices += [*paced, *_emptiness(source, imu.empty), *saturation(vehicle, theta, velocity, interval_s)]
     kind, command = commands.commands(source, vehicle, records, n, pulsed)
-    attitude = _attitude(source)
+    attitude = _attitude(source, n)
     _check_outliers(source, vehicle, time_s, interval_s)
     if table.made is not None:
-        agreement.check(
-            table.path, table.made, vehicle, theta[:n], velocity[:n] / interval_s[:n, None], None if attitude is None else attitude[:n]
-        )
+        agreement.check(table.path, table.made, vehicle, theta[:n], velocity[:n] / interval_s[:n, None], attitude)
     return Log(
         path=table.path,
         sha256=table.sha256,
@@ -204,7 +202,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         delta_v_imu_m_s=frozen(velocity[:n]),
         command_kind=kind,
         command=frozen(command),
-        attitude_wxyz=None if attitude is None else frozen(attitude[:n]),
+        attitude_wxyz=None if attitude is None else frozen(attitude),
         notices=tuple(notices),
         rate_columns=imu.rates,
         force_columns=imu.forces,
@@ -476,7 +474,8 @@ def _check_outliers(source: LogTable, vehicle: Vehicle, time_s: Array, interval_
             )
 
 
-def _attitude(source: LogTable) -> Array | None:
+def _attitude(source: LogTable, n: int) -> Array | None:
+    """(n, 4) unit quaternions of the first rows; None where no row has one."""
     if not any(source.has(name) for name in QUATERNION):
         return None
     quaternion = spill.empty(source.table.rows, len(QUATERNION))
@@ -496,7 +495,7 @@ def _attitude(source: LogTable) -> Array | None:
             int(bad[0]), "quat_w", f"the quaternion's norm is {norm[bad[0]]:.4g}, not 1; quaternions are wxyz, world from body"
         )
     quaternion /= norm[:, None]
-    return None if empty.all() else quaternion
+    return None if empty.all() else quaternion[:n]
 
 
 def saturation(vehicle: Vehicle, theta: Array, velocity: Array, interval_s: Array) -> list[Notice]:

@@ -143,10 +143,8 @@ def fly(
     for name, sensor in (("gyro", flying.gyro), ("accelerometer", flying.accelerometer)):
         _check_sensor(source, name, sensor)
     time_s = _record_ends(scenario)
-    logged = flying.exchange.columns
     supply_pa = scenario.supply_pa(time_s - time_s[0] / 2)
-    if supply_pa is not None:
-        logged = {**logged, PRESSURE: np.tile(supply_pa, (len(seeds), 1))}
+    supply = {} if supply_pa is None else {PRESSURE: np.tile(supply_pa, (len(seeds), 1))}
     return SimulatedFlight(
         vehicle=scenario.logged,
         seeds=tuple(seeds),
@@ -156,7 +154,7 @@ def fly(
         delta_v_m_s=frozen(_flat(flying.accelerometer.increments)),
         issued=frozen(np.concatenate([flying.actuators.issued, flying.exchange.issued], -1)),
         turning={name: frozen(values) for name, values in flying.exchange.turning.items()},
-        columns={name: frozen(values) for name, values in logged.items()},
+        columns={name: frozen(values) for name, values in {**flying.exchange.columns, **supply}.items()},
         attitude_wxyz=frozen(flying.attitude),
         logged_wxyz=imu.logged_attitude(scenario, flying.rngs["attitude"], flying.attitude),
         rate_rad_s=frozen(flying.rate),
