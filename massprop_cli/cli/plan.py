@@ -27,6 +27,7 @@ def plan(
         float | None, options.option("Farthest from the vertical at the start, rad.", _LIMITS, min=1e-9, metavar="RAD")
     ] = None,
     max_travel: Annotated[float | None, options.option("Farthest from the place at the start, m.", _LIMITS, min=1e-9, metavar="M")] = None,
+    max_wheel_speed: Annotated[float | None, options.option("Fastest wheel, rad/s.", _LIMITS, min=1e-9, metavar="RAD_S")] = None,
     without: Annotated[str | None, options.option("Jets that are off.", _LIMITS, metavar="JET,...")] = None,
     criterion: Annotated[
         Literal["worst", "a", "d"],
@@ -62,7 +63,7 @@ def plan(
     folder = out or flow.default_folder(vehicle)
     files.check_own(folder, ("scenario.toml",), "plan.json")
     off = tuple(name.strip() for name in without.split(",")) if without else ()
-    asked = flow.Asked(wants, max_time, criterion, max_impulse, max_rate, max_tilt, max_travel, off)
+    asked = flow.Asked(wants, max_time, criterion, max_impulse, max_rate, max_tilt, max_travel, max_wheel_speed, off)
     with progress(quiet or as_json) as told, np.errstate(all="ignore"):
         made = flow.make(vehicle, guess, asked, told or (lambda *_: None), tuple(assign or []))
     flow.write(made, folder, {"plan.html": page.text(made.plan)})

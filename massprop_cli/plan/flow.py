@@ -10,6 +10,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.estimate.quantities import alone
 from massprop_cli.inputs import vehiclefile
+from massprop_cli.inputs.actuators.actuator import called
 from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan import document, guess, limits, planner, rehearsal
@@ -35,6 +36,7 @@ class Asked:
     rate_rad_s: float | None = None
     tilt_rad: float | None = None
     travel_m: float | None = None
+    wheel_rad_s: float | None = None
     off: tuple[str, ...] = ()
 
 
@@ -69,6 +71,8 @@ def make(vehicle: Path, guess_file: Path | None, asked: Asked, say: Say, assignm
             found = _widened(flown, planner.plan(flown, replace(order, wanted=found.wanted), say))
     if guessed.file.body.breaks_triangle and source.vehicle.environment.kind != "planar":
         notes.append("the guess breaks the triangle inequality of principal moments, which no real body does; look at its units and signs")
+    if source.vehicle.spinning and not flown.by_wheels:
+        notes.append(f"the {called(source.vehicle.spinning)} stand as they begin: the plan moves the vehicle by jets or a wrench")
     if source.vehicle.thrust.failures:
         notes.append("thrust.failures are of another log: planned without, and scenario.toml holds the vehicle without")
     if asked.off:
@@ -92,8 +96,11 @@ def _order(flown: Rehearsal, guessed: guess.Guess, asked: Asked) -> Order:
         raise InputError(
             f"--max-time {asked.max_time_s:g}: is {cycles} cycles of {period:g} s, and commands come {least} late; give more time"
         )
+    begun = max((abs(wheel.start_rad_s or 0.0) for wheel in flown.vehicle.wheels), default=0.0)
+    if asked.wheel_rad_s is not None and asked.wheel_rad_s <= begun:
+        raise InputError(f"--max-wheel-speed {asked.wheel_rad_s:g}: a wheel begins with {begun:g} rad/s; allow more, or begin slower")
     steady = STEADY * flown.vehicle.convergence.count + least
-    allowed = limits.allowed(flown.vehicle, asked.impulse_n_s, asked.rate_rad_s, asked.tilt_rad, asked.travel_m)
+    allowed = limits.allowed(flown.vehicle, asked.impulse_n_s, asked.rate_rad_s, asked.tilt_rad, asked.travel_m, asked.wheel_rad_s)
     return Order(wanted, allowed, cycles, asked.criterion, min(steady, cycles))
 
 

@@ -10,15 +10,16 @@ from massprop_cli import flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.actuators.actuator import called
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan.guess import Guess
 from massprop_cli.plan.limits import Used, used
-from massprop_cli.testbed import bound, mission
+from massprop_cli.testbed import bound, exchange, mission
 from massprop_cli.testbed.conditions import Control
-from massprop_cli.testbed.scenario import Scenario, ScenarioSource
+from massprop_cli.testbed.scenario import Scenario, ScenarioSource, turned_by_wheels_alone
 from massprop_cli.testbed.simulate import MemberChange, fly
-from massprop_cli.testbed.timeline import AXES, Axis, Segment
+from massprop_cli.testbed.timeline import AXES, TURNS, Axis, Segment
 
 BANDWIDTH, PHASE = 1.0, 0.15
 """rad/s of the attitude hold, and the most that delay, half a cycle and lag may turn its phase (rad): it stays well damped."""
@@ -66,8 +67,14 @@ class Rehearsal:
     @property
     def axes(self) -> tuple[Axis, ...]:
         """Axes that the actuators can drive both ways without disturbing the others."""
-        full = mission.allocation(self.scenario((), 10 + int(self.delay_cycles))).full
-        return tuple(axis for axis, both in zip(AXES, full, strict=True) if (both > 0).all())  # type: ignore[misc]
+        found = mission.allocation(self.scenario((), 10 + int(self.delay_cycles)))
+        driven = [0.0 not in found.largest(i, self.by_wheels and axis in TURNS) for i, axis in enumerate(AXES)]
+        return tuple(axis for axis, both in zip(AXES, driven, strict=True) if both)  # type: ignore[misc]
+
+    @property
+    def by_wheels(self) -> bool:
+        """Whether the vehicle turns by what stores momentum alone."""
+        return turned_by_wheels_alone(self.vehicle, self.guess.file.actuators)
 
     @property
     def delay_cycles(self) -> float:
@@ -86,15 +93,15 @@ def rehearsal(vehicle: VehicleSource, guess: Guess, off: Sequence[str] = ()) -> 
         )
     jets = tuple(jet for jet in stated.jets if jet.name not in off)
     limits = guess.file.actuators
-    for kind, own in stated.actuators:
-        if not own:
-            continue
-        simulated = "" if kind.THRUSTS else f", or rehearse motions by {kind.NOUN}s with massprop simulate (by_wheels = true in a segment)"
+    if stated.rotors:
+        raise InputError(f"{vehicle.source}: motions by [[rotors]] can't be planned; plan by a commanded wrench with a copy without them")
+    full = limits.max_torque_n_m or limits.max_force_n or exchange.full(stated, limits).any()
+    if stated.spinning and not (jets or full):
         raise InputError(
-            f"{vehicle.source}: motions by [[{kind.TABLE}]] can't be planned, and without them a plan shows less than the vehicle does; "
-            f"plan by its jets or wrench with a copy that has no [[{kind.TABLE}]]{simulated}"
+            f"{vehicle.source}: turns by its {called(stated.spinning)}, and nothing says how fast: state in a guess file [actuators] "
+            "max_wheel_torque_n_m, or max_gimbal_rate_rad_s of control moment gyros"
         )
-    if not jets and (stated.jets or not (limits.max_torque_n_m or limits.max_force_n)):
+    if not jets and (stated.jets or not full):
         raise InputError(
             f"{vehicle.source}: no jet is left to plan with; leave one on"
             if stated.jets
@@ -114,7 +121,9 @@ def rehearsal(vehicle: VehicleSource, guess: Guess, off: Sequence[str] = ()) -> 
 
 def _check_noise(vehicle: VehicleSource, guess: Guess) -> None:
     real, stated = guess.file.sensors, vehicle.vehicle.imu
-    for key in ("gyro_noise_rad_s", "accel_noise_m_s2"):
+    for key, logged in (("gyro_noise_rad_s", real.gyro_axes), ("accel_noise_m_s2", real.accel_axes)):
+        if not logged:
+            continue
         own = getattr(real, key)
         level = getattr(stated, key) if own is None else own
         if not level:
@@ -169,6 +178,7 @@ def uncounted(vehicle: Vehicle) -> list[str]:
         "imu.accel_lag_sigma_s": vehicle.imu.accel_lag_sigma_s,
         "imu.gyro_bias_sigma_rad_s": vehicle.imu.gyro_bias_sigma_rad_s,
         "imu.accel_bias_sigma_m_s2": vehicle.imu.accel_bias_sigma_m_s2,
+        **{f"sigmas of [[{device.TABLE}]]": float(len(device.unknowns)) for device in vehicle.spinning},
     }
     return [key for key, value in stated.items() if value > 0]
 

@@ -95,10 +95,11 @@ def _sensitivities(source: ScenarioSource, seeds: Sequence[int], issued: Array, 
     flown = fly(
         noise_free(source), np.repeat(seeds, 2 * unknowns).tolist(), issued=np.repeat(issued, 2 * unknowns, 0), changes={start: change}
     )
+    sensors, stated = scenario.sensors, scenario.vehicle.imu
     whitened = np.concatenate(
         [
-            flown.delta_theta_rad / _sigma(scenario.sensors.gyro_noise_rad_s, scenario.vehicle.imu.gyro_noise_rad_s),
-            flown.delta_v_m_s / _sigma(scenario.sensors.accel_noise_m_s2, scenario.vehicle.imu.accel_noise_m_s2),
+            flown.delta_theta_rad / _sigma(sensors.gyro_noise_rad_s, stated.gyro_noise_rad_s, sensors.axes[:3]),
+            flown.delta_v_m_s / _sigma(sensors.accel_noise_m_s2, stated.accel_noise_m_s2, sensors.axes[3:]),
         ],
         -1,
     ).reshape(members, 2, unknowns, -1, 6)[..., list(scenario.sensors.axes)] / (np.sqrt(records) * period / records)
@@ -119,11 +120,11 @@ def as_bodies(values: Array) -> Bodies:
     return Bodies(inertia, np.ascontiguousarray(values[:, 6:9].T), np.ascontiguousarray(values[:, 9]))
 
 
-def _sigma(real: float | None, stated: float | None) -> float:
+def _sigma(real: float | None, stated: float | None, axes: Sequence[bool]) -> float:
     sigma = stated if real is None else real
-    if not sigma:
-        raise ValueError("a bound needs noise on both sensors")
-    return sigma
+    if not sigma and any(axes):
+        raise ValueError("a bound needs noise on each sensor that is logged")
+    return sigma or 1.0
 
 
 def _covariance(slopes: Array) -> Array:

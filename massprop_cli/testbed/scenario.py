@@ -198,7 +198,7 @@ class Scenario(Timed):
 
     def turned_by_wheels(self, segment: Segment) -> bool:
         """Whether a segment of the plan is for what stores momentum: it says so, or nothing else could turn the vehicle."""
-        alone = bool(self.vehicle.spinning) and not self.vehicle.jets and self.actuators.max_torque_n_m is None
+        alone = turned_by_wheels_alone(self.vehicle, self.actuators)
         return segment.motion != "coast" and (segment.by_wheels or (alone and set(segment.driven) <= set(TURNS)))
 
     @property
@@ -279,6 +279,11 @@ class Scenario(Timed):
             return None
         ends = self.actuators.supply_pa or (nominal_pa, nominal_pa)
         return np.interp(time_s, [0.0, self.cycles * self.vehicle.cycle.period_s], ends)
+
+
+def turned_by_wheels_alone(vehicle: Vehicle, real: TrueActuators) -> bool:
+    """Whether nothing but what stores momentum turns it."""
+    return bool(vehicle.spinning) and not vehicle.jets and real.max_torque_n_m is None
 
 
 @dataclass(frozen=True)

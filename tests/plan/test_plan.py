@@ -12,6 +12,7 @@ import pytest
 
 from massprop_cli import QUANTITIES
 from massprop_cli import flow as analysis
+from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.require import precise
@@ -181,6 +182,44 @@ def test_the_course_falls_to_what_is_predicted(made: WrittenPlan) -> None:
     assert made.plan.timeline[-1].end_s == made.plan.duration_s
 
 
+def by_momentum(folder: Path, name: str, asked: Asked) -> tuple[WrittenPlan, simulate.SimulatedFlight]:
+    """A plan for a packaged vehicle that turns by what it stores, and two flights of it."""
+    source = scenario.load(name).scenario
+    full = {key: value for key, value in source.actuators.model_dump().items() if key.startswith("max_") and value is not None}
+    values = dict(zip(QUANTITIES, source.truth.values.tolist(), strict=True))
+    (folder / "vehicle.toml").write_text(vehicle_text(name))
+    (folder / "guess.toml").write_text(configfile.toml({"body": values, "actuators": full}))
+    made = flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None)
+    return made, simulate.fly(scenario.parse(made.scenario, "scenario.toml", ()), (1, 2))
+
+
+@pytest.mark.parametrize(
+    "name", ["wheels", *(pytest.param(one, marks=pytest.mark.thorough) for one in ("control-moment-gyros", "pedestal"))]
+)
+def test_motions_by_what_stores_momentum_are_planned_and_give_what_is_predicted(name: str, tmp_path: Path) -> None:
+    """Wheels begin with up to 200 rad/s, and are not to pass 260."""
+    made, flight = by_momentum(tmp_path, name, Asked(precise("ixx 0.3 %, iyy 0.3 %, izz 0.3 %"), max_time_s=8.0, wheel_rad_s=260.0))
+    assert made.plan.reached
+    predicted = {quantity: item.sigma for quantity, item in made.plan.quantities.items()}
+    for member in range(2):
+        found = analysis.examine(flight.log(member), VehicleSource(flight.vehicle, "", "")).conclusions[0]
+        for i in (0, 3, 5):
+            quantity = QUANTITIES[i]
+            sigma = float(np.sqrt(found.covariance[i, i]))
+            assert sigma == pytest.approx(predicted[quantity], rel=0.03)
+            assert abs(found.values[i] - flight.truth[member, 0, i]) < 4.5 * sigma
+    speeds = [np.abs(speed).max() for column, speed in flight.turning.items() if column.startswith("wheel_")]
+    assert max(speeds, default=0.0) <= 260.0
+
+
+def test_wheels_beside_jets_stand_while_these_are_planned(folder: Path) -> None:
+    asked = Asked(precise("mass 5 %"), max_time_s=2.0, off=all_but("divert_x"))
+    vehicle, body = folder / "vehicle.toml", folder / "guess.toml"
+    made, without = (flow.make(vehicle, body, asked, lambda *_: None, own).plan for own in ((f"wheels=[{WHEEL}]",), ()))
+    assert "the wheels stand as they begin: the plan moves the vehicle by jets or a wrench" in made.notes
+    assert made.quantities["mass"].sigma == pytest.approx(without.quantities["mass"].sigma, rel=0.02)
+
+
 def test_a_precision_out_of_reach_exits_4_with_the_best_and_what_limits_it(folder: Path) -> None:
     arguments = ["--vehicle", "vehicle.toml", "--guess", "guess.toml", *SIDEWAYS, "--max-time", "1", "-q", "--out", "far"]
     done = massprop(folder, "plan", "--want", "mass 0.1 %", *arguments)
@@ -217,7 +256,7 @@ def test_a_common_uncertainty_of_the_thrust_is_named_as_what_no_time_mends(folde
         ),
         (["--want", "mass 2 %", "--set", "imu.gyro_noise_rad_s=0.0"], 3, "imu.gyro_noise_rad_s is 0; no precision can be planned"),
         (["--want", "mass 2 %", "--set", "jets=[]"], 3, "no actuators to plan with"),
-        (["--want", "mass 2 %", "--set", f"wheels=[{WHEEL}]"], 3, "motions by [[wheels]] can't be planned"),
+        (["--want", "ixx 2 %", "--set", "jets=[]", "--set", f"wheels=[{WHEEL}]"], 3, "[actuators] max_wheel_torque_n_m"),
         (["--want", "mass 2 %", "--set", "jets=[]", "--set", f"rotors=[{ROTOR}]"], 3, "motions by [[rotors]] can't be planned"),
         (["--want", "mass 2 %", "--out", "."], 2, "is the current folder"),
     ],
