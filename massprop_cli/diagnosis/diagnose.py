@@ -24,7 +24,7 @@ from massprop_cli.diagnosis.explanation import Diagnosis, Explanation, by_wander
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.phaseboundary import border
 from massprop_cli.diagnosis.ranking import CLEAR
-from massprop_cli.diagnosis.recordings import by_noise, otherwise, seen, sparse
+from massprop_cli.diagnosis.recordings import by_noise, lost, otherwise, seen, sparse
 from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, helped, hopeless, refined, tried
 from massprop_cli.diagnosis.screening import Screening, about_its_body, beside_a_torque, busiest, screened
 from massprop_cli.diagnosis.search import codes, same, searched
@@ -78,7 +78,7 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     if shown is not None:
         return Diagnosis((Explanation(shown.code, shown.message, None),))
     screening = about_its_body(screening)
-    alone, rarely = _alone(screening), sparse(screening.case)
+    alone, rarely = _alone(screening), sparse(screening.case) or lost(log)
     if rarely and not any(map(_whole, alone)):
         return Diagnosis(unknown=rarely)
     wandering = beside_a_torque(screening)

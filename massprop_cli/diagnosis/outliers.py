@@ -12,7 +12,7 @@ row of the estimates depends on it. Where the model needs some rate, the one bef
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, frozen, median
+from massprop_cli.inputs.logtable import LONG
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
@@ -31,6 +32,8 @@ SIGMAS = 10.0
 """From how many sigmas on a reading is none of the motion. benchmarks/faults.py moves with it."""
 TAIL = 5.0
 """There are no more than half as many readings between so many sigmas and ``SIGMAS`` as outliers: what shades off is a misfit."""
+BEHIND = 4
+"""Cycles from a lost record on in which a command that was lost with it may act."""
 SHARE = 0.015
 """Part of the rows that may be outliers."""
 SELDOM = 0.1
@@ -91,15 +94,23 @@ def screened(log: Log, vehicle: Vehicle, samples: Stream, pieces: Sequence[slice
         if getattr(vehicle.imu, key) is None and len(found.cycles):
             rows = [_row(log, sensor, int(cycle)) for cycle in found.cycles]
             times[key] = tuple(round(float(log.time_s[row]), 9) for row in rows)
-            listed = ", ".join(f"{row} ({log.time_s[row]:.6g} s)" for row in rows[:LISTED]) + (", …" if len(rows) > LISTED else "")
-            notices.append(
-                Notice(
-                    "outliers",
-                    f"the {_LONG[sensor]} has {len(rows)} reading(s) that are none of the motion, {found.sigmas.min():.3g} to "
-                    f"{found.sigmas.max():.3g} sigma out, in rows (from 0) {listed}; not used (imu.{key}; [] uses all)",
-                )
-            )
+            lost = np.flatnonzero(log.interval_s > LONG * median(log.interval_s))
+            after = np.array(rows) - np.append(-np.inf, lost)[np.searchsorted(lost, rows, "right")]
+            notices += _told(log, sensor, np.array(rows), found.sigmas, after < BEHIND * log.records_per_cycle)
     return vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=times)}) if times else vehicle, notices
+
+
+def _told(log: Log, sensor: str, rows: IntArray, sigmas: Array, lost: BoolArray) -> Iterator[Notice]:
+    """Where a record was ``lost`` a reading is no mean over its interval, or what was commanded is not known."""
+    used = f"not used (imu.{sensor}_outliers_s; [] uses all)"
+    for code, own, what in (
+        ("long-interval", lost, "reading(s) where a record was lost, which are no means over their intervals or follow a lost command"),
+        ("outliers", ~lost, "reading(s) that are none of the motion"),
+    ):
+        if own.any():
+            listed = ", ".join(f"{row} ({log.time_s[row]:.6g} s)" for row in rows[own][:LISTED].tolist()) + ", …" * bool(own.sum() > LISTED)
+            out = f"{sigmas[own].min():.3g} to {sigmas[own].max():.3g} sigma out"
+            yield Notice(code, f"the {_LONG[sensor]} has {own.sum()} {what}, {out}, in rows (from 0) {listed}; {used}")
 
 
 def _doubled(log: Log) -> IntArray:

@@ -25,6 +25,7 @@ from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.inputs.actuators.rotor import SPEED
 from massprop_cli.inputs.columns import WRENCH
+from massprop_cli.inputs.logtable import LONG
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.prepare.actuators import LATE
 
@@ -110,6 +111,17 @@ def sparse(case: Case) -> str:
     return (
         f"log and vehicle file don't fit, cause unknown: logged commands change only in every {every}. control cycle, and the motion in "
         "between does not follow them. Probably not every command was logged. Log every command with its time (command_time_s)"
+    )
+
+
+def lost(log: Log) -> str:
+    """A sentence that records were lost, and commands in them; empty where none was, or commands have times of their own."""
+    rows = np.flatnonzero(log.interval_s > LONG * median(log.interval_s))
+    if log.command_s is not None or not len(rows):
+        return ""
+    return (
+        f"log and vehicle file don't fit, cause unknown: {len(rows)} record(s) were lost, the first before {log.time_s[rows[0]]:.6g} s, "
+        "and what was commanded in them is not in the log. Split the log there, or record every command with its time (command_time_s)"
     )
 
 

@@ -21,6 +21,7 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import changed
 from massprop_cli.model.resolved import Resolved
+from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.simulate import SimulatedFlight
 from tests import faulty
 from tests.flown import PLAN, fly
@@ -237,3 +238,30 @@ def test_commands_that_were_logged_more_rarely_than_given_leave_least_next_to_on
     for late in (0, 1, 3):
         shifted = replace(slow, command=np.roll(3.0 * held, -late, axis=0))
         assert recordings.sparse(Case(shifted, used, stated_timing(used))) == ""
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.thorough), pytest.param(3, marks=pytest.mark.thorough)])
+def test_records_that_were_lost_with_their_commands_name_no_other_cause(seed: int) -> None:
+    """Three cycles: the rate changes by what nobody knows, and the next increments are those of half their interval."""
+    flown = simulate.fly(scenario.load("free-flyer", (*PLAN, *WRENCH)), [seed])
+    log, rows = flown.log(0), np.random.default_rng(seed)
+    gone = rows.choice(np.flatnonzero(log.command.any(1))[20:-20], 3, replace=False)
+    kept = np.setdiff1d(np.arange(log.cycles), gone)
+    time_s = log.time_s[kept]
+    cut = replace(
+        log,
+        rows=len(kept),
+        time_s=time_s,
+        interval_s=np.diff(time_s, prepend=time_s[0] - log.interval_s[0]),
+        delta_theta_imu_rad=log.delta_theta_imu_rad[kept],
+        delta_v_imu_m_s=log.delta_v_imu_m_s[kept],
+        command=log.command[kept],
+    )
+    found = faulty.examined(cut, flown.vehicle)
+    codes = {notice.code for notice in found.notices}
+    assert codes <= {"long-interval", "cause-unknown", "model-discrepancy", "disturbance-torque", "gyro-misfit", "accelerometer-misfit"}
+    assert "cause-unknown" not in codes or "3 record(s) were lost" in found.unknown
+    assert not any(
+        one.verdict == "converged" and abs((one.value or 0.0) - value) > 4 * (one.sigma or 0.0)
+        for one, value in zip(found.conclusions[0].estimates.values(), flown.truth[0][0], strict=True)
+    )
