@@ -138,8 +138,7 @@ def test_a_free_swing_with_nothing_known_tells_ratios_alone_and_says_so() -> Non
     assert all(told.estimates[name].value is None for name in (*INERTIA, *CG))
 
 
-@pytest.mark.parametrize(("imu", "most"), [({}, 0.1), ({"gyro_filter": LowPass(order=2, cutoff_hz=40.0)}, 1.0)], ids=["plain", "filtered"])
-def test_a_free_swing_logged_as_mean_rates_gives_what_its_increments_give(imu: dict[str, LowPass], most: float) -> None:
+def test_a_free_swing_logged_as_mean_rates_gives_what_its_increments_give() -> None:
     """Nothing is commanded, so no sensor shows a command late; a low-pass of 4 ms moves a swing of seconds by less than noise."""
     own, flown, rng = moved(5, "swing", 1)
     known = {
@@ -151,10 +150,12 @@ def test_a_free_swing_logged_as_mean_rates_gives_what_its_increments_give(imu: d
     log = anypedestal.log_of(deepcopy(rng), own, 0, flown, used)
     expected = flow.examine(log, VehicleSource(used, "", "")).conclusions[0]
     rates = replace(log, rate_columns=columns.GYRO, force_columns=columns.ACCEL)
-    used = used.model_copy(update={"imu": used.imu.model_copy(update=imu)})
-    found = flow.examine(rates, VehicleSource(used, "", "")).conclusions[0]
-    assert np.abs((found.values - expected.values) / expected.sigmas)[:9].max() < most
-    np.testing.assert_allclose(found.sigmas[:9], expected.sigmas[:9], rtol=0.02)
+    filtered: dict[str, LowPass] = {"gyro_filter": LowPass(order=2, cutoff_hz=40.0)}
+    for imu, most in (({}, 0.1), (filtered, 1.0)):
+        behind = used.model_copy(update={"imu": used.imu.model_copy(update=imu)})
+        found = flow.examine(rates, VehicleSource(behind, "", "")).conclusions[0]
+        assert np.abs((found.values - expected.values) / expected.sigmas)[:9].max() < most
+        np.testing.assert_allclose(found.sigmas[:9], expected.sigmas[:9], rtol=0.02)
 
 
 def test_a_pendulum_far_from_its_joint_swings_by_the_inertia_that_is_known() -> None:
@@ -162,7 +163,7 @@ def test_a_pendulum_far_from_its_joint_swings_by_the_inertia_that_is_known() -> 
     rng = np.random.default_rng(4)
     own = anypedestal.tables(rng, 4, offset_m=0.03)
     flown = anypedestal.fly(rng, own, "swing", 0.05, 15.0)
-    for body in range(4):
+    for body in range(2):
         size = 0.01 * float(np.trace(own.inertia[body])) / 3
         known = {
             name: {"value": float(value + size * rng.normal()), "sigma": size}
