@@ -133,6 +133,7 @@ def _commands(found: Traits) -> list[str]:
         "[thrust]",
         "# scale_sigma = 0.05   # how well the forces above are known, all together: mass and inertia are proportional to them",
         '# lag_s = "auto"       # if thrust follows commands through a first-order lag, as a rotor does',
+        "# nominal_pa = ...     # of jets whose supply pressure is logged (supply_pa): the absolute pressure that force_n holds for",
     ]
     if not found.commands and not any(own for kind, own in found.actuators.items() if kind.THRUSTS):
         return lines or ["# no column of commands: jet_NAME_s, rotor_NAME_command, cmd_torque_x_n_m or wheel_NAME_rad_s"]
