@@ -102,15 +102,18 @@ def screened(log: Log, vehicle: Vehicle, samples: Stream, pieces: Sequence[slice
 
 def _told(log: Log, sensor: str, rows: IntArray, sigmas: Array, lost: BoolArray) -> Iterator[Notice]:
     """Where a record was ``lost`` a reading is no mean over its interval, or what was commanded is not known."""
-    used = f"not used (imu.{sensor}_outliers_s; [] uses all)"
-    for code, own, what in (
-        ("long-interval", lost, "reading(s) where a record was lost, which are no means over their intervals or follow a lost command"),
-        ("outliers", ~lost, "reading(s) that are none of the motion"),
-    ):
-        if own.any():
-            listed = ", ".join(f"{row} ({log.time_s[row]:.6g} s)" for row in rows[own][:LISTED].tolist()) + ", …" * bool(own.sum() > LISTED)
-            out = f"{sigmas[own].min():.3g} to {sigmas[own].max():.3g} sigma out"
-            yield Notice(code, f"the {_LONG[sensor]} has {own.sum()} {what}, {out}, in rows (from 0) {listed}; {used}")
+
+    def said(own: BoolArray, what: str) -> str:
+        listed = ", ".join(f"{row} ({log.time_s[row]:.6g} s)" for row in rows[own][:LISTED].tolist()) + ", …" * bool(own.sum() > LISTED)
+        out = f"{sigmas[own].min():.3g} to {sigmas[own].max():.3g} sigma out"
+        used = f"not used (imu.{sensor}_outliers_s; [] uses all)"
+        return f"the {_LONG[sensor]} has {own.sum()} reading(s) {what}, {out}, in rows (from 0) {listed}; {used}"
+
+    if lost.any():
+        what = "where a record was lost, which are no means over their intervals or follow a lost command"
+        yield Notice("long-interval", said(lost, what))
+    if not lost.all():
+        yield Notice("outliers", said(~lost, "that are none of the motion"))
 
 
 def _doubled(log: Log) -> IntArray:
