@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -135,13 +136,14 @@ class Discrepancy:
 
 def discrepancy(samples: Stream, timing: Timing, used: Resolved, settled: History, plain: PlainFits, i: int) -> Discrepancy | None:
     """Of phase number ``i``; None where there is no fit, or nothing finite."""
-    first = _fitted(samples, timing, used, settled.reference, settled, plain.consider)
-    if first is None:
+    supposed, units, columns = _columns(Setup(samples.log, used, timing), samples, float(settled.natural_sizes[CG]))
+    fitted = partial(_fitted, samples, settled, plain.consider.about(supposed), units)
+    fit = fitted(used, settled.reference)
+    if fit is None:
         return None
-    fit, columns = first
     if _other(plain.vehicle, used):
-        free = _fitted(samples, timing, plain.vehicle, plain.references[i], settled, plain.consider)
-        fit = fit if free is None else fit.widened(free[0])
+        free = fitted(plain.vehicle, plain.references[i])
+        fit = fit if free is None else fit.widened(free)
     vehicle = used.in_phase(settled.phase)
     # an error common to all thrust leaves no trace; it is as likely as one of each. Wheels tell it
     common = 0.0 if vehicle.spinning else BY_NAME["thrust"].usual * max(fit.scale, LEAST)
@@ -155,19 +157,18 @@ def discrepancy(samples: Stream, timing: Timing, used: Resolved, settled: Histor
 
 
 def _fitted(
-    samples: Stream, timing: Timing, vehicle: Resolved, reference: Reference | None, settled: History, stated: Consider
-) -> tuple[ErrorFit, tuple[ErrorColumn, ...]] | None:
+    samples: Stream, settled: History, consider: Consider, units: Array, vehicle: Resolved, reference: Reference | None
+) -> ErrorFit | None:
     """Beside all error parameters, with the noise and the disturbances of ``vehicle``; None where nothing finite comes of it."""
     if reference is None:
         return None
-    consider, units, columns = _columns(Setup(samples.log, vehicle, timing), samples, float(settled.natural_sizes[CG]))
     with np.errstate(all="ignore"):
         try:
-            found = error_fit(samples, settled.cycles, reference, vehicle.in_phase(settled.phase), stated.about(consider), units)
+            found = error_fit(samples, settled.cycles, reference, vehicle.in_phase(settled.phase), consider, units)
         except np.linalg.LinAlgError:
             return None
     finite = np.isfinite(found.mean).all() and np.isfinite(found.covariance).all() and found.mean[MU] > 0
-    return (found, columns) if finite else None
+    return found if finite else None
 
 
 def _other(one: Resolved, other: Resolved) -> bool:

@@ -22,6 +22,7 @@ from massprop_cli.base.rigidbody import times
 from massprop_cli.errorparameters.parameter import ErrorParameter
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME
+from massprop_cli.inputs.equipment import Environment
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model import attitude
 from massprop_cli.model.geometry import WrenchChanges, uncertain_jets
@@ -34,6 +35,11 @@ from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.prepare.compensate import Samples, Source
 from massprop_cli.prepare.stream import Stream
 
+STATES = {
+    "imu": ("gyro_bias_sigma_rad_s", "accel_bias_sigma_m_s2"),
+    "environment": ("disturbance_walk_n_m", "damping_sigma_n_m_s"),
+}
+"""Keys that say which states are estimated, by sections of a vehicle file."""
 FOLLOWED = 0.1
 """Part of what a rate was read otherwise than expected, by which the next is expected otherwise."""
 
@@ -139,12 +145,9 @@ class Restated:
     samples: Source
     vehicle: Vehicle
 
-    def variant(self, samples: Source, vehicle: Vehicle) -> Variant:
-        """Beside the log as it was read, with the states that are estimated by now: noise and disturbances are sized on the way."""
-        imu = {key: getattr(vehicle.imu, key) for key in ("gyro_bias_sigma_rad_s", "accel_bias_sigma_m_s2")}
-        environment = {key: getattr(vehicle.environment, key) for key in ("disturbance_walk_n_m", "damping_sigma_n_m_s")}
-        parts = {"imu": self.vehicle.imu.model_copy(update=imu), "environment": self.vehicle.environment.model_copy(update=environment)}
-        return Variant(OtherReading(samples), OtherReading(self.samples, self.vehicle.model_copy(update=parts)), 1.0)
+    def variant(self, samples: Source) -> Variant:
+        """Beside the log as it was read."""
+        return Variant(OtherReading(samples), OtherReading(self.samples, self.vehicle), 1.0)
 
 
 @dataclass(frozen=True)
@@ -192,7 +195,7 @@ def fed(
     driven, measured, rows = list[Array](), list[Array](), 9 if samples.attitude_logged else 6
     # the log as it was read is at hand; sides that variants have in common are looked at once, and stay: ids are theirs
     at_hand = _beyond(here, phi_map.coefficients(phi_map.theta(reference))[0], state)
-    sides = _Sides(state, cycles, reference, {}, _Shared({}, {}, {}), [vehicle])
+    sides = _Sides(state, cycles, reference, {}, _Shared({}, {}, {}, {}), [vehicle])
     sides.read[id(samples), id(vehicle)] = _with_attitude(at_hand, part, Layout.of(samples, vehicle), reference, state)
     begun = np.isin(np.arange(cycles.start + 1, cycles.stop), [*consider.begun])
     expected_motion = cache(partial(_expected_motion, part, at_hand, state, begun))
@@ -213,7 +216,7 @@ def fed(
         measured.extend(np.pad(each, ((0, 0), (0, rows - 6))) for each in np.moveaxis(as_read(seen, part), -1, 0))
 
     for variant in consider.variants:
-        add(variant.variant(samples, vehicle) if isinstance(variant, Restated) else variant)
+        add(variant.variant(samples) if isinstance(variant, Restated) else variant)
     if consider.scales:
         mounting, whole = np.array(vehicle.imu.body_from_imu), part.specific_force_m_s2 + vehicle.environment.steady_force_m_s2
         seen_by_scale = mounting * (whole @ mounting * part.executed.axes[3:])[:, None, :]
@@ -304,6 +307,8 @@ class _Shared(NamedTuple):
     """By samples and environment: another place of the IMU alone leaves the motion."""
     cycles: dict[int, Array]
     """By samples: as the kernel has them."""
+    environments: dict[int, Environment]
+    """By those of other readings: with the filter's own states."""
 
 
 class _Sides(NamedTuple):
@@ -320,12 +325,26 @@ class _Sides(NamedTuple):
 
     def of(self, side: OtherReading) -> tuple[Array, Array]:
         """(K − 1, n) the state one step on, and (K, m) what is measured beyond what the state gives."""
-        self.held.append(vehicle := side.vehicle or self.held[0])
-        if (own := (id(side.samples), id(vehicle))) not in self.read:
+        self.held.append(told := side.vehicle or self.held[0])
+        if (own := (id(side.samples), id(told))) not in self.read:
+            vehicle = self._as_estimated(side.samples, told)
             expected = _expected(side, self.state, self.cycles, self.reference, vehicle, self.shared)
             layout = Layout.of(side.samples, vehicle)
             self.read[own] = _with_attitude(expected, side.samples.part(self.cycles), layout, self.reference, self.state)
         return self.read[own]
+
+    def _as_estimated(self, samples: Source, vehicle: Vehicle) -> Vehicle:
+        """With the filter's own states: noise and disturbances are sized after it was stated what is uncertain."""
+        own = self.held[0]
+        if Layout.of(samples, vehicle) == Layout.of(samples, own):
+            return vehicle
+        parts = {
+            name: getattr(vehicle, name).model_copy(update={key: getattr(getattr(own, name), key) for key in keys})
+            for name, keys in STATES.items()
+        }
+        parts["environment"] = self.shared.environments.setdefault(id(vehicle.environment), parts["environment"])
+        self.held.append(vehicle.model_copy(update=parts))
+        return self.held[-1]
 
 
 def _expected(

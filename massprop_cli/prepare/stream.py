@@ -27,6 +27,8 @@ GRID = 256
 """Parts begin at multiples of so many cycles, ..."""
 LEAST = 24 * GRID
 """... and are so long at least: a causal pass looks back by less than a third of that."""
+HELD = 3072
+"""Cycles of a log of which all are held by each of many readings."""
 
 
 class Alignment:
@@ -77,8 +79,8 @@ class Stream:
         return Stream(self.alignment, vehicle or self.vehicle, gyro)
 
     def light(self) -> Stream:
-        """Itself, holding no more cycles at a time than it must: one of many beside another."""
-        self._least = GRID
+        """Itself, of a long log holding no more cycles at a time than it must: one of many beside another."""
+        self._least = GRID if len(self) > HELD else HELD
         return self
 
     def __len__(self) -> int:

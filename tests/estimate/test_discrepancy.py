@@ -10,7 +10,8 @@ import pytest
 
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array, frozen, triangle_of
-from massprop_cli.conclude.discrepancy import _fitted
+from massprop_cli.conclude.discrepancy import PlainFits
+from massprop_cli.conclude.discrepancy import discrepancy as told_of
 from massprop_cli.diagnosis.preprocessing import ready
 from massprop_cli.estimate import discrepancy, offline
 from massprop_cli.estimate.phases import as_stated
@@ -143,10 +144,10 @@ def test_errors_are_found_with_their_sign_and_size() -> None:
         plain = as_stated(begun.samples, begun.phases, begun.stated, begun.consider)
         assert plain.fits[0] is not None
         history = plain.fits[0].history
-        found = _fitted(begun.samples, begun.timing, plain.used, history.reference, history, begun.consider)
+        fits = PlainFits(plain.used, (history.reference,), begun.consider)
+        found = told_of(begun.samples, begun.timing, plain.used, history, fits, 0)
         assert found is not None
-        fit, columns = found
-        (said,) = (columns[i].said(float(fit.errors[i])) for i in fit.freed)
+        (said,) = found.behaves_like
         assert said.startswith(f"{name}: ")
         assert float(said.split(": ")[1].split()[0]) == pytest.approx(expected, rel=0.4)
 
