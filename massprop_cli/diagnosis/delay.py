@@ -212,7 +212,7 @@ def search(
         try:
             made = impulses(log, vehicle, candidate.delay, candidate.lag_s(vehicle))
             # what the IMU felt is the same whenever the commands act
-            motion = _motion(candidate.of(log, vehicle, made), vehicle) if motion is None else motion
+            motion = motion_of(candidate.of(log, vehicle, made), vehicle) if motion is None else motion
         except InputError:
             costs.append(np.inf)
             continue
@@ -222,21 +222,21 @@ def search(
     return [Rated(candidates[i], costs[i]) for i in np.argsort(costs, kind="stable") if np.isfinite(costs[i])]
 
 
-def unexplained_by(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0) -> tuple[float, float]:
+def unexplained_by(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0, motion: MeasuredMotion | None = None) -> tuple[float, float]:
     """−2 log likelihood, but for a constant, of rates and of specific force over commands under one timing, with nothing known of the body.
 
-    By cycles from ``first`` on whose commands are known.
+    By cycles from ``first`` on whose commands are known; of a ``motion`` that is the same whatever the commands do, where it is at hand.
     :class:`massprop_cli.base.errors.InputError` where that leaves too little of the log.
     """
     made = impulses(log, vehicle, timing.delay, timing.lag_s(vehicle))
-    motion = _motion(timing.of(log, vehicle, made), vehicle)
+    motion = motion or motion_of(timing.of(log, vehicle, made), vehicle)
     cycles = slice(max(first, int(np.argmax(made.usable)) + 1), log.cycles)
     if cycles.stop - cycles.start < LEAST + 3 * made.whole.shape[1]:
         raise InputError(f"{log.path}: {cycles.stop - cycles.start} cycles are too few to show what the IMU records; record longer")
     return _unexplained(motion, made, cycles)
 
 
-class _Motion(NamedTuple):
+class MeasuredMotion(NamedTuple):
     """Of a log's K cycles."""
 
     rate: Array
@@ -247,11 +247,12 @@ class _Motion(NamedTuple):
     """(K, 3) of the rotation centre."""
 
 
-def _motion(samples: Samples, vehicle: Vehicle) -> _Motion:
-    return _Motion(samples.rate_rad_s, (samples.up_b[:-1] + samples.up_b[1:]) / 2, acceleration(samples, vehicle))
+def motion_of(samples: Samples, vehicle: Vehicle) -> MeasuredMotion:
+    """What the IMU felt."""
+    return MeasuredMotion(samples.rate_rad_s, (samples.up_b[:-1] + samples.up_b[1:]) / 2, acceleration(samples, vehicle))
 
 
-def _unexplained(motion: _Motion, made: Impulses, piece: slice) -> tuple[float, float]:
+def _unexplained(motion: MeasuredMotion, made: Impulses, piece: slice) -> tuple[float, float]:
     """Log of what is left of rate growth, and of acceleration, when regressed on impulses, with nothing known of the body."""
     rate, up = motion.rate[piece], motion.up[piece]
     products = rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]]

@@ -16,7 +16,7 @@ from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Case
-from massprop_cli.diagnosis.delay import ALIKE, unexplained_by
+from massprop_cli.diagnosis.delay import ALIKE, MeasuredMotion, motion_of, unexplained_by
 from massprop_cli.diagnosis.hypotheses import along
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.ranking import CLEAR
@@ -170,10 +170,11 @@ def otherwise(screening: Screening) -> list[Refit]:
     Such a fault leaves nothing once it is corrected: beside a torque of its own it would be one of many that leave less.
     """
     case = screening.case
-    stated = _left(case, {})
+    motion = motion_of(case.timing.of(case.log, case.vehicle), case.vehicle)
+    stated = _left(case, motion, {})
     found = []
-    for code, states, further, later in _supposed(case):
-        if _left(case, states, later) < stated - CLEAR:
+    for code, states, further, later in _supposed(case, motion):
+        if _left(case, None if code == "accel-axes" else motion, states, later) < stated - CLEAR:
             model, x = screening.model, screening.stated.x.copy()
             x[model.place("delay")] += later
             free = along(model, ("delay", np.ones(1))) if later else np.zeros((len(x), 0))
@@ -237,45 +238,45 @@ def by_noise(screening: Screening) -> list[Refit]:
     return [] if refit is None or refit.screening is None or not refit.screening.close else [replace(refit, fits=True)]
 
 
-def _supposed(case: Case) -> Iterator[tuple[str, States, tuple[States, ...], float]]:
+def _supposed(case: Case, motion: MeasuredMotion) -> Iterator[tuple[str, States, tuple[States, ...], float]]:
     """Code, keys, keys with each number that was sought one sigma away, and by how many cycles later commands act with it."""
     if case.vehicle.imu.accel_axes == "imu":
         yield "accel-axes", {"imu.accel_axes": "start"}, (), 0.0
     if case.log.command_kind == "wrench" and case.vehicle.thrust.wrench_limits is None:
-        later, found = 0.0, _limits(case)
+        later, found = 0.0, _limits(case, motion)
         if found is not None and case.vehicle.cycle.command_delay_cycles == "auto":  # what is cut off has moved it
-            later = _delay_beside(case, found[0])
-            found = _limits(case._replace(timing=case.timing.moved(("delay",), (later,)))) or found
+            later = _delay_beside(case, motion, found[0])
+            found = _limits(case._replace(timing=case.timing.moved(("delay",), (later,))), motion) or found
         if found is not None:
             yield "commands-limited", *found, later
     if case.log.command_kind == "jets" and case.log.command.any():
-        yield from _pulses_elsewhere(case)
-        yield from (_later(case, jet) for jet in _likeliest_later(case))
+        yield from _pulses_elsewhere(case, motion)
+        yield from (_later(case, motion, jet) for jet in _likeliest_later(case))
 
 
-def _delay_beside(case: Case, states: States) -> float:
+def _delay_beside(case: Case, motion: MeasuredMotion, states: States) -> float:
     """By how many cycles later commands act beside these keys, as far as they explain most."""
 
     def left(by: float) -> float:
-        return _left(case, states, by) if case.timing.delay + by >= 0 else np.inf
+        return _left(case, motion, states, by) if case.timing.delay + by >= 0 else np.inf
 
     return _least(left, (0.0, -case.timing.delay), ANOTHER, NEAR / 4)
 
 
-def _pulses_elsewhere(case: Case) -> Iterator[tuple[str, States, tuple[States, ...], float]]:
+def _pulses_elsewhere(case: Case, motion: MeasuredMotion) -> Iterator[tuple[str, States, tuple[States, ...], float]]:
     """With the delay as stated, or one by which pulses act about when they now do in the mean."""
     on, cycle = case.log.command[:, : len(case.vehicle.jets)], case.vehicle.cycle
     idle = 1 - float((on**2).sum() / max(on.sum(), 1e-300)) / cycle.period_s
     for at in [at for at in LATE if at != cycle.pulse_at] if idle > NEAR else []:
         states: States = {"cycle.pulse_at": at}
-        left = partial(_left, case, states)
+        left = partial(_left, case, motion, states)
         by = (LATE[cycle.pulse_at] - LATE[at]) * idle
         by = _least(left, (by,), 0.1, NEAR / 4) if left(0.0) > left(by) else 0.0
         if case.timing.delay + by >= 0:
             yield "pulse-position", states, (), by
 
 
-def _later(case: Case, jet: int) -> tuple[str, States, tuple[States, ...], float]:
+def _later(case: Case, motion: MeasuredMotion, jet: int) -> tuple[str, States, tuple[States, ...], float]:
     """With pulses of one jet later by what explains most."""
     key, stated_s, period_s = f"jets.{jet}.delay_s", case.vehicle.jets[jet].delay_s, case.vehicle.cycle.period_s
 
@@ -283,7 +284,7 @@ def _later(case: Case, jet: int) -> tuple[str, States, tuple[States, ...], float
         return {key: max(stated_s + cycles * period_s, 0.0)}
 
     def left(cycles: float) -> float:
-        return _left(case, states(cycles))
+        return _left(case, motion, states(cycles))
 
     by = _least(left, (0.5, 1.0, 1.5, 2.0), 0.5, NEAR)
     sigma = _sigma(left, by)
@@ -312,14 +313,15 @@ def _likeliest_later(case: Case) -> list[int]:
     return np.flatnonzero(gained > max(gained.max(initial=0.0) - MORE, CLEAR)).tolist()
 
 
-def _left(case: Case, states: States, later: float = 0.0) -> float:
+def _left(case: Case, motion: MeasuredMotion | None, states: States, later: float = 0.0) -> float:
+    timing = case.timing.moved(("delay",), (later,))
     try:
-        return sum(unexplained_by(case.log, stating(case.vehicle, states), case.timing.moved(("delay",), (later,))))
+        return sum(unexplained_by(case.log, stating(case.vehicle, states), timing, motion=motion))
     except (InputError, np.linalg.LinAlgError):
         return np.inf
 
 
-def _limits(case: Case) -> tuple[States, tuple[States, ...]] | None:
+def _limits(case: Case, motion: MeasuredMotion) -> tuple[States, tuple[States, ...]] | None:
     """Of each component, by which commands explain most, and with each that was sought one sigma away; None where it is more without any.
 
     One part of each one's largest command, as of an allocation that saturates; of a component by itself only where that explains more: of
@@ -336,9 +338,9 @@ def _limits(case: Case) -> tuple[States, tuple[States, ...]] | None:
         return {"thrust.wrench_limits": tuple((changed * largest).tolist())}
 
     def left(which: Sequence[int], part: float) -> float:
-        return round(_left(case, states(which, part)), ALIKE_TO) if part > 0 else np.inf
+        return round(_left(case, motion, states(which, part)), ALIKE_TO) if part > 0 else np.inf
 
-    least, further = _left(case, {}), list[States]()
+    least, further = _left(case, motion, {}), list[States]()
     for which in (commanded.tolist(), *([int(i)] for i in commanded)):
         by = cache(partial(left, which))
         part = _least(by, PARTS.tolist(), float(PARTS[0] - PARTS[1]), NEAR)
