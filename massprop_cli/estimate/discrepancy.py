@@ -150,16 +150,18 @@ def error_fit(samples: Source, cycles: slice, reference: Reference, vehicle: Res
 def _segments(regression: Regression, reference: Reference, stops: Sequence[Sequence[int]]) -> tuple[Array, list[tuple[slice, Array]]]:
     """Whitened rows of what is known before the first cycle, and triangles of those of each segment; ``stops`` on the way to its end."""
     begun = run = replace(regression.begin(reference), bound=True)
-    white, first, every = dict[int, Array](), run.at, [*chain(*stops)]
+    ends, every = {own[-1] for own in stops}, [*chain(*stops)]
+    parts, found, first = list[Array](), list[tuple[slice, Array]](), run.at
     while every:
         count = max(sum(stop <= run.at + TOGETHER for stop in every), 1)
         for after, taken in regression.through(run, every[:count]):
-            run, white[after.at] = after, regression.ordered(taken)
+            run = after
+            parts.append(regression.ordered(taken))
+            if run.at in ends:
+                found.append((slice(first, run.at), triangle_of(np.vstack(parts))))
+                parts, first = [], run.at
         every = every[count:]
-    firsts = [first, *(own[-1] for own in stops)]
-    return begun.triangle, [
-        (slice(start, own[-1]), triangle_of(np.vstack([white[stop] for stop in own]))) for start, own in zip(firsts, stops, strict=False)
-    ]
+    return begun.triangle, found
 
 
 def _told(corner: Array, count: int) -> tuple[float, float, list[int]]:
