@@ -21,15 +21,11 @@ def frozen(array: Array) -> Array:
 
 def cubic(wanted: Array, at: Array, values: Array) -> Array:
     """Values (n,) at other times: cubics with the mean slopes there (Hermite; Catmull & Rom 1974); outside, the nearest."""
+    from scipy.interpolate import CubicHermiteSpline
+
     if len(at) < 2:
         return np.full(np.shape(wanted), values[0])
-    slope, time = np.gradient(values, at), np.clip(wanted, at[0], at[-1])
-    k = np.clip(np.searchsorted(at, time, "right") - 1, 0, len(at) - 2)
-    length = at[k + 1] - at[k]
-    s = (time - at[k]) / length
-    rest = 1 - s
-    ends = rest**2 * (1 + 2 * s) * values[k] + s**2 * (3 - 2 * s) * values[k + 1]
-    found: Array = ends + s * rest * length * (rest * slope[k] - s * slope[k + 1])
+    found: Array = CubicHermiteSpline(at, values, np.gradient(values, at))(np.clip(wanted, at[0], at[-1]))
     return found
 
 
