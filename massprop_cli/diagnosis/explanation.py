@@ -117,8 +117,10 @@ def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = ())
 
 
 def _said(screening: Screening, refit: Refit) -> list[tuple[str, str]]:
-    """(code, words) of each cause."""
-    return [words_of(part, screening.names, screening.case, refit.case) for part in refit.fitted.parts]
+    """(code, words) of each cause; a delay that is to be found is none beside another, which the search for it did not know of."""
+    said = [words_of(part, screening.names, screening.case, refit.case) for part in refit.fitted.parts]
+    sought = screening.case.vehicle.cycle.command_delay_cycles == "auto"
+    return [one for one in said if one[0] != "delay-mismatch" or not sought] or said
 
 
 def _joined(said: Sequence[tuple[str, str]]) -> str:
