@@ -69,7 +69,7 @@ def drawn(seed: int, mass: float, sigma: float, scale: float) -> tuple[Array, Ar
 
 @pytest.mark.parametrize(
     ("mass", "sigma", "draws"),
-    [(2.0, 2e-3, 50), *(pytest.param(*one, 200, marks=pytest.mark.thorough) for one in ((2.0, 2e-3), (0.5, 2e-2)))],
+    [(2.0, 2e-3, 50), *(pytest.param(*one, 200, marks=[pytest.mark.thorough, pytest.mark.seeds]) for one in ((2.0, 2e-3), (0.5, 2e-2)))],
 )
 def test_over_many_draws_values_and_scale_lie_within_their_sigmas(mass: float, sigma: float, draws: int) -> None:
     """Body and weight are point masses; each draw has logs of its own precision. Bounds are 2.4 sigma and more of what chance leaves."""
@@ -182,7 +182,8 @@ def test_logs_of_a_table_on_a_pedestal_add_up_about_its_pivot() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "count"), [("jets", 1), *(pytest.param(kind, 6, marks=pytest.mark.thorough) for kind in ("jets", "wheels"))]
+    ("kind", "count"),
+    [("jets", 1), *(pytest.param(kind, 6, marks=[pytest.mark.thorough, pytest.mark.seeds]) for kind in ("jets", "wheels"))],
 )
 def test_a_weight_on_a_pedestal_is_the_scale(kind: anypedestal.Kind, count: int) -> None:
     """Thrust and wheels give 0.9 of what is stated; motion is integrated apart (tests/anypedestal.py)."""

@@ -118,6 +118,7 @@ def test_what_a_combined_result_shares_is_there_when_it_is_combined_again() -> N
     np.testing.assert_allclose(np.array(one[6:9], dtype=float), np.array(other[6:9], dtype=float), rtol=0.02)
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_an_uncertain_geometry_is_one_and_the_same_in_all_logs(tmp_path: Path) -> None:
     """Jets that are displaced, and stronger or weaker, in the vehicle file of three logs by errors as it states them."""

@@ -92,6 +92,7 @@ def test_sigmas_are_the_bound_and_nothing_else_is_given(name: str) -> None:
     assert {e.verdict for one, e in conclusion.estimates.items() if one not in case.told} <= {"unobservable"}
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", CASES)
 def test_errors_over_many_seeds_are_within_a_tenth_of_the_bound_and_intervals_cover(name: str) -> None:

@@ -15,6 +15,7 @@ WALK = 1e-4
 LOGGED = ("sensors.log_attitude=true", "sensors.attitude_noise_rad=1e-3")
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "settings"),

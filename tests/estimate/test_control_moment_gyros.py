@@ -75,6 +75,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     assert np.abs(z).max() < 4
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_over_ten_seeds_intervals_of_95_percent_cover_as_many() -> None:
     """Of the packaged scenario, 90 values; of 450 there were 95.3 %."""

@@ -54,6 +54,7 @@ def test_a_prediction_by_all_others_is_the_whole_fit_less_its_leverage(monkeypat
         assert np.isclose(one.chi_square, left @ np.linalg.solve(np.eye(12) - leverage, left), rtol=1e-9)
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["testbed"])
 def test_chances_of_clean_segments_are_uniform_and_segment_sigmas_hold(name: str) -> None:

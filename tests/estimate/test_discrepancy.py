@@ -167,6 +167,7 @@ def beyond(log: Log, rng: np.random.Generator) -> list[Log]:
     ]
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_sigmas_cover_what_nobody_foresaw() -> None:
     """Four logs; of commands that are lost values are too large by that part, which is 2.5 %."""

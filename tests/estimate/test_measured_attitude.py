@@ -105,6 +105,7 @@ def test_no_sigma_is_larger_than_without_the_columns(bearing: str, bias: bool) -
         assert np.abs(found.z).max() < 4.5
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_sigmas_hold() -> None:
     """Of two bearings, without and with biases. CG and mass of a log go together, so that 80 values scatter as half as many."""

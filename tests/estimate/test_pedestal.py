@@ -91,6 +91,7 @@ def test_inertia_and_first_moment_about_the_pivot_converge_within_their_sigmas(k
     )
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.parametrize(("kind", "biases", "inertia"), [("jets", False, 0.0), ("wheels", False, 0.0), ("swing", False, 0.01)])
 def test_sigmas_hold_over_many_tables(kind: anypedestal.Kind, biases: bool, inertia: float) -> None:

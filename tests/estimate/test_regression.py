@@ -65,6 +65,7 @@ def test_values_hold_from_the_first_that_is_given(name: str) -> None:
     assert z.max() < 8
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["refined", "free-flyer", "testbed", "docking"])
 def test_values_hold_on_the_way_over_many_logs(name: str) -> None:

@@ -68,9 +68,6 @@ massprop simulate free-flyer --seeds 2 {SHORT} --out flights
 massprop simulate free-flyer {RECORDS} --out records && cp records/log.csv .
 for n in 1 2; do massprop estimate flights/seed-000$n/log.parquet -q --out run-$n; done
 massprop estimate log.parquet -q --out baseline/log
-massprop simulate testbed-joined -q --out at-docked
-massprop estimate sample_logs/scenarios/testbed/log.parquet -q --out alone
-massprop estimate at-docked/log.parquet -q --out docked
 mkdir massprop-out && cp -r run-1 massprop-out/monday
 cp -r flights/seed-0002 friday && cp friday/log.parquet friday.parquet
 {TABLE} --out table && massprop estimate table/log.parquet -q --out before
@@ -79,7 +76,7 @@ massprop estimate moved/log.parquet -q --out after
 printf '{BALLAST}' > ballast.toml
 massprop simulate free-flyer {SHORT} --seed 2 {LOADED} --out flown-loaded
 massprop estimate flown-loaded/log.parquet -q --out loaded
-cp -r run-1 empty
+cp -r run-1 empty && cp -r run-1 alone && cp -r loaded docked
 """
 
 
