@@ -17,9 +17,9 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands
 from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_V, GYRO, PULSE_START, QUATERNION, TIME, WRENCH, jet
 from massprop_cli.inputs.equipment import OFF_UNIT
+from massprop_cli.inputs.imurecords import ABSURD
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.tablefile import Cells, Places, Table
-from massprop_cli.inputs.telemetry import ABSURD
 from massprop_cli.inputs.vehicle import Vehicle
 
 LONGEST = 1 << 20
@@ -142,11 +142,6 @@ class StreamReader:
             raise InputError(
                 f"standard input, line 1: column {self._own(timed)!r}: commands with times of their own can't be estimated live; "
                 "write each command in the first record of its control cycle, or record a log for massprop estimate"
-            )
-        if self.vehicle.thrust.nominal_pa is not None:
-            raise InputError(
-                "standard input: thrust that follows its pressure (thrust.nominal_pa) can't be estimated live; record a log for massprop "
-                "estimate"
             )
         jets, wrench = [jet(each.name) for each in self.vehicle.jets], self._has(WRENCH)
         if wrench and self._has(jets):

@@ -68,7 +68,7 @@ class PlanGoal:
         sizes = np.array([natural_sizes(body) for body in self.bodies])
         sizes = sizes * self.beyond
         bound = np.linalg.inv(information + prior)[..., :10, :10] * (sizes[:, :, None] * sizes[:, None, :])
-        for g, body in enumerate(self.bodies if not self.vehicle.spinning else ()):  # momentum that is known tells it
+        for g, body in enumerate(self.bodies):
             proportional = by_scale(body, self.vehicle)
             bound[..., g, :, :] += self.vehicle.thrust.scale_sigma**2 * np.outer(proportional, proportional)
         for name, known in self.vehicle.known.items():

@@ -72,6 +72,12 @@ class Rehearsal:
         return tuple(axis for axis, both in zip(AXES, driven, strict=True) if both)  # type: ignore[misc]
 
     @property
+    def scaled(self) -> Vehicle:
+        """The vehicle, whose thrust has no uncertain scale where momentum that is known is all that turns it."""
+        exact = {"thrust": self.vehicle.thrust.model_copy(update={"scale_sigma": 0.0})} if self.by_wheels else {}
+        return self.vehicle.model_copy(update=exact)
+
+    @property
     def by_wheels(self) -> bool:
         """Whether the vehicle turns by what stores momentum alone."""
         return turned_by_wheels_alone(self.vehicle, self.guess.file.actuators)
