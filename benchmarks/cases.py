@@ -37,7 +37,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.inputs.columns import WRENCH
-from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import output, scenario, simulate

@@ -13,7 +13,7 @@ from fault_thrust import Random, turned, unit
 from fault_vehicles import Case, Subject
 
 from massprop_cli.base.arrays import Array, frozen
-from massprop_cli.inputs.telemetry import saturation
+from massprop_cli.inputs.imurecords import saturation
 
 GRAVITY = 9.80665
 SPIKED = 0.005

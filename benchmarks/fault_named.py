@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from fault_vehicles import Case, Subject
 
-from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.notice import Notice
 
 RIVALS = "rival"
 """A message that weighs rivals against what it names does so from this word on."""

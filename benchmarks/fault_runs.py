@@ -29,7 +29,7 @@ from massprop_cli.estimate.history import History
 from massprop_cli.estimate.phases import as_stated, estimates
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.columns import WRENCH
-from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.align import align

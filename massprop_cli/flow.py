@@ -21,7 +21,8 @@ from massprop_cli.diagnosis import UNKNOWN, sensorkernel
 from massprop_cli.estimate.crossvalidation import CrossValidation, cross_validation
 from massprop_cli.estimate.phases import AsStated, Progress
 from massprop_cli.inputs import clipped, vehiclefile
-from massprop_cli.inputs.telemetry import Log, Notice
+from massprop_cli.inputs.notice import Notice
+from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.resolved import Resolved
 

@@ -16,9 +16,10 @@ from massprop_cli.check.sampling import sampling
 from massprop_cli.check.sensors import sensors
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import logfile, telemetry, vehiclefile
+from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.tablefile import Table
-from massprop_cli.inputs.telemetry import Log, Notice
+from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.report import timing, vocabulary

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
     from massprop_cli.campaign.plan import Job
     from massprop_cli.campaign.run import LogDone, Told
+    from massprop_cli.inputs.notice import Notice
     from massprop_cli.inputs.tablefile import Made
-    from massprop_cli.inputs.telemetry import Notice
     from massprop_cli.result.schema import Result, WarningItem
     from massprop_cli.result.store import StoredResult
 

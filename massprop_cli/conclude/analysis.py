@@ -13,7 +13,8 @@ from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.diagnosis.delay import FoundTiming
 from massprop_cli.estimate.crossvalidation import CrossValidation
 from massprop_cli.estimate.history import History
-from massprop_cli.inputs.telemetry import Log, Notice
+from massprop_cli.inputs.notice import Notice
+from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.prepare.stream import Stream

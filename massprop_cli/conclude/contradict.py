@@ -29,7 +29,7 @@ from massprop_cli.estimate.disturbances import BEYOND, UNEXPLAINED, beyond_comma
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.phases import LOST, astray
 from massprop_cli.estimate.quantities import by_scale, in_common
-from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Source

@@ -21,7 +21,8 @@ from massprop_cli.diagnosis.preprocessing import Ready
 from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.phases import AsStated, Estimates, Progress, by_thesis, estimates
-from massprop_cli.inputs.telemetry import UNREAD, VOID, Log, Notice
+from massprop_cli.inputs.notice import Notice
+from massprop_cli.inputs.telemetry import UNREAD, VOID, Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.resolved import Resolved

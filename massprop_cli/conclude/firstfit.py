@@ -19,7 +19,8 @@ from massprop_cli.base.rigidbody import cross
 from massprop_cli.diagnosis.preprocessing import Ready, ready
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.estimate.phases import AsStated, Progress, as_stated
-from massprop_cli.inputs.telemetry import Log, Notice
+from massprop_cli.inputs.notice import Notice
+from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.prepare.compensate import Samples, Source, biased_attitude, gathered
 

@@ -15,7 +15,7 @@ from massprop_cli.diagnosis.refit import Refit
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.diagnosis.search import codes
 from massprop_cli.diagnosis.wording import words_of
-from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.notice import Notice
 
 NEARLY = 4.6
 """−2 log of the odds (1 : 10) below which of two kinds neither is named."""

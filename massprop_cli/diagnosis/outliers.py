@@ -21,7 +21,8 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, frozen, median
 from massprop_cli.inputs.logtable import LONG
-from massprop_cli.inputs.telemetry import Log, Notice
+from massprop_cli.inputs.notice import Notice
+from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.prepare.clock import cycle_edges

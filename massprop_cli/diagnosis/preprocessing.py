@@ -15,7 +15,8 @@ from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertai
 from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.estimate.history import phases_of
 from massprop_cli.estimate.phases import Progress
-from massprop_cli.inputs.telemetry import Log, Notice
+from massprop_cli.inputs.notice import Notice
+from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource, alternative
 from massprop_cli.model.layout import Layout

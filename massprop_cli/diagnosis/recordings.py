@@ -26,7 +26,8 @@ from massprop_cli.errorparameters.setup import stating
 from massprop_cli.inputs.actuators.rotor import SPEED
 from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.logtable import LONG
-from massprop_cli.inputs.telemetry import Log, Notice
+from massprop_cli.inputs.notice import Notice
+from massprop_cli.inputs.telemetry import Log
 from massprop_cli.prepare.actuators import LATE
 
 States = dict[str, object]

@@ -20,7 +20,8 @@ from massprop_cli.diagnosis.resolve import PHASE
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V
 from massprop_cli.inputs.equipment import LowPass
-from massprop_cli.inputs.telemetry import Log, Notice
+from massprop_cli.inputs.notice import Notice
+from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.prepare.timing import Timing
@@ -47,7 +48,7 @@ class _Kernel(NamedTuple):
     cutoff_hz: float
 
 
-class Read(NamedTuple):
+class KernelsFound(NamedTuple):
     """A log and its vehicle file, as the kernels are that the log shows."""
 
     log: Log
@@ -58,12 +59,12 @@ class Read(NamedTuple):
     """With about the most likely ones, between those that were tried."""
 
 
-def found(log: Log, source: VehicleSource, say: Progress, unfit: bool = False) -> Read:
+def found(log: Log, source: VehicleSource, say: Progress, unfit: bool = False) -> KernelsFound:
     """Log and vehicle file with what the log shows of kernels that are not stated.
 
     Of increments, which are what they are, low-passes alone, and where the log is ``unfit`` without any.
     """
-    vehicle, as_stated = source.vehicle, Read(log, source, source)
+    vehicle, as_stated = source.vehicle, KernelsFound(log, source, source)
     rates = (log.rate_columns != DELTA_THETA and log.force_columns != DELTA_V) != unfit
     unstated = [sensor for sensor in delay.SENSORS if f"{sensor}_filter" not in vehicle.imu.model_fields_set]
     open_kind = not unfit and "measures" not in vehicle.imu.model_fields_set and log.made is None and not any(log.sampled)
@@ -88,7 +89,7 @@ def found(log: Log, source: VehicleSource, say: Progress, unfit: bool = False) -
         )
     )
     log = replace(log, sampled=(sampled, sampled), notices=(*log.notices, _notice(best, sampled and open_kind)))
-    return Read(log, sought, nearest)
+    return KernelsFound(log, sought, nearest)
 
 
 def _likeliest_hz(costs: Mapping[_Kernel, tuple[float, float]], key: str, best: _Kernel) -> float:

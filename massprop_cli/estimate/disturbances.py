@@ -17,7 +17,7 @@ from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.sizing import Levels
 from massprop_cli.estimate.unexplained import residual_growth
 from massprop_cli.inputs.estimatorsettings import UNWIDENED
-from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved

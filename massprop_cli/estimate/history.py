@@ -13,7 +13,8 @@ from massprop_cli.base.arrays import Array, BoolArray, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.moments import Moments
-from massprop_cli.inputs.telemetry import Log, Notice
+from massprop_cli.inputs.notice import Notice
+from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.plant import Reference
 from massprop_cli.prepare.clock import cycle_edges

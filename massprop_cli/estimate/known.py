@@ -8,7 +8,7 @@ from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate.quantities import quantities
 from massprop_cli.estimate.rows import Parameters
-from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Quantity, Vehicle
 
 MISMATCH = 4.0

@@ -13,7 +13,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.unexplained import residual_growth, unfelt
-from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Samples, Source, acceleration, gathered

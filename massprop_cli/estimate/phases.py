@@ -15,7 +15,7 @@ from massprop_cli.estimate.historyrecorder import informed
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.offline import Led
 from massprop_cli.estimate.sizing import likeliest_levels
-from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved

@@ -16,7 +16,7 @@ from massprop_cli.base.rigidbody import elements, tensor, torque_regressor
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.kalman import Innovation, State, predict, update
 from massprop_cli.inputs.estimatorsettings import ThesisSettings
-from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.observability import observable
 from massprop_cli.model.plant import Reference

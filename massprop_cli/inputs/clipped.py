@@ -15,7 +15,8 @@ import numpy as np
 
 from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, median
-from massprop_cli.inputs.telemetry import SATURATED, Log, Notice
+from massprop_cli.inputs.notice import Notice
+from massprop_cli.inputs.telemetry import SATURATED, Log
 
 SAME = 1e-9
 """Part of a reading within which another is the same: what dividing by the interval leaves."""

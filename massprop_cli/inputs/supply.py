@@ -20,7 +20,7 @@ LEAST, MOST = 0.01, 10.0
 """Parts of the stated pressure outside which a reading has another unit: by a bar for a pascal it is 1e-5."""
 
 
-class Supply(NamedTuple):
+class SupplyPressure(NamedTuple):
     """K pressures over the one that thrust is stated for."""
 
     time_s: Array
@@ -33,7 +33,7 @@ class Supply(NamedTuple):
         return np.interp(time_s, self.time_s, self.part)
 
 
-def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array, records: int) -> Supply | None:
+def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array, records: int) -> SupplyPressure | None:
     """Of a log's records (n,), ``records`` to a cycle; None where the vehicle file states no pressure.
 
     :class:`InputError` names row, column, value and remedy.
@@ -56,4 +56,4 @@ def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array, r
             "pressures in pascals?",
         )
     middle_s, part = (values.reshape(-1, records).mean(1) for values in (time_s - interval_s / 2, pressure / nominal_pa))
-    return Supply(frozen(middle_s), frozen(part))
+    return SupplyPressure(frozen(middle_s), frozen(part))

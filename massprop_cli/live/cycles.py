@@ -8,8 +8,8 @@ import numpy as np
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO
+from massprop_cli.inputs.imurecords import ABSURD
 from massprop_cli.inputs.logtable import GAP, LONG
-from massprop_cli.inputs.telemetry import ABSURD
 from massprop_cli.live.records import Record, RecordError, StreamColumns
 
 STARTS, SPAN = 3, 1.5

@@ -15,7 +15,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.actuators.rotor import thrust_integrals
 from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.equipment import Jet
-from massprop_cli.inputs.supply import Supply
+from massprop_cli.inputs.supply import SupplyPressure
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel, pointer
@@ -137,7 +137,7 @@ def signals(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s: 
 
 
 def jet_integrals(
-    start_s: Array, on_s: Array, vehicle: Vehicle, edges_s: Array, lag_s: float, supply: Supply | None = None
+    start_s: Array, on_s: Array, vehicle: Vehicle, edges_s: Array, lag_s: float, supply: SupplyPressure | None = None
 ) -> tuple[Array, Array]:
     """Integrals as of :func:`window_integrals`, of the vehicle's jets with on-times (jets, K)."""
     return pulse_integrals(opened(start_s, on_s, vehicle, supply), vehicle.jets, TOUCHING * vehicle.cycle.period_s, edges_s, lag_s)
@@ -149,7 +149,7 @@ LATE = {"begin": 0.0, "centre": 0.5, "end": 1.0}
 """Part of what a pulse leaves of its cycle that is over when it begins."""
 
 
-def opened(start_s: Array, on_s: Array, vehicle: Vehicle, supply: Supply | None = None) -> list[Opened]:
+def opened(start_s: Array, on_s: Array, vehicle: Vehicle, supply: SupplyPressure | None = None) -> list[Opened]:
     """Parts of the thrust, of on-times (jets, K) in cycles from ``start_s`` on, that sum to what jets give: pulses, less what they lose.
 
     Beside each further jet that is the droop's part of a pulse that lasts while both are open, or of its whole pulse. While a jet fails it

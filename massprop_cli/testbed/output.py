@@ -15,7 +15,7 @@ from massprop_cli.base import arrow, configfile, escape, files, foldername
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import elements, parallel_axis
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed import mission
 from massprop_cli.testbed.onboard import RunningOf

@@ -13,9 +13,10 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands, supply
 from massprop_cli.inputs.columns import ACCEL, GYRO, PRESSURE
+from massprop_cli.inputs.imurecords import saturation
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.tablefile import Cells, Places, Table
-from massprop_cli.inputs.telemetry import Log, saturation
+from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.testbed import exchange, imu
 from massprop_cli.testbed.cycles import Cycles, MemberChange
@@ -144,7 +145,7 @@ def fly(
         _check_sensor(source, name, sensor)
     time_s = _record_ends(scenario)
     supply_pa = scenario.supply_pa(time_s - time_s[0] / 2)
-    supply = {} if supply_pa is None else {PRESSURE: np.tile(supply_pa, (len(seeds), 1))}
+    supplied = {} if supply_pa is None else {PRESSURE: np.tile(supply_pa, (len(seeds), 1))}
     return SimulatedFlight(
         vehicle=scenario.logged,
         seeds=tuple(seeds),
@@ -154,7 +155,7 @@ def fly(
         delta_v_m_s=frozen(_flat(flying.accelerometer.increments)),
         issued=frozen(np.concatenate([flying.actuators.issued, flying.exchange.issued], -1)),
         turning={name: frozen(values) for name, values in flying.exchange.turning.items()},
-        columns={name: frozen(values) for name, values in {**flying.exchange.columns, **supply}.items()},
+        columns={name: frozen(values) for name, values in {**flying.exchange.columns, **supplied}.items()},
         attitude_wxyz=frozen(flying.attitude),
         logged_wxyz=imu.logged_attitude(scenario, flying.rngs["attitude"], flying.attitude),
         rate_rad_s=frozen(flying.rate),

@@ -9,7 +9,7 @@ import pytest
 
 from massprop_cli.base import escape
 from massprop_cli.cli import terminal
-from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.notice import Notice
 
 SAID = "massprop: warning: look [some-code]"
 

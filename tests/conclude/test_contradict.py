@@ -17,7 +17,7 @@ from massprop_cli.conclude.judge import judged
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.diagnosis.corrections import Correction
 from massprop_cli.flow import Analysis
-from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Known, Phase
 from tests import faulty
 from tests.analysed import analysed

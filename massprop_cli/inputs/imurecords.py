@@ -1,0 +1,207 @@
+"""What a log's columns say of the IMU and of the attitude, checked: increments of each record, absent axes, ranges that were reached."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base import spill
+from massprop_cli.base.arrays import Array, BoolArray, median
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION
+from massprop_cli.inputs.equipment import OFF_UNIT
+from massprop_cli.inputs.logtable import LogTable
+from massprop_cli.inputs.notice import Notice
+from massprop_cli.inputs.vehicle import Vehicle
+
+ABSURD = 1e6
+"""No vehicle turns at 1e6 rad/s or accelerates at 1e6 m/s²."""
+AT_ONCE = 1e-3
+"""Part of the usual interval below which two records are of one moment."""
+YAW = 0.01
+"""Part of the yaw rate's square that gyro axes on a table may miss, being absent."""
+FELT = 0.08
+"""Part of gravity below which an accelerometer doesn't feel it: one that counts in g feels a tenth."""
+
+
+class ImuRecords(NamedTuple):
+    """What the IMU's columns hold."""
+
+    theta: Array
+    """(n, 3) rad"""
+    velocity: Array
+    """(n, 3) m/s"""
+    rates: tuple[str, ...]
+    """(3,) columns of the gyro."""
+    forces: tuple[str, ...]
+    axes: tuple[bool, ...]
+    empty: tuple[str, ...]
+
+
+def read(source: LogTable, vehicle: Vehicle, interval_s: Array) -> ImuRecords:
+    """Read gyro and accelerometer, and check them; zeros of axes that are absent."""
+    rates, forces = source.sensed(DELTA_THETA, GYRO), source.sensed(DELTA_V, ACCEL)
+    theta, velocity = source.increments(rates, GYRO, interval_s), source.increments(forces, ACCEL, interval_s)
+    axes, empty = _axes(source, vehicle, (*rates, *forces), (theta, velocity))
+    if vehicle.estimator.method == "thesis" and not all(axes):
+        raise InputError(
+            f'{source.table.path}: estimator.method = "thesis" needs all three axes of gyro and accelerometer; take the default method'
+        )
+    _by_yaw(theta, vehicle, axes[:3])
+    for names, increments in ((rates, theta), (forces, velocity)):
+        _check_magnitude(source, names, increments, interval_s)
+    if all(axes[3:]):
+        _check_gravity(source, vehicle, velocity, interval_s)
+    return ImuRecords(theta, velocity, rates, forces, axes, empty)
+
+
+def _axes(
+    source: LogTable, vehicle: Vehicle, names: Sequence[str], increments: tuple[Array, Array]
+) -> tuple[tuple[bool, ...], tuple[str, ...]]:
+    """Which IMU axes were logged, and columns without a reading; :class:`InputError` where a rate is needed and absent.
+
+    On a table the rate about body Z alone is needed, and the other axes of a gyro may be empty; elsewhere one that shows no rate reads 0.
+    """
+    planar = vehicle.environment.kind == "planar"
+    yaw = np.array(vehicle.imu.body_from_imu)[2]
+    may_be_empty = [*(planar and abs(part) < YAW for part in yaw), True, True, True]
+    logged = [source.has(name) for name in names]
+    empty = [
+        has and may and not one.any() for has, may, one in zip(logged, may_be_empty, (*increments[0].T, *increments[1].T), strict=True)
+    ]
+    axes = tuple(has and not none for has, none in zip(logged, empty, strict=True))
+    missing = [name for name, has in zip(names, axes[:3], strict=False) if not has]
+    if float((yaw[list(axes[:3])] ** 2).sum()) < 1 - YAW if planar else missing:
+        needed = "the rate about body Z" if planar else 'all three axes of the gyro (only environment.kind = "planar" needs one alone)'
+        raise InputError(
+            f"{source.table.path}: column {source.name(missing[0])!r} is missing; a log needs {needed}. Add it, or map it under [columns] "
+            "of the vehicle file"
+        )
+    return axes, tuple(name for name, none in zip(names, empty, strict=True) if none)
+
+
+def emptiness(source: LogTable, empty: Sequence[str]) -> list[Notice]:
+    """That columns of a sensor hold 0 in every row."""
+    if not empty:
+        return []
+    said = (
+        f"columns that are 0 in every row count as absent: {', '.join(map(source.name, empty))}; if the sensor works, correct its logging"
+    )
+    return [Notice("empty-columns", said)]
+
+
+def _by_yaw(theta: Array, vehicle: Vehicle, logged: Sequence[bool]) -> None:
+    """Gyro axes that are absent on a table show what the yaw makes of them: an IMU's Z may be a little askew. In place."""
+    yaw, read = np.array(vehicle.imu.body_from_imu)[2], np.array(logged)
+    if read.all():
+        return
+    for part in spill.parts(len(theta)):
+        turned = theta[part][:, read] @ yaw[read] / (yaw[read] ** 2).sum()
+        theta[part, ~read] = turned[:, None] * yaw[~read]
+
+
+def _check_magnitude(source: LogTable, names: Sequence[str], increments: Array, interval_s: Array) -> None:
+    bad = np.argwhere(_beyond(increments, interval_s, ABSURD))
+    if bad.size:
+        row, axis = (int(i) for i in bad[0])
+        usual = median(interval_s)
+        if interval_s[row] < AT_ONCE * usual:
+            said = f"comes {interval_s[row]:.3g} s after the record before, where {usual:.6g} s are usual; is a record there twice?"
+            raise source.error(row, "time_s", said)
+        value = f"{increments[row, axis] / interval_s[row]:.3g} per second"
+        raise source.error(row, names[axis], f"{value} is no motion of a vehicle; is the unit right, is it a spike?")
+
+
+def _check_gravity(source: LogTable, vehicle: Vehicle, velocity: Array, interval_s: Array) -> None:
+    kind, gravity = vehicle.environment.kind, vehicle.environment.gravity_m_s2
+    if kind == "free":
+        return
+    usual = median(np.concatenate([np.linalg.norm(velocity[part], axis=1) / interval_s[part] for part in spill.parts(len(velocity))]))
+    if usual < FELT * gravity:
+        remedy = f'state environment.kind = "free" instead of "{kind}", or log specific force without gravity taken off'
+        if abs(usual / median(interval_s) / gravity - 1) < FELT:
+            remedy = "its columns seem to hold increments, not rates: rename them, or scale them under [columns]"
+        raise InputError(
+            f"{source.table.path}: the accelerometer feels {usual:.3g} m/s^2 (median), and what stands on the ground feels gravity, "
+            f"{gravity:.4g} m/s^2; {remedy}"
+        )
+
+
+def sampled(source: LogTable, vehicle: Vehicle) -> tuple[bool, bool]:
+    """Whether records of gyro and accelerometer are samples at their times: as the map or the vehicle file states."""
+    made = source.table.made
+    if made is not None and any(made.sampled):
+        return made.sampled
+    sampled = vehicle.imu.measures == "sample"
+    increments = next((name for name in (*DELTA_THETA, *DELTA_V) if source.has(name)), None)
+    if sampled and increments is not None:
+        raise InputError(
+            f'{source.table.path}, column {source.name(increments)}: an increment is over its record, and imu.measures is "sample"; '
+            "leave imu.measures out, or log samples as gyro_x_rad_s … and accel_x_m_s2 …"
+        )
+    return sampled, sampled
+
+
+def check_outliers(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array) -> None:
+    """Times of readings that are not to be used must be of records: what is left out would be none of them."""
+    for key in ("gyro_outliers_s", "accel_outliers_s"):
+        times = np.array(getattr(vehicle.imu, key) or ())
+        after = np.clip(np.searchsorted(time_s, times), 1, len(time_s) - 1)
+        row = after - (times - time_s[after - 1] < time_s[after] - times)
+        away = np.flatnonzero(np.abs(time_s[row] - times) > interval_s[row] / 2)
+        if away.size:
+            first = int(away[0])
+            raise InputError(
+                f"{source.table.path}: imu.{key} has {times[first]:.15g} s, at which no record is; the nearest is at "
+                f"{time_s[row[first]]:.15g} s. State times of this log's records, or leave the key out to have them found"
+            )
+
+
+def attitude(source: LogTable, n: int) -> Array | None:
+    """(n, 4) unit quaternions of the first rows; None where no row has one."""
+    if not any(source.has(name) for name in QUATERNION):
+        return None
+    quaternion = spill.empty(source.table.rows, len(QUATERNION))
+    for place, name in enumerate(QUATERNION):
+        quaternion[:, place] = source.optional(name)
+    empty = np.isnan(quaternion).sum(1)
+    partial = np.flatnonzero((empty > 0) & (empty < len(QUATERNION)))
+    if partial.size:
+        lacking = QUATERNION[int(np.argmax(np.isnan(quaternion[partial[0]])))]
+        raise source.error(
+            int(partial[0]), lacking, "nan or an empty cell beside a number; an attitude is four numbers or four empty cells"
+        )
+    norm = np.sqrt(np.sum([component**2 for component in quaternion.T], 0))
+    bad = np.flatnonzero((empty == 0) & ~(np.abs(norm - 1) <= OFF_UNIT))
+    if bad.size:
+        raise source.error(
+            int(bad[0]), "quat_w", f"the quaternion's norm is {norm[bad[0]]:.4g}, not 1; quaternions are wxyz, world from body"
+        )
+    quaternion /= norm[:, None]
+    return None if empty.all() else quaternion[:n]
+
+
+def _beyond(increments: Array, interval_s: Array, limit: float) -> BoolArray:
+    """(n, 3) where increments over intervals (n,) are ``limit`` or more."""
+    found = [np.abs(increments[part] / interval_s[part, None]) >= limit for part in spill.parts(len(increments))]
+    return np.concatenate(found)
+
+
+def saturation(vehicle: Vehicle, theta: Array, velocity: Array, interval_s: Array) -> list[Notice]:
+    """Warnings of a range that was reached; increments of angle [rad] and velocity [m/s] of each record, (n, 3), over its length (n,)."""
+    found = []
+    for name, increments, limit, unit in (
+        ("gyro", theta, vehicle.imu.gyro_range_rad_s, "rad/s"),
+        ("accelerometer", velocity, vehicle.imu.accel_range_m_s2, "m/s^2"),
+    ):
+        count = 0 if limit is None else int(_beyond(increments, interval_s, 0.999 * limit).any(1).sum())
+        if count:
+            found.append(
+                Notice(
+                    f"{name}-saturated",
+                    f"{count} record(s) at the {name}'s range of {limit:g} {unit}; what they hid is not in the estimate",
+                )
+            )
+    return found
