@@ -208,12 +208,3 @@ class LogTable:
         """(K,) what was measured at the end of each cycle, as :meth:`between`."""
         values = self.between(column, n)
         return values[records - 1 :: records] if self.issued is None else values[np.append(self.issued[1:], n) - 1]
-
-    def mean(self, column: str, records: int, n: int) -> Array:
-        """(K,) over each cycle, of a number in every record."""
-        values = self.required(column)[:n]
-        if self.issued is not None:  # until the next command
-            found: Array = np.add.reduceat(values, self.issued) / np.diff(np.append(self.issued, n))
-        else:
-            found = values.reshape(-1, records).mean(1)
-        return found

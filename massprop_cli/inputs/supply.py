@@ -1,7 +1,8 @@
-"""The pressure that jets are fed with, as a log has it: their thrust is in proportion to it.
+"""The pressure that jets are fed with, or the voltage of rotors, as a log has it.
 
 The thrust of a choked nozzle is F = C_F A_t p, with the throat's area A_t and a thrust coefficient C_F that in vacuum, and far above
-the ambient pressure, does not change with p (Sutton and Biblarz, Rocket Propulsion Elements, 3.3).
+the ambient pressure, does not change with p (Sutton and Biblarz, Rocket Propulsion Elements, 3.3). A motor follows its command in
+proportion to the voltage.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.columns import PRESSURE
+from massprop_cli.inputs.columns import PRESSURE, SUPPLY
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.vehicle import Vehicle
 
@@ -20,8 +21,8 @@ LEAST, MOST = 0.01, 10.0
 """Parts of the stated pressure outside which a reading has another unit: by a bar for a pascal it is 1e-5."""
 
 
-class SupplyPressure(NamedTuple):
-    """K pressures over the one that thrust is stated for."""
+class SupplyLevel(NamedTuple):
+    """K pressures over the one that thrust is stated for; or voltages, V."""
 
     time_s: Array
     """(K,) middle of each control cycle."""
@@ -33,11 +34,13 @@ class SupplyPressure(NamedTuple):
         return np.interp(time_s, self.time_s, self.part)
 
 
-def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array, records: int) -> SupplyPressure | None:
-    """Of a log's records (n,), ``records`` to a cycle; None where the vehicle file states no pressure.
+def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array, records: int) -> SupplyLevel | None:
+    """Of a log's records (n,), ``records`` to a cycle; None where the vehicle file states neither pressure nor voltage.
 
     :class:`InputError` names row, column, value and remedy.
     """
+    if any(rotor.nominal_v for rotor in vehicle.rotors):
+        return _level(time_s, interval_s, source.required(SUPPLY)[: len(time_s)], records)
     nominal_pa = vehicle.thrust.nominal_pa
     if nominal_pa is None:
         return None
@@ -55,5 +58,10 @@ def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array, r
             f"{pressure[bad[0]]:.6g} Pa is {pressure[bad[0]] / nominal_pa:.2g} of thrust.nominal_pa = {nominal_pa:g}; are both absolute "
             "pressures in pascals?",
         )
-    middle_s, part = (values.reshape(-1, records).mean(1) for values in (time_s - interval_s / 2, pressure / nominal_pa))
-    return SupplyPressure(frozen(middle_s), frozen(part))
+    return _level(time_s, interval_s, pressure / nominal_pa, records)
+
+
+def _level(time_s: Array, interval_s: Array, values: Array, records: int) -> SupplyLevel:
+    """Means over each cycle."""
+    middle_s, part = (each.reshape(-1, records).mean(1) for each in (time_s - interval_s / 2, values))
+    return SupplyLevel(frozen(middle_s), frozen(part))

@@ -22,7 +22,7 @@ from massprop_cli.inputs.columns import COMMAND_TIME, DELTA_THETA, DELTA_V, PULS
 from massprop_cli.inputs.formats import agreement
 from massprop_cli.inputs.logtable import GAP, LONG, LogTable
 from massprop_cli.inputs.notice import Notice
-from massprop_cli.inputs.supply import SupplyPressure
+from massprop_cli.inputs.supply import SupplyLevel
 from massprop_cli.inputs.tablefile import Made, Table
 from massprop_cli.inputs.vehicle import Vehicle
 
@@ -87,8 +87,8 @@ class Log:
     """Whether a record of the gyro, of the accelerometer is a sample at its time (times its length), not the motion over it."""
     cycles_apart: tuple[int, ...] = ()
     """Cycles from one logged speed of each rotor to the next, 0 of one whose command is logged."""
-    supply: SupplyPressure | None = None
-    """The pressure of the jets' supply; None: it is as stated throughout."""
+    supply: SupplyLevel | None = None
+    """The pressure of the jets' supply, or the voltage of the rotors'; None: it is as stated throughout."""
     began_s: float | None = None
     """When the log began that this is a part of; None: it is the whole."""
 
@@ -195,7 +195,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         sampled=imurecords.sampled(source, vehicle),
         spinning=commands.momentum(source, vehicle, records, n),
         cycles_apart=tuple(rotor.cycles_apart(source, records, n) for rotor in vehicle.rotors),
-        supply=supply.read(source, vehicle, time_s[:n], interval_s[:n], records) if kind == "jets" else None,
+        supply=supply.read(source, vehicle, time_s[:n], interval_s[:n], records) if kind != "wrench" else None,
     )
 
 

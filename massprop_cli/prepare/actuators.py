@@ -15,7 +15,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.actuators.rotor import thrust_integrals
 from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.equipment import Jet
-from massprop_cli.inputs.supply import SupplyPressure
+from massprop_cli.inputs.supply import SupplyLevel
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel, pointer
@@ -100,11 +100,19 @@ def executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s:
     command = _limited(log.command[issued], vehicle).T
     if log.command_kind == "rotors":
         at_once = by_commands_clock(log, vehicle, log.command_start_s[issued])
-        told = zip(vehicle.rotors, command, strict=True)
+        told = zip(vehicle.rotors, _by_voltage(command, begin_s, vehicle, log.supply), strict=True)
         return thrust_integrals([rotor.held(x, begin_s, at_once, lag_s) for rotor, x in told], edges_s)
     if log.command_kind == "jets":
         return jet_integrals(begin_s, command, vehicle, edges_s, lag_s, log.supply)
     return window_integrals([held(begin_s, value) for value in command], edges_s, lag_s)
+
+
+def _by_voltage(command: Array, begin_s: Array, vehicle: Vehicle, supply: SupplyLevel | None) -> Array:
+    """(R, K) commands of rotors, each in proportion to the voltage in the middle of its cycle from ``begin_s`` on, where that is stated."""
+    if supply is None:
+        return command
+    volts = supply.at(begin_s + vehicle.cycle.period_s / 2)
+    return np.stack([x * volts / rotor.nominal_v if rotor.nominal_v else x for rotor, x in zip(vehicle.rotors, command, strict=True)])
 
 
 def _limited(command: Array, vehicle: Vehicle) -> Array:
@@ -137,7 +145,7 @@ def signals(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s: 
 
 
 def jet_integrals(
-    start_s: Array, on_s: Array, vehicle: Vehicle, edges_s: Array, lag_s: float, supply: SupplyPressure | None = None
+    start_s: Array, on_s: Array, vehicle: Vehicle, edges_s: Array, lag_s: float, supply: SupplyLevel | None = None
 ) -> tuple[Array, Array]:
     """Integrals as of :func:`window_integrals`, of the vehicle's jets with on-times (jets, K)."""
     return pulse_integrals(opened(start_s, on_s, vehicle, supply), vehicle.jets, TOUCHING * vehicle.cycle.period_s, edges_s, lag_s)
@@ -149,7 +157,7 @@ LATE = {"begin": 0.0, "centre": 0.5, "end": 1.0}
 """Part of what a pulse leaves of its cycle that is over when it begins."""
 
 
-def opened(start_s: Array, on_s: Array, vehicle: Vehicle, supply: SupplyPressure | None = None) -> list[Opened]:
+def opened(start_s: Array, on_s: Array, vehicle: Vehicle, supply: SupplyLevel | None = None) -> list[Opened]:
     """Parts of the thrust, of on-times (jets, K) in cycles from ``start_s`` on, that sum to what jets give: pulses, less what they lose.
 
     Beside each further jet that is the droop's part of a pulse that lasts while both are open, or of its whole pulse. While a jet fails it

@@ -11,7 +11,7 @@ import pytest
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import telemetry, vehiclefile
 from massprop_cli.inputs.logfile import read_table
-from massprop_cli.inputs.supply import SupplyPressure
+from massprop_cli.inputs.supply import SupplyLevel
 from massprop_cli.testbed import output, scenario, simulate
 from tests import faulty
 from tests.flown import fly
@@ -52,7 +52,7 @@ def read(log: Path) -> telemetry.Log:
 
 def test_a_log_has_the_mean_pressure_of_each_cycle_over_the_stated_one(tmp_path: Path) -> None:
     supply = read(written(tmp_path)).supply
-    assert isinstance(supply, SupplyPressure)
+    assert isinstance(supply, SupplyLevel)
     np.testing.assert_allclose(supply.time_s, 0.05 * np.arange(80) + 0.025, atol=1e-9)
     np.testing.assert_allclose(supply.part, np.interp(supply.time_s, [0.0, 4.0], [1.05, 0.7]), atol=1e-9)
     assert supply.at(np.array([-1.0, 9.0])) == pytest.approx([supply.part[0], supply.part[-1]])

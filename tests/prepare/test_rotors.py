@@ -82,15 +82,14 @@ def of_rotors(tmp_path: Path, columns: dict[str, Array], **rotor: object) -> tup
     return read_table(save(table, tmp_path / "log.parquet")), Vehicle.model_validate(data)
 
 
-def test_thrust_is_the_polynomial_of_the_command_and_of_the_voltage(tmp_path: Path) -> None:
+def test_thrust_is_the_polynomial_of_the_command_and_of_the_voltage_as_it_acts(tmp_path: Path) -> None:
     """And its wrench that of a force at its place with the drag torque against its turning."""
     x, volts = np.linspace(0.0, 1.0, 100), np.linspace(12.0, 10.0, 100)
-    log = read(*of_rotors(tmp_path, {"rotor_r_command": x, "supply_v": volts}, nominal_v=11.0))
-    assert log.command[:, 0] == pytest.approx(x * volts / 11)
-    table, vehicle = of_rotors(tmp_path, {"rotor_r_command": x})
-    aligned = align(read(table, vehicle), vehicle, 2.0, 0.0)
-    impulse = 0.05 * (0.1 + 2 * x[:-2, None] ** 2) * np.array([0.1, -0.2, -0.05, 0.0, 0.0, 1.0])
-    assert np.abs(aligned.whole[2:] - impulse).max() < 1e-12
+    for columns, rotor, part in (({}, {}, 1.0), ({"supply_v": volts}, {"nominal_v": 11.0}, volts[2:, None] / 11)):
+        table, vehicle = of_rotors(tmp_path, {"rotor_r_command": x, **columns}, **rotor)
+        aligned = align(read(table, vehicle), vehicle, 2.0, 0.0)
+        impulse = 0.05 * (0.1 + 2 * (part * x[:-2, None]) ** 2) * np.array([0.1, -0.2, -0.05, 0.0, 0.0, 1.0])
+        assert np.abs(aligned.whole[2:] - impulse).max() < 1e-12
 
 
 def test_a_measured_speed_acts_at_once_and_holds_momentum(tmp_path: Path) -> None:

@@ -15,7 +15,6 @@ from pydantic import Field, model_validator
 from massprop_cli.base.arrays import Array, IntArray, frozen
 from massprop_cli.inputs.actuators.actuator import Actuator, LogColumn, own_column, pointing, unit
 from massprop_cli.inputs.actuators.wheel import Wheel, WheelLog
-from massprop_cli.inputs.columns import SUPPLY
 from massprop_cli.inputs.formats.units import PLAIN, SPIN
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.section import NonNegative, Place, Positive, Real, Vector
@@ -148,8 +147,7 @@ class Rotor(Actuator):
     def asked(self, source: LogTable, records: int, n: int) -> Array:
         """(K,) what it is told in each cycle, as its thrust_n takes it; or its measured speed at the end of each."""
         column = own_column(source, self, self.column, ", and thrust_n by that")
-        x = source.ends(column, records, n) if self.column == "speed" else source.per_cycle(column, records, n)
-        return x if self.nominal_v is None else x * source.mean(SUPPLY, records, n) / self.nominal_v
+        return source.ends(column, records, n) if self.column == "speed" else source.per_cycle(column, records, n)
 
 
 class Held(NamedTuple):
