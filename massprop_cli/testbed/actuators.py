@@ -6,13 +6,16 @@ A ramp's integral and second integral are polynomials, so the impulse of every b
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.columns import PRESSURE
+from massprop_cli.testbed.exchanger import Spin
+from massprop_cli.testbed.motion import Bodies
 from massprop_cli.testbed.scenario import Scenario
 
 TOUCHING = 1e-3
@@ -61,6 +64,19 @@ class Actuators:
         if tick is not None:
             on = np.minimum(np.round(on / tick) * tick, self.period_s)
         self.issued[:, cycle] = np.where(on < self.scenario.actuators.minimum_pulse_s - 1e-12, 0.0, on)
+
+    def spun(self, first: int) -> tuple[Spin, ...]:  # noqa: ARG002
+        """What they store through a cycle that was executed: nothing."""
+        return ()
+
+    def bare(self, bodies: Bodies) -> Bodies:
+        """The bodies with what of the actuators the reported inertia excludes: nothing."""
+        return bodies
+
+    def columns(self, time_s: Array) -> Mapping[str, Array]:
+        """(S, K N) what the log has of them beside their commands: the pressure of the jets' supply, where that is stated."""
+        supply_pa = self.scenario.supply_pa(time_s - time_s[0] / 2)
+        return {} if supply_pa is None else {PRESSURE: np.tile(supply_pa, (len(self.issued), 1))}
 
     def execute(self, first: int, last: int) -> tuple[Array, Array, Array]:
         """What is executed during the M cycles from ``first`` to before ``last``.

@@ -87,7 +87,7 @@ class Sensors(Section):
 
 
 class TrueActuators(Section):
-    """Jets or wrench as they really are; absent: as the vehicle file states."""
+    """Jets, wrench or rotors as they really are; absent: as the vehicle file states."""
 
     pwm_tick_s: Positive | None = Field(None, description="on-times are rounded to this; absent: cycle.pwm_tick_s, or not rounded")
     minimum_pulse_s: NonNegative = Field(0.0, description="shorter pulses are not fired")
@@ -103,6 +103,11 @@ class TrueActuators(Section):
     pulse_sigma: NonNegative | None = Field(None, description="relative error of each pulse")
     max_torque_n_m: Vector | None = Field(None, description="full command about each axis of a vehicle without jets")
     max_force_n: Vector | None = Field(None, description="full command along each axis of a vehicle without jets")
+    max_rotor_command: Positive | None = Field(None, description="most x of thrust_n that a rotor is commanded; its least is 0")
+    hover_force_n: Vector | None = Field(None, description="force of all rotors, without torque about O, about which the plan's pulses go")
+    supply_v: tuple[Positive, Positive] | None = Field(
+        None, description="voltage of the rotors' supply as the log begins and ends, in between it falls evenly; absent: nominal_v"
+    )
     max_wheel_torque_n_m: Positive | None = Field(None, description="full torque on each of the vehicle's wheels")
     wheel_scale: Positive = Field(1.0, description="true spin inertia of wheels, and momentum of gyros, over the vehicle file's")
     max_gimbal_rate_rad_s: Positive | None = Field(None, description="of each control moment gyro")

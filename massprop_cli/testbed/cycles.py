@@ -22,6 +22,7 @@ from massprop_cli.testbed.motion import (
     rotation_vectors,
 )
 from massprop_cli.testbed.onboard import Onboard, RunningOf, nominal
+from massprop_cli.testbed.rotors import Rotors
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
 from massprop_cli.testbed.timeline import Event
 
@@ -97,7 +98,7 @@ class Cycles:
         """(S, K + 1, 3) at the edges of cycles, rad/s."""
         initial = np.array(scenario.vehicle.environment.initial_attitude_wxyz)
         self.attitude[:, 0], self.rate[:, 0] = initial, scenario.initial.rate_rad_s
-        alone = not self.open_loop or self.exchange.kinds or scenario.fuel or (scenario.modelled and issued is None)
+        alone = not self.open_loop or scenario.vehicle.spinning or scenario.fuel or (scenario.modelled and issued is None)
         self.together = 1 if alone else TOGETHER
         self.onboard = _onboard(source, np.repeat(initial[:, None], self.members, 1), running) if alone and issued is None else None
         self.modelled = np.zeros((self.members, scenario.cycles if scenario.modelled and issued is None else 0, 10))
@@ -119,7 +120,7 @@ class Cycles:
         disturbing = np.repeat(self.torque[:, :, k:until], self.bins, -1)
         mean[:3] += disturbing
         gathered[:3] += disturbing * (self.width / 2)
-        spin = self.exchange.spin(k, self.rate[:, k].T, mean.shape[-1])
+        spin = self.exchange.spin(k, self.rate[:, k].T, mean.shape[-1], self.actuators.spun(k))
         mean[:3] -= spin.torque
         gathered[:3] -= spin.torque * (self.width / 2)
         here = self.attitude[:, k * self.records].T
@@ -138,7 +139,7 @@ class Cycles:
     def _dynamics(self) -> Dynamics:
         """Of the bodies as they are now."""
         if self._moved is None or self._moved[0] is not self.body:
-            self._moved = self.body, self.dynamics_of(self.exchange.bare(self.body))
+            self._moved = self.body, self.dynamics_of(self.actuators.bare(self.exchange.bare(self.body)))
         return self._moved[1]
 
     def _check_motion(self, first: int, last: int) -> None:
@@ -258,14 +259,14 @@ def _bins(scenario: Scenario) -> int:
 
 def _actuators(scenario: Scenario, rngs: list[np.random.Generator], edges_s: Array, issued: Array | None) -> Actuators:
     vehicle, real = scenario.vehicle, scenario.actuators
-    wrench = vehicle.jet_wrench if vehicle.jets else np.eye(6)
+    wrench = vehicle.jet_wrench if vehicle.jets else vehicle.rotor_wrench if vehicle.rotors else np.eye(6)
     shape = (scenario.cycles, len(wrench))
     sigma = vehicle.thrust.pulse_sigma if real.pulse_sigma is None else real.pulse_sigma
     strength = real.scale * np.stack([1 + sigma * rng.standard_normal(shape) if sigma else np.ones(shape) for rng in rngs])
     start = vehicle.cycle.period_s * (np.arange(scenario.cycles) + scenario.delay_cycles)  # of execution
     for failure in scenario.failures:
         strength[:, failure.of(start), [jet.name for jet in vehicle.jets].index(failure.jet)] *= failure.thrust
-    actuators = Actuators(scenario, wrench, strength, edges_s)
+    actuators = (Rotors if vehicle.rotors else Actuators)(scenario, wrench, strength, edges_s)
     if issued is not None:
         actuators.issued[:] = issued
     return actuators

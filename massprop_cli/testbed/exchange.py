@@ -1,6 +1,6 @@
 """All devices of a vehicle that store momentum, kind by kind."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -27,8 +27,6 @@ def full(vehicle: Vehicle, real: TrueActuators) -> Array:
 
 def problem(vehicle: Vehicle, real: TrueActuators, truth: Array, turned_by: bool) -> str:
     """Why it can't be flown; empty where it can."""
-    if vehicle.rotors:
-        return "rotors can't be simulated; drop [[vehicle.rotors]]"
     return next((said for kind in KINDS if (said := kind.problem(vehicle, real, truth, turned_by))), "")
 
 
@@ -60,9 +58,9 @@ class Exchange:
         if self.kinds:
             self.kinds[0].issue(cycle, torque)
 
-    def spin(self, cycle: int, rate: Array, bins: int) -> Spin:
-        """Through one cycle of ``bins`` that begins at the body's ``rate`` (3, S)."""
-        found = [kind.spin(cycle, rate) for kind in self.kinds]
+    def spin(self, cycle: int, rate: Array, bins: int, others: Sequence[Spin]) -> Spin:
+        """Through one cycle of ``bins`` that begins at the body's ``rate`` (3, S), with what ``others`` store."""
+        found = [*(kind.spin(cycle, rate) for kind in self.kinds), *others]
         none = np.zeros((*rate.shape, bins))
         return Spin(sum((one.torque for one in found), none), sum((one.momentum for one in found), none))
 

@@ -9,8 +9,11 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.testbed import exchange
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
+from massprop_cli.testbed.thrustcurve import full_thrust
 from massprop_cli.testbed.timeline import AXES, TURNS, Segment
 
+MISSED = 1e-6
+"""By which rotors may miss a unit of torque or force."""
 SERVED = 1e-9
 """Jets with less than this part of the largest on-time are left out."""
 
@@ -61,18 +64,47 @@ def allocation(source: ScenarioSource) -> Allocation:
     :class:`InputError` where the plan drives an axis that the jets can't serve without disturbing the others.
     """
     scenario = source.scenario
-    if scenario.vehicle.jets:
+    full = None
+    if scenario.vehicle.rotors:
+        share, full = _by_rotors(source)
+    elif scenario.vehicle.jets:
         share = _on_times((scenario.vehicle.jet_wrench * scenario.vehicle.environment.moving).tobytes())
     else:
         limits = np.concatenate([scenario.actuators.max_torque_n_m or (0.0,) * 3, scenario.actuators.max_force_n or (0.0,) * 3])
         with np.errstate(divide="ignore"):
             unit = np.diag(np.where(limits > 0, 1 / limits, np.nan))
         share = np.where(np.isnan(np.diag(unit))[:, None, None], np.nan, np.stack([np.nan_to_num(unit), -np.nan_to_num(unit)], 1))
-    peak = np.abs(share).max(-1)
-    full = np.where(np.isnan(peak), 0.0, 1 / np.where(peak > 0, peak, np.nan))
+    if full is None:
+        peak = np.abs(share).max(-1)
+        full = np.where(np.isnan(peak), 0.0, 1 / np.where(peak > 0, peak, np.nan))
     found = Allocation(share, full, exchange.full(scenario.vehicle, scenario.actuators))
     _check_served(source, found)
     return found
+
+
+def _by_rotors(source: ScenarioSource) -> tuple[Array, Array]:
+    """(6, 2, R) share of full thrust and (6, 2) most of :class:`Allocation`, from hovering; :class:`InputError` where that can't be."""
+    vehicle, real = source.scenario.vehicle, source.scenario.actuators
+    least, most = full_thrust(vehicle, real)
+    wrench = vehicle.rotor_wrench.T * vehicle.environment.moving[:, None]
+    newtons = np.linalg.pinv(wrench)  # (R, 6)
+    served = np.abs(wrench @ newtons - np.eye(6)).max(0) < MISSED
+    force = hovering(source.scenario)
+    hover = newtons @ force
+    room = np.minimum(hover - least, most - hover)
+    if not (served[force != 0].all() and (room > 0).all()):
+        raise InputError(
+            f"{source.source}: the rotors can't give actuators.hover_force_n without torque about O, each between {least.min():g} and "
+            f"{most.max():g} N; correct it, actuators.max_rotor_command, or the rotors"
+        )
+    share = np.where(served, newtons / most[:, None], np.nan).T
+    reach = (room[:, None] / np.maximum(np.abs(newtons), 1e-300)).min(0)
+    return np.stack([share, -share], 1), np.where(served, reach, 0.0)[:, None].repeat(2, 1)
+
+
+def hovering(scenario: Scenario) -> Array:
+    """(6,) torque about O and force that rotors give where the plan asks for nothing."""
+    return np.concatenate([np.zeros(3), scenario.actuators.hover_force_n or (0.0,) * 3])
 
 
 @lru_cache(maxsize=16)
@@ -119,7 +151,7 @@ def plan(scenario: Scenario, allocated: Allocation, rngs: list[np.random.Generat
     """The plan's demand for every seed; ``rngs`` one generator per seed."""
     period, cycles = scenario.vehicle.cycle.period_s, scenario.cycles
     found = Plan(
-        *(np.zeros((len(rngs), cycles, 6)), np.zeros((cycles, 3), dtype=bool)),
+        *(np.zeros((len(rngs), cycles, 6)) + hovering(scenario), np.zeros((cycles, 3), dtype=bool)),
         *(np.zeros((len(rngs), cycles, 3)), np.zeros((cycles, 3), dtype=bool)),
     )
     for segment in scenario.plan:
@@ -136,7 +168,7 @@ def plan(scenario: Scenario, allocated: Allocation, rngs: list[np.random.Generat
             positive, negative = (_strength(segment, full) for full in (ways if segment.level > 0 else reversed(ways)))
             for member, rng in enumerate(rngs):
                 pattern = _pattern(segment, end - start, rng)
-                demand[member, start:end, axis] = np.where(pattern > 0, positive, negative) * pattern
+                demand[member, start:end, axis] += np.where(pattern > 0, positive, negative) * pattern
     return found
 
 

@@ -21,7 +21,7 @@ from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.equipment import Failure
 from massprop_cli.inputs.section import Positive
 from massprop_cli.inputs.vehicle import Docking, Phase, Vehicle
-from massprop_cli.testbed import exchange
+from massprop_cli.testbed import exchange, thrustcurve
 from massprop_cli.testbed.conditions import Body, Control, Fuel, Initial, Sensors, TrueActuators, TrueDisturbance
 from massprop_cli.testbed.timeline import LONGEST, TURNS, WHOLE, Event, Segment, Timed
 
@@ -96,7 +96,10 @@ class Scenario(Timed):
             raise ValueError("give either duration_cycles or duration_s")
         if period / records < SHORTEST_RECORD_S:
             raise ValueError(f"a record of {period / records:.3g} s is too short to simulate; is cycle.period_s in seconds?")
-        if self.cycles * (10 * records + 4 * (max(len(self.vehicle.jets), 6) + len(self.vehicle.spinning))) > MOST_NUMBERS:
+        if (
+            self.cycles * (10 * records + 4 * (max(len(self.vehicle.jets), len(self.vehicle.rotors), 6) + len(self.vehicle.spinning)))
+            > MOST_NUMBERS
+        ):
             raise ValueError(f"{self.cycles} cycles of {records} records are too long for one log; shorten it")
         for name, lag in (("thrust.lag_s", self.vehicle.thrust.lag_s), ("actuators.lag_s", self.actuators.lag_s)):
             if isinstance(lag, float) and lag > SLOWEST_LAG * period:
@@ -111,6 +114,8 @@ class Scenario(Timed):
             raise ValueError("actuators.max_torque_n_m and max_force_n are for vehicles without jets; drop them")
         if self.actuators.supply_pa is not None and self.vehicle.thrust.nominal_pa is None:
             raise ValueError("actuators.supply_pa needs vehicle.thrust.nominal_pa, the pressure that the jets' force_n holds for; state it")
+        if self.actuators.supply_v is not None and not any(rotor.nominal_v for rotor in self.vehicle.rotors):
+            raise ValueError("actuators.supply_v needs nominal_v of [[vehicle.rotors]], the voltage that thrust_n holds for; state it")
         if not self.vehicle.jets and (self.actuators.pwm_tick_s or self.actuators.minimum_pulse_s):
             raise ValueError("actuators.pwm_tick_s and minimum_pulse_s need jets; drop them")
 
@@ -169,7 +174,7 @@ class Scenario(Timed):
             raise ValueError("the plan holds the attitude: add [control] with rate_gain_n_m_s and attitude_gain_n_m")
         self._check_model()
         self._check_devices()
-        if not self.vehicle.jets:
+        if not self.vehicle.jets and not self.vehicle.rotors:
             needs = {axis for s in self.plan if s.motion != "coast" and not self.turned_by_wheels(s) for axis in s.driven}
             torque, force = self.actuators.max_torque_n_m, self.actuators.max_force_n
             if (torque is None and needs & set(TURNS)) or (force is None and needs - set(TURNS)):
@@ -189,6 +194,8 @@ class Scenario(Timed):
     def _check_devices(self) -> None:
         turned_by = any(self.turned_by_wheels(s) for s in self.plan)
         problem = exchange.problem(self.vehicle, self.actuators, self.truth.inertia, turned_by)
+        lag_s = self.vehicle.thrust.lag_s if self.actuators.lag_s is None else self.actuators.lag_s
+        problem = problem or thrustcurve.problem(self.vehicle, self.actuators, lag_s == 0)
         if problem:
             raise ValueError(problem)
         if turned_by and not exchange.channels(self.vehicle):
@@ -278,12 +285,20 @@ class Scenario(Timed):
         if nominal_pa is None:
             return None
         ends = self.actuators.supply_pa or (nominal_pa, nominal_pa)
+        return self._falling(time_s, ends)
+
+    def supply_v(self, time_s: Array) -> Array:
+        """Voltage of the rotors' supply."""
+        nominal_v = next((rotor.nominal_v for rotor in self.vehicle.rotors if rotor.nominal_v), 1.0)
+        return self._falling(time_s, self.actuators.supply_v or (nominal_v, nominal_v))
+
+    def _falling(self, time_s: Array, ends: tuple[float, float]) -> Array:
         return np.interp(time_s, [0.0, self.cycles * self.vehicle.cycle.period_s], ends)
 
 
 def turned_by_wheels_alone(vehicle: Vehicle, real: TrueActuators) -> bool:
     """Whether nothing but what stores momentum turns it."""
-    return bool(vehicle.spinning) and not vehicle.jets and real.max_torque_n_m is None
+    return bool(vehicle.spinning) and not vehicle.jets and not vehicle.rotors and real.max_torque_n_m is None
 
 
 @dataclass(frozen=True)

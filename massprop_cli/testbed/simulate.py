@@ -12,7 +12,7 @@ from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands, supply
-from massprop_cli.inputs.columns import ACCEL, GYRO, PRESSURE
+from massprop_cli.inputs.columns import ACCEL, GYRO, TIME
 from massprop_cli.inputs.imurecords import saturation
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.tablefile import Cells, Places, Table
@@ -45,11 +45,11 @@ class SimulatedFlight:
     delta_v_m_s: Array
     """(S, K N, 3) IMU axes."""
     issued: Array
-    """(S, K, C) on-times in s, or wrench in N m and N, then what momentum devices are told, as issued in each cycle."""
+    """(S, K, C) on-times in s, wrench in N m and N, or x of rotors, then what momentum devices are told, as issued in each cycle."""
     turning: Mapping[str, Array]
     """(S, K N) what each momentum device does after each record, by the log column of that."""
     columns: Mapping[str, Array]
-    """(S, K N) what the log has of momentum devices; NaN in cells that are empty."""
+    """(S, K N) what the log has of momentum devices, rotors and supplies; NaN in cells that are empty."""
     attitude_wxyz: Array
     """(S, K N + 1, 4) true attitude at the start and after each record."""
     logged_wxyz: Array | None
@@ -66,16 +66,17 @@ class SimulatedFlight:
     """(S, K, 10) what the control took the body to be in each cycle; (S, 0, 10) where its gains are stated."""
 
     def commanded(self, member: int) -> Array:
-        """(K, C) of one member, without those of momentum devices."""
+        """(K, C) of one member, without those of momentum devices and rotors."""
         issued: Array = self.issued[member, :, : self.issued.shape[2] - exchange.channels(self.vehicle)]
-        if self.vehicle.spinning and not self.vehicle.jets and not issued.any():
+        if self.vehicle.rotors or (self.vehicle.spinning and not self.vehicle.jets and not issued.any()):
             return issued[:, :0]
         return issued
 
     def _beside(self, path: Path, member: int) -> LogTable:
         """What its file has beside commands and the IMU."""
         places, rows = Places(None), len(self.time_s)
-        cells = {name: Cells(path, name, partial(arrow.numbers, values[member]), places) for name, values in self.columns.items()}
+        columns = {TIME: self.time_s} | {name: values[member] for name, values in self.columns.items()}
+        cells = {name: Cells(path, name, partial(arrow.numbers, values), places) for name, values in columns.items()}
         return LogTable(Table(path, "", cells, rows, places, None), {})
 
     @property
@@ -96,6 +97,10 @@ class SimulatedFlight:
         )
         path = Path(f"seed-{self.seeds[member]}")
         beside = self._beside(path, member)
+        kind: commands.CommandKind = "jets" if self.vehicle.jets or not self.commanded(member).shape[1] else "wrench"
+        command = self.commanded(member)
+        if self.vehicle.rotors:
+            kind, command = commands.commands(beside, self.vehicle, records, len(self.time_s))
         return Log(
             path=path,
             sha256="",
@@ -106,8 +111,9 @@ class SimulatedFlight:
             delta_theta_imu_rad=frozen(theta),
             delta_v_imu_m_s=frozen(velocity),
             axes=self.axes,
-            command_kind="jets" if self.vehicle.jets or not self.commanded(member).shape[1] else "wrench",
-            command=self.commanded(member),
+            command_kind=kind,
+            command=command,
+            cycles_apart=tuple(rotor.cycles_apart(beside, records, len(self.time_s)) for rotor in self.vehicle.rotors),
             spinning=commands.momentum(beside, self.vehicle, records, len(self.time_s)),
             supply=supply.read(beside, self.vehicle, self.time_s, interval, records),
             attitude_wxyz=None if self.logged_wxyz is None else self.logged_wxyz[member],
@@ -144,8 +150,6 @@ def fly(
     for name, sensor in (("gyro", flying.gyro), ("accelerometer", flying.accelerometer)):
         _check_sensor(source, name, sensor)
     time_s = _record_ends(scenario)
-    supply_pa = scenario.supply_pa(time_s - time_s[0] / 2)
-    supplied = {} if supply_pa is None else {PRESSURE: np.tile(supply_pa, (len(seeds), 1))}
     return SimulatedFlight(
         vehicle=scenario.logged,
         seeds=tuple(seeds),
@@ -155,7 +159,7 @@ def fly(
         delta_v_m_s=frozen(_flat(flying.accelerometer.increments)),
         issued=frozen(np.concatenate([flying.actuators.issued, flying.exchange.issued], -1)),
         turning={name: frozen(values) for name, values in flying.exchange.turning.items()},
-        columns={name: frozen(values) for name, values in {**flying.exchange.columns, **supplied}.items()},
+        columns={name: frozen(values) for name, values in {**flying.exchange.columns, **flying.actuators.columns(time_s)}.items()},
         attitude_wxyz=frozen(flying.attitude),
         logged_wxyz=imu.logged_attitude(scenario, flying.rngs["attitude"], flying.attitude),
         rate_rad_s=frozen(flying.rate),

@@ -19,7 +19,8 @@ from massprop_cli.model import regressors
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.stream import Stream
-from tests import anypedestal, anyrotors
+from massprop_cli.testbed import bound, scenario, simulate
+from tests import anypedestal, anyrotors, faulty
 
 
 @pytest.mark.thorough
@@ -102,3 +103,38 @@ def test_a_delay_is_found_where_the_first_fit_runs_away() -> None:
     assert found.detected is not None
     assert found.detected.at.delay == pytest.approx(1.0, abs=4 * found.detected.sigma.delay)
     assert np.abs(z).max() < 3.5
+
+
+@pytest.mark.numerical
+@pytest.mark.parametrize(
+    ("settings", "seeds"),
+    [
+        ((), 2),
+        pytest.param((), 20, marks=pytest.mark.thorough),
+        pytest.param(
+            (*(f"vehicle.rotors.{i}.nominal_v=12.0" for i in range(4)), "actuators.supply_v=[12.6, 10.5]"), 6, marks=pytest.mark.thorough
+        ),
+    ],
+    ids=["two", "twenty", "sagging supply"],
+)
+def test_a_simulated_multicopter_is_estimated_within_its_sigmas(settings: tuple[str, ...], seeds: int) -> None:
+    """Errors over sigmas of 10 values a log are 1 rms within four standard errors, as if three in ten were independent; no warning.
+
+    The same log without noise gives the truth to 0.1 sigma. Sigmas are those of the Cramér-Rao bound, or up to a tenth above.
+    """
+    source = scenario.load("multicopter", settings)
+    flight = simulate.fly(source, range(1, seeds + 1))
+    z = []
+    for member in range(seeds):
+        found = faulty.examined(flight.log(member), flight.vehicle)
+        (conclusion,) = found.conclusions
+        assert not found.notices
+        assert {one.verdict for one in conclusion.estimates.values()} == {"converged"}
+        z.append((conclusion.values - flight.truth[member, 0]) / conclusion.sigmas)
+    assert abs(np.sqrt(np.mean(np.square(z))) - 1) < 4 / np.sqrt(2 * 3 * seeds)
+    ratio = conclusion.sigmas / np.sqrt(np.diag(bound.cramer_rao(source, flight, seeds - 1)[0]))
+    assert ratio.min() > 0.99
+    assert ratio.max() < 1.1
+    perfect = simulate.fly(bound.noise_free(source), [1])
+    (twin,) = faulty.examined(perfect.log(0), perfect.vehicle).conclusions
+    assert np.abs((twin.values - perfect.truth[0, 0]) / twin.sigmas).max() < 0.1

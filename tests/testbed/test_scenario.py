@@ -162,6 +162,7 @@ def test_listing_names_every_packaged_scenario_with_a_description() -> None:
         "docked-hold",
         "docking",
         "free-flyer",
+        "multicopter",
         "pedestal",
         "planar",
         "preliminary",
