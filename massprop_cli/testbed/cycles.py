@@ -139,8 +139,20 @@ class Cycles:
     def _dynamics(self) -> Dynamics:
         """Of the bodies as they are now."""
         if self._moved is None or self._moved[0] is not self.body:
-            self._moved = self.body, self.dynamics_of(self.actuators.bare(self.exchange.bare(self.body)))
+            self._moved = self.body, self.dynamics_of(self._bare(self.body))
         return self._moved[1]
+
+    def _bare(self, bodies: Bodies) -> Bodies:
+        """The bodies as far as what stores momentum does not follow it."""
+        return self.actuators.bare(self.exchange.bare(bodies))
+
+    def _happen(self, event: Event, rate: Array) -> tuple[Bodies, Array, Array | float]:
+        """Body, rate (3, S) and jump of the IMU's velocity after an event; a wheel keeps its momentum, so its speed jumps."""
+        if event.kind == "reset" or self.scenario.docked is None:
+            return self.body, rate, 0.0
+        other = truth.bodies(self.scenario.docked, self.members)
+        combined = truth.joined(self.body, other, self.scenario.vehicle.bearing_mass_kg)
+        return combined, *truth.docked_motion(self._bare(self.body), other, self._bare(combined), rate, self.position, event)
 
     def _check_motion(self, first: int, last: int) -> None:
         """:class:`InputError` where a member turns too fast at the end of a cycle from ``first`` to before ``last``."""
@@ -156,7 +168,7 @@ class Cycles:
         """What happens at the start of a cycle; the jump of the IMU's velocity there."""
         jump: Array | float = 0.0
         if k in self.events:
-            self.body, after, jump = _happen(self.events[k], self.scenario, self.body, self.rate[:, k].T, self.position)
+            self.body, after, jump = self._happen(self.events[k], self.rate[:, k].T)
             self.rate[:, k] = after.T
         if k in self.changes:
             self.body = self.changes[k].bodies
@@ -282,15 +294,6 @@ def _disturbance(scenario: Scenario, rngs: list[np.random.Generator]) -> Array:
     middle = scenario.vehicle.cycle.period_s * (np.arange(scenario.cycles) + 0.5)
     periodic = np.sin(2 * np.pi / real.periodic_s * middle)[:, None] * np.array(real.periodic_n_m)
     return np.moveaxis(drawn + periodic + np.array(real.constant_n_m), -1, 0)
-
-
-def _happen(event: Event, scenario: Scenario, body: Bodies, rate: Array, position: Array) -> tuple[Bodies, Array, Array | float]:
-    """Body, rate and jump of the IMU's velocity after an event."""
-    if event.kind == "reset" or scenario.docked is None:
-        return body, rate, 0.0
-    other = truth.bodies(scenario.docked, rate.shape[1])
-    combined = truth.joined(body, other, scenario.vehicle.bearing_mass_kg)
-    return combined, *truth.docked_motion(body, other, combined, rate, position, event)
 
 
 def _attitudes(attitude: Array, motion: CycleMotion, width_s: float, records: int) -> Array:

@@ -200,8 +200,6 @@ class Scenario(Timed):
             raise ValueError(problem)
         if turned_by and not exchange.channels(self.vehicle):
             raise ValueError("the plan turns by wheels (by_wheels), and the vehicle has nothing that stores momentum")
-        if self.vehicle.spinning and any(event.kind == "dock" for event in self.events):
-            raise ValueError("docking of a vehicle that stores momentum can't be simulated")
 
     def turned_by_wheels(self, segment: Segment) -> bool:
         """Whether a segment of the plan is for what stores momentum: it says so, or nothing else could turn the vehicle."""
