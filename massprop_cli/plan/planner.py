@@ -11,7 +11,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.plan import limits as limited
 from massprop_cli.plan.choose import Criterion, PlanGoal, Tried, choose
 from massprop_cli.plan.motions import LEVELS, Manoeuvre, library
-from massprop_cli.plan.rehearsal import Rehearsal
+from massprop_cli.plan.rehearsal import Rehearsal, unheld
 from massprop_cli.testbed.timeline import Segment
 
 BLOCK_S, BLOCKS = 3.0, 20
@@ -87,19 +87,26 @@ def plan(rehearsal: Rehearsal, order: Order, say: Say) -> Planned:
         raise InputError(f"{rehearsal.source}: the actuators can't drive any axis both ways without disturbing the others; add jets")
     period = rehearsal.vehicle.cycle.period_s
     block = max(min(round(BLOCK_S / period), order.max_cycles // BLOCKS), 6 + int(rehearsal.delay_cycles))
-    tight = dict.fromkeys(order.limits, 1.0)
+    tight, used = dict.fromkeys(order.limits, 1.0), None
     for _ in range(ROUNDS):
-        tried = _tried(rehearsal, order, library(axes, block), block, tight, say)
+        tried, least = _tried(rehearsal, order, library(axes, block), block, tight, say)
+        if not tried:
+            used = used or least
+            break
         found = _whole(rehearsal, order, tried, block, tight.get("impulse_n_s", 1.0), say)
         passed = limited.exceeded(found.used, order.limits)
         if not passed:
             return found
+        used = found.used
         tight |= {name: 0.95 * tight[name] / factor for name, factor in passed.items()}
-    raise InputError(_unkept(rehearsal, order, found.used))
+    assert used is not None
+    raise InputError(_unkept(rehearsal, order, used))
 
 
-def _tried(rehearsal: Rehearsal, order: Order, motions: Sequence[Manoeuvre], block: int, tight: dict[str, float], say: Say) -> list[Tried]:
-    """Every motion at the highest level that keeps the limits, with what it tells."""
+def _tried(
+    rehearsal: Rehearsal, order: Order, motions: Sequence[Manoeuvre], block: int, tight: dict[str, float], say: Say
+) -> tuple[list[Tried], dict[str, float]]:
+    """Every motion at the highest level that keeps the limits, with what it tells; and what the gentlest of the others takes."""
     bodies = rehearsal.guess.bodies[:SEARCHED]
     kept: list[tuple[Manoeuvre, Array, dict[str, float]]] = []
     least: dict[str, float] = {}
@@ -113,8 +120,6 @@ def _tried(rehearsal: Rehearsal, order: Order, motions: Sequence[Manoeuvre], blo
                 kept.append((lower, issued, most))
                 break
             least = most if not least or max(_over(most, order)) < max(_over(least, order)) else least
-    if not kept:
-        raise InputError(_unkept(rehearsal, order, least))
     found: list[Tried] = []
     batch = MEMBERS // SEARCHED
     for start in range(0, len(kept), batch):
@@ -124,7 +129,7 @@ def _tried(rehearsal: Rehearsal, order: Order, motions: Sequence[Manoeuvre], blo
         told = rehearsal.information(block, issued, np.tile(bodies, (len(part), 1))).sum(1)
         alone = _without_rate(told).reshape(len(part), SEARCHED, 10, 10)
         found += [Tried(motion, one, used) for (motion, _, used), one in zip(part, alone, strict=True)]
-    return found
+    return found, least
 
 
 def _over(used: dict[str, float], order: Order) -> list[float]:
@@ -133,10 +138,18 @@ def _over(used: dict[str, float], order: Order) -> list[float]:
 
 def _unkept(rehearsal: Rehearsal, order: Order, used: dict[str, float]) -> str:
     worst = max(order.limits, key=lambda name: used[name] / order.limits[name])
-    unit = limited.UNITS[worst]
+    unit, beyond = limited.UNITS[worst], unheld(rehearsal)
+    remedy = "Raise the limit, or correct the guess"
+    if beyond is not None:
+        torque, full = beyond
+        command = " (massprop balance, by a log in which it swings while its wheels turn)" if rehearsal.vehicle.on_pedestal else ""
+        remedy = (
+            f"As guessed, the table's weight turns it by up to {torque:.3g} N m, and its wheels hold {full:.3g} N m. Balance it "
+            f"first{command}, or raise the limit"
+        )
     return (
         f"{rehearsal.source}: no motion keeps the limit of {order.limits[worst]:.4g} {unit} on the {limited.NAMES[worst]}; "
-        f"the gentlest takes {used[worst]:.3g} {unit}. Raise the limit, or correct the guess"
+        f"the gentlest takes {used[worst]:.3g} {unit}. {remedy}"
     )
 
 

@@ -17,6 +17,7 @@ from massprop_cli.plan.guess import Guess
 from massprop_cli.plan.limits import Used, used
 from massprop_cli.testbed import bound, exchange, mission
 from massprop_cli.testbed.conditions import Control
+from massprop_cli.testbed.motion import vertical
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource, turned_by_wheels_alone
 from massprop_cli.testbed.simulate import MemberChange, fly
 from massprop_cli.testbed.timeline import AXES, TURNS, Axis, Segment
@@ -100,7 +101,10 @@ def rehearsal(vehicle: VehicleSource, guess: Guess, off: Sequence[str] = ()) -> 
     jets = tuple(jet for jet in stated.jets if jet.name not in off)
     limits = guess.file.actuators
     if stated.rotors:
-        raise InputError(f"{vehicle.source}: motions by [[rotors]] can't be planned; plan by a commanded wrench with a copy without them")
+        raise InputError(
+            f"{vehicle.source}: has [[rotors]], and no plan holds the position of a hovering vehicle; state its motions in a scenario, "
+            "and fly that by massprop simulate"
+        )
     full = limits.max_torque_n_m or limits.max_force_n or exchange.full(stated, limits).any()
     if stated.spinning and not (jets or full):
         raise InputError(
@@ -161,11 +165,24 @@ def _rounded(values: Array) -> tuple[float, float, float]:
 
 def _topple(vehicle: Vehicle, guess: Guess) -> float:
     """N m/rad."""
-    if not vehicle.pivoted:
-        return 0.0
-    environment, body = vehicle.environment, guess.file.body
-    off = np.linalg.norm(body.values[6:9] - environment.bearing_position_m)
-    return float((body.mass - environment.bearing_mass_kg) * environment.gravity_m_s2 * off)
+    return float(np.linalg.norm(_pull(vehicle, guess.file.body.values)))
+
+
+def _pull(vehicle: Vehicle, body: Array) -> Array:
+    """(…, 3) weight of bodies (…, 10) times the place of their CG from the pivot, N m; 0 where there is none."""
+    environment = vehicle.environment
+    weight = (body[..., 9:] - environment.bearing_mass_kg) * environment.gravity_m_s2 * vehicle.pivoted
+    return np.asarray(weight * (body[..., 6:9] - environment.bearing_position_m))
+
+
+def unheld(rehearsal: Rehearsal) -> tuple[float, float] | None:
+    """The torque [N m] of a table's weight as a log begins that its wheels can't hold, and what they hold; None where they can."""
+    vehicle = rehearsal.vehicle
+    down = -vertical(np.array(vehicle.environment.initial_attitude_wxyz))
+    torque = np.abs(np.cross(_pull(vehicle, rehearsal.guess.bodies), down)).max(0)
+    full = exchange.full(vehicle, rehearsal.guess.file.actuators)
+    axis = int(np.argmax(torque - full))
+    return (float(torque[axis]), float(full[axis])) if rehearsal.by_wheels and torque[axis] > full[axis] else None
 
 
 SEEDS = (1, 2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import get_args
@@ -256,7 +257,7 @@ def test_a_common_uncertainty_of_the_thrust_is_named_as_what_no_time_mends(folde
         (["--want", "mass 2 %", "--set", "imu.gyro_noise_rad_s=0.0"], 3, "imu.gyro_noise_rad_s is 0; no precision can be planned"),
         (["--want", "mass 2 %", "--set", "jets=[]"], 3, "no actuators to plan with"),
         (["--want", "ixx 2 %", "--set", "jets=[]", "--set", f"wheels=[{WHEEL}]"], 3, "[actuators] max_wheel_torque_n_m"),
-        (["--want", "mass 2 %", "--set", "jets=[]", "--set", f"rotors=[{ROTOR}]"], 3, "motions by [[rotors]] can't be planned"),
+        (["--want", "mass 2 %", "--set", "jets=[]", "--set", f"rotors=[{ROTOR}]"], 3, "no plan holds the position of a hovering vehicle"),
         (["--want", "mass 2 %", "--out", "."], 2, "is the current folder"),
     ],
 )
@@ -327,3 +328,19 @@ def test_the_limit_that_keeps_a_precision_from_being_reached_is_named(asked: Ask
     assert said in made.plan.limited_by
     assert made.plan.limited_by.endswith(option)
     assert all(item.allowed is None or item.used <= item.allowed for item in made.plan.limits.values())
+
+
+@pytest.mark.parametrize("cg_x", [0.003, 0.0005])
+def test_a_table_that_its_wheels_can_not_hold_level_is_to_be_balanced_first(cg_x: float, tmp_path: Path) -> None:
+    """Its weight of 12 kg at that arm against 0.02 N m; and what the gentlest motion takes is above the limit."""
+    (tmp_path / "vehicle.toml").write_text(output.vehicle_toml(scenario.load("pedestal").scenario.vehicle))
+    body = f"[body]\nixx = 0.32\niyy = 0.36\nizz = 0.41\ncg_x = {cg_x}\ncg_z = 0.019\nmass = 12.0\n"
+    (tmp_path / "guess.toml").write_text(f"spread = 0.0\ncg_spread_m = 0.0\n{body}[actuators]\nmax_wheel_torque_n_m = 0.02\n")
+    asked = Asked(precise("ixx 1 %"), max_time_s=12.0, tilt_rad=0.2)
+    with pytest.raises(InputError) as refused:
+        flow.make(tmp_path / "vehicle.toml", tmp_path / "guess.toml", asked, lambda *_: None)
+    found = re.search(r"gentlest takes ([\d.]+) rad\. .* by up to ([\d.]+) N m, and its wheels hold 0\.02 N m\. (.*)", str(refused.value))
+    assert found is not None
+    assert float(found[1]) > 0.2
+    assert float(found[2]) == pytest.approx(12 * 9.80665 * cg_x, rel=2e-3)
+    assert found[3] == "Balance it first (massprop balance, by a log in which it swings while its wheels turn), or raise the limit"
