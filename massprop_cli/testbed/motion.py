@@ -188,7 +188,7 @@ class Dynamics:
             found = self._iterate(state, rate, fixed, constant, wrench, h)
             fastest = np.abs(found.end).max((0, 2))[:, None]
             moved = np.abs(found.end - state.end).max(0) > TOLERANCE * (1 + fastest)
-            near = (bins - moved.argmax(1)[:, None]) * (h * fastest) < WINDOW
+            near = ((bins - moved.argmax(1)[:, None]) * (h * fastest) < WINDOW) | ~moved.any(1)[:, None]
             # a member's own convergence alone decides when it stops, so that its bytes don't depend on who flies beside it
             chosen = open_members[:, None] & near
             state = found if chosen.all() else state.where(chosen, found)

@@ -78,6 +78,16 @@ def test_constant_torque_about_a_principal_axis_turns_as_the_closed_form() -> No
     assert np.abs(rates[:, 1:]).max() == 0
 
 
+def test_bin_means_of_a_turn_by_more_than_a_radian_about_one_axis_are_those_of_its_rate() -> None:
+    """Where nothing but the first iteration moves a rate, it counts in every bin: 30 rad/s through 0.05 s, 0.1 N m about 0.62 kg m²."""
+    wrench = np.zeros((6, 1, BINS))
+    wrench[0] = 0.1
+    body = Dynamics(bodies(np.diag([0.62, 2.8, 2.5])))
+    motion = body.advance(np.array([[30.0], [0.0], [0.0]]), np.zeros((3, 1)), Wrench(wrench, wrench * WIDTH / 2), WIDTH)
+    np.testing.assert_allclose(motion.rate[0, 0], 30 + 0.1 / 0.62 * WIDTH * (np.arange(BINS) + 0.5), rtol=1e-12)
+    np.testing.assert_allclose(motion.ends[0, 0], 30 + 0.1 / 0.62 * WIDTH * np.arange(1, BINS + 1), rtol=1e-12)
+
+
 def test_a_divert_through_the_cg_turns_nothing_and_pushes_by_force_over_mass() -> None:
     cg = (0.02, -0.03, 0.01)
     force = np.array([1.0, -2.0, 0.5])
