@@ -21,6 +21,7 @@ from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.testbed import bound, scenario, simulate
 from tests import anypedestal, anyrotors, faulty
+from tests.testbed.test_rotors import rotors
 
 
 @pytest.mark.thorough
@@ -139,3 +140,28 @@ def test_a_simulated_multicopter_is_estimated_within_its_sigmas(settings: tuple[
     perfect = simulate.fly(bound.noise_free(source), [1])
     (twin,) = faulty.examined(perfect.log(0), perfect.vehicle).conclusions
     assert np.abs((twin.values - perfect.truth[0, 0]) / twin.sigmas).max() < 0.1
+
+
+@pytest.mark.thorough
+@pytest.mark.numerical
+def test_simulated_speeds_at_an_eighth_of_the_lag_give_values_within_their_sigmas() -> None:
+    """Speeds and the rotors' momentum; massprop takes the change between two speeds as even, and counts its error: z is below 1 rms."""
+    turns = (
+        '{motion="random", axes=["roll", "pitch", "yaw"], level=0.2, every_cycles=32, max_cycles=24, closed_loop=true, start_s=1, end_s=12}'
+    )
+    pushes = '{motion="random", axes=["z"], level=0.3, every_cycles=40, max_cycles=32, start_s=4, end_s=12}'
+    settings = (
+        rotors(column='"speed"', spin_inertia_kg_m2="3e-5"),
+        "actuators={max_rotor_command=1000.0, hover_force_n=[0, 0, 15.7], lag_s=0.04}",
+        f'plan=[{{motion="hold", start_s=0, end_s=1}}, {turns}, {pushes}]',
+        *("duration_s=12", "vehicle.cycle.period_s=0.005", "vehicle.imu.gyro_noise_rad_s=4e-3", "vehicle.imu.accel_noise_m_s2=0.1"),
+    )
+    flight = simulate.fly(scenario.load("multicopter", settings), range(1, 7))
+    z = []
+    for member in range(6):
+        found = faulty.examined(flight.log(member), flight.vehicle)
+        (conclusion,) = found.conclusions
+        assert not found.notices
+        z.append((conclusion.values - flight.truth[member, 0]) / conclusion.sigmas)
+    assert np.abs(z).max() < 3.5
+    assert 0.2 < np.sqrt(np.mean(np.square(z))) < 1.1
