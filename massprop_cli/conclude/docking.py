@@ -97,15 +97,24 @@ def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array
     joint[:10, :10], joint[10:, 10:] = (conclusion.bare[1] for conclusion in pair)
     apart = np.tile(_without_part(vehicle), 2)  # nothing else depends on these
     values[apart], joint[apart], joint[:, apart] = 0.0, 0.0, 0.0
+    known = [
+        (10 * half + QUANTITIES.index(name), one)
+        for half, conclusion in enumerate(() if thesis else pair)
+        for name, one in vehicle.in_phase(conclusion.phase).known.items()
+    ]
+    untold = [(i, one) for i, one in known if not np.isfinite(values[i])]  # as the mass where nothing pushes
+    for i, one in untold:
+        values[i], joint[i], joint[:, i] = one.value, 0.0, 0.0
     scaled = by_scale(values.reshape(2, 10), vehicle).ravel()
     if not thesis:
         beyond = max(conclusion.thrust_scale_sigma for conclusion in pair)  # the thrust is the same in both
         joint = joint + (open_scale(vehicle) ** 2 + beyond**2) * np.outer(scaled, scaled)
-        for half, conclusion in enumerate(pair):
-            for name, known in vehicle.in_phase(conclusion.phase).known.items():
-                row = np.zeros(20)
-                row[10 * half + QUANTITIES.index(name)] = 1.0
-                values, joint = condition(values, joint, row, known.value, float(row @ values), known.sigma)
+        for i, one in known:
+            if (i, one) in untold:
+                joint[i], joint[:, i] = 0.0, 0.0
+                joint[i, i] = one.sigma**2
+            else:
+                values, joint = condition(values, joint, np.eye(20)[i], one.value, float(values[i]), one.sigma)
     values[[9, 19]] -= vehicle.bearing_mass_kg
     return values, joint
 

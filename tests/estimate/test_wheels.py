@@ -299,6 +299,9 @@ def test_a_step_is_told_by_the_speeds_themselves() -> None:
     assert step_of(np.zeros(200)) == 0.0
 
 
+DOCKED = "docked={ixx=0.5, iyy=0.8, izz=0.6, ixy=0.02, ixz=-0.01, iyz=0.03, cg_x=0.7, cg_y=0.05, cg_z=-0.1, mass=8.0}"
+
+
 def docking_at(seconds: int, dock: str) -> list[str]:
     """Settings of a flight that docks with 8 kg in its middle; turns by wheels and by jets, and pushes, before and after."""
     third, middle, last = seconds // 4, seconds // 2, 3 * seconds // 4
@@ -315,7 +318,7 @@ def docking_at(seconds: int, dock: str) -> list[str]:
     return [
         f"duration_s={seconds}",
         f"plan=[{', '.join(segments)}]",
-        "docked={ixx=0.5, iyy=0.8, izz=0.6, ixy=0.02, ixz=-0.01, iyz=0.03, cg_x=0.7, cg_y=0.05, cg_z=-0.1, mass=8.0}",
+        DOCKED,
         f'events=[{{kind="dock", at_s={middle}, {dock}}}, {{kind="reset", at_s={middle + 1}}}]',
         "vehicle.imu.accel_noise_m_s2=0.002",
     ]
@@ -346,3 +349,26 @@ def test_an_object_that_docks_with_a_vehicle_with_wheels_is_told_within_its_sigm
     assert perfect is not None
     values = np.array([one.value for one in perfect.estimates.values()])
     assert np.abs((values - flight.docked) / np.sqrt(np.diag(perfect.covariance))).max() < 0.1
+
+
+@pytest.mark.numerical
+@pytest.mark.parametrize("seeds", [1, pytest.param(12, marks=pytest.mark.thorough)])
+def test_wheels_alone_tell_a_docked_object_of_known_mass(seeds: int) -> None:
+    """Nothing pushes, so no log tells a mass: both phases were weighed, to 10 g. Errors over sigmas are 1 rms, by 3 sigma of 3 a log."""
+    weighed = [
+        f'{{name="{name}", start_s={start}, end_s={end}, known={{mass={{value={mass}, sigma=0.01}}}}}}'
+        for name, start, end, mass in (("alone", 0, 30, 22.0), ("both", 31, 60, 30.0))
+    ]
+    turns = f'plan=[{{motion="random", axes=[{TURNS}], start_s=0, end_s=29}}, {{motion="random", axes=[{TURNS}], start_s=31, end_s=60}}]'
+    phases = (f"vehicle.phases=[{', '.join(weighed)}]", 'vehicle.docking={before="alone", after="both"}')
+    event = 'events=[{kind="dock", at_s=30, docked_rate_rad_s=[0.1, -0.05, 0.08], docked_velocity_m_s=[-0.05, 0.01, 0.02]}]'
+    flight = simulate.fly(scenario.load("wheels", ("duration_s=60", turns, DOCKED, event, *phases)), range(21, 21 + seeds))
+    assert flight.docked is not None
+    z = []
+    for member in range(seeds):
+        told = faulty.examined(flight.log(member), flight.vehicle).docked
+        assert told is not None
+        values = np.array([one.value for one in told.estimates.values()], dtype=float)
+        z.append((values - flight.docked) / np.sqrt(np.diag(told.covariance)))
+        assert told.covariance[9, 9] == pytest.approx(2e-4)
+    assert abs(np.sqrt(np.mean(np.square(z)[:, :9])) - 1) < 3 / np.sqrt(2 * 3 * seeds)
