@@ -20,7 +20,7 @@ from massprop_cli.kernel import kernel
 
 SOURCES = Path(kernel_room.__file__).parent
 TEMPLATES = Path(__file__).parent
-HOST = ("host.c", "host.h", "initialbody.c", "blocks.c", "comparison.c", "offline.c", "hypothesis.c", "hypothesis.h")
+HOST = ("attitude.c", "host.c", "host.h", "initialbody.c", "blocks.c", "comparison.c", "offline.c", "hypothesis.c", "hypothesis.h")
 """What serves the ground alone."""
 
 

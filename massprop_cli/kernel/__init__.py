@@ -14,7 +14,7 @@ from massprop_cli.kernel.compile import built
 
 CHOICE = "MASSPROP_KERNEL"
 """Environment variable; "numpy" keeps the compiled kernel out."""
-INTERFACE = 7
+INTERFACE = 8
 """Of the library's calls, as ``mp_host_interface`` says it."""
 BINS, COMMANDS, PENDING = 64, 64, 24
 """MP_BINS, MP_COMMANDS, MP_PENDING"""
@@ -66,6 +66,7 @@ def opened(path: Path) -> ctypes.CDLL:
     library.mp_host_size.restype = library.mp_host_flight_size.restype = ctypes.c_size_t
     library.mp_host_pass.restype = ctypes.c_void_p
     library.mp_host_flown.restype = ctypes.c_long
+    library.mp_host_reference_error.restype = ctypes.c_double
     return library
 
 

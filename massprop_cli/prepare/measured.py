@@ -11,6 +11,7 @@ so that φ stays small whatever bias and start. It may be rough: the estimators 
 
 from __future__ import annotations
 
+import ctypes
 import math
 import weakref
 from dataclasses import replace
@@ -26,6 +27,7 @@ from massprop_cli.base.quaternion import inverse, matrices, quaternion_of, quate
 from massprop_cli.base.rigidbody import mean_rotation, rotation, times
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.kernel import kernel, pointer
 from massprop_cli.prepare.attitude import at_first, integrate_attitude, rotation_vectors, world_up_b
 from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.sensor import shown_late_s
@@ -263,6 +265,19 @@ def _process(given: Given, states: int) -> Array:
     return found
 
 
+def _turn(motion: GyroTurns) -> Array:
+    """(K, 3, 6) what an error in attitude and in the gyro's bias becomes of that in attitude in each cycle."""
+    by_bias = -mean_rotation(-motion.turns) * motion.duration_s[:, None, None]
+    return np.concatenate([rotation(-motion.turns), by_bias], -1)
+
+
+def _transition(turn: Array, states: int) -> Array:
+    """(K, n, n) of all states."""
+    found = np.tile(np.eye(states), (len(turn), 1, 1))
+    found[:, :3, :6] = turn
+    return found
+
+
 class LinearFilter(NamedTuple):
     """What a linear filter on φ, gyro bias, misalignment and latency beyond the stated one makes of it."""
 
@@ -281,14 +296,27 @@ def filtered(given: Given, begun: Array, covariance: Array) -> tuple[Array, Arra
     """
     motion, logged, edges, variance, *_ = given
     count = len(motion.turns)
-    transition = np.tile(np.eye(6), (count, 1, 1))
-    transition[:, :3, :3] = rotation(-motion.turns)
-    transition[:, :3, 3:] = -mean_rotation(-motion.turns) * motion.duration_s[:, None, None]
     spread = given.bias_sigma**2 * np.eye(6)
     spread[:3, :3] = covariance
     attitude, drawn = spill.empty(count + 1, 4), spill.empty(count, 3)
     attitude[0] = begun
-    bias, white = np.zeros(3), _process(given, 6)
+    bias, white, turn = np.zeros(3), _process(given, 6), _turn(motion)
+    if (library := kernel().library) is not None:
+        arrays = (
+            turn,
+            white,
+            motion.vectors,
+            motion.duration_s,
+            variance,
+            edges.astype(ctypes.c_long),
+            logged.wxyz,
+            logged.share,
+            logged.uneven,
+        )
+        ordered = [np.ascontiguousarray(one) for one in arrays]
+        library.mp_host_reference_attitude(ctypes.c_long(count), *map(pointer, (*ordered, spread, attitude, drawn)))
+        return attitude, drawn
+    transition = _transition(turn, 6)
     here = onequaternion.floats(begun)
     for k in range(count):
         vector = motion.vectors[k] - bias * motion.duration_s[k]
@@ -320,16 +348,20 @@ def linear(
     turns, duration = given.motion.turns, given.motion.duration_s
     gone_s, turn = about.share * duration, turns * about.share[:, None]
     drive, partly = times(mean_rotation(-turns), about.drawn_rad), times(mean_rotation(-turn), about.drawn_rad * about.share[:, None])
-    transition, observation = np.tile(np.eye(STATES), (len(turns), 1, 1)), np.zeros((len(turns), 3, STATES))
-    transition[:, :3, :3], transition[:, :3, 3:6] = rotation(-turns), -mean_rotation(-turns) * duration[:, None, None]
+    observation = np.zeros((len(turns), 3, STATES))
     observation[..., :3], observation[..., 3:6] = rotation(-turn), -mean_rotation(-turn) * gone_s[:, None, None]
     observation[..., 6:9], observation[..., 9] = np.eye(3), -turns / duration[:, None]
-    white = _process(given, STATES)
+    white, by_turn = _process(given, STATES), _turn(given.motion)
     stated = sigmas or (given.bias_sigma, given.misalignment_sigma, 0.0)
     state, spread, chi_square = np.zeros(STATES), np.diag(np.repeat([0.0, *stated], [3, 3, 3, 1]) ** 2), 0.0
     spread[:3, :3], state[:3] = begun, 0.0 if at is None else at
     states, each = spill.empty(len(turns) + 1, STATES), spill.empty(len(turns) + 1, STATES, STATES)
     states[0], each[0] = state, spread
+    if (library := kernel().library) is not None:
+        arrays = (by_turn, white, drive, observation, about.offset_rad + partly, about.noise_rad, states, each)
+        count = ctypes.c_long(len(turns))
+        return LinearFilter(states, each, library.mp_host_reference_error(count, *map(pointer, map(np.ascontiguousarray, arrays))))
+    transition = _transition(by_turn, STATES)
     for k, sigma in enumerate(about.noise_rad):
         if np.isfinite(sigma):
             residual = about.offset_rad[k] + partly[k] - observation[k] @ state

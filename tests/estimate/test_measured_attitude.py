@@ -19,6 +19,8 @@ from massprop_cli.inputs.formats import agreement
 from massprop_cli.inputs.tablefile import Made
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
+from massprop_cli.kernel import Kernel
+from massprop_cli.prepare import measured as filters
 from massprop_cli.prepare.measured import given, measured
 from massprop_cli.result import build
 from massprop_cli.testbed import scenario, simulate
@@ -247,3 +249,19 @@ def test_the_reference_stays_with_the_logged_attitude() -> None:
     assert found is not None
     apart = np.abs(np.einsum("ki,ki->k", found.attitude_wxyz, flight.attitude_wxyz[0]))
     assert 2 * np.arccos(np.minimum(apart[100:], 1.0)).max() < 3e-3
+
+
+def test_the_kernel_filters_attitudes_as_numpy_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Noisy, late, between cycles' ends, seldom: the reference to 1e-11 rad, what is known of its error to 1e-9 of a sigma."""
+    flight = flown(1, *MILLIRADIAN, *biased(1), *SIMULATED["between the cycles' ends"])
+    log, vehicle = flight.log(0), flight.vehicle
+    compiled = measured(log, vehicle)
+    monkeypatch.setattr(filters, "kernel", lambda: Kernel(None, "none"))
+    plain = measured(replace(log), vehicle)
+    assert compiled is not None
+    assert plain is not None
+    assert np.abs(compiled.attitude_wxyz - plain.attitude_wxyz).max() < 1e-11
+    assert np.abs(compiled.offset_rad - plain.offset_rad).max() < 1e-11
+    sigma = np.sqrt(np.einsum("kii->ki", plain.covariance))
+    np.testing.assert_allclose(compiled.covariance, plain.covariance, rtol=1e-6, atol=1e-15)
+    assert (np.abs(compiled.known - plain.known) <= 1e-9 * sigma + 1e-13).all()
