@@ -10,7 +10,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.errorparameters.parameter import ErrorParameter, Facts, FittedHypothesis, SpecialCase, Step, Unit, Wording
-from massprop_cli.errorparameters.setup import Setup, has_table
+from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.timing import DIFFERENCE, EARLIEST, LATER
 from massprop_cli.inputs.equipment import PIVOTED, LowPass
 from massprop_cli.inputs.vehicle import Vehicle
@@ -19,8 +19,6 @@ FINE, SHORTEST = 0.005, 0.05
 """Cycles behind derivatives by a low-pass that is shorter than a cycle; part of its time constant below which none gets."""
 NO_FACTOR = 1e-9
 """Away from 1, of a factor that is none."""
-UNSEEN = 200.0
-"""Cutoff of a low-pass that changes nothing, times a cycle."""
 DEGREE = float(np.pi / 180)
 GRAVITY = 9.80665
 WORDS = {"gyro": "gyro", "accel": "accelerometer"}
@@ -134,17 +132,18 @@ def _lowpass(sensor: str) -> ErrorParameter:
 
 def _slower(sensor: str, setup: Setup, error: Array) -> Setup | None:
     """A low-pass with a time constant 1 / (2π f) that is so many cycles longer; never of the other sign."""
-    key, cycle_s = f"imu.{sensor}_filter.cutoff_hz", 2 * np.pi * setup.period_s
-    if not has_table(setup.vehicle, key):
+    low_pass: LowPass | None = getattr(setup.vehicle.imu, f"{sensor}_filter")
+    if low_pass is None or low_pass.order == 0:
         return None
-    lag = 1 / (float(setup.value(key)[0]) * cycle_s)
-    return setup.having(key, np.array([1 / (max(lag + float(error[0]), SHORTEST * lag) * cycle_s)]))
+    cycle_s = 2 * np.pi * setup.period_s
+    lag = 1 / (low_pass.cutoff * cycle_s)
+    return setup.having(f"imu.{sensor}_filter.cutoff_hz", np.array([1 / (max(lag + float(error[0]), SHORTEST * lag) * cycle_s)]))
 
 
 def _later(sensor: str, setup: Setup, error: Array) -> Setup:
-    """Values that are so many cycles later, behind a low-pass that nobody sees where none is stated."""
+    """Values that are so many cycles later."""
     imu, name, by = setup.vehicle.imu, f"{sensor}_filter", float(error[0]) * setup.period_s
-    low_pass = getattr(imu, name) or LowPass(order=1, cutoff_hz=UNSEEN / setup.period_s)
+    low_pass = getattr(imu, name) or LowPass(order=0)
     changed = imu.model_copy(update={name: low_pass.model_copy(update={"latency_s": low_pass.latency + by})})
     return setup._replace(vehicle=setup.vehicle.model_copy(update={"imu": changed}))
 
@@ -152,7 +151,7 @@ def _later(sensor: str, setup: Setup, error: Array) -> Setup:
 def _hertz(sensor: str, vehicle: Vehicle) -> float:
     """Hz of cutoff to a cycle of time constant."""
     low_pass: LowPass | None = getattr(vehicle.imu, f"{sensor}_filter")
-    return 1.0 if low_pass is None or low_pass.cutoff_hz == "auto" else 2 * np.pi * low_pass.cutoff**2 * vehicle.cycle.period_s
+    return 1.0 if low_pass is None or low_pass.cutoff_hz in (None, "auto") else 2 * np.pi * low_pass.cutoff**2 * vehicle.cycle.period_s
 
 
 def _stated_lowpass(sensor: str) -> tuple[ErrorParameter, ErrorParameter]:

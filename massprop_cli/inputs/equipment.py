@@ -40,9 +40,9 @@ class Cycle(Section):
 
 
 def _by_cutoff_or_preset(schema: dict[str, Any]) -> None:
-    """A preset stands for the cutoff, which is filled in before it is asked for."""
-    del schema["required"]
-    schema["anyOf"] = [{"required": ["cutoff_hz"]}, {"required": ["preset"]}]
+    """A preset stands for the cutoff, which is filled in before it is asked for, and order 0 has none."""
+    unfiltered = {"properties": {"order": {"const": 0}}, "required": ["order"]}
+    schema["anyOf"] = [{"required": ["cutoff_hz"]}, {"required": ["preset"]}, unfiltered]
 
 
 class LowPass(Section):
@@ -53,18 +53,26 @@ class LowPass(Section):
     preset: str | None = Field(
         None, description="setting of a common IMU by name, whose keys hold where they are not stated here (docs/imu-filters.md)"
     )
-    order: Literal[1, 2] = Field(2, description="1: a first-order lag; 2: Butterworth of the second order")
-    cutoff_hz: Positive | Literal["auto"] = Field(description='frequency at which it lets 0.707 through; "auto": estimated from the log')
+    order: Literal[0, 1, 2] = Field(2, description="0: latency_s alone; 1: a first-order lag; 2: Butterworth of the second order")
+    cutoff_hz: Positive | Literal["auto"] | None = Field(
+        None, description='frequency at which it lets 0.707 through; "auto": estimated from the log; order 0 has none'
+    )
     cutoff_sigma_hz: NonNegative = Field(0.0, description="one sigma of a stated cutoff; goes into every sigma")
     latency_s: Annotated[Real, Field(ge=-1.0, le=1.0)] | Literal["auto"] = Field(
         0.0, description='by which values are later than their time stamps beyond the low-pass; "auto": estimated from the log'
     )
     latency_sigma_s: NonNegative = Field(0.0, description="one sigma of latency_s; goes into every sigma")
 
+    @model_validator(mode="after")
+    def _has_what_its_order_asks_for(self) -> Self:
+        if (self.order == 0) != (self.cutoff_hz is None):
+            raise ValueError(f"order = {self.order} {'has no cutoff_hz' if self.order == 0 else 'needs cutoff_hz'}")
+        return self
+
     @property
     def cutoff(self) -> float:
-        """The cutoff as a number; ValueError where it is still to be found."""
-        if self.cutoff_hz == "auto":
+        """The cutoff as a number; ValueError where there is none, or it is still to be found."""
+        if self.cutoff_hz is None or self.cutoff_hz == "auto":
             raise ValueError("the cutoff is not found yet")
         return self.cutoff_hz
 

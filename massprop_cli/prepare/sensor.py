@@ -49,7 +49,7 @@ class SensorKernel(NamedTuple):
     def of(instant: bool, low_pass: LowPass | None, lag_s: float = 0.0) -> SensorKernel:
         """With a first-order lag of the thrust before it."""
         order, latency_s = (0, 0.0) if low_pass is None else (low_pass.order, low_pass.latency)
-        tau = 0.0 if low_pass is None else 1 / (2 * np.pi * low_pass.cutoff)
+        tau = 1 / (2 * np.pi * low_pass.cutoff) if low_pass is not None and order else 0.0
         # Butterworth: of the second order the poles are at 45 degrees
         own = {0: [], 1: [tau], 2: [tau * (1 + 1j) / np.sqrt(2), tau * (1 - 1j) / np.sqrt(2)]}[order]
         if lag_s > 0:

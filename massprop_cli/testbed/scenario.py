@@ -143,7 +143,7 @@ class Scenario(Timed):
             raise ValueError("imu.clock_drift_ppm: one clock only can be simulated; leave it out")
         for name in ("gyro_filter", "accel_filter"):
             low_pass = getattr(self.vehicle.imu, name)
-            if low_pass is not None and (low_pass.open or low_pass.latency_s != 0):
+            if low_pass is not None and (low_pass.open or low_pass.order == 0 or low_pass.latency_s != 0):
                 raise ValueError(f"imu.{name}: give the true cutoff_hz, and no latency_s, which can't be simulated")
         if self.vehicle.cycle.command_delay_cycles == "auto" and self.actuators.delay_cycles is None:
             raise ValueError('cycle.command_delay_cycles is "auto": give the true delay as actuators.delay_cycles')
