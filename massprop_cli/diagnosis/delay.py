@@ -30,7 +30,7 @@ from massprop_cli.model.regressors import regressors
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import wrench_columns
 from massprop_cli.prepare.align import LAGS_FORGOTTEN, Impulses, impulses
-from massprop_cli.prepare.compensate import Samples, acceleration
+from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.timing import Timing
 
 LONGEST = 20
@@ -58,7 +58,8 @@ LITTLE = 0.05
 CUTOFFS_HZ = (300.0, 180.0, 110.0, 70.0, 45.0, 28.0, 18.0, 11.0, 7.0)
 """Of low-passes searched."""
 LATENCIES_S = (0.0, 0.0015, 0.003, 0.006, 0.012)
-"""Of sensors searched."""
+LATENCIES = (-3.0, -2.0, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
+"""Of sensors searched; and cycles of it where no cutoff is sought."""
 SENSORS = ("gyro", "accel")
 AT_ANY_TIME = ("delay", "gyro_latency", "accel_latency")
 """Shifts in time, whose steps their own size does not bound."""
@@ -144,8 +145,8 @@ def detect(
         information = np.linalg.inv(found.covariance) + np.diag(sharp)
         covariance = np.linalg.inv(information)
         steps = covariance @ (information @ found.steps - sharp * (found.steps + at - first))
-        # two that look alike go to and fro
-        steps = steps / 2 if len(unknown) > 1 and steps @ last < 0 else steps
+        # two that look alike go to and fro, and one at a whole cycle, where what the motion depends on has a corner
+        steps = steps / 2 if steps @ last < -(last @ last) * (len(unknown) == 1) / 2 else steps
         sizes = [1.0 if name in AT_ANY_TIME else max(1.0, own) if name == "lag" else own for name, own in zip(unknown, at, strict=True)]
         most = LEAP * np.array(sizes)
         last = np.clip(steps, -most, most)
@@ -171,7 +172,8 @@ def low_passes(log: Log, vehicle: Vehicle, timing: Timing, cutoffs: Sequence[str
     """
     for place, sensor in enumerate(SENSORS):
         keys = [f"imu.{sensor}_filter.{key}" for key, own in (("cutoff_hz", cutoffs), ("latency_s", latencies)) if sensor in own]
-        grid = [values for values, own in ((CUTOFFS_HZ, cutoffs), (LATENCIES_S, latencies)) if sensor in own]
+        late = LATENCIES_S if sensor in cutoffs else (*LATENCIES_S, *(cycles * vehicle.cycle.period_s for cycles in LATENCIES))
+        grid = [values for values, own in ((CUTOFFS_HZ, cutoffs), (late, latencies)) if sensor in own]
         best = (np.inf, vehicle)
         for values in itertools.product(*grid) if keys else ():
             tried = Setup(log, vehicle, timing)
@@ -212,7 +214,7 @@ def search(
         try:
             made = impulses(log, vehicle, candidate.delay, candidate.lag_s(vehicle))
             # what the IMU felt is the same whenever the commands act
-            motion = motion_of(candidate.of(log, vehicle, made), vehicle) if motion is None else motion
+            motion = motion_of(candidate.of(log, vehicle, made)) if motion is None else motion
         except InputError:
             costs.append(np.inf)
             continue
@@ -229,7 +231,7 @@ def unexplained_by(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0, m
     :class:`massprop_cli.base.errors.InputError` where that leaves too little of the log.
     """
     made = impulses(log, vehicle, timing.delay, timing.lag_s(vehicle))
-    motion = motion or motion_of(timing.of(log, vehicle, made), vehicle)
+    motion = motion or motion_of(timing.of(log, vehicle, made))
     cycles = slice(max(first, int(np.argmax(made.usable)) + 1), log.cycles)
     if cycles.stop - cycles.start < LEAST + 3 * made.whole.shape[1]:
         raise InputError(f"{log.path}: {cycles.stop - cycles.start} cycles are too few to show what the IMU records; record longer")
@@ -243,17 +245,17 @@ class MeasuredMotion(NamedTuple):
     """(K, 3)"""
     up: Array
     """(K, 3) mean of the vertical."""
-    acceleration: Array
-    """(K, 3) of the rotation centre."""
+    force: Array
+    """(K, 3) specific force. What turns the vehicle makes it at the IMU, too, so the differenced rate, which is later, is not asked."""
 
 
-def motion_of(samples: Samples, vehicle: Vehicle) -> MeasuredMotion:
+def motion_of(samples: Samples) -> MeasuredMotion:
     """What the IMU felt."""
-    return MeasuredMotion(samples.rate_rad_s, (samples.up_b[:-1] + samples.up_b[1:]) / 2, acceleration(samples, vehicle))
+    return MeasuredMotion(samples.rate_rad_s, (samples.up_b[:-1] + samples.up_b[1:]) / 2, samples.specific_force_m_s2)
 
 
 def _unexplained(motion: MeasuredMotion, made: Impulses, piece: slice) -> tuple[float, float]:
-    """Log of what is left of rate growth, and of acceleration, when regressed on impulses, with nothing known of the body."""
+    """Log of what is left of rate growth, and of specific force, when regressed on impulses, with nothing known of the body."""
     rate, up = motion.rate[piece], motion.up[piece]
     products = rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]]
     if made.stored is not None:
@@ -264,7 +266,7 @@ def _unexplained(motion: MeasuredMotion, made: Impulses, piece: slice) -> tuple[
     cost = []
     for moved, causes in (
         (np.diff(rate, axis=0), np.hstack([impulse, load, (up[1:] + up[:-1]) / 2, np.ones((len(load), 1))])),
-        (motion.acceleration[piece], np.hstack([whole, products, np.ones((len(rate), 1))])),
+        (motion.force[piece], np.hstack([whole, products, up, np.ones((len(rate), 1))])),
     ):
         size = np.sqrt((causes**2).sum(0))
         told = causes[:, size > 0] / size[size > 0]

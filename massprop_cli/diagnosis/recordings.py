@@ -19,6 +19,7 @@ from massprop_cli.diagnosis.corrections import Case
 from massprop_cli.diagnosis.delay import ALIKE, MeasuredMotion, motion_of, unexplained_by
 from massprop_cli.diagnosis.hypotheses import along
 from massprop_cli.diagnosis.hypothesis import Hypothesis
+from massprop_cli.diagnosis.linesearch import line_minimum
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import Refit, tried
 from massprop_cli.diagnosis.screening import Screening
@@ -171,7 +172,7 @@ def otherwise(screening: Screening) -> list[Refit]:
     Such a fault leaves nothing once it is corrected: beside a torque of its own it would be one of many that leave less.
     """
     case = screening.case
-    motion = motion_of(case.timing.of(case.log, case.vehicle), case.vehicle)
+    motion = motion_of(case.timing.of(case.log, case.vehicle))
     stated = _left(case, motion, {})
     found = []
     for code, states, further, later in _supposed(case, motion):
@@ -261,7 +262,7 @@ def _delay_beside(case: Case, motion: MeasuredMotion, states: States) -> float:
     def left(by: float) -> float:
         return _left(case, motion, states, by) if case.timing.delay + by >= 0 else np.inf
 
-    return _least(left, (0.0, -case.timing.delay), ANOTHER, NEAR / 4)
+    return line_minimum(left, (0.0, -case.timing.delay), ANOTHER, NEAR / 4)
 
 
 def _pulses_elsewhere(case: Case, motion: MeasuredMotion) -> Iterator[tuple[str, States, tuple[States, ...], float]]:
@@ -272,7 +273,7 @@ def _pulses_elsewhere(case: Case, motion: MeasuredMotion) -> Iterator[tuple[str,
         states: States = {"cycle.pulse_at": at}
         left = partial(_left, case, motion, states)
         by = (LATE[cycle.pulse_at] - LATE[at]) * idle
-        by = _least(left, (by,), 0.1, NEAR / 4) if left(0.0) > left(by) else 0.0
+        by = line_minimum(left, (by,), 0.1, NEAR / 4) if left(0.0) > left(by) else 0.0
         if case.timing.delay + by >= 0:
             yield "pulse-position", states, (), by
 
@@ -287,7 +288,7 @@ def _later(case: Case, motion: MeasuredMotion, jet: int) -> tuple[str, States, t
     def left(cycles: float) -> float:
         return _left(case, motion, states(cycles))
 
-    by = _least(left, (0.5, 1.0, 1.5, 2.0), 0.5, NEAR)
+    by = line_minimum(left, (0.5, 1.0, 1.5, 2.0), 0.5, NEAR)
     sigma = _sigma(left, by)
     return "jet-late", states(by), (states(by + sigma),), 0.0
 
@@ -344,27 +345,13 @@ def _limits(case: Case, motion: MeasuredMotion) -> tuple[States, tuple[States, .
     least, further = _left(case, motion, {}), list[States]()
     for which in (commanded.tolist(), *([int(i)] for i in commanded)):
         by = cache(partial(left, which))
-        part = _least(by, PARTS.tolist(), float(PARTS[0] - PARTS[1]), NEAR)
-        part = _least(by, [part], NEAR, FINEST) if by(part) < least else part
+        part = line_minimum(by, PARTS.tolist(), float(PARTS[0] - PARTS[1]), NEAR)
+        part = line_minimum(by, [part], NEAR, FINEST) if by(part) < least else part
         if by(part) < least - CLEAR:
             least, sigma = by(part), _sigma(by, part)
             further.append(states(which, part + sigma))
             parts[list(which)] = part
     return (states((), 1.0), tuple(further)) if further else None
-
-
-def _least(cost: Callable[[float], float], begun: Sequence[float], step: float, finest: float) -> float:
-    """The value with the least cost, from the best of those ``begun`` on by halved steps; of values that cost the same the largest."""
-
-    @cache
-    def order(value: float) -> tuple[float, float]:
-        return cost(value), -value
-
-    at = min(begun, key=order)
-    while step > finest:
-        step /= 2
-        at = min((at, at - step, at + step), key=order)
-    return at
 
 
 def _sigma(cost: Callable[[float], float], at: float) -> float:
