@@ -142,8 +142,8 @@ ACTUATED: dict[str, Kind] = {
     "one-late": _changed("one channel a cycle later than the others", UNFORESEEN["one-late"][1], "jet-late", *UNKNOWN),
     "leak": _changed("a jet that leaks 2 % of its thrust", UNFORESEEN["leak"][1], "steady-torque", *UNKNOWN),
     "commands-sparse": _changed("every second to tenth command is logged", _sparse, *UNKNOWN),
-    "gyro-late": _changed("gyro 1 to 3 records later than the accelerometer", partial(_later, sensor="gyro"), "gyro-filter", *UNKNOWN),
-    "accel-late": _changed("accelerometer 1 to 3 records later than the gyro", partial(_later, sensor="accel"), "accel-filter", *UNKNOWN),
+    "gyro-late": _changed("gyro 1 to 3 records later than the accelerometer", partial(_later, sensor="gyro"), "imu-kernel", *UNKNOWN),
+    "accel-late": _changed("accelerometer 1 to 3 records later than the gyro", partial(_later, sensor="accel"), "imu-kernel", *UNKNOWN),
 }
 UNTOLD = ("all-scale",)
 """Of the faults, what no log can tell."""

@@ -31,6 +31,8 @@ UNFIT = (
     "from body, Z up), frame and latency"
 )
 """Of a logged attitude."""
+LATE = {"delay-mismatch", "gyro-filter", "accel-filter", "thrust-lag"}
+"""Causes that one sensor may be taken for that is later than the other."""
 EXPLAINED, FITS, FAR = 0.1, 2.0, 1e3
 """Part of the mean squared residual, and times the noise, beyond which a low-pass with about the most likely cutoff is not what is wrong: a
 cutoff that is off by a fifth leaves a part of 0.04. And times the noise beyond which it never is: the fit without may have run away."""
@@ -49,7 +51,7 @@ def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), pr
 
 def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress) -> Analysis:
     read, stated = clipped.with_unstated(log), source
-    log, source, _ = sensorkernel.found(read, stated, say)
+    log, source, *_ = sensorkernel.found(read, stated, say)
     carried = log.attitude_wxyz is not None and source.vehicle.pivoted
     try:
         first = first_fits(log, source, say)
@@ -78,9 +80,9 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         if _explained(again):
             return again
     told = told or judged(found, correctedestimate.mended(found, say))
-    if not told.faults and not _fits(told):
+    if {fault.notice.code for fault in told.faults} <= LATE and not _fits(told):
         tried = _behind_a_low_pass(log, source, assignments, say, first[1])
-        if tried is not None and _fits(tried):
+        if tried is not None:
             return tried
     if source is not stated and not told.faults and not _fits(told):
         # a wrong delay looks like a low-pass of both sensors
@@ -109,14 +111,20 @@ def _cross_validations(found: Analysis) -> tuple[CrossValidation | None, ...]:
 def _behind_a_low_pass(
     log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, plain: AsStated | None
 ) -> Analysis | None:
-    """With sensors behind low-passes that the log shows; None where it does not fit so, or where nearly so it leaves most of ``plain``."""
+    """With sensors behind low-passes, or one later than the other, as the log shows; None where nearly so it leaves most of ``plain``.
+
+    Nor where it doesn't fit behind low-passes. By which one is later, a little may be left: of fast turns it is known to first order.
+    """
     filtered = sensorkernel.found(log, source, say, unfit=True)
     if filtered.log is log or plain is None:
         return None
     with suppress(InputError):
-        _, nearly = first_fits(filtered.log, filtered.nearest, say)
-        if nearly is not None and nearly.left < max(min(EXPLAINED * plain.left, FAR), FITS):
-            return _tried(filtered.log, filtered.source, assignments, say)
+        _, nearly = first_fits(filtered.log, filtered.source if filtered.apart else filtered.nearest, say)
+        if nearly is None or nearly.left > max(min(EXPLAINED * plain.left, FAR), FITS):
+            return None
+        found = _examined(filtered.log, filtered.source, assignments, say) if filtered.apart else None
+        found = found or _tried(filtered.log, filtered.source, assignments, say)
+        return found if found is not None and (_fits(found) or (filtered.apart and not found.faults)) else None
     return None
 
 

@@ -1,4 +1,4 @@
-"""The kind and filter of an IMU's records where nobody states them.
+"""The kind and filter of an IMU's records where nobody states them, and in a log that does not fit one sensor that is later than the other.
 
 Rates and specific force are regressed on the commands as each kernel would show them, with nothing known of the body
 (:func:`massprop_cli.diagnosis.delay.unexplained_by`). A kernel is taken where it explains the log better than means without a low-pass by
@@ -8,15 +8,19 @@ Rates and specific force are regressed on the commands as each kernel would show
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from typing import Literal, NamedTuple
+from functools import partial
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import delay
+from massprop_cli.diagnosis.linesearch import line_minimum
 from massprop_cli.diagnosis.resolve import PHASE
+from massprop_cli.errorparameters.sensor import WORDS
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V
 from massprop_cli.inputs.equipment import LowPass
@@ -38,14 +42,22 @@ Order = Literal[0, 1, 2]
 LOW_PASSES: tuple[Order, ...] = (1, 2)
 SHIFTS = (-2.0, -1.0, 1.0, 2.0)
 """Sigmas of a phase that is not stated, by which means or samples without a low-pass may be early or late."""
-LONGEST = 4800
-"""Cycles that are looked at."""
+LATER, FINEST = (-2.0, -1.0, 0.0, 1.0, 2.0), 1 / 256
+"""Cycles by which one sensor may be later than the commands and the other sensor, and the step at which the search for it ends."""
+LONGEST, FEW = 4800, 1200
+"""Cycles that are looked at; for which of both sensors is later."""
 
 
 class _Kernel(NamedTuple):
     sampled: bool
-    order: Order
-    cutoff_hz: float
+    order: Order = 0
+    cutoff_hz: float = 0.0
+    later: float = 0.0
+    """Cycles of latency, where order is 0."""
+
+    def low_pass(self, vehicle: Vehicle) -> LowPass:
+        """As a vehicle file states it."""
+        return LowPass(order=self.order, cutoff_hz=self.cutoff_hz or None, latency_s=self.later * vehicle.cycle.period_s)
 
 
 class KernelsFound(NamedTuple):
@@ -57,49 +69,57 @@ class KernelsFound(NamedTuple):
     """With cutoffs that are still to be found."""
     nearest: VehicleSource
     """With about the most likely ones, between those that were tried."""
+    apart: bool = False
+    """Whether one sensor is later than the other."""
 
 
 def found(log: Log, source: VehicleSource, say: Progress, unfit: bool = False) -> KernelsFound:
     """Log and vehicle file with what the log shows of kernels that are not stated.
 
-    Of increments, which are what they are, low-passes alone, and where the log is ``unfit`` without any.
+    Of increments, which are what they are, low-passes alone, and where the log is ``unfit`` without any. In such a log one sensor may be
+    later than the other, too.
     """
     vehicle, as_stated = source.vehicle, KernelsFound(log, source, source)
-    rates = (log.rate_columns != DELTA_THETA and log.force_columns != DELTA_V) != unfit
+    rates = log.rate_columns != DELTA_THETA and log.force_columns != DELTA_V
     unstated = [sensor for sensor in delay.SENSORS if f"{sensor}_filter" not in vehicle.imu.model_fields_set]
     open_kind = not unfit and "measures" not in vehicle.imu.model_fields_set and log.made is None and not any(log.sampled)
     lagged = vehicle.imu.gyro_lag_s > 0 or vehicle.imu.accel_lag_s > 0
-    if not rates or len(unstated) < len(delay.SENSORS) or lagged or vehicle.estimator.method != "default":
+    if not (rates or unfit) or len(unstated) < len(delay.SENSORS) or lagged or vehicle.estimator.method != "default":
         return as_stated
     say("finding what the IMU records", 0.0)
-    costs = _costs(log, vehicle, (False, True) if open_kind else (any(log.sampled),))
-    best = _best(costs) if costs else None
-    if best is None:
+    tried = _Tried.of(log, vehicle)
+    costs = _costs(tried, (False, True) if open_kind else (any(log.sampled),), LOW_PASSES if rates != unfit else ())
+    best = _best(costs, tried.later(any(log.sampled)) if unfit else {}) if costs else None
+    if best is None or (best[0].later and best[1].later):
         return as_stated
-    orders = {f"{sensor}_filter": one for sensor, one in zip(delay.SENSORS, best, strict=True) if one.order}  # 0 is none
+    filters = {f"{sensor}_filter": one for sensor, one in zip(delay.SENSORS, best, strict=True) if one.order or one.later}
     sampled = best[0].sampled
     kind: dict[str, object] = {"measures": "sample"} if sampled and open_kind else {}
-    if not (orders or kind):
+    if not (filters or kind):
         return as_stated
     sought, nearest = (
-        replace(source, vehicle=vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=kind | low_passes)}))
-        for low_passes in (
-            {key: LowPass(order=one.order, cutoff_hz="auto") for key, one in orders.items()},
-            {key: LowPass(order=one.order, cutoff_hz=_likeliest_hz(costs, key, one)) for key, one in orders.items()},
+        replace(source, vehicle=vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=kind | own)}))
+        for own in (
+            {key: LowPass(order=one.order, **_left_open(one)) for key, one in filters.items()},
+            {key: _likeliest(costs, key, one).low_pass(vehicle) for key, one in filters.items()},
         )
     )
     log = replace(log, sampled=(sampled, sampled), notices=(*log.notices, _notice(best, sampled and open_kind)))
-    return KernelsFound(log, sought, nearest)
+    return KernelsFound(log, sought, nearest, any(one.later for one in best))
 
 
-def _likeliest_hz(costs: Mapping[_Kernel, tuple[float, float]], key: str, best: _Kernel) -> float:
-    """The cutoff of a sensor's low-pass by a parabola through the costs of the best of :data:`CUTOFFS_HZ` and of those beside it."""
-    sensor, at = delay.SENSORS.index(key.removesuffix("_filter")), CUTOFFS_HZ.index(best.cutoff_hz)
+def _left_open(one: _Kernel) -> dict[str, Any]:
+    return {"cutoff_hz": "auto"} if one.order else {"latency_s": "auto"}
+
+
+def _likeliest(costs: Mapping[_Kernel, tuple[float, float]], key: str, best: _Kernel) -> _Kernel:
+    """With the cutoff by a parabola through the costs of the best of :data:`CUTOFFS_HZ` and of those beside it."""
+    sensor, at = delay.SENSORS.index(key.removesuffix("_filter")), CUTOFFS_HZ.index(best.cutoff_hz) if best.order else 0
     if not 0 < at < len(CUTOFFS_HZ) - 1:
-        return best.cutoff_hz
+        return best
     near = CUTOFFS_HZ[at - 1 : at + 2]
     bent, slope, _ = np.polyfit(np.log(near), [costs[best._replace(cutoff_hz=cutoff)][sensor] for cutoff in near], 2)
-    return float(np.exp(np.clip(-slope / (2 * bent), *np.log([near[-1], near[0]])))) if bent > 0 else best.cutoff_hz
+    return best._replace(cutoff_hz=float(np.exp(np.clip(-slope / (2 * bent), *np.log([near[-1], near[0]]))))) if bent > 0 else best
 
 
 def without(source: VehicleSource) -> VehicleSource:
@@ -108,32 +128,69 @@ def without(source: VehicleSource) -> VehicleSource:
     return replace(source, vehicle=source.vehicle.model_copy(update={"imu": imu}))
 
 
-def _costs(log: Log, vehicle: Vehicle, kinds: tuple[bool, ...]) -> dict[_Kernel, tuple[float, float]]:
+class _Tried(NamedTuple):
+    """A part of a log, and by which timing its motion is regressed on its commands."""
+
+    log: Log
+    vehicle: Vehicle
+    at: Timing
+    first: int
+    """Cycle from which on commands are known, whatever delays them."""
+
+    @staticmethod
+    def of(log: Log, vehicle: Vehicle) -> _Tried:
+        """With the delay that explains most where none is stated."""
+        whole = any(one.integrated for one in log.spinning)  # momentum by its torque follows from all that went before
+        part = log if whole else log.part(0, min(log.cycles, LONGEST))
+        stated = vehicle.cycle.command_delay_cycles
+        lag = 0.0 if vehicle.thrust.lag_s == "auto" else vehicle.thrust.lag_s / vehicle.cycle.period_s
+        at = Timing(0.0, lag) if stated == "auto" else Timing(stated, lag)
+        if stated == "auto":
+            at = next((rated.at for rated in delay.search(part, vehicle, [lag])), at)
+        first = int(np.ceil(at.delay + 2)) + 5 * int(np.ceil(lag + 1 / (2 * np.pi * CUTOFFS_HZ[-1] * vehicle.cycle.period_s)))
+        # of the bins within a cycle nothing is asked
+        few = vehicle.model_copy(update={"estimator": vehicle.estimator.model_copy(update={"bins_per_cycle": 2})})
+        return _Tried(part, few, at, first)
+
+    def cost(self, sampled: bool, low_passes: Mapping[str, LowPass | None], shift: float = 0.0) -> tuple[float, float]:
+        """−2 log likelihood of gyro and accelerometer; ``shift``, cycles: by which commands come later."""
+        imu = self.vehicle.imu.model_copy(update={f"{sensor}_filter": one for sensor, one in low_passes.items()})
+        timing = self.at._replace(delay=max(self.at.delay + shift, 0.0))
+        vehicle = self.vehicle.model_copy(update={"imu": imu})
+        return delay.unexplained_by(replace(self.log, sampled=(sampled, sampled)), vehicle, timing, self.first)
+
+    def later(self, sampled: bool) -> dict[tuple[_Kernel, _Kernel], float]:
+        """−2 log likelihood where either sensor is later than the other by what explains most, or the commands are later for both."""
+        bare, short = _Kernel(sampled), self._replace(log=self.log.part(0, min(self.log.cycles, FEW)))
+
+        def cost(later: float, sensors: Sequence[str]) -> float:
+            late = bare._replace(later=later)
+            with suppress(InputError):
+                return sum(short.cost(sampled, dict.fromkeys(sensors, late.low_pass(self.vehicle))))
+            return np.inf
+
+        found = dict[tuple[_Kernel, _Kernel], float]()
+        for sensors in (*((one,) for one in delay.SENSORS), delay.SENSORS):
+            own = partial(cost, sensors=sensors)
+            by = line_minimum(own, LATER, LATER[-1] / 2, FINEST)
+            gyro, accelerometer = (bare._replace(later=by * (one in sensors)) for one in delay.SENSORS)
+            found[(gyro, accelerometer)] = own(by)
+        return found
+
+
+def _costs(tried: _Tried, kinds: tuple[bool, ...], orders: tuple[Order, ...]) -> dict[_Kernel, tuple[float, float]]:
     """−2 log likelihood of gyro and accelerometer by each kernel that is tried; none where the log is too short."""
-    whole = any(one.integrated for one in log.spinning)  # momentum by its torque follows from all that went before
-    part = log if whole else log.part(0, min(log.cycles, LONGEST))
-    stated = vehicle.cycle.command_delay_cycles
-    lag = 0.0 if vehicle.thrust.lag_s == "auto" else vehicle.thrust.lag_s / vehicle.cycle.period_s
-    at = Timing(0.0, lag) if stated == "auto" else Timing(stated, lag)
-    if stated == "auto":
-        at = next((rated.at for rated in delay.search(part, vehicle, [lag])), at)
-    phase, costs = PHASE * float(np.mean(log.interval_s)) / vehicle.cycle.period_s, dict[_Kernel, tuple[float, float]]()
-    longest = int(np.ceil(at.delay + 2)) + 5 * int(np.ceil(lag + 1 / (2 * np.pi * CUTOFFS_HZ[-1] * vehicle.cycle.period_s)))
+    phase, costs = PHASE * float(np.mean(tried.log.interval_s)) / tried.vehicle.cycle.period_s, dict[_Kernel, tuple[float, float]]()
 
     def add(one: _Kernel) -> None:
-        low_pass = LowPass(order=one.order, cutoff_hz=one.cutoff_hz) if one.order else None
-        imu = vehicle.imu.model_copy(update={f"{sensor}_filter": low_pass for sensor in delay.SENSORS})
-        # of the bins within a cycle nothing is asked
-        used = vehicle.model_copy(update={"imu": imu, "estimator": vehicle.estimator.model_copy(update={"bins_per_cycle": 2})})
-        own = replace(part, sampled=(one.sampled, one.sampled))
-        shifts = (0.0,) if one.order else (0.0, *SHIFTS)
-        each = [delay.unexplained_by(own, used, at._replace(delay=max(at.delay + by * phase, 0.0)), longest) for by in shifts]
+        low_passes = dict.fromkeys(delay.SENSORS, one.low_pass(tried.vehicle) if one.order else None)
+        each = [tried.cost(one.sampled, low_passes, by * phase) for by in ((0.0,) if one.order else (0.0, *SHIFTS))]
         costs[one] = min(gyro for gyro, _ in each), min(accelerometer for _, accelerometer in each)
 
     try:
         for kind in kinds:
-            add(_Kernel(kind, 0, 0.0))
-        for kind, order in itertools.product(kinds, LOW_PASSES):
+            add(_Kernel(kind))
+        for kind, order in itertools.product(kinds, orders):
             due = {_Kernel(kind, order, cutoff) for cutoff in BEGUN_HZ}
             while due:
                 for one in due:
@@ -150,14 +207,14 @@ def _beside_the_best(costs: Mapping[_Kernel, tuple[float, float]], kind: bool, o
     found = set[_Kernel]()
     for sensor in range(len(delay.SENSORS)):
         best = min(own, key=lambda one: costs[one][sensor])
-        if costs[best][sensor] < costs[_Kernel(kind, 0, 0.0)][sensor]:
+        if costs[best][sensor] < costs[_Kernel(kind)][sensor]:
             at = CUTOFFS_HZ.index(best.cutoff_hz)
             found |= {best._replace(cutoff_hz=cutoff) for cutoff in CUTOFFS_HZ[max(at - 1, 0) : at + 2]}
     return found - costs.keys()
 
 
-def _best(costs: Mapping[_Kernel, tuple[float, float]]) -> tuple[_Kernel, _Kernel] | None:
-    """Of gyro and accelerometer, both sampled or neither; None where what is stated does as well."""
+def _best(costs: Mapping[_Kernel, tuple[float, float]], others: Mapping[tuple[_Kernel, _Kernel], float]) -> tuple[_Kernel, _Kernel] | None:
+    """Of gyro and accelerometer, both sampled or neither, or of ``others``; None where what is stated does as well."""
     plain = next(iter(costs))
 
     def least(sensor: int, sampled: bool, other: _Kernel | None = None) -> _Kernel:
@@ -172,7 +229,7 @@ def _best(costs: Mapping[_Kernel, tuple[float, float]]) -> tuple[_Kernel, _Kerne
         pair = least(0, kind), least(1, kind)
         clear = next((one for one in pair if one.order), None)
         pairs.append(pair if clear is None else (least(0, kind, clear), least(1, kind, clear)))
-    total = {pair: costs[pair[0]][0] + costs[pair[1]][1] + UNUSUAL * _averaged_late(*pair) for pair in pairs}
+    total = {pair: costs[pair[0]][0] + costs[pair[1]][1] + UNUSUAL * _averaged_late(*pair) for pair in pairs} | dict(others)
     best = min(total, key=lambda pair: total[pair])
     return best if total[best] < sum(costs[plain]) - CLEAR else None
 
@@ -183,9 +240,18 @@ def _averaged_late(gyro: _Kernel, accelerometer: _Kernel) -> bool:
 
 
 def _notice(best: tuple[_Kernel, _Kernel], sampled: bool) -> Notice:
+    late = next(((sensor, one) for sensor, one in zip(delay.SENSORS, best, strict=True) if one.later), None)
+    if late is not None:
+        sensor, one = late
+        order = "later" if one.later > 0 else "earlier"
+        return Notice(
+            "imu-kernel",
+            f"the log fits if the {WORDS[sensor]}'s records are {order} than their times and the other sensor's: by a latency that was "
+            f"estimated and used. Look at how records are buffered and stamped, or state imu.{sensor}_filter with order = 0 and latency_s",
+        )
     orders = {0: "behind no low-pass", 1: "behind a low-pass of first order", 2: "behind a low-pass of second order"}
     kind = "samples at their times" if best[0].sampled else "means over their intervals"
-    words = [f"the {word}'s are {orders[one.order]}" for word, one in zip(("gyro", "accelerometer"), best, strict=True)]
+    words = [f"the {WORDS[sensor]}'s are {orders[one.order]}" for sensor, one in zip(delay.SENSORS, best, strict=True)]
     keys = [
         *(["imu.measures"] if sampled else []),
         *(f"imu.{sensor}_filter" for sensor, one in zip(delay.SENSORS, best, strict=True) if one.order),

@@ -6,7 +6,8 @@ Over many of them: benchmarks/imus.py.
 from __future__ import annotations
 
 import re
-from typing import Literal
+from dataclasses import replace
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -148,6 +149,35 @@ def test_a_low_pass_behind_increments_is_found_where_the_log_does_not_fit() -> N
     for answer, deviation in found_of(11, anyimu.Imu(measures="increment", order=2, cutoff_hz=12.0), 0.05, bare=True, count=1):
         assert [notice.code for notice in answer.notices if not notice.code.startswith("noise")] == ["imu-kernel"]
         assert np.abs(deviation).max() < 4.5
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("columns", "bearing"), [("delta_theta_imu_rad", False), ("delta_v_imu_m_s", True)])
+def test_a_sensor_that_is_later_than_the_other_is_found_and_its_latency_estimated(columns: str, bearing: bool) -> None:
+    """By a record of 10 ms: values had been not_converged for an unknown cause, or corrected by a delay of the commands."""
+    rng, imu = np.random.default_rng(12), anyimu.Imu(measures="increment", gyro_noise=1e-4, accel_noise=5e-3)
+    own = anyimu.bodies(rng, 1, bearing=bearing)
+    flown = anyimu.fly(rng, own, imu, 0.05, 16.0, 0.1)
+    used = anyimu.vehicle_of(own, 0, flown, imu, 0.05, 0.1, stated=True)
+    log = anyimu.log_of(flown, 0, imu, used)
+    shown = getattr(log, columns)
+    later: dict[str, Any] = {columns: np.concatenate([shown[:1], shown[:-1]])}
+    late = replace(log, **later)
+    answer = flow.examine(late, VehicleSource(used, "any-imu", ""))
+    assert [notice.code for notice in answer.notices if not notice.code.startswith("noise")] == ["imu-kernel"]
+    filters = answer.vehicle.imu.gyro_filter, answer.vehicle.imu.accel_filter
+    low_pass, other = filters if columns == "delta_theta_imu_rad" else filters[::-1]
+    assert other is None
+    assert low_pass is not None
+    assert low_pass.order == 0
+    assert abs(low_pass.latency - 0.01) < 4 * low_pass.latency_sigma_s < 0.004
+    told, truth = answer.conclusions[0].estimates, anyimu.truth_of(own, 0)
+    for name, value in zip(QUANTITIES, truth, strict=True):
+        one = told[name]
+        assert one.value is not None
+        assert one.sigma is not None
+        assert abs(one.value - value) < 4 * one.sigma
+        assert one.verdict == "converged"
 
 
 @pytest.mark.thorough
