@@ -3,12 +3,15 @@
 A data sheet gives a bandwidth and often a delay, and not the filter. The order is the one whose own delay is nearer to the stated one:
 1 / (2π f) of the first, √2 / (2π f) of the second. The rest is latency; where it would be negative it is 0, and its sigma includes the
 difference. Data sheets give no tolerances, so sigmas are assumed.
+
+A mean over N values that are T apart is late by (N − 1) T / 2, and its delay has the variance (N² − 1) T² / 12; those of several one after
+the other add up. A first-order lag τ with a latency has both: τ² is the variance, and the latency is the rest.
 """
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -44,7 +47,13 @@ def resolved(sensor: str, stated: Mapping[str, Any]) -> dict[str, Any]:
     return {**_keys(**table()[name][sensor]), **stated}
 
 
-def _keys(bandwidth_hz: float, delay_ms: float | None = None) -> dict[str, Any]:
+def _keys(bandwidth_hz: float = 0.0, delay_ms: float | None = None, taps: Sequence[int] = (), rate_hz: float = 1.0) -> dict[str, Any]:
+    if taps:  # means over so many values, one after the other
+        count = np.array(taps)
+        lag_s, late_s = float(np.sqrt((count**2 - 1).sum() / 12)) / rate_hz, float((count - 1).sum()) / 2 / rate_hz
+        cutoff_hz = 1 / (2 * np.pi * lag_s)
+        latency = {"latency_s": late_s - lag_s, "latency_sigma_s": DELAY_S}
+        return {"order": 1, "cutoff_hz": cutoff_hz, "cutoff_sigma_hz": BANDWIDTH * cutoff_hz, **latency}
     lag_s = 1 / (2 * np.pi * bandwidth_hz)
     found = {"cutoff_hz": float(bandwidth_hz), "cutoff_sigma_hz": BANDWIDTH * bandwidth_hz}
     second_s = float(np.sqrt(2) * lag_s)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from pydantic import ValidationError
 
 from massprop_cli.inputs import imufilters
 from massprop_cli.inputs.equipment import Imu, LowPass
+from massprop_cli.prepare.sensor import SensorKernel
 
 
 def of(**stated: object) -> LowPass:
@@ -35,13 +37,27 @@ def test_what_is_stated_replaces_a_key_of_the_preset() -> None:
 
 def test_every_preset_is_a_low_pass_without_negative_latency_and_with_a_source() -> None:
     for name, own in imufilters.table().items():
-        assert own["source"].split()[0] in ("InvenSense", "Bosch")
+        assert own["source"].split()[0] in ("InvenSense", "Bosch", "Analog", "VectorNav")
         for sensor in {"gyro", "accel"} & own.keys():
             stated = own[sensor].get("delay_ms")
             low_pass = LowPass.model_validate(imufilters.resolved(sensor, {"preset": name}))
             delay_ms = 1e3 * (low_pass.latency + (2**0.5 if low_pass.order == 2 else 1.0) / (2 * math.pi * low_pass.cutoff))
             assert low_pass.latency >= 0
             assert stated is None or abs(delay_ms - stated) < 1.01e3 * low_pass.latency_sigma_s
+
+
+@pytest.mark.parametrize(("preset", "stages"), [("adis16475-filt-4", 2), ("adis16475-filt-1", 2), ("vn100-window-8", 1)])
+def test_means_one_after_the_other_have_the_delay_and_the_variance_of_their_weights(preset: str, stages: int) -> None:
+    taps, rate_hz = (imufilters.table()[preset]["gyro"][key] for key in ("taps", "rate_hz"))
+    assert len(taps) == stages
+    weights = np.ones(1)
+    for count in taps:
+        weights = np.convolve(weights, np.full(count, 1 / count))
+    when_s = np.arange(len(weights)) / rate_hz
+    mean = weights @ when_s
+    sensor = SensorKernel.of(True, of(preset=preset))
+    assert sensor.delay_s == pytest.approx(mean)
+    assert sensor.variance_s2 == pytest.approx(weights @ (when_s - mean) ** 2)
 
 
 def test_a_preset_that_is_none_is_refused_with_the_nearest() -> None:
