@@ -19,10 +19,13 @@ from massprop_cli.base.rigidbody import cross
 from massprop_cli.diagnosis.preprocessing import Ready, ready
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.estimate.phases import AsStated, Progress, as_stated
+from massprop_cli.inputs.actuators.wheel import Wheel
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.compensate import Samples, Source, biased_attitude, gathered
+from massprop_cli.prepare.tachometer import change_sigmas
 
 NO_BIAS = 6.0
 """Sigmas of a gyro's bias beyond which what a fit finds stands for something else."""
@@ -80,28 +83,41 @@ def _without_its_yaw_bias(first: _First, less: Callable[[Array], _First]) -> _Fi
 
 
 def _with_scattered_speeds(first: _First) -> _First:
-    """Errors of logged momentum as noise of the gyro and as a torque, beside what is stated of both; speeds are exact then."""
+    """Errors of logged momentum as noise of both sensors and as a torque, beside what is stated of these."""
     begun, devices = first.begun, first.begun.stated.spinning
-    sizes = np.array([device.scatter(said) for device, said in zip(devices, begun.log.spinning, strict=True)])
+    weight = (begun.log.delta_theta_imu_rad**2).sum(1) / begun.log.interval_s
+    sizes = np.array([device.scatter(said, weight) for device, said in zip(devices, begun.log.spinning, strict=True)])
     reference = next((fit.history.reference for fit in first.plain.fits if fit is not None), None)
     if reference is None or not sizes.any():
         return first
-    scattered = np.concatenate([size * device.axes for size, device in zip(sizes, devices, strict=True)]) @ np.linalg.inv(reference.inertia)
-    own, added = first.plain.used.imu.gyro_noise_rad_s, _largest(scattered**2)
-    level = float(np.hypot(own, added))
-    if level < NOTHING * own:
+    each = (sizes / np.sqrt(begun.log.records_per_cycle)).repeat([len(device.axes) for device in devices])[:, None]
+    scattered = each * np.concatenate([device.axes for device in devices]) @ np.linalg.inv(reference.inertia)
+    own, added = first.plain.used.imu, (_largest(scattered**2), _felt(begun, reference))
+    level = float(np.hypot(own.gyro_noise_rad_s, added[0])), float(np.hypot(own.accel_noise_m_s2, added[1]))
+    if level[0] < NOTHING * own.gyro_noise_rad_s and level[1] < NOTHING * own.accel_noise_m_s2:
         return first
     torque = float(np.hypot(begun.stated.environment.disturbance_torque_n_m, _turned(scattered, begun.samples, reference.inertia)))
     notice = Notice(
         "noise-estimated",
-        f"speeds of wheels scatter as their tachometers count or as is stated (speed_sigma_rad_s, speed_step_rad_s): {added:.3g} rad/s of "
-        f"the body's rate; with it the gyro's noise counts as {level:.3g} rad/s. What it turns "
-        f"the stored momentum astray by counts as a white torque of {torque:.3g} N m per cycle",
+        f"speeds of wheels scatter as their tachometers count or as is stated (speed_sigma_rad_s, speed_step_rad_s): {added[0]:.3g} rad/s "
+        f"of the body's rate; with it the gyro's noise counts as {level[0]:.3g} rad/s, and the accelerometer's as {level[1]:.3g} m/s^2. "
+        f"What it turns the stored momentum astray by counts as a white torque of {torque:.3g} N m per cycle",
     )
-    exact = tuple(wheel.model_copy(update={"speed_sigma_rad_s": 0.0, "speed_step_rad_s": 0.0}) for wheel in begun.stated.wheels)
-    noise = {"imu.gyro_noise_rad_s": level, "environment.disturbance_torque_n_m": torque}
-    stated = stating(begun.stated.model_copy(update={"wheels": exact}), noise)
+    counted = tuple(wheel.model_copy(update={"speed_error_in_noise": True}) for wheel in begun.stated.wheels)
+    noise = {"imu.gyro_noise_rad_s": level[0], "imu.accel_noise_m_s2": level[1], "environment.disturbance_torque_n_m": torque}
+    stated = stating(begun.stated.model_copy(update={"wheels": counted}), noise)
     return _fitted(begun._replace(stated=stated, notices=[*begun.notices, notice]))
+
+
+def _felt(begun: Ready, reference: Reference) -> float:
+    """m/s², one sigma of the specific force by errors of how wheels' speeds change within a cycle, of the axis where it is largest."""
+    stated, samples = begun.stated, begun.samples.part(slice(0, 1))
+    _, felt = plant_of(stated).pushed(reference, np.eye(6), samples.up_b[:1], np.array(stated.imu.position_m))
+    squares = [np.zeros(3)]
+    for wheel, change in zip(stated.spinning, change_sigmas(begun.log, stated), strict=True):
+        if isinstance(wheel, Wheel) and change > 0:
+            squares.append((felt[0, :, :3] @ wheel.direction * wheel.spin_inertia_kg_m2 * change / stated.cycle.period_s) ** 2)
+    return _largest(np.array(squares))
 
 
 def _with_unsampled_thrust(first: _First) -> _First:

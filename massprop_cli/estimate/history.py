@@ -126,7 +126,7 @@ def phases_of(log: Log, used: Vehicle, samples: Stream) -> list[tuple[Phase, sli
     start, end = round(float(begun[0]), 9) + 0.0, round(float(begun[-1] + length[-1]), 9)  # + 0.0: no minus zero
     found = []
     for phase in used.phases or (Phase.model_construct(name="all", start_s=start, end_s=end),):
-        cycles = phase_cycles(phase, begun + length, begun >= samples.usable_s)
+        cycles = phase_cycles(phase, begun + length, (begun >= samples.usable_s) & (begun + length <= samples.until_s))
         if cycles.stop - cycles.start < 2:
             raise InputError(
                 f"{log.path}: phase {phase.name!r} ({phase.start_s:g} to {phase.end_s:g} s) holds "

@@ -15,6 +15,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.prepare import tachometer
 
 REACH = 64
 """Cycles after which what one was is forgotten: of low-passes that are a few cycles long."""
@@ -23,9 +24,10 @@ REACH = 64
 def undone(log: Log, vehicle: Vehicle) -> Log:
     """The log without the low-passes that ``imu.gyro_lag_s`` and ``imu.accel_lag_s`` state; that of a steady motion before it began.
 
-    Without the bias that ``imu.gyro_bias_rad_s`` states. With velocity increments in the IMU's own axes where ``imu.accel_axes`` says
-    that they are in those of each record's start.
+    Without the bias that ``imu.gyro_bias_rad_s`` states. With the speeds of wheels at the records' ends. With velocity increments in the
+    IMU's own axes where ``imu.accel_axes`` says that they are in those of each record's start.
     """
+    log = tachometer.at_records_ends(log, vehicle)
     gyro, accelerometer = vehicle.imu.gyro_lag_s, vehicle.imu.accel_lag_s
     if gyro == 0 and accelerometer == 0 and vehicle.imu.accel_axes == "imu" and not any(vehicle.imu.gyro_bias_rad_s):
         return log

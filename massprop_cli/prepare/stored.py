@@ -76,7 +76,14 @@ def first_known_s(log: Log, vehicle: Vehicle) -> float:
     """From when on the torque of every device is known: a reading at records' ends tells it from the first one on."""
     if all(said.known_before for said in log.spinning):
         return -np.inf
-    return float(by_commands_clock(log, vehicle, log.time_s[:1])[0])
+    window_s = max((wheel.speed_window_s for wheel in vehicle.wheels), default=0.0)
+    return float(by_commands_clock(log, vehicle, log.time_s[:1] + window_s)[0])
+
+
+def last_known_s(log: Log, vehicle: Vehicle) -> float:
+    """Until when every device's momentum is known, by the IMU's clock: the last readings of a late tachometer are of the time before."""
+    late_s = max((wheel.speed_latency_s + wheel.speed_window_s for wheel in vehicle.wheels), default=0.0)
+    return float(log.time_s[-1]) - late_s + 1e-6 * vehicle.cycle.period_s
 
 
 def _times(log: Log, vehicle: Vehicle, delay_s: float) -> LogTimes:

@@ -20,6 +20,7 @@ from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.compensate import Before, Samples, biased_attitude, compensate, felt
 from massprop_cli.prepare.measured import measured
 from massprop_cli.prepare.sensor import kernel_effect, shown_late_s
+from massprop_cli.prepare.stored import last_known_s
 from massprop_cli.prepare.sums import of_records
 from massprop_cli.prepare.timing import Timing
 
@@ -57,7 +58,7 @@ class Stream:
         self.alignment, self.vehicle, self.gyro = alignment, vehicle, gyro
         self.log = alignment.log
         self.wrench, self.capability = channel_wrench(self.log, vehicle), capability(self.log, vehicle)
-        self.end_s, self.usable_s = self.log.cycle_end_s, alignment.usable_s
+        self.end_s, self.usable_s, self.until_s = self.log.cycle_end_s, alignment.usable_s, last_known_s(self.log, vehicle)
         self._measured = measured(self.log, vehicle, gyro)
         self.attitude_logged = self._measured is not None
         self.unread = unread(self.log, vehicle)

@@ -302,7 +302,7 @@ def effective_settings(analysis: Analysis) -> dict[str, Any]:
     keys |= {k: v for k, v in vehicle.flat(used.imu, "imu").items() if k.split(".")[1] in found}
     for number, (wheel, before) in enumerate(zip(used.wheels, analysis.source.vehicle.wheels, strict=True)):
         if wheel != before:
-            keys |= {f"wheels.{number}.{name}": getattr(wheel, name) for name in ("speed_sigma_rad_s", "speed_step_rad_s")}
+            keys[f"wheels.{number}.speed_error_in_noise"] = wheel.speed_error_in_noise
     estimator = vehicle.flat(used.estimator, "estimator") | {"estimator.adapt_noise": False}
     if used.estimator.accel_noise_scale == UNWIDENED:
         del estimator["estimator.accel_noise_scale"]

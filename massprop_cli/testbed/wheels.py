@@ -87,8 +87,10 @@ class Wheels(Exchanger):
 
     @property
     def turning(self) -> Mapping[str, Array]:
-        """The speeds."""
-        return {f"wheel_{wheel.name}_rad_s": self.speed[..., i] for i, wheel in enumerate(self.wheels)}
+        """The speeds, as their tachometers show them."""
+        record_s = self.period_s / self.records
+        late = [(wheel.speed_latency_s / record_s, wheel.speed_window_s / record_s) for wheel in self.wheels]
+        return {f"wheel_{w.name}_rad_s": _read(self.speed[..., i], *late[i]) for i, w in enumerate(self.wheels)}
 
     @property
     def columns(self) -> Mapping[str, Array]:
@@ -107,6 +109,26 @@ class Wheels(Exchanger):
         coulomb = np.array([wheel.coulomb_friction_n_m for wheel in self.wheels])
         viscous = np.array([wheel.viscous_friction_n_m_s for wheel in self.wheels])
         return np.asarray(coulomb * np.sign(speed) + viscous * speed)
+
+
+def _read(speed: Array, latency: float, window: float) -> Array:
+    """(S, n) means of speeds (S, n), which go evenly from record to record, over windows that ended a latency ago; both in records.
+
+    Before the first record they were what they were then.
+    """
+    if latency + window == 0:
+        return speed
+    held = int(np.ceil(latency + window)) + 1
+    course = np.concatenate([np.repeat(speed[:, :1], held, 1), speed], 1)
+    angle = np.cumsum(np.concatenate([np.zeros_like(course[:, :1]), (course[:, 1:] + course[:, :-1]) / 2], 1), 1)
+    end = held + np.arange(speed.shape[1]) - latency
+
+    def at(when: Array) -> tuple[Array, Array]:
+        k = np.minimum(when.astype(int), course.shape[1] - 2)
+        since, step = when - k, course[:, k + 1] - course[:, k]
+        return course[:, k] + since * step, angle[:, k] + since * (course[:, k] + since * step / 2)
+
+    return at(end)[0] if window == 0 else (at(end)[1] - at(end - window)[1]) / window
 
 
 def _axes(vehicle: Vehicle) -> Array:

@@ -17,7 +17,7 @@ from massprop_cli.diagnosis import resolve
 from massprop_cli.estimate.quantities import in_common
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import vehiclefile
-from massprop_cli.inputs.actuators.wheel import step_of
+from massprop_cli.inputs.actuators.wheel import WheelLog, step_of
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.result import build
 from massprop_cli.testbed import bound, scenario, simulate
@@ -285,10 +285,32 @@ def test_speeds_in_whole_rpm_are_counted_with_their_steps(settings: list[str]) -
         z.append((found.conclusions[0].values - flight.truth[k, 0])[:6] / found.conclusions[0].sigmas[:6])
     assert 0.25 < np.sqrt((np.array(z) ** 2).mean()) < 1.4
     assert np.abs(z).max() < 4
-    assert build.result(found).provenance.setting_sources["wheels.0.speed_step_rad_s"] == "log"
+    assert build.result(found).provenance.setting_sources["wheels.0.speed_error_in_noise"] == "log"
     keys = [f"{key}={configfile.written(value)}" for key, value in build.effective_settings(found).items() if value is not None]
     again = flow.examine(log, VehicleSource(vehiclefile.changed(flight.vehicle, keys), "", ""))
     np.testing.assert_array_equal(again.conclusions[0].sigmas, found.conclusions[0].sigmas)  # counted once
+
+
+def logged(flight: simulate.SimulatedFlight) -> Array:
+    """(n,) speeds of the last wheel."""
+    said = flight.log(0).spinning[-1]
+    assert isinstance(said, WheelLog)
+    return np.asarray(said.speed_rad_s)
+
+
+@pytest.mark.numerical
+def test_late_and_averaged_speeds_give_what_exact_ones_do() -> None:
+    """Within half a sigma, of the very same noise of the IMU: the last cycles, and the first of a window, are not used."""
+    late = "vehicle.wheels.0.speed_latency_s=0.02", "vehicle.wheels.1.speed_window_s=0.03", "vehicle.wheels.2.speed_latency_s=0.06"
+    of_each = []
+    for keys in ((), late):
+        _, flight = flown("wheels", *keys)
+        found = estimated(flight)
+        assert not found.notices
+        of_each.append((found.conclusions[0].values, found.conclusions[0].sigmas, logged(flight)))
+    (exact, sigma, speed), (values, _, shown) = of_each
+    assert np.abs((values - exact) / sigma)[:9].max() < 0.5
+    assert np.abs(shown - speed).max() > 10 * np.abs(np.diff(speed)).max() / 100
 
 
 def test_a_step_is_told_by_the_speeds_themselves() -> None:

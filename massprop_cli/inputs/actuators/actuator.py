@@ -146,8 +146,11 @@ class MomentumDevice(Actuator):
     def momentum(self, said: MomentumLog, log: LogTimes) -> Grown:
         """What it holds in time."""
 
-    def scatter(self, said: MomentumLog) -> float:  # noqa: ARG002
-        """By how much the momentum that a record says scatters from record to record, one sigma, N m s: not at all."""
+    def scatter(self, said: MomentumLog, weight: Array) -> float:  # noqa: ARG002
+        """By how much the momentum that a record says scatters from record to record, one sigma, N m s: not at all.
+
+        ``weight`` (n,) is what each record tells of the vehicle: its rate squared.
+        """
         return 0.0
 
     @property

@@ -70,6 +70,17 @@ class Wheel(actuator.MomentumDevice):
     speed_step_rad_s: NonNegative | None = Field(
         None, description="of which logged speeds are whole multiples; absent: found in the log. For a speed column"
     )
+    speed_window_s: NonNegative = Field(
+        0.0, description="over which each logged speed is a mean, as of counted pulses; 0: it is that of an instant. For a speed column"
+    )
+    speed_latency_s: NonNegative = Field(
+        0.0, description="by which the end of that window, or the instant, is before time_s. For a speed column"
+    )
+    speed_error_in_noise: bool = Field(
+        False,
+        description="whether imu.gyro_noise_rad_s and environment.disturbance_torque_n_m have in them what speed_sigma_rad_s and "
+        "speed_step_rad_s do, as in the settings of a result",
+    )
     torque_is: Literal["commanded", "measured"] = Field(
         "commanded", description="of a torque column: commanded torque acts after cycle.command_delay_cycles, measured torque at once"
     )
@@ -167,15 +178,26 @@ class Wheel(actuator.MomentumDevice):
         pairs = [(wheel.start_rad_s, one.speed_rad_s) for wheel, one in zip(own, said, strict=True) if isinstance(one, WheelLog)]
         actuator.refuse_other_units(source, "speed of each wheel", "start_rad_s", actuator.SPEEDS, pairs)
 
-    def scatter(self, said: actuator.MomentumLog) -> float:
-        """Of a speed by its tachometer: noise, and a twelfth of a step's square."""
-        if not isinstance(said, WheelLog) or said.speed_rad_s is None:
+    def reading_sigma(self, said: "WheelLog") -> float:
+        """Of a logged speed, rad/s: noise, and a twelfth of a step's square."""
+        if said.speed_rad_s is None:
             return 0.0
-        step = step_of(said.speed_rad_s) if self.speed_step_rad_s is None else self.speed_step_rad_s
-        # while a count stands still, so does its error: as one of so many times the variance
-        lengths = np.diff(np.flatnonzero(np.diff(said.speed_rad_s, prepend=np.nan, append=np.nan)))
-        held = float((lengths**2).sum() / lengths.sum())
-        return self.spin_inertia_kg_m2 * float(np.sqrt(self.speed_sigma_rad_s**2 + held * step**2 / 12))
+        return float(np.hypot(self.speed_sigma_rad_s, self._step(said.speed_rad_s) / np.sqrt(12)))
+
+    def _step(self, speed: Array) -> float:
+        return step_of(speed) if self.speed_step_rad_s is None else self.speed_step_rad_s
+
+    def scatter(self, said: actuator.MomentumLog, weight: Array) -> float:
+        """Of a speed by its tachometer: noise, and a twelfth of a step's square.
+
+        While a count stands still, so does its error: as one of so many times the variance, as far as the records weigh.
+        """
+        if not isinstance(said, WheelLog) or said.speed_rad_s is None or self.speed_error_in_noise:
+            return 0.0
+        begins = np.flatnonzero(np.diff(said.speed_rad_s, prepend=np.nan))
+        lengths = np.diff(begins, append=len(said.speed_rad_s))
+        held = float(lengths @ np.add.reduceat(weight, begins) / weight.sum()) if weight.any() else 1.0
+        return self.spin_inertia_kg_m2 * float(np.sqrt(self.speed_sigma_rad_s**2 + held * self._step(said.speed_rad_s) ** 2 / 12))
 
     def momentum(self, said: actuator.MomentumLog, log: actuator.LogTimes) -> actuator.Grown:
         """By its speed at the records' ends, relative to the body; or all of it, by the torque on it over each cycle, less friction."""
@@ -234,6 +256,8 @@ class WheelLog:
     """(K,) on the wheel, of each control cycle; None where the speed is known."""
     start_rad_s: float | None
     """Speed at the beginning of the log, or of a torque's log when its first torque acts; None: unknown."""
+    corrected: bool = False
+    """Whether speeds are those at the records' ends, not what the tachometer shows (:mod:`massprop_cli.prepare.tachometer`)."""
 
     @property
     def integrated(self) -> bool:
