@@ -128,6 +128,11 @@ def without(source: VehicleSource) -> VehicleSource:
     return replace(source, vehicle=source.vehicle.model_copy(update={"imu": imu}))
 
 
+def _begun(log: Log, cycles: int) -> Log:
+    """Its first cycles; all of it where momentum by its torque follows from all that went before."""
+    return log if any(one.integrated for one in log.spinning) else log.part(0, min(log.cycles, cycles))
+
+
 class _Tried(NamedTuple):
     """A part of a log, and by which timing its motion is regressed on its commands."""
 
@@ -140,8 +145,7 @@ class _Tried(NamedTuple):
     @staticmethod
     def of(log: Log, vehicle: Vehicle) -> _Tried:
         """With the delay that explains most where none is stated."""
-        whole = any(one.integrated for one in log.spinning)  # momentum by its torque follows from all that went before
-        part = log if whole else log.part(0, min(log.cycles, LONGEST))
+        part = _begun(log, LONGEST)
         stated = vehicle.cycle.command_delay_cycles
         lag = 0.0 if vehicle.thrust.lag_s == "auto" else vehicle.thrust.lag_s / vehicle.cycle.period_s
         at = Timing(0.0, lag) if stated == "auto" else Timing(stated, lag)
@@ -161,7 +165,7 @@ class _Tried(NamedTuple):
 
     def later(self, sampled: bool) -> dict[tuple[_Kernel, _Kernel], float]:
         """−2 log likelihood where either sensor is later than the other by what explains most, or the commands are later for both."""
-        bare, short = _Kernel(sampled), self._replace(log=self.log.part(0, min(self.log.cycles, FEW)))
+        bare, short = _Kernel(sampled), self._replace(log=_begun(self.log, FEW))
 
         def cost(later: float, sensors: Sequence[str]) -> float:
             late = bare._replace(later=later)
