@@ -8,10 +8,10 @@ Rates and specific force are regressed on the commands as each kernel would show
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -164,20 +164,34 @@ class _Tried(NamedTuple):
         return delay.unexplained_by(replace(self.log, sampled=(sampled, sampled)), vehicle, timing, self.first)
 
     def later(self, sampled: bool) -> dict[tuple[_Kernel, _Kernel], float]:
-        """−2 log likelihood where either sensor is later than the other by what explains most, or the commands are later for both."""
-        bare, short = _Kernel(sampled), self._replace(log=_begun(self.log, FEW))
+        """−2 log likelihood where either sensor is later than the other by what explains most, or the commands are later for both.
 
-        def cost(later: float, sensors: Sequence[str]) -> float:
-            late = bare._replace(later=later)
+        In free flight commands that come later for one sensor say as much; on a bearing gravity turns between the two, too.
+        """
+        short, bare = self._replace(log=_begun(self.log, FEW)), _Kernel(sampled)
+        log = replace(short.log, sampled=(sampled, sampled))
+        motion = delay.motion_of(self.at.of(log, self.vehicle))
+
+        @cache
+        def costs(later: float) -> tuple[float, float]:
             with suppress(InputError):
-                return sum(short.cost(sampled, dict.fromkeys(sensors, late.low_pass(self.vehicle))))
+                if self.at.delay + later >= 0:
+                    return delay.unexplained_by(log, self.vehicle, self.at._replace(delay=self.at.delay + later), self.first, motion)
+            return np.inf, np.inf
+
+        def cost(later: float, shown: tuple[bool, bool]) -> float:
+            if all(shown) or not self.vehicle.pivoted:
+                return costs(later * shown[0])[0] + costs(later * shown[1])[1]
+            with suppress(InputError):
+                low_pass = bare._replace(later=later).low_pass(self.vehicle)
+                return sum(short.cost(sampled, dict.fromkeys(itertools.compress(delay.SENSORS, shown), low_pass)))
             return np.inf
 
         found = dict[tuple[_Kernel, _Kernel], float]()
-        for sensors in (*((one,) for one in delay.SENSORS), delay.SENSORS):
-            own = partial(cost, sensors=sensors)
+        for shown in ((True, False), (False, True), (True, True)):
+            own = partial(cost, shown=shown)
             by = line_minimum(own, LATER, LATER[-1] / 2, FINEST)
-            gyro, accelerometer = (bare._replace(later=by * (one in sensors)) for one in delay.SENSORS)
+            gyro, accelerometer = (bare._replace(later=by * one) for one in shown)
             found[(gyro, accelerometer)] = own(by)
         return found
 
