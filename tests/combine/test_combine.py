@@ -98,7 +98,6 @@ def levelled(flight: simulate.SimulatedFlight, cycle: int) -> Vehicle:
         *(
             pytest.param(*one, marks=pytest.mark.thorough)
             for one in (
-                ("free-flyer", ("duration_s=20.0", PLAN), (in_halves(0, 400),), 2),
                 ("testbed", ("duration_s=20.0", f"plan=[{PULSES.format(0, 400)}]"), (in_halves(0, 400),), 1),
                 ("docking", DOCKING, (in_halves(0, 180), in_halves(240, 640)), 1),
             )

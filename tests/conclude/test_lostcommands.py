@@ -44,7 +44,7 @@ def drawn(seed: int, power: Array = POWER, part: float = 0.0, scatter: float = 0
     return found
 
 
-@pytest.mark.parametrize("logs", [400, pytest.param(4000, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("logs", [400, pytest.param(4000, marks=[pytest.mark.thorough, pytest.mark.seeds])])
 def test_a_likelihood_ratio_has_a_mean_of_one_and_is_hardly_ever_large_by_chance(logs: int) -> None:
     """Of logs that lost nothing, of commands so weak that the ratio varies little and its mean is sharp; of strong ones, too."""
     weak = np.array([lostcommands.lost(drawn(seed, POWER / 9), POWER / 9) for seed in range(logs)])
@@ -63,7 +63,9 @@ def test_what_is_lost_and_what_scatters_are_told_apart(seed: int) -> None:
 
 
 @pytest.mark.numerical
-@pytest.mark.parametrize(("seconds", "noise", "seed"), [(25.0, 0.004, 3), pytest.param(60.0, 0.008, 3, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize(
+    ("seconds", "noise", "seed"), [(25.0, 0.004, 3), pytest.param(60.0, 0.008, 3, marks=[pytest.mark.thorough, pytest.mark.seeds])]
+)
 def test_lost_commands_are_told_of_beside_a_disturbance_that_stands_for_them(seconds: float, noise: float, seed: int) -> None:
     """Three in 200. Beside that disturbance values had been converged, of seed 3 in the greatest noise all but the mass."""
     log, vehicle = flown(seed, seconds, noise)

@@ -48,6 +48,7 @@ def moved(used: Vehicle, by: tuple[float, float, float]) -> Vehicle:
     return used.model_copy(update={"imu": used.imu.model_copy(update={"position_m": position})})
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_what_is_right_is_doubted_as_chance_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of twenty seeds, each assumption's score is a standard normal deviate's: root mean square within a third of one, none beyond 4."""

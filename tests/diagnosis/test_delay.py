@@ -65,6 +65,7 @@ def test_an_unknown_delay_is_found_to_a_tenth_of_a_cycle_with_an_honest_sigma(tr
     assert off(found).max() < 4.5
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_the_found_delays_scatter_as_their_sigma_says() -> None:
     z = []

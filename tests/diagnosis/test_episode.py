@@ -67,7 +67,7 @@ def test_what_a_window_explains_is_what_regression_says(monkeypatch: pytest.Monk
         assert found.gain == pytest.approx(len(rest) * np.log(throughout / after), rel=0.02)
 
 
-@pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2, 8), marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2, 8), marks=[pytest.mark.thorough, pytest.mark.seeds])])
 def test_the_time_and_the_thrust_of_a_failure_are_as_certain_as_is_said(seeds: range) -> None:
     z = []
     for seed in seeds:

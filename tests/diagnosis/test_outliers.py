@@ -112,6 +112,7 @@ def test_clean_samples_have_none(name: str) -> None:
     assert not searched(*faulty.sample(name))
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["free-flyer", "testbed", "docking"])
 def test_logs_without_fault_have_none(name: str) -> None:

@@ -51,7 +51,7 @@ def errors(found: tuple[Array, simulate.SimulatedFlight], *stated: str) -> Array
     return np.array(z)
 
 
-@pytest.mark.parametrize(("bias", "seeds"), [(1e-3, 4), pytest.param(3e-3, 8, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize(("bias", "seeds"), [(1e-3, 4), pytest.param(3e-3, 8, marks=[pytest.mark.thorough, pytest.mark.seeds])])
 def test_errors_are_within_their_sigmas_and_nothing_is_warned_of(bias: float, seeds: int) -> None:
     """0.06 and 0.17 degrees per second. Errors are 0.7 to 1.3 sigma in the root mean square, no mean over n seeds is beyond 3.2 / √n."""
     z = errors(flown(seeds, *settings(bias)))

@@ -51,8 +51,12 @@ def flown(name: str, cycles: int | None) -> simulate.SimulatedFlight:
     ("name", "cycles"),
     [
         *(pytest.param(*one, marks=[pytest.mark.thorough] * (one[1] > 450)) for one in BEGINNINGS.items()),
-        *(pytest.param(name, None, marks=[pytest.mark.thorough] * (name != WHOLE[0])) for name in WHOLE),
-        *(pytest.param(name, None, marks=pytest.mark.thorough) for name in SCENARIOS if name not in WHOLE and name not in BEGINNINGS),
+        *(pytest.param(name, None, marks=[pytest.mark.thorough, pytest.mark.seeds] * (name != WHOLE[0])) for name in WHOLE),
+        *(
+            pytest.param(name, None, marks=[pytest.mark.thorough, pytest.mark.seeds])
+            for name in SCENARIOS
+            if name not in WHOLE and name not in BEGINNINGS
+        ),
     ],
 )
 def test_no_value_on_the_way_is_further_off_than_its_sigma_says(name: str, cycles: int | None) -> None:
