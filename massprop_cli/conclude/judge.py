@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli import CG, QUANTITIES
+from massprop_cli import CG, INERTIA, QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.constancy import changing
@@ -33,8 +33,8 @@ from massprop_cli.model.resolved import Resolved
 
 AT_ORIGIN = (4.0, 0.005)
 """Sigmas, and part of the vehicle's size, within which a CG is at O."""
-FEWEST = 4
-"""Components of a wrench that are commanded, below which largest values of 1 may be chance."""
+FEWEST = 2
+"""Components of a wrench that are commanded, below which a largest value of 1 may be chance."""
 SWINGS = 8.0
 """Cycles beyond which what swings on is no misfit of timing."""
 
@@ -47,7 +47,8 @@ def judged(found: Analysis, mended: Sequence[MendedAnswer], widen: bool = True) 
     each = [_one(found, i, mended, widen) for i in range(len(found.conclusions))]
     told = tuple(one.discrepancy for one in each)
     at_origin = [_at_origin(found, one.conclusion, settled) for one, settled in zip(each, found.settled, strict=True)]
-    untold = [dict.fromkeys(CG, Reason.of("wrench-point-untold")) if at else {} for at in at_origin]
+    scaled = dict.fromkeys((*INERTIA, "mass"), Reason.of("scale-untold")) if _all_normalised(found) else {}
+    untold = [scaled | (dict.fromkeys(CG, Reason.of("wrench-point-untold")) if at else {}) for at in at_origin]
     conclusions = tuple(in_doubt(one.conclusion, reasons) for one, reasons in zip(each, untold, strict=True))
     docked = docked_object(conclusions, found.vehicle)
     named = any(fault.notice.code != UNKNOWN for fault in found.faults)
@@ -186,7 +187,10 @@ def _notices(found: Analysis, conclusions: tuple[Conclusion, ...], docked: Docke
                 "if they are about the CG, it is somewhere else; state thrust.wrench_point_m: where they are about, or [0, 0, 0] if it is O"
             )
             yield Notice("wrench-point", f"{said}: {remedy}")
-    yield from _all_normalised(found)
+    if ones := _all_normalised(found):
+        said = f"the largest values of {', '.join(ones)} are all 1, as of commands that are normalised; the log fits with any scale of them"
+        remedy = "state the scale of each under [columns]; or, if 1 N m and 1 N are what they are limited to, thrust.wrench_limits"
+        yield Notice("commands-normalised", f"{said}. If they are not in N m and N, {remedy}")
     yield from _docking_notices(docked, conclusions, found.vehicle)
 
 
@@ -204,15 +208,18 @@ def _docking_notices(docked: Docked | None, conclusions: tuple[Conclusion, ...],
     return [Notice("docked-mass", str(lighter(mass, f"phase {docked.after}", f"phase {docked.before}", "correct [docking]")))]
 
 
-def _all_normalised(found: Analysis) -> Iterator[Notice]:
-    """That each command component has the largest value 1, of a log that fits: a scale common to all shows in no motion."""
-    log = found.log
-    if log.command_kind != "wrench" or found.faults:
-        return
+def _all_normalised(found: Analysis) -> list[str]:
+    """The command components, each of which has the largest value 1 in a log that fits: a scale common to all shows in no motion.
+
+    Empty where that is not so, or known values tell the scale.
+    """
+    log, known = found.log, set(found.vehicle.known)
+    moved = np.abs(log.command).max(0) > 0
+    told = bool(known & set(INERTIA)) or ("mass" in known and bool(moved[3:].any()))
+    if log.command_kind != "wrench" or found.faults or told or found.vehicle.thrust.wrench_limits is not None:
+        return []
     ones = normalised(log)
-    if FEWEST <= len(ones) == np.count_nonzero(log.command.any(0)):
-        said = f"the largest values of {', '.join(ones)} are all 1, as of commands that are normalised; the log fits with any scale of them"
-        yield Notice("commands-normalised", f"{said}. If they are not in N m and N, state the scale of each under [columns]")
+    return ones if FEWEST <= len(ones) == np.count_nonzero(moved) else []
 
 
 def _at_origin(found: Analysis, conclusion: Conclusion, settled: History) -> bool:

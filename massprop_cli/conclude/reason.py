@@ -28,6 +28,7 @@ VerdictReason = Literal[
     "cause-unknown",
     "timing-untold",
     "wrench-point-untold",
+    "scale-untold",
     "changed",
     "within-discrepancy",
     "discrepancy",
@@ -114,6 +115,10 @@ SENTENCES: dict[Code, str] = {
     "timing-untold": "the log cannot show when its commands act ({taken} was taken as the most likely); state it",
     "wrench-point-untold": (
         "the CG is at O if commanded torques are about O, and may be anywhere if they are about the CG; state thrust.wrench_point_m"
+    ),
+    "scale-untold": (
+        "the largest value of every command is 1, so they may be normalised, and the log fits with any scale of them; state the scale of "
+        "each under [columns], or thrust.wrench_limits if 1 is a limit"
     ),
     "changed": (
         "what the log says of {quantity} before {at_s:.6g} s ({before:.4g}) and after it ({after:.4g}) is apart by {sigmas:.2g} sigma: has "

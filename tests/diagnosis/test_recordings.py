@@ -120,8 +120,15 @@ def test_largest_commands_of_one_are_told_in_a_log_that_fits() -> None:
     flown = fly("free-flyer", *PLAN, *same)
     log = flown.log(0)
     assert not faulty.examined(log, flown.vehicle).notices
-    (said,) = faulty.examined(replace(log, command=log.command / 0.4), flown.vehicle).notices
+    ones = replace(log, command=log.command / 0.4)
+    found = faulty.examined(ones, flown.vehicle)
+    (said,) = found.notices
     assert (said.code, "the log fits with any scale of them" in said.message) == ("commands-normalised", True)
+    verdicts = {name: one.verdict for name, one in found.conclusions[0].estimates.items()}
+    assert {verdicts[name] for name in (*INERTIA, "mass")} == {"not_converged"}
+    assert {verdicts[name] for name in CG} == {"converged"}
+    limited = faulty.stated(flown.vehicle, "thrust.wrench_limits=[1, 1, 1, 1, 1, 1]")
+    assert not faulty.examined(ones, limited).notices
 
 
 def test_torques_about_the_cg_put_it_at_the_origin_and_that_is_said() -> None:
