@@ -38,6 +38,8 @@ PARTS = np.geomspace(1.0, 0.05, 16)
 FINEST, NEAR, FLAT = 1e-5, 0.01, 1e3
 """Step at which the search for them ends, and behind the curvature of what they leave; the least curvature that tells a sigma: of 4 %."""
 
+EARLIER = (1, 2, 3)
+"""Cycles by which commands of one jet may be logged before those of another one that fires with it."""
 RARELY, MOSTLY, LEAST = range(2, 41), 0.98, 12
 """Cycles after which commands may change, part of the changes that come so, and how many there must be."""
 UNEQUAL, NEXT_TO = 30.0, 0.75
@@ -176,7 +178,7 @@ def otherwise(screening: Screening) -> list[Refit]:
     stated = _left(case, motion, {})
     found = []
     for code, states, further, later in _supposed(case, motion):
-        if _left(case, None if code == "accel-axes" else motion, states, later) < stated - CLEAR:
+        if code == "jet-late" or _left(case, None if code == "accel-axes" else motion, states, later) < stated - CLEAR:
             model, x = screening.model, screening.stated.x.copy()
             x[model.place("delay")] += later
             free = along(model, ("delay", np.ones(1))) if later else np.zeros((len(x), 0))
@@ -188,11 +190,13 @@ def otherwise(screening: Screening) -> list[Refit]:
 
 
 def _disturbed(corrected: Screening, stated: Screening) -> bool:
-    """Whether a torque beside a log is left of about the size that there was before it was corrected.
+    """Whether a torque beside a log is left of about the size that there was before it was corrected, where the vehicle file states none.
 
     By the variance that K cycles of it give the rate: K w + K³ v / 3, of steps w and of steps v of what it grows by.
     """
-    count = stated.piece.stop - stated.piece.start
+    environment, count = stated.case.vehicle.environment, stated.piece.stop - stated.piece.start
+    if max(environment.disturbance_torque_n_m, environment.disturbance_walk_n_m) > 0:
+        return False
     now, before = (sum(count * torque.white + count**3 / 3 * torque.walk for torque in one.free.beside) for one in (corrected, stated))
     return bool(now > LEFT * before)
 
@@ -254,6 +258,7 @@ def _supposed(case: Case, motion: MeasuredMotion) -> Iterator[tuple[str, States,
     if case.log.command_kind == "jets" and case.log.command.any():
         yield from _pulses_elsewhere(case, motion)
         yield from (_later(case, motion, jet) for jet in _likeliest_later(case))
+        yield from _before_its_twin(case)
 
 
 def _delay_beside(case: Case, motion: MeasuredMotion, states: States) -> float:
@@ -291,6 +296,20 @@ def _later(case: Case, motion: MeasuredMotion, jet: int) -> tuple[str, States, t
     by = line_minimum(left, (0.5, 1.0, 1.5, 2.0), 0.5, NEAR)
     sigma = _sigma(left, by)
     return "jet-late", states(by), (states(by + sigma),), 0.0
+
+
+def _before_its_twin(case: Case) -> Iterator[tuple[str, States, tuple[States, ...], float]]:
+    """Each jet whose commands are those of another one some cycles earlier, which may act together.
+
+    Free coefficients explain as much by that other one alone, which gives all that both do, so they do not tell.
+    """
+    on, period_s = case.log.command[:, : len(case.vehicle.jets)], case.vehicle.cycle.period_s
+    for cycles in EARLIER:
+        alike = (on[cycles:, :, None] == on[:-cycles, None, :]).mean(0) > MOSTLY
+        for jet in np.flatnonzero((alike & ~np.eye(len(alike), dtype=bool)).any(0) & on.any(0)).tolist():
+            at = case.vehicle.jets[jet].delay_s + cycles * period_s
+            key = f"jets.{jet}.delay_s"
+            yield "jet-late", {key: at}, ({key: at + NEAR * period_s},), 0.0
 
 
 def _likeliest_later(case: Case) -> list[int]:

@@ -215,6 +215,23 @@ def test_a_jet_that_is_later_than_the_others_is_named_with_its_delay(jet: str, l
         assert np.abs(z).max() < 4
 
 
+def test_a_jet_that_is_logged_a_cycle_before_its_twin_is_late_and_not_dead_beside_one_of_twice_the_thrust() -> None:
+    """Both act together, so free coefficients give all that they do to the other one and leave nothing."""
+    flown = fly("free-flyer", *PLAN)
+    log, index = flown.log(0), [one.name for one in flown.vehicle.jets].index("pitch_p2")
+    command = log.command.copy()
+    command[:-1, index], command[-1, index] = log.command[1:, index], 0.0
+    found = faulty.examined(replace(log, command=command), flown.vehicle)
+    (said,) = found.notices
+    assert (said.code, "jet pitch_p2 " in said.message) == ("jet-late", True)
+    (answer,) = found.mended
+    key, _, value = answer.settings[0].partition("=")
+    assert key == f"jets.{index}.delay_s"
+    assert float(value) == pytest.approx(0.05, abs=5e-4)
+    z = (answer.conclusions[0].values - flown.truth[0][0]) / np.sqrt(np.diag(answer.conclusions[0].covariance))
+    assert np.abs(z).max() < 4
+
+
 def test_a_log_made_on_a_bearing_is_not_one_of_free_flight() -> None:
     log, used = faulty.sample("air-bearing", 15.0)
     found = faulty.examined(log, faulty.stated(used, 'environment.kind="free"'))
