@@ -18,6 +18,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.fit import PASSES, Extra, Fit, fit, response
+from massprop_cli.diagnosis.linesearch import line_minimum
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.estimate.initial import first_reference
@@ -46,6 +47,8 @@ LEAP = 0.5
 """Cycles, or this part of the lag; the largest step."""
 BADLY = 10.0
 """Chi-square beyond which a fit may have run into another minimum."""
+FINEST = 1 / 512
+"""Cycles at which the search by commands alone ends."""
 SHARPEST = 1e-12
 """Cycles; no log tells a delay better."""
 STEPS = 6
@@ -163,6 +166,23 @@ def detect(
         return None
     imu = now.vehicle.imu if set(unknown) - {"delay", "lag"} else None
     return FoundTiming(now.timing, _sigmas(unknown, covariance), found.after, before, tuple(unknown), covariance, imu)
+
+
+def by_commands_alone(found: FoundTiming, log: Log, vehicle: Vehicle, near: Timing) -> FoundTiming:
+    """The delay by how much commands explain of the motion, with nothing known of the body; as ``found`` where that is no minimum.
+
+    For logs of which no fit stands, so that what it says of the delay is worth nothing.
+    """
+
+    def cost(cycles: float) -> float:
+        return sum(unexplained_by(log, vehicle, near._replace(delay=cycles), LONGEST)) if cycles >= 0 else np.inf
+
+    at = line_minimum(cost, [near.delay], 1.0, FINEST)
+    bent = (cost(at - FINEST) - 2 * cost(at) + cost(at + FINEST)) / FINEST**2
+    if not (np.isfinite(bent) and bent > 0):
+        return found
+    sigma = float(np.sqrt(2 / bent))
+    return replace(found, at=near._replace(delay=at), sigma=Timing(sigma, 0.0), covariance=np.array([[sigma**2]]))
 
 
 def low_passes(log: Log, vehicle: Vehicle, timing: Timing, cutoffs: Sequence[str], latencies: Sequence[str]) -> Vehicle:

@@ -169,6 +169,8 @@ def found_timing(log: Log, source: VehicleSource, say: Progress) -> FoundTiming 
     if coarse is not None:
         vehicle = delay.low_passes(part, vehicle, coarse, open_, late)
         found = _beside_stated(log, vehicle, coarse, automatic) or _detected(log, vehicle, coarse, unknown)
+        if found is not None and unknown == ["delay"] and found.chi_square > delay.BADLY:
+            found = delay.by_commands_alone(found, part, vehicle, coarse)
     if found is None:
         raise UntoldError(
             f"{log.path}: {' and '.join(f'the {_NAMES[name]}' for name in unknown)} cannot be estimated from this log; its commands "
