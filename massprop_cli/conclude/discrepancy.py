@@ -49,6 +49,8 @@ UNITS = {"direction": "rad"}
 """Of what has another unit elsewhere."""
 
 
+BEYOND = 2.0
+"""Prior sigmas of an error that stands out, beyond which what is stated is refuted: a jet that gives less than 40 %."""
 TELLS = {
     "thrust": "a calibration of the thrust",
     "timing": "commands and IMU on one clock, or a stated delay and lag",
@@ -110,10 +112,13 @@ class Discrepancy:
     behaves_like: tuple[str, ...]
     """What the log tells by itself of single error parameters, in words: likely causes, and no proof of one."""
 
+    farthest: float
+    """The largest of these, over what may physically be (its prior)."""
+
     @property
     def refuted(self) -> bool:
-        """Whether errors would have to be far beyond any that a lab makes."""
-        return self.scale > MOST
+        """Whether errors would have to be far beyond any that a lab makes: all together, or one that stands out."""
+        return self.scale > MOST or self.farthest > BEYOND
 
     def covering(self, others: Sequence[Array]) -> Discrepancy:
         """With the values (10,) that causes give which explain the log, and can't be told apart, within one sigma."""
@@ -153,7 +158,8 @@ def discrepancy(samples: Stream, timing: Timing, used: Resolved, settled: Histor
     (values, full), bare = quantities(row, vehicle.model_copy(update={"thrust": thrust})), quantities(row, alone(vehicle))
     shares = _shares(fit, columns) | {COMMON: common * np.abs(by_scale(values[0], vehicle))}
     said = tuple(columns[at].said(float(fit.errors[at])) for at in fit.freed)
-    return Discrepancy(values[0], full[0], (bare[0][0], bare[1][0]), fit.scale, common, shares, said)
+    sizes = [columns[at].usual * abs(float(fit.errors[at])) / _physical(BY_NAME[columns[at].name], columns[at].usual) for at in fit.freed]
+    return Discrepancy(values[0], full[0], (bare[0][0], bare[1][0]), fit.scale, common, shares, said, max(sizes, default=0.0))
 
 
 def _fitted(
@@ -214,6 +220,11 @@ def _columns(setup: Setup, samples: Stream, size_m: float) -> tuple[Consider, Ar
     columns += [ErrorColumn(kind, named[channel], sigmas[kind]) for kind, channel in zip(pushes.kinds, pushes.channels, strict=True)]
     columns.append(ErrorColumn(AGING, "", BY_NAME[AGING].usual))
     return Consider(tuple(variants), pushes=pushes, aging=True), units, tuple(columns)
+
+
+def _physical(one: ErrorParameter, usual: float) -> float:
+    """One sigma of what an error may physically be, where a careful lab's is ``usual``."""
+    return one.prior * usual / one.usual if one.prior > 0 else np.inf
 
 
 def _usual(one: ErrorParameter, size_m: float) -> float:

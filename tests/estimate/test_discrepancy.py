@@ -183,3 +183,21 @@ def test_sigmas_cover_what_nobody_foresaw() -> None:
     assert wide >= 2
     assert (z < 1.96).mean() > 0.9
     assert (z > 4).mean() < 0.02
+
+
+@pytest.mark.parametrize("part", [0.9, 0.3])
+def test_an_error_is_held_against_what_may_physically_be(part: float) -> None:
+    """A jet of 90 % is a third of a prior sigma off; one of 30 % is beyond two, which refutes what is stated, however small all else is."""
+    log, vehicle = flown()
+    stated = faulty.stated(vehicle, f"jets.12.force_n={[x / part for x in vehicle.jets[12].force_n]}")
+    begun = ready(log, VehicleSource(stated, "", ""), lambda *_: None)
+    plain = as_stated(begun.samples, begun.phases, begun.stated, begun.consider)
+    (fit,) = plain.fits
+    assert fit is not None
+    fits = PlainFits(plain.used, (fit.history.reference,), begun.consider)
+    told = told_of(begun.samples, begun.timing, plain.used, fit.history, fits, 0)
+    assert told is not None
+    assert told.scale < discrepancy.MOST
+    assert any(said.startswith("thrust (divert_xp)") for said in told.behaves_like)
+    assert told.farthest == pytest.approx(1 / 3, rel=0.5) or part < 0.5  # far from what is stated it is no longer linear
+    assert told.refuted is (part < 0.5)
