@@ -208,14 +208,22 @@ class Designs:
 
 
 def _by_body(samples: Samples, vehicle: Vehicle, theta: Array, places: Mapping[str, slice], growth: Array, mean: Array) -> Array:
-    """(K, 3) rate by the swing of a body's CG. Products of rates and the vertical are set to what they are in the motion that it has."""
+    """(K, 3) rate by the swing of a body's CG. Products of rates and the mean vertical are set to what they are in the motion that it has.
+
+    The vertical within the cycles turns it by the body's weight, too, and is taken with θ: columns of a gyro's errors hold the vertical
+    without it, and one that differs from their sum by the rate's noise alone would explain that noise.
+    """
     phi_map = ResponseMap(plant_of(vehicle))
     step, whole, swung = integrals_about(samples, phi_map.reference(theta), vehicle)
     for name, column in (("products", phi_map.channels - 6), ("up", 3), ("level", 6)):
         if name in places:
             own = places[name]
             here = slice(column, column + own.stop - own.start)
-            growth[:, own], mean[:, own] = step[:, here], whole[:, here]
+            if name == "up":
+                swung = swung + (step[:, here] - growth[:, own]) @ phi_map.plant.response(theta)[:, here].T
+            else:
+                growth[:, own] = step[:, here]
+            mean[:, own] = whole[:, here]
     if "level" in places:  # of the force that acts, as the channels' own columns have it, what is level stays
         force, duration_s = slice(3, 6), samples.executed.duration_s[:, None]
         growth[:, places["level"]] -= (samples.executed.rising[:-1] + samples.executed.falling[1:])[:, force]

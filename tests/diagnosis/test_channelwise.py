@@ -185,6 +185,17 @@ def test_a_body_that_turns_far_within_a_cycle_leaves_nothing_but_noise_with_its_
     assert exactly.max() < 1.3
 
 
+@pytest.mark.parametrize("scale", [0.1, 0.002])
+def test_the_noise_of_rates_is_not_explained_by_what_it_makes_of_the_vertical(scale: float) -> None:
+    """Of a balanced body that hardly moves: the vertical within its cycles differs from what a gyro's errors make of it by noise alone."""
+    truth, noise = flight.ON_BEARING * np.where(np.isin(np.arange(10), (6, 7, 8)), 0.01, 1.0), 1e-3
+    flown = flight.fly(flight.vehicle("air_bearing", jets=flight.jets(scale)), flight.pulses(320), truth)
+    theta = ResponseMap(plant_of(flown.used)).theta(Reference(tensor(truth[:6]), truth[6:9], 1 / truth[9]))
+    free = channelwise.free_response(flown.log(np.random.default_rng(2), gyro=noise), flown.resolved, DELAY, slice(2, 320), theta=theta)
+    ratio = np.sqrt(free.gyro.left / free.gyro.spare) / noise
+    assert 0.85 < ratio.min() < ratio.max() < 1.15
+
+
 @pytest.mark.parametrize("kind", ["free", "air_bearing"])
 def test_columns_with_a_bodys_own_motion_stand_for_what_those_without_it_do(kind: str) -> None:
     """At a few hundredths of a radian a cycle they differ by little: of the force its level part, of products the motion within."""
