@@ -25,6 +25,8 @@ from massprop_cli.inputs.actuators.actuator import Actuator
 from massprop_cli.inputs.commands import CommandKind
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import gamma, products, products_by_rate
+from massprop_cli.model.plant import Plant, plant_of
+from massprop_cli.model.plant.free import FreeBody
 from massprop_cli.model.plant.plant import MOMENT, MU, J
 from massprop_cli.prepare.attitude import world_up_b
 
@@ -68,8 +70,8 @@ class Model:
     """Entries that the vehicle file says to be uncertain, with their sigma: unknown beside every hypothesis, and no fault."""
     up: Array = field(default_factory=lambda: np.zeros(3))
     """(3,) at the start of the log, body axes; on a bearing."""
-    translates: bool = True
-    """Whether forces move the vehicle: not on a pedestal, which is as if no force could move the mass, mu = 0."""
+    plant: Plant = field(default_factory=FreeBody)
+    """On a pedestal forces do not move the vehicle, which is as if no force could move the mass, mu = 0."""
     kind: CommandKind = "jets"
     thrusting: int = 0
     """Channels that are commanded; the others, after them, store momentum."""
@@ -91,7 +93,7 @@ class Model:
         thrusting = len(free.fired) - len(vehicle.momentum_wrench)
         commands = kind, thrusting, _devices(vehicle, thrusting)
         told = free.level, lags, free.clock_s, _together(free), biases
-        return Model(free.places, *stated, gravity, *told, up, not vehicle.on_pedestal, *commands)
+        return Model(free.places, *stated, gravity, *told, up, plant_of(vehicle), *commands)
 
     @cached_property
     def entries(self) -> dict[str, slice]:
@@ -113,6 +115,11 @@ class Model:
         x = np.zeros(self.place("direction").stop)
         x[self.place("thrust")] = 1.0
         return x
+
+    def cg(self, x: Array) -> Array:
+        """(3,) from O."""
+        centre: Array = self.plant.parameters(x[:THETA])[MOMENT] + x[self.place("bearing")]
+        return centre
 
     @property
     def uncertain(self) -> Array:
@@ -174,7 +181,7 @@ class Model:
             return x[..., self.entries[name]]
 
         theta = get("theta")
-        inverse, moment, mu = tensor(theta[..., J]), theta[..., MOMENT], theta[..., MU] * self.translates
+        inverse, moment, mu = tensor(theta[..., J]), theta[..., MOMENT], theta[..., MU] * self.plant.translates
         inertia = np.linalg.inv(inverse)
         torque, force = self.wrench(x)
         centre = moment if self.bearing is None else self.bearing + get("bearing")

@@ -89,7 +89,7 @@ class Fitted:
         turns, force = (self.hypothesis.gyro, self.hypothesis.accelerometer), (self.model.force, self.model.wrench(self.x)[1])
         about = (self.hypothesis.subject, tuple(names), errors, sigmas, stated, corrected)
         does = {names[i]: names[other] for i, other in enumerate(self.hypothesis.does) if names and i != other}
-        return FittedHypothesis(*about, self.model.mounting, turns, force, float(self.x[MU]), self.x[MOMENT], does)
+        return FittedHypothesis(*about, self.model.mounting, turns, force, float(self.x[MU]), self.model.cg(self.x), does)
 
     @cached_property
     def moved(self) -> Array:

@@ -24,7 +24,6 @@ from massprop_cli.inputs.actuators.control_moment_gyro import GyroLog
 from massprop_cli.inputs.columns import WRENCH, Column
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import ACTUATORS, Vehicle
-from massprop_cli.model.plant.plant import MOMENT
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.timing import Timing
 
@@ -324,7 +323,8 @@ def certain(found: Fitted) -> bool:
     """Whether its unknowns are just what they are in a case that is no matter of degree: a dead jet, torques about the CG."""
     if found.hypothesis.code != "wrench-point":
         return at_once(found)
-    return about_cg(found.model.position[0] + found.error("position")[:3], found.value("theta")[MOMENT])
+    at, sigma = found.model.position[0] + found.error("position")[:3], found.sigma("position")[:3]
+    return about_cg(at, sigma, found.model.cg(found.x), found.model.force)
 
 
 def _command(case: Case, found: Fitted) -> tuple[float, ...]:

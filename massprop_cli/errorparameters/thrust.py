@@ -19,6 +19,8 @@ NEAR = 0.05
 """Parts of the stated thrust within which a jet is dead or reversed: a sixth of the prior sigma of a jet that is neither."""
 RPM = float(np.pi / 30)
 """rad/s of one revolution a minute."""
+CHANCE, LIKELY = 2.0, 0.25
+"""Sigmas, and part of its distance from O, within which the point that torques are about is the CG."""
 REVERSED = -0.5
 """Part of the stated thrust below which a jet pushes the other way: beside another error that is near to as much as stated."""
 WRENCH_POINT = "thrust.wrench_point_m"
@@ -133,9 +135,12 @@ def _ramps(finding: FittedHypothesis) -> Mapping[str, object]:
     return {"ramps": f"{longer} to {ramp} than {ramp}_s says, as {effect} {'more' if gives else 'less'}", "them": "it"}
 
 
-def about_cg(point: Array, cg: Array) -> bool:
-    """Whether a point that is found for torques is the CG."""
-    return bool(np.linalg.norm(point - cg) < NEAR * np.linalg.norm(point))
+def about_cg(point: Array, sigma: Array, cg: Array, force: Array) -> bool:
+    """Whether a point (3,) ± (3,) that is found for torques is the CG, as far as forces (C, 3) tell: along one line nothing does."""
+    across = (force**2).sum() * np.eye(3) - force.T @ force
+    away, size = (float(one @ across @ one) ** 0.5 for one in (point - cg, point))
+    scatter = float(np.diag(across) @ sigma**2) ** 0.5
+    return bool(away < max(NEAR * size, min(CHANCE * scatter, LIKELY * size)))
 
 
 def _point_of(finding: FittedHypothesis) -> Array:
@@ -330,7 +335,7 @@ SPECIAL_CASES = (
     SpecialCase(
         "wrench-point",
         "wrench-point",
-        lambda finding: about_cg(_point_of(finding), finding.cg),
+        lambda finding: about_cg(_point_of(finding), finding.sigmas["position"][:3], finding.cg, finding.force[0]),
         Wording(_ABOUT_CG, "state thrust.wrench_point_m, or log them about O", _point),
     ),
     SpecialCase(

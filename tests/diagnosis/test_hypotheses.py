@@ -15,6 +15,7 @@ from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import _Rows, fitted
 from massprop_cli.diagnosis.hypotheses import mountings, other_units
 from massprop_cli.diagnosis.hypothesis import Hypothesis
+from massprop_cli.errorparameters.thrust import about_cg
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.timing import Timing
@@ -52,6 +53,38 @@ def left(log: Log, used: Vehicle, kind: str, **entries: Array) -> float:
         x[model.place(name)] = value
     rows = _Rows.of_all(model, free, VARIANCE, [Hypothesis("", (), np.eye(len(x)))])
     return float((rows.left(x[None]) ** 2).sum())
+
+
+@pytest.mark.parametrize("kind", ["free", "air_bearing"])
+def test_the_cg_stands_from_o_in_every_environment(kind: str) -> None:
+    """θ holds a first moment about the bearing, which may be elsewhere than stated."""
+    bearing, away = (0.004, -0.003, 0.01) if kind != "free" else (0.0, 0.0, 0.0), np.array([1e-3, 0.0, -2e-3]) * (kind != "free")
+    flown = flight.standard(kind)
+    used = flight.vehicle(kind, environment={"bearing_position_m": bearing})
+    model = Model.of(free_response(flown.log(), resolved(used), DELAY, PIECE), used, 0.0, "jets")
+    x = model.stated
+    x[:10], x[model.place("bearing")] = theta(kind), away
+    truth = flight.TRUTH if kind == "free" else flight.ON_BEARING
+    np.testing.assert_allclose(model.cg(x), truth[6:9] + bearing + away, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("point_m", "sigma_m", "force", "about"),
+    [
+        ((0.0167, 0.0, 0.0034), 0.0, np.eye(3)[1:2], True),
+        ((0.0167, 0.0, 0.0034), 0.0, np.eye(3), False),
+        ((0.0167, 0.0229, 0.0034), 0.0, np.eye(3), True),
+        ((0.0177, 0.0249, 0.0034), 0.0, np.eye(3), False),
+        ((0.0177, 0.0249, 0.0034), 0.001, np.eye(3), True),
+        ((0.0267, 0.0329, 0.0034), 0.02, np.eye(3), False),
+        ((0.0167, 0.0, 0.0034), 0.0, np.zeros((0, 3)), False),
+    ],
+)
+def test_torques_are_about_the_cg_as_far_as_forces_and_noise_tell(
+    point_m: tuple[float, ...], sigma_m: float, force: Array, about: bool
+) -> None:
+    """A force along y has the same torque about all points of a line along y."""
+    assert about_cg(np.array(point_m), np.full(3, sigma_m), np.array([0.0167, 0.023, 0.0034]), force) == about
 
 
 def scaled(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:

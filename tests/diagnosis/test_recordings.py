@@ -131,6 +131,21 @@ def test_largest_commands_of_one_are_told_in_a_log_that_fits() -> None:
     assert not faulty.examined(ones, limited).notices
 
 
+def test_torques_about_the_cg_of_a_balanced_body_are_named_where_all_forces_are_along_one_line() -> None:
+    """On a bearing, which stands at 30 mm from O; where the point is along y makes no torque."""
+    plan = 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "y"], start_s=0.0, end_s=15.0}]'
+    along = ("vehicle.jets=[]", "actuators.max_torque_n_m=[0.1, 0.4, 0.4]", "actuators.max_force_n=[0.0, 2.0, 0.0]")
+    centre = ("vehicle.environment.bearing_position_m=[0.031, -0.022, 0.017]", *ASIDE[:2], "truth.cg_z=0.0165")
+    flown = fly("testbed", "duration_s=15.0", plan, *along, *centre)
+    true = flown.truth[0][0]
+    found = faulty.examined(*about_its_cg(flown.log(0), flown.vehicle, true))
+    assert "commanded torques are about the CG, (31, 0, 16.5) mm from O" in found.notices[0].message
+    estimates = found.mended[0].conclusions[0].estimates
+    for (name, one), value in zip(estimates.items(), true, strict=True):
+        assert one.verdict == "converged", name
+        assert abs((one.value or 0.0) - value) < 4 * (one.sigma or 0.0), name
+
+
 def test_torques_about_the_cg_put_it_at_the_origin_and_that_is_said() -> None:
     """Of a log in which the accelerometer hardly tells where it is itself; where its point is stated there is nothing to be said."""
     flown = fly("free-flyer", *PLAN, *WRENCH, *ASIDE)
