@@ -46,7 +46,7 @@ def judged(found: Analysis, mended: Sequence[MendedAnswer], widen: bool = True) 
     """
     each = [_one(found, i, mended, widen) for i in range(len(found.conclusions))]
     told = tuple(one.discrepancy for one in each)
-    at_origin = [_at_origin(found, one.conclusion, settled) for one, settled in zip(each, found.settled, strict=True)]
+    at_origin = [_at_origin(found, i, one.conclusion) for i, one in enumerate(each)]
     scaled = dict.fromkeys((*INERTIA, "mass"), Reason.of("scale-untold")) if _all_normalised(found) else {}
     untold = [scaled | (dict.fromkeys(CG, Reason.of("wrench-point-untold")) if at else {}) for at in at_origin]
     conclusions = tuple(in_doubt(one.conclusion, reasons) for one, reasons in zip(each, untold, strict=True))
@@ -222,16 +222,17 @@ def _all_normalised(found: Analysis) -> list[str]:
     return ones if FEWEST <= len(ones) == np.count_nonzero(moved) else []
 
 
-def _at_origin(found: Analysis, conclusion: Conclusion, settled: History) -> bool:
-    """Whether a CG is found just where commanded torques are about: as if they were about it, which no log tells from one that is there."""
+def _at_origin(found: Analysis, i: int, conclusion: Conclusion) -> bool:
+    """Whether a CG is found just where commanded torques are about: as if they were about it, which no log tells from one that is there.
+
+    By the log's own sigmas: what a misfit adds to them puts the CG anywhere, and not there.
+    """
     if found.log.command_kind != "wrench" or "wrench_point_m" in found.vehicle.thrust.model_fields_set:
         return False
-    near = all(
-        one.verdict == "converged" and one.value is not None and abs(one.value) < AT_ORIGIN[0] * (one.sigma or 0.0)
-        for one in (conclusion.estimates[name] for name in CG)
-    )
-    size = float(settled.natural_sizes[QUANTITIES.index("cg_x")])
-    return near and float(np.linalg.norm(conclusion.values[6:9])) < AT_ORIGIN[1] * size
+    place, sigmas = (part[6:9] for part in (found.conclusions[i].values, found.conclusions[i].sigmas))
+    size = float(found.settled[i].natural_sizes[QUANTITIES.index("cg_x")])
+    told = all(conclusion.estimates[name].verdict == "converged" for name in CG)
+    return told and bool((np.abs(place) < AT_ORIGIN[0] * sigmas).all() and np.linalg.norm(place) < AT_ORIGIN[1] * size)
 
 
 def _physical(conclusions: Sequence[Conclusion]) -> list[Notice]:

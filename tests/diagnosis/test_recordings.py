@@ -28,6 +28,7 @@ from tests.flown import PLAN, fly
 
 Mistake = Callable[[Log, Vehicle, Array], tuple[Log, Vehicle]]
 WRENCH = ("vehicle.jets=[]", "actuators.max_torque_n_m=[0.1, 0.4, 0.4]", "actuators.max_force_n=[2.0, 2.0, 2.0]")
+QUIET = ("vehicle.imu.gyro_noise_rad_s=1e-5", "vehicle.imu.accel_noise_m_s2=1e-3")
 ASIDE = ("truth.cg_x=0.031", "truth.cg_y=-0.022", "truth.cg_z=0.017")
 
 
@@ -144,6 +145,22 @@ def test_torques_about_the_cg_of_a_balanced_body_are_named_where_all_forces_are_
     for (name, one), value in zip(estimates.items(), true, strict=True):
         assert one.verdict == "converged", name
         assert abs((one.value or 0.0) - value) < 4 * (one.sigma or 0.0), name
+
+
+def test_a_misfit_puts_no_cg_at_the_origin() -> None:
+    """1 mm off it, as the log tells to 5 µm; an IMU that stands elsewhere from some moment on widens that to 4 mm."""
+    flown = fly("free-flyer", *PLAN, *WRENCH, *(f"truth.cg_{axis}={c}" for axis, c in zip("xyz", (1e-3, -1e-3, 1e-3), strict=True)), *QUIET)
+    log, mounting, arm = flown.log(0), np.array(flown.vehicle.imu.body_from_imu), np.array([0.02, -0.02, 0.02])
+    step_s, late = log.interval_s[:, None], (np.arange(log.rows) > 0.55 * log.rows)[:, None]
+    rate = log.delta_theta_imu_rad @ mounting.T / step_s
+    more = np.cross(np.gradient(rate, float(step_s[0, 0]), axis=0), arm) + np.cross(rate, np.cross(rate, arm))
+    log = replace(log, delta_v_imu_m_s=log.delta_v_imu_m_s + (more * step_s * late) @ mounting)
+    found = faulty.examined(log, flown.vehicle)
+    assert (
+        {"model-discrepancy"} <= {notice.code for notice in found.notices} <= {"model-discrepancy", "cause-unknown", "accelerometer-misfit"}
+    )
+    for one, value in zip((found.conclusions[0].estimates[name] for name in CG), (1e-3, -1e-3, 1e-3), strict=True):
+        assert abs((one.value or 0.0) - value) < 4 * (one.sigma or 0.0) < 0.02
 
 
 def test_torques_about_the_cg_put_it_at_the_origin_and_that_is_said() -> None:
