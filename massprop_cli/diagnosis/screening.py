@@ -261,12 +261,16 @@ class Screening:
         return [hypotheses.scaled(self.model, self.names, group, 1 / (1 - share))] if share < 1 else []
 
     def _likely_turns(self) -> list[Hypothesis]:
-        """The few units and mountings that leave least before any is fitted well; on a bearing, as far as gravity is where it should be."""
+        """The few units and mountings that leave least; on a bearing, as far as gravity is where it should be.
+
+        In free flight each is fitted: by another unit a body is far from the one that regression begins with.
+        """
         every = self.turns
         if self.model.bearing is not None:
             rough = np.array(self._gravity[: len(every)])
         else:
-            rough = self.likelihoods(compared(self.model, self.free, self.free.variance, every))
+            each = fitted(self.model, self.free, self.free.variance, every, still=ROUGHLY)
+            rough = self.likelihoods(np.array([one.chi_square for one in each]))
         return [every[i] for i in np.argsort(rough, kind="stable")[:SHARE]]
 
     @cached_property

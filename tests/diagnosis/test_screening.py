@@ -75,6 +75,26 @@ def look_of(log: Log, vehicle: Vehicle) -> Screening:
     return about_its_body(screening)
 
 
+def test_another_unit_is_fitted_whose_body_regression_does_not_find() -> None:
+    """Rates over records of 10 ms for increments are a hundred times as much, as of a hundredth of the mass."""
+    flown = fly("free-flyer", *PLAN, "sensors.records_per_cycle=5")
+    log = flown.log(0)
+    screening = look_of(replace(log, delta_v_imu_m_s=log.delta_v_imu_m_s / log.interval_s[:, None]), flown.vehicle)
+    _, best = next(iter(screening.ranked))
+    assert best.hypothesis.subject == ("accelerometer columns hold rates, not increments",)
+    assert 1 / best.value("theta")[9] == pytest.approx(flown.truth[0][0][9], rel=0.02)
+
+
+@pytest.mark.parametrize("sigmas", [0.0, 10.0])
+def test_a_bias_costs_what_its_stated_sigma_makes_of_it(sigmas: float) -> None:
+    """It is unknown beside whatever is supposed, and no fault; but a reading of the columns that takes more of it is less likely."""
+    flown = fly("free-flyer", *PLAN)
+    log, used = flown.log(0), changed(flown.vehicle, ["imu.accel_bias_sigma_m_s2=0.05"])
+    away = 0.05 * sigmas * log.interval_s[:, None] * np.array([1.0, 0.0, 0.0]) @ np.array(used.imu.body_from_imu)
+    left = look_of(replace(log, delta_v_imu_m_s=log.delta_v_imu_m_s + away), used).stated.chi_square
+    assert left[3] - look_of(log, used).stated.chi_square[3] == pytest.approx(sigmas**2, abs=10.0)
+
+
 @pytest.mark.parametrize("name", ["free-flyer", "air-bearing"])
 def test_a_clean_sample_leaves_no_more_than_chance_about_its_own_body(name: str) -> None:
     log, vehicle = faulty.sample(name)
