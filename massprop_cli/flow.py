@@ -81,7 +81,7 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
             return again
     told = told or judged(found, correctedestimate.mended(found, say))
     if {fault.notice.code for fault in told.faults} <= LATE and not _fits(told):
-        tried = _behind_a_low_pass(log, source, assignments, say, first[1])
+        tried = _behind_a_low_pass(log, source, assignments, say, first[1], not told.faults)
         if tried is not None:
             return tried
     if source is not stated and not told.faults and not _fits(told):
@@ -89,6 +89,11 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         again = _examined(read, sensorkernel.without(stated), assignments, say)
         if again.faults or _fits(again):
             return again
+    return _complete(told)
+
+
+def _complete(told: Analysis) -> Analysis:
+    """With what its values rest on, and about a pivot."""
     rests_on = assumptions(told.examination, told.log, told.vehicle, told.settled, told.conclusions)
     return with_pivot(replace(told, assumptions=rests_on, cross_validations=_cross_validations(told)))
 
@@ -109,11 +114,12 @@ def _cross_validations(found: Analysis) -> tuple[CrossValidation | None, ...]:
 
 
 def _behind_a_low_pass(
-    log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, plain: AsStated | None
+    log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, plain: AsStated | None, unnamed: bool
 ) -> Analysis | None:
     """With sensors behind low-passes, or one later than the other, as the log shows; None where nearly so it leaves most of ``plain``.
 
-    Nor where it doesn't fit behind low-passes. By which one is later, a little may be left: of fast turns it is known to first order.
+    Nor where it doesn't fit behind low-passes. By which one is later, a little may be left: of fast turns it is known to first order. So
+    where no cause is named otherwise none is looked for in that little; sigmas include it.
     """
     filtered = sensorkernel.found(log, source, say, unfit=True)
     if filtered.log is log or plain is None:
@@ -124,6 +130,8 @@ def _behind_a_low_pass(
             return None
         found = _examined(filtered.log, filtered.source, assignments, say) if filtered.apart else None
         found = found or _tried(filtered.log, filtered.source, assignments, say)
+        if found is not None and filtered.apart and found.faults and unnamed and nearly.left < FITS:
+            found = _complete(judged(estimated(filtered.log, filtered.source, assignments, say, check=False), ()))
         return found if found is not None and (_fits(found) or (filtered.apart and not found.faults)) else None
     return None
 

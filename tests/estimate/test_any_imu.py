@@ -21,6 +21,7 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.report import timing
 from massprop_cli.result import build
 from tests import anyimu
+from tests.flown import fly
 
 QUIET = 1e-4
 """rad/s"""
@@ -178,6 +179,23 @@ def test_a_sensor_that_is_later_than_the_other_is_found_and_its_latency_estimate
         assert one.sigma is not None
         assert abs(one.value - value) < 4 * one.sigma
         assert one.verdict == "converged"
+
+
+@pytest.mark.thorough
+def test_no_cause_is_named_in_the_little_that_a_late_gyro_leaves() -> None:
+    """Two records of 20 ms, quiet sensors on a bearing: of fast turns the latency is known to first order, and no scale was wrong."""
+    plan = ("duration_s=15.0", 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], start_s=0.0, end_s=15.0}]')
+    quiet = ("vehicle.cycle.period_s=0.02", "vehicle.imu.gyro_noise_rad_s=3e-5", "vehicle.imu.accel_noise_m_s2=3e-3")
+    flown = fly("testbed", *plan, *quiet, "vehicle.environment.bearing_mass_kg=0.0")
+    log = flown.log(0)
+    seen = log.delta_theta_imu_rad
+    late = replace(log, delta_theta_imu_rad=np.concatenate([np.repeat(seen[:1], 2, 0), seen[:-2]]))
+    answer = flow.examine(late, VehicleSource(flown.vehicle, "late", ""))
+    assert {notice.code for notice in answer.notices} == {"imu-kernel", "cause-unknown", "accelerometer-misfit"}
+    low_pass = answer.vehicle.imu.gyro_filter
+    assert low_pass is not None
+    assert abs(low_pass.latency - 0.04) < 4 * low_pass.latency_sigma_s < 1e-4
+    assert not any(one.verdict == "converged" for one in answer.conclusions[0].estimates.values())
 
 
 @pytest.mark.thorough
