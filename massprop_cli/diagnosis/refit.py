@@ -142,7 +142,7 @@ def drifts_no_more(refit: Refit, found: Fitted) -> bool:
 def helped(screening: Screening, begun: Fitted) -> Refit | None:
     """The same from a beginning far away; None where that explains less than what is stated."""
     case = applied(screening.case, begun, screening.free.fired)
-    there = None if case is None else screened(case, screening.piece)
+    there = None if case is None else _alike(screening, case)
     if case is None or there is None or there.cost + _by_units(there, begun, screening.case) > screening.cost:
         return None
     return refined(screening, replace(begun, x=np.concatenate([there.stated.x[:10], begun.x[10:]])), case)
@@ -295,7 +295,7 @@ def _led(
         for part in parts:
             further = replace(found, x=_together(found.x, more.along(part), screening.model))
             then = applied(screening.case, further, screening.free.fired)
-            there = None if then is None else screened(then, screening.piece, mended.free.beside, more.value("theta"))
+            there = None if then is None else _alike(screening, then, mended.free.beside, more.value("theta"))
             if then is not None and there is not None and there.cost + _by_units(there, further, screening.case) < now - still:
                 break
             too_far = True  # not tried again at once
@@ -309,6 +309,12 @@ def _anew(screening: Screening, case: Case, likely: tuple[Disturbance, ...], the
     """A case corrected by a hypothesis, reduced about θ; None where that is too short, or other channels fire."""
     mended = screened(case, screening.piece, likely, theta)
     return mended if mended is not None and np.array_equal(mended.free.fired, screening.free.fired) else None
+
+
+def _alike(screening: Screening, case: Case, likely: tuple[Disturbance, ...] = (), theta: Array | None = None) -> Screening | None:
+    """A case reduced about θ; None where that is too short, or more or fewer channels fire."""
+    there = screened(case, screening.piece, likely, theta)
+    return there if there is not None and len(there.free.fired) == len(screening.free.fired) else None
 
 
 def _own_theta(found: Fitted) -> Array | None:

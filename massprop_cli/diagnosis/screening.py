@@ -53,9 +53,20 @@ UPRIGHT, AS_WELL, UPSET = 4, 1.05, 0.8
 that are as well and less."""
 
 
+END = 5
+"""Cycles of a piece that are its end."""
+
+
 def busiest(case: Case, piece: slice) -> tuple[Case, slice]:
-    """A case of the ``LONGEST`` cycles of a piece in which most is commanded."""
+    """A case of the ``LONGEST`` cycles of a piece in which most is commanded, up to what is commanded at the end alone.
+
+    Under a longer delay that would have no part in it, and nothing could be held against what there is without.
+    """
     log, found = segment.busiest(case.log, case.vehicle, case.timing, piece, LONGEST)
+    if log.command_s is None:
+        commanded = log.command[found] != 0
+        first = found.start + commanded.argmax(0)[commanded.any(0)]
+        found = slice(found.start, int(min(found.stop, *first[first >= found.stop - END], found.stop)))
     return case._replace(log=log), found
 
 

@@ -17,7 +17,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.conclude import assumed, estimated
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.testbed import scenario, truth
+from massprop_cli.testbed import scenario, simulate, truth
 from tests import faulty
 from tests.analysed import analysed
 from tests.diagnosis.test_screening import DOCKED, LONGER
@@ -436,3 +436,14 @@ def test_a_canted_jet_that_drew_the_cg_to_itself_is_named() -> None:
     estimates, truth = answer.conclusions[0].estimates, faulty.truth("free-flyer")
     off = [(one.value - exact) / one.sigma for one, exact in zip(estimates.values(), truth, strict=True) if one.value and one.sigma]
     assert np.abs(off).max() < 4
+
+
+def test_a_jet_that_fires_at_the_end_alone_and_not_under_the_right_delay_hides_it_not() -> None:
+    """Its column is there under the stated delay of one cycle, and not under that of two."""
+    command = fly("free-flyer", *PLAN).log(0).command.copy()
+    command[:, -1], command[-3, -1] = 0.0, 0.05
+    flown = simulate.fly(scenario.load("free-flyer", PLAN), [3], issued=command)
+    found = faulty.examined(flown.log(0), faulty.stated(flown.vehicle, "cycle.command_delay_cycles=1"))
+    assert [notice.code for notice in found.notices] == ["delay-mismatch"]
+    (mended,) = found.mended
+    assert np.abs((mended.conclusions[0].values - flown.truth[0][-1]) / mended.conclusions[0].sigmas).max() < 4.5
