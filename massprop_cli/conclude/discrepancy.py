@@ -50,7 +50,8 @@ UNITS = {"direction": "rad"}
 
 
 BEYOND = 2.0
-"""Prior sigmas of an error that stands out, beyond which what is stated is refuted: a jet that gives less than 40 %."""
+"""Prior sigmas of an error in the thrust of one channel that stands out, beyond which what is stated is refuted: one that gives less than
+40 %. Others may stand for what no error parameter is: real flights have biases and places of that size."""
 TELLS = {
     "thrust": "a calibration of the thrust",
     "timing": "commands and IMU on one clock, or a stated delay and lag",
@@ -113,7 +114,7 @@ class Discrepancy:
     """What the log tells by itself of single error parameters, in words: likely causes, and no proof of one."""
 
     farthest: float
-    """The largest of these, over what may physically be (its prior)."""
+    """The largest of these in the thrust of a channel, over what may physically be (its prior)."""
 
     @property
     def refuted(self) -> bool:
@@ -158,8 +159,10 @@ def discrepancy(samples: Stream, timing: Timing, used: Resolved, settled: Histor
     (values, full), bare = quantities(row, vehicle.model_copy(update={"thrust": thrust})), quantities(row, alone(vehicle))
     shares = _shares(fit, columns) | {COMMON: common * np.abs(by_scale(values[0], vehicle))}
     said = tuple(columns[at].said(float(fit.errors[at])) for at in fit.freed)
-    sizes = [columns[at].usual * abs(float(fit.errors[at])) / _physical(BY_NAME[columns[at].name], columns[at].usual) for at in fit.freed]
-    return Discrepancy(values[0], full[0], (bare[0][0], bare[1][0]), fit.scale, common, shares, said, max(sizes, default=0.0))
+    sizes = [columns[at].usual * abs(float(fit.errors[at])) for at in fit.freed if columns[at].name == "thrust"]
+    return Discrepancy(
+        values[0], full[0], (bare[0][0], bare[1][0]), fit.scale, common, shares, said, max(sizes, default=0.0) / BY_NAME["thrust"].prior
+    )
 
 
 def _fitted(
@@ -220,11 +223,6 @@ def _columns(setup: Setup, samples: Stream, size_m: float) -> tuple[Consider, Ar
     columns += [ErrorColumn(kind, named[channel], sigmas[kind]) for kind, channel in zip(pushes.kinds, pushes.channels, strict=True)]
     columns.append(ErrorColumn(AGING, "", BY_NAME[AGING].usual))
     return Consider(tuple(variants), pushes=pushes, aging=True), units, tuple(columns)
-
-
-def _physical(one: ErrorParameter, usual: float) -> float:
-    """One sigma of what an error may physically be, where a careful lab's is ``usual``."""
-    return one.prior * usual / one.usual if one.prior > 0 else np.inf
 
 
 def _usual(one: ErrorParameter, size_m: float) -> float:
