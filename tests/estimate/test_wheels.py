@@ -349,7 +349,11 @@ def docking_at(seconds: int, dock: str) -> list[str]:
 @pytest.mark.numerical
 @pytest.mark.parametrize(
     ("column", "seeds"),
-    [("torque", 2), pytest.param("torque", 12, marks=pytest.mark.thorough), pytest.param("speed", 12, marks=pytest.mark.thorough)],
+    [
+        ("torque", 2),
+        pytest.param("torque", 12, marks=[pytest.mark.thorough, pytest.mark.seeds]),
+        pytest.param("speed", 12, marks=[pytest.mark.thorough, pytest.mark.seeds]),
+    ],
 )
 def test_an_object_that_docks_with_a_vehicle_with_wheels_is_told_within_its_sigmas(column: str, seeds: int) -> None:
     """Both tumble and move before. All its values go with its mass, so errors over sigmas are 1 rms as of one value a log, by 3 sigma."""
@@ -374,7 +378,7 @@ def test_an_object_that_docks_with_a_vehicle_with_wheels_is_told_within_its_sigm
 
 
 @pytest.mark.numerical
-@pytest.mark.parametrize("seeds", [1, pytest.param(12, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("seeds", [1, pytest.param(12, marks=[pytest.mark.thorough, pytest.mark.seeds])])
 def test_wheels_alone_tell_a_docked_object_of_known_mass(seeds: int) -> None:
     """Nothing pushes, so no log tells a mass: both phases were weighed, to 10 g. Errors over sigmas are 1 rms, by 3 sigma of 3 a log."""
     weighed = [

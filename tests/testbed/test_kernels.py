@@ -20,7 +20,9 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize("kind", [pytest.param(kind, marks=pytest.mark.thorough if kind != "samples" else ()) for kind in KINDS])
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=[pytest.mark.thorough, pytest.mark.seeds] if kind != "samples" else ()) for kind in KINDS]
+)
 def test_a_simulated_imu_of_any_kernel_is_estimated(kind: str, tmp_path: Path) -> None:
     plan = 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], every_cycles=5, max_cycles=4, start_s=0.0, end_s=20.0}]'
     source = scenario.load("free-flyer", ["duration_s=20", plan, "sensors.records_per_cycle=5", *KINDS[kind]])

@@ -323,7 +323,9 @@ def test_a_docked_object_that_the_motion_cannot_tell_is_a_missing_value(tmp_path
     assert all(item["value"] is None and not item["expected"]["met"] for item in docked["estimates"].values())
 
 
-@pytest.mark.parametrize("name", [name if name == "refined" else pytest.param(name, marks=pytest.mark.thorough) for name in SCENARIOS])
+@pytest.mark.parametrize(
+    "name", [name if name == "refined" else pytest.param(name, marks=[pytest.mark.thorough, pytest.mark.seeds]) for name in SCENARIOS]
+)
 def test_sample_logs_are_what_their_command_makes(name: str, tmp_path: Path) -> None:
     assert CliRunner().invoke(app, ["simulate", name, "--seed", "1", "--out", str(tmp_path)]).exit_code == 0
     kept = SAMPLES / "scenarios" / name

@@ -29,6 +29,8 @@ from website.stage import ROOT
 
 QUICK = ("README.md", "docs/log.md", "docs/vehicle.md", "docs/contributing.md")
 """Pages that take a few seconds; the others are run by name."""
+LONG = ("commands",)
+"""Every command with every option: before a release."""
 PARTS = re.compile(
     r"<!-- (?P<note>before|not run): (?P<said>.*?) -->|^```(?P<language>\w+)(?: title=\"(?P<title>[^\"]+)\")?\n(?P<text>.*?)^```$",
     re.DOTALL | re.MULTILINE,
@@ -116,7 +118,9 @@ def blocks(text: str) -> Iterator[Block]:
 RUN = [name for name, text in PAGES.items() if any(block.language in ("bash", "python") for block in blocks(text))]
 
 
-@pytest.mark.parametrize("page", [pytest.param(name, marks=() if name in QUICK else pytest.mark.thorough) for name in RUN])
+@pytest.mark.parametrize(
+    "page", [pytest.param(name, marks=[pytest.mark.thorough] * (name not in QUICK) + [pytest.mark.seeds] * (name in LONG)) for name in RUN]
+)
 def test_the_blocks_of_a_page_run_as_they_stand(page: str, tmp_path: Path) -> None:
     tools, folder = tmp_path / "tools", tmp_path / "clone"
     tools.mkdir()
