@@ -1,4 +1,4 @@
-/* Filters of logged attitudes (massprop_cli/prepare/measured.py): the same equations, cycle by cycle. Both carry an error whose first
+/* Filters of logged attitudes (massprop_cli/prepare/attitudefilter.py): the same equations, cycle by cycle. Both carry an error whose first
  * three states turn with the body, x' = [A B; 0 I] x, with A and B (3, 3) side by side; all other states stay. */
 #include <math.h>
 #include <string.h>

@@ -8,7 +8,8 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import AttitudeError, InputError
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.prepare.measured import START, Given, LinearFilter, Noise, given, linear, measured
+from massprop_cli.prepare.attitudefilter import Given, LinearFilter, Noise, linear
+from massprop_cli.prepare.measured import START, given, measured
 
 REFUTED = 50.0
 """Chi-square of a bias, a misalignment or a latency beyond what is stated; of three degrees of freedom, by chance once in 10¹⁰ logs."""

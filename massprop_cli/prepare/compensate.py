@@ -24,7 +24,7 @@ from massprop_cli.prepare.attitude import (
     integrate_attitude,
     world_up_b,
 )
-from massprop_cli.prepare.measured import Measured
+from massprop_cli.prepare.attitudefilter import Measured
 from massprop_cli.prepare.sensor import KernelEffect
 
 

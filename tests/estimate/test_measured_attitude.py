@@ -20,7 +20,7 @@ from massprop_cli.inputs.tablefile import Made
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.kernel import Kernel
-from massprop_cli.prepare import measured as filters
+from massprop_cli.prepare import attitudefilter as filters
 from massprop_cli.prepare.measured import given, measured
 from massprop_cli.result import build
 from massprop_cli.testbed import scenario, simulate
