@@ -81,7 +81,7 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
             return again
     told = told or judged(found, correctedestimate.mended(found, say))
     if {fault.notice.code for fault in told.faults} <= LATE and not _fits(told):
-        tried = _behind_a_low_pass(log, source, assignments, say, first[1], not told.faults)
+        tried = _by_other_kernels(log, source, assignments, say, first[1], not told.faults)
         if tried is not None:
             return tried
     if source is not stated and not told.faults and not _fits(told):
@@ -113,7 +113,7 @@ def _cross_validations(found: Analysis) -> tuple[CrossValidation | None, ...]:
     return tuple(every)
 
 
-def _behind_a_low_pass(
+def _by_other_kernels(
     log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, plain: AsStated | None, unnamed: bool
 ) -> Analysis | None:
     """With sensors behind low-passes, or one later than the other, as the log shows; None where nearly so it leaves most of ``plain``.
@@ -121,18 +121,20 @@ def _behind_a_low_pass(
     Nor where it doesn't fit behind low-passes. By which one is later, a little may be left: of fast turns it is known to first order. So
     where no cause is named otherwise none is looked for in that little; sigmas include it.
     """
-    filtered = sensorkernel.found(log, source, say, unfit=True)
-    if filtered.log is log or plain is None:
+    shown = sensorkernel.found(log, source, say, unfit=True)
+    if shown.log is log or plain is None:
         return None
     with suppress(InputError):
-        _, nearly = first_fits(filtered.log, filtered.source if filtered.apart else filtered.nearest, say)
+        _, nearly = first_fits(shown.log, shown.source if shown.apart else shown.nearest, say)
         if nearly is None or nearly.left > max(min(EXPLAINED * plain.left, FAR), FITS):
             return None
-        found = _examined(filtered.log, filtered.source, assignments, say) if filtered.apart else None
-        found = found or _tried(filtered.log, filtered.source, assignments, say)
-        if found is not None and filtered.apart and found.faults and unnamed and nearly.left < FITS:
-            found = _complete(judged(estimated(filtered.log, filtered.source, assignments, say, check=False), ()))
-        return found if found is not None and (_fits(found) or (filtered.apart and not found.faults)) else None
+        if not shown.apart:
+            found = _tried(shown.log, shown.source, assignments, say)
+            return found if found is not None and _fits(found) else None
+        found = _examined(shown.log, shown.source, assignments, say)
+        if found.faults and unnamed and nearly.left < FITS:
+            found = _complete(judged(estimated(shown.log, shown.source, assignments, say, check=False), ()))
+        return None if found.faults else found
     return None
 
 

@@ -47,12 +47,13 @@ def judged(found: Analysis, mended: Sequence[MendedAnswer], widen: bool = True) 
     each = [_one(found, i, mended, widen) for i in range(len(found.conclusions))]
     told = tuple(one.discrepancy for one in each)
     at_origin = [_at_origin(found, i, one.conclusion) for i, one in enumerate(each)]
-    scaled = dict.fromkeys((*INERTIA, "mass"), Reason.of("scale-untold")) if _all_normalised(found) else {}
+    ones = _all_normalised(found)
+    scaled = dict.fromkeys((*INERTIA, "mass"), Reason.of("scale-untold")) if ones else {}
     untold = [scaled | (dict.fromkeys(CG, Reason.of("wrench-point-untold")) if at else {}) for at in at_origin]
     conclusions = tuple(in_doubt(one.conclusion, reasons) for one, reasons in zip(each, untold, strict=True))
     docked = docked_object(conclusions, found.vehicle)
     named = any(fault.notice.code != UNKNOWN for fault in found.faults)
-    notices = (*_discrepancies(conclusions, told, named), *_notices(found, conclusions, docked, at_origin))
+    notices = (*_discrepancies(conclusions, told, named), *_notices(found, conclusions, docked, at_origin), *_normalised(ones))
     factors = tuple(one.factor for one in each)
     return replace(
         found, conclusions=conclusions, docked=docked, notices=notices, lack_of_fit=factors, mended=tuple(mended), discrepancies=told
@@ -187,10 +188,6 @@ def _notices(found: Analysis, conclusions: tuple[Conclusion, ...], docked: Docke
                 "if they are about the CG, it is somewhere else; state thrust.wrench_point_m: where they are about, or [0, 0, 0] if it is O"
             )
             yield Notice("wrench-point", f"{said}: {remedy}")
-    if ones := _all_normalised(found):
-        said = f"the largest values of {', '.join(ones)} are all 1, as of commands that are normalised; the log fits with any scale of them"
-        remedy = "state the scale of each under [columns]; or, if 1 N m and 1 N are what they are limited to, thrust.wrench_limits"
-        yield Notice("commands-normalised", f"{said}. If they are not in N m and N, {remedy}")
     yield from _docking_notices(docked, conclusions, found.vehicle)
 
 
@@ -220,6 +217,13 @@ def _all_normalised(found: Analysis) -> list[str]:
         return []
     ones = normalised(log)
     return ones if FEWEST <= len(ones) == np.count_nonzero(moved) else []
+
+
+def _normalised(ones: Sequence[str]) -> Iterator[Notice]:
+    if ones:
+        said = f"the largest values of {', '.join(ones)} are all 1, as of commands that are normalised; the log fits with any scale of them"
+        remedy = "state the scale of each under [columns]; or, if 1 N m and 1 N are what they are limited to, thrust.wrench_limits"
+        yield Notice("commands-normalised", f"{said}. If they are not in N m and N, {remedy}")
 
 
 def _at_origin(found: Analysis, i: int, conclusion: Conclusion) -> bool:
