@@ -67,6 +67,8 @@ class LowPass(Section):
     def _has_what_its_order_asks_for(self) -> Self:
         if (self.order == 0) != (self.cutoff_hz is None):
             raise ValueError(f"order = {self.order} {'has no cutoff_hz' if self.order == 0 else 'needs cutoff_hz'}")
+        if self.order == 0 and self.cutoff_sigma_hz > 0:
+            raise ValueError("order = 0 has no cutoff_hz, and no cutoff_sigma_hz")
         return self
 
     @property

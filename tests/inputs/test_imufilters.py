@@ -60,6 +60,17 @@ def test_means_one_after_the_other_have_the_delay_and_the_variance_of_their_weig
     assert sensor.variance_s2 == pytest.approx(weights @ (when_s - mean) ** 2)
 
 
+def test_an_order_without_a_low_pass_has_a_latency_alone() -> None:
+    assert SensorKernel.of(False, of(order=0, latency_s=0.03)).delay_s == 0.03
+    for stated, words in (
+        ({"order": 0, "cutoff_hz": 40.0}, "order = 0 has no cutoff_hz"),
+        ({"order": 0, "cutoff_sigma_hz": 4.0}, "no cutoff_sigma_hz"),
+        ({"latency_s": 0.03}, "order = 2 needs cutoff_hz"),
+    ):
+        with pytest.raises(ValidationError, match=words):
+            of(**stated)
+
+
 def test_a_preset_that_is_none_is_refused_with_the_nearest() -> None:
     with pytest.raises(ValidationError, match=r"preset 'mpu6050-dlp-2' is none of this sensor; the nearest is 'mpu6050-dlpf-2'"):
         of(preset="mpu6050-dlp-2")
