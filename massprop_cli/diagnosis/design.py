@@ -13,8 +13,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.rigidbody import rotation
-from massprop_cli.errorparameters.environment import level_of
+from massprop_cli.diagnosis.verticals import verticals, verticals_by_errors
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_COLUMN, BY_NAME
 from massprop_cli.estimate.whitening import Driven
@@ -39,8 +38,6 @@ SHIFT = 0.25
 SWUNG = ("gyro_scale", "gyro_bias")
 """Errors of a gyro that the attitude is integrated from: each axis of each moves the vertical. A turned gyro needs no columns of its own:
 with it the vertical is turned, and begins elsewhere."""
-ANGLE = 1e-4
-"""Half the difference behind a derivative of the vertical."""
 COUPLING = 0.5
 """Noise in the rates that the products are made of moves the rate by so much of its square, times (rate × cycle)²: half of the moments of
 inertia's differences over one of them, squared, as it is of a slab."""
@@ -189,7 +186,7 @@ class Designs:
         told = (samples.rate_rad_s, samples.executed.duration_s, samples.up_b[0])
         key = (vehicle.imu.body_from_imu, *(part.tobytes() for part in told))
         if key not in self._turned:
-            self._turned = dict([*self._turned.items()][-1:]) | {key: _verticals(samples, vehicle)}  # two, since they may be long
+            self._turned = dict([*self._turned.items()][-1:]) | {key: verticals_by_errors(samples, vehicle)}  # two, since they may be long
         return self._turned[key]
 
     def _impulses(self, log: Log, vehicle: Vehicle, delay: float, lag_s: float) -> Impulses:
@@ -384,30 +381,3 @@ def _by_gravity(samples: Samples, cycles: slice, lasting: Array) -> list[_Part]:
         (-mean * (mean * part[:, 3:]).sum(1, keepdims=True))[cycles] for part in (executed.rising, executed.falling, executed.whole)
     )
     return [_turning_with("up", samples.up_b, cycles, lasting), _Part("level", rising[:-1] + falling[1:], whole / duration)]
-
-
-def _verticals(samples: Samples, vehicle: Vehicle) -> list[tuple[str, Array]]:
-    """(K + 1, 3) by how much the vertical, integrated from the gyro, moves for a unit of what it may have wrong."""
-    rate, mounting, unit = samples.rate_rad_s, np.array(vehicle.imu.body_from_imu), np.eye(3)
-    changes = {}
-    for i in range(3):
-        changes[f"gyro_scale {i}"] = -np.outer(rate @ mounting[:, i], mounting[:, i])
-        changes[f"gyro_bias {i}"] = np.broadcast_to(-unit[i], rate.shape)
-    moved = np.stack(list(changes.values()))
-    ups = verticals(np.concatenate([rate + ANGLE * moved, rate - ANGLE * moved]), samples.executed.duration_s, samples.up_b[0])
-    slopes = (ups[: len(moved)] - ups[len(moved) :]) / (2 * ANGLE)
-    east, north = verticals(np.broadcast_to(rate, (2, *rate.shape)), samples.executed.duration_s, level_of(samples.up_b[0]))
-    return [("east", east), ("north", north), *zip(changes, slopes, strict=True)]
-
-
-def verticals(rate: Array, duration_s: Array, start: Array) -> Array:
-    """(n, K + 1, 3) a direction of the world in body axes that turn at n rates (n, K, 3) from ``start`` (3,) or (n, 3) on."""
-    turns = rate * duration_s[:, None]
-    vectors = turns.copy()
-    vectors[:, 1:] += np.cross(turns[:, :-1], turns[:, 1:]) / 12
-    back = rotation(-vectors)
-    found = np.empty((len(rate), rate.shape[1] + 1, 3))
-    found[:, 0] = start
-    for k in range(rate.shape[1]):
-        found[:, k + 1] = (back[:, k] * found[:, k, None]).sum(-1)
-    return found

@@ -18,9 +18,9 @@ from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_respon
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import ROUGHLY, TINY, Fitted, compared, fitted
 from massprop_cli.diagnosis.corrections import Case, certain
-from massprop_cli.diagnosis.design import verticals
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.ranking import CLEAR, Ranking
+from massprop_cli.diagnosis.verticals import verticals
 from massprop_cli.errorparameters.sensor import DEGREE, GRAVITY
 from massprop_cli.errorparameters.setup import LAG
 from massprop_cli.estimate.phases import as_stated

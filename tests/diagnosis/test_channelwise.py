@@ -9,7 +9,8 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis import channelwise
-from massprop_cli.diagnosis.design import Design, Designs, _verticals, verticals
+from massprop_cli.diagnosis.design import Design, Designs
+from massprop_cli.diagnosis.verticals import verticals, verticals_by_errors
 from massprop_cli.estimate import whitening
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.inputs.vehicle import Vehicle
@@ -213,7 +214,7 @@ def test_the_vertical_moves_as_the_integrated_attitude_does() -> None:
     """Against the attitude of a gyro that has the error in it."""
     flown = flight.standard("air_bearing")
     samples = compensate(flown.aligned(), flown.used)
-    moved = dict(_verticals(samples, flown.used))
+    moved = dict(verticals_by_errors(samples, flown.used))
     bias = 1e-5
     rate = samples.rate_rad_s + bias * np.array([0.0, 1.0, 0.0])
     (with_bias,) = verticals(rate[None], samples.executed.duration_s, samples.up_b[0])
