@@ -31,8 +31,8 @@ UNFIT = (
     "from body, Z up), frame and latency"
 )
 """Of a logged attitude."""
-LATE = {"delay-mismatch", "gyro-filter", "accel-filter", "thrust-lag"}
-"""Causes that one sensor may be taken for that is later than the other."""
+LATE = {"delay-mismatch"}
+"""Causes for which one sensor may be taken that is later than the other."""
 EXPLAINED, FITS, FAR = 0.1, 2.0, 1e3
 """Part of the mean squared residual, and times the noise, beyond which a low-pass with about the most likely cutoff is not what is wrong: a
 cutoff that is off by a fifth leaves a part of 0.04. And times the noise beyond which it never is: the fit without may have run away."""
@@ -118,8 +118,8 @@ def _by_other_kernels(
 ) -> Analysis | None:
     """With sensors behind low-passes, or one later than the other, as the log shows; None where nearly so it leaves most of ``plain``.
 
-    Nor where it doesn't fit behind low-passes. By which one is later, a little may be left: of fast turns it is known to first order. So
-    where no cause is named otherwise none is looked for in that little; sigmas include it.
+    Nor where it doesn't fit then, behind low-passes or where a cause is named otherwise. By which sensor is later, a little may be left: of
+    fast turns it is known to first order. So where none is named otherwise none is looked for in that little; sigmas include it.
     """
     shown = sensorkernel.found(log, source, say, unfit=True)
     if shown.log is log or plain is None:
@@ -134,7 +134,7 @@ def _by_other_kernels(
         found = _examined(shown.log, shown.source, assignments, say)
         if found.faults and unnamed and nearly.left < FITS:
             found = _complete(judged(estimated(shown.log, shown.source, assignments, say, check=False), ()))
-        return None if found.faults else found
+        return found if _fits(found) or (unnamed and not found.faults) else None
     return None
 
 

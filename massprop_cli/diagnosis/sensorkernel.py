@@ -166,6 +166,7 @@ class _Tried(NamedTuple):
     def later(self, sampled: bool) -> dict[tuple[_Kernel, _Kernel], float]:
         """−2 log likelihood where either sensor is later than the other by what explains most, or the commands are later for both.
 
+        With the price of the former: where one sensor tells little the two leave as much, and a wrong delay is the more likely.
         In free flight commands that come later for one sensor say as much; on a bearing gravity turns between the two, too.
         """
         short, bare = self._replace(log=_begun(self.log, FEW)), _Kernel(sampled)
@@ -192,7 +193,7 @@ class _Tried(NamedTuple):
             own = partial(cost, shown=shown)
             by = line_minimum(own, LATER, LATER[-1] / 2, FINEST)
             gyro, accelerometer = (bare._replace(later=by * one) for one in shown)
-            found[(gyro, accelerometer)] = own(by)
+            found[(gyro, accelerometer)] = own(by) + (0.0 if all(shown) else CLEAR)
         return found
 
 
