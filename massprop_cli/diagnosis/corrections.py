@@ -137,6 +137,8 @@ class Correction:
         """The log as it is after the correction's factors."""
         log = log if self.rotors is None else replace(log, command=log.command[:, list(self.rotors.order)])
         log = log if self.gimbals is None else self.gimbals.turned(log)
+        if not (self.gyro or self.accelerometer or self.command):
+            return log
         return replace(
             log,
             delta_theta_imu_rad=log.delta_theta_imu_rad @ np.array(self.gyro).T if self.gyro else log.delta_theta_imu_rad,

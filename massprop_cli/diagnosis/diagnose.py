@@ -83,7 +83,7 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
         return Diagnosis(unknown=rarely)
     wandering = beside_a_torque(screening)
     found = _instead(screening, alone, wandering) or chosen(screening, alone)
-    found = found if any(map(_whole, alone)) else _for_a_time(screening, screenings, found)
+    found = found if any(map(_whole, alone)) else _for_a_time(screening, screenings, found, alone)
     # a torque that wanders may explain it too, or with what goes with it
     with_it = [refit.score for refit in alone if refit.fits and by_wander(refit, screening)]
     least = min([wandering.cost, *with_it]) - CLEAR
@@ -121,9 +121,12 @@ def _whole(refit: Refit) -> bool:
     return refit.fits and left is not None and left.constant and left.misfit < 1 + NOTHING * np.sqrt(2 / left.freedom)
 
 
-def _for_a_time(screening: Screening, screenings: Sequence[Screening], found: Diagnosis | None) -> Diagnosis | None:
-    """A jet that fails for a time, where that explains more than what was ``found``."""
-    each = episodes(screening, screenings)
+def _for_a_time(
+    screening: Screening, screenings: Sequence[Screening], found: Diagnosis | None, alone: Sequence[Refit]
+) -> Diagnosis | None:
+    """A jet that fails for a time, where that explains more than what was ``found``, of causes ``alone``."""
+    best = min((refit for refit in alone if refit.fits and refit.screening is not None), key=lambda refit: refit.score, default=None)
+    each = episodes(screening, screenings, None if best is None else best.screening)
     if not each or (found is not None and found.score < each[0].score + CLEAR):
         return found
     best, vehicle = each[0], screening.case.vehicle
@@ -138,7 +141,7 @@ def _alone(screening: Screening) -> list[Refit]:
     begun = _turned(screening) if screening.upset else []
     most = SECOND if screening.upset else FINALISTS[screening.model.bearing is not None]
     best = searched(screening, begun, (most, most), beyond(screening))
-    best += [] if any(map(_whole, best)) else otherwise(screening)
+    best += [] if any(map(_whole, best)) else otherwise(screening, best)
     likeliest = min((refit for refit in best if refit.fits), key=lambda refit: refit.score, default=None)
     if likeliest is not None and (likeliest.fitted.hypothesis.gyro != np.eye(3)).any():
         # actuators that are wired round may be a turn of the whole vehicle

@@ -49,8 +49,9 @@ SHARPENED, FARTHEST = 2, 3.0
 """Rounds in which values are moved to the greatest likelihood; sigmas by which one may be moved in each."""
 ALIKE_TO, MORE = 3, 0.1
 """Digits of −2 log likelihood behind the point to which scales are alike; by how much values that are moved must explain more."""
-LEFT = 0.01
-"""Part of the variance of a torque beside the log, above which a correction doesn't explain it."""
+NEARLY, LEFT = 0.5, 0.01
+"""Part of the cost of what is stated, above which values are not about right and moved no further. And of the variance of a torque beside the
+log, above which a correction doesn't explain it."""
 TINY = 1e-300
 ANOTHER = 0.25
 """Cycles by which a delay that is found with something else is another one."""
@@ -168,17 +169,20 @@ def _left_between(case: Case, given: Array, every: int, first: int) -> tuple[Arr
     return np.array(left), np.array(counts)[:, None]
 
 
-def otherwise(screening: Screening) -> list[Refit]:
-    """What explains more of the motion than what is stated, put to the test.
+def otherwise(screening: Screening, alone: Sequence[Refit]) -> list[Refit]:
+    """What explains more of the motion than what is stated, and than what of ``alone`` explains it, put to the test.
 
     Such a fault leaves nothing once it is corrected: beside a torque of its own it would be one of many that leave less.
     """
     case = screening.case
     motion = motion_of(case.timing.of(case.log, case.vehicle))
-    stated = _left(case, motion, {})
+    fitting = (refit.case for refit in alone if refit.fits)
+    seen_alike = (one for one in fitting if one.log is case.log and one.vehicle.imu == case.vehicle.imu)
+    least = min(_left(one, motion, {}) for one in (case, *seen_alike))
     found = []
-    for code, states, further, later in _supposed(case, motion):
-        if code == "jet-late" or _left(case, None if code == "accel-axes" else motion, states, later) < stated - CLEAR:
+    every = [(one, least - CLEAR) for one in _supposed(case, motion)] + [(one, np.inf) for one in _before_its_twin(case)]
+    for (code, states, further, later), most in every:
+        if _left(case, None if code == "accel-axes" else motion, states, later) < most:
             model, x = screening.model, screening.stated.x.copy()
             x[model.place("delay")] += later
             free = along(model, ("delay", np.ones(1))) if later else np.zeros((len(x), 0))
@@ -207,10 +211,11 @@ def _sharpened(screening: Screening, found: Fitted) -> Refit | None:
     By parabolas along each that was sought, by what is one sigma of the former.
     """
     best, begun = tried(screening, found), found.hypothesis.states
+    if best is None or best.score > NEARLY * screening.cost:
+        return best
     directions = [{key: np.array(further[key]) - np.array(begun[key]) for key in further} for further in found.hypothesis.further]
     for steps in directions * SHARPENED:
-        at = found if best is None else best.fitted
-        moved = partial(_moved, screening, at, steps)
+        moved = partial(_moved, screening, best.fitted, steps)
         left = [np.inf if one is None else one.score for one in (moved(-1.0), best, moved(1.0))]
         bent = left[0] - 2 * left[1] + left[2]
         if not np.isfinite(bent) or bent <= 0:
@@ -258,7 +263,6 @@ def _supposed(case: Case, motion: MeasuredMotion) -> Iterator[tuple[str, States,
     if case.log.command_kind == "jets" and case.log.command.any():
         yield from _pulses_elsewhere(case, motion)
         yield from (_later(case, motion, jet) for jet in _likeliest_later(case))
-        yield from _before_its_twin(case)
 
 
 def _delay_beside(case: Case, motion: MeasuredMotion, states: States) -> float:
@@ -303,6 +307,8 @@ def _before_its_twin(case: Case) -> Iterator[tuple[str, States, tuple[States, ..
 
     Free coefficients explain as much by that other one alone, which gives all that both do, so they do not tell.
     """
+    if case.log.command_kind != "jets":
+        return
     on, period_s = case.log.command[:, : len(case.vehicle.jets)], case.vehicle.cycle.period_s
     for cycles in EARLIER:
         alike = (on[cycles:, :, None] == on[:-cycles, None, :]).mean(0) > MOSTLY
