@@ -121,12 +121,10 @@ def _whole(refit: Refit) -> bool:
     return refit.fits and left is not None and left.constant and left.misfit < 1 + NOTHING * np.sqrt(2 / left.freedom)
 
 
-def _for_a_time(
-    screening: Screening, screenings: Sequence[Screening], found: Diagnosis | None, alone: Sequence[Refit]
-) -> Diagnosis | None:
+def _for_a_time(screening: Screening, screenings: Sequence[Screening], found: Diagnosis | None, alone: Sequence[Refit]) -> Diagnosis | None:
     """A jet that fails for a time, where that explains more than what was ``found``, of causes ``alone``."""
-    best = min((refit for refit in alone if refit.fits and refit.screening is not None), key=lambda refit: refit.score, default=None)
-    each = episodes(screening, screenings, None if best is None else best.screening)
+    cause = min((refit for refit in alone if refit.fits and refit.screening is not None), key=lambda refit: refit.score, default=None)
+    each = episodes(screening, screenings, cause.screening if cause else None)
     if not each or (found is not None and found.score < each[0].score + CLEAR):
         return found
     best, vehicle = each[0], screening.case.vehicle

@@ -80,7 +80,8 @@ class Episode(NamedTuple):
 def episodes(screening: Screening, others: Sequence[Screening] = (), corrected: Screening | None = None) -> list[Episode]:
     """The failures of a jet for a time with which the log fits, the most likely first: those that are about as likely.
 
-    None where with another cause ``corrected`` no jet seems to give another part of its thrust for a time. One that begins, or ends, beyond what was looked at does so at the border to any of the ``others`` in which its jet does what is stated.
+    None where with another cause ``corrected`` no jet seems to give another part of its thrust for a time. One that begins, or ends, beyond
+    what was looked at does so at the border to any of the ``others`` in which its jet does what is stated.
     """
     if screening.case.log.command_kind != "jets" or not screening.model.thrusting:
         return []

@@ -50,8 +50,8 @@ SHARPENED, FARTHEST = 2, 3.0
 ALIKE_TO, MORE = 3, 0.1
 """Digits of −2 log likelihood behind the point to which scales are alike; by how much values that are moved must explain more."""
 NEARLY, LEFT = 0.5, 0.01
-"""Part of the cost of what is stated, above which values are not about right and moved no further. And of the variance of a torque beside the
-log, above which a correction doesn't explain it."""
+"""Part of the cost of what is stated, above which values are not about right, and moved no further. And of the variance of a torque beside
+the log, above which a correction doesn't explain it."""
 TINY = 1e-300
 ANOTHER = 0.25
 """Cycles by which a delay that is found with something else is another one."""
