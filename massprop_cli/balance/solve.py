@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import TINY, Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import parallel_axis
 from massprop_cli.inputs.ballast import Ballast
@@ -166,7 +166,7 @@ def compared(before: Hanging, after: Hanging, ballast: Sequence[Ballast], change
         prior[3 + i, 3 + i] = (one.mass_sigma_kg * (one.slides or by != 0)) ** 2
     own, other = before.covariance[:3, :3], after.covariance[:3, :3]
     # no more of the covariance than is in it: a known inertia tells the scale, too
-    most = [1 / max(float(k.moment @ np.linalg.solve(c, k.moment)), 1e-300) for k, c in ((before, own), (after, other))]
+    most = [1 / max(float(k.moment @ np.linalg.solve(c, k.moment)), TINY) for k, c in ((before, own), (after, other))]
     common = min(scale_sigma**2, *most)
     prior[:3, :3], prior[-1, -1] = other, common
     prior[:3, -1] = prior[-1, :3] = common * after.moment

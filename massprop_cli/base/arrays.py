@@ -10,6 +10,10 @@ Array = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.integer[Any]]
 ComplexArray = NDArray[np.complexfloating[Any]]
+TINY = 1e-300
+"""Beside which no number is small: keeps zeros out of divisors and logarithms."""
+ROUNDING = 1e-9
+"""Part of what adds up to a number, below which this is none but for rounding."""
 
 
 def frozen(array: Array) -> Array:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import TINY, Array
 from massprop_cli.base.rigidbody import cross
 
 
@@ -10,7 +10,7 @@ def rotation_vector(unit_wxyz: Array) -> Array:
     """(..., 3) rotation vector in rad, no longer than π, of unit quaternions (..., 4)."""
     sine = np.linalg.norm(unit_wxyz[..., 1:], axis=-1, keepdims=True)
     half = np.arctan2(sine, np.abs(unit_wxyz[..., :1]))
-    scale = np.where(sine > 0, 2 * half / np.maximum(sine, 1e-300), 2.0)
+    scale = np.where(sine > 0, 2 * half / np.maximum(sine, TINY), 2.0)
     found: Array = unit_wxyz[..., 1:] * scale * np.where(unit_wxyz[..., :1] < 0, -1.0, 1.0)
     return found
 

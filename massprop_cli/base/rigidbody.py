@@ -8,20 +8,23 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 
-_ROWS, _COLUMNS = np.array([0, 0, 0, 1, 1, 2]), np.array([0, 1, 2, 1, 2, 2])
+ROWS, COLUMNS = np.array([0, 0, 0, 1, 1, 2]), np.array([0, 1, 2, 1, 2, 2])
+"""Where the six elements stand."""
+MOMENTS = [0, 3, 5]
+"""Which of them are moments."""
 
 
 def tensor(elements: Array) -> Array:
     """(..., 6) elements to the symmetric (..., 3, 3) tensor."""
     full = np.empty((*elements.shape[:-1], 3, 3))
-    full[..., _ROWS, _COLUMNS] = elements
-    full[..., _COLUMNS, _ROWS] = elements
+    full[..., ROWS, COLUMNS] = elements
+    full[..., COLUMNS, ROWS] = elements
     return full
 
 
 def elements(inertia: Array) -> Array:
     """Symmetric (..., 3, 3) tensor to its (..., 6) elements."""
-    six: Array = inertia[..., _ROWS, _COLUMNS]
+    six: Array = inertia[..., ROWS, COLUMNS]
     return six
 
 

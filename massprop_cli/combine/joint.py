@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli import QUANTITIES
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import ROUNDING, Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import elements, tensor
 from massprop_cli.conclude import docking
@@ -31,8 +31,6 @@ from massprop_cli.result.schema import DockedObject, PhaseItem, VehicleInfo, War
 
 BEYOND = 4.0
 """Sigmas by which a result may differ from all others together, as everywhere."""
-TOLD = 1e-9
-"""Information on a quantity below this part of what it had with what is known was no information of the log's."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +164,7 @@ def _bare(piece: Piece) -> tuple[Array, Array]:
             row = np.flatnonzero(at == QUANTITIES.index(name))
             information[row, row] -= 1 / sigma**2
             vector[row] -= value / sigma**2
-        left = np.diag(information) > TOLD * before
+        left = np.diag(information) > ROUNDING * before
         values[at[~left]] = np.nan
         at, information, vector = at[left], information[np.ix_(left, left)], vector[left]
         spread = np.linalg.inv(information)

@@ -16,6 +16,7 @@ import numpy as np
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.rigidbody import MOMENTS
 from massprop_cli.conclude.assumed import AssumedValue, assumed
 from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.errorparameters.setup import Setup
@@ -23,7 +24,7 @@ from massprop_cli.errorparameters.table import TABLE
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.offline import respond
 from massprop_cli.estimate.quantities import by_scale, left_by_known
-from massprop_cli.estimate.regression import KNOWN, MOMENTS
+from massprop_cli.estimate.regression import KNOWN
 from massprop_cli.estimate.rows import Response
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -261,7 +262,7 @@ def _alone(misfit: Array, shift: Array, conclusion: Conclusion) -> BoolArray:
     values = conclusion.bare[0]
     sizes, axes = np.linalg.eigh(misfit)
     weak = axes[:, 1e-4 * sizes < UNSEEN**2]
-    by_mass, by_trace = -shift[MU] * values[9], shift[[0, 3, 5]].sum(0) / values[[0, 3, 5]].sum()
+    by_mass, by_trace = -shift[MU] * values[9], shift[MOMENTS].sum(0) / values[MOMENTS].sum()
     targets = np.stack([by_mass, by_trace]) @ weak
     if not np.isfinite(targets).all() or np.linalg.matrix_rank(targets, tol=1e-3) < 2:
         return np.zeros(len(misfit), dtype=bool)

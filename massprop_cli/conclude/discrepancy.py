@@ -12,6 +12,7 @@ import numpy as np
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.rigidbody import MOMENTS
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Conclusion, Estimate, about_its_pivot, tolerances
 from massprop_cli.errorparameters.parameter import ErrorParameter
@@ -19,7 +20,7 @@ from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME, FAMILY, TABLE
 from massprop_cli.estimate.discrepancy import LEAST, MOST, ErrorFit, error_fit
 from massprop_cli.estimate.history import History
-from massprop_cli.estimate.quantities import MOMENTS, alone, by_scale, in_common, quantities
+from massprop_cli.estimate.quantities import alone, by_scale, in_common, quantities
 from massprop_cli.estimate.rows import Parameters
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.geometry import channels_otherwise

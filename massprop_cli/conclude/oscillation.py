@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.arrays import ROUNDING, TINY, Array, BoolArray
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.whiteness import resting
 from massprop_cli.diagnosis.lackoffit import correlation
@@ -41,9 +41,6 @@ REPEATED = 2
 ANSWERS = np.array([[0, 1, 2, 3, 4, 5], [4, 5, 3, 1, 2, 0], [5, 3, 4, 2, 0, 1]])
 """Which commanded component (torque x y z, force x y z) what is left of rate x y z and specific force x y z is tested against: its own; and
 those across."""
-EMPTY = 1e-9
-"""Part of the power of all axes that is none."""
-TINY = 1e-300
 SENSORS = ("turn", "speed")
 """What of the body the gyro and the accelerometer see swing."""
 
@@ -135,7 +132,7 @@ def explained_by(one: Lagged, period: float) -> Array:
     both = np.hstack([one.commanded[:, :lags], np.zeros((6, 1)), one.commanded[:, lags - 1 : 0 : -1]])
     gram = np.einsum("hgl,al->ahg", across, both)
     power = one.commanded[:, 0].reshape(2, 3)
-    driven: BoolArray = np.asarray(power > EMPTY * power.sum(1, keepdims=True)).ravel()
+    driven: BoolArray = np.asarray(power > ROUNDING * power.sum(1, keepdims=True)).ravel()
     gram[~driven] = np.eye(2)
     square = np.einsum("bah,bah->ba", along, np.linalg.solve(gram[ANSWERS], along[..., None])[..., 0])
     counted = driven[ANSWERS].reshape(-1, 2, 3)

@@ -8,14 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import ROUNDING, Array
 from massprop_cli.base.rigidbody import elements
 from massprop_cli.conclude.verdict import Conclusion
 
 BEYOND = 4.0
 """Sigmas by which a law is broken, as everywhere."""
-RESOLVED = 1e-9
-"""Part of the largest moment that rounding may break it by."""
 _PAIRS = 1 - np.eye(3)
 """Principal moments from second moments."""
 
@@ -45,7 +43,7 @@ def breach(conclusion: Conclusion) -> Breach | None:
     if low <= 0:
         return _not_positive(conclusion, low)
     lacking = high - low - middle
-    if lacking <= RESOLVED * high:
+    if lacking <= ROUNDING * high:
         return None
     sigma = _sigma(conclusion, np.array([1.0, 1.0, -1.0]))
     said = f"the inertia breaks the triangle inequality: {low:.4g} + {middle:.4g} < {high:.4g} kg m^2"

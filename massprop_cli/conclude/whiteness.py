@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_cli import QUANTITIES
-from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.arrays import TINY, Array, BoolArray
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.estimate.disturbances import CLIP
 from massprop_cli.estimate.history import History
@@ -36,7 +36,6 @@ HEAVY = 3.0
 """K beyond which a few cycles are most of what is left: that of a channel of which one cycle in a hundred has 3.5 times the noise."""
 PART = 0.2
 """Of the information on a quantity that such a sensor gives."""
-TINY = 1e-300
 SENSORS = ("rates", "specific force")
 FREEDOM, SPREAD = np.array([30, 33]), np.array([1.5, 1.0])
 """Of Q: three axes of ten lags and of eleven; and what a torque that is white from cycle to cycle multiplies it by."""

@@ -16,10 +16,10 @@ from functools import cached_property
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, IntArray, triangle_of
+from massprop_cli.base.arrays import TINY, Array, IntArray, triangle_of
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis.design import Design, Designs
-from massprop_cli.estimate.whitening import LEVELS, TINY, Disturbance, ReducedLeastSquares, each, reduced, whitened
+from massprop_cli.estimate.whitening import LEVELS, Disturbance, ReducedLeastSquares, each, reduced, whitened
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved

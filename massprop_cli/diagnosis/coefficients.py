@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.arrays import ROUNDING, Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import cross, cross_matrix, rotation, tensor
 from massprop_cli.diagnosis.channelwise import Free
@@ -31,8 +31,6 @@ from massprop_cli.model.plant.plant import MOMENT, MU, J
 from massprop_cli.prepare.attitude import world_up_b
 
 _UNIT = np.eye(3)
-ALIKE = 1 - 1e-9
-"""Cosine beyond which two columns are one."""
 RAMP = 2 / 3
 """Half the mean square of what thrust is late by, over the square of its mean, that rises and falls along a straight line."""
 _SECOND = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
@@ -355,7 +353,7 @@ def _together(free: Free) -> tuple[tuple[int, ...], ...]:
     """Channels whose columns are one and the same, or its opposite."""
     columns = free.accelerometer.triangle[:, free.places["channels"]]
     size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
-    alike = np.abs((columns / size).T @ (columns / size)) > ALIKE
+    alike = np.abs((columns / size).T @ (columns / size)) > 1 - ROUNDING
     groups = dict.fromkeys(tuple(int(i) for i in np.flatnonzero(row)) for row in alike)
     return tuple(group for group in groups if len(group) > 1)
 

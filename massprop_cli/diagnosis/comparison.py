@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, IntArray
+from massprop_cli.base.arrays import TINY, Array, BoolArray, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis.channelwise import Free
@@ -27,7 +27,6 @@ from massprop_cli.estimate.whitening import ReducedLeastSquares
 from massprop_cli.kernel import kernel
 from massprop_cli.model.plant.plant import MOMENT, MU, J
 
-TINY = 1e-300
 STEPS = 8
 """Most steps of a fit."""
 PULL = 0.01

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import ROUNDING, TINY, Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.fit import PASSES, Extra, Fit, fit, response
@@ -26,6 +26,7 @@ from massprop_cli.inputs.equipment import Imu
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.geometry import WrenchChanges, uncertain_jets
+from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.regressors import regressors
 from massprop_cli.model.resolved import Resolved
@@ -66,8 +67,6 @@ LATENCIES = (-3.0, -2.0, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
 SENSORS = ("gyro", "accel")
 AT_ANY_TIME = ("delay", "gyro_latency", "accel_latency")
 """Shifts in time, whose steps their own size does not bound."""
-ALIKE = 1e-9
-"""Part of the largest singular value below which commands are the same."""
 MISMATCH = 0.1
 """Cycles by which a stated delay may be off and what the log says of it still be linear."""
 
@@ -277,22 +276,22 @@ def motion_of(samples: Samples) -> MeasuredMotion:
 def _unexplained(motion: MeasuredMotion, made: Impulses, piece: slice) -> tuple[float, float]:
     """Log of what is left of rate growth, and of specific force, when regressed on impulses, with nothing known of the body."""
     rate, up = motion.rate[piece], motion.up[piece]
-    products = rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]]
+    turned = products(rate)
     if made.stored is not None:
-        products = np.hstack([products, made.stored.precession(motion.rate)[piece]])
+        turned = np.hstack([turned, made.stored.precession(motion.rate)[piece]])
     rising, falling, whole = (part[piece] for part in (made.rising, made.falling, made.whole))
     impulse = rising[:-1] + falling[1:]
-    load = (products[1:] + products[:-1]) / 2
+    load = (turned[1:] + turned[:-1]) / 2
     cost = []
     for moved, causes in (
         (np.diff(rate, axis=0), np.hstack([impulse, load, (up[1:] + up[:-1]) / 2, np.ones((len(load), 1))])),
-        (motion.force[piece], np.hstack([whole, products, up, np.ones((len(rate), 1))])),
+        (motion.force[piece], np.hstack([whole, turned, up, np.ones((len(rate), 1))])),
     ):
         size = np.sqrt((causes**2).sum(0))
         told = causes[:, size > 0] / size[size > 0]
         # jets that always fire together are one: a factorisation would take a direction of rounding for the other
-        left = moved - told @ np.linalg.lstsq(told, moved, rcond=ALIKE)[0]
-        cost.append(len(moved) * float(np.log((left**2).mean(0) + 1e-300).sum()))
+        left = moved - told @ np.linalg.lstsq(told, moved, rcond=ROUNDING)[0]
+        cost.append(len(moved) * float(np.log((left**2).mean(0) + TINY).sum()))
     return cost[0], cost[1]
 
 

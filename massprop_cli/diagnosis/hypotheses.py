@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import ROUNDING, Array
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.design import RAMPS, SUPPLY
 from massprop_cli.diagnosis.hypothesis import STRAIGHT, Hypothesis
@@ -23,8 +23,6 @@ TWO = 9.2
 """−2 log of the odds, 1 : 100, that a unit is another as well."""
 FEW = 8
 """Devices, of which three may be wired round that no exchange of two leads to."""
-ROUNDING = 1e-9
-"""Between elements of matrices that are the same."""
 
 
 def listed(model: Model, names: Sequence[str]) -> list[Hypothesis]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.arrays import ROUNDING, Array, BoolArray
 from massprop_cli.base.rigidbody import cross_matrix
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.design import PER_AXIS
@@ -16,8 +16,6 @@ from massprop_cli.estimate.whitening import ReducedLeastSquares
 
 LEAST, FARTHEST = 0.03, 0.3
 """A body to begin with: its least principal response over the largest, and its CG's offset over √(trace I / m)."""
-SUM = 1e-9
-"""Part of a column that those before it leave of it, or of its parts, below which it is their sum or nothing."""
 
 
 def begun(
@@ -116,7 +114,7 @@ def _regressed(told: ReducedLeastSquares, known: BoolArray, sums: Sequence[Array
         left = own - basis @ (basis.T @ own)
         left -= basis @ (basis.T @ left)
         size = float(np.linalg.norm(left))
-        if size > SUM * whole:
+        if size > ROUNDING * whole:
             basis = np.column_stack([basis, left / size])
             kept.append(i)
     found = np.zeros((columns.shape[1], 3))

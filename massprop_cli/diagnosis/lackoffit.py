@@ -19,7 +19,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_cli.base.arrays import Array, BoolArray, singular, triangle_of
+from massprop_cli.base.arrays import TINY, Array, BoolArray, singular, triangle_of
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import times
 from massprop_cli.estimate.history import History
@@ -262,11 +262,11 @@ def _hidden(rows: _MeasurementRows, share: Array, spread: float) -> Array:
     if not count.all() or rows.count < SPARE * count.max():
         return np.zeros(10)
     explained = np.array([((basis.T @ own) ** 2).sum() for basis, own in zip(bases, residual, strict=True)])
-    pure = spread * np.maximum(((residual**2).sum(1) - explained) / (rows.count - count), 1e-300)
+    pure = spread * np.maximum(((residual**2).sum(1) - explained) / (rows.count - count), TINY)
     excess = np.where(deviate(explained / count / pure, count) > threshold(REFUTED, CHANNELS), explained - count * pure, 0.0)
     found = np.zeros(10)
     gain = ((right / values[:, None]) ** 2).sum(0) / size[seen] ** 2
-    told = np.maximum(share[seen].sum(1), 1e-300)
+    told = np.maximum(share[seen].sum(1), TINY)
     found[seen] = gain * (share[seen] @ excess) / told
     return found
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_cli.base.arrays import TINY
 from massprop_cli.base.configfile import written
-from massprop_cli.diagnosis.comparison import TINY
 from massprop_cli.diagnosis.corrections import Correction, shown
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.screening import Screening, screened

@@ -12,11 +12,11 @@ from functools import cache, partial
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, median
+from massprop_cli.base.arrays import ROUNDING, TINY, Array, median
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Case
-from massprop_cli.diagnosis.delay import ALIKE, MeasuredMotion, motion_of, unexplained_by
+from massprop_cli.diagnosis.delay import MeasuredMotion, motion_of, unexplained_by
 from massprop_cli.diagnosis.hypotheses import along
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.linesearch import line_minimum
@@ -29,6 +29,7 @@ from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.logtable import LONG
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.telemetry import Log
+from massprop_cli.model.gyroscopic import products
 from massprop_cli.prepare.actuators import LATE
 
 States = dict[str, object]
@@ -52,7 +53,6 @@ ALIKE_TO, MORE = 3, 0.1
 NEARLY, LEFT = 0.5, 0.01
 """Part of the cost of what is stated, above which values are not about right, and moved no further. And of the variance of a torque beside
 the log, above which a correction doesn't explain it."""
-TINY = 1e-300
 ANOTHER = 0.25
 """Cycles by which a delay that is found with something else is another one."""
 NORMALISED = 1e-6
@@ -153,7 +153,7 @@ def _left_between(case: Case, given: Array, every: int, first: int) -> tuple[Arr
     wrench = given @ samples.executed.channels.wrench[: given.shape[1]]
     wrench = wrench[:, np.ptp(wrench, axis=0) > 0]
     rate = samples.rate_rad_s
-    load = [rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]], samples.up_b[:-1], np.ones((len(rate), 1))]
+    load = [products(rate), samples.up_b[:-1], np.ones((len(rate), 1))]
     causes = np.hstack([np.roll(wrench, every, 0), wrench, np.roll(wrench, -every, 0), *load])
     causes = causes / np.maximum(np.sqrt((causes**2).mean(0)), TINY)
     moved = np.hstack([np.diff(rate, axis=0, prepend=rate[:1]), samples.specific_force_m_s2])
@@ -163,7 +163,7 @@ def _left_between(case: Case, given: Array, every: int, first: int) -> tuple[Arr
         own = inner[(inner - first) % every == cycle]
         if len(own) - causes.shape[1] < LEAST:
             return none, none
-        rest = moved[own] - causes[own] @ np.linalg.lstsq(causes[own], moved[own], rcond=ALIKE)[0]
+        rest = moved[own] - causes[own] @ np.linalg.lstsq(causes[own], moved[own], rcond=ROUNDING)[0]
         counts.append(len(own) - causes.shape[1])
         left.append((rest**2).sum(0) / counts[-1] + TINY)
     return np.array(left), np.array(counts)[:, None]
@@ -277,7 +277,7 @@ def _delay_beside(case: Case, motion: MeasuredMotion, states: States) -> float:
 def _pulses_elsewhere(case: Case, motion: MeasuredMotion) -> Iterator[tuple[str, States, tuple[States, ...], float]]:
     """With the delay as stated, or one by which pulses act about when they now do in the mean."""
     on, cycle = case.log.command[:, : len(case.vehicle.jets)], case.vehicle.cycle
-    idle = 1 - float((on**2).sum() / max(on.sum(), 1e-300)) / cycle.period_s
+    idle = 1 - float((on**2).sum() / max(on.sum(), TINY)) / cycle.period_s
     for at in [at for at in LATE if at != cycle.pulse_at] if idle > NEAR else []:
         states: States = {"cycle.pulse_at": at}
         left = partial(_left, case, motion, states)
@@ -325,7 +325,7 @@ def _likeliest_later(case: Case) -> list[int]:
     """
     samples = case.timing.of(case.log, case.vehicle)
     acted, rate, jets = samples.executed.channels, samples.rate_rad_s, len(case.vehicle.jets)
-    load = np.hstack([rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]], samples.up_b[:-1], np.ones((len(rate), 1))])
+    load = np.hstack([products(rate), samples.up_b[:-1], np.ones((len(rate), 1))])
     first = int(np.argmax(samples.executed.usable)) + 1
     gained = np.zeros(jets)
     for moved, did, beside in (
@@ -336,7 +336,7 @@ def _likeliest_later(case: Case) -> list[int]:
         base = np.linalg.qr(causes[:, np.ptp(causes, axis=0) > 0])[0]
         rest, later = (one - base @ (base.T @ one) for one in (moved[first:], (np.roll(did, 1, 0) - did)[first:]))
         explained = (later.T @ rest) ** 2 / np.maximum(np.outer((later**2).sum(0), (rest**2).sum(0)), TINY)
-        gained -= len(rest) * np.log1p(-np.minimum(explained, 1 - ALIKE)).sum(1)
+        gained -= len(rest) * np.log1p(-np.minimum(explained, 1 - ROUNDING)).sum(1)
     return np.flatnonzero(gained > max(gained.max(initial=0.0) - MORE, CLEAR)).tolist()
 
 

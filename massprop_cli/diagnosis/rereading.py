@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import ROUNDING, TINY, Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import cross
 from massprop_cli.diagnosis import segment
@@ -35,6 +35,7 @@ from massprop_cli.inputs.actuators.control_moment_gyro import GIMBAL, GyroLog
 from massprop_cli.inputs.columns import DELTA_THETA
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Phase
+from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.actuators import channel_wrench
@@ -49,8 +50,6 @@ LONGEST = 400
 """Cycles that readings are fitted to."""
 ORDERS, EVERY = 4, 7
 """Orders of rotors that are fitted; rotors up to which every order is compared, of more only two or three that are exchanged."""
-TINY, SAME = 1e-300, 1e-9
-"""Below which a number is none; part of the largest singular value below which columns are the same."""
 
 
 class ColumnReading(NamedTuple):
@@ -191,16 +190,16 @@ def _answers(case: _Case) -> tuple[Array, Array]:
     log, vehicle, timing, (_, cycles), made = case
     samples = timing.of(log, vehicle, made)
     rate, force = samples.rate_rad_s[cycles], samples.specific_force_m_s2[cycles]
-    products = rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]]
+    turned = products(rate)
     rising, falling, whole = (part[cycles] for part in (made.rising, made.falling, made.whole))
     both = []
     for moved, by, more in (
-        (np.diff(rate, axis=0), rising[:-1] + falling[1:], (products[1:] + products[:-1]) / 2),
-        (force, whole, products),
+        (np.diff(rate, axis=0), rising[:-1] + falling[1:], (turned[1:] + turned[:-1]) / 2),
+        (force, whole, turned),
     ):
         causes = np.hstack([by, more, np.ones((len(by), 1))])
         size = np.maximum(np.sqrt((causes**2).sum(0)), TINY)
-        inverse = np.linalg.pinv(causes / size, rcond=SAME)
+        inverse = np.linalg.pinv(causes / size, rcond=ROUNDING)
         solved = inverse @ moved
         spread = np.sqrt(((moved - causes / size @ solved) ** 2).mean(0)) * np.sqrt((inverse**2).sum(1))[:, None]
         count = by.shape[1]

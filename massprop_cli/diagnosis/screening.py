@@ -10,13 +10,13 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, median
+from massprop_cli.base.arrays import TINY, Array, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import hypotheses, segment
 from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_response
 from massprop_cli.diagnosis.coefficients import Model
-from massprop_cli.diagnosis.comparison import ROUGHLY, TINY, Fitted, compared, fitted
+from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted, compared, fitted
 from massprop_cli.diagnosis.corrections import Case, certain
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.ranking import CLEAR, Ranking

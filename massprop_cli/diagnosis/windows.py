@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, IntArray
+from massprop_cli.base.arrays import ROUNDING, TINY, Array, IntArray
 from massprop_cli.diagnosis.channelwise import SLOW, waves
-from massprop_cli.diagnosis.comparison import TINY
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.screening import Screening
@@ -22,8 +21,6 @@ from massprop_cli.estimate.whitening import Disturbance, white_rows
 from massprop_cli.model.plant import plant_of
 from massprop_cli.model.responsemap import ResponseMap
 
-OWN = 1e-9
-"""Part of a window's column that is its own, not another body's, below which it is none."""
 STEP = 1e-4
 """Of each of θ's natural size, the step of a derivative."""
 
@@ -103,9 +100,9 @@ class Reduced:
         ahead = np.pad(size, ((1, 0), (1, 0))).cumsum(0).cumsum(1)
         own = np.diag(ahead)[None, :] + np.diag(ahead)[:, None] - ahead - ahead.T
         sums = np.pad(told, (1, 0)).cumsum()
-        clear = np.triu(own > OWN * max(float(np.diag(size).max()), TINY), 1)
+        clear = np.triu(own > ROUNDING * max(float(np.diag(size).max()), TINY), 1)
         own, said = np.where(clear, own, np.inf), sums[None, :] - sums[:, None]
-        gain = -self.count * np.log1p(-np.minimum(said**2 / own / self.chi_square, 1 - OWN))
+        gain = -self.count * np.log1p(-np.minimum(said**2 / own / self.chi_square, 1 - ROUNDING))
         ends = max(gain[0, :].max(), gain[:, -1].max())
         first, stop = divmod(int(np.argmax(gain)), len(edges))
         if gain[first, stop] < ends + CLEAR:  # one edge alone

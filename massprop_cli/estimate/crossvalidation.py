@@ -21,9 +21,10 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, triangle_of
 from massprop_cli.base.chance import chance
+from massprop_cli.base.rigidbody import MOMENTS
 from massprop_cli.estimate.discrepancy import posed_segments
 from massprop_cli.estimate.pivot import about_pivot
-from massprop_cli.estimate.quantities import MOMENTS, quantities
+from massprop_cli.estimate.quantities import quantities
 from massprop_cli.estimate.rows import Parameters
 from massprop_cli.model.layout import MU
 from massprop_cli.model.plant import Reference

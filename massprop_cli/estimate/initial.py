@@ -16,6 +16,7 @@ from massprop_cli import INERTIA
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import lever_arm, tensor
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.compensate import Samples, Source, acceleration
 
@@ -41,10 +42,10 @@ def first_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Referen
     if here.executed.stored is not None:
         torque = torque + _mean_step(here.executed.stored.precession(rate), duration)
     load: Array = impulse[:, 3:]
-    products = _mean_step(rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]], duration)
+    turned = _mean_step(products(rate), duration)
     if plant.pivoted:
         load = _mean_step(_gravity(here, vehicle) if here.unread[3:].any() else _force_at(plant.pivot, here, vehicle), duration)
-    scale = _response(growth, torque, np.hstack([load, products, duration[1:, None]]))
+    scale = _response(growth, torque, np.hstack([load, turned, duration[1:, None]]))
     mu = _mu(here, torque, vehicle) if plant.translates else None
     if scale is None:
         return known_axes(vehicle) or (None if mu is None else _unturned(mu, vehicle))
@@ -53,7 +54,7 @@ def first_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Referen
     if plant.pivoted:
         load = plant.rotating_mass(Reference(np.eye(3), plant.pivot, mu)) * load
         reach = 0.01 * reach
-    regressors = np.hstack([torque, load, products, duration[1:, None]])
+    regressors = np.hstack([torque, load, turned, duration[1:, None]])
     prior = np.concatenate([[scale] * 3, [scale * reach] * 3, [1.0] * 6, [np.abs(growth).max() / duration.mean()]])
     fit = _ridge(regressors, growth, prior, scale)
     values, axes = np.linalg.eigh((fit[:3] + fit[:3].T) / 2)

@@ -21,7 +21,7 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.rigidbody import elements
+from massprop_cli.base.rigidbody import COLUMNS, MOMENTS, ROWS, elements
 from massprop_cli.estimate.pivot import AboutCg, about_cg, by_thrust_scale
 from massprop_cli.estimate.rows import Parameters
 from massprop_cli.inputs.vehicle import Vehicle
@@ -34,9 +34,6 @@ FAINT = 0.03
 of a sigma."""
 HARDLY = 0.4
 """A relative sigma of an axis' response J up to which that of I = 1/J is taken from the interval ± 2 sigma; beyond, I is hardly told."""
-MOMENTS = [0, 3, 5]
-"""Where I_xx, I_yy, I_zz stand."""
-_FIRST, _SECOND = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
 
 
 def quantities(told: Parameters, vehicle: Vehicle) -> tuple[Array, Array]:
@@ -101,7 +98,7 @@ def _curved(relative: Array) -> Array:
     near = 1 / (1 - 2 * np.minimum(relative, HARDLY))
     factor = np.sqrt(np.maximum(near, near * (relative / HARDLY) ** 2))
     found = np.ones((len(relative), 10))
-    found[:, :6] = factor[:, _FIRST] * factor[:, _SECOND]
+    found[:, :6] = factor[:, ROWS] * factor[:, COLUMNS]
     return found
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, grown, triangle_of
+from massprop_cli.base.rigidbody import MOMENTS
 from massprop_cli.estimate import quantities
 from massprop_cli.estimate.initial import knows_inertia
 from massprop_cli.estimate.innovationsahead import beyond, unexpected
@@ -54,7 +55,6 @@ STUCK = 3.0
 """Sigmas of a step that the search wants and can't take, as it leads to no body: so far from where it should be its values mean nothing."""
 STILL = 0.1
 """A step of fewer sigmas is the last."""
-MOMENTS = [0, 3, 5]
 """Where θ's J_xx, J_yy, J_zz stand."""
 
 

@@ -8,12 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, triangle_of
+from massprop_cli.base.arrays import TINY, Array, BoolArray, triangle_of
 from massprop_cli.kernel import kernel, pointer
 
 LEVELS, FINER = (1e-6, 1e-4, 1e-2, 1.0), 10.0
 """Of a disturbance, each tried: the most likely is taken, and what is so much smaller and larger."""
-TINY = 1e-300
 SAME = 1e-8
 """Part of a column that others leave of it, below which it is one of them but for rounding."""
 EXPLAINED = 1.3

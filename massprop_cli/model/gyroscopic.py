@@ -3,16 +3,14 @@
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.rigidbody import cross_matrix
-
-_FIRST, _SECOND = np.array([0, 0, 0, 1, 1, 2]), np.array([0, 1, 2, 1, 2, 2])
+from massprop_cli.base.rigidbody import COLUMNS, ROWS, cross_matrix
 
 
 def _gyroscopic() -> Array:
     """(9, 18) the linear map from I to Γ(I)."""
     found = np.zeros((3, 6, 3, 3))
     turn = cross_matrix(np.eye(3))  # turn[i] = [e_i]×
-    for k, (i, j) in enumerate(zip(_FIRST, _SECOND, strict=True)):
+    for k, (i, j) in enumerate(zip(ROWS, COLUMNS, strict=True)):
         found[:, k, :, j] += turn[i]
         if i != j:
             found[:, k, :, i] += turn[j]
@@ -41,7 +39,7 @@ def products(rate: Array) -> Array:
 def products_by_rate(rate: Array) -> Array:
     """(..., 6, 3) derivative of the products of rates (..., 3)."""
     found = np.zeros((*rate.shape[:-1], 6, 3))
-    for k, (i, j) in enumerate(zip(_FIRST, _SECOND, strict=True)):
+    for k, (i, j) in enumerate(zip(ROWS, COLUMNS, strict=True)):
         found[..., k, i] += rate[..., j]
         found[..., k, j] += rate[..., i]
     return found

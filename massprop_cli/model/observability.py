@@ -3,7 +3,7 @@
 import numpy as np
 
 from massprop_cli import INERTIA, QUANTITIES
-from massprop_cli.base.arrays import Array, BoolArray, singular
+from massprop_cli.base.arrays import ROUNDING, TINY, Array, BoolArray, singular
 from massprop_cli.base.moments import Moments
 from massprop_cli.base.rigidbody import angular_acceleration, cross, times, torque_regressor
 from massprop_cli.inputs.vehicle import Vehicle
@@ -18,7 +18,6 @@ DROWNED = 1 / 3
 """A channel tells nothing where disturbances exceed this part of the power that commands and mass properties explain in it."""
 NONE: BoolArray = np.zeros(6, dtype=bool)
 _MOTIONS = 60
-_RANK = 1e-9
 
 
 def observable(capability: Array, reference: Reference, vehicle: Vehicle, unread: BoolArray = NONE) -> BoolArray:
@@ -82,7 +81,7 @@ def _in_row_space(rows: Array) -> BoolArray:
     seen = size > 0
     scaled = rows / np.where(seen, size, 1.0)
     _, values, right = singular(scaled)
-    null = right[values < _RANK * max(values[0], 1e-300)]
+    null = right[values < ROUNDING * max(values[0], TINY)]
     within: BoolArray = seen & ~(np.abs(null) > 1e-6).any(0)
     return within
 
@@ -117,7 +116,7 @@ def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Re
         turned, rest = np.diff(steps, axis=1) if slow else steps
         stepped.add(turned)
         unexplained.add(rest)
-    share = (told / np.maximum(told.sum(0), 1e-300)).T
+    share = (told / np.maximum(told.sum(0), TINY)).T
     explained = np.concatenate([stepped.variance, pushed.variance])
     variance, lagged = (np.concatenate(both) for both in ((unexplained.variance, felt.variance), (unexplained.lagged, felt.lagged)))
     coloured = np.concatenate([variance[:3] + 2 * np.minimum(lagged[:3], 0.0), np.maximum(lagged[3:], 0.0)])

@@ -8,7 +8,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.base.rigidbody import tensor
+from massprop_cli.base.rigidbody import COLUMNS, MOMENTS, ROWS, tensor
 from massprop_cli.model.plant.plant import MOMENT, MU, J, Plant, Reference
 
 HALVINGS = 12
@@ -16,7 +16,6 @@ LEAST = 1e-3
 """Smallest principal value over the largest that a body in the making may have."""
 FARTHEST = 1e3
 """Factor on the mass that no single step may exceed."""
-_FIRST, _SECOND = np.array([0, 0, 0, 1, 1, 2]), np.array([0, 1, 2, 1, 2, 2])
 
 
 @dataclass(frozen=True)
@@ -50,9 +49,9 @@ class ResponseMap:
 
     def scales(self, theta: Array) -> Array:
         """(..., 10) what a departure of each of θ (..., 10) is small or large beside: √(J_ii J_jj), and sizes as above."""
-        own = np.sqrt(np.abs(theta[..., [0, 3, 5]]))
+        own = np.sqrt(np.abs(theta[..., MOMENTS]))
         found = np.empty_like(theta)
-        found[..., J] = own[..., _FIRST] * own[..., _SECOND]
+        found[..., J] = own[..., ROWS] * own[..., COLUMNS]
         trace = np.trace(np.linalg.inv(tensor(theta[..., J])), axis1=-2, axis2=-1)
         found[..., MOMENT] = np.sqrt(np.abs(trace * theta[..., MU]))[..., None]
         found[..., MOMENT] *= self.plant.moment_over_cg(theta)[..., None]

@@ -21,16 +21,13 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli import ABOUT_PIVOT, QUANTITIES
-from massprop_cli.base.arrays import Array, IntArray
+from massprop_cli.base.arrays import ROUNDING, TINY, Array, IntArray
 from massprop_cli.base.chance import chance
 from massprop_cli.base.errors import InputError
 from massprop_cli.combine.joint import Piece, is_body, linear
 from massprop_cli.combine.phase import piece
 from massprop_cli.estimate.quantities import left_by_known
 from massprop_cli.result.schema import PhaseItem, VehicleInfo
-
-ROUNDING = 1e-9
-"""Part of the variance of both below which a direction's is rounding: all that is known of it is shared."""
 
 
 class PredictionSide(NamedTuple):
@@ -101,7 +98,7 @@ def _about_pivot(vehicle: VehicleInfo, phase: PhaseItem) -> PredictionSide:
     values = np.array([np.nan if one.value is None else one.value for one in given])
     covariance = np.nan_to_num(np.array(phase.about_pivot_covariance, dtype=float))
     at = np.isfinite(values)
-    most = 1 / math.sqrt(max(float(values[at] @ np.linalg.lstsq(covariance[np.ix_(at, at)], values[at])[0]), 1e-300))
+    most = 1 / math.sqrt(max(float(values[at] @ np.linalg.lstsq(covariance[np.ix_(at, at)], values[at])[0]), TINY))
     return PredictionSide(values, covariance, np.nan_to_num(values), min(vehicle.thrust_scale_sigma, most), np.zeros((9, 0)), None)
 
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from massprop_cli import __version__
-from massprop_cli.base.arrays import Array, median
+from massprop_cli.base.arrays import TINY, Array, median
 from massprop_cli.base.configfile import literal
 from massprop_cli.conclude.discrepancy import Discrepancy
 from massprop_cli.conclude.docking import Docked
@@ -232,7 +232,7 @@ def _innovations(history: History, factors: Array) -> schema.Innovations | None:
     found = history.moments()
     if found.count < 3:
         return None
-    correlation = found.lagged / np.maximum(found.variance, 1e-300)
+    correlation = found.lagged / np.maximum(found.variance, TINY)
 
     def read(values: Array) -> list[float | None]:
         return [None if unread else float(value) for value, unread in zip(values, history.unread, strict=True)]

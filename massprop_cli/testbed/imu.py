@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.arrays import TINY, Array, frozen
 from massprop_cli.inputs.equipment import LowPass
 from massprop_cli.testbed.motion import apply, compose, dot, quaternions
 from massprop_cli.testbed.scenario import Scenario
@@ -193,5 +193,5 @@ def _between(attitude: Array, at: Array) -> Array:
     turn = turn * np.where(turn[0] < 0, -1.0, 1.0)
     sine = np.sqrt(dot(turn[1:], turn[1:]))
     angle = 2 * np.arctan2(sine, turn[0])
-    vector = turn[1:] * np.where(sine > 0, angle / np.maximum(sine, 1e-300), 2.0)
+    vector = turn[1:] * np.where(sine > 0, angle / np.maximum(sine, TINY), 2.0)
     return compose(first, quaternions(vector * (at - before)))

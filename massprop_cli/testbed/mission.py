@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, frozen
+from massprop_cli.base.arrays import TINY, Array, BoolArray, frozen
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.testbed import exchange
@@ -98,7 +98,7 @@ def _by_rotors(source: ScenarioSource) -> tuple[Array, Array]:
             f"{most.max():g} N; correct it, actuators.max_rotor_command, or the rotors"
         )
     share = np.where(served, newtons / most[:, None], np.nan).T
-    reach = (room[:, None] / np.maximum(np.abs(newtons), 1e-300)).min(0)
+    reach = (room[:, None] / np.maximum(np.abs(newtons), TINY)).min(0)
     return np.stack([share, -share], 1), np.where(served, reach, 0.0)[:, None].repeat(2, 1)
 
 
@@ -118,7 +118,7 @@ def _jets_for(wrench: Array, axis: int, sign: float) -> Array:
     """(J,) on-time parts, all ≥ 0 and of least sum, whose wrench is one unit about ``axis``; NaN if there are none."""
     from scipy.optimize import linprog
 
-    size = np.maximum(np.abs(wrench).max(0), 1e-300)
+    size = np.maximum(np.abs(wrench).max(0), TINY)
     target = np.zeros(6)
     target[axis] = sign
     found = linprog(np.ones(len(wrench)), A_eq=(wrench / size).T, b_eq=target, method="highs-ds")

@@ -10,12 +10,13 @@ import pytest
 
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array, frozen, triangle_of
+from massprop_cli.base.rigidbody import MOMENTS
 from massprop_cli.conclude.discrepancy import PlainFits
 from massprop_cli.conclude.discrepancy import discrepancy as told_of
 from massprop_cli.diagnosis.preprocessing import ready
 from massprop_cli.estimate import discrepancy, offline
 from massprop_cli.estimate.phases import as_stated
-from massprop_cli.estimate.quantities import MOMENTS, quantities
+from massprop_cli.estimate.quantities import quantities
 from massprop_cli.estimate.rows import Parameters
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Log

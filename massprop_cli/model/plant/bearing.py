@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import TINY, Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import cross, cross_matrix, elements, lever_arm, mean_rotation, parallel_axis, rotation, tensor, times
 from massprop_cli.model.gyroscopic import gamma
@@ -71,7 +71,7 @@ class BearingBody(Plant):
         It is g u + μ (F − (F · u) u): the bearing is free to move on its table.
         """
         size = np.sqrt((up**2).sum(-1))[:, None]
-        unit = up / np.maximum(size, 1e-300)
+        unit = up / np.maximum(size, TINY)
         along = (force * unit).sum(-1)
         level: Array = unit[:, :, None] * cross(force, unit)[:, None, :] + along[:, None, None] * cross_matrix(unit)
         return self.gravity * cross_matrix(up) - reference.mu * level

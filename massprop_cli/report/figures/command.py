@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import TINY, Array
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
 from massprop_cli.report.figures.prediction import channel, columns
@@ -121,7 +121,7 @@ def _slope(found: list[CommandMean], unit: str, command_unit: str) -> str:
     if len(found) < 2:
         return "not estimated"
     at, values, sigmas = (np.array(column) for column in zip(*found, strict=True))
-    weight = 1 / np.maximum(sigmas, 1e-300) ** 2
+    weight = 1 / np.maximum(sigmas, TINY) ** 2
     offset = at - weight @ at / weight.sum()
     spread = weight @ offset**2
     if not spread > 0:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import TINY, Array
 from massprop_cli.base.escape import line
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import LENGTH, Axes, Panel, Picture
@@ -48,7 +48,7 @@ def shares(parts: Sequence[Covered], jet: str, edges_s: Array) -> Array:
         part = np.clip(np.searchsorted(edges_s, time_s - length / 2, side="right") - 1, 0, len(pushed) - 1)
         pushed += np.bincount(part, np.nan_to_num(columns[f"{EXECUTED}{jet}_s"]), len(pushed))
         lasted += np.bincount(part, length, len(pushed))
-    return np.asarray(pushed / np.maximum(lasted, 1e-300) * (lasted > 0))
+    return np.asarray(pushed / np.maximum(lasted, TINY) * (lasted > 0))
 
 
 def _panel(jets: list[str], parts: list[Covered], found: list[str]) -> Panel:

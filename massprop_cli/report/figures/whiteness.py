@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import TINY, Array
 from massprop_cli.report import checks
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
@@ -50,7 +50,7 @@ def _styles(parts: list[Covered], kind: str) -> list[tuple[str, Style]]:
 
 def autocorrelation(pieces: list[Array]) -> Array:
     """(LAGS, a) of phases one after the other: Σ z[k + lag] z[k] / Σ z[k]², not across their borders."""
-    total = np.maximum(sum((z**2).sum(0) for z in pieces), 1e-300)
+    total = np.maximum(sum((z**2).sum(0) for z in pieces), TINY)
     sums = [sum((z[lag:] * z[:-lag]).sum(0) for z in pieces if len(z) > lag) for lag in range(1, LAGS + 1)]
     found: Array = np.array([np.zeros(total.shape) + one for one in sums]) / total
     return found
