@@ -17,8 +17,8 @@ from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.errorparameters.channels import spun, wired
-from massprop_cli.errorparameters.setup import LAG, Setup, own_lags, stating
-from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, TABLE
+from massprop_cli.errorparameters.setup import DELAY, LAG, Setup, own_lags, stating
+from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, PRIORS, SIGMA_KEYS, TABLE
 from massprop_cli.errorparameters.thrust import NEAR, RPM, about_cg
 from massprop_cli.inputs.actuators.control_moment_gyro import GyroLog
 from massprop_cli.inputs.columns import WRENCH, Column
@@ -251,9 +251,13 @@ def _settings(before: Setup, after: Setup, found: Fitted) -> Iterator[str]:
     supposed = [one for one in TABLE if one.prior > 0]
     keys = dict.fromkeys(one.key for one in supposed if one.key is not None)
     differing = [key for key in keys if not np.array_equal(before.value(key), after.value(key))]
-    differing = [key for key in differing if not key.startswith("jets")]
+    # a delay that is uncertain as stated is estimated anew
+    anew = found.hypothesis.states and 0 < found.hypothesis.free[found.model.place("delay")].max(initial=0.0) < PRIORS["delay"]
+    differing = [key for key in differing if not key.startswith("jets") and not (key == DELAY and anew)]
     yield from _of_actuators(before.vehicle, after.vehicle)
-    yield from (f"{key}={configfile.written(value)}" for key, value in found.hypothesis.states.items() if not key.startswith("jets"))
+    for key, value in found.hypothesis.states.items():
+        if not key.startswith("jets"):
+            yield f"{key}={_literal(value) if isinstance(value, float) else configfile.written(value)}"
     said = found.finding((), before, after)
     for one in sorted(supposed, key=lambda one: SECTIONS.index((one.key or "cycle").partition(".")[0])):
         if one.key in differing:
@@ -282,6 +286,8 @@ def around(case: Case, found: Fitted, fired: IntArray) -> tuple[Correction, ...]
         stated[found.model.place(name)] = bool(BY_NAME[name].states)
     corrections = []
     for states in found.hypothesis.further:
+        if all(SIGMA_KEYS.get(key) in found.hypothesis.states for key in states):
+            continue
         further = replace(found, hypothesis=replace(found.hypothesis, states=states))
         then = applied(case, further, fired)
         correction = None if then is None else correction_of(case, then, further)

@@ -24,7 +24,7 @@ from massprop_cli.diagnosis.explanation import Diagnosis, Explanation, by_wander
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.phaseboundary import border
 from massprop_cli.diagnosis.ranking import CLEAR
-from massprop_cli.diagnosis.recordings import by_noise, lost, otherwise, seen, sparse
+from massprop_cli.diagnosis.recordings import by_noise, lost, otherwise, otherwise_filtered, seen, sparse
 from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, helped, hopeless, refined, tried
 from massprop_cli.diagnosis.screening import Screening, about_its_body, beside_a_torque, busiest, screened
 from massprop_cli.diagnosis.search import codes, same, searched
@@ -139,6 +139,7 @@ def _alone(screening: Screening) -> list[Refit]:
     begun = _turned(screening) if screening.upset else []
     most = SECOND if screening.upset else FINALISTS[screening.model.bearing is not None]
     best = searched(screening, begun, (most, most), beyond(screening))
+    best += otherwise_filtered(screening)
     best += [] if any(map(_whole, best)) else otherwise(screening, best)
     likeliest = min((refit for refit in best if refit.fits), key=lambda refit: refit.score, default=None)
     if likeliest is not None and (likeliest.fitted.hypothesis.gyro != np.eye(3)).any():

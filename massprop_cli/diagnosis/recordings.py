@@ -6,9 +6,10 @@ one that explains most is put to the test like any other hypothesis.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +20,8 @@ from massprop_cli.diagnosis.corrections import Case
 from massprop_cli.diagnosis.delay import MeasuredMotion, motion_of, unexplained_by
 from massprop_cli.diagnosis.hypotheses import along
 from massprop_cli.diagnosis.hypothesis import Hypothesis
-from massprop_cli.diagnosis.linesearch import line_minimum
+from massprop_cli.diagnosis.linesearch import NEAR, line_minimum, sigma_at
+from massprop_cli.diagnosis.lowpasses import other_low_passes
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import Refit, tried
 from massprop_cli.diagnosis.screening import Screening
@@ -36,9 +38,8 @@ States = dict[str, object]
 """Values of keys of the vehicle file."""
 PARTS = np.geomspace(1.0, 0.05, 16)
 """Of the largest command, at which a component of a wrench may end."""
-FINEST, NEAR, FLAT = 1e-5, 0.01, 1e3
-"""Step at which the search for them ends, and behind the curvature of what they leave; the least curvature that tells a sigma: of 4 %."""
-
+FINEST = 1e-5
+"""Step at which the search for them ends."""
 EARLIER = (1, 2, 3)
 """Cycles by which commands of one jet may be logged before those of another one that fires with it."""
 RARELY, MOSTLY, LEAST = range(2, 41), 0.98, 12
@@ -169,6 +170,25 @@ def _left_between(case: Case, given: Array, every: int, first: int) -> tuple[Arr
     return np.array(left), np.array(counts)[:, None]
 
 
+class Supposed(NamedTuple):
+    """What may have been otherwise."""
+
+    code: str
+    states: States
+    further: tuple[States, ...] = ()
+    """Keys with each number that was sought one sigma away."""
+    later: float = 0.0
+    """Cycles by which commands act later with it."""
+
+    def fitted(self, screening: Screening) -> Fitted:
+        """As a hypothesis, before anything is fitted to it."""
+        x = screening.stated.x.copy()
+        x[screening.model.place("delay")] += self.later
+        free = along(screening.model, ("delay", np.ones(1))) if self.later else np.zeros((len(x), 0))
+        hypothesis = Hypothesis(self.code, (), free, states=self.states, further=self.further)
+        return Fitted(hypothesis, screening.model, x, screening.stated.chi_square, np.zeros(free.shape[1]))
+
+
 def otherwise(screening: Screening, alone: Sequence[Refit]) -> list[Refit]:
     """What explains more of the motion than what is stated, and than what of ``alone`` explains it, put to the test.
 
@@ -181,16 +201,21 @@ def otherwise(screening: Screening, alone: Sequence[Refit]) -> list[Refit]:
     least = min(_left(one, motion, {}) for one in (case, *seen_alike))
     found = []
     every = [(one, least - CLEAR) for one in _supposed(case, motion)] + [(one, np.inf) for one in _before_its_twin(case)]
-    for (code, states, further, later), most in every:
-        if _left(case, None if code == "accel-axes" else motion, states, later) < most:
-            model, x = screening.model, screening.stated.x.copy()
-            x[model.place("delay")] += later
-            free = along(model, ("delay", np.ones(1))) if later else np.zeros((len(x), 0))
-            hypothesis = Hypothesis(code, (), free, states=states, further=further)
-            refit = _sharpened(screening, Fitted(hypothesis, model, x, screening.stated.chi_square, np.zeros(free.shape[1])))
+    for one, most in every:
+        if _left(case, None if one.code == "accel-axes" else motion, one.states, one.later) < most:
+            refit = _sharpened(screening, one.fitted(screening))
             # what is led to another delay is that delay
-            found += [refit] if refit is not None and abs(refit.case.timing.delay - case.timing.delay - later) < ANOTHER else []
-    return [refit for refit in found if refit.screening is not None and not _disturbed(refit.screening, screening)]
+            found += [refit] if refit is not None and abs(refit.case.timing.delay - case.timing.delay - one.later) < ANOTHER else []
+    return _undisturbed(screening, found)
+
+
+def otherwise_filtered(screening: Screening) -> list[Refit]:
+    """Other cutoffs and latencies than stated that explain more of the motion, put to the test."""
+    return _undisturbed(screening, [_sharpened(screening, one.fitted(screening)) for one in other_low_passes(screening.case)])
+
+
+def _undisturbed(screening: Screening, refits: Sequence[Refit | None]) -> list[Refit]:
+    return [one for one in refits if one is not None and one.screening is not None and not _disturbed(one.screening, screening)]
 
 
 def _disturbed(corrected: Screening, stated: Screening) -> bool:
@@ -249,17 +274,17 @@ def by_noise(screening: Screening) -> list[Refit]:
     return [] if refit is None or refit.screening is None or not refit.screening.close else [replace(refit, fits=True)]
 
 
-def _supposed(case: Case, motion: MeasuredMotion) -> Iterator[tuple[str, States, tuple[States, ...], float]]:
-    """Code, keys, keys with each number that was sought one sigma away, and by how many cycles later commands act with it."""
+def _supposed(case: Case, motion: MeasuredMotion) -> Iterator[Supposed]:
+    """What is put to the test."""
     if case.vehicle.imu.accel_axes == "imu":
-        yield "accel-axes", {"imu.accel_axes": "start"}, (), 0.0
+        yield Supposed("accel-axes", {"imu.accel_axes": "start"})
     if case.log.command_kind == "wrench" and case.vehicle.thrust.wrench_limits is None:
         later, found = 0.0, _limits(case, motion)
         if found is not None and case.vehicle.cycle.command_delay_cycles == "auto":  # what is cut off has moved it
             later = _delay_beside(case, motion, found[0])
             found = _limits(case._replace(timing=case.timing.moved(("delay",), (later,))), motion) or found
         if found is not None:
-            yield "commands-limited", *found, later
+            yield Supposed("commands-limited", *found, later)
     if case.log.command_kind == "jets" and case.log.command.any():
         yield from _pulses_elsewhere(case, motion)
         yield from (_later(case, motion, jet) for jet in _likeliest_later(case))
@@ -274,7 +299,7 @@ def _delay_beside(case: Case, motion: MeasuredMotion, states: States) -> float:
     return line_minimum(left, (0.0, -case.timing.delay), ANOTHER, NEAR / 4)
 
 
-def _pulses_elsewhere(case: Case, motion: MeasuredMotion) -> Iterator[tuple[str, States, tuple[States, ...], float]]:
+def _pulses_elsewhere(case: Case, motion: MeasuredMotion) -> Iterator[Supposed]:
     """With the delay as stated, or one by which pulses act about when they now do in the mean."""
     on, cycle = case.log.command[:, : len(case.vehicle.jets)], case.vehicle.cycle
     idle = 1 - float((on**2).sum() / max(on.sum(), TINY)) / cycle.period_s
@@ -284,10 +309,10 @@ def _pulses_elsewhere(case: Case, motion: MeasuredMotion) -> Iterator[tuple[str,
         by = (LATE[cycle.pulse_at] - LATE[at]) * idle
         by = line_minimum(left, (by,), 0.1, NEAR / 4) if left(0.0) > left(by) else 0.0
         if case.timing.delay + by >= 0:
-            yield "pulse-position", states, (), by
+            yield Supposed("pulse-position", states, later=by)
 
 
-def _later(case: Case, motion: MeasuredMotion, jet: int) -> tuple[str, States, tuple[States, ...], float]:
+def _later(case: Case, motion: MeasuredMotion, jet: int) -> Supposed:
     """With pulses of one jet later by what explains most."""
     key, stated_s, period_s = f"jets.{jet}.delay_s", case.vehicle.jets[jet].delay_s, case.vehicle.cycle.period_s
 
@@ -298,11 +323,11 @@ def _later(case: Case, motion: MeasuredMotion, jet: int) -> tuple[str, States, t
         return _left(case, motion, states(cycles))
 
     by = line_minimum(left, (0.5, 1.0, 1.5, 2.0), 0.5, NEAR)
-    sigma = _sigma(left, by)
-    return "jet-late", states(by), (states(by + sigma),), 0.0
+    sigma = sigma_at(left, by)
+    return Supposed("jet-late", states(by), (states(by + sigma),))
 
 
-def _before_its_twin(case: Case) -> Iterator[tuple[str, States, tuple[States, ...], float]]:
+def _before_its_twin(case: Case) -> Iterator[Supposed]:
     """Each jet whose commands are those of another one some cycles earlier, which may act together.
 
     Free coefficients explain as much by that other one alone, which gives all that both do, so they do not tell.
@@ -315,7 +340,7 @@ def _before_its_twin(case: Case) -> Iterator[tuple[str, States, tuple[States, ..
         for jet in np.flatnonzero((alike & ~np.eye(len(alike), dtype=bool)).any(0) & on.any(0)).tolist():
             at = case.vehicle.jets[jet].delay_s + cycles * period_s
             key = f"jets.{jet}.delay_s"
-            yield "jet-late", {key: at}, ({key: at + NEAR * period_s},), 0.0
+            yield Supposed("jet-late", {key: at}, ({key: at + NEAR * period_s},))
 
 
 def _likeliest_later(case: Case) -> list[int]:
@@ -373,13 +398,7 @@ def _limits(case: Case, motion: MeasuredMotion) -> tuple[States, tuple[States, .
         part = line_minimum(by, PARTS.tolist(), float(PARTS[0] - PARTS[1]), NEAR)
         part = line_minimum(by, [part], NEAR, FINEST) if by(part) < least else part
         if by(part) < least - CLEAR:
-            least, sigma = by(part), _sigma(by, part)
+            least, sigma = by(part), sigma_at(by, part)
             further.append(states(which, part + sigma))
             parts[list(which)] = part
     return (states((), 1.0), tuple(further)) if further else None
-
-
-def _sigma(cost: Callable[[float], float], at: float) -> float:
-    """One sigma of a value by the curvature of −2 log likelihood."""
-    bent = (cost(at - NEAR) - 2 * cost(at) + cost(at + NEAR)) / NEAR**2
-    return float((2 / max(bent, FLAT)) ** 0.5) if np.isfinite(bent) else NEAR

@@ -247,7 +247,7 @@ def _gained(screening: Screening, mended: Screening) -> float:
 
 def _nothing(part: Fitted) -> bool:
     """Whether its values are none but by chance: then the log fits for what else was found on the way to them."""
-    return bool(part.unknowns and not at_once(part) and ((part.moved / part.spread) ** 2).sum() < CLEAR)
+    return bool(part.unknowns and not part.hypothesis.states and not at_once(part) and ((part.moved / part.spread) ** 2).sum() < CLEAR)
 
 
 def _no_drift(found: Fitted) -> bool:

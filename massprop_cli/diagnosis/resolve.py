@@ -246,12 +246,11 @@ def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
     if not unknown:
         return None
     say("finding delay, lag and low-passes", 0.0)
-    found = _detected(log, vehicle, given.timing, unknown)
-    if found is None and set(LATENCIES) & set(unknown):  # latencies of both sensors and the delay together are one shift in time
-        unknown = [name for name in unknown if name not in LATENCIES]
-        found = _detected(log, vehicle, given.timing, unknown) if unknown else None
+    shifts = {"delay", *LATENCIES} & set(unknown)
+    # of delay and latencies only the sums show, and what is stated parts them
+    found = None if len(shifts) > 1 + any(log.axes[3:]) else _detected(log, vehicle, given.timing, unknown)
     if found is None:
-        return None
+        return _beside_stated(log, vehicle, given.timing, {}) if len(shifts) > 1 else None
     at = Setup(log, vehicle if found.imu is None else vehicle.model_copy(update={"imu": found.imu}), found.at)
     moved = np.array([delay.cycles_of(at, name) - delay.cycles_of(given, name) for name in unknown])
     return _between(found, given, moved, _stated_covariance(vehicle, unknown))

@@ -167,6 +167,7 @@ def _stated_lowpass(sensor: str) -> tuple[ErrorParameter, ErrorParameter]:
             key=f"{table}.cutoff_hz",
             sigma_key=f"{table}.cutoff_sigma_hz",
             scale=lambda vehicle: _hertz(sensor, vehicle),
+            states="sigma",
             change=lambda setup, error: _slower(sensor, setup, error),
             bends="always",
             redone="commands",
@@ -181,6 +182,7 @@ def _stated_lowpass(sensor: str) -> tuple[ErrorParameter, ErrorParameter]:
             key=f"{table}.latency_s",
             sigma_key=f"{table}.latency_sigma_s",
             scale=lambda vehicle: vehicle.cycle.period_s,
+            states="sigma",
             change=lambda setup, error: _later(sensor, setup, error),
             bends="always",
             redone="commands",
@@ -224,9 +226,29 @@ def _columns_held(finding: FittedHypothesis) -> Mapping[str, object]:
     return {"which": finding.subject[0], "factors": " and ".join(factors)}
 
 
+def _other_filter(sensor: str, key: str, unit: str, per: float) -> SpecialCase:
+    """Of a low-pass that the vehicle file states, another value than it states."""
+    name = f"imu.{sensor}_filter.{key}"
+    sigma_key = "_sigma_".join(name.rsplit("_", 1))
+
+    def moved(finding: FittedHypothesis) -> bool:
+        return bool((finding.corrected.value(name) != finding.stated.value(name)).any())
+
+    def facts(finding: FittedHypothesis) -> Mapping[str, object]:
+        value, sigma = (per * float(finding.corrected.value(one)[0]) for one in (name, sigma_key))
+        sought = key == "latency_s" and finding.stated.vehicle.cycle.command_delay_cycles == "auto"
+        return {"value": value, "sigma": sigma, "stated": float(finding.stated.value(name)[0]), "or": instead if sought else ""}
+
+    (other,) = (word for own, word in WORDS.items() if own != sensor)
+    instead = f", or the {other}'s is as much off the other way: beside a delay that is to be found only their difference shows"
+    words = f"the {WORDS[sensor]}'s {key.partition('_')[0]} is {{value:.4g}} ± {{sigma:.2g}} {unit}, and not {name} = {{stated:.4g}}{{or}}"
+    return SpecialCase(f"{sensor}-filter", f"{sensor}-filter", moved, Wording(words, 'correct it, or state "auto" to have it found', facts))
+
+
 _HELD = Wording("its {which}", "correct the log, or scale its columns under [columns] ({factors})", _columns_held)
 _AXES = Wording("velocity increments are in the axes that the IMU had at the start of each record", 'state imu.accel_axes = "start"')
 SPECIAL_CASES = (
     SpecialCase("accel-axes", "accel-axes", lambda _: True, _AXES),
+    *(_other_filter(sensor, *key) for sensor in WORDS for key in (("cutoff_hz", "Hz", 1.0), ("latency_s", "ms", 1e3))),
     *(SpecialCase(code, code, lambda _: True, _HELD) for code in ("gyro-units", "accel-units", "column-kind")),
 )

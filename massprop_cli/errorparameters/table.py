@@ -41,6 +41,8 @@ FAMILY = {
 """In which module each is declared."""
 BY_NAME = {one.name: one for one in TABLE}
 PRIORS = {name: BY_NAME[name].prior for name in ENTRIES if BY_NAME[name].prior > 0}
+SIGMA_KEYS = {one.key: one.sigma_key for one in TABLE if one.key and one.sigma_key}
+"""By the key of the value."""
 LATE = frozenset(one.code for one in TABLE if one.late)
 """Codes of what makes motion late."""
 BY_COLUMN = {
