@@ -28,6 +28,23 @@ def test_a_preset_has_the_bandwidth_and_the_delay_of_its_data_sheet() -> None:
     assert low_pass.latency_sigma_s == 5e-4
 
 
+@pytest.mark.parametrize(
+    ("sensor", "preset", "cutoff_hz"),
+    [
+        ("gyro", "bmi160-100hz-norm", 39.9),
+        ("accel", "bmi160-100hz-norm", 40.5),
+        ("accel", "bmi160-50hz-osr4", 5.06),  # which the data sheet states itself
+        ("gyro", "bmi270-gyro-188hz", 188.0),
+        ("accel", "bmi088-accel-40hz", 40.0),
+    ],
+)
+def test_bosch_imus_have_the_bandwidths_of_their_output_rates(sensor: str, preset: str, cutoff_hz: float) -> None:
+    low_pass = LowPass.model_validate(imufilters.resolved(sensor, {"preset": preset}))
+    assert low_pass.cutoff == pytest.approx(cutoff_hz, rel=2e-3)
+    assert (low_pass.order, low_pass.latency) == (2, 0.0)
+    assert low_pass.latency_sigma_s > 0.25 * math.sqrt(2) / (2 * math.pi * cutoff_hz)
+
+
 def test_what_is_stated_replaces_a_key_of_the_preset() -> None:
     low_pass = of(preset="bmi088-gyro-47hz", latency_s=0.002, latency_sigma_s=0.0)
     assert (low_pass.cutoff_hz, low_pass.latency, low_pass.latency_sigma_s) == (47.0, 0.002, 0.0)
