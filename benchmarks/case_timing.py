@@ -121,18 +121,6 @@ def _cut(columns: Columns, vehicle: Vehicle, rng: Random, restarted: bool) -> Ma
     return _stamped(left, vehicle, stamps, f"{lost} rows from {at}")
 
 
-def _dropped(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
-    """Whole control cycles are missing here and there, one at a time."""
-    _, _, count = _of(columns)
-    per_cycle = _per_cycle(columns, vehicle)
-    cycles = count // per_cycle
-    if per_cycle > 1:
-        return None
-    gone = rng.choice(np.arange(5, cycles - 5), max(2, cycles // 200), replace=False)
-    keep = np.setdiff1d(np.arange(count), gone)
-    return Made({name: values[keep] for name, values in columns.items()}, vehicle, f"{len(gone)} of {count}")
-
-
 def _per_cycle(columns: Columns, vehicle: Vehicle) -> int:
     return max(1, round(vehicle.cycle.period_s / _of(columns)[1]))
 
@@ -195,7 +183,6 @@ KINDS = {
     "clock-restart": Kind("the clock begins again, the motion goes on", _restart, REBUILT, SPLIT),
     "records-cut": Kind("2 to 80 s are missing, as the clock says", partial(_cut, restarted=False), (), ("gap",)),
     "records-cut-restart": Kind("the same, and the clock begins again", partial(_cut, restarted=True), (), ("split", "cut the log")),
-    "records-dropped": Kind("single cycles are missing", _dropped, ("long-interval",)),
     "records-late": Kind("increments of a record in the next one", _late, ("records-doubled",)),
     "attitude-occluded": Kind("attitude lost for some seconds", _occluded),
 }

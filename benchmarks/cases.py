@@ -22,6 +22,7 @@ from functools import lru_cache, partial
 from typing import NamedTuple
 
 import case_fault
+import case_lost
 import case_recorded
 import case_timing
 import numpy as np
@@ -44,7 +45,7 @@ from massprop_cli.testbed import output, scenario, simulate
 
 FAR = 4.0
 """Sigmas beyond which, and beyond a part of its size, a value is wrong."""
-KINDS: dict[str, Kind] = {**case_recorded.KINDS, **case_timing.KINDS, **case_fault.ACTUATED}
+KINDS: dict[str, Kind] = {**case_recorded.KINDS, **case_timing.KINDS, **case_lost.KINDS, **case_fault.ACTUATED}
 PAIRED: dict[str, Kind] = {
     name: kind for name, kind in {**KINDS, **case_fault.KINDS}.items() if kind.codes or kind.refusals or kind.knowing
 }

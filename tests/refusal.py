@@ -79,6 +79,16 @@ def cell(column: str, row: int, value: float | None) -> Edit:
     return edit
 
 
+def cells(column: str, row: int, value: float | None) -> Edit:
+    """In this row and every fifth one from it on."""
+
+    def edit(table: Any) -> Any:
+        values = table.column(column).to_pylist()
+        return replaced(table, column, [value if at >= row and (at - row) % 5 == 0 else old for at, old in enumerate(values)], pa.float64())
+
+    return edit
+
+
 def text_cell(column: str, row: int, text: str) -> Edit:
     def edit(table: Any) -> Any:
         values = [str(value) for value in table.column(column).to_pylist()]

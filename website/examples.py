@@ -79,6 +79,21 @@ def _sample(log: str, *settings: str) -> Told:
         return _told(job.of_file(ROOT / "sample_logs" / log, None, list(settings)).analysis)
 
 
+def _uneven() -> Told:
+    """A sample in which one record lasts 1.6 times the usual interval, by a clock that is stated to be right."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    sample = ROOT / "sample_logs" / "free-flyer"
+    table = pq.read_table(sample / "log.parquet")
+    times = table.column("time_s").to_numpy().copy()
+    times[600:] += 0.6 * (times[1] - times[0])
+    with tempfile.TemporaryDirectory() as folder, np.errstate(all="ignore"):
+        path = Path(folder) / "log.parquet"
+        pq.write_table(table.set_column(table.column_names.index("time_s"), "time_s", pa.array(times)), path)
+        return _told(job.of_file(path, sample / "vehicle.toml", ["imu.clock_even=false"]).analysis)
+
+
 def _unstated(log: str) -> Told:
     """A sample whose vehicle file doesn't state the gyro's noise."""
     path = ROOT / "sample_logs" / log
@@ -215,7 +230,6 @@ WARNINGS: dict[str, Example] = {
         ("timing-untold", "crazyflie/yaw.parquet", ('cycle.command_delay_cycles="auto"', 'thrust.lag_s="auto"'), WHITE),
         ("accelerometer-misfit", "crazyflie/thrust.parquet", (), FORCE),
         ("gyro-misfit", "free-flyer/log.parquet", ("imu.gyro_noise_rad_s=5e-5",), WHITE),
-        ("long-interval", "crazyflie/roll-pitch.parquet", (), RATE),
         ("noise-floor", "free-flyer/log.parquet", ("imu.gyro_noise_rad_s=0",), RATE),
         ("known-mismatch", "free-flyer/log.parquet", ("known.mass.value=25", "known.mass.sigma=0.01", "thrust.scale_sigma=0.01"), MASS),
         (
@@ -235,6 +249,8 @@ WARNINGS: dict[str, Example] = {
     "speed-units": Example(partial(_actuator, "wheels", "rpm"), *RATE),
     "gimbal-units": Example(partial(_actuator, "gyros", "one in degrees"), *RATE),
     "clock-rebuilt": Example(partial(_recorded, "clock-bursts", 9000), *RATE),
+    "records-lost": Example(partial(_recorded, "records-dropped", 9000), *RATE),
+    "long-interval": Example(_uneven, *RATE),
     "records-doubled": Example(partial(_recorded, "records-late", 9000), *RATE),
     "sensor-frozen": Example(partial(_recorded, "frozen", 9008), *SEEN),
     "column-kind": Example(partial(_recorded, "rates-in-increments", 9000), *SEEN),

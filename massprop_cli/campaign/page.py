@@ -23,7 +23,7 @@ _SIGNS = {0: "✓", 1: "✕", 3: "✕", 4: "~", 5: "✕", 6: vocabulary.SIGNS["c
 _MARKS = {0: "converged", 4: "not_converged", 5: "not_excited", 6: "contradicted", None: "muted"}
 _CONTRADICTED, _WARNED = (vocabulary.SIGNS["contradicted"], "contradicted"), ("⚠", "not_converged")
 """Sign and mark of a log that is done and yet in doubt."""
-_MINOR = ("long-interval", "outliers", "disturbance-torque", "gyro-misfit", "accelerometer-misfit", "noise-floor")
+_MINOR = ("long-interval", "records-lost", "outliers", "disturbance-torque", "gyro-misfit", "accelerometer-misfit", "noise-floor")
 """Warnings of how a log was read and its noise sized: others matter more."""
 _UNLIKELY = 1e-3
 """A scatter or a trend with a smaller chance than this is pointed out; 3.3 sigma."""

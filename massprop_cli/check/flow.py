@@ -37,10 +37,20 @@ TIMING = (
     "cycle-period",
     "clock-rebuilt",
     "records-doubled",
+    "records-lost",
     "timing-untold",
 )
 """Codes of notices that are about time."""
-NOTES = ("noise-floor", "long-interval", "clock-rebuilt", "records-doubled", "unphysical-inertia", "no-docked-object", "docked-mass")
+NOTES = (
+    "noise-floor",
+    "long-interval",
+    "clock-rebuilt",
+    "records-doubled",
+    "records-lost",
+    "unphysical-inertia",
+    "no-docked-object",
+    "docked-mass",
+)
 """Codes of notices beside which values hold."""
 QUIET = 0.5
 """Mean squared normalised innovation below which the stated noise is too large: sigmas are too."""

@@ -25,7 +25,7 @@ from massprop_cli.estimate.history import History
 from massprop_cli.estimate.residualtest import DOUBTFUL, share
 from massprop_cli.model.plant import plant_of
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.prepare.compensate import BLOCK, Source
+from massprop_cli.prepare.compensate import BLOCK, Source, gathered
 
 LOST, SCATTER = np.geomspace(1e-3, 0.3, 13), np.geomspace(0.005, 1.0, 13)
 """Parts p of the commands, and relative scatters s, that are tried."""
@@ -74,6 +74,8 @@ def _missing(history: History, samples: Source, used: Resolved) -> tuple[Array, 
     cycles, plant = history.cycles, plant_of(used)
     moment, turning = plant.jet_moment(history.reference), plant.turning(plant.theta(history.reference))
     left, sigma = history.residual
+    unknown = gathered(samples, cycles, lambda here: here.executed.uncommanded)
+    left = np.where((unknown | np.append(False, unknown[:-1]))[:, None], np.nan, left)
     count = cycles.stop - cycles.start
     along, power = np.zeros(count), np.zeros(count)
     noise = np.array([_noise(left[:, axis], sigma[:, axis]) for axis in range(6)])

@@ -97,11 +97,11 @@ def screened(log: Log, vehicle: Vehicle, samples: Stream, pieces: Sequence[slice
             times[key] = tuple(round(float(log.time_s[row]), 9) for row in rows)
             lost = np.flatnonzero(log.interval_s > LONG * median(log.interval_s))
             after = np.array(rows) - np.append(-np.inf, lost)[np.searchsorted(lost, rows, "right")]
-            notices += _told(log, sensor, np.array(rows), found.sigmas, after < BEHIND * log.records_per_cycle)
+            notices += _notices(log, sensor, np.array(rows), found.sigmas, after < BEHIND * log.records_per_cycle)
     return vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=times)}) if times else vehicle, notices
 
 
-def _told(log: Log, sensor: str, rows: IntArray, sigmas: Array, lost: BoolArray) -> Iterator[Notice]:
+def _notices(log: Log, sensor: str, rows: IntArray, sigmas: Array, lost: BoolArray) -> Iterator[Notice]:
     """Where a record was ``lost`` a reading is no mean over its interval, or what was commanded is not known."""
 
     def said(own: BoolArray, what: str) -> str:
@@ -135,6 +135,7 @@ def without(log: Log, vehicle: Vehicle) -> Log:
     theta, velocity = (
         _held(log, increments, flags) for increments, flags in zip((log.delta_theta_imu_rad, log.delta_v_imu_m_s), ignored.T, strict=True)
     )
+    ignored = ignored if log.ignored is None else ignored | log.ignored
     return replace(log, delta_theta_imu_rad=frozen(theta), delta_v_imu_m_s=frozen(velocity), ignored=ignored)
 
 
@@ -223,7 +224,7 @@ def _of_gyro(here: Samples, noise: float, first: int) -> Array:
         returns = np.abs(into + out) < RETURNS * 2 * np.abs(found)
         return found, returns
 
-    return _taken_out(here.rate_rad_s, left, size, _busy(windowed), noise, first)
+    return _taken_out(here.rate_rad_s, left, size, _busy(windowed), noise, _told(here, "gyro", first))
 
 
 def _of_accelerometer(here: Samples, noise: float, first: int) -> Array:
@@ -241,7 +242,25 @@ def _of_accelerometer(here: Samples, noise: float, first: int) -> Array:
         around = (np.vstack([rest[1:2], rest[:-1]]) + np.vstack([rest[1:], rest[-2:-1]])) / 2
         return rest - around, np.ones(rest.shape, dtype=bool)
 
-    return _taken_out(here.specific_force_m_s2, left, size, _busy(whole)[:-1], noise, first)
+    return _taken_out(here.specific_force_m_s2, left, size, _busy(whole)[:-1], noise, _told(here, "accel", first))
+
+
+class _Told(NamedTuple):
+    """Which of K cycles tell anything."""
+
+    known: BoolArray
+    """(K,) whose reading is used, and in which no lost command acts."""
+    first: int
+    """From which on the commands of before are known."""
+
+
+def _told(here: Samples, sensor: str, first: int) -> _Told:
+    """Of one sensor: what is unknown is in the regressors of the cycles after it, and in what those on both sides are compared with."""
+    executed, own = here.executed, slice(3 * SENSORS.index(sensor), 3 * SENSORS.index(sensor) + 3)
+    unknown = executed.uncommanded | np.asarray((executed.ignored & ~here.unread)[:, own].any(1))
+    before, after = RUN, max(LAGS) + 1
+    near = np.lib.stride_tricks.sliding_window_view(np.pad(unknown, (after, before)), before + after + 1)
+    return _Told(np.asarray(~near.any(1)), first)
 
 
 def _precession(here: Samples, rate: Array) -> Array:
@@ -290,14 +309,15 @@ def _taken_out(
     size: Callable[[Array], tuple[Array, BoolArray]],
     busy: BoolArray,
     noise: float,
-    first: int,
+    told: _Told,
 ) -> Array:
     """(K,) sigmas of what had to be taken out of ``measured`` (K, 3), and of what is left."""
+    first = told.first
     if len(measured) < first + LEAST:
         return np.zeros(len(measured))
     mended, total, outlying = measured.copy(), np.zeros_like(measured), np.zeros(measured.shape, dtype=bool)
     least = max(1.2 * noise, RESOLUTION * float(np.sqrt((measured**2).mean())))
-    known = np.arange(len(measured)) >= first
+    known = told.known & (np.arange(len(measured)) >= first)
     for _ in range(ROUNDS):
         # what a regression makes of rows that it didn't see is nothing to hold the first ones against
         found, alone = size(left(mended, known & ~outlying.any(1))[first:])
@@ -305,7 +325,7 @@ def _taken_out(
         scale = np.maximum(_scales(found, busy), least)
         taken = np.where(outlying, found, 0.0)
         if (np.abs(taken) < scale).all():  # what was taken out before is all that it was
-            out = np.where(alone & ~outlying, np.abs(found), 0.0) / scale
+            out = np.where(alone & ~outlying & told.known[:, None], np.abs(found), 0.0) / scale
             out[: first + BEGUN], out[-1] = out[: first + BEGUN] / EARLY, out[-1] / ALONE
             beside = np.vstack([out[1:2], np.maximum(out[2:], out[:-2]), out[-2:-1]])
             # the farthest first: what they leave in a regression looks like more of them
@@ -315,7 +335,7 @@ def _taken_out(
             outlying, taken = outlying | peak, np.where(peak, found, 0.0)
         mended, total = mended - taken, total + taken
     sigmas: Array = np.where(outlying, np.abs(total), np.minimum(np.abs(found), SIGMAS * scale)) / scale
-    return np.asarray(sigmas.max(1))
+    return np.asarray(np.where(told.known, sigmas.max(1), 0.0))
 
 
 def _scales(found: Array, busy: BoolArray) -> Array:

@@ -56,7 +56,7 @@ class Pass:
         for begin in range(first, end, CHUNK):
             if progress is not None:
                 progress((begin - first) / (end - first))
-            yield self.step(kernelargs.packed(self.samples.part(slice(begin, min(begin + CHUNK, end))), self.vehicle))
+            yield self.step(kernelargs.packed(self.samples.part(slice(begin, min(begin + CHUNK, end)))))
 
     def step(self, fed: Array) -> Rows:
         """Estimates after each of the next cycles, as :func:`packed` has them."""

@@ -137,7 +137,7 @@ def _stated_growth(samples: Source, cycles: slice, reference: Reference, vehicle
 
 def _pulses(samples: Samples) -> Array:
     found = samples.executed.pulse_covariance
-    return np.zeros((len(samples), 6, 6)) if found is None else found
+    return np.zeros((len(samples), 6, 6)) if found is None else np.where(samples.executed.uncommanded[:, None, None], 0.0, found)
 
 
 def with_disturbances(excess: Array, vehicle: Resolved, likeliest: Callable[[Resolved], Levels]) -> Resolved:

@@ -24,6 +24,7 @@ from massprop_cli.model.kernelargs import checked
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.actuators import longest_delay_s
+from massprop_cli.prepare.align import lost_commands
 from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.compensate import Source
 from massprop_cli.prepare.sensor import sensors
@@ -81,7 +82,7 @@ def holds(samples: Source) -> bool:
     if not isinstance(samples, Stream) or samples.gyro != 1.0:
         return False
     log = samples.log
-    if log.command_s is not None or not all(sensor.plain for sensor in sensors(log, samples.vehicle)):
+    if log.command_s is not None or lost_commands(log) or not all(sensor.plain for sensor in sensors(log, samples.vehicle)):
         return False
     shortest = float(log.interval_s.reshape(-1, log.records_per_cycle).sum(1).min())
     return not beyond(samples.vehicle, samples.alignment.timing, shortest)

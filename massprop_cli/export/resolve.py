@@ -25,6 +25,7 @@ class GyroAttitude(NamedTuple):
 
     attitude_logged: bool = False
     kernel_effect: None = None
+    pulsed: bool = False
 
 
 class Leg(NamedTuple):
@@ -69,7 +70,7 @@ def stated(source: VehicleSource, jets: bool | None = None) -> Constants:
     timing = stated_timing(vehicle)
     used = _checked(source, vehicle, timing, vehicle.cycle.period_s)
     legs = tuple(
-        Leg(name, compiled.table(GyroAttitude(), own), _rule(own), slice(0, 0), own)
+        Leg(name, compiled.table(GyroAttitude(pulsed=own.thrust.pulse_sigma > 0), own), _rule(own), slice(0, 0), own)
         for name, own in [(phase.name, used.in_phase(phase)) for phase in used.phases] or [("all", used)]
     )
     commands = kernelflight.commands_of(bool(vehicle.jets) if jets is None else jets, vehicle, timing.delay)
@@ -93,7 +94,9 @@ def told(source: VehicleSource, log_path: Path) -> Constants:
     legs = []
     for history in found.histories:
         own = used.in_phase(history.phase)
-        legs.append(Leg(history.phase.name, compiled.table(GyroAttitude(), own), _rule(own), history.cycles, own))
+        legs.append(
+            Leg(history.phase.name, compiled.table(GyroAttitude(pulsed=own.thrust.pulse_sigma > 0), own), _rule(own), history.cycles, own)
+        )
     return Constants(vehicle, commands, tuple(legs), log)
 
 

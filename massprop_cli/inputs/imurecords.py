@@ -13,6 +13,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION
 from massprop_cli.inputs.equipment import OFF_UNIT
 from massprop_cli.inputs.logtable import LogTable
+from massprop_cli.inputs.marked import Marked
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 
@@ -38,12 +39,14 @@ class ImuRecords(NamedTuple):
     forces: tuple[str, ...]
     axes: tuple[bool, ...]
     empty: tuple[str, ...]
+    marked: tuple[Marked, Marked]
+    """Records that the recorder wrote no reading of: of the gyro, of the accelerometer."""
 
 
 def read(source: LogTable, vehicle: Vehicle, interval_s: Array) -> ImuRecords:
     """Read gyro and accelerometer, and check them; zeros of axes that are absent."""
     rates, forces = source.sensed(DELTA_THETA, GYRO), source.sensed(DELTA_V, ACCEL)
-    theta, velocity = source.increments(rates, GYRO, interval_s), source.increments(forces, ACCEL, interval_s)
+    (theta, gyro), (velocity, accelerometer) = source.increments(rates, GYRO, interval_s), source.increments(forces, ACCEL, interval_s)
     axes, empty = _axes(source, vehicle, (*rates, *forces), (theta, velocity))
     if vehicle.estimator.method == "thesis" and not all(axes):
         raise InputError(
@@ -54,7 +57,7 @@ def read(source: LogTable, vehicle: Vehicle, interval_s: Array) -> ImuRecords:
         _check_magnitude(source, names, increments, interval_s)
     if all(axes[3:]):
         _check_gravity(source, vehicle, velocity, interval_s)
-    return ImuRecords(theta, velocity, rates, forces, axes, empty)
+    return ImuRecords(theta, velocity, rates, forces, axes, empty, (gyro, accelerometer))
 
 
 def _axes(

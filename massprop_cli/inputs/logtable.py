@@ -9,10 +9,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from massprop_cli.base import spill
-from massprop_cli.base.arrays import Array, IntArray, cubic, median
+from massprop_cli.base.arrays import Array, BoolArray, IntArray, cubic, median
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.columns import COMMAND_TIME, FIXED, TIME, Column
+from massprop_cli.inputs.marked import Marked
 from massprop_cli.inputs.section import LEAST
 from massprop_cli.inputs.tablefile import Table
 
@@ -22,8 +23,22 @@ SENSORS = "acc(?:el(?:eration|erometer)?)?|delta_?v|gyro?(?:scope)?|delta_?theta
 """What names of IMU columns hold in other programs."""
 GAP, LONG = 2.5, 1.5
 """Times the median interval: a record that is longer than that is a gap, or has lost one before it."""
+MISSING = 5
+"""Control cycles in a row that may be missing: nobody knows how the body moved in more."""
+WHOLE = 0.25
+"""Part of the usual interval by which a longer one may be off a whole number of them, and has lost records."""
 HELD, SELDOM = 10, 0.1
 """Values that a recorder must have held before it counts as slower than the log, and part of them that may stand in one row alone."""
+EMPTY = 0.05
+"""Part of a sensor's cells that may be empty."""
+
+
+def between_known(values: Array, unknown: BoolArray | None) -> Array:
+    """(n,) values, and where they are ``unknown`` those on the line between their neighbours."""
+    if unknown is not None and unknown.any() and not unknown.all():
+        rows = np.arange(len(values))
+        values[unknown] = np.interp(rows[unknown], rows[~unknown], values[~unknown])
+    return values
 
 
 def alike(column: str, other: str) -> bool:
@@ -36,10 +51,14 @@ def alike(column: str, other: str) -> bool:
 class LogTable:
     """Contract columns of a table, under this log's own names and scales."""
 
-    def __init__(self, table: Table, columns: Mapping[str, Column]) -> None:
+    def __init__(self, table: Table, columns: Mapping[str, Column], lost: BoolArray | None = None) -> None:
         self.table, self.columns = table, columns
         self.issued: IntArray | None = None
         """Rows of commands, where these have times of their own (:data:`massprop_cli.inputs.columns.COMMAND_TIME`)."""
+        self.lost = lost
+        """(n,) rows that the recorder lost (:mod:`massprop_cli.inputs.lostrecords`): all their cells are empty."""
+        self.uncommanded: BoolArray | None = None
+        """(K,) control cycles whose commands were lost with them."""
         for known, column in columns.items():
             if column.from_ not in table.columns:
                 hint = nearest(column.from_, table.columns, "the nearest present is")
@@ -84,22 +103,34 @@ class LogTable:
         return scaled
 
     def required(self, column: str) -> Array:
-        """The column, scaled; every cell must be a finite number."""
-        values = self.optional(column)
+        """The column, scaled; every cell must be a finite number, and where a row is lost it is on the line between its neighbours."""
+        values = between_known(self.optional(column), self.lost)
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
             cell = "nan or an empty cell" if np.isnan(values[bad[0]]) else f"{values[bad[0]]}"
             raise self.error(int(bad[0]), column, f"{cell} is not a finite number; correct or cut the record")
         return values
 
-    def increments(self, columns: Sequence[str], rates: Sequence[str], interval_s: Array) -> Array:
-        """(n, 3) increments: of each axis its column, times the interval where it is one of ``rates``; zeros where it is absent."""
-        found = spill.empty(self.table.rows, len(columns))
+    def readings(self, column: str, marked: Marked) -> Array:
+        """The column of a sensor, in which a few cells may be empty: they are on the line between their neighbours, and marked."""
+        values = self.optional(column)
+        none = np.isnan(values)
+        if np.isinf(values).any() or np.sum(none if self.lost is None else none & ~self.lost) > EMPTY * len(values):
+            return self.required(column)
+        marked.add(values, self.lost)
+        return between_known(values, none)
+
+    def increments(self, columns: Sequence[str], rates: Sequence[str], interval_s: Array) -> tuple[Array, Marked]:
+        """(n, 3) increments: of each axis its column, times the interval where it is one of ``rates``; zeros where it is absent.
+
+        With them which records the recorder wrote no reading of.
+        """
+        found, marked = spill.empty(self.table.rows, len(columns)), Marked(self.table.rows)
         for axis, column in enumerate(columns):
-            values = self.required(column) if self.has(column) else None
+            values = self.readings(column, marked) if self.has(column) else None
             for part in spill.parts(len(found)):
                 found[part, axis] = 0.0 if values is None else values[part] * interval_s[part] if column in rates else values[part]
-        return found
+        return found, marked
 
     def sensed(self, names: Sequence[str], rates: Sequence[str]) -> tuple[str, ...]:
         """(3,) the column of each axis, that of its rate where there is no increment; of an absent axis the first of them.
@@ -137,7 +168,7 @@ class LogTable:
         if bad.size:
             raise self.error(int(bad[0]), column, f"{values[bad[0]]} is not a finite number; correct or cut the record")
         grid = values.reshape(-1, records)
-        first = grid[:, :1]
+        first = grid[:, :1] if self.lost is None else self._first(grid, self.lost[:n].reshape(-1, records))[:, None]
         missing = np.flatnonzero(np.isnan(first[:, 0]))
         if missing.size:
             raise self.error(
@@ -155,6 +186,15 @@ class LogTable:
                 "commands change at cycle starts only: check cycle.period_s and the first row" + self._lost(cycle * records + row),
             )
         return np.ascontiguousarray(first[:, 0])
+
+    def _first(self, grid: Array, lost: BoolArray) -> Array:
+        """(K,) the command of each cycle (K, records): where its first row is lost that of another row, or else of the cycle before."""
+        cycles = np.arange(len(grid))
+        first = np.where(lost[:, 0], grid[cycles, np.argmax(~np.isnan(grid), 1)], grid[:, 0])
+        unknown = lost[:, 0] & np.isnan(first)
+        known = np.maximum.accumulate(np.where(unknown, 0, cycles))
+        self.uncommanded = unknown if self.uncommanded is None else self.uncommanded | unknown
+        return np.where(unknown, first[known], first)
 
     def _of_issued(self, column: str, values: Array) -> Array:
         """(M,) the cells of rows in which a command was issued; all others must be empty."""

@@ -20,7 +20,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V, GYRO, WRENCH, jet
 from massprop_cli.inputs.formats.clocks import WRAPS
-from massprop_cli.inputs.logtable import GAP, LONG, LogTable
+from massprop_cli.inputs.logtable import GAP, LONG, MISSING, WHOLE, LogTable
 from massprop_cli.inputs.vehicle import Vehicle
 
 EXACT = 1e-4
@@ -118,14 +118,16 @@ def _decided(source: LogTable, vehicle: Vehicle, time_s: Array, usual_s: float, 
     moved, lost, said, remedy = np.zeros(len(time_s)), np.zeros(len(time_s)), [], ""
     for leap in leaps:
         records = leap.by_s / usual_s
-        single = 0 < records <= GAP - 1 and abs(records - 1) < 0.25
-        goes_on = leap.wraps or (not single and _goes_on(source, vehicle, leap, usual_s))
+        missing = round(records) if abs(records - round(records)) < WHOLE else 0
+        whole = 1 <= missing <= MISSING * max(round(vehicle.cycle.period_s / usual_s), 1)
+        # records that only seem to be missing cost little: nothing is said of the motion there
+        goes_on = leap.wraps or (not whole and _goes_on(source, vehicle, leap, usual_s))
         if goes_on:
             moved[leap.row :] += leap.by_s
             verb = "wraps" if leap.wraps else "was set"
             said.append(f"the clock {verb} at {source.place(leap.row)}, by {leap.by_s:.9g} s")
-        elif 0 < records <= GAP - 1:
-            lost[leap.row :] += max(round(records), 1) if single else records
+        elif whole or 0 < records <= GAP - 1:
+            lost[leap.row :] += missing if whole else records
         else:
             remedy = ", or if no record is missing there state imu.clock_even = true"
     if remedy:

@@ -16,7 +16,7 @@ from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, BoolArray, frozen, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs import commands, imurecords, pulses, stamps, supply
+from massprop_cli.inputs import commands, imurecords, lostrecords, pulses, stamps, supply
 from massprop_cli.inputs.actuators.actuator import MomentumLog
 from massprop_cli.inputs.columns import COMMAND_TIME, DELTA_THETA, DELTA_V, PULSE_JET
 from massprop_cli.inputs.formats import agreement
@@ -79,6 +79,8 @@ class Log:
     """How a map made it of another recording."""
     ignored: BoolArray | None = None
     """(K, 2) cycles whose gyro, whose accelerometer is not used; none of them by default."""
+    uncommanded: BoolArray | None = None
+    """(K,) cycles whose command was lost; ``command`` holds a guess there."""
     spinning: tuple[MomentumLog, ...] = ()
     """Of each of the vehicle's :attr:`massprop_cli.inputs.vehicle.Vehicle.spinning`."""
     command_s: Array | None = None
@@ -111,6 +113,7 @@ class Log:
             command_s=None if self.command_s is None else self.command_s[issued],
             attitude_wxyz=None if self.attitude_wxyz is None else self.attitude_wxyz[rows],
             ignored=None if self.ignored is None else self.ignored[first:stop],
+            uncommanded=None if self.uncommanded is None else self.uncommanded[first:stop],
             spinning=tuple(one.part(rows) for one in self.spinning),
             began_s=self.origin_s,
         )
@@ -155,24 +158,22 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     """
     source = LogTable(table, vehicle.columns)
     stamped = stamps.examined(source, vehicle, source.required("time_s"))
-    time_s = stamped.time_s
+    source, time_s = lostrecords.put_back(source, stamped.time_s, vehicle)
     interval_s, notices = _intervals(source, time_s, stamped.remedy)
     notices += [Notice("clock-rebuilt", f"{source.name('time_s')}: {stamped.message}")] if stamped.message else []
     pulsed = pulses.commands(source, vehicle, float(time_s[0] - interval_s[0]), float(time_s[-1]))
     command_s = _command_times(source, time_s, stamped.moved_s) if pulsed is None else pulsed.issued_s
     records, paced = _grouped(source, time_s, interval_s, command_s, vehicle.cycle.period_s)
-    n = table.rows // records * records
-    if command_s is not None and source.issued is not None:
-        source.issued = source.issued[source.issued < n]
-        command_s = command_s[: len(source.issued)]
+    n = source.table.rows // records * records
+    command_s = _before(source, command_s, n)
     imu = imurecords.read(source, vehicle, interval_s)
-    theta, velocity = imu.theta, imu.velocity
-    notices += [*paced, *imurecords.emptiness(source, imu.empty), *imurecords.saturation(vehicle, theta, velocity, interval_s)]
+    notices += [*paced, *imurecords.emptiness(source, imu.empty), *imurecords.saturation(vehicle, imu.theta, imu.velocity, interval_s)]
     kind, command = commands.commands(source, vehicle, records, n, pulsed)
+    lost = lostrecords.left_out(source, imu, command, records, n)
     attitude = imurecords.attitude(source, n)
     imurecords.check_outliers(source, vehicle, time_s, interval_s)
     if table.made is not None:
-        agreement.check(table.path, table.made, vehicle, theta[:n], velocity[:n] / interval_s[:n, None], attitude)
+        agreement.check(table.path, table.made, vehicle, imu.theta[:n], imu.velocity[:n] / interval_s[:n, None], attitude)
     return Log(
         path=table.path,
         sha256=table.sha256,
@@ -180,16 +181,18 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         records_per_cycle=records,
         time_s=frozen(time_s[:n]),
         interval_s=frozen(interval_s[:n]),
-        delta_theta_imu_rad=frozen(theta[:n]),
-        delta_v_imu_m_s=frozen(velocity[:n]),
+        delta_theta_imu_rad=frozen(imu.theta[:n]),
+        delta_v_imu_m_s=frozen(imu.velocity[:n]),
         command_kind=kind,
         command=frozen(command),
         attitude_wxyz=None if attitude is None else frozen(attitude),
-        notices=tuple(notices),
+        notices=(*notices, *lost.notices),
         rate_columns=imu.rates,
         force_columns=imu.forces,
         axes=imu.axes,
         empty=imu.empty,
+        ignored=lost.ignored,
+        uncommanded=lost.uncommanded,
         made=table.made,
         command_s=command_s,
         sampled=imurecords.sampled(source, vehicle),
@@ -197,6 +200,14 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         cycles_apart=tuple(rotor.cycles_apart(source, records, n) for rotor in vehicle.rotors),
         supply=supply.read(source, vehicle, time_s[:n], interval_s[:n], records) if kind != "wrench" else None,
     )
+
+
+def _before(source: LogTable, command_s: Array | None, n: int) -> Array | None:
+    """The times of commands that stand in the first n rows, which :attr:`LogTable.issued` then holds alone."""
+    if command_s is None or source.issued is None:
+        return command_s
+    source.issued = source.issued[source.issued < n]
+    return command_s[: len(source.issued)]
 
 
 def _grouped(source: LogTable, time_s: Array, interval_s: Array, command_s: Array | None, period_s: float) -> tuple[int, list[Notice]]:

@@ -47,15 +47,17 @@ def unknown(vehicle: Vehicle) -> str:
     return f"[[{storing}]] store momentum, and the kernel knows none" if storing else ""
 
 
-def vehicle_numbers(vehicle: Vehicle, states: Sequence[bool], begun: FlightStart, kernel_effect: KernelEffect | None) -> Array:
+def vehicle_numbers(
+    vehicle: Vehicle, states: Sequence[bool], begun: FlightStart, kernel_effect: KernelEffect | None, pulsed: bool
+) -> Array:
     """All that is constant, in the order of ``mp_vehicle_of``.
 
-    ``states``: whether gyro bias, accelerometer bias, slow torque and tilt are.
+    ``states``: whether gyro bias, accelerometer bias, slow torque and tilt are. ``pulsed``: whether impulses have errors of their own.
     """
-    imu, environment, thrust = vehicle.imu, vehicle.environment, vehicle.thrust
+    imu, environment = vehicle.imu, vehicle.environment
     known = vehicle.known.get("mass")
     numbers = (
-        *(vehicle.on_air_bearing, *states, vehicle.estimator.bins_per_cycle, thrust.pulse_sigma > 0),
+        *(vehicle.on_air_bearing, *states, vehicle.estimator.bins_per_cycle, pulsed),
         *(*imu.position_m, begun.gyro_rad_s, *begun.accel_m_s2),
         *(imu.gyro_bias_sigma_rad_s, imu.accel_bias_sigma_m_s2),
         *(environment.disturbance_torque_n_m, environment.disturbance_walk_n_m),
@@ -67,10 +69,10 @@ def vehicle_numbers(vehicle: Vehicle, states: Sequence[bool], begun: FlightStart
     return np.array(numbers, dtype=float)
 
 
-def packed(samples: Samples, vehicle: Vehicle) -> Array:
+def packed(samples: Samples) -> Array:
     """(K, …) each cycle's numbers, in the order of ``mp_cycle_of``."""
     executed, count = samples.executed, len(samples)
-    pulses = [] if vehicle.thrust.pulse_sigma == 0 or executed.pulse_covariance is None else [executed.pulse_covariance]
+    pulses = [] if executed.pulse_covariance is None else [executed.pulse_covariance]
     parts = (
         *(samples.end_s[:, None], executed.duration_s[:, None], samples.rate_rad_s, samples.rate_step_rad_s, samples.carried_rad_s),
         *(samples.specific_force_m_s2, samples.up_b[:-1], samples.up_b[1:], executed.rising, executed.falling),

@@ -293,7 +293,7 @@ def _compiled(
     """The same by the compiled kernel."""
     numbers, size = vehicle_numbers(here, vehicle, kernelargs.FlightStart()), phi_map.size if onto is None else onto.shape[1]
     about, states = reference_numbers(reference, phi_map), layout.size - RATE.start
-    return Regressors(*kernelargs.regressors(numbers, about, kernelargs.packed(here, vehicle), states, size, onto))
+    return Regressors(*kernelargs.regressors(numbers, about, kernelargs.packed(here), states, size, onto))
 
 
 def beyond(samples: Mounted, vehicle: Vehicle, about: Array, phi: Array, cycles: Array, rate: Array) -> tuple[Array, Array]:
@@ -316,7 +316,7 @@ def vehicle_numbers(samples: Mounted, vehicle: Vehicle, begun: kernelargs.Flight
     """All that is constant, as the kernel has it."""
     layout = Layout.of(samples, vehicle)
     blocks = (layout.gyro_bias, layout.accel_bias, layout.torque, layout.tilt)
-    return kernelargs.vehicle_numbers(vehicle, [block.stop > block.start for block in blocks], begun, samples.kernel_effect)
+    return kernelargs.vehicle_numbers(vehicle, [block.stop > block.start for block in blocks], begun, samples.kernel_effect, samples.pulsed)
 
 
 def _tilting(here: Samples, plant: Plant, within: Within, reference: Reference) -> _Tilting:
@@ -346,7 +346,7 @@ def integrals_about(samples: Samples, reference: Reference, vehicle: Vehicle) ->
     phi_map = ResponseMap(plant_of(vehicle))
     if compiled(vehicle):
         numbers = vehicle_numbers(samples, vehicle, kernelargs.FlightStart())
-        return kernelargs.integrals(numbers, reference_numbers(reference, phi_map), kernelargs.packed(samples, vehicle), phi_map.channels)
+        return kernelargs.integrals(numbers, reference_numbers(reference, phi_map), kernelargs.packed(samples), phi_map.channels)
     return integrals(samples, phi_map, phi_map.theta(reference), motion_within(samples, reference, phi_map))
 
 

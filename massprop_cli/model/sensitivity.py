@@ -357,7 +357,7 @@ def _expected(
     phi, about = shared.bodies[within]
     if compiled(vehicle):
         if id(samples) not in shared.cycles:
-            shared.cycles[id(samples)] = packed(samples.part(cycles), vehicle)
+            shared.cycles[id(samples)] = packed(samples.part(cycles))
         driven, measured = beyond(samples, vehicle, about, phi, shared.cycles[id(samples)], state[:, :3])
         return driven, as_read(measured, samples.part(cycles))
     same = id(samples), within

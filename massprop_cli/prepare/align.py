@@ -84,7 +84,9 @@ class Aligned:
     channels: Channels
     """What each command channel did, in terms of its full thrust."""
     pulse_covariance: Array | None
-    """(K, 6, 6) covariance of the cycle's impulse from independent pulse errors, where there are any."""
+    """(K, 6, 6) covariance of the cycle's impulse from independent pulse errors and lost commands, where there are any."""
+    uncommanded: BoolArray
+    """(K,) where a lost command acts."""
     capability: Array
     """(r, 6) wrenches that this vehicle can command."""
     usable: BoolArray
@@ -133,6 +135,7 @@ _PER_CYCLE = (
     "whole",
     "usable",
     "ignored",
+    "uncommanded",
 )
 
 
@@ -296,6 +299,7 @@ def align(
     channels = Channels(made.rising, made.falling, made.whole, wrench, made.thrusting)
     together = wrenches(made.integral, made.moment, duration, channels.windows, wrench)
     each = slice(of.start * records, of.stop * records)
+    lost = _lost(log, vehicle, delay_cycles, lag_s, of, made)
     # an increment is over what the commands' clock shows, a rate is one by any clock
     over = [duration if named[0].startswith("delta") else duration / pace(vehicle) for named in (log.rate_columns, log.force_columns)]
     return Aligned(
@@ -305,7 +309,8 @@ def align(
         specific_force_imu_m_s2=frozen(of_records(log.delta_v_imu_m_s[each], records) / over[1][:, None]),
         **{name: frozen(part) for name, part in together._asdict().items()},
         channels=channels,
-        pulse_covariance=_pulse_covariance(channels.whole[:, : made.thrusting], wrench[: made.thrusting], vehicle.thrust.pulse_sigma),
+        pulse_covariance=_pulse_covariance(channels.whole[:, : made.thrusting], lost, wrench[: made.thrusting], vehicle.thrust.pulse_sigma),
+        uncommanded=np.zeros(len(duration), dtype=bool) if lost is None else np.asarray((lost > 0).any(1)),
         capability=capability(log, vehicle),
         usable=made.usable,
         ignored=absentaxes.ignored(log, vehicle, of),
@@ -349,7 +354,23 @@ def _bin_edges(start: Array, duration: Array, bins: int) -> Array:
     return np.append(inner.ravel(), start[-1] + duration[-1])
 
 
-def _pulse_covariance(impulse: Array, wrench: Array, pulse_sigma: float) -> Array | None:
-    if pulse_sigma == 0:
+def _pulse_covariance(impulse: Array, lost: Array | None, wrench: Array, pulse_sigma: float) -> Array | None:
+    if pulse_sigma == 0 and lost is None:
         return None
-    return frozen(np.einsum("kj,ja,jb->kab", (pulse_sigma * impulse) ** 2, wrench, wrench))
+    variance = (pulse_sigma * impulse) ** 2 + (0.0 if lost is None else lost**2)
+    return frozen(np.einsum("kj,ja,jb->kab", variance, wrench, wrench))
+
+
+def lost_commands(log: Log) -> bool:
+    """Whether some commands of thrusters are unknown."""
+    return log.uncommanded is not None and bool(log.uncommanded.any()) and log.command.size > 0
+
+
+def _lost(log: Log, vehicle: Vehicle, delay_cycles: float, lag_s: float, cycles: slice, made: Impulses) -> Array | None:
+    """(K, C) s of full thrust that commands may have given which were lost: one sigma is the largest command of the log."""
+    if not lost_commands(log):
+        return None
+    assert log.uncommanded is not None
+    largest = log.uncommanded[:, None] * np.abs(log.command).max(0)
+    found = impulses(replace(log, command=frozen(largest), uncommanded=None), vehicle, delay_cycles, lag_s, cycles)
+    return np.abs(found.whole[:, : made.thrusting])

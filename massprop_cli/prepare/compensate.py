@@ -39,6 +39,10 @@ class Mounted(Protocol):
     def kernel_effect(self) -> KernelEffect | None:
         """Difference between mean readings and mean motion; None where there is none."""
 
+    @property
+    def pulsed(self) -> bool:
+        """Whether impulses have errors of their own: of pulses, or because a command was lost."""
+
 
 class Source(Mounted, Protocol):
     """The control cycles of a log, of which any part can be had."""
@@ -108,6 +112,11 @@ class Samples:
     def kernel_effect(self) -> KernelEffect | None:
         """Difference between mean readings and mean motion; None where there is none."""
         return self.executed.kernel_effect
+
+    @property
+    def pulsed(self) -> bool:
+        """Of all of them."""
+        return self.executed.pulse_covariance is not None
 
     @property
     def unread(self) -> BoolArray:

@@ -14,7 +14,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import recorded
 from massprop_cli.prepare.absentaxes import force_axes, ignored, unread
 from massprop_cli.prepare.actuators import capability, channel_wrench
-from massprop_cli.prepare.align import Aligned, align, first_usable_s
+from massprop_cli.prepare.align import Aligned, align, first_usable_s, lost_commands
 from massprop_cli.prepare.attitude import BiasSeen, at_first, bias_seen, integrate_attitude
 from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.compensate import Before, Samples, biased_attitude, compensate, felt
@@ -63,6 +63,7 @@ class Stream:
         self.attitude_logged = self._measured is not None
         self.unread = unread(self.log, vehicle)
         self.kernel_effect = kernel_effect(self.log, alignment.vehicle)
+        self.pulsed = vehicle.thrust.pulse_sigma > 0 or lost_commands(self.log)
         begun = at_first(vehicle, self._motion(slice(0, 1))[0][0], shown_late_s(self.log, vehicle)[0])
         self._edges = [(begun, BiasSeen.none(), 0.0)]
         self._held, self._least = slice(0, 0), LEAST

@@ -193,7 +193,7 @@ def test_every_nuisance_agrees(log: str, settings: tuple[str, ...]) -> None:
 def test_what_is_no_cycle_leaves_the_state_as_it_was(column: int, value: float, status: str) -> None:
     found = analysed("high-rate")
     run = compiled.Pass(found.samples, found.histories[0].cycles, resolved(found.vehicle))
-    good = kernelargs.packed(found.samples.part(slice(100, 103)), found.vehicle)
+    good = kernelargs.packed(found.samples.part(slice(100, 103)))
     run.step(good[:2])
     before, bad = run.kept(), good[2:].copy()
     bad[0, column] = value

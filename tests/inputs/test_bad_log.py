@@ -22,6 +22,7 @@ from tests.refusal import (
     added,
     both,
     cell,
+    cells,
     flight,
     refused,
     renamed,
@@ -69,9 +70,9 @@ BAD_LOGS = {
     ),
     "has jets and a wrench": BadLog(added(cmd_torque_x_n_m=0.0), None, ("jet_*", "cmd_*", "keep the one kind")),
     "holds NaN in an IMU column": BadLog(
-        cell("delta_theta_y_rad", 42, NAN), 42, ("column delta_theta_y_rad", "nan", "not a finite number", "correct or cut")
+        cells("delta_theta_y_rad", 42, NAN), 42, ("column delta_theta_y_rad", "nan", "not a finite number", "correct or cut")
     ),
-    "holds an empty IMU cell": BadLog(cell("delta_v_z_m_s", 42, None), 42, ("column delta_v_z_m_s", "correct or cut")),
+    "holds an empty IMU cell": BadLog(cells("delta_v_z_m_s", 42, None), 42, ("column delta_v_z_m_s", "correct or cut")),
     "holds infinity in an IMU column": BadLog(
         cell("delta_v_x_m_s", 17, -INF), 17, ("column delta_v_x_m_s", "-inf", "not a finite number", "correct or cut")
     ),
@@ -202,12 +203,13 @@ def test_on_times_of_whole_records_in_each_of_a_cycle_are_refused(tmp_path: Path
 
 
 def test_a_command_out_of_place_is_traced_to_the_record_that_was_lost(tmp_path: Path) -> None:
-    save_vehicle(tmp_path, vehicle_text("high-rate"))
+    """Where the clock is said to be right, and what is missing is no whole record."""
+    save_vehicle(tmp_path, vehicle_text("high-rate").replace("[imu]", "[imu]\nclock_even = false"))
     table = flight("high-rate", 1600)
-    log = save(pa.concat_tables([table.slice(0, 1205), table.slice(1206)]), tmp_path / "log.parquet")
-    refused(
-        tmp_path, log, names=[log, "or a record was lost before row 1205, which comes 0.005 s after the one above it: split the log there"]
-    )
+    later = times(lambda row, time: time - 0.001 if row >= 1205 else time)(pa.concat_tables([table.slice(0, 1205), table.slice(1206)]))
+    log = save(later, tmp_path / "log.parquet")
+    lost = "or a record was lost before row 1205, which comes 0.004 s after the one above it: split the log there"
+    refused(tmp_path, log, names=[log, lost])
 
 
 def test_a_jet_without_a_column_takes_no_other_jets(tmp_path: Path) -> None:
@@ -345,6 +347,6 @@ def test_a_reading_to_be_left_out_that_is_none_of_the_log_is_refused(sensor: str
 
 def test_a_log_with_an_unusable_cell_is_refused_in_the_same_words_with_json_and_quiet(tmp_path: Path) -> None:
     save_vehicle(tmp_path)
-    log = save(cell("delta_theta_y_rad", 42, NAN)(flight()), tmp_path / "log.parquet")
+    log = save(cells("delta_theta_y_rad", 42, NAN)(flight()), tmp_path / "log.parquet")
     plain = refused(tmp_path, log, names=[log])
     assert refused(tmp_path, log, "--json", "-q", names=[log]) == plain

@@ -1,0 +1,75 @@
+"""Recordings with records that the recorder lost: whose rows are missing, or hold nothing, zeros or the reading before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from case_kind import Columns, Kind, Made
+
+from massprop_cli.base.arrays import IntArray
+from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V, TIME
+from massprop_cli.inputs.vehicle import Vehicle
+
+Random = np.random.Generator
+APART = 8
+"""Records between two places at least."""
+
+
+def _places(count: int, rng: Random, part: float) -> IntArray:
+    """Rows here and there, so large a part of all."""
+    rows = np.unique(rng.integers(5, count - APART, max(3, round(part * count))))
+    return rows[np.diff(rows, prepend=-APART - 1) > APART]
+
+
+def _per_cycle(columns: Columns, vehicle: Vehicle) -> int:
+    return max(1, round(vehicle.cycle.period_s / float(np.diff(columns[TIME]).mean())))
+
+
+def _without(columns: Columns, vehicle: Vehicle, rows: IntArray) -> Made:
+    count = len(columns[TIME])
+    keep = np.setdiff1d(np.arange(count), rows)
+    return Made({name: values[keep] for name, values in columns.items()}, vehicle, f"{count - len(keep)} of {count}")
+
+
+def _dropped(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
+    """Single rows, of control cycles of any number of records."""
+    return _without(columns, vehicle, _places(len(columns[TIME]), rng, 0.005))
+
+
+def _in_a_row(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
+    """Two to five control cycles at a time."""
+    per_cycle = _per_cycle(columns, vehicle)
+    starts = _places(len(columns[TIME]) // per_cycle, rng, 0.003)
+    lost = np.concatenate([np.arange(start, start + int(rng.integers(2, 6))) for start in starts])
+    return _without(columns, vehicle, (lost[:, None] * per_cycle + np.arange(per_cycle)).ravel())
+
+
+def _rows_held(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
+    """Whole rows, where each is a control cycle."""
+    names = [name for name in columns if name != TIME]
+    return _rewritten(columns, vehicle, rng, None, names) if _per_cycle(columns, vehicle) == 1 else None
+
+
+def _rewritten(columns: Columns, vehicle: Vehicle, rng: Random, value: float | None, names: Sequence[str]) -> Made:
+    """A value in the place of readings; None: those of the row before, a few records long."""
+    changed = {name: np.array(values, float) for name, values in columns.items()}
+    rows = _places(len(columns[TIME]), rng, 0.005)
+    for row in rows:
+        part = slice(row, row + (1 if value is not None else int(rng.integers(1, 5))))
+        for name in names:
+            changed[name][part] = changed[name][row - 1] if value is None else value
+    return Made(changed, vehicle, f"{len(rows)} places")
+
+
+LOST, SENSED = ("records-lost",), (*DELTA_THETA, *DELTA_V)
+KINDS = {
+    "records-dropped": Kind("single rows are missing", _dropped, LOST),
+    "records-dropped-cycles": Kind("2 to 5 control cycles in a row are missing", _in_a_row, LOST),
+    "records-empty": Kind("empty cells of both sensors", partial(_rewritten, value=np.nan, names=SENSED), LOST),
+    "records-zero": Kind("zeros in the place of readings", partial(_rewritten, value=0.0, names=SENSED), LOST),
+    "gyro-zero": Kind("the gyro's alone", partial(_rewritten, value=0.0, names=DELTA_THETA), LOST),
+    "readings-held": Kind("1 to 4 records repeat the reading before", partial(_rewritten, value=None, names=SENSED), LOST),
+    "rows-held": Kind("1 to 4 rows repeat the row before, with its command", _rows_held, LOST),
+}

@@ -1,0 +1,116 @@
+"""Records that a recorder lost: rows that are missing, empty cells, the last reading repeated, zeros in the place of readings.
+
+A lost record is put back in its place, so that each control cycle keeps its length and commands act at their times. Its readings count as
+unknown. So does its command, where no other record of its cycle has it: an impulse of any size up to the largest one of the log.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, BoolArray, IntArray, median
+from massprop_cli.base.dataclass import dataclass
+from massprop_cli.inputs.columns import COMMAND_TIME, PULSE
+from massprop_cli.inputs.imurecords import ImuRecords
+from massprop_cli.inputs.logtable import LONG, MISSING, WHOLE, LogTable, between_known
+from massprop_cli.inputs.notice import Notice
+from massprop_cli.inputs.tablefile import Cells, Places, Table
+from massprop_cli.inputs.vehicle import Vehicle
+
+SHARE = 0.25
+"""Part of the records that may be lost."""
+
+
+def put_back(source: LogTable, time_s: Array, vehicle: Vehicle) -> tuple[LogTable, Array]:
+    """The log with rows in the places of missing ones, and the times (N,) of all; as it is where more are missing, or not whole ones."""
+    steps = np.diff(time_s)
+    usual = median(steps) if len(steps) else 0.0
+    if (
+        not usual > 0
+        or any(source.has(name) for name in (COMMAND_TIME, *PULSE))
+        or any(wheel.column == "torque" for wheel in vehicle.wheels)
+    ):
+        return source, time_s
+    count = np.where(steps > LONG * usual, np.round(steps / usual) - 1, 0)
+    off = np.abs(steps / usual - count - 1) > WHOLE
+    most = MISSING * max(round(vehicle.cycle.period_s / usual), 1)
+    if not count.any() or (off & (count > 0)).any() or count.max() > most or count.sum() > SHARE * len(time_s):
+        return source, time_s
+    rows = np.repeat(np.arange(len(time_s)), np.append(0, count).astype(int) + 1)
+    kept = np.flatnonzero(np.diff(rows, append=len(time_s)))
+    lost = np.ones(len(rows), dtype=bool)
+    lost[kept] = False
+    whole = LogTable(_spread(source.table, rows, lost), source.columns, lost)
+    return whole, np.interp(np.arange(len(rows)), kept, time_s)
+
+
+def _spread(table: Table, rows: IntArray, lost: BoolArray) -> Table:
+    """The table with these of its rows, empty where they are ``lost``."""
+    places = _Moved(None, table.places, rows)
+    columns = {name: replace(cells, read=_Spread(cells, rows, lost).read, places=places) for name, cells in table.columns.items()}
+    return replace(table, columns=columns, rows=len(rows), places=places)
+
+
+@dataclass(frozen=True)
+class _Moved(Places):
+    """Where rows were in the file; a lost one is where the next is."""
+
+    places: Places
+    rows: IntArray
+
+    def of(self, row: int) -> str:
+        """As of the row in the file."""
+        return self.places.of(int(self.rows[row]))
+
+
+class _Spread(NamedTuple):
+    """One column."""
+
+    cells: Cells
+    rows: IntArray
+    lost: BoolArray
+
+    def read(self) -> object:
+        """Arrow's array."""
+        import pyarrow as pa
+
+        return self.cells.read().take(pa.array(self.rows, mask=self.lost))
+
+
+class LeftOut(NamedTuple):
+    """What a recorder lost, by control cycle; None where it lost nothing."""
+
+    ignored: BoolArray | None
+    """(K, 2) cycles whose gyro, whose accelerometer is not used."""
+    uncommanded: BoolArray | None
+    """(K,) whose command is unknown."""
+    notices: list[Notice]
+
+
+def left_out(source: LogTable, imu: ImuRecords, command: Array, records: int, n: int) -> LeftOut:
+    """Cycles of n records whose readings, and whose commands (K, C), are not those of their time.
+
+    In the place of these readings the line between their neighbours goes into ``imu``.
+    """
+    lost = np.zeros(n, dtype=bool) if source.lost is None else source.lost[:n]
+    both = (imu.theta[:n], imu.velocity[:n])
+    marked = [one.found(increments) for one, increments in zip(imu.marked, both, strict=True)]
+    empty, repeated, zero = (np.stack(each, 1) for each in zip(*marked, strict=True))
+    kinds = (("missing", lost[:, None]), ("with empty cells", empty), ("that repeat the one before", repeated), ("of zeros", zero))
+    found = [f"{int(rows.any(1).sum())} {what}" for what, rows in kinds if rows.any()]
+    if not found:
+        return LeftOut(None, None, [])
+    readings = lost[:, None] | empty | repeated | zero
+    for increments, rows in zip(both, readings.T, strict=True):
+        for axis in increments.T:
+            axis[:] = between_known(axis, rows)
+    uncommanded = np.zeros(n // records, dtype=bool) if source.uncommanded is None else source.uncommanded
+    if records == 1 and source.issued is None:
+        uncommanded = uncommanded | (repeated.all(1) & (np.diff(command, axis=0, prepend=np.nan) == 0).all(1))
+    also = f", nor are the commands of {int(uncommanded.sum())} control cycle(s) in them" if uncommanded.any() else ""
+    first = source.place(int(np.argmax(readings.any(1))))
+    said = f"records lost: {', '.join(found)}, the first at {first}; their readings are not used{also}"
+    return LeftOut(readings.reshape(-1, records, 2).any(1), uncommanded, [Notice("records-lost", said)])

@@ -1,0 +1,166 @@
+"""Records that a recorder lost are put back as unknown: the values stay right, and their sigmas include the loss."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from massprop_cli import flow
+from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.errors import InputError
+from massprop_cli.flow import Analysis
+from massprop_cli.inputs import telemetry, vehiclefile
+from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V, TIME
+from massprop_cli.inputs.tablefile import columns_of
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.prepare.align import align
+from massprop_cli.testbed import output, scenario, simulate
+from massprop_cli.testbed.simulate import SimulatedFlight
+
+Columns = dict[str, Any]
+SENSED = (*DELTA_THETA, *DELTA_V)
+FLOWN: dict[str, SimulatedFlight] = {}
+
+
+def flight(name: str) -> SimulatedFlight:
+    if name not in FLOWN:
+        FLOWN[name] = simulate.fly(scenario.load(name, []), [1])
+    return FLOWN[name]
+
+
+def columns(name: str) -> Columns:
+    table = output.log_table(flight(name), 0, scenario.load(name, []).scenario)
+    return {column: table.column(column).to_numpy().copy() for column in table.column_names}
+
+
+def log_of(found: Columns, vehicle: Vehicle) -> Log:
+    sink = pa.BufferOutputStream()
+    pq.write_table(pa.table(found), sink)
+    return telemetry.read(columns_of(Path("log.parquet"), sink.getvalue().to_pybytes()), vehicle)
+
+
+def rows(found: Columns, keep: Array) -> Columns:
+    return {name: values[keep] for name, values in found.items()}
+
+
+def without(found: Columns, gone: Array) -> Columns:
+    return rows(found, np.setdiff1d(np.arange(len(found[TIME])), gone))
+
+
+def estimated(found: Columns, vehicle: Vehicle) -> Analysis:
+    with np.errstate(all="ignore"):
+        return flow.examine(log_of(found, vehicle), VehicleSource(vehicle, "", ""))
+
+
+def held(found: Columns, places: Array, names: tuple[str, ...]) -> Columns:
+    changed = {name: values.copy() for name, values in found.items()}
+    for place in places:
+        for name in names:
+            changed[name][place : place + 3] = found[name][place - 1]
+    return changed
+
+
+def filled(found: Columns, places: Array, value: float) -> Columns:
+    changed = {name: values.copy() for name, values in found.items()}
+    for name in SENSED:
+        changed[name][places] = value
+    return changed
+
+
+def lost(kind: str, found: Columns, places: Array) -> Columns:
+    if kind == "single rows":
+        return without(found, places)
+    if kind == "five cycles in a row":
+        return without(found, (places[:, None] + np.arange(5)).ravel())
+    if kind == "rows repeated":
+        return held(found, places, tuple(name for name in found if name != TIME))
+    if kind == "readings repeated":
+        return held(found, places, SENSED)
+    return filled(found, places, 0.0 if kind == "zeros" else np.nan)
+
+
+KINDS = ["single rows", "five cycles in a row", "rows repeated", "readings repeated", "zeros", "empty cells"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["free-flyer", pytest.param("testbed", marks=pytest.mark.thorough)])
+def test_values_stay_right_and_converged_and_no_other_cause_is_named(name: str, kind: str) -> None:
+    flown = flight(name)
+    whole, vehicle = columns(name), flown.vehicle
+    clean = estimated(whole, vehicle)
+    busy = np.flatnonzero(log_of(whole, vehicle).command.any(1))
+    places = np.unique(np.random.default_rng(3).choice(busy[(busy > 20) & (busy < len(whole[TIME]) - 20)], 8))
+    places = places[np.diff(places, prepend=-99) > 8]
+    found = estimated(lost(kind, whole, places), vehicle)
+    assert {notice.code for notice in found.notices} - {notice.code for notice in clean.notices} == {"records-lost"}
+    truth = dict(zip(found.conclusions[0].estimates, flown.truth[0][0], strict=True))
+    for quantity, before in clean.conclusions[0].estimates.items():
+        after = found.conclusions[0].estimates[quantity]
+        if after.value is not None and after.sigma and before.sigma:
+            assert abs(after.value - float(truth[quantity])) < 4 * after.sigma
+            assert after.sigma < 6 * before.sigma  # nothing else disturbs these bodies: a rate long past tells all that acted since
+    converged = [sum(one.verdict == "converged" for one in each.conclusions[0].estimates.values()) for each in (clean, found)]
+    assert converged[1] >= converged[0] - 1
+
+
+def test_a_row_that_is_lost_within_a_control_cycle_keeps_its_command_and_time() -> None:
+    """Five records a cycle, each with its command: what the others of a cycle have is that of its first row."""
+    sample = Path(__file__).parents[2] / "sample_logs" / "high-rate"
+    table = pq.read_table(sample / "log.parquet")[:2000]
+    whole, vehicle = {name: table.column(name).to_numpy() for name in table.column_names}, vehiclefile.load(sample / "vehicle.toml").vehicle
+    log = log_of(whole, vehicle)
+    each = log.records_per_cycle
+    assert each > 1
+    first, inner = 40 * each, 60 * each + 1
+    repeated = {name: np.repeat(values[::each], each) if name.startswith("jet_") else values for name, values in whole.items()}
+    for found_in, unknown in ((whole, [40]), (repeated, [])):
+        found = log_of(without(found_in, np.array([first, inner])), vehicle)
+        assert np.abs(found.time_s - log.time_s).max() < 1e-9
+        assert found.uncommanded is not None
+        assert found.ignored is not None
+        np.testing.assert_array_equal(np.flatnonzero(found.uncommanded), unknown)
+        np.testing.assert_array_equal(np.flatnonzero(found.ignored.all(1)), [40, 60])
+        known = np.setdiff1d(np.arange(log.cycles), unknown)
+        np.testing.assert_allclose(found.command[known], log.command[known], atol=1e-12)
+
+
+def test_an_impulse_of_an_unknown_command_has_the_largest_command_as_its_sigma() -> None:
+    flown = flight("free-flyer")
+    log = flown.log(0)
+    flags = np.zeros(log.cycles, dtype=bool)
+    flags[100] = True
+    made = align(replace(log, uncommanded=flags), flown.vehicle, 1.0, 0.0)
+    assert made.pulse_covariance is not None
+    np.testing.assert_array_equal(np.flatnonzero(made.uncommanded), [101, 102])  # a valve closes slowly
+    largest, wrench = log.command.max(0), made.channels.wrench
+    both = np.sqrt(np.einsum("kaa->ka", made.pulse_covariance[[101, 102]]))
+    np.testing.assert_allclose(both[0], np.sqrt(((largest[:, None] * wrench) ** 2).sum(0)), rtol=0.2)
+    assert (both[1] < 0.2 * both[0] + 1e-12).all()
+    assert not np.delete(made.pulse_covariance, [101, 102], 0).any()
+    assert align(replace(log, command=frozen(log.command)), flown.vehicle, 1.0, 0.0).pulse_covariance is None
+
+
+@pytest.mark.parametrize(
+    ("gone", "said"), [(np.arange(200, 206), "a gap of 0.35 s"), (np.arange(20, 380), r"a gap of|split the log there")]
+)
+def test_more_than_five_cycles_in_a_row_are_a_gap(gone: Array, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        log_of(without(columns("free-flyer"), gone), flight("free-flyer").vehicle)
+
+
+def test_a_sensor_that_repeats_often_has_lost_nothing() -> None:
+    """It resolves no more: every other reading is the one before."""
+    found = columns("free-flyer")
+    for name in SENSED:
+        found[name][1::2] = found[name][::2][: len(found[name][1::2])]
+    log = log_of(found, flight("free-flyer").vehicle)
+    assert "records-lost" not in [notice.code for notice in log.notices]
+    assert log.ignored is None
