@@ -144,6 +144,30 @@ def test_a_valves_openings_become_on_times() -> None:
     assert on.sum() == pytest.approx(0.3 * table.rows * 0.01, rel=5e-3)
 
 
+@pytest.mark.parametrize(
+    ("hz", "began_s", "said"),
+    [(97.0, 0.0, False), (47.0, 0.0, True), (40.0, 0.0037, True), (100.0, 0.0013, False)],
+    ids=["often", "seldom", "between records' ends", "at records' ends"],
+)
+def test_speeds_on_a_clock_of_their_own_are_told_of_where_they_are_made_up(hz: float, began_s: float, said: bool) -> None:
+    """With 2.35 readings in a control cycle clean logs didn't fit, and it was not said that speeds in between are made up."""
+    streams = motion()
+    t = began_s + np.arange(round(20 * hz)) / hz
+    own = 4.2 + t * (1 + 5e-5)
+    steps = 0.05 * np.arange(401)
+    speed = np.interp(t, steps, np.cumsum(np.random.default_rng(4).normal(size=401)))  # torque steps in each control cycle
+    streams |= {"rw/t": (own, "", "s"), "rw/n": (speed, "rw/t", "rad/s")}
+    clock = f'clock = {{ path = "rw/t", scale = {1 / (1 + 5e-5)!r}, offset_s = {-4.2 / (1 + 5e-5)!r} }}\n'
+    text = WRENCH_MAP.split("[torque]", maxsplit=1)[0] + '[wheels.x]\npath = "rw/n"\n' + clock + RECORDS
+    table = made(streams, text)
+    ends = table.columns["time_s"].numbers()
+    np.testing.assert_allclose(table.columns["wheel_x_rad_s"].numbers(), np.interp(ends, t, speed), atol=1e-6)
+    assert table.made is not None
+    told = [line for line in table.made.said if "made up" in line]
+    assert len(told) == said
+    assert not said or f"where it was not read: {hz / 20:.3g} times in a control cycle of 0.05 s" in told[0]
+
+
 @pytest.mark.parametrize(("hz", "slow"), [(40.0, False), (20.0, False), (10.0, True), (2.0, True)])
 def test_speeds_of_wheels_that_come_slower_than_control_cycles_are_told_of(hz: float, slow: bool) -> None:
     streams = motion()

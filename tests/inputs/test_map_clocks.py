@@ -8,15 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from massprop_cli import flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns, telemetry
+from massprop_cli.inputs.actuators.wheel import WheelLog
 from massprop_cli.inputs.formats import clocks
 from massprop_cli.inputs.formats.recording import Numbers
 from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.inputs.vehiclefile import load
+from massprop_cli.inputs.vehiclefile import VehicleSource, load
+from tests.flown import fly
 from tests.streams import RECORDS, WRENCH_MAP, made, motion, values
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
@@ -169,3 +172,35 @@ def test_times_that_are_none_have_a_cure_each_and_a_pause_is_no_second_sensor(ti
     told = clocks.problem(times, lambda row: f"line {row}", 0.0, True)
     assert told.endswith(said)
     assert bool(told) == bool(said)
+
+
+@pytest.mark.thorough
+def test_speeds_of_wheels_on_a_clock_of_their_own_give_what_those_at_the_records_ends_give() -> None:
+    """97 readings a second by a clock that is 4.2 s and 50 ppm off, beside an IMU at 100 Hz: within a sigma."""
+    flown = fly("wheels", "sensors.records_per_cycle=20")
+    fine, wheels = flown.log(0), flown.vehicle.wheels
+    edges = np.append(fine.time_s[0] - fine.interval_s[0], fine.time_s)
+    said = [one.speed_rad_s for one in fine.spinning if isinstance(one, WheelLog) and one.speed_rad_s is not None]
+    speeds = [np.append([one.start_rad_s], speed).astype(float) for one, speed in zip(wheels, said, strict=True)]
+    ends, at = edges[::4], np.arange(0.0037, edges[-1], 1 / 97)
+    streams: dict[str, tuple[Numbers, str, str]] = {"t": (ends[1:], "", "s"), "rw/t": (4.2 + at * (1 + 5e-5), "", "s")}
+    for name, increments in (("w", fine.delta_theta_imu_rad), ("a", fine.delta_v_imu_m_s)):
+        summed = increments.reshape(-1, 4, 3).sum(1)
+        streams |= {f"{name}{axis}": (summed[:, n], "t", "rad" if name == "w" else "m/s") for n, axis in enumerate("xyz")}
+    text = "schema = 1\n" + "".join(
+        f'[{key}]\npaths = "{name}?"\nvalues = "increment"\n' for key, name in (("gyro", "w"), ("accelerometer", "a"))
+    )
+    text += "[records]\nsamples = 1\nper_cycle = 5\n"
+    own = f'clock = {{ path = "rw/t", scale = {1 / (1 + 5e-5)!r}, offset_s = {-4.2 / (1 + 5e-5)!r} }}\n'
+    together = 'clock = { path = "t" }\n'
+    found = []
+    for clock, wanted, path in ((own, at, "rw/t"), (together, ends[1:], "t")):
+        tables = "".join(f'[wheels.{one.name}]\npath = "n/{one.name}"\n{clock}' for one in wheels)
+        spun = {f"n/{one.name}": (np.interp(wanted, edges, speed), path, "rad/s") for one, speed in zip(wheels, speeds, strict=True)}
+        log = telemetry.read(made(streams | spun, text + tables), flown.vehicle)
+        found.append(flow.examine(log, VehicleSource(flown.vehicle, "t", "")))
+    assert all(not one.notices for one in found)
+    by_own, at_ends = (one.conclusions[0].estimates for one in found)
+    for name, item in by_own.items():
+        if item.value is not None and item.sigma:
+            assert abs(item.value - (at_ends[name].value or 0.0)) < item.sigma

@@ -1,5 +1,6 @@
 """A recording whose streams have clocks of their own, put on records and control cycles as its map states."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -18,6 +19,11 @@ LOST = 1.5
 """Times the usual interval: more is told of as a lost sample, even where it is no gap."""
 _LIKE = 0.2
 """Commands that come as often as control cycles, to this part of a cycle, begin them."""
+ENOUGH = 4.5
+"""Readings in a control cycle of a speed whose torque changes once in it, so that speeds made up between them move no result: of ten clean
+logs with 4.85 none, with 4 one in four, and with 3 all."""
+STEADY = 0.2
+"""Part of the changes from reading to reading by which these change themselves, below which no torque steps in between."""
 SAME = 1e-3
 """Part of a gyro sample by which instants may differ that are the same: clocks are rounded."""
 STAMPED = 0.15
@@ -81,7 +87,7 @@ class Streams:
             self.signals.made.append(f"attitude: every {times.step_s:.6g} s, interpolated to {where}")
         for signal, column in self.instants:
             made[column] = np.interp(time_s, signal.times.s, signal.values[:, 0])
-            self.signals.made.append(f"{signal.key}: {_read_off(signal, cycle_s)}")
+            self.signals.made.append(f"{signal.key}: {_read_off(signal, time_s, cycle_s)}")
         return made
 
 
@@ -121,16 +127,30 @@ def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Ar
     return made
 
 
-def _read_off(signal: QuantitySignal, cycle_s: float) -> str:
+def _read_off(signal: QuantitySignal, time_s: Array, cycle_s: float) -> str:
     """How what is read off at the ends of records was come by, and what of it is made up."""
     step = signal.times.step_s
     said = f"every {step:.6g} s, interpolated to the records' ends"
-    if signal.key == "supply" or step < 1.01 * cycle_s:
+    if signal.key == "supply":
+        return said
+    if step > 1.01 * cycle_s:
+        return (
+            f"{said}: slower than control cycles of {cycle_s:.6g} s, so that in between its speed is made up, as if it changed evenly; "
+            "what changes faster is lost and moves the results. Log it once a control cycle"
+        )
+    within = (signal.times.s >= time_s[0]) & (signal.times.s <= time_s[-1])
+    if ENOUGH * step < cycle_s or resample.all_at(time_s, signal.times.s[within], SAME * step) or _evenly(signal.values[within, 0]):
         return said
     return (
-        f"{said}: slower than control cycles of {cycle_s:.6g} s, so that in between its speed is made up, as if it changed evenly; what "
-        "changes faster is lost and moves the results. Log it once a control cycle"
+        f"{said}, where it was not read: {cycle_s / step:.3g} times in a control cycle of {cycle_s:.6g} s. Where its torque steps between "
+        f"two readings the speed is made up. Log it at the records' ends, or {math.ceil(ENOUGH)} times in a control cycle"
     )
+
+
+def _evenly(speed: Array) -> bool:
+    """Whether readings change as what turns without steps of its torque."""
+    change = np.diff(speed)
+    return bool((np.diff(change) ** 2).sum() < STEADY**2 * (change**2).sum())
 
 
 def _commands(signals: Signals, attitude: QuantitySignal | None) -> list[StreamCommand]:

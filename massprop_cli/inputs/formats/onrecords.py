@@ -26,7 +26,7 @@ def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Ar
     """
     signals, gyro, kinds = streams.signals, streams.gyro, [kind for _, kind in streams.imu]
     together = all(one.times is gyro.times or np.array_equal(gyro.times.s, one.times.s) for one, _ in streams.imu)
-    if not together or ("sample" not in kinds and _on(resample.knots(gyro.times.s, kinds[0]), edges, gyro.times.step_s)):
+    if not together or ("sample" not in kinds and resample.all_at(resample.knots(gyro.times.s, kinds[0]), edges, SAME * gyro.times.step_s)):
         return None
     issued = _issued(streams.commands, records.interval_s or 0.0, records.per_cycle)
     if issued is None and not _samples_alone(streams, kinds, median(np.diff(edges))):
@@ -65,13 +65,6 @@ def _samples_alone(streams: Streams, kinds: Sequence[str], length_s: float) -> b
     """Whether nothing is commanded, and each record is one sample."""
     recorded = any(command.signal.paths for command in streams.commands)
     return not recorded and "sample" in kinds and abs(streams.gyro.times.step_s / length_s - 1) < SAME
-
-
-def _on(knots: Array, edges: Array, step_s: float) -> bool:
-    """Whether each edge is at a knot."""
-    after = np.clip(np.searchsorted(knots, edges), 1, len(knots) - 1)
-    away = np.minimum(np.abs(knots[after] - edges), np.abs(knots[after - 1] - edges))
-    return bool((away < SAME * step_s).all())
 
 
 def _evened(scatter_s: float) -> str:

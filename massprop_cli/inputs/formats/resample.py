@@ -37,6 +37,13 @@ def knots(times_s: Array, kind: Values) -> Array:
     return times_s if kind == "sample" else np.insert(times_s, 0, times_s[0] - np.median(np.diff(times_s)))
 
 
+def all_at(knots_s: Array, times_s: Array, slack_s: float) -> bool:
+    """Whether each time is that of a knot."""
+    after = np.clip(np.searchsorted(knots_s, times_s), 1, len(knots_s) - 1)
+    away = np.minimum(np.abs(knots_s[after] - times_s), np.abs(knots_s[after - 1] - times_s))
+    return bool((away < slack_s).all())
+
+
 def increments(values: Array, times_s: Array, kind: Values, edges_s: Array) -> Array:
     """(m, 3) increments between m + 1 edges within the :func:`knots`.
 
