@@ -126,7 +126,7 @@ def by_known(history: History, vehicle: Vehicle) -> Contradiction | None:
     """Of known quantities that lie too far from what the log says."""
     if not history.belied:
         return None
-    turned = vehicle.on_pedestal or any(name in CG for name in history.belied)
+    turned = vehicle.pivoted or any(name in CG for name in history.belied)  # gravity gives mass times offset
     touched = np.array([turned or name in PROPORTIONAL for name in QUANTITIES])
     return Contradiction(tuple(Reason.of("known-mismatch", message=message) for message in history.belied.values()), touched)
 

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 
+from massprop_cli import CG, INERTIA, QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.conclude.contradict import by_known
+from massprop_cli.estimate.history import History
 from massprop_cli.estimate.known import DENSEST, belied, heaviest_body
 from massprop_cli.estimate.rows import Parameters
 from massprop_cli.inputs.vehicle import Phase
@@ -46,3 +52,13 @@ def test_what_is_stated_to_drift_is_known_when_its_phase_begins() -> None:
     during = vehicle.in_phase(Phase(name="all", start_s=20.0, end_s=120.0)).known
     assert during["mass"].sigma == pytest.approx(np.hypot(1e-3, 0.2))
     assert (during["mass"].value, during["cg_x"].sigma) == (22.0, 1e-4)
+
+
+@pytest.mark.parametrize(("kind", "offset"), [("free", False), ("air_bearing", True), ("pedestal", True)])
+def test_a_wrong_known_mass_leaves_no_cg_on_a_bearing(kind: str, offset: bool) -> None:
+    """Gravity tells mass times offset there; in free flight torque over force tells the CG, whatever the mass."""
+    history = SimpleNamespace(belied={"mass": "phase all: known.mass = 30 lies 9 sigmas from what the log alone says"})
+    found = by_known(cast("History", history), flight.vehicle(environment={"kind": kind}))
+    assert found is not None
+    assert [bool(found.touched[QUANTITIES.index(name)]) for name in CG] == [offset] * 3
+    assert all(found.touched[QUANTITIES.index(name)] for name in (*INERTIA, "mass"))
