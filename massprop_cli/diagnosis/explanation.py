@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,6 +22,9 @@ NEARLY = 4.6
 """−2 log of the odds (1 : 10) below which of two kinds neither is named."""
 EVEN = 6.0
 """−2 log of the odds (1 : 20) below which two of a kind are named side by side."""
+
+UNIT = float(np.log(2.0))
+"""Log of a factor from which on it is a unit's, of torques or of forces: a smaller one is a scale, and may be stated as uncertain."""
 
 
 @dataclass(frozen=True)
@@ -112,8 +116,20 @@ def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = ())
     others = (correction_of(screening.case, rival.case, rival.fitted) for rival in rivals)
     correction = correction_of(screening.case, refit.case, refit.fitted)
     near = (*around(screening.case, refit.fitted, screening.free.fired), *skewed(correction, refit.fitted))
-    instead = tuple(other for other in others if other is not None)
+    instead = (*(other for other in others if other is not None), *_of_the_others(correction))
     return tuple(Explanation(code, message, correction, around=near, rivals=instead) for code in sure or [UNKNOWN])
+
+
+def _of_the_others(correction: Correction | None) -> Iterator[Correction]:
+    """Where all torques, or all forces, of a commanded wrench are in another unit: as well the others are, and the body another."""
+    if correction is None or not correction.command:
+        return
+    for own, others in ((slice(0, 3), slice(3, 6)), (slice(3, 6), slice(0, 3))):
+        factors = {factor for factor in correction.command[own] if factor != 1}
+        if len(factors) == 1 and set(correction.command[others]) == {1.0} and abs(np.log(np.abs(factor := factors.pop()))) > UNIT:
+            parts = [1.0] * 6
+            parts[others] = [1.0 / factor] * 3
+            yield replace(correction, command=tuple(parts))
 
 
 def _said(screening: Screening, refit: Refit) -> list[tuple[str, str]]:
