@@ -29,6 +29,10 @@ def _scaled(columns: Columns, vehicle: Vehicle, _: Random, names: Sequence[str],
     return Made(_times(columns, names, factor), vehicle, f"{factor:.4g}")
 
 
+def _degrees_and_g(columns: Columns, vehicle: Vehicle, _: Random) -> Made:
+    return Made(_times(_times(columns, DELTA_THETA, 1 / DEGREE), DELTA_V, 1 / GRAVITY), vehicle, "")
+
+
 def _one_axis(columns: Columns, vehicle: Vehicle, rng: Random, names: Sequence[str], factor: float) -> Made:
     some = rng.choice(names, int(rng.integers(1, 3)), replace=False).tolist()
     return Made(_times(columns, some, factor), vehicle, ", ".join(some))
@@ -122,6 +126,18 @@ def _about(columns: Columns, vehicle: Vehicle, rng: Random, flown: Flown, exactl
     return _commanding(columns, vehicle, np.hstack([torque, command[:, 3:]]), f"{1e3 * np.linalg.norm(point):.3g} mm")
 
 
+def _turned(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
+    """In forward-right-down for forward-left-up, or another such convention."""
+    command, about = _wrench(columns), int(rng.integers(3))
+    signs = np.where(np.arange(3) == about, 1.0, -1.0)
+    return _commanding(columns, vehicle, None if command is None else command * np.tile(signs, 2), f"about {'XYZ'[about]}")
+
+
+def _milli(columns: Columns, vehicle: Vehicle, _: Random) -> Made | None:
+    command = _wrench(columns)
+    return _commanding(columns, vehicle, None if command is None else command * np.repeat([1e3, 1.0], 3), "")
+
+
 def _normalised(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
     command = _wrench(columns)
     if command is None:
@@ -177,6 +193,7 @@ KINDS = {
     "gyro-axis-degrees": Kind("one or two axes of it", partial(_one_axis, names=DELTA_THETA, factor=1 / DEGREE), UNITS),
     "accel-g": Kind("accelerometer in g", partial(_scaled, names=DELTA_V, factor=1 / GRAVITY), UNITS, ("unit", "gravity")),
     "accel-axis-g": Kind("one or two axes of it", partial(_one_axis, names=DELTA_V, factor=1 / GRAVITY), UNITS, ("unit", "gravity")),
+    "degrees-and-g": Kind("gyro in degrees and accelerometer in g", _degrees_and_g, UNITS, ("unit", "gravity")),
     "rates-in-increments": Kind(
         "rates in columns of increments", partial(_rates_as_increments, names=(*DELTA_THETA, *DELTA_V)), ("column-kind",), ("rates",)
     ),
@@ -193,6 +210,8 @@ KINDS = {
     "wrench-about-point": Kind(
         "torques about another point", partial(_about, exactly=False), ("wrench-point", "imu-position"), knowing=True
     ),
+    "commands-turned": Kind("commands in axes turned by 180 degrees about X, Y or Z", _turned, ("command-sign",)),
+    "torques-milli": Kind("torques in mN m, forces in N", _milli, ("thrust-scale", "known-mismatch")),
     "normalised": Kind("commands over their largest value", _normalised, ("commands-normalised",)),
     "saturated": Kind("commands that the allocation cut off", _saturated, ("commands-limited",)),
     "jets-round": Kind("three jets wired round", _jets_round, ("jets-swapped",)),

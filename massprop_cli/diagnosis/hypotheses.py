@@ -121,8 +121,8 @@ def _turns(devices: Sequence[tuple[int, ...]], begun: bool) -> Iterator[tuple[tu
 def _groups(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
     """Channels that push along one line, those that turn about one axis, and those that do both alike."""
     torque, force = model.wrench(model.stated)
-    about = torque - np.cross(np.zeros(3) if model.bearing is None else model.bearing, force)
-    lines = [lines_of(force), lines_of(about)]
+    moved = np.cross(np.zeros(3) if model.bearing is None else model.bearing, force)
+    lines = [lines_of(force), lines_of(torque - moved)]
     for group in model.together:  # both dead or mounted the other way round: too far to be led there
         column, subject = along(model, ("thrust", np.isin(np.arange(len(names)), group).astype(float))), tuple(names[i] for i in group)
         for begin in (0.0, -1.0):
@@ -131,6 +131,12 @@ def _groups(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
     if len(names) > 1:  # how much all give together nothing tells, but which way
         start = dict.fromkeys(range(model.place("thrust").start, model.place("thrust").stop), -1.0)
         yield Hypothesis("thrust-scale", tuple(names), np.zeros((len(model.stated), 0)), start=start)
+    if model.kind == "wrench":  # in the axes of another convention: forward-right-down, say
+        along_of = np.argmax(np.abs(torque) + np.abs(force), 1)
+        for about in range(3):
+            start = {model.place("thrust").start + i: -1.0 for i in np.flatnonzero(along_of != about).tolist()}
+            subject = tuple(name for name, axis in zip(names, along_of, strict=True) if axis != about)
+            yield Hypothesis("thrust-scale", subject, np.zeros((len(model.stated), 0)), start=start)
     seen = {tuple(range(len(names)))}
     for keys in (lines[0], lines[1], list(zip(*lines, strict=True))):
         for key in dict.fromkeys(keys):
@@ -196,6 +202,7 @@ def other_units(record_s: float, increments: bool) -> list[OtherUnit]:
         found.append(OtherUnit("gyro-units", f"{gyro}{of} are in degrees, not radians", np.where(own, 1 / DEGREE, 1.0), every, rare))
         found.append(OtherUnit("accel-units", f"{accelerometer}{of} are in g", every, np.where(own, 1 / GRAVITY, 1.0), rare))
     found.append(OtherUnit("gyro-units", f"{gyro} were turned into radians twice", DEGREE * every, every))
+    found.append(OtherUnit("gyro-units", f"{gyro} are in degrees, not radians, and {accelerometer} in g", every / DEGREE, every / GRAVITY))
     for words, factor in (("are in milli-g", 1e3 / GRAVITY), ("are in mm/s^2", 1e3)):
         found.append(OtherUnit("accel-units", f"{accelerometer} {words}", every, factor * every, TWO))
     return found + [
