@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from massprop_cli.errorparameters import body, environment, mounting, sensor, thrust, timing
 from massprop_cli.errorparameters.parameter import ErrorParameter, FittedHypothesis
 
-SPECIAL_CASES = (*thrust.SPECIAL_CASES, *sensor.SPECIAL_CASES, *mounting.SPECIAL_CASES, *body.SPECIAL_CASES)
+SPECIAL_CASES = (*timing.SPECIAL_CASES, *thrust.SPECIAL_CASES, *sensor.SPECIAL_CASES, *mounting.SPECIAL_CASES, *body.SPECIAL_CASES)
 ENTRIES = (
     *("gyro_turn", "accel_turn", "gyro_scale", "accel_scale", "imu", "bearing", "gyro_bias", "accel_bias", "torque", "drag"),
     *("delay", "rise", "fall", "droop", "cycle_droop", "lag", "gyro_lag", "accel_lag", "drift", "mass_rate", "inertia_rate"),

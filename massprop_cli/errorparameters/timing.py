@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from massprop_cli.base.arrays import Array
-from massprop_cli.errorparameters.parameter import ErrorParameter, Step, Wording
+from massprop_cli.errorparameters.parameter import ErrorParameter, FittedHypothesis, SpecialCase, Step, Wording
 from massprop_cli.errorparameters.setup import DELAY, LAG, Setup
 from massprop_cli.inputs.equipment import FASTEST_PPM
 
@@ -15,6 +17,8 @@ DIFFERENCE = 0.02
 """Cycles behind derivatives: far above rounding, and commands that move so little change cycle means linearly."""
 DELAY_STEP = 0.1
 """Cycles that the assumption of a delay is shown for."""
+CHANCE = 3.0
+"""Sigmas within which a drift is none."""
 
 
 def _drifting(setup: Setup, error: Array) -> Setup:
@@ -23,6 +27,11 @@ def _drifting(setup: Setup, error: Array) -> Setup:
     began = 1e-6 * faster_ppm * setup.clock_s[0] / setup.period_s
     changed = setup.having("imu.clock_drift_ppm", setup.value("imu.clock_drift_ppm") + faster_ppm)
     return changed.having(DELAY, changed.value(DELAY) - began)
+
+
+def _steady(finding: FittedHypothesis) -> bool:
+    """Whether clocks that are supposed to drift hardly do: what the log shows is their delay."""
+    return bool((np.abs(finding.errors["drift"]) <= CHANCE * finding.sigmas["drift"]).all())
 
 
 def _lagging(setup: Setup, error: Array) -> Setup:
@@ -55,31 +64,32 @@ _DRIFT = ErrorParameter(
     redone="commands",
     wording=Wording("the IMU's clock runs {value:.4g} ppm faster than that of the commands", "use one clock, or state imu.clock_drift_ppm"),
 )
+_DELAY = ErrorParameter(
+    "delay",
+    "delay-mismatch",
+    "delay from command to execution",
+    "cycles",
+    prior=1.0,  # whether a command acts in the cycle that issues it or in the next
+    usual=0.1,
+    key=DELAY,
+    sigma_key="cycle.command_delay_sigma_cycles",
+    lowest=0.0,
+    slack=EARLIEST,
+    states="sigma",
+    columns=LATER,
+    bends="always",
+    late=True,
+    redone="commands",
+    difference=DIFFERENCE,
+    wording=Wording(
+        "commands act later or earlier than cycle.command_delay_cycles = {stated:g}: the log shows {value:.4g} ± {sigma:.2g} cycles",
+        'correct it, or state "auto" to have it found',
+    ),
+    step=Step("command-delay", DELAY_STEP, f"{DELAY_STEP:g} cycles", _assumed),
+)
 PARAMETERS = (
     _DRIFT,
-    ErrorParameter(
-        "delay",
-        "delay-mismatch",
-        "delay from command to execution",
-        "cycles",
-        prior=1.0,  # whether a command acts in the cycle that issues it or in the next
-        usual=0.1,
-        key=DELAY,
-        sigma_key="cycle.command_delay_sigma_cycles",
-        lowest=0.0,
-        slack=EARLIEST,
-        states="sigma",
-        columns=LATER,
-        bends="always",
-        late=True,
-        redone="commands",
-        difference=DIFFERENCE,
-        wording=Wording(
-            "commands act later or earlier than cycle.command_delay_cycles = {stated:g}: the log shows {value:.4g} ± {sigma:.2g} cycles",
-            'correct it, or state "auto" to have it found',
-        ),
-        step=Step("command-delay", DELAY_STEP, f"{DELAY_STEP:g} cycles", _assumed),
-    ),
+    _DELAY,
     ErrorParameter(
         "lag",
         "thrust-lag",
@@ -101,4 +111,7 @@ PARAMETERS = (
         difference=DIFFERENCE,
         wording=Wording("thrust follows commands with a lag of {value:.4g} ± {sigma:.2g} s", "state thrust.lag_s"),
     ),
+)
+SPECIAL_CASES = (
+    SpecialCase("clock-drift", "delay-mismatch", _steady, Wording(_DELAY.wording.sentence, _DELAY.wording.remedy, _DELAY.facts)),
 )
