@@ -211,7 +211,7 @@ KINDS = {
         "torques about another point", partial(_about, exactly=False), ("wrench-point", "imu-position"), knowing=True
     ),
     "commands-turned": Kind("commands in axes turned by 180 degrees about X, Y or Z", _turned, ("command-sign",)),
-    "torques-milli": Kind("torques in mN m, forces in N", _milli, ("thrust-scale", "known-mismatch")),
+    "torques-milli": Kind("torques in mN m, forces in N", _milli, ("thrust-scale", "known-mismatch", "unphysical-inertia")),
     "normalised": Kind("commands over their largest value", _normalised, ("commands-normalised",)),
     "saturated": Kind("commands that the allocation cut off", _saturated, ("commands-limited",)),
     "jets-round": Kind("three jets wired round", _jets_round, ("jets-swapped",)),

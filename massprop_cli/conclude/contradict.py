@@ -200,11 +200,14 @@ def by_lost(causal: History, settled: History) -> Contradiction | None:
 
 
 def by_no_body(conclusion: Conclusion) -> Contradiction | None:
-    """An inertia that no body has: not positive definite by more than its sigmas allow."""
+    """An inertia that no body has: not positive definite by more than its sigmas allow, or with its mass denser than all matter."""
     found = breach(conclusion)
-    if found is None or not (found.certain and found.of_inertia) or conclusion.principal_moments[0] > 0:
+    if found is None or not found.certain:
         return None
-    return Contradiction((Reason.of("no-body", breach=found.said),), np.array([name in INERTIA for name in QUANTITIES]))
+    if not found.no_matter and not (found.of_inertia and conclusion.principal_moments[0] <= 0):
+        return None
+    touched = PROPORTIONAL if found.no_matter else INERTIA
+    return Contradiction((Reason.of("no-body", breach=found.said),), np.array([name in touched for name in QUANTITIES]))
 
 
 def together(found: Sequence[Contradiction | None]) -> Contradiction | None:

@@ -11,9 +11,12 @@ import numpy as np
 from massprop_cli.base.arrays import ROUNDING, Array
 from massprop_cli.base.rigidbody import elements
 from massprop_cli.conclude.verdict import Conclusion
+from massprop_cli.estimate.known import DENSEST
 
 BEYOND = 4.0
 """Sigmas by which a law is broken, as everywhere."""
+THINNEST = 0.05
+"""kg/m³, a twentieth of air: a body of less has most of its mass far out, or another unit."""
 _PAIRS = 1 - np.eye(3)
 """Principal moments from second moments."""
 
@@ -26,6 +29,8 @@ class Breach(NamedTuple):
     """Whether its sigmas do not allow that a body has it after all."""
     of_inertia: bool = True
     """Whether it is the inertia's, so that there is a nearest one that a body could have."""
+    no_matter: bool = False
+    """Whether mass and inertia are of no matter."""
 
 
 def breach(conclusion: Conclusion) -> Breach | None:
@@ -44,12 +49,36 @@ def breach(conclusion: Conclusion) -> Breach | None:
         return _not_positive(conclusion, low)
     lacking = high - low - middle
     if lacking <= ROUNDING * high:
-        return None
+        return _of_ball(conclusion)
     sigma = _sigma(conclusion, np.array([1.0, 1.0, -1.0]))
     said = f"the inertia breaks the triangle inequality: {low:.4g} + {middle:.4g} < {high:.4g} kg m^2"
     if lacking > BEYOND * sigma:
         return Breach(f"{said}; check jets, units and thrust", True)
     return Breach(f"{said}, as its sigmas allow ({lacking:.2g} ± {sigma:.2g} kg m^2): a flat body's does", False)
+
+
+def _of_ball(conclusion: Conclusion) -> Breach | None:
+    """Of the ball that has mass and moments, ΣI = 6/5 m R², the density: no body of less radius of gyration is less dense."""
+    mass, trace = conclusion.estimates["mass"], float(conclusion.principal_moments.sum())
+    if not conclusion.rotating_mass > 0 or mass.sigma is None:
+        return None
+    away = BEYOND * np.array([mass.sigma, _sigma(conclusion, np.ones(3))])
+    least, most = ((conclusion.rotating_mass + part * away[0], trace - part * away[1]) for part in (1, -1))
+    if least[1] > 0 and _density(*least) < THINNEST:
+        said = f"mass and inertia are those of a ball of {_radius(*least):.3g} m and {_density(*least):.2g} kg/m^3, thinner than air"
+        return Breach(f"{said}: unless most of it is far out, check the units of torques and forces", True, False)
+    if most[0] > 0 and _density(*most) > DENSEST:
+        said = f"mass and inertia are those of a ball of {_density(*most):.2g} kg/m^3, denser than any matter"
+        return Breach(f"{said}: check the units of the gyro, of torques and of forces", True, False, True)
+    return None
+
+
+def _radius(mass: float, trace: float) -> float:
+    return float(np.sqrt(trace / mass / 1.2))
+
+
+def _density(mass: float, trace: float) -> float:
+    return mass / (4 / 3 * np.pi * _radius(mass, trace) ** 3)
 
 
 def _not_positive(conclusion: Conclusion, low: float) -> Breach:

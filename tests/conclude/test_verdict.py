@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import nnls
 
 from massprop_cli import INERTIA
+from massprop_cli.conclude.contradict import by_no_body
 from massprop_cli.conclude.physical import breach, nearest_consistent
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Conclusion, Estimate, conclude, contradicted, in_doubt
@@ -230,6 +231,25 @@ def test_a_flat_bodys_noise_breaks_no_law_and_a_body_that_none_can_be_does() -> 
     assert none is not None
     assert none.certain
     assert breach(drawn([0.9, 1.6, 2.4])) is None
+
+
+@pytest.mark.parametrize(
+    ("density", "said", "certain"), [(0.02, "thinner than air", False), (0.2, "", False), (1e4, "", False), (4e4, "denser than any", True)]
+)
+def test_a_body_that_is_thinner_than_air_is_said_and_one_denser_than_osmium_contradicted(density: float, said: str, certain: bool) -> None:
+    """Oracle: of a ball 2/5 m R² thrice, with the radius that its mass and density give."""
+    mass, whole = 16.0, conclude(history(), vehicle())
+    radius = (mass / (4 / 3 * np.pi * density)) ** (1 / 3)
+    moments = dict(zip(INERTIA, 2 / 5 * mass * radius**2 * np.array([1.0, 0, 0, 1, 0, 1]), strict=True))
+    told = {name: Estimate(value, 1e-4 * value, "kg m^2", "converged", None, Reason("steady")) for name, value in moments.items()}
+    told["mass"] = Estimate(mass, 1e-3, "kg", "converged", None, Reason("steady"))
+    scale = 2 / 5 * mass * radius**2
+    ball = replace(whole, estimates=whole.estimates | told, covariance=np.eye(10) * (1e-4 * scale) ** 2, rotating_mass=mass)
+    found, against = breach(ball), by_no_body(ball)
+    assert (found is not None) == bool(said)
+    assert found is None or (said in found.said and f"{density:.2g} kg/m^3" in found.said)
+    assert (against is not None) == certain
+    assert against is None or set(np.flatnonzero(against.touched)) == {*range(6), 9}
 
 
 def test_a_mass_below_its_bearings_is_none_and_has_no_nearest_inertia() -> None:
