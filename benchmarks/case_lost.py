@@ -9,7 +9,7 @@ import numpy as np
 from case_kind import Columns, Kind, Made
 
 from massprop_cli.base.arrays import IntArray
-from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V, TIME
+from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V, TIME, WRENCH
 from massprop_cli.inputs.vehicle import Vehicle
 
 Random = np.random.Generator
@@ -46,6 +46,17 @@ def _in_a_row(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
     return _without(columns, vehicle, (lost[:, None] * per_cycle + np.arange(per_cycle)).ravel())
 
 
+def _within(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
+    """The log begins within a control cycle; commands stand in the first row of each, or in all."""
+    each, count = _per_cycle(columns, vehicle), len(columns[TIME])
+    if each == 1:
+        return None
+    begin, every = int(rng.integers(1, each)), rng.random() < 0.5
+    commands = [name for name in columns if every and (name.startswith("jet_") or name in WRENCH)]
+    whole = columns | {name: np.repeat(columns[name][::each], each)[:count] for name in commands}
+    return Made({name: values[begin:] for name, values in whole.items()}, vehicle, f"from row {begin} of {each}")
+
+
 def _rows_held(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
     """Whole rows, where each is a control cycle."""
     names = [name for name in columns if name != TIME]
@@ -67,6 +78,7 @@ LOST, SENSED = ("records-lost",), (*DELTA_THETA, *DELTA_V)
 KINDS = {
     "records-dropped": Kind("single rows are missing", _dropped, LOST),
     "records-dropped-cycles": Kind("2 to 5 control cycles in a row are missing", _in_a_row, LOST),
+    "begun-within": Kind("begins within a control cycle", _within, LOST),
     "records-empty": Kind("empty cells of both sensors", partial(_rewritten, value=np.nan, names=SENSED), LOST),
     "records-zero": Kind("zeros in the place of readings", partial(_rewritten, value=0.0, names=SENSED), LOST),
     "gyro-zero": Kind("the gyro's alone", partial(_rewritten, value=0.0, names=DELTA_THETA), LOST),

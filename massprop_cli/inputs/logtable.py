@@ -194,7 +194,7 @@ class LogTable:
         unknown = lost[:, 0] & np.isnan(first)
         known = np.maximum.accumulate(np.where(unknown, 0, cycles))
         self.uncommanded = unknown if self.uncommanded is None else self.uncommanded | unknown
-        return np.where(unknown, first[known], first)
+        return np.where(unknown, np.nan_to_num(first[known]), first)  # of the log's first one nothing came before
 
     def _of_issued(self, column: str, values: Array) -> Array:
         """(M,) the cells of rows in which a command was issued; all others must be empty."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, median
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.inputs.columns import COMMAND_TIME, PULSE
+from massprop_cli.inputs.columns import COMMAND_TIME, PULSE, WRENCH
 from massprop_cli.inputs.imurecords import ImuRecords
 from massprop_cli.inputs.logtable import LONG, MISSING, WHOLE, LogTable, between_known
 from massprop_cli.inputs.notice import Notice
@@ -22,29 +22,55 @@ from massprop_cli.inputs.vehicle import Vehicle
 
 SHARE = 0.25
 """Part of the records that may be lost."""
+HELD = 0.9
+"""Part of the rows from which on a command stands in each of its cycle's."""
+ENOUGH, MOSTLY = 4, 0.9
+"""Commands that must show where cycles begin, and the part of them that must agree: a first row may be lost."""
 
 
 def put_back(source: LogTable, time_s: Array, vehicle: Vehicle) -> tuple[LogTable, Array]:
-    """The log with rows in the places of missing ones, and the times (N,) of all; as it is where more are missing, or not whole ones."""
+    """The log with rows in the places of missing ones, and the times (N,) of all; as it is where more are missing, or not whole ones.
+
+    Where it begins within a control cycle, what that cycle lacks is missing, too.
+    """
     steps = np.diff(time_s)
     usual = median(steps) if len(steps) else 0.0
-    if (
-        not usual > 0
-        or any(source.has(name) for name in (COMMAND_TIME, *PULSE))
-        or any(wheel.column == "torque" for wheel in vehicle.wheels)
-    ):
+    if not usual > 0 or any(source.has(name) for name in (COMMAND_TIME, *PULSE)) or any(one.column == "torque" for one in vehicle.wheels):
         return source, time_s
     count = np.where(steps > LONG * usual, np.round(steps / usual) - 1, 0)
     off = np.abs(steps / usual - count - 1) > WHOLE
-    most = MISSING * max(round(vehicle.cycle.period_s / usual), 1)
-    if not count.any() or (off & (count > 0)).any() or count.max() > most or count.sum() > SHARE * len(time_s):
+    per_cycle = max(round(vehicle.cycle.period_s / usual), 1)
+    if (off & (count > 0)).any() or count.max() > MISSING * per_cycle or count.sum() > SHARE * len(time_s):
         return source, time_s
-    rows = np.repeat(np.arange(len(time_s)), np.append(0, count).astype(int) + 1)
-    kept = np.flatnonzero(np.diff(rows, append=len(time_s)))
+    place = np.append(0, np.cumsum(count + 1)).astype(int)
+    ahead = -_begins(source, place, per_cycle) % per_cycle
+    if not count.any() and not ahead:
+        return source, time_s
+    rows = np.append(np.zeros(ahead, dtype=int), np.repeat(np.arange(len(time_s)), np.append(0, count).astype(int) + 1))
     lost = np.ones(len(rows), dtype=bool)
-    lost[kept] = False
-    whole = LogTable(_spread(source.table, rows, lost), source.columns, lost)
-    return whole, np.interp(np.arange(len(rows)), kept, time_s)
+    lost[ahead + place] = False
+    times = np.interp(np.arange(len(rows)) - ahead, place, time_s)
+    times[:ahead] -= usual * np.arange(ahead, 0, -1)
+    return LogTable(_spread(source.table, rows, lost), source.columns, lost), times
+
+
+def _begins(source: LogTable, place: IntArray, per_cycle: int) -> int:
+    """Records from the log's first one to the next control cycle, as its commands show: they stand, or change, in a cycle's first row."""
+    residues: list[int] = []
+    for name in source.logged if per_cycle > 1 else ():
+        if not (name in WRENCH or (name.startswith("jet_") and name.endswith("_s"))):
+            continue
+        values = source.optional(name)
+        known = np.flatnonzero(~np.isnan(values))
+        if len(known) > HELD * len(values):
+            known = known[1:][np.diff(values[known]) != 0]
+        residues += (place[known] % per_cycle).tolist()
+        if len(residues) >= ENOUGH:
+            break
+    if len(residues) < ENOUGH:
+        return 0
+    most = int(np.bincount(residues).argmax())
+    return most if np.mean(np.array(residues) == most) > MOSTLY else 0
 
 
 def _spread(table: Table, rows: IntArray, lost: BoolArray) -> Table:

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from massprop_cli import flow
-from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.arrays import IntArray, frozen
 from massprop_cli.base.errors import InputError
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import telemetry, vehiclefile
@@ -47,11 +47,11 @@ def log_of(found: Columns, vehicle: Vehicle) -> Log:
     return telemetry.read(columns_of(Path("log.parquet"), sink.getvalue().to_pybytes()), vehicle)
 
 
-def rows(found: Columns, keep: Array) -> Columns:
+def rows(found: Columns, keep: IntArray) -> Columns:
     return {name: values[keep] for name, values in found.items()}
 
 
-def without(found: Columns, gone: Array) -> Columns:
+def without(found: Columns, gone: IntArray) -> Columns:
     return rows(found, np.setdiff1d(np.arange(len(found[TIME])), gone))
 
 
@@ -60,7 +60,7 @@ def estimated(found: Columns, vehicle: Vehicle) -> Analysis:
         return flow.examine(log_of(found, vehicle), VehicleSource(vehicle, "", ""))
 
 
-def held(found: Columns, places: Array, names: tuple[str, ...]) -> Columns:
+def held(found: Columns, places: IntArray, names: tuple[str, ...]) -> Columns:
     changed = {name: values.copy() for name, values in found.items()}
     for place in places:
         for name in names:
@@ -68,14 +68,14 @@ def held(found: Columns, places: Array, names: tuple[str, ...]) -> Columns:
     return changed
 
 
-def filled(found: Columns, places: Array, value: float) -> Columns:
+def filled(found: Columns, places: IntArray, value: float) -> Columns:
     changed = {name: values.copy() for name, values in found.items()}
     for name in SENSED:
         changed[name][places] = value
     return changed
 
 
-def lost(kind: str, found: Columns, places: Array) -> Columns:
+def lost(kind: str, found: Columns, places: IntArray) -> Columns:
     if kind == "single rows":
         return without(found, places)
     if kind == "five cycles in a row":
@@ -132,6 +132,25 @@ def test_a_row_that_is_lost_within_a_control_cycle_keeps_its_command_and_time() 
         np.testing.assert_allclose(found.command[known], log.command[known], atol=1e-12)
 
 
+@pytest.mark.parametrize("every", [False, True])
+@pytest.mark.parametrize("begin", [1, 3])
+def test_a_log_that_begins_within_a_control_cycle_keeps_its_commands_in_their_cycles(begin: int, every: bool) -> None:
+    """Of recorders that write a command in the first row of its cycle, or in ``every`` one."""
+    sample = Path(__file__).parents[2] / "sample_logs" / "high-rate"
+    table = pq.read_table(sample / "log.parquet")[:2000]
+    whole, vehicle = {name: table.column(name).to_numpy() for name in table.column_names}, vehiclefile.load(sample / "vehicle.toml").vehicle
+    log = log_of(whole, vehicle)
+    each = log.records_per_cycle
+    if every:
+        whole |= {name: np.repeat(values[::each], each) for name, values in whole.items() if name.startswith("jet_")}
+    found = log_of(rows(whole, np.arange(begin, 2000)), vehicle)
+    assert found.cycles == log.cycles
+    np.testing.assert_allclose(found.time_s, log.time_s, atol=1e-9)
+    np.testing.assert_allclose(found.command[1:], log.command[1:], atol=1e-12)
+    assert found.ignored is not None
+    np.testing.assert_array_equal(np.flatnonzero(found.ignored.all(1)), [0])
+
+
 def test_an_impulse_of_an_unknown_command_has_the_largest_command_as_its_sigma() -> None:
     flown = flight("free-flyer")
     log = flown.log(0)
@@ -151,7 +170,7 @@ def test_an_impulse_of_an_unknown_command_has_the_largest_command_as_its_sigma()
 @pytest.mark.parametrize(
     ("gone", "said"), [(np.arange(200, 206), "a gap of 0.35 s"), (np.arange(20, 380), r"a gap of|split the log there")]
 )
-def test_more_than_five_cycles_in_a_row_are_a_gap(gone: Array, said: str) -> None:
+def test_more_than_five_cycles_in_a_row_are_a_gap(gone: IntArray, said: str) -> None:
     with pytest.raises(InputError, match=said):
         log_of(without(columns("free-flyer"), gone), flight("free-flyer").vehicle)
 
