@@ -124,7 +124,7 @@ def _whole(refit: Refit) -> bool:
 def _for_a_time(screening: Screening, screenings: Sequence[Screening], found: Diagnosis | None, alone: Sequence[Refit]) -> Diagnosis | None:
     """A jet that fails for a time, where that explains more than what was ``found``, of causes ``alone``."""
     cause = min((refit for refit in alone if refit.fits and refit.screening is not None), key=lambda refit: refit.score, default=None)
-    each = episodes(screening, screenings, cause.screening if cause else None)
+    each = episodes(screening, screenings, cause)
     if not each or (found is not None and found.score < each[0].score + CLEAR):
         return found
     best, vehicle = each[0], screening.case.vehicle

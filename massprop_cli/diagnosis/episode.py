@@ -6,7 +6,8 @@ which the window is looked for again, until both stand.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from massprop_cli.base.configfile import written
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis.corrections import Correction, shown
 from massprop_cli.diagnosis.ranking import CLEAR
-from massprop_cli.diagnosis.refit import PART
+from massprop_cli.diagnosis.refit import PART, Refit
 from massprop_cli.diagnosis.screening import Screening, about_its_body, screened
 from massprop_cli.diagnosis.windows import Reduced, Window
 from massprop_cli.errorparameters.thrust import NEAR
@@ -77,21 +78,27 @@ class Episode(NamedTuple):
         )
 
 
-def episodes(screening: Screening, others: Sequence[Screening] = (), corrected: Screening | None = None) -> list[Episode]:
+def episodes(screening: Screening, others: Sequence[Screening] = (), cause: Refit | None = None) -> list[Episode]:
     """The failures of a jet for a time with which the log fits, the most likely first: those that are about as likely.
 
-    None where with another cause ``corrected`` no jet seems to give another part of its thrust for a time. One that begins, or ends, beyond
-    what was looked at does so at the border to any of the ``others`` in which its jet does what is stated.
+    None where with another ``cause`` corrected no jet seems to give another part of its thrust for a time; and those that it seems to be
+    come first. One that begins, or ends, beyond what was looked at does so at the border to any of the ``others`` in which its jet does
+    what is stated.
     """
     if screening.case.log.command_kind != "jets" or not screening.model.thrusting:
         return []
-    if corrected is not None and not _windows(corrected, _beside(corrected)):
-        return []
-    found: list[Episode] = []
-    for beside in dict.fromkeys([_beside(screening), *screening.free.beside]):
-        for window in [] if found else _windows(screening, beside):
-            made = _tested(screening, window, beside)
-            found += [] if made is None else [made]
+    first, found = _beside(screening), list[Episode]()
+    groups: Iterable[tuple[Disturbance, list[Window]]] = (
+        (beside, _windows(screening, beside)) for beside in dict.fromkeys([first, *screening.free.beside])
+    )
+    if cause is not None and cause.screening is not None:
+        begun = [_as_stated(cause, window) for window in _windows(cause.screening, _beside(cause.screening))]
+        if not begun:
+            return []
+        groups = chain([(first, begun)], groups)
+    for beside, windows in groups:
+        if not found:
+            found = [made for window in windows if (made := _tested(screening, window, beside)) is not None]
     found.sort(key=lambda one: one.score)
     return [_bordered(one, screening, others) for one in found if one.score < found[0].score + CLEAR]
 
@@ -123,6 +130,18 @@ def _windows(screening: Screening, beside: Disturbance) -> list[Window]:
     windows = [one for one in each if one is not None and abs(one.thrust - 1) > LITTLE]
     most = max((one.gain for one in windows), default=0.0)
     return sorted((one for one in windows if one.gain > AS_WELL * most), key=lambda one: -one.gain)[:LIKELY]
+
+
+def _as_stated(cause: Refit, window: Window) -> Window:
+    """Of a window beside a corrected cause, what of its stated thrust the jet gives there; the rest of the log where there it gives all."""
+    always = float(cause.fitted.value("thrust")[window.channel])
+    thrust = always * window.thrust
+    whole = abs(thrust - 1) < abs(always - 1)
+    if whole and np.isinf(window.begin_s):
+        return window._replace(first=window.stop, begin_s=window.end_s, end_s=np.inf, thrust=always)
+    if whole and np.isinf(window.end_s):
+        return window._replace(stop=window.first, end_s=window.begin_s, begin_s=-np.inf, first=0, thrust=always)
+    return window._replace(thrust=thrust)
 
 
 def _beside(screening: Screening) -> Disturbance:

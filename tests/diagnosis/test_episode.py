@@ -8,6 +8,7 @@ import pytest
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.diagnosis import design, episode
 from massprop_cli.diagnosis.episode import episodes
+from massprop_cli.diagnosis.refit import tried
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.diagnosis.windows import Reduced
 from massprop_cli.estimate.whitening import Disturbance
@@ -179,3 +180,18 @@ def test_jets_that_always_fire_together_are_named_side_by_side_where_the_log_can
     found = episodes(look_at("testbed", failing("roll_n1", 0.0, 14.0)))
     assert {one.failure.jet for one in found} >= {"roll_n1"}
     assert all(one.code == "jet-dead" for one in found)
+
+
+def test_what_a_jet_gives_all_along_tells_when_it_failed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the body that a dead jet has spoilt others seem to fail. With a part of its thrust all along it gives all of it before it died."""
+    flown = fly("free-flyer", *PLAN, failing("pitch_n2", 0.0, 4.0))
+    screening = look_of(flown.log(0), flown.vehicle)
+    weak = next(one for _, one in screening.ranked if (one.hypothesis.code, one.hypothesis.subject) == ("thrust-scale", ("pitch_n2",)))
+    cause = tried(screening, weak)
+    assert cause is not None
+    likeliest = episode._windows
+    monkeypatch.setattr(episode, "_windows", lambda one, beside: [] if one is screening else likeliest(one, beside))
+    (found,) = episodes(screening, (), cause)
+    begun_s = pulses(screening, "pitch_n2")
+    assert (found.failure.jet, found.failure.thrust, found.failure.end_s) == ("pitch_n2", 0.0, None)
+    assert begun_s[begun_s < 4.0][-1] < (found.failure.start_s or 0.0) < begun_s[begun_s >= 4.0][0]
