@@ -16,6 +16,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.columns import COMMAND_TIME, PULSE, WRENCH
 from massprop_cli.inputs.imurecords import ImuRecords
 from massprop_cli.inputs.logtable import LONG, MISSING, WHOLE, LogTable, between_known
+from massprop_cli.inputs.marked import came_late
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.tablefile import Cells, Places, Table
 from massprop_cli.inputs.vehicle import Vehicle
@@ -123,8 +124,10 @@ def left_out(source: LogTable, imu: ImuRecords, command: Array, records: int, n:
     """
     lost = np.zeros(n, dtype=bool) if source.lost is None else source.lost[:n]
     both = (imu.theta[:n], imu.velocity[:n])
-    marked = [one.found(increments) for one, increments in zip(imu.marked, both, strict=True)]
-    empty, repeated, zero = (np.stack(each, 1) for each in zip(*marked, strict=True))
+    empty, repeated, zero = (np.stack(each, 1) for each in zip(*(one.found(n) for one in imu.marked), strict=True))
+    for own in [[0, 1]] if (zero[:, 0] == zero[:, 1]).all() else [[0], [1]]:
+        if came_late([both[i] for i in own], zero[:, own[0]]):
+            zero[:, own] = False
     kinds = (("missing", lost[:, None]), ("with empty cells", empty), ("that repeat the one before", repeated), ("of zeros", zero))
     found = [f"{int(rows.any(1).sum())} {what}" for what, rows in kinds if rows.any()]
     if not found:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, IntArray
+from massprop_cli.base.arrays import TINY, Array, BoolArray
 
 SAME, STANDS = 0.05, 10
 """Part of the records that may repeat the one before, and how many in a row: of more, a sensor resolves no more, or stands still."""
@@ -31,15 +33,13 @@ class Marked:
             self._zero &= values == 0
             self._axes += 1
 
-    def found(self, increments: Array) -> tuple[BoolArray, BoolArray, BoolArray]:
-        """(n,) each: empty, repeating the record before, zeros; ``increments`` (n, 3) are what was made of them."""
-        none, count = np.zeros_like(self.empty), len(increments)
+    def found(self, count: int) -> tuple[BoolArray, BoolArray, BoolArray]:
+        """(count,) each: empty, repeating the record before, zeros."""
         if self._axes < ENOUGH:
-            return self.empty[:count], none[:count], none[:count]
+            none = np.zeros(count, dtype=bool)
+            return self.empty[:count], none, none
         self._same[0] = False
-        zero = _seldom(self._zero)
-        zero = none if _doubled(increments, np.flatnonzero(zero[:count])) else zero
-        return self.empty[:count], (_seldom(self._same & ~self._zero))[:count], zero[:count]
+        return self.empty[:count], _seldom(self._same & ~self._zero)[:count], _seldom(self._zero)[:count]
 
 
 def _seldom(rows: BoolArray) -> BoolArray:
@@ -49,8 +49,16 @@ def _seldom(rows: BoolArray) -> BoolArray:
     return rows if few else np.zeros_like(rows)
 
 
-def _doubled(increments: Array, rows: IntArray) -> bool:
-    """Whether the records after those of zeros hold what both should have."""
-    rows = rows[(rows > 0) & (rows < len(increments) - 2)]
-    around = increments[rows - 1] + increments[rows + 2]
-    return bool(len(rows)) and float((increments[rows + 1] * around).sum()) > DOUBLED * float((around * around).sum()) / 2
+def came_late(sensors: Sequence[Array], zero: BoolArray) -> bool:
+    """Whether the records after those of zeros (n,) hold what both should have, by the increments (n, 3) of all that show these.
+
+    Each weighs by how little it changes from one record to the next: noise and pulses tell nothing.
+    """
+    rows = np.flatnonzero(zero)
+    rows = rows[(rows > 0) & (rows < len(zero) - 2)]
+    held, usual = 0.0, 0.0
+    for increments in sensors:
+        around, weight = increments[rows - 1] + increments[rows + 2], 1 / max(float((np.diff(increments, axis=0) ** 2).mean()), TINY)
+        held += weight * float((increments[rows + 1] * around).sum())
+        usual += weight * float((around**2).sum()) / 2
+    return held > DOUBLED * usual

@@ -17,6 +17,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import telemetry, vehiclefile
 from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V, TIME
+from massprop_cli.inputs.marked import came_late
 from massprop_cli.inputs.tablefile import columns_of
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -183,3 +184,17 @@ def test_a_sensor_that_repeats_often_has_lost_nothing() -> None:
     log = log_of(found, flight("free-flyer").vehicle)
     assert "records-lost" not in [notice.code for notice in log.notices]
     assert log.ignored is None
+
+
+@pytest.mark.parametrize("late", [True, False])
+def test_records_that_came_late_are_told_from_lost_ones_by_the_sensor_that_is_smooth(late: bool) -> None:
+    """A gyro in slow turns beside an accelerometer that shows pulses and noise alone."""
+    rng = np.random.default_rng(4)
+    smooth, rough = np.cumsum(rng.normal(0, 1e-3, (400, 3)), 0), rng.normal(0, 1.0, (400, 3))
+    rows = np.arange(20, 390, 40)
+    for increments in (smooth, rough):
+        increments[rows + 1] += increments[rows] if late else 0.0
+        increments[rows] = 0.0
+    zero = np.isin(np.arange(400), rows)
+    assert came_late([smooth, rough], zero) is late
+    assert came_late([smooth], zero) is late
