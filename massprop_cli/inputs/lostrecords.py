@@ -16,7 +16,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.columns import COMMAND_TIME, PULSE, WRENCH
 from massprop_cli.inputs.imurecords import ImuRecords
 from massprop_cli.inputs.logtable import LONG, MISSING, WHOLE, LogTable, between_known
-from massprop_cli.inputs.marked import came_late
+from massprop_cli.inputs.marked import came_late, repeated, zeros
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.tablefile import Cells, Places, Table
 from massprop_cli.inputs.vehicle import Vehicle
@@ -124,21 +124,22 @@ def left_out(source: LogTable, imu: ImuRecords, command: Array, records: int, n:
     """
     lost = np.zeros(n, dtype=bool) if source.lost is None else source.lost[:n]
     both = (imu.theta[:n], imu.velocity[:n])
-    empty, repeated, zero = (np.stack(each, 1) for each in zip(*(one.found(n) for one in imu.marked), strict=True))
+    empty, zero = (np.stack([part[:n] for part in each], 1) for each in zip(*((one.empty, zeros(one)) for one in imu.marked), strict=True))
+    same = np.stack([(repeated([one]) | repeated(imu.marked))[:n] for one in imu.marked], 1)
     for own in [[0, 1]] if (zero[:, 0] == zero[:, 1]).all() else [[0], [1]]:
         if came_late([both[i] for i in own], zero[:, own[0]]):
             zero[:, own] = False
-    kinds = (("missing", lost[:, None]), ("with empty cells", empty), ("that repeat the one before", repeated), ("of zeros", zero))
+    kinds = (("missing", lost[:, None]), ("with empty cells", empty), ("that repeat the one before", same), ("of zeros", zero))
     found = [f"{int(rows.any(1).sum())} {what}" for what, rows in kinds if rows.any()]
     if not found:
         return LeftOut(None, None, [])
-    readings = lost[:, None] | empty | repeated | zero
+    readings = lost[:, None] | empty | same | zero
     for increments, rows in zip(both, readings.T, strict=True):
         for axis in increments.T:
             axis[:] = between_known(axis, rows)
     uncommanded = np.zeros(n // records, dtype=bool) if source.uncommanded is None else source.uncommanded
     if records == 1 and source.issued is None:
-        uncommanded = uncommanded | (repeated.all(1) & (np.diff(command, axis=0, prepend=np.nan) == 0).all(1))
+        uncommanded = uncommanded | (same.all(1) & (np.diff(command, axis=0, prepend=np.nan) == 0).all(1))
     also = f", nor are the commands of {int(uncommanded.sum())} control cycle(s) in them" if uncommanded.any() else ""
     first = source.place(int(np.argmax(readings.any(1))))
     said = f"records lost: {', '.join(found)}, the first at {first}; their readings are not used{also}"

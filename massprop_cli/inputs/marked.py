@@ -6,12 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from massprop_cli.base.arrays import TINY, Array, BoolArray
+from massprop_cli.base.arrays import TINY, Array, BoolArray, IntArray
 
 SAME, STANDS = 0.05, 10
 """Part of the records that may repeat the one before, and how many in a row: of more, a sensor resolves no more, or stands still."""
 ENOUGH = 2
 """Axes that must repeat at once: one may well show the same twice."""
+BY_CHANCE = 0.25
+"""Records in which all axes but one repeat over those in which all do, from which on these do by chance."""
 DOUBLED = 1.5
 """Times a usual reading from which on the record after a zero holds that of both."""
 
@@ -21,25 +23,40 @@ class Marked:
 
     def __init__(self, count: int) -> None:
         self.empty = np.zeros(count, dtype=bool)
-        self._same, self._zero = np.ones(count, dtype=bool), np.ones(count, dtype=bool)
-        self._axes = 0
+        self.axes = 0
+        self.same: IntArray = np.zeros(count, dtype=np.int8)
+        """(n,) axes that repeat the record before, ..."""
+        self.zero: IntArray = np.zeros(count, dtype=np.int8)
+        """... and that are 0."""
 
     def add(self, values: Array, lost: BoolArray | None) -> None:
         """One axis's column (n,), NaN where a cell is empty."""
         none = np.isnan(values)
         self.empty |= none if lost is None else none & ~lost
         if np.nanmax(values, initial=-np.inf) > np.nanmin(values, initial=np.inf):
-            self._same[1:] &= values[1:] == values[:-1]
-            self._zero &= values == 0
-            self._axes += 1
+            self.same[1:] += values[1:] == values[:-1]
+            self.zero += values == 0
+            self.axes += 1
 
-    def found(self, count: int) -> tuple[BoolArray, BoolArray, BoolArray]:
-        """(count,) each: empty, repeating the record before, zeros."""
-        if self._axes < ENOUGH:
-            none = np.zeros(count, dtype=bool)
-            return self.empty[:count], none, none
-        self._same[0] = False
-        return self.empty[:count], _seldom(self._same & ~self._zero)[:count], _seldom(self._zero)[:count]
+
+def repeated(sensors: Sequence[Marked]) -> BoolArray:
+    """(n,) records in which all axes of these sensors repeat the one before, and are not 0."""
+    axes = sum(one.axes for one in sensors)
+    none = np.asarray(np.sum([one.zero for one in sensors], 0) == axes)
+    found: BoolArray = _at_once(np.sum([one.same for one in sensors], 0), axes) & ~none
+    return found
+
+
+def zeros(sensor: Marked) -> BoolArray:
+    """(n,) records in which all axes of a sensor are 0."""
+    return _at_once(sensor.zero, sensor.axes)
+
+
+def _at_once(axes: IntArray, every: int) -> BoolArray:
+    """The rows in which so many ``axes`` (n,) are ``every`` one; none where these are many, or by chance, as of a coarse sensor."""
+    rows = np.asarray(axes == every)
+    by_chance = int((axes == every - 1).sum()) > BY_CHANCE * int(rows.sum())
+    return np.zeros_like(rows) if every < ENOUGH or by_chance else _seldom(rows)
 
 
 def _seldom(rows: BoolArray) -> BoolArray:

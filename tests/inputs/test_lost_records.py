@@ -198,3 +198,16 @@ def test_records_that_came_late_are_told_from_lost_ones_by_the_sensor_that_is_sm
     zero = np.isin(np.arange(400), rows)
     assert came_late([smooth, rough], zero) is late
     assert came_late([smooth], zero) is late
+
+
+@pytest.mark.parametrize("step", [3e-4, 1e-3])
+def test_readings_that_a_coarse_sensor_repeats_by_chance_are_not_lost(step: float) -> None:
+    """Steps of one and of several sigmas of the noise; and a recorder that repeats rows shows beside them."""
+    whole, vehicle = columns("free-flyer"), flight("free-flyer").vehicle
+    coarse = whole | {name: np.round(values / step) * step for name, values in whole.items() if name.startswith("delta_theta")}
+    assert not any(notice.code == "records-lost" for notice in log_of(coarse, vehicle).notices)
+    rows = np.arange(50, 350, 30)
+    for name in [name for name in coarse if name.startswith("delta")]:
+        coarse[name][rows] = coarse[name][rows - 1]
+    (said,) = [notice.message for notice in log_of(coarse, vehicle).notices if notice.code == "records-lost"]
+    assert f"{len(rows)} that repeat the one before" in said
