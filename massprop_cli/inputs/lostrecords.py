@@ -13,10 +13,10 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, median
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.inputs.columns import COMMAND_TIME, PULSE, WRENCH
+from massprop_cli.inputs.columns import COMMAND_TIME, DELTA_THETA, DELTA_V, PULSE, WRENCH
 from massprop_cli.inputs.imurecords import ImuRecords
 from massprop_cli.inputs.logtable import LONG, MISSING, WHOLE, LogTable, between_known
-from massprop_cli.inputs.marked import came_late, repeated, zeros
+from massprop_cli.inputs.marked import holds_both, repeated, zeros
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.tablefile import Cells, Places, Table
 from massprop_cli.inputs.vehicle import Vehicle
@@ -45,7 +45,7 @@ def put_back(source: LogTable, time_s: Array, vehicle: Vehicle) -> tuple[LogTabl
         return source, time_s
     place = np.append(0, np.cumsum(count + 1)).astype(int)
     ahead = -_begins(source, place, per_cycle) % per_cycle
-    if not count.any() and not ahead:
+    if (not count.any() and not ahead) or (count.any() and _made_of_times(source, np.flatnonzero(count) + 1)):
         return source, time_s
     rows = np.append(np.zeros(ahead, dtype=int), np.repeat(np.arange(len(time_s)), np.append(0, count).astype(int) + 1))
     lost = np.ones(len(rows), dtype=bool)
@@ -53,6 +53,12 @@ def put_back(source: LogTable, time_s: Array, vehicle: Vehicle) -> tuple[LogTabl
     times = np.interp(np.arange(len(rows)) - ahead, place, time_s)
     times[:ahead] -= usual * np.arange(ahead, 0, -1)
     return LogTable(_spread(source.table, rows, lost), source.columns, lost), times
+
+
+def _made_of_times(source: LogTable, rows: IntArray) -> bool:
+    """Whether increments hold the time since the record before, as of a tool that makes them of rates and times: then none are lost."""
+    sensors = [np.stack([source.optional(name) for name in own], 1) for own in (DELTA_THETA, DELTA_V) if all(map(source.has, own))]
+    return holds_both([np.nan_to_num(one) for one in sensors], rows, 1)
 
 
 def _begins(source: LogTable, place: IntArray, per_cycle: int) -> int:
@@ -127,7 +133,7 @@ def left_out(source: LogTable, imu: ImuRecords, command: Array, records: int, n:
     empty, zero = (np.stack([part[:n] for part in each], 1) for each in zip(*((one.empty, zeros(one)) for one in imu.marked), strict=True))
     same = np.stack([(repeated([one]) | repeated(imu.marked))[:n] for one in imu.marked], 1)
     for own in [[0, 1]] if (zero[:, 0] == zero[:, 1]).all() else [[0], [1]]:
-        if came_late([both[i] for i in own], zero[:, own[0]]):
+        if holds_both([both[i] for i in own], np.flatnonzero(zero[:, own[0]]) + 1, 2):
             zero[:, own] = False
     kinds = (("missing", lost[:, None]), ("with empty cells", empty), ("that repeat the one before", same), ("of zeros", zero))
     found = [f"{int(rows.any(1).sum())} {what}" for what, rows in kinds if rows.any()]

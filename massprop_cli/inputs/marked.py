@@ -14,8 +14,8 @@ ENOUGH = 2
 """Axes that must repeat at once: one may well show the same twice."""
 BY_CHANCE = 0.25
 """Records in which all axes but one repeat over those in which all do, from which on these do by chance."""
-DOUBLED = 1.5
-"""Times a usual reading from which on the record after a zero holds that of both."""
+BOTH = 1.5
+"""Times a usual reading from which on the record after a lost one holds that of both."""
 
 
 class Marked:
@@ -66,16 +66,15 @@ def _seldom(rows: BoolArray) -> BoolArray:
     return rows if few else np.zeros_like(rows)
 
 
-def came_late(sensors: Sequence[Array], zero: BoolArray) -> bool:
-    """Whether the records after those of zeros (n,) hold what both should have, by the increments (n, 3) of all that show these.
+def holds_both(sensors: Sequence[Array], rows: IntArray, before: int) -> bool:
+    """Whether records ``rows`` hold what was lost before them, too, by increments (n, 3); so far ``before`` is one that holds its own.
 
-    Each weighs by how little it changes from one record to the next: noise and pulses tell nothing.
+    Each sensor weighs by how little it changes from one record to the next: noise and pulses tell nothing.
     """
-    rows = np.flatnonzero(zero)
-    rows = rows[(rows > 0) & (rows < len(zero) - 2)]
     held, usual = 0.0, 0.0
     for increments in sensors:
-        around, weight = increments[rows - 1] + increments[rows + 2], 1 / max(float((np.diff(increments, axis=0) ** 2).mean()), TINY)
-        held += weight * float((increments[rows + 1] * around).sum())
+        own = rows[(rows >= before) & (rows < len(increments) - 1)]
+        around, weight = increments[own - before] + increments[own + 1], 1 / max(float((np.diff(increments, axis=0) ** 2).mean()), TINY)
+        held += weight * float((increments[own] * around).sum())
         usual += weight * float((around**2).sum()) / 2
-    return held > DOUBLED * usual
+    return held > BOTH * usual

@@ -17,7 +17,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import telemetry, vehiclefile
 from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V, TIME
-from massprop_cli.inputs.marked import came_late
+from massprop_cli.inputs.marked import holds_both
 from massprop_cli.inputs.tablefile import columns_of
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -195,9 +195,8 @@ def test_records_that_came_late_are_told_from_lost_ones_by_the_sensor_that_is_sm
     for increments in (smooth, rough):
         increments[rows + 1] += increments[rows] if late else 0.0
         increments[rows] = 0.0
-    zero = np.isin(np.arange(400), rows)
-    assert came_late([smooth, rough], zero) is late
-    assert came_late([smooth], zero) is late
+    assert holds_both([smooth, rough], rows + 1, 2) is late
+    assert holds_both([smooth], rows + 1, 2) is late
 
 
 @pytest.mark.parametrize("step", [3e-4, 1e-3])
@@ -211,3 +210,15 @@ def test_readings_that_a_coarse_sensor_repeats_by_chance_are_not_lost(step: floa
         coarse[name][rows] = coarse[name][rows - 1]
     (said,) = [notice.message for notice in log_of(coarse, vehicle).notices if notice.code == "records-lost"]
     assert f"{len(rows)} that repeat the one before" in said
+
+
+def test_increments_over_the_time_since_the_record_before_hold_what_was_lost() -> None:
+    """As of tools that make increments of mean rates and times: after a gap they are as much larger, and nothing is put back."""
+    whole, vehicle = columns("free-flyer"), flight("free-flyer").vehicle
+    made = without(whole, rows := np.array([100, 200, 300]))
+    after = rows - np.arange(len(rows))
+    for name in [name for name in made if name.startswith("delta")]:
+        made[name][after] += whole[name][rows]
+    found = log_of(made, vehicle)
+    assert found.cycles == len(made[TIME])
+    assert "records-lost" not in {notice.code for notice in found.notices}
