@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, median
+from massprop_cli.base.arrays import TINY, Array, median
 from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V, GYRO, WRENCH, jet
 from massprop_cli.inputs.formats.clocks import WRAPS
 from massprop_cli.inputs.logtable import GAP, LONG, MISSING, WHOLE, LogTable
@@ -36,6 +36,8 @@ MOSTLY = 0.85
 """Part of these intervals whose scatter is compared."""
 LEAST = 24
 """Records below which nothing is examined."""
+FEW = 1.4
+"""Intervals over records, up to which records are missing: of packets these are many times as many."""
 WINDOW = 12
 """Records at least on each side of a leap, whose earliest stamps are compared."""
 WIDEST = 400
@@ -146,7 +148,15 @@ def _decided(source: LogTable, vehicle: Vehicle, time_s: Array, usual_s: float, 
 
 
 def _usual(time_s: Array) -> tuple[float, int]:
-    """The usual interval, and over how many records it comes most evenly: leaps, packets and scatter are left out."""
+    """The usual interval, and over how many records it comes most evenly: leaps, packets and scatter are left out.
+
+    Where all are whole numbers of the middle one, and few of them several, records are missing: however regularly they are, it is that.
+    """
+    steps = np.diff(time_s)
+    times = steps / max(median(steps), TINY)
+    whole = np.round(times)
+    if whole.min() > 0 and np.abs(times - whole).max() <= FAR and len(steps) < whole.sum() < FEW * len(steps):
+        return median(steps), 1
     best, found, span = np.inf, 0.0, 1
     for lag in SPANS:
         if 4 * lag > len(time_s):

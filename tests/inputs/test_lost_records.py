@@ -222,3 +222,15 @@ def test_increments_over_the_time_since_the_record_before_hold_what_was_lost() -
     found = log_of(made, vehicle)
     assert found.cycles == len(made[TIME])
     assert "records-lost" not in {notice.code for notice in found.notices}
+
+
+@pytest.mark.parametrize("each", [5, 8])
+def test_rows_that_are_missing_regularly_are_no_clock_of_another_rate(each: int) -> None:
+    """Of seven records in eight cycles the mean interval is even."""
+    whole, vehicle = columns("free-flyer"), flight("free-flyer").vehicle
+    rows = np.arange(each, len(whole[TIME]) - 1, each)
+    found, log = log_of(without(whole, rows), vehicle), log_of(whole, vehicle)
+    assert [notice.code for notice in found.notices] == ["records-lost"]
+    np.testing.assert_allclose(found.time_s, log.time_s, atol=1e-9)
+    assert found.uncommanded is not None
+    np.testing.assert_array_equal(np.flatnonzero(found.uncommanded), rows)
