@@ -7,7 +7,7 @@ unknown. So does its command, where no other record of its cycle has it: an impu
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,22 @@ HELD = 0.9
 """Part of the rows from which on a command stands in each of its cycle's."""
 ENOUGH, MOSTLY = 4, 0.9
 """Commands that must show where cycles begin, and the part of them that must agree: a first row may be lost."""
+
+
+def once(source: LogTable) -> tuple[LogTable, list[Notice]]:
+    """The log without rows that stand twice: with stamp and all cells of the row before; as it is where a stamp alone stands twice."""
+    again = np.flatnonzero(np.diff(source.required("time_s")) == 0) + 1
+    if not len(again) or not all(_alike(cells, again) for cells in source.table.columns.values()):
+        return source, []
+    rows = np.delete(np.arange(source.table.rows), again)
+    said = f"{source.name('time_s')}: {len(again)} row(s) are those before once more, the first at {source.place(int(again[0]))}: left out"
+    return LogTable(_spread(source.table, rows, np.zeros(len(rows), dtype=bool)), source.columns), [Notice("clock-rebuilt", said)]
+
+
+def _alike(cells: Cells, rows: IntArray) -> bool:
+    """Whether a column's cells in these rows are those of the rows before."""
+    column: Any = cells.read()
+    return bool(column.take(rows).equals(column.take(rows - 1)))
 
 
 def put_back(source: LogTable, time_s: Array, vehicle: Vehicle) -> tuple[LogTable, Array]:

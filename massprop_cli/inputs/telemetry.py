@@ -156,10 +156,11 @@ def read(table: Table, vehicle: Vehicle) -> Log:
 
     Raises :class:`InputError` with file, row (Parquet, from 0) or line (CSV), column, value and remedy.
     """
-    source = LogTable(table, vehicle.columns)
+    source, twice = lostrecords.once(LogTable(table, vehicle.columns))
     stamped = stamps.examined(source, vehicle, source.required("time_s"))
     source, time_s = lostrecords.put_back(source, stamped.time_s, vehicle)
     interval_s, notices = _intervals(source, time_s, stamped.remedy)
+    notices += twice
     notices += [Notice("clock-rebuilt", f"{source.name('time_s')}: {stamped.message}")] if stamped.message else []
     pulsed = pulses.commands(source, vehicle, float(time_s[0] - interval_s[0]), float(time_s[-1]))
     command_s = _command_times(source, time_s, stamped.moved_s) if pulsed is None else pulsed.issued_s
