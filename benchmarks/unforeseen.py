@@ -37,7 +37,7 @@ CHOSEN = ("jets", "bearing", "canted", "wrench")
 SKETCH = """# Faults that nobody foresaw
 
 What values are worth of logs with a fault that no [error parameter](error-parameters.md) describes, or not alone; of massprop {version},
-commit {commit}. `python benchmarks/unforeseen.py --seeds {seeds}` writes this page. How: [discrepancy](discrepancy.md).
+commit {commit}. `python benchmarks/unforeseen.py --seeds {seeds} --first {first}` writes this page. How: [discrepancy](discrepancy.md).
 
 - **covered**: values within 1.96 of their sigmas of the truth.
 - **useful**: covered, with a sigma below {useful:.0%} of the natural size.
