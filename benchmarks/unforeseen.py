@@ -129,7 +129,7 @@ def main() -> None:
                 one.kind, one.vehicle, "widened" if one.widened else "", np.round(one.off, 2), np.round(100 * one.sigmas, 3), one.verdicts
             )
         return
-    print(SKETCH.format(version=__version__, commit=commit(), seeds=asked.seeds, useful=USEFUL, far=FAR, part=PART))
+    print(SKETCH.format(version=__version__, commit=commit(), seeds=asked.seeds, first=asked.first, useful=USEFUL, far=FAR, part=PART))
     print("\n".join(_table("vehicle", {name: [r for r in runs if r.vehicle == name] for name in vehicles}, runs)))
     print("\n" + "\n".join(_table("kind", {name: [r for r in runs if r.kind == name] for name in kinds}, runs)))
     proof = [r for r in runs if r.vehicle not in CHOSEN]
