@@ -120,6 +120,7 @@ def swinging(log: Log, part: float, hz: float) -> Log:
     return replace(log, delta_theta_imu_rad=log.delta_theta_imu_rad - part * np.array(shown) * log.interval_s[:, None])
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_part_that_swings_leaves_no_value_wrong_and_converged(monkeypatch: pytest.MonkeyPatch) -> None:
     """Counted as a torque that walks, it had left inertias converged and 8 to 20 sigma off."""
@@ -128,6 +129,7 @@ def test_a_part_that_swings_leaves_no_value_wrong_and_converged(monkeypatch: pyt
     assert max(wrong(believed(swinging(log, 0.01, 0.3), vehicle, monkeypatch)).values()) > 8
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_commands_that_were_not_executed_leave_no_value_wrong_and_converged() -> None:
     """A twentieth of the cycles hold commands of others that no jet ever got: steps as large as theirs, and no white torque."""

@@ -326,6 +326,7 @@ def test_thrust_that_sags_with_the_jets_that_fire_is_named_and_mended(key: str, 
     assert all(abs((one.value or 0.0) - value) < 4 * (one.sigma or 0.0) for one, value in zip(estimates, true, strict=True))
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_supply_that_remembers_leaves_no_value_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     """Thrust falls by up to 3 % with what was taken before: a disturbance stood for it, and moments of inertia were called converged."""

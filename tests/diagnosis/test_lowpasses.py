@@ -47,10 +47,10 @@ def assert_within_four_sigmas(conclusion: Conclusion, truth: Array) -> None:
     ("imu", "sensors", "key", "stated", "bearing"),
     [
         (LATENCY, ("gyro",), "latency_s", 0.0, False),
-        pytest.param(LATENCY, ("accel",), "latency_s", 0.0, True, marks=pytest.mark.thorough),
-        pytest.param(CUTOFF, ("accel",), "cutoff_hz", 98.0, False, marks=pytest.mark.thorough),
-        (CUTOFF, ("gyro", "accel"), "cutoff_hz", 98.0, False),
-        pytest.param(CUTOFF, ("gyro", "accel"), "cutoff_hz", 98.0, True, marks=pytest.mark.thorough),
+        pytest.param(LATENCY, ("accel",), "latency_s", 0.0, True, marks=[pytest.mark.thorough, pytest.mark.seeds]),
+        pytest.param(CUTOFF, ("accel",), "cutoff_hz", 98.0, False, marks=[pytest.mark.thorough, pytest.mark.seeds]),
+        pytest.param(CUTOFF, ("gyro", "accel"), "cutoff_hz", 98.0, False, marks=pytest.mark.thorough),
+        pytest.param(CUTOFF, ("gyro", "accel"), "cutoff_hz", 98.0, True, marks=[pytest.mark.thorough, pytest.mark.seeds]),
     ],
 )
 def test_another_cutoff_or_latency_is_named_with_its_value(

@@ -94,6 +94,7 @@ def of_noise(seed: int, bearing: str, bias: bool, noise: float | None) -> Answer
     return answer(flight, replace(log, attitude_wxyz=frozen(quaternion_product(log.attitude_wxyz, quaternion_of(turns)))))
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.parametrize(("bearing", "bias"), [*zip(BEARINGS, (False, True), strict=True)])
 def test_no_sigma_is_larger_than_without_the_columns(bearing: str, bias: bool) -> None:

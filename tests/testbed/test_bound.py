@@ -43,7 +43,7 @@ def test_the_bound_of_one_push_and_of_one_turn_is_that_of_the_closed_form() -> N
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["air-bearing", "docking"])
+@pytest.mark.parametrize("name", ["air-bearing", pytest.param("docking", marks=pytest.mark.seeds)])
 def test_the_bound_of_a_sample_log_is_the_one_recorded_with_it(name: str) -> None:
     """Those were made from the sensitivities of another forward model (sample_logs/README.md)."""
     recorded = json.loads((SAMPLES / name / "truth.json").read_text())
