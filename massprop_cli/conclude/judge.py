@@ -23,7 +23,7 @@ from massprop_cli.conclude.score import by_doubts, hanging
 from massprop_cli.conclude.verdict import Conclusion, contradicted, in_doubt
 from massprop_cli.conclude.whiteness import unlike_noise
 from massprop_cli.diagnosis import UNKNOWN
-from massprop_cli.diagnosis.recordings import normalised
+from massprop_cli.diagnosis.inspection import normalised
 from massprop_cli.estimate.discrepancy import LEAST
 from massprop_cli.estimate.disturbances import beyond_commands, sized
 from massprop_cli.estimate.history import History

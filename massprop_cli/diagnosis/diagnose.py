@@ -22,9 +22,10 @@ from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.episode import episodes
 from massprop_cli.diagnosis.explanation import Diagnosis, Explanation, by_wander, chosen, fitting_causes
 from massprop_cli.diagnosis.hypothesis import Hypothesis
+from massprop_cli.diagnosis.inspection import lost, seen, sparse
 from massprop_cli.diagnosis.phaseboundary import border
 from massprop_cli.diagnosis.ranking import CLEAR
-from massprop_cli.diagnosis.recordings import by_noise, lost, otherwise, otherwise_filtered, seen, sparse
+from massprop_cli.diagnosis.recordings import by_noise, otherwise, otherwise_filtered
 from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, helped, hopeless, refined, tried
 from massprop_cli.diagnosis.screening import Screening, about_its_body, beside_a_torque, busiest, screened
 from massprop_cli.diagnosis.search import codes, same, searched

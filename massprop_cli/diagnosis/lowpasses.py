@@ -8,23 +8,18 @@ a delay of the commands.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.errors import InputError
-from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Case
 from massprop_cli.diagnosis.delay import SENSORS, MeasuredMotion, motion_of, unexplained_by
-from massprop_cli.diagnosis.hypotheses import along
-from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.linesearch import line_minimum, sigma_at
 from massprop_cli.diagnosis.ranking import CLEAR
-from massprop_cli.diagnosis.screening import Screening
+from massprop_cli.diagnosis.supposed import Supposed
 from massprop_cli.errorparameters.setup import stating
-from massprop_cli.errorparameters.table import PRIORS, SIGMA_KEYS
+from massprop_cli.errorparameters.table import SIGMA_KEYS
 
 LATER = (-1.0, -0.5, -0.25, -0.12, -0.06, 0.06, 0.12, 0.25, 0.5, 1.0)
 """Cycles by which a sensor may be later than stated."""
@@ -38,34 +33,7 @@ MOST = 0.8
 """Part of what the best of them explains that others explain at least, to be put to the test."""
 
 
-class OtherLowPass(NamedTuple):
-    """A hypothesis of one sensor's low-pass, or of both."""
-
-    gained: float
-    """−2 log likelihood less than as stated."""
-    codes: tuple[str, ...]
-    states: dict[str, object]
-    """Values of keys, and their sigmas."""
-    further: dict[str, object]
-    """The values one sigma away."""
-    later: float
-    """Cycles by which commands act later with it than as they are read."""
-    loose: float
-    """One sigma of the error of that, cycles; 0: it is as stated."""
-
-    def fitted(self, screening: Screening) -> Fitted:
-        """As a hypothesis, before anything is fitted to it."""
-        x, none = screening.stated.x.copy(), np.zeros((len(screening.stated.x), 0))
-        x[screening.model.place("delay")] += self.later
-        free = along(screening.model, ("delay", np.full(1, self.loose / PRIORS["delay"]))) if self.loose else none
-        first, *others = self.codes
-        supposed = Hypothesis(first, (), free, states=self.states, further=(self.further,))
-        for code in others:
-            supposed = replace(supposed, code="", parts=(supposed, Hypothesis(code, (), none)))
-        return Fitted(supposed, screening.model, x, screening.stated.chi_square, np.zeros(free.shape[1]))
-
-
-def other_low_passes(case: Case) -> list[OtherLowPass]:
+def other_low_passes(case: Case) -> list[Supposed]:
     """Those that explain clearly more than the stated low-passes, by what free coefficients make of each."""
     search = _Search(case)
     filtered = [sensor for sensor, one in search.stated.items() if one.order]
@@ -74,8 +42,8 @@ def other_low_passes(case: Case) -> list[OtherLowPass]:
     found = [search.best([sensor], "latency_s") for sensor in late]
     found += [search.best(which, "cutoff_hz") for which in ([one] for one in filtered)]
     found += [search.best(filtered, "cutoff_hz")] if len(filtered) == len(SENSORS) else []
-    least = max(CLEAR, MOST * max((one.gained for one in found), default=0.0))
-    return [one for one in found if one.gained > least]
+    least = max(CLEAR, MOST * max((gained for gained, _ in found), default=0.0))
+    return [one for gained, one in found if gained > least]
 
 
 class _Search:
@@ -97,8 +65,11 @@ class _Search:
         """What the IMU felt; on a bearing when it was upright depends on the low-passes."""
         return None if self.case.vehicle.pivoted else motion_of(self.case.timing.of(self.case.log, self.case.vehicle))
 
-    def best(self, which: Sequence[str], key: str) -> OtherLowPass:
-        """The value that explains most, with the delay where that is to be found: as far as the other sensor shows it."""
+    def best(self, which: Sequence[str], key: str) -> tuple[float, Supposed]:
+        """The value that explains most, with the delay where that is to be found: as far as the other sensor shows it.
+
+        And by how much −2 log likelihood is less with it than as stated.
+        """
         others = [i for i, sensor in enumerate(SENSORS) if sensor not in which]
         later = self._later(others) if self.sought and others else self.back
 
@@ -109,8 +80,8 @@ class _Search:
         sigma = sigma_at(cost, by)
         values, further = self._values(which, key, by), self._values(which, key, by + sigma)
         spread = {SIGMA_KEYS[name]: float(f"{ROUGHLY * abs(further[name] - value):.3g}") for name, value in values.items()}
-        gained = self.cost - cost(by)
-        return OtherLowPass(gained, tuple(f"{one}-filter" for one in which), {**values, **spread}, dict(further), later, self.loose)
+        codes = tuple(f"{one}-filter" for one in which)
+        return self.cost - cost(by), Supposed(codes, {**values, **spread}, (dict(further),), later, self.loose)
 
     def _later(self, sensors: Sequence[int]) -> float:
         """Cycles by which commands act later as far as these sensors tell."""
