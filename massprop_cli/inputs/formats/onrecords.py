@@ -12,8 +12,9 @@ from massprop_cli.base.arrays import Array, IntArray, median
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import resample
 from massprop_cli.inputs.formats.mapfile import Records
-from massprop_cli.inputs.formats.oncycles import SAME, STAMPED, StreamCommand, Streams
+from massprop_cli.inputs.formats.oncycles import Streams
 from massprop_cli.inputs.formats.signals import QuantitySignal, sampled
+from massprop_cli.inputs.formats.streamcommands import SAME, STAMPED, StreamCommand
 
 LIKE = 0.2
 """Commands that come as often as control cycles, to this part of a cycle."""
