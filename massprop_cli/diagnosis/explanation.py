@@ -125,8 +125,9 @@ def _of_the_others(correction: Correction | None) -> Iterator[Correction]:
     if correction is None or not correction.command:
         return
     for own, others in ((slice(0, 3), slice(3, 6)), (slice(3, 6), slice(0, 3))):
-        factors = {factor for factor in correction.command[own] if factor != 1}
-        if len(factors) == 1 and set(correction.command[others]) == {1.0} and abs(np.log(np.abs(factor := factors.pop()))) > UNIT:
+        moved = [factor for factor in correction.command[own] if factor != 1]
+        factor, alike = (moved or [1.0])[0], len(set(moved)) == 1 and set(correction.command[others]) == {1.0}
+        if alike and factor and abs(np.log(abs(factor))) > UNIT:  # what does nothing is in no unit
             parts = [1.0] * 6
             parts[others] = [1.0 / factor] * 3
             yield replace(correction, command=tuple(parts))

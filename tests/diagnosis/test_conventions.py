@@ -10,6 +10,8 @@ import pytest
 
 from massprop_cli import INERTIA
 from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.diagnosis import explanation
+from massprop_cli.diagnosis.corrections import Correction
 from massprop_cli.flow import Analysis
 from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.simulate import SimulatedFlight
@@ -65,3 +67,10 @@ def test_torques_in_another_unit_than_forces_leave_neither_inertia_nor_mass() ->
     assert "or of the others" in message
     verdicts = faulty.verdicts(found)
     assert {verdicts[name] for name in (*INERTIA, "mass")} <= {"contradicted", "not_converged", "not_excited", "unobservable"}
+
+
+@pytest.mark.parametrize(("factor", "others"), [(1000.0, [1e-3]), (-1000.0, [-1e-3]), (1.5, []), (-1.0, []), (0.0, [])])
+def test_only_another_unit_may_as_well_be_that_of_the_others(factor: float, others: list[float]) -> None:
+    """Neither a scale, nor a sign, nor torques that do nothing."""
+    instead = [*explanation._of_the_others(Correction((), command=(*[factor] * 3, 1.0, 1.0, 1.0)))]
+    assert [one.command for one in instead] == [(1.0, 1.0, 1.0, *[other] * 3) for other in others]
