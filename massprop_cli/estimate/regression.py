@@ -55,7 +55,6 @@ STUCK = 3.0
 """Sigmas of a step that the search wants and can't take, as it leads to no body: so far from where it should be its values mean nothing."""
 STILL = 0.1
 """A step of fewer sigmas is the last."""
-"""Where θ's J_xx, J_yy, J_zz stand."""
 
 
 class Regression(Triangle):
