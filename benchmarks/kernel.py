@@ -56,10 +56,10 @@ the filter and the predictions of off-line fits, the effect of a lag on commands
 `MASSPROP_KERNEL=numpy` selects NumPy. Both agree to 1e-6 of a sigma at every cycle of the sample logs, except for crazyflie/yaw. The
 start of that log is chaotic: a change of 1e-13 in the measurements moves its values by sigmas in either implementation.
 
-Only NumPy supports environments other than `free` and `air_bearing`, [drift], estimated damping, wheels, control moment gyros, rotors with
-a spin inertia, jets or an IMU with uncertain position or thrust, more than 64 bins a cycle, and delay or lag with a sigma (also an
-estimated one). For a log with rotors, a thrust lag, thrust that droops or fails for a time, a drifting clock, a low-pass within a sensor,
-more than 64 jets or a delay beyond 19 cycles, only the alignment runs on NumPy.
+Only NumPy supports tables (`planar`), a free swing with known inertia, [drift], estimated damping, more than four wheels, wheels whose
+torque is logged, control moment gyros, rotors with a spin inertia, jets or an IMU with uncertain position or thrust, more than 64 bins a
+cycle, and delay or lag with a sigma (also an estimated one). For a log with wheels or rotors, a thrust lag, thrust that droops or fails for
+a time, a drifting clock, a low-pass within a sensor, more than 64 jets or a delay beyond 19 cycles, only the alignment runs on NumPy.
 
 `massprop export-flight` writes the sources with a vehicle's tables for a flight computer, and a test vector. The flight code must reproduce
 the vector bit for bit. It does on x86-64 with and without sanitizers, and on 32-bit ARM (gcc-arm-linux-gnueabihf under qemu-user).
@@ -72,8 +72,14 @@ Each line of its output is one cycle: `{"time_s": ..., "phase": ..., "estimates"
 then. A verdict is `contradicted` where the latest 256 cycles of the gyro or the accelerometer have normalised innovations with a mean
 square above 1.5 (expected: 1; [detection rates](aboard.md)). Then the vehicle differs from the vehicle file, or the stated noise is more
 than 1.22 times too small; do not use any value.
-The vehicle file must state noise levels and delay. At the end massprop estimates the recording (record.csv) like any log. That
-result also includes estimated disturbances, so it may differ from the last line.
+The vehicle file must state noise levels and delay. At the end massprop estimates the recording (record.csv) like any log. That result also
+includes estimated disturbances, so it may differ from the last line.
+
+On a pedestal each line has `about_pivot` in place of `estimates`: inertia about the pivot [kg m²] and first moment [kg m], on which alone
+the motion depends. With a weighed mass m the CG is pivot + moment / m. Of wheels their speeds at the end of each cycle are needed (`speed`
+of `mp_flown`; live, `wheel_NAME_rad_s` of each record); they are taken to change evenly in between. The stated noise must include what
+tachometers add to it (`speed_error_in_noise`); `export-flight --log` takes that from a log. On the ground the error of a reading is
+estimated from those before and after it, on board not.
 """
 
 

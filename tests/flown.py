@@ -21,6 +21,12 @@ RANDOM = (
 )
 """Pulses about and along all axes for 20 s."""
 
+BY_SPEED = tuple(f'vehicle.wheels.{number}.column="speed"' for number in range(3))
+"""Of the wheels of wheels-and-jets their speeds are logged instead of their torque."""
+
+EXACT = tuple(f"wheels.{number}.speed_step_rad_s=0.0" for number in range(3))
+"""Settings of their vehicle files: speeds are whole multiples of nothing."""
+
 
 @cache
 def fly(name: str, *settings: str, seeds: tuple[int, ...] = (3,)) -> SimulatedFlight:

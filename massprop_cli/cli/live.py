@@ -26,7 +26,8 @@ def live(
 
     What comes is kept in record.csv, and in the end estimated as `massprop estimate` would: result.json, history.parquet, run.json.
     An interrupt (Ctrl-C) ends the recording, and where nobody reads the answers any more it goes on, so the result is there, too. A record
-    that must be left out is told on one line of stderr. Exit 3 where what comes can't be used, or no more of it.
+    that must be left out is told on one line of stderr. On a pedestal each line has inertia and first moment about it. Exit 3 where what
+    comes can't be used, or no more of it.
 
     Examples:
         massprop live --vehicle vehicle.toml --out flight < log.csv

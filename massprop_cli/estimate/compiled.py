@@ -13,7 +13,8 @@ from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel, pointer
 from massprop_cli.model import kernelargs
-from massprop_cli.model.plant import Reference
+from massprop_cli.model.momentum import scale_sigmas
+from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.regressors import vehicle_numbers
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
@@ -71,7 +72,7 @@ class Pass:
 
     def reference(self) -> Reference | None:
         """The estimate at the end; None where there is none."""
-        return reference_of(self.library, self.memory, 15 if self.vehicle.on_air_bearing else 12)
+        return reference_of(self.library, self.memory, self.vehicle)
 
 
 def table(samples: Mounted, vehicle: Resolved) -> Array:
@@ -85,11 +86,18 @@ def rows_of(told: Array) -> Rows:
     return Rows(told[:, :10], told[:, 10:110].reshape(-1, 10, 10), told[:, 110:113], told[:, 113:119], told[:, 119:125], told[:, 125:])
 
 
-def reference_of(library: ctypes.CDLL, memory: object, channels: int) -> Reference | None:
+def reference_of(library: ctypes.CDLL, memory: object, vehicle: Vehicle) -> Reference | None:
     """The present estimate; None where there is none."""
-    found = np.empty(19 + 3 * channels)
+    response = slice(19, 19 + 3 * plant_of(vehicle).channels)
+    found = np.empty(response.stop + len(scale_sigmas(vehicle)))
     if not library.mp_host_reference(memory, pointer(found)):
         return None
     return Reference(
-        found[:9].reshape(3, 3), found[9:12], float(found[12]), found[13:16], acceleration=found[16:19], response=found[19:].reshape(3, -1)
+        found[:9].reshape(3, 3),
+        found[9:12],
+        float(found[12]),
+        found[13:16],
+        found[response.stop :],
+        acceleration=found[16:19],
+        response=found[response].reshape(3, -1),
     )

@@ -14,9 +14,11 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import elements
 from massprop_cli.estimate import compiled
 from massprop_cli.estimate.compiled import CHUNK, TOLD
 from massprop_cli.estimate.rows import Rows
+from massprop_cli.inputs.actuators.wheel import WheelLog
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import COMMANDS, PENDING, Kernel, kernel, pointer
@@ -65,6 +67,8 @@ def beyond(vehicle: Vehicle, timing: Timing, shortest_s: float) -> str:
         return "thrust.failures is not empty, and the kernel takes each jet's thrust as the same throughout"
     if vehicle.thrust.nominal_pa is not None:
         return "thrust.nominal_pa is stated, and the kernel takes each jet's thrust as the same at any pressure"
+    if any(wheel.speed_latency_s or wheel.speed_window_s for wheel in vehicle.wheels):
+        return "speed_latency_s or speed_window_s of a wheel is not 0, and the kernel takes speeds as those at each cycle's end"
     if vehicle.rotors:
         return "[[rotors]] are stated, and the kernel takes commands of jets or a wrench alone"
     if longest_delay_s(vehicle) > 0:
@@ -78,8 +82,8 @@ def beyond(vehicle: Vehicle, timing: Timing, shortest_s: float) -> str:
 
 
 def holds(samples: Source) -> bool:
-    """Whether these are cycles as they were read, whose commands the kernel can align."""
-    if not isinstance(samples, Stream) or samples.gyro != 1.0:
+    """Whether these are cycles as they were read, whose commands the kernel can align. Of wheels a log may tell more."""
+    if not isinstance(samples, Stream) or samples.gyro != 1.0 or samples.log.spinning:
         return False
     log = samples.log
     if log.command_s is not None or lost_commands(log) or not all(sensor.plain for sensor in sensors(log, samples.vehicle)):
@@ -106,7 +110,6 @@ class Flight:
     def __init__(self, commands: Array, vehicle: Array, rule: Array, by: Kernel | None = None) -> None:
         library = (by or kernel()).compiled
         self.library = library
-        self.channels = 15 if vehicle[0] else 12
         self._room = np.empty(library.mp_host_flight_size(), np.uint8)
         self.memory = pointer(self._room)
         checked(library.mp_host_fly(self.memory, pointer(commands), pointer(vehicle), pointer(rule)))
@@ -129,9 +132,9 @@ class Flight:
         """The cycle that waits for the next one's commands, where nothing more comes."""
         return self.step(np.empty((0, 1)), last=True)
 
-    def reference(self) -> Reference | None:
+    def reference(self, vehicle: Vehicle) -> Reference | None:
         """The estimate at the end; None where there is none."""
-        return compiled.reference_of(self.library, ctypes.c_void_p(self.library.mp_host_pass(self.memory)), self.channels)
+        return compiled.reference_of(self.library, ctypes.c_void_p(self.library.mp_host_pass(self.memory)), vehicle)
 
 
 def replayed(
@@ -151,7 +154,7 @@ def replayed(
             part = slice(begin, min(begin + CHUNK, end))
             yield flight.step(cycles_of(log, part, cycles), part.stop == end).rows
 
-    return rows(), flight.reference
+    return rows(), lambda: flight.reference(vehicle)
 
 
 def commands_of(jets: bool, vehicle: Vehicle, delay_cycles: float) -> Array:
@@ -160,7 +163,7 @@ def commands_of(jets: bool, vehicle: Vehicle, delay_cycles: float) -> Array:
     each = np.zeros((count, 8))
     if jets:
         each[:, :6] = vehicle.jet_wrench
-        each[:, 6:] = [(jet.rise_s, jet.fall_s) for jet in vehicle.jets]
+        each[:, 6:] = np.reshape([(jet.rise_s, jet.fall_s) for jet in vehicle.jets], (-1, 2))
     timing = (vehicle.cycle.period_s, delay_cycles * vehicle.cycle.period_s, vehicle.thrust.pulse_sigma)
     mounting = (*np.array(vehicle.imu.body_from_imu).ravel(), *vehicle.environment.initial_attitude_wxyz)
     return np.array([jets, count, False, *timing, *mounting, *each.ravel()], dtype=float)
@@ -170,7 +173,8 @@ def rule_of(vehicle: Vehicle, tolerances: tuple[float, float, float], relative: 
     """What is known, and the rule by which a value has converged, in the order of ``mp_host_fly``."""
     known = [number for name, k in vehicle.known.items() for number in (QUANTITIES.index(name), k.value, k.sigma)]
     rule = (vehicle.thrust.scale_sigma, vehicle.convergence.count, relative, *tolerances)
-    return np.array([*rule, len(vehicle.known), *known], dtype=float)
+    beyond: Array = sum((elements(device.beyond_reported) for device in vehicle.spinning), np.zeros(6))
+    return np.array([*rule, *beyond, len(vehicle.known), *known], dtype=float)
 
 
 def cycles_of(log: Log, part: slice, used: slice) -> Array:
@@ -186,4 +190,9 @@ def cycles_of(log: Log, part: slice, used: slice) -> Array:
     unused = (cycle < used.start) | (cycle >= used.stop)
     turned, felt = (of_records(one[each], records) for one in (log.delta_theta_imu_rad, log.delta_v_imu_m_s))
     parts = (log.cycle_end_s[part], cycle_edges(log, part)[1], turned, felt, attitude, ignored, unused)
-    return np.concatenate([one.reshape(count, -1) for one in (*parts, log.command[part])], 1, dtype=float)
+    speeds = [
+        said.speed_rad_s[records - 1 :: records][part]
+        for said in log.spinning
+        if isinstance(said, WheelLog) and said.speed_rad_s is not None
+    ]
+    return np.concatenate([one.reshape(count, -1) for one in (*parts, log.command[part], *speeds)], 1, dtype=float)

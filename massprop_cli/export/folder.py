@@ -68,7 +68,7 @@ def _makefile(resolved: Constants, sources: str) -> str:
 
 def _readme(resolved: Constants) -> str:
     vehicle = resolved.vehicle
-    delay_s, period_s = resolved.commands[4], vehicle.cycle.period_s
+    delay_s, period_s, inertia = resolved.commands[4], vehicle.cycle.period_s, "ixx ixy ixz iyy iyz izz [kg m^2]"
     late = delay_s < period_s
     said = {
         "NAME": line(" ".join(vehicle.name.split())),
@@ -81,6 +81,14 @@ def _readme(resolved: Constants) -> str:
         if vehicle.on_air_bearing
         else "",
         "COMMAND": f": {len(vehicle.jets)} on-times in s" if resolved.commands[0] else ": torque about O [N m] and force [N]",
+        "WHEELS": f" `flown.speed`: of the {len(vehicle.wheels)} wheels relative to the body, at the cycle's end, rad/s."
+        if vehicle.wheels
+        else "",
+        "POINT": "pivot" if vehicle.on_pedestal else "CG",
+        "CG": "The first moment is m (CG - pivot)." if vehicle.on_pedestal else "The CG is counted from O.",
+        "VALUES": f"{inertia}, first moment about the pivot x y z [kg m], and no mass"
+        if vehicle.on_pedestal
+        else f"the ten quantities ({inertia}, cg_x cg_y cg_z [m], mass [kg])",
         "DELAY": "A cycle's values come with the next call, since the next command may go on with a pulse."
         if late
         else f"Commands are executed {delay_s:g} s after the start of their cycle.",

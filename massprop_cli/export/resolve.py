@@ -60,6 +60,7 @@ def stated(source: VehicleSource, jets: bool | None = None) -> Constants:
         "thrust.lag_s": vehicle.thrust.lag_s == "auto",
         "imu.gyro_noise_rad_s": not vehicle.imu.gyro_noise_rad_s,
         "imu.accel_noise_m_s2": not vehicle.imu.accel_noise_m_s2,
+        "wheels.N.speed_step_rad_s (0: none)": any(one.speed_step_rad_s is None and not one.speed_error_in_noise for one in vehicle.wheels),
     }
     missing = [key for key, is_open in open_keys.items() if is_open]
     if missing:
@@ -70,10 +71,10 @@ def stated(source: VehicleSource, jets: bool | None = None) -> Constants:
     timing = stated_timing(vehicle)
     used = _checked(source, vehicle, timing, vehicle.cycle.period_s)
     legs = tuple(
-        Leg(name, compiled.table(GyroAttitude(pulsed=own.thrust.pulse_sigma > 0), own), _rule(own), slice(0, 0), own)
-        for name, own in [(phase.name, used.in_phase(phase)) for phase in used.phases] or [("all", used)]
+        _leg(name, own, slice(0, 0)) for name, own in [(phase.name, used.in_phase(phase)) for phase in used.phases] or [("all", used)]
     )
-    commands = kernelflight.commands_of(bool(vehicle.jets) if jets is None else jets, vehicle, timing.delay)
+    alone = bool(vehicle.spinning) or vehicle.on_pedestal
+    commands = kernelflight.commands_of(bool(vehicle.jets) or alone if jets is None else jets, vehicle, timing.delay)
     return Constants(vehicle, commands, legs, None)
 
 
@@ -91,21 +92,26 @@ def told(source: VehicleSource, log_path: Path) -> Constants:
     shortest = float(log.interval_s.reshape(-1, log.records_per_cycle).sum(1).min())
     used = _checked(source, vehicle, found.timing, shortest)
     commands = kernelflight.commands_of(log.command_kind == "jets", vehicle, found.timing.delay)
-    legs = []
-    for history in found.histories:
-        own = used.in_phase(history.phase)
-        legs.append(
-            Leg(history.phase.name, compiled.table(GyroAttitude(pulsed=own.thrust.pulse_sigma > 0), own), _rule(own), history.cycles, own)
-        )
-    return Constants(vehicle, commands, tuple(legs), log)
+    legs = tuple(_leg(history.phase.name, used.in_phase(history.phase), history.cycles) for history in found.histories)
+    return Constants(vehicle, commands, legs, log)
+
+
+def _leg(name: str, vehicle: Resolved, cycles: slice) -> Leg:
+    # on a pedestal no motion depends on the mass
+    own = vehicle.model_copy(update={"known": {}}) if vehicle.on_pedestal else vehicle
+    return Leg(name, compiled.table(GyroAttitude(pulsed=own.thrust.pulse_sigma > 0), own), _rule(own), cycles, own)
 
 
 def _exactly(stated: Vehicle, found: Vehicle) -> Vehicle:
-    """With a delay and a lag that were left to the log as it shows them, which the kernel takes as exact."""
+    """With a delay and a lag that were left to the log as it shows them, taken as exact. The kernel finds the gyro's bias itself."""
     cycle = {"command_delay_sigma_cycles": 0.0} if stated.cycle.command_delay_cycles == "auto" else {}
     thrust = {"lag_sigma_s": 0.0} if stated.thrust.lag_s == "auto" else {}
-    parts = {"cycle": found.cycle.model_copy(update=cycle), "thrust": found.thrust.model_copy(update=thrust)}
-    return found.model_copy(update=parts) if cycle or thrust else found
+    parts = {
+        "cycle": found.cycle.model_copy(update=cycle),
+        "thrust": found.thrust.model_copy(update=thrust),
+        "imu": found.imu.model_copy(update={"gyro_bias_rad_s": stated.imu.gyro_bias_rad_s}),
+    }
+    return found.model_copy(update=parts)
 
 
 def _checked(source: VehicleSource, vehicle: Vehicle, timing: Timing, shortest_s: float) -> Resolved:
@@ -114,6 +120,11 @@ def _checked(source: VehicleSource, vehicle: Vehicle, timing: Timing, shortest_s
     if vehicle.cycle.command_delay_sigma_cycles > 0 or vehicle.thrust.lag_sigma_s > 0:
         problem = (
             problem or "delay or lag have a sigma, and the kernel takes them as exact; set command_delay_sigma_cycles and lag_sigma_s to 0"
+        )
+    if any(wheel.speed_sigma_rad_s or wheel.speed_step_rad_s for wheel in vehicle.wheels if not wheel.speed_error_in_noise):
+        problem = problem or (
+            "speed_sigma_rad_s or speed_step_rad_s of a wheel is stated, and what they make of the noise is not: give a log, or state "
+            "imu.gyro_noise_rad_s and environment.disturbance_torque_n_m with them and speed_error_in_noise = true"
         )
     if vehicle.uncertain:
         problem = problem or "uncertain is stated, and the kernel takes all keys as exact; leave it out"

@@ -6,14 +6,20 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.export.resolve import Constants, Leg
+from massprop_cli.model.kernelargs import KINDS
+from massprop_cli.model.momentum import scale_sigmas
+
+SLIDES = KINDS.index("air_bearing")
 
 VEHICLE = (
     *(("bearing", 0), ("gyro_bias", 0), ("accel_bias", 0), ("slow_torque", 0), ("tilt", 0), ("bins", 0), ("pulses", 0)),
     *(("imu", 3), ("gyro_noise", 1), ("accel_noise", 3), ("gyro_bias_sigma", 1), ("accel_bias_sigma", 1)),
     *(("torque_noise", 1), ("torque_walk", 1), ("gyro_bias_walk", 1), ("prior_scale", 1), ("reach", 1), ("known_mass", 1), ("centre", 3)),
-    *(("bearing_mass", 1), ("gravity", 1), ("filtered", 0), ("curvature", 1), ("later", 1)),
+    *(("bearing_mass", 1), ("gravity", 1), ("filtered", 0), ("curvature", 1), ("later", 1), ("thrust_sigma", 1), ("wheels", 0)),
 )
-"""Members of mp_vehicle in the order of its table, and how many numbers each has; 0: one whole number."""
+"""Members of mp_vehicle in the order of its table, before each wheel's, and how many numbers each has; 0: one whole number."""
+OF_WHEEL = (("axis", slice(0, 3)), ("spin_sigma", slice(3, 4)), ("spin_inertia", slice(4, 5)))
+"""The same of each wheel, and where they stand among its own."""
 COMMANDS = (
     *(("jets", 0), ("commands", 0), ("logged", 0), ("period_s", 1), ("delay_s", 1), ("pulse_sigma", 1)),
     *(("body_from_imu", 9), ("attitude_wxyz", 4)),
@@ -24,12 +30,16 @@ COMMANDS = (
 def limits(resolved: Constants) -> str:
     """Flags of the compiler: as much room as this vehicle wants."""
     legs = [dict(_members(leg.vehicle, VEHICLE)) for leg in resolved.legs]
-    beginnings = max(3 * (1 + sum(int(leg[name][0]) for name in ("gyro_bias", "accel_bias", "slow_torque", "tilt"))) for leg in legs)
+    blocks = max(3 * (1 + sum(int(leg[name][0]) for name in ("gyro_bias", "accel_bias", "slow_torque", "tilt"))) for leg in legs)
+    wheels = int(legs[0]["wheels"][0])
+    scales = len(scale_sigmas(resolved.legs[0].own))
     found = {
         "BINS": max(int(leg["bins"][0]) for leg in legs),
-        "CHANNELS": 15 if legs[0]["bearing"][0] else 12,
-        "BEGINNINGS": beginnings,
-        "COMMANDS": int(resolved.commands[1]),
+        "CHANNELS": 15 if legs[0]["bearing"][0] == SLIDES else 12,
+        "PIVOTED": int(legs[0]["bearing"][0] > 0),
+        "WHEELS": wheels,
+        "BEGINNINGS": blocks + scales,
+        "COMMANDS": max(int(resolved.commands[1]), 1),
     }
     return " ".join(f"-DMP_{name}={value}" for name, value in found.items())
 
@@ -54,7 +64,9 @@ extern const mp_rule mp_rule_table[MP_PHASES];
 
 def source(resolved: Constants) -> str:
     """table.c."""
-    vehicles = ",\n".join(f"    {{ /* phase {_comment(leg.name)} */\n{_body(leg.vehicle, VEHICLE)}    }}" for leg in resolved.legs)
+    vehicles = ",\n".join(
+        f"    {{ /* phase {_comment(leg.name)} */\n{_body(leg.vehicle, VEHICLE)}{_wheels(leg.vehicle)}    }}" for leg in resolved.legs
+    )
     rules = ",\n".join(f"    {{\n{_rule(leg)}    }}" for leg in resolved.legs)
     return f"""#include "table.h"
 
@@ -94,8 +106,18 @@ def _body(table: Array, names: Sequence[tuple[str, int]]) -> str:
     return text
 
 
+def _wheels(table: Array) -> str:
+    each = table[sum(max(count, 1) for _, count in VEHICLE) :].reshape(-1, 5)
+    if not len(each):
+        return ""
+    members = ((name, ", ".join(_list(row[own]) if name == "axis" else _number(row[own][0]) for row in each)) for name, own in OF_WHEEL)
+    return "".join(f"        .{name} = {{{numbers}}},\n" for name, numbers in members)
+
+
 def _commands(table: Array) -> str:
     each = table[sum(max(count, 1) for _, count in COMMANDS) :].reshape(-1, 8)
+    if not len(each):
+        return _body(table, COMMANDS)
     wrench = ",\n".join(f"            {_list(row[:6])}" for row in each)
     return (
         _body(table, COMMANDS)
@@ -105,9 +127,9 @@ def _commands(table: Array) -> str:
 
 def _rule(leg: Leg) -> str:
     rule = leg.rule
-    known = rule[7:].reshape(-1, 3)
+    known = rule[13:].reshape(-1, 3)
     text = f"        .thrust_sigma = {_number(rule[0])},\n        .count = {int(rule[1])},\n        .relative = {int(rule[2])},\n"
-    text += f"        .tolerance = {_list(rule[3:6])},\n        .known = {len(known)},\n"
+    text += f"        .tolerance = {_list(rule[3:6])},\n        .beyond = {_list(rule[6:12])},\n        .known = {len(known)},\n"
     if len(known):
         index = ", ".join(str(int(i)) for i in known[:, 0])
         text += f"        .known_index = {{{index}}},\n        .known_value = {_list(known[:, 1])},\n"

@@ -14,10 +14,10 @@ from massprop_cli.kernel.compile import built
 
 CHOICE = "MASSPROP_KERNEL"
 """Environment variable; "numpy" keeps the compiled kernel out."""
-INTERFACE = 8
+INTERFACE = 9
 """Of the library's calls, as ``mp_host_interface`` says it."""
-BINS, COMMANDS, PENDING = 64, 64, 24
-"""MP_BINS, MP_COMMANDS, MP_PENDING"""
+BINS, COMMANDS, PENDING, WHEELS = 64, 64, 24, 4
+"""MP_BINS, MP_COMMANDS, MP_PENDING, MP_WHEELS"""
 
 
 class Kernel(NamedTuple):

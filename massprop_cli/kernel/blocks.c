@@ -38,7 +38,7 @@ SHARED int mp_host_integrals(const double *table, const double *reference, long 
                              double *mean, double *known);
 
 
-static void reference_of(const double *from, int channels, mp_reference *out) {
+static void reference_of(const double *from, const mp_layout *layout, mp_reference *out) {
     int i;
     memset(out, 0, sizeof *out);
     from = mp_copied(out->theta, from, 10);
@@ -47,14 +47,15 @@ static void reference_of(const double *from, int channels, mp_reference *out) {
     from = mp_copied(&out->mu, from, 1);
     from = mp_copied(out->bias, from, 3);
     from = mp_copied(out->acceleration, from, 3);
-    for (i = 0; i < 3; i++) from = mp_copied(out->phi[i], from, channels);
+    for (i = 0; i < 3; i++) from = mp_copied(out->phi[i], from, layout->channels);
+    (void)mp_copied(out->scale, from, 1 + MP_WHEELS);
 }
 
 int mp_about_of(const double *table, const double *reference, mp_vehicle *vehicle, mp_layout *layout, mp_reference *about) {
     int status;
     *vehicle = mp_vehicle_of(table);
     status = mp_laid_out(vehicle, layout);
-    if (status == MP_OK) reference_of(reference, layout->channels, about);
+    if (status == MP_OK) reference_of(reference, layout, about);
     return status;
 }
 
@@ -82,6 +83,7 @@ static void combine(const mp_real *channels, int count, const double *onto, int 
 static void step_written(const mp_layout *layout, const mp_reference *about, const mp_motion *from, const mp_motion *into,
                          const mp_time_update *update, const double *onto, int combined, long k, const regressors *out) {
     int n = layout->states, wide = 1 + combined, i, j, a, m;
+    mp_real inverse[3][3], moment[3], scaled[1 + MP_WHEELS][3];
     double made[3 * (3 * MP_CHANNELS + 4)], *drive = out->drive + k * n * wide;
     for (i = 0; i < n; i++) {
         for (j = 0; j < n; j++) out->transition[(k * n + i) * n + j] = (double)update->transition[i][j];
@@ -89,10 +91,16 @@ static void step_written(const mp_layout *layout, const mp_reference *about, con
         drive[i * wide] = (double)update->drive[i];
     }
     combine(update->step, layout->channels, onto, combined, made);
+    mp_tensor(about->theta, inverse);
+    for (j = 0; j < layout->scales; j++) {
+        for (i = 0; i < 3; i++) moment[i] = from->scaled[j][0][i] + into->scaled[j][1][i];
+        mp_times((const mp_real(*)[3])inverse, moment, scaled[j]);
+    }
     for (i = 0; i < 3; i++) {
         mp_real growth = from->known[0][i] + into->known[1][i];
         for (j = 0; j < 3; j++) out->to_rate[(k * 3 + i) * 3 + j] = (double)update->to_rate[i][j];
         for (j = 0; j < layout->channels; j++) growth += about->phi[i][j] * update->step[j];
+        for (j = 0; j < layout->scales; j++) growth += scaled[j][i] * about->scale[j];
         out->steps[k * 3 + i] = (double)growth;
         for (a = 0; a < 3; a++)
             for (m = 0; m < combined; m++) drive[i * wide + 1 + m] += (double)update->solve[i][a] * made[a * combined + m];
@@ -124,6 +132,7 @@ static void cycle_written(const mp_layout *layout, const mp_motion *here, const 
             if (layout->at_torque >= 0) observation[(3 + i) * n + layout->at_torque + j] = (double)here->euler[i][j];
             if (layout->at_tilt >= 0) observation[(3 + i) * n + layout->at_tilt + j] = (double)here->by_tilt[i][j];
         }
+        for (j = 0; j < layout->scales; j++) observation[(3 + i) * n + layout->at_scale + j] = (double)here->felt[j][i];
     }
 }
 

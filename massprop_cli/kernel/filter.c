@@ -63,6 +63,8 @@ static void left(const mp_layout *layout, const mp_filter *filter, const mp_moti
             if (layout->at_tilt >= 0)
                 for (c = 0; c < width; c++) pushing[c] -= here->by_tilt[i][j] * filter->mean[layout->at_tilt + j][c];
         }
+        for (j = 0; j < layout->scales; j++)
+            for (c = 0; c < width; c++) pushing[c] -= here->felt[j][i] * filter->mean[layout->at_scale + j][c];
     }
 }
 
@@ -97,6 +99,7 @@ static void joined(const mp_layout *layout, mp_filter *filter, const mp_time_upd
                 if (layout->at_torque >= 0) pushing[j] += here->euler[i][k] * states[(layout->at_torque + k) * columns + j];
                 if (layout->at_tilt >= 0) pushing[j] += here->by_tilt[i][k] * states[(layout->at_tilt + k) * columns + j];
             }
+            for (k = 0; k < layout->scales; k++) pushing[j] += here->felt[k][i] * states[(layout->at_scale + k) * columns + j];
         }
     }
     mp_lower(joint, 6 + n, columns);

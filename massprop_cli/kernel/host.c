@@ -34,12 +34,13 @@ static const double *read_int(int *to, const double *from) {
 }
 
 /* Of these calls and what they are handed: another number where any of it is another (massprop_cli/kernel/__init__.py). */
-int mp_host_interface(void) { return 8; }
+int mp_host_interface(void) { return 9; }
 
 size_t mp_host_size(void) { return sizeof(mp_pass); }
 
 mp_vehicle mp_vehicle_of(const double *table) {
     mp_vehicle vehicle;
+    int w;
     table = read_int(&vehicle.bearing, table);
     table = read_int(&vehicle.gyro_bias, table);
     table = read_int(&vehicle.accel_bias, table);
@@ -63,7 +64,14 @@ mp_vehicle mp_vehicle_of(const double *table) {
     table = mp_copied(&vehicle.gravity, table, 1);
     table = read_int(&vehicle.filtered, table);
     table = mp_copied(&vehicle.curvature, table, 1);
-    (void)mp_copied(&vehicle.later, table, 1);
+    table = mp_copied(&vehicle.later, table, 1);
+    table = mp_copied(&vehicle.thrust_sigma, table, 1);
+    table = read_int(&vehicle.wheels, table);
+    for (w = 0; w < vehicle.wheels && w < MP_WHEELS; w++) {
+        table = mp_copied(vehicle.axis[w], table, 3);
+        table = mp_copied(&vehicle.spin_sigma[w], table, 1);
+        table = mp_copied(&vehicle.spin_inertia[w], table, 1);
+    }
     return vehicle;
 }
 
@@ -97,6 +105,7 @@ static void rule_of(const double *table, mp_rule *out) {
     table = read_int(&out->count, table);
     table = read_int(&out->relative, table);
     table = mp_copied(out->tolerance, table, 3);
+    table = mp_copied(out->beyond, table, 6);
     table = read_int(&out->known, table);
     for (i = 0; i < out->known; i++) {
         table = read_int(&out->known_index[i], table);
@@ -120,6 +129,7 @@ int mp_host_fly(mp_flight *flight, const double *commands, const double *vehicle
 }
 
 void mp_cycle_of(const mp_vehicle *vehicle, const double *row, mp_cycle *out) {
+    int b;
     row = mp_copied(&out->end_s, row, 1);
     row = mp_copied(&out->duration_s, row, 1);
     row = mp_copied(out->rate, row, 3);
@@ -135,7 +145,12 @@ void mp_cycle_of(const mp_vehicle *vehicle, const double *row, mp_cycle *out) {
     row = read_int(&out->deaf[1], row);
     row = mp_copied(out->impulse[0], row, 6 * vehicle->bins);
     row = mp_copied(out->skew[0], row, 6 * vehicle->bins);
-    if (vehicle->pulses) (void)mp_copied(out->pulse_covariance[0], row, 36);
+    if (vehicle->pulses) row = mp_copied(out->pulse_covariance[0], row, 36);
+    for (b = 0; b < vehicle->bins && vehicle->wheels > 0; b++) {
+        row = mp_copied(out->momentum[b], row, vehicle->wheels);
+        row = mp_copied(out->growing[b], row, vehicle->wheels);
+    }
+    for (b = 0; b < 3 && vehicle->wheels > 0; b++) row = mp_copied(out->grown[b], row, vehicle->wheels);
 }
 
 /* What isn't said is NaN. */
@@ -175,7 +190,7 @@ int mp_host_phase(mp_flight *flight, const double *vehicle, const double *rule) 
     return mp_host_begin(&flight->pass, vehicle);
 }
 
-static void flown_of(const mp_commands *table, const double *row, mp_flown *out) {
+static void flown_of(const mp_commands *table, int wheels, const double *row, mp_flown *out) {
     row = mp_copied(&out->end_s, row, 1);
     row = mp_copied(&out->duration_s, row, 1);
     row = mp_copied(out->delta_theta, row, 3);
@@ -184,7 +199,8 @@ static void flown_of(const mp_commands *table, const double *row, mp_flown *out)
     row = read_int(&out->deaf[0], row);
     row = read_int(&out->deaf[1], row);
     row = read_int(&out->unused, row);
-    (void)mp_copied(out->command, row, table->commands);
+    row = mp_copied(out->command, row, table->commands);
+    (void)mp_copied(out->speed, row, wheels);
 }
 
 /* (30) values, sigmas and verdicts; NaN where nothing is told. */
@@ -205,7 +221,7 @@ long mp_host_flown(mp_flight *flight, long count, long stride, const double *row
         mp_values found;
         int made;
         if (k < count) {
-            flown_of(&flight->preprocess.table, rows + k * stride, &flown);
+            flown_of(&flight->preprocess.table, flight->preprocess.vehicle.wheels, rows + k * stride, &flown);
             *status = mp_flight_step(flight, &flown, &found, &made);
         } else {
             *status = mp_flight_last(flight, &found, &made);
@@ -231,5 +247,6 @@ int mp_host_reference(const mp_pass *pass, double *out) {
         for (j = 0; j < channels; j++) out[19 + i * channels + j] = (double)pass->estimate.phi[i][j];
     }
     out[12] = (double)pass->estimate.mu;
+    for (i = 0; i < pass->layout.scales; i++) out[19 + 3 * channels + i] = (double)pass->estimate.scale[i];
     return pass->started;
 }

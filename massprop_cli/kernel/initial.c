@@ -34,17 +34,31 @@ static void carried(const mp_vehicle *vehicle, const mp_cycle *cycle, mp_real ou
     for (i = 0; i < 3; i++) out[i] = cycle->force[i] - (euler[i] + outer[i]);
 }
 
+/* Impulse of the torque -w x h of what wheels store, of mean rate and mean momentum. */
+static void precession(const mp_vehicle *vehicle, const mp_cycle *cycle, mp_real out[3]) {
+    mp_real momentum[3] = {R(0), R(0), R(0)}, bin_s = cycle->duration_s / R(vehicle->bins);
+    int b, w, i;
+    for (b = 0; b < vehicle->bins; b++)
+        for (w = 0; w < vehicle->wheels; w++)
+            for (i = 0; i < 3; i++) momentum[i] += vehicle->axis[w][i] * cycle->momentum[b][w] * bin_s;
+    mp_cross(momentum, cycle->rate, out);
+}
+
 void mp_start_add(const mp_vehicle *vehicle, mp_start *start, const mp_cycle *cycle) {
-    mp_real row[COLUMNS], load[3], area[6], felt[3], push[3];
+    mp_real row[COLUMNS], load[3], area[6], felt[3], push[3], stored[3];
     int i;
     carried(vehicle, cycle, felt);
     mp_products(cycle->rate, area);
     for (i = 0; i < 6; i++) area[i] *= cycle->duration_s;
-    for (i = 0; i < 3; i++) load[i] = felt[i] * cycle->duration_s;
+    precession(vehicle, cycle, stored);
+    for (i = 0; i < 3; i++) {
+        mp_real force = cycle->deaf[1] ? vehicle->gravity * (cycle->up[0][i] + cycle->up[1][i]) / R(2) : felt[i];
+        load[i] = force * cycle->duration_s;
+    }
     if (start->cycles > 0) {
         for (i = 0; i < 3; i++) {
             row[i] = MP_ON_BEARING(vehicle) ? (start->load[i] + load[i]) / R(2) : start->rising[3 + i] + cycle->falling[3 + i];
-            row[TORQUE + i] = start->rising[i] + cycle->falling[i];
+            row[TORQUE + i] = start->rising[i] + cycle->falling[i] + (start->stored[i] + stored[i]) / R(2);
             row[GROWTH + i] = cycle->rate[i] - start->rate[i];
             start->growth = mp_max(start->growth, mp_abs(row[GROWTH + i]));
         }
@@ -73,6 +87,7 @@ void mp_start_add(const mp_vehicle *vehicle, mp_start *start, const mp_cycle *cy
         mp_fold(start->push[i], 2, pair, 1);
         start->rate[i] = cycle->rate[i];
         start->load[i] = load[i];
+        start->stored[i] = stored[i];
     }
     memcpy(start->area, area, sizeof area);
     memcpy(start->rising, cycle->rising, sizeof start->rising);
@@ -198,7 +213,7 @@ void mp_fallback(const mp_vehicle *vehicle, mp_reference *out) {
 }
 
 int mp_start_found(const mp_vehicle *vehicle, const mp_start *start, mp_reference *out) {
-    mp_real scale = turning(start), mu = pushing(vehicle, start), triangle[MP_PACKED(COLUMNS)], prior[GROWTH], fit[GROWTH][3];
+    mp_real scale = turning(start), mu = MP_ON_PEDESTAL(vehicle) ? R(0) : pushing(vehicle, start), triangle[MP_PACKED(COLUMNS)], prior[GROWTH], fit[GROWTH][3];
     mp_real mean[3][3], values[3], axes[3][3], inertia[3][3], couple[3][3], cg[3], reach;
     int i, j, k;
     if (!(scale > R(0))) {

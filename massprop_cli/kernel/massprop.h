@@ -26,10 +26,18 @@ typedef double mp_real;
 #define MP_BINS 64 /* parts of a cycle in which its motion is resolved */
 #endif
 #ifndef MP_CHANNELS
-#define MP_CHANNELS 15 /* columns of the response: 12 in free flight, 15 on a bearing */
+#define MP_CHANNELS 15 /* columns of the response: 15 on a bearing whose base slides, else 12 */
 #endif
+#ifndef MP_PIVOTED
+#define MP_PIVOTED 1 /* whether the vehicle may stand on a bearing or a pedestal */
+#endif
+#ifndef MP_WHEELS
+#define MP_WHEELS 4 /* reaction wheels whose speed is measured */
+#endif
+#define MP_SPUN (MP_WHEELS > 0 ? MP_WHEELS : 1)
+#define MP_SPUN_BINS (MP_WHEELS > 0 ? MP_BINS : 1)
 #ifndef MP_BEGINNINGS
-#define MP_BEGINNINGS 15 /* states, whose beginning is unknown: rate, gyro bias, accelerometer bias, slow torque, attitude */
+#define MP_BEGINNINGS (16 + MP_WHEELS) /* states, whose beginning is unknown: rate, gyro bias, accelerometer bias, slow torque, attitude, scales */
 #endif
 
 #define MP_STATES MP_BEGINNINGS
@@ -64,7 +72,7 @@ enum mp_status {
 
 /* What is constant: of the vehicle, its noise levels resolved. */
 typedef struct {
-    int bearing;         /* 0: free flight */
+    int bearing;         /* 0: free flight; 1: its base slides; 2: on a pedestal, where it stands still */
     int gyro_bias;       /* whether each of these is a state */
     int accel_bias;
     int slow_torque;
@@ -88,10 +96,19 @@ typedef struct {
     int filtered;              /* whether the sensors are sampled or low-pass filtered, so that mean readings are not the mean motion */
     mp_real curvature;         /* s^2, mean reading less mean rate, over the growth of the angular acceleration that commands do not make */
     mp_real later;             /* s, by which the motion that the accelerometer shows is later than the gyro's */
+    mp_real thrust_sigma;      /* relative, of all thrust, beside wheels, where the estimate follows it */
+    int wheels;                /* up to MP_WHEELS */
+    mp_real axis[MP_SPUN][3]; /* of positive speed */
+    mp_real spin_sigma[MP_SPUN]; /* of its spin inertia, relative */
+    mp_real spin_inertia[MP_SPUN]; /* kg m^2 about it */
 } mp_vehicle;
 
-/* Whether it is on a bearing. Compiled with channels for free flight alone, what only a bearing wants is left out. */
-#define MP_ON_BEARING(vehicle) (MP_CHANNELS > 12 && (vehicle)->bearing)
+/* Whether it is on a bearing or a pedestal. Compiled without, what only these want is left out. */
+#define MP_ON_BEARING(vehicle) (MP_PIVOTED && (vehicle)->bearing)
+/* Whether its base slides. */
+#define MP_SLIDES(vehicle) (MP_CHANNELS > 12 && MP_PIVOTED && (vehicle)->bearing == 1)
+/* Whether it is on a pedestal: then inertia is about the pivot, the CG is there plus mu times the first moment, and mu is what was assumed. */
+#define MP_ON_PEDESTAL(vehicle) (MP_PIVOTED && (vehicle)->bearing == 2)
 
 /* One cycle: what the IMU told, and what the commands did. Body axes. */
 typedef struct {
@@ -108,6 +125,9 @@ typedef struct {
     mp_real falling[6];   /* with the falling half */
     mp_real whole[6];     /* over the cycle, as the accelerometer averages it */
     mp_real pulse_covariance[6][6];
+    mp_real momentum[MP_SPUN_BINS][MP_SPUN]; /* of each wheel in parts of the cycle, N m s: mean, */
+    mp_real growing[MP_SPUN_BINS][MP_SPUN];  /* first moment about the middle of its part, over the part's length */
+    mp_real grown[3][MP_SPUN];          /* torque on it as `rising`, `falling` and `whole` have wrenches, in which its reaction is, too */
     int deaf[2];          /* whose gyro, whose accelerometer is not used */
 } mp_cycle;
 
@@ -119,6 +139,7 @@ typedef struct {
     mp_real mu;
     mp_real bias[3];       /* of the gyro, rad/s */
     mp_real acceleration[3]; /* by a slow torque, rad/s^2 */
+    mp_real scale[1 + MP_WHEELS]; /* error of each scale that is a state */
     mp_real phi[3][MP_CHANNELS];
 } mp_reference;
 
@@ -142,6 +163,9 @@ typedef struct {
     mp_real by_tilt[3][3];      /* specific force by an error of attitude */
     mp_real pulse_root[3][3];   /* root of the moment that pulses err by, N m s */
     mp_real noise[6][6];        /* lower root of the measurements' noise */
+    mp_real stored[2][3];       /* momentum of all wheels under the halves of the window, N m s^2 */
+    mp_real scaled[1 + MP_WHEELS][2][3]; /* impulse of the moment under them by a unit of each scale that is a state, */
+    mp_real felt[1 + MP_WHEELS][3]; /* and the specific force */
 } mp_motion;
 
 /* The filter on all that is not of interest: a column for the log, for each coefficient and for each unknown beginning. */
@@ -192,6 +216,7 @@ typedef struct {
     mp_real growth;                  /* largest */
     mp_real rate[3];
     mp_real load[3];
+    mp_real stored[3];
     mp_real area[6];
     mp_real falling[6];
     mp_real rising[6];
@@ -200,7 +225,9 @@ typedef struct {
 typedef struct {
     int channels, coefficients, states, beginnings, width, process;
     int at_bias, at_accel, at_torque, at_tilt; /* states, or -1 */
-    mp_real prior[15]; /* one sigma of each unknown beginning */
+    int at_scale, scales;                      /* scales, one state each, */
+    int scale[1 + MP_WHEELS];                  /* of a wheel, or -1: of all thrust */
+    mp_real prior[16 + MP_WHEELS]; /* one sigma of each unknown beginning */
 } mp_layout;
 
 /* From one cycle into the next. */

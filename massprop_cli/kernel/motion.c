@@ -38,8 +38,10 @@ static void driven(const mp_vehicle *vehicle, const mp_reference *about, const m
         mp_cross(vehicle->centre, wrench + 3, acts);
         for (i = 0; i < 3; i++) acts[i] = wrench[i] - acts[i];
         for (i = 0; i < 3; i++) acts[3 + i] = up[i];
-        level(level_of, wrench + 3, acts + 6);
-        count = 9;
+        if (MP_SLIDES(vehicle)) {
+            level(level_of, wrench + 3, acts + 6);
+            count = 9;
+        }
     } else {
         for (i = 0; i < 6; i++) acts[i] = wrench[i];
     }
@@ -104,6 +106,39 @@ static void tilted(const mp_real up[3], const mp_real angle[3], mp_real out[3]) 
     }
 }
 
+/* Momentum of wheels, mean and first moment of a bin: of one, or of all (-1). */
+static void momentum_of(const mp_vehicle *vehicle, const mp_cycle *cycle, int b, int one, mp_real mean[3], mp_real growing[3]) {
+    int w, i;
+    for (i = 0; i < 3; i++) mean[i] = growing[i] = R(0);
+    for (w = one < 0 ? 0 : one; w < (one < 0 ? vehicle->wheels : one + 1); w++)
+        for (i = 0; i < 3; i++) {
+            mean[i] += vehicle->axis[w][i] * cycle->momentum[b][w];
+            growing[i] += vehicle->axis[w][i] * cycle->growing[b][w];
+        }
+}
+
+/* Torque -w x h of momentum on the vehicle in a bin, mean, and its first moment about the bin's middle over its length. */
+static void precession(const mp_real rate[3], const mp_real rate_dot[3], const mp_real mean[3], const mp_real growing[3], mp_real squared,
+                       mp_real torque[3], mp_real late[3]) {
+    mp_real a[3], b[3], c[3], d[3];
+    int i;
+    mp_cross(rate, mean, a);
+    mp_cross(rate_dot, growing, b);
+    mp_cross(rate, growing, c);
+    mp_cross(rate_dot, mean, d);
+    for (i = 0; i < 3; i++) {
+        torque[i] = -(a[i] + b[i]);
+        late[i] = -(c[i] + d[i] * squared);
+    }
+}
+
+/* The same of what all wheels store; nothing where there are none. */
+static void precessing(const mp_vehicle *vehicle, const mp_cycle *cycle, const bin *here, int b, mp_real torque[3], mp_real late[3]) {
+    mp_real mean[3], growing[3], bin_s = cycle->duration_s / R(vehicle->bins);
+    momentum_of(vehicle, cycle, b, -1, mean, growing);
+    precession(here->rate, here->rate_dot, mean, growing, bin_s * bin_s / R(12), torque, late);
+}
+
 /* Mean reading less mean rate, as far as commands make it: their response behind the sensor's kernel, less the motion by bins. */
 static void mean_offset(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_reference *about, mp_real out[3]) {
     const mp_real zero[3] = {R(0), R(0), R(0)};
@@ -143,12 +178,20 @@ static void within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycl
             bin *here = bins + b;
             mp_real coupling[3], dot[3];
             coupled(about, channels, here->rate, bin_s * R(count), coupling);
-            if (MP_ON_BEARING(vehicle) || again == 0) {
-                driven(vehicle, about, here->wrench, here->up, here->up, here->driven);
-                driven(vehicle, about, cycle->skew[b], zero, here->up, here->late);
+            if (MP_ON_BEARING(vehicle) || vehicle->wheels > 0 || again == 0) {
+                mp_real acts[2][6], torque[2][3];
+                memcpy(acts[0], here->wrench, sizeof acts[0]);
+                memcpy(acts[1], cycle->skew[b], sizeof acts[1]);
+                precessing(vehicle, cycle, here, b, torque[0], torque[1]);
+                for (i = 0; vehicle->wheels > 0 && i < 3; i++) {
+                    acts[0][i] += torque[0][i];
+                    acts[1][i] += torque[1][i];
+                }
+                driven(vehicle, about, acts[0], here->up, here->up, here->driven);
+                driven(vehicle, about, acts[1], zero, here->up, here->late);
             }
             for (i = 0; i < 3; i++) dot[i] = here->driven[i] + coupling[i];
-            if (MP_ON_BEARING(vehicle)) {
+            if (MP_SLIDES(vehicle)) {
                 mp_real swung[3];
                 swing(about, here, swung);
                 for (i = 0; i < 3; i++) dot[i] += swung[i];
@@ -228,6 +271,44 @@ static void sensed(const mp_cycle *cycle, const mp_real up[3], mp_real forced[2]
     }
 }
 
+/* To the impulses under the halves of the window and over the cycle: torque by what wheels store, -w x h, which `one` alone stores by a
+ * unit of its scale, or all (-1). */
+static void stored(const mp_vehicle *vehicle, const mp_cycle *cycle, const bin *bins, int one, mp_real rising[3], mp_real falling[3],
+                   mp_real whole[3]) {
+    int count = vehicle->bins, b, i;
+    mp_real bin_s = cycle->duration_s / R(count), made[2][3] = {{R(0), R(0), R(0)}, {R(0), R(0), R(0)}};
+    for (b = 0; b < count; b++) {
+        mp_real mean[3], growing[3], torque[3], late[3];
+        momentum_of(vehicle, cycle, b, one, mean, growing);
+        precession(bins[b].rate, bins[b].rate_dot, mean, growing, bin_s * bin_s / R(12), torque, late);
+        for (i = 0; i < 3; i++) {
+            windowed(made[0] + i, made[1] + i, torque[i], b, count, bin_s);
+            made[0][i] += late[i] / R(count);
+        }
+    }
+    for (i = 0; i < 3; i++) {
+        rising[i] += made[0][i];
+        falling[i] += made[1][i] - made[0][i];
+        whole[i] += made[1][i];
+    }
+}
+
+/* The momentum of wheels under the halves of the window. */
+static void stored_windows(const mp_vehicle *vehicle, const mp_cycle *cycle, mp_real out[2][3]) {
+    int count = vehicle->bins, b, i;
+    mp_real bin_s = cycle->duration_s / R(count);
+    memset(out, 0, 2 * sizeof out[0]);
+    for (b = 0; b < count; b++) {
+        mp_real mean[3], growing[3];
+        momentum_of(vehicle, cycle, b, -1, mean, growing);
+        for (i = 0; i < 3; i++) {
+            windowed(out[0] + i, out[1] + i, mean[i], b, count, bin_s);
+            out[0][i] += growing[i] / R(count);
+        }
+    }
+    for (i = 0; i < 3; i++) out[1][i] -= out[0][i];
+}
+
 /* What phi multiplies, under the rising half of the window, and over the whole cycle. */
 static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about,
                       const bin *bins, mp_real rates[2][3], mp_real ups[2][3], mp_motion *out, mp_real whole[MP_CHANNELS]) {
@@ -250,6 +331,10 @@ static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const 
         about_centre(vehicle->centre, falling);
         about_centre(vehicle->centre, whole);
     }
+    if (vehicle->wheels > 0) {
+        stored(vehicle, cycle, bins, -1, rising, falling, whole);
+        stored_windows(vehicle, cycle, out->stored);
+    }
     for (b = 0; b < count; b++) {
         const bin *here = bins + b;
         mp_real s[6], by[6];
@@ -257,7 +342,12 @@ static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const 
         mp_products(here->rate_dot, by);
         for (i = 0; i < 6; i++) windowed(rising + channels - 6 + i, whole + channels - 6 + i, s[i] + by[i] * squared, b, count, bin_s);
         for (i = 0; i < 3; i++) windowed(out->turning[0] + i, out->turning[1] + i, here->rate[i], b, count, bin_s);
-        if (MP_ON_BEARING(vehicle)) {
+        if (MP_ON_BEARING(vehicle))
+            for (i = 0; i < 3; i++) {
+                windowed(rising + 3 + i, whole + 3 + i, here->up[i], b, count, bin_s);
+                windowed(out->up[0] + i, out->up[1] + i, here->up[i], b, count, bin_s);
+            }
+        if (MP_SLIDES(vehicle)) {
             mp_real flat[3], late[3], swung[3];
             level(here->up, here->wrench + 3, flat);
             level(here->up, cycle->skew[b] + 3, late);
@@ -265,8 +355,6 @@ static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const 
             for (i = 0; i < 3; i++) {
                 windowed(forced[0] + i, forced[1] + i, here->wrench[3 + i], b, count, bin_s);
                 forced[0][i] += cycle->skew[b][3 + i] / R(count);
-                windowed(rising + 3 + i, whole + 3 + i, here->up[i], b, count, bin_s);
-                windowed(out->up[0] + i, out->up[1] + i, here->up[i], b, count, bin_s);
                 windowed(rising + 6 + i, whole + 6 + i, flat[i], b, count, bin_s);
                 windowed(out->known[0] + i, out->known[1] + i, swung[i], b, count, bin_s);
                 rising[6 + i] += late[i] / R(count);
@@ -282,7 +370,7 @@ static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const 
     }
     for (i = MP_ON_BEARING(vehicle) ? 3 : 6; i < channels; i++) falling[i] = whole[i] - rising[i];
     for (i = 0; i < 6; i++) whole[channels - 6 + i] += (ends[1][i] - ends[0][i]) * vehicle->later;
-    if (MP_ON_BEARING(vehicle)) sensed(cycle, out->up[1], forced, rising + 6, falling + 6, whole + 6);
+    if (MP_SLIDES(vehicle)) sensed(cycle, out->up[1], forced, rising + 6, falling + 6, whole + 6);
     for (i = 0; i < channels; i++) {
         whole[i] /= cycle->duration_s;
         out->mean[i] = whole[i];
@@ -310,7 +398,16 @@ static void felt(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cy
     mp_cross_matrix(dot, rotation);
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) rotation[i][j] += centripetal[i][j];
-    if (MP_ON_BEARING(vehicle)) {
+    if (MP_ON_PEDESTAL(vehicle)) {
+        for (i = 0; i < 3; i++) arm[i] = vehicle->imu[i] - vehicle->centre[i];
+        mp_cross_matrix(arm, out->euler);
+        mp_times((const mp_real(*)[3])centripetal, arm, part);
+        memset(out->own, 0, sizeof out->own);
+        for (i = 0; i < 3; i++) {
+            for (j = 0; j < 3; j++) out->euler[i][j] = -out->euler[i][j];
+            out->measured[i] = cycle->force[i] - (vehicle->gravity * out->mean[3 + i] + part[i]);
+        }
+    } else if (MP_SLIDES(vehicle)) {
         mp_real kappa[3], along[3][3], flat[3][3], swung[3][3], seen[3][3], other[3];
         for (i = 0; i < 3; i++) {
             arm[i] = vehicle->imu[i] - vehicle->centre[i];
@@ -362,7 +459,10 @@ static void force_by_tilt(const mp_vehicle *vehicle, const mp_reference *about, 
     mp_cross_matrix(up, by);
     mp_cross_matrix(unit, later);
     for (i = 0; i < 3; i++)
-        for (j = 0; j < 3; j++) by[i][j] = vehicle->gravity * by[i][j] - about->mu * (unit[i] * across[j] + along * later[i][j]);
+        for (j = 0; j < 3; j++) {
+            by[i][j] *= vehicle->gravity;
+            if (MP_SLIDES(vehicle)) by[i][j] -= about->mu * (unit[i] * across[j] + along * later[i][j]);
+        }
     mp_cross_matrix(turn, later);
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) later[i][j] = (i == j ? R(1) : R(0)) - part * later[i][j];
@@ -414,7 +514,7 @@ static void by_rate(const mp_vehicle *vehicle, const mp_layout *layout, const mp
     int i, j;
     for (i = 0; i < 3; i++) half[i] = out->rate[i] * half_s;
     mp_cross_matrix(out->rate, turn);
-    mp_coupled(about, layout->channels, half, coupled);
+    mp_coupled(about, layout->channels, half, NULL, coupled);
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) coupled[i][j] = coupled[i][j] / half_s - turn[i][j];
     mp_product((const mp_real(*)[3])turn, (const mp_real(*)[3])out->euler, across);
@@ -430,9 +530,10 @@ static void by_rate(const mp_vehicle *vehicle, const mp_layout *layout, const mp
     for (i = 0; i < 3; i++) out->measured[i] += known[i];
 }
 
-/* (3, 6) moment about the centre, and specific force at the IMU, of a wrench. */
-static void pushed(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_reference *about, mp_real moment[3][6], mp_real felt[3][6]) {
-    mp_real turn[3][3], inverse[3][3], flat[3][3], along[3][3], arm[3][3], swung[3][3], direct[3][6], reach[3];
+/* (3, 6) moment about the centre, and specific force at the IMU, of a wrench; `direct`: that moment less what it moves the base by. */
+static void pushed(const mp_vehicle *vehicle, const mp_real up[3], const mp_reference *about, mp_real moment[3][6], mp_real direct[3][6],
+                   mp_real felt[3][6]) {
+    mp_real turn[3][3], inverse[3][3], flat[3][3], along[3][3], arm[3][3], swung[3][3], reach[3];
     int i, j, k;
     mp_cross_matrix(MP_ON_BEARING(vehicle) ? vehicle->centre : about->cg, turn);
     mp_tensor(about->theta, inverse);
@@ -440,17 +541,15 @@ static void pushed(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_re
     mp_cross_matrix(reach, arm);
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) {
-            moment[i][j] = flat[i][j] = i == j ? R(1) : R(0);
+            moment[i][j] = i == j ? R(1) : R(0);
+            flat[i][j] = MP_ON_PEDESTAL(vehicle) ? R(0) : moment[i][j];
             moment[i][3 + j] = -turn[i][j];
             swung[i][j] = R(0);
         }
-    memcpy(direct, moment, sizeof direct);
-    if (MP_ON_BEARING(vehicle)) {
-        mp_real kappa[3], up[3];
-        for (i = 0; i < 3; i++) {
-            kappa[i] = about->theta[9] * about->theta[6 + i];
-            up[i] = (cycle->up[0][i] + cycle->up[1][i]) / R(2);
-        }
+    memcpy(direct, moment, 3 * sizeof direct[0]);
+    if (MP_SLIDES(vehicle)) {
+        mp_real kappa[3];
+        for (i = 0; i < 3; i++) kappa[i] = about->theta[9] * about->theta[6 + i];
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) flat[i][j] -= up[i] * up[j];
         mp_cross_matrix(kappa, along);
@@ -490,9 +589,10 @@ static void noise_of(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_
         out->noise[3 + i][3 + i] = vehicle->accel_noise[i];
     }
     if (vehicle->pulses || vehicle->torque_noise > R(0)) {
-        mp_real moment[3][6], felt[3][6], covariance[3][3], values[3], axes[3][3], force[9];
+        mp_real moment[3][6], direct[3][6], felt[3][6], covariance[3][3], values[3], axes[3][3], force[9], up[3];
         mp_real torque = vehicle->torque_noise * vehicle->torque_noise, square = cycle->duration_s * cycle->duration_s;
-        pushed(vehicle, cycle, about, moment, felt);
+        for (i = 0; i < 3; i++) up[i] = (cycle->up[0][i] + cycle->up[1][i]) / R(2);
+        pushed(vehicle, up, about, moment, direct, felt);
         memset(covariance, 0, sizeof covariance);
         if (vehicle->pulses) spread((const mp_real(*)[6])felt, cycle->pulse_covariance, covariance);
         for (i = 0; i < 3; i++)
@@ -517,6 +617,50 @@ static void noise_of(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_
                 for (j = 0; j < 3; j++) out->noise[3 * k + i][3 * k + j] *= DEAF;
 }
 
+/* The thrust's own wrench under the halves of the window and over the cycle, without the wheels' reaction. */
+static void thrust_of(const mp_vehicle *vehicle, const mp_cycle *cycle, mp_real out[3][6]) {
+    int k, w, i;
+    memcpy(out[0], cycle->rising, sizeof out[0]);
+    memcpy(out[1], cycle->falling, sizeof out[1]);
+    memcpy(out[2], cycle->whole, sizeof out[2]);
+    for (k = 0; k < 3; k++)
+        for (w = 0; w < vehicle->wheels; w++)
+            for (i = 0; i < 3; i++) out[k][i] += vehicle->axis[w][i] * cycle->grown[k][w];
+}
+
+/* What a unit of each scale does: of all thrust, or of what a wheel stores. */
+static void scaled(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about, const bin *bins,
+                   mp_motion *out) {
+    mp_real inverse[3][3], by_moment[3][3], impulse[3][3];
+    int s, i, j, k, force = MP_SLIDES(vehicle) ? 6 : 3;
+    mp_tensor(about->theta, inverse);
+    mp_product((const mp_real(*)[3])out->euler, (const mp_real(*)[3])inverse, by_moment);
+    for (s = 0; s < layout->scales; s++) {
+        int w = layout->scale[s];
+        if (w < 0) {
+            mp_real moment[3][6], direct[3][6], felt[3][6], own[3][6], up[3];
+            for (i = 0; i < 3; i++) up[i] = (out->up[0][i] + out->up[1][i]) / out->duration_s;
+            pushed(vehicle, up, about, moment, direct, felt);
+            thrust_of(vehicle, cycle, own);
+            for (k = 0; k < 3; k++)
+                for (i = 0; i < 3; i++) {
+                    impulse[k][i] = R(0);
+                    for (j = 0; j < 6; j++) impulse[k][i] += direct[i][j] * own[k][j];
+                }
+        } else {
+            for (k = 0; k < 3; k++)
+                for (i = 0; i < 3; i++) impulse[k][i] = -vehicle->axis[w][i] * cycle->grown[k][w];
+            stored(vehicle, cycle, bins, w, impulse[0], impulse[1], impulse[2]);
+        }
+        memcpy(out->scaled[s], impulse, sizeof out->scaled[s]);
+        mp_times((const mp_real(*)[3])by_moment, impulse[2], out->felt[s]);
+        for (i = 0; i < 3; i++) {
+            out->felt[s][i] /= out->duration_s;
+            if (w < 0 && !MP_ON_PEDESTAL(vehicle)) out->felt[s][i] += about->mu * out->mean[force + i];
+        }
+    }
+}
+
 void mp_motion_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about, mp_motion *out) {
     bin bins[MP_BINS];
     mp_real rates[2][3], ups[2][3], coning[3], before[3], taken[3], whole[MP_CHANNELS];
@@ -539,5 +683,6 @@ void mp_motion_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_c
     felt(vehicle, layout, cycle, about, bins, out);
     by_rate(vehicle, layout, about, out);
     if (layout->at_tilt >= 0) by_attitude(vehicle, about, out, R(0.5), out->by_tilt);
+    if (layout->scales > 0) scaled(vehicle, layout, cycle, about, bins, out);
     noise_of(vehicle, cycle, about, out);
 }

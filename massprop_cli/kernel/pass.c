@@ -134,11 +134,14 @@ static void looked(mp_pass *pass, long length) {
 }
 
 static int is_finite(const mp_vehicle *vehicle, const mp_cycle *cycle) {
-    int fine = mp_finite(&cycle->end_s, 1) && mp_finite(&cycle->duration_s, 1);
+    int fine = mp_finite(&cycle->end_s, 1) && mp_finite(&cycle->duration_s, 1), b;
     fine = fine && mp_finite(cycle->rate, 3) && mp_finite(cycle->rate_step, 3) && mp_finite(cycle->force, 3);
     fine = fine && mp_finite(cycle->up[0], 3) && mp_finite(cycle->up[1], 3) && mp_finite(cycle->carried, 3);
     fine = fine && mp_finite(cycle->rising, 6) && mp_finite(cycle->falling, 6) && mp_finite(cycle->whole, 6);
     fine = fine && mp_finite(cycle->impulse[0], 6 * vehicle->bins) && mp_finite(cycle->skew[0], 6 * vehicle->bins);
+    for (b = 0; b < vehicle->bins && vehicle->wheels > 0; b++)
+        fine = fine && mp_finite(cycle->momentum[b], vehicle->wheels) && mp_finite(cycle->growing[b], vehicle->wheels);
+    for (b = 0; b < 3; b++) fine = fine && mp_finite(cycle->grown[b], vehicle->wheels);
     return fine && (!vehicle->pulses || mp_finite(cycle->pulse_covariance[0], 36));
 }
 

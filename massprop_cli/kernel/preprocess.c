@@ -8,14 +8,15 @@
 #define TOUCHING R(1e-3)   /* pulses that end and begin within this part of a cycle are one; others overlap, and give all they have */
 #define CANCELLED R(1e-12) /* part of what each channel makes alone below which their sum is rounding */
 #define OPEN R(1e30)       /* s; the end of what is held until the next command */
-#define FELT R(0.02)       /* part of gravity's that specific force scatters by */
+#define FELT R(0.02)       /* part of gravity's that specific force scatters by, */
+#define LEVELLED R(0.001)  /* and on a pedestal, where no thrust is felt */
 #define FARTHEST R(3)      /* sigmas of the gyro's bias beyond which it is none */
 
 int mp_preprocess_begin(mp_preprocess *preprocess, const mp_commands *table, const mp_vehicle *vehicle) {
     mp_real ramps = R(0);
     int i;
     if (table->commands > MP_COMMANDS || (!table->jets && table->commands != 6)) return MP_LIMIT;
-    if (vehicle->bins < 2 || vehicle->bins > MP_BINS || !(table->period_s > R(0))) return MP_LIMIT;
+    if (vehicle->bins < 2 || vehicle->bins > MP_BINS || vehicle->wheels > MP_WHEELS || !(table->period_s > R(0))) return MP_LIMIT;
     for (i = 0; i < table->commands; i++) ramps = mp_max(ramps, table->rise_s[i] + table->fall_s[i]);
     if (!((table->delay_s + ramps) / table->period_s + R(4) < R(MP_PENDING))) return MP_LIMIT;
     memset(preprocess, 0, sizeof *preprocess);
@@ -179,6 +180,31 @@ static void impulses(mp_preprocess *preprocess, const acting *those, mp_cycle *c
     }
 }
 
+/* Wheels, whose speeds change evenly from one cycle's end to the next: what they store, and what the vehicle feels of it. */
+static void wheels(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle *cycle) {
+    const mp_vehicle *vehicle = &preprocess->vehicle;
+    mp_real parts = R(vehicle->bins), bin_s = cycle->duration_s / parts;
+    int b, w, i;
+    for (w = 0; w < vehicle->wheels; w++) {
+        mp_real begun = vehicle->spin_inertia[w] * (preprocess->spun ? preprocess->speed[w] : flown->speed[w]);
+        mp_real growth = vehicle->spin_inertia[w] * flown->speed[w] - begun;
+        for (b = 0; b < vehicle->bins; b++) {
+            cycle->momentum[b][w] = begun + growth * ((R(b) + R(0.5)) / parts);
+            cycle->growing[b][w] = growth / parts * bin_s / R(12);
+            for (i = 0; i < 3; i++) cycle->impulse[b][i] -= vehicle->axis[w][i] * (growth / parts);
+        }
+        cycle->grown[0][w] = cycle->grown[1][w] = growth / R(2);
+        cycle->grown[2][w] = growth;
+        for (i = 0; i < 3; i++) {
+            cycle->rising[i] -= vehicle->axis[w][i] * cycle->grown[0][w];
+            cycle->falling[i] -= vehicle->axis[w][i] * cycle->grown[1][w];
+            cycle->whole[i] -= vehicle->axis[w][i] * cycle->grown[2][w];
+        }
+        preprocess->speed[w] = flown->speed[w];
+    }
+    preprocess->spun = 1;
+}
+
 /* World from body. */
 static void matrix(const mp_real q[4], mp_real out[3][3]) {
     mp_real w = q[0], x = q[1], y = q[2], z = q[3];
@@ -237,9 +263,10 @@ static void vertical(const mp_real q[4], const mp_real back[4], mp_real out[3]) 
 static void bias_seen(mp_preprocess *preprocess, const mp_cycle *cycle, const mp_real mean[3][3]) {
     const mp_vehicle *vehicle = &preprocess->vehicle;
     mp_real seen[2][6], level[3], weighted[36], bias[6], size, sigma = vehicle->gyro_bias_sigma, prior[2];
+    mp_real scatter = MP_ON_PEDESTAL(vehicle) ? LEVELLED : FELT;
     int count = vehicle->accel_bias ? 6 : 3, i, j, felt = !cycle->deaf[1] && mp_dot(cycle->force, cycle->force) > R(0);
-    prior[0] = FELT / sigma;
-    prior[1] = vehicle->accel_bias ? FELT / (vehicle->accel_bias_sigma / vehicle->gravity) : R(0);
+    prior[0] = scatter / sigma;
+    prior[1] = vehicle->accel_bias ? scatter / (vehicle->accel_bias_sigma / vehicle->gravity) : R(0);
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) {
             mp_real before = preprocess->window[i][j];
@@ -337,6 +364,7 @@ static void attitudes(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle
 
 /* A cycle whose executed commands are known. */
 static void completed(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle *cycle, int *usable) {
+    const mp_vehicle *vehicle = &preprocess->vehicle;
     mp_real theta[3], v[3], rounding;
     acting those;
     int i;
@@ -358,9 +386,11 @@ static void completed(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle
     executed(preprocess, &those, flown->duration_s);
     impulses(preprocess, &those, cycle);
     passed(preprocess, flown->duration_s);
+    *usable = !flown->unused && (preprocess->spun || vehicle->wheels == 0);
+    wheels(preprocess, flown, cycle);
     /* on the ground `unused` says so too, more strictly (massprop_cli/prepare/align.py): rounding must not make two answers of it */
     rounding = R(2e-6) * preprocess->table.period_s + R(2e-15) * mp_abs(flown->end_s);
-    *usable = !flown->unused && preprocess->since_s >= preprocess->table.delay_s - rounding;
+    *usable = *usable && preprocess->since_s >= preprocess->table.delay_s - rounding;
     preprocess->since_s += flown->duration_s;
     preprocess->cycles += 1;
 }
@@ -368,7 +398,7 @@ static void completed(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle
 static int is_finite(const mp_preprocess *preprocess, const mp_flown *flown) {
     int fine = mp_finite(&flown->end_s, 1) && mp_finite(&flown->duration_s, 1);
     fine = fine && mp_finite(flown->delta_theta, 3) && mp_finite(flown->delta_v, 3);
-    fine = fine && mp_finite(flown->command, preprocess->table.commands);
+    fine = fine && mp_finite(flown->command, preprocess->table.commands) && mp_finite(flown->speed, preprocess->vehicle.wheels);
     return fine && (!preprocess->table.logged || mp_finite(flown->attitude_wxyz, 4));
 }
 

@@ -37,6 +37,7 @@ typedef struct {
     int deaf[2];              /* whose gyro, whose accelerometer is not to be used */
     int unused;               /* whether it is of no phase: aligned, but not estimated from */
     mp_real command[MP_COMMANDS]; /* issued in this cycle: on-times [s], or torque [N m] and force [N] */
+    mp_real speed[MP_SPUN]; /* of each wheel relative to the body, at its end, rad/s */
 } mp_flown;
 
 typedef struct {
@@ -53,6 +54,8 @@ typedef struct {
     long cycles;
     mp_real since_s; /* from the first cycle's start to the present one's */
     mp_real rate[3];
+    int spun; /* whether wheels' speeds at the present cycle's start are known */
+    mp_real speed[MP_SPUN];
     mp_real turn[3];
     mp_real attitude[4];       /* as integrated */
     mp_real window[3][3];      /* integral of world from body; what the gyro's bias is, and where that has carried the attitude: */
@@ -68,7 +71,7 @@ typedef struct {
     mp_real moment[MP_BINS][MP_COMMANDS];
 } mp_preprocess;
 
-/* Begin with a log's or a flight's first cycle. MP_LIMIT: more than MP_COMMANDS or MP_BINS, a delay too long for MP_PENDING. */
+/* Begin with a log's or a flight's first cycle. MP_LIMIT: more than MP_COMMANDS, MP_BINS or MP_WHEELS, a delay too long for MP_PENDING. */
 int mp_preprocess_begin(mp_preprocess *preprocess, const mp_commands *table, const mp_vehicle *vehicle);
 
 /* The next cycle. `made` tells how many cycles were completed by it, 0 or 1: with a delay below one cycle a command of the next cycle

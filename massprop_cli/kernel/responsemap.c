@@ -60,8 +60,8 @@ void mp_coefficients(const mp_vehicle *vehicle, const mp_real theta[10], mp_real
                      mp_real slopes[MP_COEFFICIENTS][10]) {
     mp_real inverse[3][3], inertia[3][3], turn[3][3], lever[3][3], coupling[3][6], gyro[3][6];
     const mp_real *moment = theta + 6;
-    mp_real mu = theta[9], scale = MP_ON_BEARING(vehicle) ? mu : R(1);
-    int channels = MP_ON_BEARING(vehicle) ? 15 : 12, last = 3 * channels, k, a, c;
+    mp_real mu = theta[9], scale = MP_SLIDES(vehicle) ? mu : MP_ON_PEDESTAL(vehicle) ? R(0) : R(1);
+    int channels = MP_SLIDES(vehicle) ? 15 : 12, last = 3 * channels, k, a, c;
     mp_tensor(theta, inverse);
     mp_inverse((const mp_real(*)[3])inverse, inertia);
     mp_cross_matrix(moment, turn);
@@ -73,7 +73,7 @@ void mp_coefficients(const mp_vehicle *vehicle, const mp_real theta[10], mp_real
         for (c = 0; c < 3; c++) {
             row[c] = inverse[a][c];
             row[3 + c] = MP_ON_BEARING(vehicle) ? -vehicle->gravity * lever[a][c] : -lever[a][c];
-            if (MP_ON_BEARING(vehicle)) row[6 + c] = -mu * lever[a][c];
+            if (MP_SLIDES(vehicle)) row[6 + c] = -mu * lever[a][c];
         }
         for (c = 0; c < 6; c++) row[channels - 6 + c] = -gyro[a][c];
     }
@@ -95,7 +95,7 @@ void mp_coefficients(const mp_vehicle *vehicle, const mp_real theta[10], mp_real
             for (c = 0; c < 3; c++) {
                 row[c][k] = unit[a][c];
                 row[3 + c][k] = MP_ON_BEARING(vehicle) ? -vehicle->gravity * by_lever[a][c] : -by_lever[a][c];
-                if (MP_ON_BEARING(vehicle)) row[6 + c][k] = -mu * by_lever[a][c];
+                if (MP_SLIDES(vehicle)) row[6 + c][k] = -mu * by_lever[a][c];
             }
             for (c = 0; c < 6; c++) row[channels - 6 + c][k] = other[a][c] - by_gyro[a][c];
         }
@@ -109,13 +109,13 @@ void mp_coefficients(const mp_vehicle *vehicle, const mp_real theta[10], mp_real
             mp_real(*row)[10] = slopes + a * channels;
             for (c = 0; c < 3; c++) {
                 row[3 + c][6 + k] = MP_ON_BEARING(vehicle) ? -vehicle->gravity * by_moment[a][c] : -by_moment[a][c];
-                if (!MP_ON_BEARING(vehicle)) continue;
+                if (!MP_SLIDES(vehicle)) continue;
                 row[6 + c][6 + k] = -mu * by_moment[a][c];
                 row[6 + c][9] = -lever[a][c];
             }
         }
         slopes[last + 1 + k][6 + k] = scale;
-        if (MP_ON_BEARING(vehicle)) slopes[last + 1 + k][9] = moment[k];
+        if (MP_SLIDES(vehicle)) slopes[last + 1 + k][9] = moment[k];
     }
     slopes[last][9] = R(1);
 }
@@ -126,7 +126,9 @@ void mp_parameters(const mp_vehicle *vehicle, const mp_real theta[10], mp_real o
     mp_tensor(theta, inverse);
     mp_inverse((const mp_real(*)[3])inverse, inertia);
     for (i = 6; i < 10; i++) out[i] = theta[i];
-    if (MP_ON_BEARING(vehicle)) {
+    if (MP_ON_PEDESTAL(vehicle))
+        for (i = 0; i < 3; i++) out[6 + i] = vehicle->centre[i] + theta[6 + i] * theta[9];
+    if (MP_SLIDES(vehicle)) {
         mp_real mass = rotating(vehicle, theta[9]), offset[3], spread[3][3];
         for (i = 0; i < 3; i++) offset[i] = theta[6 + i] / mass;
         spread_of(offset, spread);
@@ -153,7 +155,9 @@ void mp_slopes(const mp_vehicle *vehicle, const mp_real theta[10], mp_real out[1
         mp_elements((const mp_real(*)[3])changed, six);
         for (i = 0; i < 6; i++) out[i][k] = -six[i];
     }
-    if (MP_ON_BEARING(vehicle)) {
+    if (MP_ON_PEDESTAL(vehicle))
+        for (k = 0; k < 3; k++) out[6 + k][6 + k] = theta[9];
+    if (MP_SLIDES(vehicle)) {
         const mp_real *kappa = theta + 6;
         mp_real mass = rotating(vehicle, theta[9]), by_mass = R(-1) / (theta[9] * theta[9]) / (mass * mass), spread[3][3];
         for (k = 0; k < 3; k++) {
@@ -185,7 +189,7 @@ void mp_sizes(const mp_vehicle *vehicle, const mp_real theta[10], mp_real out[10
     trace = R(1) / principal[0] + R(1) / principal[1] + R(1) / principal[2];
     if (MP_ON_BEARING(vehicle)) {
         factor = rotating(vehicle, theta[9]);
-        trace -= R(2) * mp_dot(theta + 6, theta + 6) / factor;
+        if (MP_SLIDES(vehicle)) trace -= R(2) * mp_dot(theta + 6, theta + 6) / factor;
     }
     for (i = 0; i < 6; i++) out[i] = principal[2];
     for (i = 6; i < 9; i++) out[i] = factor * MP_SQRT(trace * theta[9]);
@@ -259,7 +263,7 @@ void mp_nearest(const mp_real theta[10], const mp_real step[10], mp_real out[10]
 void mp_body(const mp_vehicle *vehicle, const mp_real theta[10], const mp_real bias[3], const mp_real acceleration[3],
              const mp_real *phi, mp_reference *out) {
     mp_real found[10], made[MP_COEFFICIENTS];
-    int channels = MP_ON_BEARING(vehicle) ? 15 : 12, i, j;
+    int channels = MP_SLIDES(vehicle) ? 15 : 12, i, j;
     mp_parameters(vehicle, theta, found);
     if (phi == NULL) mp_coefficients(vehicle, theta, made, NULL);
     memset(out, 0, sizeof *out);
@@ -290,7 +294,7 @@ void mp_body_of(const mp_vehicle *vehicle, const mp_real given[3][3], const mp_r
         }
         spread_of(offset, spread);
         for (i = 0; i < 3; i++)
-            for (j = 0; j < 3; j++) inertia[i][j] += mass * spread[i][j];
+            for (j = 0; j < 3; j++) inertia[i][j] += MP_SLIDES(vehicle) ? mass * spread[i][j] : R(0);
     }
     mp_inverse((const mp_real(*)[3])inertia, inverse);
     mp_elements((const mp_real(*)[3])inverse, theta);

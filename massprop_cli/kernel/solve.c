@@ -203,6 +203,7 @@ static void split(const mp_pass *pass, const mp_real theta[10], const mp_real si
     mp_real relative[3];
     int i;
     for (i = 0; i < 10; i++) out[i] = R(0);
+    if (MP_ON_PEDESTAL(&pass->vehicle)) return; /* what the accelerometer feels is linear in theta */
     for (i = 0; i < 3; i++) relative[i] = mp_min(sigma[MOMENTS[i]] / mp_max(theta[MOMENTS[i]], MP_TINY), R(1));
     for (i = 0; i < 3; i++)
         out[6 + i] = (theta[6 + i] - pass->reference.theta[6 + i]) * mp_max(relative[(i + 1) % 3], relative[(i + 2) % 3]);
@@ -282,6 +283,7 @@ static mp_real told_by_torque(const mp_pass *pass, const mp_real theta[10], cons
     const mp_real *noise = pass->vehicle.accel_noise;
     mp_real widest = mp_max(sigma[6], mp_max(sigma[7], sigma[8])), turning = R(0);
     int i;
+    if (MP_ON_PEDESTAL(&pass->vehicle)) return R(0);
     for (i = 0; i < 3; i++) {
         mp_real apart = pass->estimate.acceleration[i] - pass->reference.acceleration[i];
         turning += apart * apart;
@@ -378,11 +380,12 @@ static int each_axis_is_known(mp_pass *pass, const mp_run *run, const mp_real th
     return known;
 }
 
-/* Three states in the last cycle; as they were where there are none. */
-static void state_of(const mp_layout *layout, const mp_run *run, int at, const mp_real *phi, const mp_real *beginnings, mp_real out[3]) {
+/* So many states in the last cycle; as they were where there are none. */
+static void state_of(const mp_layout *layout, const mp_run *run, int at, int count, const mp_real *phi, const mp_real *beginnings,
+                     mp_real *out) {
     int i, c, n = layout->coefficients;
     if (at < 0 || !run->begun) return;
-    for (i = 0; i < 3; i++) {
+    for (i = 0; i < count; i++) {
         const mp_real *mean = run->filter.mean[at + i];
         out[i] = mean[0];
         for (c = 0; c < n; c++) out[i] += mean[1 + c] * phi[c];
@@ -395,7 +398,7 @@ static mp_real improved(mp_pass *pass, mp_run *run, const mp_real theta[10]) {
     const mp_layout *layout = &pass->layout;
     found loose, tied;
     const found *best = &tied;
-    mp_real bias[3], acceleration[3], phi[MP_COEFFICIENTS];
+    mp_real bias[3], acceleration[3], scale[1 + MP_WHEELS], phi[MP_COEFFICIENTS];
     int bound = run->bound, free = !run->bound;
     if (free) {
         searched(pass, run, theta, 0, &loose);
@@ -405,11 +408,14 @@ static mp_real improved(mp_pass *pass, mp_run *run, const mp_real theta[10]) {
     if (free && !bound && !(tied.chi_square < loose.chi_square + INCONSISTENT)) best = &loose;
     memcpy(bias, pass->reference.bias, sizeof bias);
     memcpy(acceleration, pass->reference.acceleration, sizeof acceleration);
+    memcpy(scale, pass->reference.scale, sizeof scale);
     mp_coefficients(&pass->vehicle, best->theta, phi, NULL);
-    state_of(layout, run, layout->at_bias, phi, best->beginnings, bias);
+    state_of(layout, run, layout->at_bias, 3, phi, best->beginnings, bias);
     /* until commands alone tell each axis, a steady torque may be anything; on a bearing the weight that it holds up may be as much */
-    if (bound || MP_ON_BEARING(&pass->vehicle)) state_of(layout, run, layout->at_torque, phi, best->beginnings, acceleration);
+    if (bound || MP_ON_BEARING(&pass->vehicle)) state_of(layout, run, layout->at_torque, 3, phi, best->beginnings, acceleration);
     mp_body(&pass->vehicle, best->theta, bias, acceleration, best == &loose ? loose.phi : NULL, &pass->estimate);
+    state_of(layout, run, layout->at_scale, layout->scales, phi, best->beginnings, scale);
+    memcpy(pass->estimate.scale, scale, sizeof scale);
     run->bound = bound;
     run->stuck = best->stuck;
     return best->chi_square;

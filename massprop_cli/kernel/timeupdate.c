@@ -12,9 +12,14 @@ static const int FIRST[6] = {0, 0, 0, 1, 1, 2}, SECOND[6] = {0, 1, 2, 1, 2, 2};
 
 int mp_laid_out(const mp_vehicle *vehicle, mp_layout *layout) {
     int i, end = 3;
-    layout->channels = vehicle->bearing ? 15 : 12;
+    layout->channels = vehicle->bearing == 1 ? 15 : 12;
     layout->coefficients = 3 * layout->channels + 4;
     layout->beginnings = 3 * (1 + vehicle->gyro_bias + vehicle->accel_bias + vehicle->slow_torque + vehicle->tilt);
+    if (vehicle->wheels > MP_WHEELS || (vehicle->bearing && !MP_PIVOTED)) return MP_LIMIT;
+    layout->scales = 0;
+    for (i = -1; i < vehicle->wheels; i++)
+        if (vehicle->wheels > 0 && (i < 0 ? vehicle->thrust_sigma : vehicle->spin_sigma[i]) > R(0)) layout->scale[layout->scales++] = i;
+    layout->beginnings += layout->scales;
     if (layout->channels > MP_CHANNELS || layout->beginnings > MP_BEGINNINGS) return MP_LIMIT;
     if (vehicle->bins < 2 || vehicle->bins > MP_BINS) return MP_LIMIT;
     for (i = 0; i < 3; i++) layout->prior[i] = WIDE;
@@ -39,23 +44,32 @@ int mp_laid_out(const mp_vehicle *vehicle, mp_layout *layout) {
         layout->at_tilt = end;
         end += 3;
     }
+    layout->at_scale = end;
+    for (i = 0; i < layout->scales; i++)
+        layout->prior[end++] = layout->scale[i] < 0 ? vehicle->thrust_sigma : vehicle->spin_sigma[layout->scale[i]];
     layout->states = end;
     layout->width = 1 + layout->coefficients + layout->beginnings;
     layout->process = 3 * ((vehicle->torque_noise > R(0)) + vehicle->slow_torque + (vehicle->gyro_bias && vehicle->gyro_bias_walk > R(0)) + 2 * vehicle->pulses);
     return MP_OK;
 }
 
-void mp_coupled(const mp_reference *about, int channels, const mp_real rate[3], mp_real out[3][3]) {
-    mp_real by[6][3], size = R(0);
+void mp_coupled(const mp_reference *about, int channels, const mp_real rate[3], const mp_real *stored, mp_real out[3][3]) {
+    mp_real by[6][3], size = R(0), turned[3][3], inverse[3][3], across[3][3];
     int i, j, k;
     memset(by, 0, sizeof by);
     for (k = 0; k < 6; k++) {
         by[k][FIRST[k]] += rate[SECOND[k]];
         by[k][SECOND[k]] += rate[FIRST[k]];
     }
+    memset(turned, 0, sizeof turned);
+    if (stored != NULL) {
+        mp_tensor(about->theta, inverse);
+        mp_cross_matrix(stored, across);
+        mp_product((const mp_real(*)[3])inverse, (const mp_real(*)[3])across, turned);
+    }
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) {
-            mp_real sum = R(0);
+            mp_real sum = turned[i][j];
             for (k = 0; k < 6; k++) sum += about->phi[i][channels - 6 + k] * by[k][j];
             out[i][j] = sum;
             size += sum * sum;
@@ -84,8 +98,8 @@ void mp_time_update_of(const mp_vehicle *vehicle, const mp_layout *layout, const
     memset(out->transition, 0, sizeof out->transition);
     memset(out->process, 0, sizeof out->process);
     memset(out->drive, 0, sizeof out->drive);
-    mp_coupled(about, layout->channels, from->turning[0], leaving);
-    mp_coupled(about, layout->channels, into->turning[1], entering);
+    mp_coupled(about, layout->channels, from->turning[0], vehicle->wheels > 0 ? from->stored[0] : NULL, leaving);
+    mp_coupled(about, layout->channels, into->turning[1], vehicle->wheels > 0 ? into->stored[1] : NULL, entering);
     if (MP_ON_BEARING(vehicle)) {
         meanwhile(vehicle, about, from, 0, leaving);
         meanwhile(vehicle, about, into, 1, entering);
@@ -136,6 +150,12 @@ void mp_time_update_of(const mp_vehicle *vehicle, const mp_layout *layout, const
             out->drive[i] -= added[i];
             out->drive[t + i] = -lost[i];
         }
+    }
+    for (i = 0; i < layout->scales; i++) {
+        mp_real moment[3], growth[3];
+        for (j = 0; j < 3; j++) moment[j] = from->scaled[i][0][j] + into->scaled[i][1][j];
+        mp_times((const mp_real(*)[3])out->to_rate, moment, growth);
+        for (j = 0; j < 3; j++) out->transition[j][layout->at_scale + i] = growth[j];
     }
     if (vehicle->gyro_bias && vehicle->gyro_bias_walk > R(0)) {
         for (i = 0; i < 3; i++) out->process[layout->at_bias + i][q + i] = vehicle->gyro_bias_walk * MP_SQRT(into->duration_s);

@@ -81,20 +81,25 @@ static void finished(const mp_rule *rule, const mp_row *row, mp_real data[10][10
 
 static void quantities(const mp_rule *rule, const mp_vehicle *vehicle, const mp_row *from, mp_values *out) {
     mp_row row = *from;
-    mp_real mu = row.mean[9], slope[10], part[10], data[10][10], scale = rule->thrust_sigma * rule->thrust_sigma;
-    int i, j, known = -1, weighed;
+    mp_real mu = row.mean[9], slope[10], part[10], data[10][10], scale = vehicle->wheels > 0 ? R(0) : rule->thrust_sigma * rule->thrust_sigma;
+    int i, j, known = -1, weighed, pedestal = MP_ON_PEDESTAL(vehicle);
     for (i = 0; i < rule->known; i++)
         if (rule->known_index[i] == 9) known = i;
-    weighed = mu > R(0) && !(MP_SQRT(row.covariance[9][9]) > (MP_ON_BEARING(vehicle) && known >= 0 ? MP_FAINT_MASS : MP_UNTOLD_MASS) * mu);
+    weighed = !pedestal && mu > R(0) && !(MP_SQRT(row.covariance[9][9]) > (MP_ON_BEARING(vehicle) && known >= 0 ? MP_FAINT_MASS : MP_UNTOLD_MASS) * mu);
     if (!weighed && known >= 0) { /* inertia and CG are linear in its reciprocal */
         mp_real mass = rule->known_value[known], relative = rule->known_sigma[known] / mass;
         condition(row.mean, row.covariance, NULL, 9, R(1) / mass, (relative * relative + scale) / (mass * mass));
     }
     for (i = 0; i < 10; i++) {
-        out->told[i] = i < 6 || weighed || (i < 9 && (!MP_ON_BEARING(vehicle) || known >= 0));
+        out->told[i] = i < 6 || weighed || (i < 9 && (!MP_SLIDES(vehicle) || known >= 0));
         out->value[i] = i < 9 ? row.mean[i] : weighed ? R(1) / mu : R(0);
         slope[i] = i < 9 ? R(1) : weighed ? R(-1) / (mu * mu) : R(0);
-        part[i] = i >= 6 && i < 9 ? R(0) : out->value[i];
+        if (i < 6 && vehicle->wheels > 0) out->value[i] -= rule->beyond[i];
+        if (i >= 6 && i < 9 && pedestal) {
+            slope[i] = R(1) / mu;
+            out->value[i] = (row.mean[i] - vehicle->centre[i - 6]) * slope[i];
+        }
+        part[i] = i >= 6 && i < 9 && !pedestal ? R(0) : out->value[i];
     }
     /* what of the mass doesn't turn isn't proportional to the thrust */
     if (MP_ON_BEARING(vehicle) && weighed && out->value[9] > vehicle->bearing_mass)
@@ -152,8 +157,9 @@ void mp_report(const mp_rule *rule, const mp_pass *pass, const mp_row *row, mp_s
     ratio = excess(row, steady);
     if (ratio > R(1)) widened(ratio, out);
     for (i = 0; i < 10; i++) {
-        mp_real size = i < 6 ? trace : i < 9 ? MP_SQRT(trace * pass->estimate.mu) : R(1) / pass->estimate.mu;
-        mp_real tolerance = rule->tolerance[i < 6 ? 0 : i < 9 ? 1 : 2] * (rule->relative ? size : R(1));
+        mp_real moment = i >= 6 && i < 9 && MP_ON_PEDESTAL(&pass->vehicle) ? R(1) / pass->estimate.mu : R(1); /* for a metre of the CG */
+        mp_real size = i < 6 ? trace : i < 9 ? MP_SQRT(trace * pass->estimate.mu) * moment : R(1) / pass->estimate.mu;
+        mp_real tolerance = rule->tolerance[i < 6 ? 0 : i < 9 ? 1 : 2] * (rule->relative ? size : moment);
         mp_real prior = i == 0 || i == 3 || i == 5 || i == 9 ? mp_min(size, out->value[i]) : size;
         int informed = out->told[i] && out->sigma[i] < HALVED * (PRIOR * prior);
         int still = steady->told[i] && out->told[i] && mp_abs(out->value[i] - steady->value[i]) <= tolerance;

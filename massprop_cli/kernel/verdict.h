@@ -14,6 +14,7 @@ typedef struct {
     int count;             /* consecutive updates within tolerance */
     int relative;          /* whether tolerances are parts of natural sizes */
     mp_real tolerance[3];  /* inertia, CG, mass */
+    mp_real beyond[6];     /* kg m^2, what the inertia in the equations has of wheels beyond the one that is reported */
 } mp_rule;
 
 enum mp_verdict {
@@ -24,7 +25,7 @@ enum mp_verdict {
     MP_CONTRADICTED = 4   /* what is flown isn't what the tables say: not to be used */
 };
 
-/* ixx ixy ixz iyy iyz izz [kg m^2], cg_x cg_y cg_z [m], mass [kg]. */
+/* ixx ixy ixz iyy iyz izz [kg m^2], cg_x cg_y cg_z [m], mass [kg]; on a pedestal inertia and first moment [kg m] about the pivot, no mass. */
 typedef struct {
     int told[10];
     mp_real value[10];

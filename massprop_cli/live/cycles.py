@@ -135,7 +135,7 @@ class Gatherer:
         theta = _summed(own, GYRO if columns.rates else DELTA_THETA, columns.rates)
         velocity = _summed(own, ACCEL if columns.accelerations else DELTA_V, columns.accelerations)
         attitude = np.zeros(4)  # the gyro carries it
-        commands = [own[0][0].numbers[name] for name in columns.commands]
+        commands = [own[0][0].numbers[name] for name in columns.commands] + [last.numbers[name] for name in columns.speeds]
         length = float(np.array([interval for _, interval in own]).sum())
         self._lengths = [*self._lengths[-2:], length / self.usual_s]
         lacking = self.records == 1 and self._lengths[-2] > LONG and sum(self._lengths) > LOST

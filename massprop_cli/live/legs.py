@@ -63,6 +63,8 @@ class Completed(NamedTuple):
     end_s: float
     phase: str
     found: Reported
+    about_pivot: bool
+    """Whether values are the nine about a pivot that stands still."""
     lacking: bool = False
     """Whether a command of this phase is not known, so that no value is to be used."""
 
@@ -76,6 +78,7 @@ class Legs:
         self.late = resolved.commands[4] < vehicle.cycle.period_s
         """Whether a cycle's estimate comes with the next cycle."""
         self.flight: Estimator = Compiled(resolved) if kernel().library is not None else OnNumPy(resolved)
+        self.about_pivot = vehicle.on_pedestal
         self._waiting: tuple[float, int] | None = None
         self._lacking = False
 
@@ -109,7 +112,7 @@ class Legs:
 
     def _completed(self, at: tuple[float, int] | None, found: Reported | None) -> list[Completed]:
         # none of a cycle that is of no phase, or whose commands were issued before the first one came
-        return [] if at is None or found is None else [Completed(at[0], self.legs[at[1]].name, found, self._lacking)]
+        return [] if at is None or found is None else [Completed(at[0], self.legs[at[1]].name, found, self.about_pivot, self._lacking)]
 
 
 class OnboardEstimator:
@@ -117,7 +120,10 @@ class OnboardEstimator:
 
     def __init__(self, vehicle: Vehicle, source: str, members: int) -> None:
         """``source`` is for messages; :class:`InputError` where the estimator can't hold the vehicle, or it is not stated in full."""
-        resolved = resolve.stated(VehicleSource(vehicle, f'{source}, control.model = "estimate"', ""))
+        source = f'{source}, control.model = "estimate"'
+        if vehicle.on_pedestal or vehicle.spinning:
+            raise InputError(f"{source}: the estimator aboard controls by jets or a wrench, and not on a pedestal; choose another model")
+        resolved = resolve.stated(VehicleSource(vehicle, source, ""))
         self.source = source
         self.each = [Legs(resolved) for _ in range(members)]
         self.before_s = 0.0

@@ -15,6 +15,7 @@ from massprop_cli.base.configfile import repeated
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands
+from massprop_cli.inputs.actuators.wheel import SPEED
 from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_V, GYRO, PULSE_START, QUATERNION, TIME, WRENCH, jet
 from massprop_cli.inputs.equipment import OFF_UNIT
 from massprop_cli.inputs.imurecords import ABSURD
@@ -55,12 +56,14 @@ class StreamColumns:
     accelerations: bool
     commands: tuple[str, ...]
     jets: bool
+    speeds: tuple[str, ...] = ()
+    """Of wheels, at each record's end."""
 
     @property
     def required(self) -> tuple[str, ...]:
         """Columns in which every record has a number."""
         theta, velocity = GYRO if self.rates else DELTA_THETA, ACCEL if self.accelerations else DELTA_V
-        return (TIME, *theta, *velocity)
+        return (TIME, *theta, *velocity, *self.speeds)
 
 
 @dataclass(frozen=True)
@@ -151,9 +154,10 @@ class StreamReader:
             accelerations=not self._has(DELTA_V) and self._has(ACCEL),
             commands=WRENCH if wrench else tuple(jets),
             jets=not wrench,
+            speeds=tuple(SPEED.of(wheel.name) for wheel in self.vehicle.wheels),
         )
         missing = [self._own(name) for name in (*found.required, *found.commands) if self._own(name) not in self.names]
-        if missing or not found.commands:
+        if missing or not (found.commands or found.speeds):
             raise InputError(
                 f"standard input: the first line lacks {', '.join(missing) or 'commands'}; begin with the names of all columns (CSV), or "
                 "with a JSON object that has them all, or map them under [columns] of the vehicle file"

@@ -9,7 +9,7 @@ from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
 
-from massprop_cli import QUANTITIES
+from massprop_cli import ABOUT_PIVOT, QUANTITIES
 from massprop_cli.base import files
 from massprop_cli.base.errors import InputError
 from massprop_cli.estimate import kernelflight
@@ -85,9 +85,12 @@ def _line(completed: Completed) -> str:
     found = completed.found
     estimates = {
         name: {"value": _said(value), "sigma": _said(sigma), "verdict": _verdict(completed, float(value), int(verdict))}
-        for name, value, sigma, verdict in zip(QUANTITIES, found.values[-1], found.sigmas[-1], found.verdicts[-1], strict=True)
+        for name, value, sigma, verdict in zip(
+            ABOUT_PIVOT if completed.about_pivot else QUANTITIES, found.values[-1], found.sigmas[-1], found.verdicts[-1], strict=False
+        )
     }
-    return json.dumps({"time_s": completed.end_s, "phase": completed.phase, "estimates": estimates})
+    key = "about_pivot" if completed.about_pivot else "estimates"
+    return json.dumps({"time_s": completed.end_s, "phase": completed.phase, key: estimates})
 
 
 def _verdict(completed: Completed, value: float, verdict: int) -> str:

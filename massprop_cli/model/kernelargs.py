@@ -7,13 +7,14 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.actuators.wheel import Wheel
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.kernel import BINS, kernel, pointer
+from massprop_cli.kernel import BINS, WHEELS, kernel, pointer
 from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.sensor import KernelEffect
 
-KINDS = ("free", "air_bearing")
-"""Environments that the kernel knows."""
+KINDS = ("free", "air_bearing", "pedestal")
+"""Environments that the kernel knows, by its numbers."""
 
 
 class FlightStart(NamedTuple):
@@ -30,7 +31,7 @@ class FlightStart(NamedTuple):
 def unknown(vehicle: Vehicle) -> str:
     """What of a vehicle the kernel doesn't know; empty where it knows all."""
     if vehicle.environment.kind not in KINDS:
-        return f"environment.kind is {vehicle.environment.kind!r}, and the kernel knows {' and '.join(map(repr, KINDS))}"
+        return f"environment.kind is {vehicle.environment.kind!r}, and the kernel knows {', '.join(map(repr, KINDS))}"
     if vehicle.estimator.method != "default":
         return f"estimator.method is {vehicle.estimator.method!r}, and the kernel is the default one"
     if vehicle.estimator.bins_per_cycle > BINS:
@@ -43,8 +44,12 @@ def unknown(vehicle: Vehicle) -> str:
         return "imu.attitude_misalignment_sigma_rad is stated, and the kernel takes no logged attitude"
     if vehicle.uncertain_geometry:
         return "jets or IMU are stated to be uncertain, and the kernel takes them as exact"
-    storing = next((kind.TABLE for kind, own in vehicle.actuators if any(one.device is not None for one in own)), "")
-    return f"[[{storing}]] store momentum, and the kernel knows none" if storing else ""
+    if vehicle.on_pedestal and all(name in vehicle.known for name in ("ixx", "iyy", "izz")):
+        return "inertia is known from elsewhere, and the kernel follows no free swing on a pedestal"
+    other = next((one.TABLE for one in vehicle.spinning if not isinstance(one, Wheel) or one.column != "speed"), None)
+    if other is not None:
+        return f"[[{other}]] store momentum that no wheel's logged speed tells, and the kernel knows no other"
+    return f"{len(vehicle.wheels)} wheels, and the kernel holds {WHEELS}" if len(vehicle.wheels) > WHEELS else ""
 
 
 def vehicle_numbers(
@@ -56,15 +61,20 @@ def vehicle_numbers(
     """
     imu, environment = vehicle.imu, vehicle.environment
     known = vehicle.known.get("mass")
+    mass_kg = vehicle.pedestal_mass_kg if vehicle.on_pedestal else known.value if known else 0.0
+    wheels = [
+        (*wheel.direction, wheel.spin_inertia_sigma_kg_m2 / wheel.spin_inertia_kg_m2, wheel.spin_inertia_kg_m2) for wheel in vehicle.wheels
+    ]
     numbers = (
-        *(vehicle.on_air_bearing, *states, vehicle.estimator.bins_per_cycle, pulsed),
+        *(KINDS.index(environment.kind), *states, vehicle.estimator.bins_per_cycle, pulsed),
         *(*imu.position_m, begun.gyro_rad_s, *begun.accel_m_s2),
         *(imu.gyro_bias_sigma_rad_s, imu.accel_bias_sigma_m_s2),
         *(environment.disturbance_torque_n_m, environment.disturbance_walk_n_m),
         *(imu.gyro_bias_walk_rad_s_sqrt_s, vehicle.estimator.prior_scale),
-        *(begun.reach_m, known.value if known else 0.0),
-        *(*environment.bearing_position_m, environment.bearing_mass_kg, environment.gravity_m_s2),
+        *(begun.reach_m, mass_kg),
+        *(*environment.bearing_position_m, vehicle.bearing_mass_kg, environment.gravity_m_s2),
         *(kernel_effect is not None, *(kernel_effect or (0.0, 0.0))),
+        *(vehicle.thrust.scale_sigma, len(wheels), *(number for wheel in wheels for number in wheel)),
     )
     return np.array(numbers, dtype=float)
 
@@ -73,10 +83,14 @@ def packed(samples: Samples) -> Array:
     """(K, …) each cycle's numbers, in the order of ``mp_cycle_of``."""
     executed, count = samples.executed, len(samples)
     pulses = [] if executed.pulse_covariance is None else [executed.pulse_covariance]
+    held = []
+    if executed.stored is not None:
+        held = [np.stack([executed.stored.mean, executed.stored.skew], 2)]
+        held += [part[:, executed.channels.thrusting :] for part in executed.channels.windows]
     parts = (
         *(samples.end_s[:, None], executed.duration_s[:, None], samples.rate_rad_s, samples.rate_step_rad_s, samples.carried_rad_s),
         *(samples.specific_force_m_s2, samples.up_b[:-1], samples.up_b[1:], executed.rising, executed.falling),
-        *(executed.whole, executed.ignored[:, ::3], executed.impulse_bins, executed.skew_bins, *pulses),
+        *(executed.whole, executed.ignored[:, ::3], executed.impulse_bins, executed.skew_bins, *pulses, *held),
     )
     return np.concatenate([part.reshape(count, -1) for part in parts], 1, dtype=float)
 

@@ -21,7 +21,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import cross_matrix, inverse, tensor, times
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.kernel import kernel
+from massprop_cli.kernel import WHEELS, kernel
 from massprop_cli.model import kernelargs
 from massprop_cli.model.gyroscopic import products_by_rate
 from massprop_cli.model.integrals import integrals
@@ -309,7 +309,9 @@ def reference_numbers(reference: Reference, phi_map: ResponseMap) -> Array:
     """What the equations are linear about, as the kernel has it."""
     theta = phi_map.theta(reference)
     motion = (reference.gyro_bias, reference.acceleration, response_of(reference, phi_map, theta).ravel())
-    return np.concatenate([theta, reference.inertia.ravel(), reference.cg, [reference.mu], *motion])
+    scale = np.zeros(1 + WHEELS)
+    scale[: len(reference.scale)] = reference.scale
+    return np.concatenate([theta, reference.inertia.ravel(), reference.cg, [reference.mu], *motion, scale])
 
 
 def vehicle_numbers(samples: Mounted, vehicle: Vehicle, begun: kernelargs.FlightStart) -> Array:

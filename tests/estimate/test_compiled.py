@@ -13,13 +13,16 @@ from massprop_cli import job
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate import compiled, engine, kernelflight
 from massprop_cli.estimate.history import History
-from massprop_cli.inputs.vehicle import Phase
+from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.kernel import kernel
-from massprop_cli.model import kernelargs
+from massprop_cli.model import kernelargs, regressors
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
+from massprop_cli.prepare.stream import Stream
+from massprop_cli.prepare.timing import Timing
+from tests import flown
 from tests.analysed import SAMPLES, analysed
 from tests.flight import resolved
 
@@ -108,6 +111,38 @@ def test_every_value_of_every_cycle_agrees(log: str) -> None:
         assert apart(own.normalised, other.normalised, np.ones(1)) < AGREE
         assert np.abs(own.covariance - other.covariance).max() < AGREE * np.abs(other.covariance).max()
         same_reference(own.reference, other.reference)
+
+
+PHASE = Phase(name="all", start_s=0.0, end_s=60.0)
+SCALES = {"thrust": {"scale_sigma": 0.02}}
+"""What a log tells beside wheels."""
+
+
+@pytest.mark.parametrize(
+    ("scenario", "kind"),
+    [("pedestal", "pedestal"), ("wheels-and-jets", "free"), ("wheels-and-jets", "air_bearing"), ("wheels-and-jets", "pedestal")],
+)
+def test_wheels_agree_in_every_environment(scenario: str, kind: str) -> None:
+    """Whether or not the motion is that of this environment: both are to say the same of any log."""
+    flight = flown.fly(scenario, *flown.BY_SPEED)
+    support = {"kind": kind} if kind == scenario else {"kind": kind, "bearing_position_m": [0.01, 0.0, -0.02]}
+    environment = support | ({"bearing_mass_kg": 4.0} if kind == "air_bearing" else {})
+    stated = flight.vehicle.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    wheels = [wheel | {"spin_inertia_sigma_kg_m2": 0.01 * wheel["spin_inertia_kg_m2"]} for wheel in stated["wheels"]]
+    used = resolved(Vehicle.model_validate(stated | SCALES | {"wheels": wheels, "environment": environment}))
+    samples = Stream.of(flight.log(0), used, Timing(float(used.cycle.command_delay_cycles), 0.0))
+    given = samples, slice(2, 400), PHASE, used
+    assert compiled.holds(samples, used, Consider())
+    own = engine.replay(*given)
+    with pytest.MonkeyPatch.context() as numpy_alone:
+        numpy_alone.setattr(compiled, "holds", lambda *_: False)
+        numpy_alone.setattr(regressors, "compiled", lambda _: False)
+        other = engine.replay(*given)
+    assert np.isfinite(own.values[-1]).any()
+    assert apart(own.values, other.values, other.sigmas) < AGREE
+    assert apart(own.sigmas, other.sigmas, other.sigmas) < AGREE
+    assert apart(own.normalised, other.normalised, np.ones(1)) < AGREE
+    same_reference(own.reference, other.reference)
 
 
 @pytest.mark.parametrize(

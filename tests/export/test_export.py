@@ -19,6 +19,8 @@ from massprop_cli.export import folder, resolve
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.kernel import kernel
 from massprop_cli.result import build
+from massprop_cli.testbed import output
+from tests import flown
 from tests.analysed import SAMPLES, analysed
 from tests.commandline import massprop
 
@@ -98,6 +100,16 @@ def test_on_a_bearing_it_flies_its_vector_under_the_sanitizers(tmp_path: Path) -
     command = ["cc", *flags, *sanitized, *defined(where, "KERNEL"), "table.c", "replay.c", "-o", "sanitized", "-lm"]
     subprocess.run(command, cwd=where, check=True)
     assert flies_its_vector(where, "sanitized")
+
+
+@pytest.mark.parametrize("scenario", ["pedestal", pytest.param("wheels-and-jets", marks=pytest.mark.thorough)])
+def test_beside_wheels_it_flies_its_vector_under_the_sanitizers(scenario: str, tmp_path: Path) -> None:
+    settings = [word for setting in flown.BY_SPEED for word in ("--set", setting)]
+    assert massprop(tmp_path, "simulate", scenario, "--out", "flight", "-q", *settings).returncode == 0
+    source = vehiclefile.load(tmp_path / "flight" / "vehicle.toml", [])
+    folder.write(resolve.told(source, tmp_path / "flight" / "log.parquet"), tmp_path / "out")
+    assert make(tmp_path / "out", "sanitized").returncode == 0
+    assert flies_its_vector(tmp_path / "out", "sanitized")
 
 
 def test_without_a_log_it_builds_and_says_that_nothing_flew(built: Path, tmp_path: Path) -> None:
@@ -195,6 +207,23 @@ def test_what_the_kernel_cannot_hold_is_refused(setting: str, said: str) -> None
     with pytest.raises(InputError, match=re.escape(said)) as refused:
         resolve.stated(vehiclefile.load(SAMPLES / "free-flyer" / "vehicle.toml", [setting]))
     assert "vehicle.toml" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("wheels.1.name=y", "wheels.N.speed_step_rad_s (0: none) must be stated"),
+        ("wheels.0.speed_latency_s=0.01", "speed_latency_s or speed_window_s of a wheel is not 0"),
+        ("wheels.0.speed_sigma_rad_s=0.1", "speed_error_in_noise = true"),
+        ('wheels.0.column="torque"', "[[wheels]] store momentum that no wheel's logged speed tells"),
+        ("known={ixx={value=0.3,sigma=0.01},iyy={value=0.3,sigma=0.01},izz={value=0.3,sigma=0.01}}", "no free swing on a pedestal"),
+    ],
+)
+def test_what_the_kernel_cannot_hold_of_wheels_and_pedestals_is_refused(setting: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "vehicle.toml"
+    path.write_text(output.vehicle_toml(flown.fly("pedestal").vehicle))
+    with pytest.raises(InputError, match=re.escape(said)):
+        resolve.stated(vehiclefile.load(path, [*(flown.EXACT if "step" not in said else ()), setting]))
 
 
 def test_a_vehicle_with_rotors_is_refused() -> None:
