@@ -79,7 +79,8 @@ On a pedestal each line has `about_pivot` in place of `estimates`: inertia about
 the motion depends. With a weighed mass m the CG is pivot + moment / m. Of wheels their speeds at the end of each cycle are needed (`speed`
 of `mp_flown`; live, `wheel_NAME_rad_s` of each record); they are taken to change evenly in between. The stated noise must include what
 tachometers add to it (`speed_error_in_noise`); `export-flight --log` takes that from a log. On the ground the error of a reading is
-estimated from those before and after it, on board not.
+estimated from those before and after it, on board not. On a bearing or pedestal the estimate's own bias of the
+gyro keeps the attitude right on board, cycle by cycle; on the ground further passes over the log do.
 """
 
 

@@ -21,7 +21,8 @@ from massprop_cli.prepare.compensate import Source
 BLOCK, LONGEST = 16, 128
 """Cycles taken in at a time: when the estimate has just moved, and at most; in between, half of those since."""
 RING, LEARNING = 256, 1024
-"""Cycles that are taken in anew when the estimate has moved: once each axis is known, and before."""
+"""Cycles that are taken in anew when the estimate has moved: once each axis is known, and before. On a pedestal, where a first moment is
+known to 1e-5 and what is of second order in the gyro's bias shows, always as many as before."""
 AGAIN = 8
 """How often, on the average, a cycle may be taken in anew."""
 FIRST = 16
@@ -68,7 +69,7 @@ class Causal:
     def _ends(self, run: Run) -> None:
         """A block, with ``run``: the estimate anew, and cycles taken in again where it has moved."""
         regression, target = self.regression, None
-        ring = [*_kept(self._ring, run.at - (RING if run.bound else LEARNING)), run]
+        ring = [*_kept(self._ring, run.at - (RING if run.bound and not self.vehicle.on_pedestal else LEARNING)), run]
         if self.started:
             run = ring[-1] = regression.improved(run)
             if self._spare >= 0 and not regression.stands(run):

@@ -28,7 +28,7 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.actuators import longest_delay_s
 from massprop_cli.prepare.align import lost_commands
 from massprop_cli.prepare.clock import cycle_edges
-from massprop_cli.prepare.compensate import Source
+from massprop_cli.prepare.compensate import Source, biased_attitude
 from massprop_cli.prepare.sensor import sensors
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.sums import of_records
@@ -82,8 +82,13 @@ def beyond(vehicle: Vehicle, timing: Timing, shortest_s: float) -> str:
 
 
 def holds(samples: Source) -> bool:
-    """Whether these are cycles as they were read, whose commands the kernel can align. Of wheels a log may tell more."""
+    """Whether these are cycles as they were read, whose commands the kernel can align.
+
+    Not beside wheels, of which a log may tell more, nor where a bias carries the attitude off, of which in flight the estimate frees it.
+    """
     if not isinstance(samples, Stream) or samples.gyro != 1.0 or samples.log.spinning:
+        return False
+    if biased_attitude(samples.attitude_logged, samples.vehicle):
         return False
     log = samples.log
     if log.command_s is not None or lost_commands(log) or not all(sensor.plain for sensor in sensors(log, samples.vehicle)):

@@ -18,6 +18,7 @@ static int taken_in(mp_flight *flight, int usable, mp_values *out, int *made) {
     if (!flight->pass.run.begun) memcpy(flight->pass.attitude_error, flight->preprocess.attitude_error, sizeof flight->pass.attitude_error);
     status = mp_step(&flight->pass, &flight->cycle, &flight->row);
     if (status != MP_OK) return status;
+    if (flight->pass.started) memcpy(flight->preprocess.bias, flight->pass.estimate.bias, sizeof flight->preprocess.bias);
     mp_report(&flight->rule, &flight->pass, &flight->row, &flight->steady, out);
     *made = 1;
     return MP_OK;

@@ -92,7 +92,7 @@ static void again(mp_pass *pass) {
 
 /* Checkpoints that are too old, or too near one another, go. */
 static void dropped(mp_pass *pass) {
-    long oldest = pass->run.at - (pass->run.bound ? MP_RING : MP_LEARNING);
+    long oldest = pass->run.at - (pass->run.bound && !MP_ON_PEDESTAL(&pass->vehicle) ? MP_RING : MP_LEARNING);
     while (pass->runs > 0 && in_ring(pass, 0)->at < oldest) {
         pass->first = (pass->first + 1) % MP_CHECKPOINTS;
         pass->runs -= 1;

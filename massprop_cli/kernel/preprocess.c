@@ -8,8 +8,6 @@
 #define TOUCHING R(1e-3)   /* pulses that end and begin within this part of a cycle are one; others overlap, and give all they have */
 #define CANCELLED R(1e-12) /* part of what each channel makes alone below which their sum is rounding */
 #define OPEN R(1e30)       /* s; the end of what is held until the next command */
-#define FELT R(0.02)       /* part of gravity's that specific force scatters by, */
-#define LEVELLED R(0.001)  /* and on a pedestal, where no thrust is felt */
 #define FARTHEST R(3)      /* sigmas of the gyro's bias beyond which it is none */
 
 int mp_preprocess_begin(mp_preprocess *preprocess, const mp_commands *table, const mp_vehicle *vehicle) {
@@ -259,39 +257,15 @@ static void vertical(const mp_real q[4], const mp_real back[4], mp_real out[3]) 
     for (i = 0; i < 3; i++) out[i] = rotation[2][i];
 }
 
-/* What one more cycle tells of the biases, and by how much the attitude is off at its end (bias_seen and BiasSeen.off). */
-static void bias_seen(mp_preprocess *preprocess, const mp_cycle *cycle, const mp_real mean[3][3]) {
-    const mp_vehicle *vehicle = &preprocess->vehicle;
-    mp_real seen[2][6], level[3], weighted[36], bias[6], size, sigma = vehicle->gyro_bias_sigma, prior[2];
-    mp_real scatter = MP_ON_PEDESTAL(vehicle) ? LEVELLED : FELT;
-    int count = vehicle->accel_bias ? 6 : 3, i, j, felt = !cycle->deaf[1] && mp_dot(cycle->force, cycle->force) > R(0);
-    prior[0] = scatter / sigma;
-    prior[1] = vehicle->accel_bias ? scatter / (vehicle->accel_bias_sigma / vehicle->gravity) : R(0);
-    for (i = 0; i < 3; i++)
-        for (j = 0; j < 3; j++) {
-            mp_real before = preprocess->window[i][j];
-            preprocess->window[i][j] += mean[i][j] * cycle->duration_s;
-            if (i < 2) seen[i][j] = (before + preprocess->window[i][j]) / R(2);
-        }
-    for (j = 0; j < 3; j++) {
-        seen[0][3 + j] = -mean[1][j];
-        seen[1][3 + j] = mean[0][j];
+/* By how much the attitude is off at a cycle's end, by the gyro's bias as the estimate has it. */
+static void carried_off(mp_preprocess *preprocess, const mp_cycle *cycle, const mp_real mean[3][3]) {
+    mp_real bias[3], size = MP_SQRT(mp_dot(preprocess->bias, preprocess->bias)), sigma = preprocess->vehicle.gyro_bias_sigma;
+    int i, j;
+    for (i = 0; i < 3; i++) bias[i] = preprocess->bias[i] * mp_min(R(1), FARTHEST * sigma / mp_max(size, sigma));
+    for (i = 0; i < 3; i++) {
+        for (j = 0; j < 3; j++) preprocess->window[i][j] += mean[i][j] * cycle->duration_s;
+        preprocess->off[i] = mp_dot(preprocess->window[i], bias);
     }
-    mp_times(mean, cycle->force, level);
-    for (i = 0; felt && i < 6; i++) {
-        preprocess->bias_told[i] += (seen[1][i] * level[0] - seen[0][i] * level[1]) / vehicle->gravity;
-        for (j = 0; j < 6; j++) preprocess->information[i][j] += seen[0][i] * seen[0][j] + seen[1][i] * seen[1][j];
-    }
-    for (i = 0; i < count; i++) {
-        for (j = 0; j < count; j++)
-            weighted[i * count + j] = preprocess->information[i][j] + (i == j ? prior[i / 3] * prior[i / 3] : R(0));
-        bias[i] = preprocess->bias_told[i];
-    }
-    if (!mp_cholesky(weighted, count)) return;
-    mp_solved(weighted, count, bias);
-    size = MP_SQRT(mp_dot(bias, bias));
-    for (i = 0; i < 3; i++) bias[i] *= mp_min(R(1), FARTHEST * sigma / mp_max(size, sigma));
-    for (i = 0; i < 3; i++) preprocess->off[i] = mp_dot(preprocess->window[i], bias);
 }
 
 /* Where the attitude may be at the start of a cycle. */
@@ -349,7 +323,7 @@ static void attitudes(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle
         matrix(preprocess->attitude, mean);
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) mean[i][j] = (mean[i][j] + first[i][j]) / R(2);
-        bias_seen(preprocess, cycle, (const mp_real(*)[3])mean);
+        carried_off(preprocess, cycle, (const mp_real(*)[3])mean);
         for (i = 0; i < 3; i++) back[1 + i] = -back[1 + i];
         backed(preprocess, then);
         product(back, then, step);

@@ -58,9 +58,8 @@ typedef struct {
     mp_real speed[MP_SPUN];
     mp_real turn[3];
     mp_real attitude[4];       /* as integrated */
-    mp_real window[3][3];      /* integral of world from body; what the gyro's bias is, and where that has carried the attitude: */
-    mp_real information[6][6]; /* see massprop_cli/prepare/attitude.py */
-    mp_real bias_told[6];
+    mp_real bias[3];           /* of the gyro, rad/s, as the estimate has it by now, */
+    mp_real window[3][3];      /* integral of world from body, and by what both have carried the attitude off: */
     mp_real off[3];
     mp_real squares_s2;                /* of the cycles before the present one: noise of the gyro has carried the attitude off by its root */
     mp_real attitude_error[3][5];      /* at the start of the cycle that was completed last, for the first of a phase (mp_pass) */

@@ -11,7 +11,10 @@ import pytest
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import tensor
+from massprop_cli.estimate import kernelflight
+from massprop_cli.export import resolve
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
+from massprop_cli.kernel import kernel
 from massprop_cli.model.layout import PARAMETERS, RATE, Layout
 from massprop_cli.model.linearise import linearise
 from massprop_cli.model.parameters import parameters
@@ -153,3 +156,16 @@ def test_the_equations_hold_for_an_error_of_one_cycles_rate() -> None:
         # the weight makes 1.5 % of it of the rate in one cycle, which is to be known to a fifteenth
         assert np.abs(more - grown).max() < 1e-3 * error
         assert np.abs(more_felt - felt).max() < 1e-2 * 9.8 * 0.1 * error
+
+
+@pytest.mark.skipif(kernel().library is None, reason=f"the causal pass runs on {kernel().name}")
+@pytest.mark.parametrize(("bias", "most"), [(1e-3, 0.2), (1e-2, 0.5)])
+def test_on_board_the_estimate_frees_the_attitude_of_the_bias(bias: float, most: float) -> None:
+    """Of logs without noise errors are below ``most`` sigmas; 0.01 rad/s carry the attitude off by 14 degrees."""
+    truth, flight = flown(2, *settings(bias), *NOISELESS)
+    resolved = resolve.stated(VehicleSource(flight.vehicle, "", ""))
+    for k in range(2):
+        log, leg = flight.log(k), resolved.legs[0]
+        whole = slice(0, log.cycles)
+        said = kernelflight.Flight(resolved.commands, leg.vehicle, leg.rule).step(kernelflight.cycles_of(log, whole, whole), last=True)
+        assert np.abs((said.values[-1] - truth) / said.sigmas[-1]).max() < most
