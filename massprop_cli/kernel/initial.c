@@ -14,12 +14,6 @@
 #define TORQUE 10
 #define GROWTH 13
 
-static void level(const mp_real up[3], mp_real v[3]) {
-    mp_real along = mp_dot(up, v);
-    int i;
-    for (i = 0; i < 3; i++) v[i] -= along * up[i];
-}
-
 /* Measured specific force carried from the IMU to the bearing, or to O. */
 static void carried(const mp_vehicle *vehicle, const mp_cycle *cycle, mp_real out[3]) {
     mp_real arm[3], dot[3], euler[3], inner[3], outer[3];
@@ -77,8 +71,8 @@ void mp_start_add(const mp_vehicle *vehicle, mp_start *start, const mp_cycle *cy
         felt[i] -= MP_ON_BEARING(vehicle) ? vehicle->gravity * (cycle->up[0][i] + cycle->up[1][i]) / R(2) : R(0);
     }
     if (MP_ON_BEARING(vehicle)) {
-        level(cycle->up[0], push);
-        level(cycle->up[0], felt);
+        mp_level(cycle->up[0], push, push);
+        mp_level(cycle->up[0], felt, felt);
     }
     for (i = 0; i < 3; i++) {
         mp_real pair[2];

@@ -345,3 +345,9 @@ void mp_inverse10(const mp_real *triangle, int size, int first, mp_real out[10][
         }
     }
 }
+
+void mp_level(const mp_real up[3], const mp_real v[3], mp_real out[3]) {
+    mp_real along = mp_dot(up, v);
+    int i;
+    for (i = 0; i < 3; i++) out[i] = v[i] - up[i] * along;
+}

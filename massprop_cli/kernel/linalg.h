@@ -21,6 +21,8 @@ void mp_inverse(const mp_real a[3][3], mp_real out[3][3]);
 /* The rotation by a vector, and the mean of the rotations by s times it, 0 < s < 1. */
 void mp_rotations(const mp_real vector[3], mp_real whole[3][3], mp_real mean[3][3]);
 void mp_tensor(const mp_real six[6], mp_real out[3][3]);
+/* The part of a vector across `up`, of length one. */
+void mp_level(const mp_real up[3], const mp_real v[3], mp_real out[3]);
 void mp_elements(const mp_real a[3][3], mp_real six[6]);
 /* Eigenvalues, ascending, and eigenvectors by columns of a symmetric matrix (Jacobi). */
 void mp_eigen(const mp_real a[3][3], mp_real values[3], mp_real axes[3][3]);

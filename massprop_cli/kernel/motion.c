@@ -3,237 +3,10 @@
 #include <math.h>
 #include <string.h>
 
+#include "intracycle.h"
 #include "linalg.h"
 
-#define STEEP R(0.5) /* largest part of a rate's error that the gyroscopic coupling may add to it or take off within half a step */
-#define PASSES 3     /* that rebuild the motion within a cycle */
-#define ORDERS 4     /* of the turn within a cycle */
 #define DEAF R(1e8)  /* by how much louder the noise is of a reading that is not used */
-
-static const int FIRST[6] = {0, 0, 0, 1, 1, 2}, SECOND[6] = {0, 1, 2, 1, 2, 2};
-
-void mp_products(const mp_real rate[3], mp_real out[6]) {
-    int k;
-    for (k = 0; k < 6; k++) out[k] = rate[FIRST[k]] * rate[SECOND[k]];
-}
-
-/* The part of a vector that lies in the level plane. */
-static void level(const mp_real up[3], const mp_real v[3], mp_real out[3]) {
-    mp_real along = mp_dot(up, v);
-    int i;
-    for (i = 0; i < 3; i++) out[i] = v[i] - up[i] * along;
-}
-
-/* The angular acceleration and the rate's products that the commands and the coupling make, bin by bin. */
-typedef struct {
-    mp_real wrench[6], late[3], driven[3], rate[3], rate_dot[3], up[3];
-} bin;
-
-/* What phi makes of a wrench and a vertical. */
-static void driven(const mp_vehicle *vehicle, const mp_reference *about, const mp_real wrench[6], const mp_real up[3],
-                   const mp_real level_of[3], mp_real out[3]) {
-    mp_real acts[9];
-    int i, j, count = 6;
-    if (MP_ON_BEARING(vehicle)) {
-        mp_cross(vehicle->centre, wrench + 3, acts);
-        for (i = 0; i < 3; i++) acts[i] = wrench[i] - acts[i];
-        for (i = 0; i < 3; i++) acts[3 + i] = up[i];
-        if (MP_SLIDES(vehicle)) {
-            level(level_of, wrench + 3, acts + 6);
-            count = 9;
-        }
-    } else {
-        for (i = 0; i < 6; i++) acts[i] = wrench[i];
-    }
-    for (i = 0; i < 3; i++) {
-        mp_real sum = R(0);
-        for (j = 0; j < count; j++) sum += about->phi[i][j] * acts[j];
-        out[i] = sum;
-    }
-}
-
-/* The gyroscopic coupling, bounded where it is steep. */
-static void coupled(const mp_reference *about, int channels, const mp_real rate[3], mp_real cycle_s, mp_real out[3]) {
-    mp_real s[6], most = R(0), change = R(0), share;
-    int i, j;
-    mp_products(rate, s);
-    for (i = 0; i < 3; i++) {
-        mp_real sum = R(0);
-        for (j = 0; j < 6; j++) sum += about->phi[i][channels - 6 + j] * s[j];
-        out[i] = sum;
-        most += STEEP * rate[i] * (STEEP * rate[i]);
-        change += sum * cycle_s * (sum * cycle_s);
-    }
-    if (change > most) {
-        share = MP_SQRT(most / mp_max(change, MP_TINY));
-        for (i = 0; i < 3; i++) out[i] *= share;
-    }
-}
-
-/* Acceleration of a point beyond that of the centre. */
-static void lever_arm(const mp_real rate[3], const mp_real rate_dot[3], const mp_real arm[3], mp_real out[3]) {
-    mp_real inner[3], outer[3];
-    int i;
-    mp_cross(rate_dot, arm, out);
-    mp_cross(rate, arm, inner);
-    mp_cross(rate, inner, outer);
-    for (i = 0; i < 3; i++) out[i] += outer[i];
-}
-
-/* On a bearing: what the CG's own swing adds to the angular acceleration. */
-static void swing(const mp_reference *about, const bin *here, mp_real out[3]) {
-    mp_real j[3][3], moved[3], flat[3], swung[3];
-    int i;
-    lever_arm(here->rate, here->rate_dot, about->theta + 6, moved);
-    level(here->up, moved, flat);
-    mp_cross(about->theta + 6, flat, swung);
-    for (i = 0; i < 3; i++) swung[i] *= about->theta[9];
-    mp_tensor(about->theta, j);
-    mp_times((const mp_real(*)[3])j, swung, out);
-}
-
-/* The vertical after the body has turned by a rotation vector: the exponential's series. */
-static void tilted(const mp_real up[3], const mp_real angle[3], mp_real out[3]) {
-    mp_real term[3], next[3];
-    int order, i;
-    for (i = 0; i < 3; i++) out[i] = term[i] = up[i];
-    for (order = 1; order <= ORDERS; order++) {
-        mp_cross(term, angle, next);
-        for (i = 0; i < 3; i++) {
-            term[i] = next[i] / R(order);
-            out[i] += term[i];
-        }
-    }
-}
-
-/* Momentum of wheels, mean and first moment of a bin: of one, or of all (-1). */
-static void momentum_of(const mp_vehicle *vehicle, const mp_cycle *cycle, int b, int one, mp_real mean[3], mp_real growing[3]) {
-    int w, i;
-    for (i = 0; i < 3; i++) mean[i] = growing[i] = R(0);
-    for (w = one < 0 ? 0 : one; w < (one < 0 ? vehicle->wheels : one + 1); w++)
-        for (i = 0; i < 3; i++) {
-            mean[i] += vehicle->axis[w][i] * cycle->momentum[b][w];
-            growing[i] += vehicle->axis[w][i] * cycle->growing[b][w];
-        }
-}
-
-/* Torque -w x h of momentum on the vehicle in a bin, mean, and its first moment about the bin's middle over its length. */
-static void precession(const mp_real rate[3], const mp_real rate_dot[3], const mp_real mean[3], const mp_real growing[3], mp_real squared,
-                       mp_real torque[3], mp_real late[3]) {
-    mp_real a[3], b[3], c[3], d[3];
-    int i;
-    mp_cross(rate, mean, a);
-    mp_cross(rate_dot, growing, b);
-    mp_cross(rate, growing, c);
-    mp_cross(rate_dot, mean, d);
-    for (i = 0; i < 3; i++) {
-        torque[i] = -(a[i] + b[i]);
-        late[i] = -(c[i] + d[i] * squared);
-    }
-}
-
-/* The same of what all wheels store; nothing where there are none. */
-static void precessing(const mp_vehicle *vehicle, const mp_cycle *cycle, const bin *here, int b, mp_real torque[3], mp_real late[3]) {
-    mp_real mean[3], growing[3], bin_s = cycle->duration_s / R(vehicle->bins);
-    momentum_of(vehicle, cycle, b, -1, mean, growing);
-    precession(here->rate, here->rate_dot, mean, growing, bin_s * bin_s / R(12), torque, late);
-}
-
-/* Mean reading less mean rate, as far as commands make it: their response behind the sensor's kernel, less the motion by bins. */
-static void mean_offset(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_reference *about, mp_real out[3]) {
-    const mp_real zero[3] = {R(0), R(0), R(0)};
-    mp_real beyond[6];
-    int b, i, count = vehicle->bins;
-    for (i = 0; i < 6; i++) {
-        beyond[i] = -cycle->rising[i];
-        for (b = 0; b < count; b++) beyond[i] += ((R(b) + R(0.5)) * cycle->impulse[b][i] + cycle->skew[b][i]) / R(count);
-    }
-    driven(vehicle, about, beyond, zero, cycle->up[0], out);
-}
-
-/* Rate, angular acceleration and vertical in each bin, the rate and the vertical at both ends, and what the rotation vector has beyond the
- * mean rate's. */
-static void within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, const mp_reference *about, const mp_real mean[3],
-                   bin *bins, mp_real rates[2][3], mp_real ups[2][3], mp_real coning[3]) {
-    const mp_real zero[3] = {R(0), R(0), R(0)};
-    int count = vehicle->bins, again, b, i;
-    mp_real bin_s = cycle->duration_s / R(count), shown[3] = {R(0), R(0), R(0)};
-    if (vehicle->filtered) mean_offset(vehicle, cycle, about, shown);
-    for (b = 0; b < count; b++) {
-        for (i = 0; i < 6; i++) bins[b].wrench[i] = cycle->impulse[b][i] / bin_s;
-        for (i = 0; i < 3; i++) {
-            bins[b].rate[i] = mean[i];
-            bins[b].rate_dot[i] = R(0);
-            bins[b].up[i] = cycle->up[0][i];
-        }
-    }
-    for (i = 0; i < 3; i++) ups[0][i] = ups[1][i] = cycle->up[0][i];
-    for (i = 0; i < 3; i++) coning[i] = R(0);
-    for (again = 0; again < PASSES; again++) {
-        mp_real change[3] = {R(0), R(0), R(0)}, behind[3] = {R(0), R(0), R(0)}, turned[3] = {R(0), R(0), R(0)}, coned[3] = {R(0), R(0), R(0)};
-        mp_real grown[2][3] = {{R(0), R(0), R(0)}, {R(0), R(0), R(0)}};
-        if (vehicle->curvature != R(0) && again > 0)
-            for (i = 0; i < 2; i++) coupled(about, channels, rates[i], bin_s * R(count), grown[i]);
-        for (b = 0; b < count; b++) {
-            bin *here = bins + b;
-            mp_real coupling[3], dot[3];
-            coupled(about, channels, here->rate, bin_s * R(count), coupling);
-            if (MP_ON_BEARING(vehicle) || vehicle->wheels > 0 || again == 0) {
-                mp_real acts[2][6], torque[2][3];
-                memcpy(acts[0], here->wrench, sizeof acts[0]);
-                memcpy(acts[1], cycle->skew[b], sizeof acts[1]);
-                precessing(vehicle, cycle, here, b, torque[0], torque[1]);
-                for (i = 0; vehicle->wheels > 0 && i < 3; i++) {
-                    acts[0][i] += torque[0][i];
-                    acts[1][i] += torque[1][i];
-                }
-                driven(vehicle, about, acts[0], here->up, here->up, here->driven);
-                driven(vehicle, about, acts[1], zero, here->up, here->late);
-            }
-            for (i = 0; i < 3; i++) dot[i] = here->driven[i] + coupling[i];
-            if (MP_SLIDES(vehicle)) {
-                mp_real swung[3];
-                swing(about, here, swung);
-                for (i = 0; i < 3; i++) dot[i] += swung[i];
-            }
-            for (i = 0; i < 3; i++) {
-                mp_real own = dot[i] * bin_s;
-                change[i] += own;
-                here->rate_dot[i] = dot[i];
-                here->rate[i] = change[i] - own / R(2) - here->late[i];
-                behind[i] += here->rate[i];
-            }
-        }
-        for (i = 0; i < 3; i++) {
-            rates[0][i] = mean[i] - shown[i] - vehicle->curvature * (grown[1][i] - grown[0][i]) / cycle->duration_s - behind[i] / R(count);
-            rates[1][i] = rates[0][i] + change[i];
-        }
-        for (b = 0; b < count; b++) {
-            bin *here = bins + b;
-            mp_real angle[3], own[3], cone[3], bent[3];
-            for (i = 0; i < 3; i++) here->rate[i] += rates[0][i];
-            if (!MP_ON_BEARING(vehicle)) continue;
-            for (i = 0; i < 3; i++) {
-                own[i] = here->rate[i] * bin_s;
-                turned[i] += own[i];
-            }
-            mp_cross(turned, own, cone);
-            mp_cross(here->rate, here->rate_dot, bent);
-            for (i = 0; i < 3; i++) {
-                cone[i] = cone[i] / R(2) + bent[i] * (bin_s * bin_s * bin_s) / R(12);
-                coned[i] += cone[i];
-                angle[i] = turned[i] - own[i] / R(2) - here->rate_dot[i] * (bin_s * bin_s) / R(12) + coned[i] - cone[i] / R(2);
-            }
-            tilted(cycle->up[0], angle, here->up);
-        }
-        if (!MP_ON_BEARING(vehicle)) continue;
-        for (i = 0; i < 3; i++) {
-            turned[i] += coned[i];
-            coning[i] = coned[i];
-        }
-        tilted(cycle->up[0], turned, ups[1]);
-    }
-}
 
 /* An integral over the bins under the rising half of the window, and plain. */
 static void windowed(mp_real *rising, mp_real *whole, mp_real value, int b, int count, mp_real bin_s) {
@@ -266,21 +39,21 @@ static void sensed(const mp_cycle *cycle, const mp_real up[3], mp_real forced[2]
     }
     for (j = 0; j < 3; j++) {
         mp_real *onto = j == 0 ? rising : j == 1 ? falling : whole;
-        level(mean, beyond[j], flat);
+        mp_level(mean, beyond[j], flat);
         for (i = 0; i < 3; i++) onto[i] += flat[i];
     }
 }
 
 /* To the impulses under the halves of the window and over the cycle: torque by what wheels store, -w x h, which `one` alone stores by a
  * unit of its scale, or all (-1). */
-static void stored(const mp_vehicle *vehicle, const mp_cycle *cycle, const bin *bins, int one, mp_real rising[3], mp_real falling[3],
+static void stored(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_bin *bins, int one, mp_real rising[3], mp_real falling[3],
                    mp_real whole[3]) {
     int count = vehicle->bins, b, i;
     mp_real bin_s = cycle->duration_s / R(count), made[2][3] = {{R(0), R(0), R(0)}, {R(0), R(0), R(0)}};
     for (b = 0; b < count; b++) {
         mp_real mean[3], growing[3], torque[3], late[3];
-        momentum_of(vehicle, cycle, b, one, mean, growing);
-        precession(bins[b].rate, bins[b].rate_dot, mean, growing, bin_s * bin_s / R(12), torque, late);
+        mp_momentum_of(vehicle, cycle, b, one, mean, growing);
+        mp_precession(bins[b].rate, bins[b].rate_dot, mean, growing, bin_s * bin_s / R(12), torque, late);
         for (i = 0; i < 3; i++) {
             windowed(made[0] + i, made[1] + i, torque[i], b, count, bin_s);
             made[0][i] += late[i] / R(count);
@@ -300,7 +73,7 @@ static void stored_windows(const mp_vehicle *vehicle, const mp_cycle *cycle, mp_
     memset(out, 0, 2 * sizeof out[0]);
     for (b = 0; b < count; b++) {
         mp_real mean[3], growing[3];
-        momentum_of(vehicle, cycle, b, -1, mean, growing);
+        mp_momentum_of(vehicle, cycle, b, -1, mean, growing);
         for (i = 0; i < 3; i++) {
             windowed(out[0] + i, out[1] + i, mean[i], b, count, bin_s);
             out[0][i] += growing[i] / R(count);
@@ -311,7 +84,7 @@ static void stored_windows(const mp_vehicle *vehicle, const mp_cycle *cycle, mp_
 
 /* What phi multiplies, under the rising half of the window, and over the whole cycle. */
 static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about,
-                      const bin *bins, mp_real rates[2][3], mp_real ups[2][3], mp_motion *out, mp_real whole[MP_CHANNELS]) {
+                      const mp_bin *bins, mp_real rates[2][3], mp_real ups[2][3], mp_motion *out, mp_real whole[MP_CHANNELS]) {
     int count = vehicle->bins, channels = layout->channels, b, i;
     mp_real bin_s = cycle->duration_s / R(count), squared = bin_s * bin_s / R(12), late_s = bin_s / R(12) - vehicle->curvature / bin_s;
     mp_real *rising = out->rising, *falling = out->falling, ends[2][6], forced[2][3];
@@ -336,7 +109,7 @@ static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const 
         stored_windows(vehicle, cycle, out->stored);
     }
     for (b = 0; b < count; b++) {
-        const bin *here = bins + b;
+        const mp_bin *here = bins + b;
         mp_real s[6], by[6];
         mp_products(here->rate, s);
         mp_products(here->rate_dot, by);
@@ -349,9 +122,9 @@ static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const 
             }
         if (MP_SLIDES(vehicle)) {
             mp_real flat[3], late[3], swung[3];
-            level(here->up, here->wrench + 3, flat);
-            level(here->up, cycle->skew[b] + 3, late);
-            swing(about, here, swung);
+            mp_level(here->up, here->wrench + 3, flat);
+            mp_level(here->up, cycle->skew[b] + 3, late);
+            mp_swing(about, here, swung);
             for (i = 0; i < 3; i++) {
                 windowed(forced[0] + i, forced[1] + i, here->wrench[3 + i], b, count, bin_s);
                 forced[0][i] += cycle->skew[b][3 + i] / R(count);
@@ -383,7 +156,7 @@ static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const 
 }
 
 /* The specific force in terms of phi, mu, and c or mu kappa. */
-static void felt(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about, const bin *bins,
+static void felt(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about, const mp_bin *bins,
                  mp_motion *out) {
     mp_real dot[3], centripetal[3][3], rotation[3][3], arm[3], part[3], trace;
     int i, j, b, channels = layout->channels;
@@ -629,7 +402,7 @@ static void thrust_of(const mp_vehicle *vehicle, const mp_cycle *cycle, mp_real 
 }
 
 /* What a unit of each scale does: of all thrust, or of what a wheel stores. */
-static void scaled(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about, const bin *bins,
+static void scaled(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about, const mp_bin *bins,
                    mp_motion *out) {
     mp_real inverse[3][3], by_moment[3][3], impulse[3][3];
     int s, i, j, k, force = MP_SLIDES(vehicle) ? 6 : 3;
@@ -662,7 +435,7 @@ static void scaled(const mp_vehicle *vehicle, const mp_layout *layout, const mp_
 }
 
 void mp_motion_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about, mp_motion *out) {
-    bin bins[MP_BINS];
+    mp_bin bins[MP_BINS];
     mp_real rates[2][3], ups[2][3], coning[3], before[3], taken[3], whole[MP_CHANNELS];
     int i;
     out->duration_s = cycle->duration_s;
@@ -673,7 +446,7 @@ void mp_motion_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_c
         out->push[1][i] = cycle->falling[3 + i];
         out->rate[i] = cycle->rate[i] - about->bias[i];
     }
-    within(vehicle, layout->channels, cycle, about, out->rate, bins, rates, ups, coning);
+    mp_within(vehicle, layout->channels, cycle, about, out->rate, bins, rates, ups, coning);
     mp_cross(before, cycle->rate, taken); /* what the attitude was carried by took for coning */
     for (i = 0; i < 3; i++) {
         taken[i] *= cycle->duration_s / R(12);
