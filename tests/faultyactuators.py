@@ -176,9 +176,7 @@ FAULTS = {
     "strong": Fault("one gives 10 % more", SCALE, acting=lambda draw, n: _one(draw, n, 1.1)),
     "weak": Fault("one gives 10 % less", SCALE, acting=lambda draw, n: _one(draw, n, 0.9)),
     "dead": Fault("one dead", ("actuator-dead",), acting=lambda draw, n: _one(draw, n, 0.0)),
-    "late": Fault(
-        "speeds or angles logged 0.2 to 1 cycle late", ("delay-mismatch", "actuator-latency"), _late, platforms=tuple(TABLES)[1:]
-    ),
+    "late": Fault("speeds or angles logged 0.2 to 1 cycle late", ("speed-late",), _late, platforms=tuple(TABLES)[1:]),
     "delayed": Fault("commands act a cycle later than stated", ("delay-mismatch",), _delayed, platforms=("rotors",)),
     "lag": Fault("lag stated at 0.3 to 0.7 of what it is", ("lag-mismatch", "thrust-lag"), _lagging, platforms=("rotors",)),
     "sag": Fault("thrust that sags with the supply", ("fuel-use", "supply-sag"), _sagging, platforms=("rotors",)),

@@ -145,6 +145,14 @@ def _flown(name: str, *settings: str) -> Told:
         return _told(job.of_file(Path(folder) / "log.parquet").analysis)
 
 
+def _older() -> Told:
+    """Speeds of wheels that are 20 ms old, beside a vehicle file that does not say so."""
+    keys = [f"wheels.{number}.speed_latency_s" for number in range(3)]
+    with tempfile.TemporaryDirectory() as folder, np.errstate(all="ignore"):
+        _massprop("simulate", "wheels", "-q", "--out", folder, *(word for key in keys for word in ("--set", f"vehicle.{key}=0.02")))
+        return _told(job.of_file(Path(folder) / "log.parquet", None, [f"{key}=0.0" for key in keys]).analysis)
+
+
 def _massprop(*arguments: str) -> None:
     done = CliRunner().invoke(app, arguments)
     if done.exit_code:
@@ -263,6 +271,7 @@ WARNINGS: dict[str, Example] = {
     "noise-estimated": Example(partial(_unstated, "free-flyer/log.parquet"), *RATE),
     "jet-late": Example(partial(_flown, "free-flyer", *CENTRED[:2], "actuators.jet_delays_s={roll_n2=0.02}"), *RATE),
     "pulse-position": Example(partial(_flown, "free-flyer", *CENTRED), *RATE),
+    "speed-late": Example(_older, *RATE),
     "attitude-misfit": Example(partial(_flown, "testbed", *LATE), *RATE),
     "imu-kernel": Example(_sampled, *FORCE),
     "model-misfit": Example(partial(_flown, "free-flyer", *VIBRATING), *WHITE),

@@ -239,6 +239,10 @@ def _both_turned(found: Fitted) -> Array | None:
     return nearest
 
 
+_EACH = ("jets", *ACTUATORS)
+"""Tables of which the vehicle file has one for each actuator."""
+
+
 def correction_of(case: Case, mended: Case, found: Fitted) -> Correction | None:
     """The keys that correct it, and factors on columns; None where neither does."""
     settings = tuple(_settings(case.setup, mended.setup, found))
@@ -256,7 +260,7 @@ def _settings(before: Setup, after: Setup, found: Fitted) -> Iterator[str]:
     differing = [key for key in differing if not key.startswith("jets") and not (key == DELAY and anew)]
     yield from _of_actuators(before.vehicle, after.vehicle)
     for key, value in found.hypothesis.states.items():
-        if not key.startswith("jets"):
+        if key.partition(".")[0] not in _EACH:
             yield f"{key}={_literal(value) if isinstance(value, float) else configfile.written(value)}"
     said = found.finding((), before, after)
     for one in sorted(supposed, key=lambda one: SECTIONS.index((one.key or "cycle").partition(".")[0])):
@@ -273,7 +277,7 @@ def _settings(before: Setup, after: Setup, found: Fitted) -> Iterator[str]:
 
 def _of_actuators(before: Vehicle, after: Vehicle) -> Iterator[str]:
     """Each actuator's keys that differ."""
-    for table in ("jets", *ACTUATORS):
+    for table in _EACH:
         for i, (one, other) in enumerate(zip(getattr(before, table), getattr(after, table), strict=True)):
             keys = [key for key in type(one).model_fields if getattr(one, key) != getattr(other, key)]
             yield from (f"{table}.{i}.{key}={_literal(getattr(other, key))}" for key in keys)

@@ -145,6 +145,8 @@ def _supposed(case: Case, motion: MeasuredMotion) -> Iterator[Supposed]:
             found = _limits(case._replace(timing=case.timing.moved(("delay",), (later,))), motion) or found
         if found is not None:
             yield Supposed(("commands-limited",), *found, later, PRIORS["delay"] if later else 0.0)
+    if any(wheel.column == "speed" for wheel in case.vehicle.wheels):
+        yield _tachometers_later(case, motion)
     if case.log.command_kind == "jets" and case.log.command.any():
         yield from _pulses_elsewhere(case, motion)
         yield from (_later(case, motion, jet) for jet in _likeliest_later(case))
@@ -185,6 +187,21 @@ def _later(case: Case, motion: MeasuredMotion, jet: int) -> Supposed:
     by = line_minimum(left, (0.5, 1.0, 1.5, 2.0), 0.5, NEAR)
     sigma = sigma_at(left, by)
     return Supposed(("jet-late",), states(by), (states(by + sigma),))
+
+
+def _tachometers_later(case: Case, motion: MeasuredMotion) -> Supposed:
+    """With speeds of wheels later than stated, all by as much, as of one motor controller's filter or bus: by what explains most."""
+    period_s, wheels = case.vehicle.cycle.period_s, case.vehicle.wheels
+
+    def states(cycles: float) -> States:
+        by_speed = {n: wheel.speed_latency_s for n, wheel in enumerate(wheels) if wheel.column == "speed"}
+        return {f"wheels.{n}.speed_latency_s": max(stated_s + cycles * period_s, 0.0) for n, stated_s in by_speed.items()}
+
+    def left(cycles: float) -> float:
+        return _left(case, motion, states(cycles))
+
+    by = line_minimum(left, (0.1, 0.2, 0.4, 0.8, 1.6), 0.2, NEAR)
+    return Supposed(("speed-late",), states(by), (states(by + sigma_at(left, by)),))
 
 
 def _before_its_twin(case: Case) -> Iterator[Supposed]:

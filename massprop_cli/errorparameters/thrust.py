@@ -124,6 +124,11 @@ def _one_later(finding: FittedHypothesis) -> Mapping[str, object]:
     return {"jet": one.name, "later": one.delay_s}
 
 
+def _speeds_later(finding: FittedHypothesis) -> Mapping[str, object]:
+    pairs = zip(finding.corrected.vehicle.wheels, finding.stated.vehicle.wheels, strict=True)
+    return {"later": next(wheel.speed_latency_s - other.speed_latency_s for wheel, other in pairs if wheel != other)}
+
+
 def _ramps(finding: FittedHypothesis) -> Mapping[str, object]:
     rise, fall = (2e3 * finding.mean(name) * finding.stated.period_s for name in ("rise", "fall"))
     by = rise or fall
@@ -318,6 +323,7 @@ _OTHER_WAY = "{who} {push} the other way than stated{turned}"
 _ABOUT_CG = "commanded torques are about the CG, {point} mm from O, and not about O"
 _LIMITED = "of commanded wrenches no more acts than {limits}, as of an allocation that saturates"
 _LATER = "pulses of jet {jet} begin {later:.3g} s later than stated of all"
+_SPEEDS_LATER = "speeds of wheels are {later:.3g} s older than stated"
 _SWAPPED = "{jets} are {how}"
 SPECIAL_CASES = (
     SpecialCase(
@@ -342,6 +348,7 @@ SPECIAL_CASES = (
         "pulse-position", "pulse-position", lambda _: True, Wording("pulses {place} their cycles{delay}", "state {key}", _pulse_at)
     ),
     SpecialCase("jet-late", "jet-late", lambda _: True, Wording(_LATER, "state its delay_s, or look at its driver and valve", _one_later)),
+    SpecialCase("speed-late", "speed-late", lambda _: True, Wording(_SPEEDS_LATER, "state speed_latency_s of each wheel", _speeds_later)),
     SpecialCase("commands-limited", "commands-limited", lambda _: True, Wording(_LIMITED, "state thrust.wrench_limits", _limits)),
     SpecialCase("rotor-spin", "rotor-spin", lambda _: True, Wording(_SPUN, "correct its spin, or swap two of its motor's wires", _who)),
     *(

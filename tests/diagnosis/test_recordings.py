@@ -24,7 +24,7 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.simulate import SimulatedFlight
 from tests import faulty
-from tests.flown import PLAN, fly
+from tests.flown import BY_SPEED, PLAN, fly
 
 Mistake = Callable[[Log, Vehicle, Array], tuple[Log, Vehicle]]
 WRENCH = ("vehicle.jets=[]", "actuators.max_torque_n_m=[0.1, 0.4, 0.4]", "actuators.max_force_n=[2.0, 2.0, 2.0]")
@@ -245,6 +245,33 @@ def test_a_jet_that_is_later_than_the_others_is_named_with_its_delay(jet: str, l
     for conclusion in (answer.conclusions[0], stated.conclusions[0]):
         z = (conclusion.values - flown.truth[0][0]) / np.sqrt(np.diag(conclusion.covariance))
         assert np.abs(z).max() < 4
+
+
+@pytest.mark.parametrize(
+    ("scenario", "key", "older_s"),
+    [
+        ("pedestal", "speed_latency_s", 0.02),
+        ("wheels", "speed_window_s", 0.03),
+        pytest.param("wheels", "speed_latency_s", 0.005, marks=pytest.mark.thorough),
+        pytest.param("wheels-and-jets", "speed_latency_s", 0.05, marks=pytest.mark.thorough),
+    ],
+)
+def test_speeds_of_wheels_that_are_older_than_stated_are_named_with_their_age(scenario: str, key: str, older_s: float) -> None:
+    """A mean over a window is about as old as half of it. Stated, that leaves nothing to be said."""
+    flight = fly(scenario, *BY_SPEED, *(f"vehicle.wheels.{n}.{key}={older_s}" for n in range(3)))
+    found = faulty.examined(flight.log(0), faulty.stated(flight.vehicle, *(f"wheels.{n}.{key}=0.0" for n in range(3))))
+    assert [notice.code for notice in found.notices] == ["speed-late"]
+    (answer,) = found.mended
+    age_s = older_s / 2 if key == "speed_window_s" else older_s
+    for number in range(3):
+        name, _, value = answer.settings[number].partition("=")
+        assert name == f"wheels.{number}.speed_latency_s"
+        assert float(value) == pytest.approx(age_s, abs=2e-4)
+    truth = flight.truth[0][0][:6]
+    z = (answer.conclusions[0].values[:6] - truth) / np.sqrt(np.diag(answer.conclusions[0].covariance)[:6])
+    assert np.abs(z).max() < 4
+    stated = faulty.examined(flight.log(0), flight.vehicle)
+    assert stated.notices == ()
 
 
 def test_a_jet_that_is_logged_a_cycle_before_its_twin_is_late_and_not_dead_beside_one_of_twice_the_thrust() -> None:
