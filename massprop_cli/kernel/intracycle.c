@@ -120,7 +120,7 @@ void mp_precession(const mp_real rate[3], const mp_real rate_dot[3], const mp_re
     }
 }
 
-/* The same of what all wheels store; nothing where there are none. */
+/* The same of what all wheels store. */
 static void precessing(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_bin *here, int b, mp_real torque[3], mp_real late[3]) {
     mp_real mean[3], growing[3], bin_s = cycle->duration_s / R(vehicle->bins);
     mp_momentum_of(vehicle, cycle, b, -1, mean, growing);
@@ -170,10 +170,12 @@ void mp_within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, c
                 mp_real acts[2][6], torque[2][3];
                 memcpy(acts[0], here->wrench, sizeof acts[0]);
                 memcpy(acts[1], cycle->skew[b], sizeof acts[1]);
-                precessing(vehicle, cycle, here, b, torque[0], torque[1]);
-                for (i = 0; vehicle->wheels > 0 && i < 3; i++) {
-                    acts[0][i] += torque[0][i];
-                    acts[1][i] += torque[1][i];
+                if (vehicle->wheels > 0) {
+                    precessing(vehicle, cycle, here, b, torque[0], torque[1]);
+                    for (i = 0; i < 3; i++) {
+                        acts[0][i] += torque[0][i];
+                        acts[1][i] += torque[1][i];
+                    }
                 }
                 driven(vehicle, about, acts[0], here->up, here->up, here->driven);
                 driven(vehicle, about, acts[1], zero, here->up, here->late);
