@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from itertools import chain, islice
 
 import numpy as np
@@ -29,6 +29,7 @@ from massprop_cli.diagnosis.recordings import by_noise, otherwise, otherwise_fil
 from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, helped, hopeless, refined, tried
 from massprop_cli.diagnosis.screening import Screening, about_its_body, beside_a_torque, busiest, screened
 from massprop_cli.diagnosis.search import codes, same, searched
+from massprop_cli.diagnosis.undisturbed import Undisturbed, undisturbed
 from massprop_cli.diagnosis.wording import ABSENT, DEAD, UNANSWERED, alone, words_of
 from massprop_cli.errorparameters.table import PRIORS
 from massprop_cli.estimate.initial import first_reference
@@ -83,13 +84,14 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     if rarely and not any(map(_whole, alone)):
         return Diagnosis(unknown=rarely)
     wandering = beside_a_torque(screening)
-    found = _instead(screening, alone, wandering) or chosen(screening, alone)
-    found = found if any(map(_whole, alone)) else _for_a_time(screening, screenings, found, alone)
+    rest = cache(partial(undisturbed, screening, float(log.time_s[-1])))
+    found = _instead(screening, alone, wandering, rest) or chosen(screening, alone)
+    found = found if any(map(_whole, alone)) else _for_a_time(screening, screenings, found, alone, rest)
     # a torque that wanders may explain it too, or with what goes with it
     with_it = [refit.score for refit in alone if refit.fits and by_wander(refit, screening)]
     least = min([wandering.cost, *with_it]) - CLEAR
     moved = wandering.free.answered > ANSWERED
-    for search in () if wandering.close and moved else _further(screening, alone, wandering, least):
+    for search in () if wandering.close and moved else _further(screening, alone, wandering, least, rest):
         if found is not None and found.score < least:
             break
         found = search(screening)
@@ -98,6 +100,9 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     at = next((placed for one in screenings if (placed := border(one, float(log.time_s[-1]))) is not None), None)
     if at is not None:  # all the rest needs no torque that wanders
         return Diagnosis((Explanation("phase-border", at.words, at.correction),))
+    kept = rest()
+    if kept is not None:
+        return Diagnosis((Explanation("phase-border", kept.words, kept.correction(vehicle)),))
     if screening.fits and (units := chosen(screening, by_noise(screening))) is not None:
         return units
     if not moved and screening.loud:
@@ -105,10 +110,12 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     return Diagnosis() if wandering.close or with_it else Diagnosis(unknown=_in_vain(screening))
 
 
-def _further(screening: Screening, alone: Sequence[Refit], whole: Screening, least: float) -> list[Callable[[Screening], Diagnosis | None]]:
+def _further(
+    screening: Screening, alone: Sequence[Refit], whole: Screening, least: float, rest: Callable[[], Undisturbed | None]
+) -> list[Callable[[Screening], Diagnosis | None]]:
     """What else to look for, the most likely first, that explains more than the ``least`` score: all along in pairs, or in time."""
     pair = partial(_pair, alone=alone, worst=min([least, *(refit.score for refit in alone)]))
-    changed = partial(_changed, whole=whole)
+    changed = partial(_changed, whole=whole, rest=rest)
     two: list[Callable[[Screening], Diagnosis | None]] = [_swapped, pair]
     best = min(alone, key=lambda refit: refit.score, default=None)
     if best is not None and "fuel-use" in codes(best):
@@ -122,13 +129,24 @@ def _whole(refit: Refit) -> bool:
     return refit.fits and left is not None and left.constant and left.misfit < 1 + NOTHING * np.sqrt(2 / left.freedom)
 
 
-def _for_a_time(screening: Screening, screenings: Sequence[Screening], found: Diagnosis | None, alone: Sequence[Refit]) -> Diagnosis | None:
-    """A jet that fails for a time, where that explains more than what was ``found``, of causes ``alone``."""
+def _for_a_time(
+    screening: Screening,
+    screenings: Sequence[Screening],
+    found: Diagnosis | None,
+    alone: Sequence[Refit],
+    rest: Callable[[], Undisturbed | None],
+) -> Diagnosis | None:
+    """A jet that fails for a time, where that explains more than what was ``found``, of causes ``alone``.
+
+    One that leaves more than chance is none where all but the ``rest`` of the log leaves no more.
+    """
     cause = min((refit for refit in alone if refit.fits and refit.screening is not None), key=lambda refit: refit.score, default=None)
     each = episodes(screening, screenings, cause)
     if not each or (found is not None and found.score < each[0].score + CLEAR):
         return found
     best, vehicle = each[0], screening.case.vehicle
+    if not (best.screening.chance and best.screening.constant) and rest() is not None:
+        return found
     message = f"the log fits if {', or else '.join(one.words for one in each)}; look at its valve and supply, and state thrust.failures"
     near = (best.correction(vehicle, 1.0),) if best.sigma else ()
     said = Explanation(best.code, message, best.correction(vehicle), around=near, rivals=tuple(one.correction(vehicle) for one in each[1:]))
@@ -162,7 +180,7 @@ def _turned(screening: Screening) -> list[Refit]:
     return [refit for found in screening.upright if (refit := tried(screening, found)) is not None]
 
 
-def _instead(screening: Screening, alone: Sequence[Refit], whole: Screening) -> Diagnosis | None:
+def _instead(screening: Screening, alone: Sequence[Refit], whole: Screening, rest: Callable[[], Undisturbed | None]) -> Diagnosis | None:
     """What the most likely of single causes may stand for: it hides what is further off than a small step leads to.
 
     A turned gyro for a delay of cycles, where a torque or more noise is left than is stated; a slow change of the body for one at once.
@@ -174,7 +192,7 @@ def _instead(screening: Screening, alone: Sequence[Refit], whole: Screening) -> 
         later = _much_later(screening)
         return later if later is not None and later.score < best.score else None
     if "fuel-use" in codes(best):
-        return _changed(screening, whole, max(float(best.fitted.chi_square.sum()) - screening.freedom, 0.0))
+        return _changed(screening, whole, rest, max(float(best.fitted.chi_square.sum()) - screening.freedom, 0.0))
     return None
 
 
@@ -206,7 +224,7 @@ def _lowpassed(screening: Screening) -> Diagnosis | None:
     return chosen(screening, refits)
 
 
-def _changed(screening: Screening, whole: Screening, less_than: float = np.inf) -> Diagnosis | None:
+def _changed(screening: Screening, whole: Screening, rest: Callable[[], Undisturbed | None], less_than: float = np.inf) -> Diagnosis | None:
     """Another body from some moment on; ``whole`` is what one body leaves of the log beside a torque.
 
     None where two leave no ``less_than`` so much of chi-square beyond chance.
@@ -226,6 +244,9 @@ def _changed(screening: Screening, whole: Screening, less_than: float = np.inf) 
     left = sum(side.excess for side in sides if side is not None)
     if left > LEFT * whole.excess or left >= less_than:
         return None  # each side fits for being shorter alone, or something else explains as much
+    kept = rest()
+    if kept is not None and (len(kept.kept_s) > 1 or kept.answered < ANSWERED):
+        return None  # what acts for a time, or nothing that is commanded, tells of no other body
     time = round(float(samples.executed.start_s[at]), 9)
     message = (
         f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release; give the vehicle file "

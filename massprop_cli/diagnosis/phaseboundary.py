@@ -74,27 +74,27 @@ def border(screening: Screening, end_s: float) -> Border | None:
 
     ``end_s`` is when the whole log ends, of which the look may have but a stretch.
     """
-    plain, count = _plainly(screening, screening.piece), screening.piece.stop - screening.piece.start
+    plain, count = plainly(screening, screening.piece), screening.piece.stop - screening.piece.start
     if plain is None:
         return None
     screening, most = plain, min(LONGEST, int(MOST * count))
-    if _beyond_noise(screening) < BEYOND * np.sqrt(2 * 6 * count) or most < 1:
+    if beyond_noise(screening) < BEYOND * np.sqrt(2 * 6 * count) or most < 1:
         return None
     sides = [_fewest(screening, most, begins) for begins in (True, False)]
     found = min((one for one in sides if one is not None), key=lambda one: one[0], default=None)
-    if found is not None and _beyond_noise(found[2]) > LEFT * _beyond_noise(screening):
+    if found is not None and beyond_noise(found[2]) > LEFT * beyond_noise(screening):
         return None  # what is left is spread over all of it: noise that was stated too small
     return None if found is None else _placed(screening, *found, end_s)
 
 
-def _beyond_noise(screening: Screening) -> float:
+def beyond_noise(screening: Screening) -> float:
     """Sum of squares that body and commands leave, over the stated noise, beyond that of noise."""
     free = screening.free
     squares = np.concatenate([free.gyro.left, free.accelerometer.left]) + screening.stated.chi_square * free.variance
     return float((squares / np.maximum(screening.noise, TINY)).sum() - 6 * (screening.piece.stop - screening.piece.start))
 
 
-def _plainly(screening: Screening, piece: slice) -> Screening | None:
+def plainly(screening: Screening, piece: slice) -> Screening | None:
     """A piece of the same beside the noise alone, or what is stated beside it: a torque that wanders would explain a few cycles, too."""
     case, theta = screening.case, screening.stated.value("theta")
     stated = case.vehicle.environment
@@ -108,7 +108,7 @@ def _plainly(screening: Screening, piece: slice) -> Screening | None:
 def _without(screening: Screening, cut: int, begins: bool) -> Screening | None:
     """The look without so many cycles; None where it leaves more than noise, or what fires in them fires nowhere else."""
     first, stop = screening.piece.start, screening.piece.stop
-    there = _plainly(screening, slice(first + cut, stop) if begins else slice(first, stop - cut))
+    there = plainly(screening, slice(first + cut, stop) if begins else slice(first, stop - cut))
     if there is None or not np.array_equal(there.free.fired, screening.free.fired):
         return None
     return there if there.chance and there.constant else None
@@ -129,22 +129,40 @@ def _fewest(screening: Screening, enough: int, begins: bool) -> tuple[int, bool,
     return enough, begins, found
 
 
-def _placed(screening: Screening, cut: int, begins: bool, found: Screening, end_s: float) -> Border | None:
-    """In the vehicle file; None where the stretch that was looked at begins, or ends, elsewhere than its phase."""
+class Placed(NamedTuple):
+    """Where in the vehicle file a look is."""
+
+    phase: Phase | None
+    """None: the only one, which isn't stated."""
+    number: int
+    begins: bool
+    """Whether it begins with its phase."""
+    ends: bool
+
+
+def phase_of(screening: Screening, end_s: float) -> Placed | None:
+    """The phase that holds a look, of a log that ends then; None where none does."""
     log, vehicle, timing, _ = screening.case
-    executed = timing.of(log, vehicle).executed
-    period = vehicle.cycle.period_s
+    executed, period = timing.of(log, vehicle).executed, vehicle.cycle.period_s
     ends = executed.start_s + executed.duration_s
-    time = float(executed.start_s[screening.piece.start + cut] if begins else ends[screening.piece.stop - cut - 1])
     middle = float(ends[(screening.piece.start + screening.piece.stop) // 2])
     number = next((i for i, phase in enumerate(vehicle.phases) if phase.start_s < middle <= phase.end_s), None)
     if vehicle.phases and number is None:
         return None
     phase = None if number is None else vehicle.phases[number]
     known = max(log.origin_s if phase is None else phase.start_s, log.origin_s + timing.delay * period)
-    if begins and float(executed.start_s[screening.piece.start]) > known + NEAR * period:
-        return None
     last = end_s if phase is None else min(phase.end_s, end_s)
-    if not begins and float(ends[screening.piece.stop - 1]) < last - NEAR * period:
+    begins = float(executed.start_s[screening.piece.start]) <= known + NEAR * period
+    return Placed(phase, number or 0, begins, float(ends[screening.piece.stop - 1]) >= last - NEAR * period)
+
+
+def _placed(screening: Screening, cut: int, begins: bool, found: Screening, end_s: float) -> Border | None:
+    """In the vehicle file; None where the stretch that was looked at begins, or ends, elsewhere than its phase."""
+    placed = phase_of(screening, end_s)
+    if placed is None or not (placed.begins if begins else placed.ends):
         return None
-    return Border(phase, number or 0, begins, round(time, 6), cut, (log.origin_s, end_s), found)
+    log, vehicle, timing, _ = screening.case
+    executed = timing.of(log, vehicle).executed
+    last = screening.piece.stop - cut - 1
+    time = float(executed.start_s[screening.piece.start + cut] if begins else executed.start_s[last] + executed.duration_s[last])
+    return Border(placed.phase, placed.number, begins, round(time, 6), cut, (log.origin_s, end_s), found)

@@ -187,7 +187,7 @@ def test_a_change_leaves_two_bodies_less_than_half_of_what_it_leaves_one(keys: t
     assert all(side.fits for side in sides)
     left = sum(side.excess for side in sides) / whole.excess
     assert left < 0.25 if changed else left > 0.7
-    named = _changed(screening, whole)
+    named = _changed(screening, whole, lambda: None)
     assert (named is not None) is changed
     if named is not None:
         (one,) = named.explanations
