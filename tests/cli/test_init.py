@@ -55,6 +55,26 @@ def test_cycle_noise_and_bias_are_those_the_log_was_made_with(tmp_path: Path) ->
     assert np.std(found.interval_s) == pytest.approx(1e-5, rel=0.1)
 
 
+def test_a_few_empty_cells_of_a_sensor_change_nothing_and_many_are_refused(tmp_path: Path) -> None:
+    """An estimate takes a part of a sensor's cells as lost, so a draft does, too."""
+    table = pq.read_table(log(tmp_path))
+    gyro = table.column(columns.GYRO[0]).to_numpy().copy()
+
+    def emptied(count: int) -> traits.Traits:
+        cells = gyro.copy()
+        cells[100 : 100 + count] = np.nan
+        place = table.schema.get_field_index(columns.GYRO[0])
+        pq.write_table(table.set_column(place, columns.GYRO[0], pa.array(cells)), tmp_path / "own.parquet")
+        return traits.traits(read_table(tmp_path / "own.parquet"))
+
+    whole, found = emptied(0), emptied(150)
+    assert found.quiet == whole.quiet - 150 // RECORDS
+    assert found.gyro_noise == pytest.approx(whole.gyro_noise, rel=0.05)
+    assert found.felt_always == pytest.approx(whole.felt_always, rel=0.05)
+    with pytest.raises(InputError, match=f"column {columns.GYRO[0]}: not a finite number"):
+        emptied(int(0.06 * len(gyro)))
+
+
 def test_a_drafted_file_is_one_and_its_log_can_be_read_with_it(tmp_path: Path) -> None:
     path = log(tmp_path)
     run = massprop(tmp_path, "init", path, "--out", "own.vehicle.toml")

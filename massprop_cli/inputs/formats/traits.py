@@ -10,6 +10,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.actuators.actuator import Actuator, LogColumn
+from massprop_cli.inputs.logtable import EMPTY
 from massprop_cli.inputs.tablefile import Table
 from massprop_cli.inputs.vehicle import ACTUATORS
 
@@ -85,7 +86,7 @@ def traits(table: Table) -> Traits:
     weight = interval[:whole].reshape(-1, count, 1)
     mean_rate, mean_force = ((v[:whole].reshape(-1, count, 3) * weight).sum(1) / weight.sum(1) for v in (rate, force))
     commands = {name: values[:whole:count] for name, values in raw.items()}
-    quiet = _quiet(commands, len(mean_rate))
+    quiet = _quiet(commands, len(mean_rate)) & np.isfinite(mean_rate).all(1) & np.isfinite(mean_force).all(1)
     return Traits(
         interval_s=steps,
         choices=choices,
@@ -96,7 +97,7 @@ def traits(table: Table) -> Traits:
         accel_noise=_noise(mean_force, quiet),
         gyro_mean=mean_rate[quiet].mean(0) if quiet.sum() >= ENOUGH else None,
         felt=float(np.median(np.linalg.norm(mean_force[quiet], axis=1))) if quiet.sum() >= ENOUGH else None,
-        felt_always=float(np.median(np.linalg.norm(mean_force, axis=1))),
+        felt_always=float(np.nanmedian(np.linalg.norm(mean_force, axis=1))),
         gyro_clipped=_clipped(rate),
         accel_clipped=_clipped(force),
     )
@@ -125,12 +126,13 @@ def tick_s(on_s: Array) -> float | None:
     return tick
 
 
-def _numbers(table: Table, names: tuple[str, ...]) -> Array:
+def _numbers(table: Table, names: tuple[str, ...], empty: float = 0.0) -> Array:
+    """(N, n) columns, of which a part may be ``empty`` cells."""
     for name in names:
         if name not in table.columns:
             raise InputError(f"{table.path}: column {name!r} is missing; massprop columns {table.path} drafts a map that says where it is")
     values = np.stack([table.columns[name].numbers() for name in names], 1)
-    bad = np.argwhere(~np.isfinite(values))
+    bad = np.argwhere(np.isinf(values) if np.isnan(values).any(1).mean() <= empty else ~np.isfinite(values))
     if bad.size:
         row, column = (int(i) for i in bad[0])
         raise InputError(f"{table.path}, {table.places.of(row)}, column {names[column]}: not a finite number; correct or cut the record")
@@ -139,8 +141,8 @@ def _numbers(table: Table, names: tuple[str, ...]) -> Array:
 
 def _rates(table: Table, increments: tuple[str, ...], rates: tuple[str, ...], interval: Array) -> Array:
     if increments[0] in table.columns or rates[0] not in table.columns:
-        return _numbers(table, increments) / interval
-    return _numbers(table, rates)
+        return _numbers(table, increments, EMPTY) / interval
+    return _numbers(table, rates, EMPTY)
 
 
 def _records(raw: Mapping[str, Array], record_s: float) -> tuple[int, ...]:
@@ -184,5 +186,5 @@ def _noise(means: Array, quiet: BoolArray) -> Array | None:
 
 
 def _clipped(values: Array) -> float | None:
-    largest = float(np.abs(values).max())
+    largest = float(np.nanmax(np.abs(values)))
     return largest if largest > 0 and (np.abs(values) > largest * (1 - _SAME)).sum() >= _CLIPPED else None
