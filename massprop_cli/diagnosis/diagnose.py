@@ -34,6 +34,7 @@ from massprop_cli.diagnosis.wording import ABSENT, DEAD, UNANSWERED, alone, word
 from massprop_cli.errorparameters.table import PRIORS
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.telemetry import JITTER, Log, jitter
+from massprop_cli.model.plant.plant import MU
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.timing import Timing
 
@@ -53,6 +54,8 @@ LEFT = 0.5
 WITH_IT = 0.5
 """Part of what a cause leaves that was fitted alone, more than which one that goes with it doesn't leave: beside a tilted IMU
 a weak jet left up to 0.26 (docs/faults.md, weak-tilted)."""
+PROPORTION = 0.02
+"""Part by which bodies that answer all thrust in one proportion differ at most."""
 NOTHING = 0.5
 """Sigmas of chance within which what is left is nothing more."""
 ANSWERED = 30.0
@@ -249,10 +252,23 @@ def _changed(screening: Screening, whole: Screening, rest: Callable[[], Undistur
         return None  # what acts for a time, or nothing that is commanded, tells of no other body
     time = round(float(samples.executed.start_s[at]), 9)
     message = (
-        f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release; give the vehicle file "
+        f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release{_or_thrust(screening, sides)}; "
+        "give the vehicle file "
         "[[phases]] that end and begin there (estimator.split_on_change = true does it): what is estimated over the change is no body's"
     )
     return Diagnosis((Explanation("mass-change", message, Correction(("estimator.split_on_change=true",)), time),))
+
+
+def _or_thrust(screening: Screening, sides: Sequence[Screening | None]) -> str:
+    """That all thrust may change instead, where all that answers it does so in one proportion."""
+    kind = screening.case.vehicle.environment.kind
+    answers = [5, MU] if kind == "planar" else [0, 3, 5] + [MU] * (kind == "free")
+    before, after = (side.stated.value("theta")[answers] for side in sides if side is not None)
+    by = after / before
+    part = float(by.mean())
+    if not screening.model.thrusting or np.ptp(by) > PROPORTION * part or abs(part - 1) < PROPORTION:
+        return ""
+    return f", or if all thrust is {part:.3g} of what it was from then on, as by another supply pressure"
 
 
 def _pair(screening: Screening, alone: Sequence[Refit], worst: float) -> Diagnosis | None:

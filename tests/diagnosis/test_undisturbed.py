@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,10 +33,10 @@ def held(log: Log, used: Vehicle, *pieces: slice) -> Log:
     return faulty.with_increments(log, turned, felt)
 
 
-def shut(begin_s: float, end_s: float) -> str:
-    """A setting of a scenario whose valves are all shut for a time."""
-    names = [jet.name for jet in fly("free-flyer", *RANDOM).vehicle.jets]
-    each = ", ".join(f'{{jet="{name}", thrust=0.0, start_s={begin_s}, end_s={end_s}}}' for name in names)
+def shut(begin_s: float, end_s: float, part: float = 0.0, names: Sequence[str] = ()) -> str:
+    """A setting of a scenario whose jets all give no thrust for a time, or a part of it."""
+    names = names or [jet.name for jet in fly("free-flyer", *RANDOM).vehicle.jets]
+    each = ", ".join(f'{{jet="{name}", thrust={part}, start_s={begin_s}, end_s={end_s}}}' for name in names)
     return f"actuators.failures=[{each}]"
 
 
@@ -106,3 +108,13 @@ def test_of_a_long_log_nothing_is_cut_off_that_was_not_looked_at() -> None:
     end_s = float(log.time_s[-1])
     assert undisturbed(there, end_s) is not None
     assert undisturbed(there, end_s + 60.0) is None
+
+
+@pytest.mark.thorough
+def test_a_change_of_all_thrust_is_said_beside_a_change_of_the_body() -> None:
+    """Nothing tells them apart; another body seldom answers in one proportion."""
+    used = fly("planar").vehicle
+    flown = fly("planar", shut(44.0, 60.0, 0.8, [jet.name for jet in used.jets]))
+    found = faulty.examined(flown.log(0), used)
+    (said,) = [notice.message for notice in found.notices if notice.code == "mass-change"]
+    assert re.search(r"or if all thrust is 0\.(79|8|80)\d* of what it was from then on", said)
