@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -18,6 +19,7 @@ from massprop_cli.conclude.verdict import conclude
 from massprop_cli.diagnosis import UNKNOWN, delay
 from massprop_cli.diagnosis.delay import FoundTiming
 from massprop_cli.diagnosis.preprocessing import Ready
+from massprop_cli.diagnosis.resolve import other_cutoffs
 from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.phases import AsStated, Estimates, Progress, by_thesis, estimates
@@ -33,6 +35,10 @@ if TYPE_CHECKING:
     from massprop_cli.diagnosis.explanation import Diagnosis
 
 
+OTHER_CUTOFFS = (
+    "log and vehicle file don't fit, cause unknown: the log would fit better with another cutoff of a low-pass and another delay than was "
+    'found with the stated one; state cutoff_hz = "auto", or its cutoff_sigma_hz, in [imu.gyro_filter] and [imu.accel_filter]'
+)
 UNITS = {"gyro-units", "accel-units", "column-kind"}
 """Causes that readings are smaller or larger by."""
 
@@ -96,8 +102,9 @@ def estimated(
 
 def _by_default(begun: Ready, plain: AsStated, check: bool, say: Progress) -> tuple[Estimates[Resolved], Checked]:
     """By the default method, and what the values rest on is examined; with ``check`` the causes of a misfit are looked for."""
-    diagnosis = _diagnosis(begun, plain.used, say) if check and (plain.dubious or plain.quiet) else None
-    if diagnosis is not None and not plain.dubious and not _found_in_quiet(diagnosis, plain):
+    refuted = check and not plain.dubious and other_cutoffs(begun.log, plain.used, begun.pieces, begun.detected)
+    diagnosis = _diagnosis(begun, plain.used, say, refuted) if check and (plain.dubious or plain.quiet or refuted) else None
+    if diagnosis is not None and not (plain.dubious or refuted) and not _found_in_quiet(diagnosis, plain):
         diagnosis = None  # noise that was stated too large is no fault
     size = begun.stated.estimator.adapt_noise and not (diagnosis and diagnosis.explanations)
     # what a wrong model leaves is a torque: noise would take half of it, and tell the sigmas nothing of the other
@@ -133,10 +140,11 @@ def _doubted(examination: Examined, begun: Ready, answer: Estimates[Resolved]) -
     return found + followed(answer.settled, begun.samples, names, examination.scatter)
 
 
-def _diagnosis(begun: Ready, used: Resolved, say: Progress) -> Diagnosis | None:
+def _diagnosis(begun: Ready, used: Resolved, say: Progress, refuted: bool = False) -> Diagnosis | None:
     """None where causes are not looked for: of a sensor that saturates or stands still.
 
-    Where no hypothesis explains the log of rotors, other readings of the columns are fitted; of control moment gyros before all else.
+    Where no hypothesis explains the log of rotors, other readings of the columns are fitted; of control moment gyros before all else. A log
+    that has ``refuted`` a cutoff has a cause, known or unknown.
     """
     if _unread(begun.log):
         return None
@@ -146,8 +154,9 @@ def _diagnosis(begun: Ready, used: Resolved, say: Progress) -> Diagnosis | None:
     reread = partial(rereading.reread, begun.log, used, begun.timing, begun.phases)
     if used.control_moment_gyros and (read := reread()) is not None:
         return read
-    found = diagnose.diagnose(begun.log, used, begun.timing, [cycles for _, cycles in begun.phases])
-    return (reread() or found) if used.rotors and found.unknown and not found.explanations else found
+    found = diagnose.diagnose(begun.log, used, begun.timing, begun.pieces)
+    found = (reread() or found) if used.rotors and found.unknown and not found.explanations else found
+    return replace(found, unknown=OTHER_CUTOFFS) if refuted and not (found.explanations or found.unknown) else found
 
 
 def _unexplained(diagnosis: Diagnosis | None, others: Sequence[Notice]) -> str:

@@ -22,6 +22,7 @@ from massprop_cli.diagnosis.linesearch import line_minimum
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.estimate.initial import first_reference
+from massprop_cli.estimate.residualtest import REFUTED, deviate, threshold
 from massprop_cli.inputs.equipment import Imu
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -57,6 +58,9 @@ MORE_STEPS = 20
 """Most steps for a delay, and for a lag: the two look alike, so that they creep."""
 SETTLED = 1e-3
 """Cycles."""
+SHORT, FARTHER = 0.1, 2.0
+"""Cycles below which a low-pass hardly differs from a delay, so that its derivative tells little of a longer one; and times its time
+constant by which that one is longer."""
 LITTLE = 0.05
 """Sigmas of a cutoff."""
 CUTOFFS_HZ = (300.0, 180.0, 110.0, 70.0, 45.0, 28.0, 18.0, 11.0, 7.0)
@@ -165,6 +169,26 @@ def detect(
         return None
     imu = now.vehicle.imu if set(unknown) - {"delay", "lag"} else None
     return FoundTiming(now.timing, _sigmas(unknown, covariance), found.after, before, tuple(unknown), covariance, imu)
+
+
+def contradicted(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: FoundTiming, names: Sequence[str]) -> bool:
+    """Whether the log refutes the stated cutoffs ``names``, the timing that was ``found`` moved beside them (score test).
+
+    Time constants are all longer by as much: both sensors are mostly in one chip.
+    """
+    setup = Setup(log, vehicle, found.at)
+    shortest = min(cycles_of(setup, name) for name in names)
+    steps = [BY_NAME[names[0]].difference, *([FARTHER * shortest] if shortest < SHORT else [])]
+    try:
+        longer = [(_samples(shifted(setup, names, [by] * len(names))), by) for by in steps]
+    except InputError:
+        return False
+    move = _move(setup, pieces, found.unknown, {}, longer)
+    if move is None:
+        return False
+    count = len(longer)
+    mean = move.steps[-count:] @ np.linalg.solve(move.covariance[-count:, -count:], move.steps[-count:]) / count
+    return bool(deviate(mean, count) > threshold(REFUTED, 1))
 
 
 def by_commands_alone(found: FoundTiming, log: Log, vehicle: Vehicle, near: Timing) -> FoundTiming:
@@ -312,12 +336,18 @@ def _first(samples: Samples, cycles: slice, vehicle: Vehicle) -> Reference | Non
         return None
 
 
-def _move(setup: Setup, pieces: Sequence[slice], unknown: Sequence[str], references: dict[int, Reference]) -> _Move | None:
-    """The move that fits best, pooled over pieces; None where no piece can tell.
+def _move(
+    setup: Setup,
+    pieces: Sequence[slice],
+    unknown: Sequence[str],
+    references: dict[int, Reference],
+    others: Sequence[tuple[Samples, float]] = (),
+) -> _Move | None:
+    """The move that fits best, pooled over pieces, with ``others``: readings that are so many cycles on. None where no piece can tell.
 
     Each piece is fitted from the reference that the move before left in ``references``, and from the first one where that fits badly.
     """
-    size, vehicle = len(unknown), setup.vehicle
+    size, vehicle = len(unknown) + len(others), setup.vehicle
     assert isinstance(vehicle, Resolved)
     pairs = [tuple(shifted(setup, [name], [sign * BY_NAME[name].difference]) for sign in (-1, 1)) for name in unknown]
     try:
@@ -325,6 +355,7 @@ def _move(setup: Setup, pieces: Sequence[slice], unknown: Sequence[str], referen
     except InputError:
         return None
     apart = [cycles_of(high, name) - cycles_of(low, name) for name, (low, high) in zip(unknown, pairs, strict=True)]
+    sides, apart = [*sides, *((stated, other) for other, _ in others)], [*apart, *(by for _, by in others)]
     first = max(int(np.argmax(samples.executed.usable)) for samples in (stated, *(one for pair in sides for one in pair)))
     information, moment = np.zeros((size, size)), np.zeros(size)
     before = after = 0.0
@@ -332,9 +363,6 @@ def _move(setup: Setup, pieces: Sequence[slice], unknown: Sequence[str], referen
     for number, piece in enumerate(pieces):
         cycles = slice(max(piece.start, first), piece.stop)
         plain = _fitted(stated, cycles, references.get(number), vehicle)
-        if plain is None or plain.chi_square > BADLY:
-            again = _fitted(stated, cycles, _first(stated, cycles, vehicle), vehicle)
-            plain = min((one for one in (plain, again) if one is not None), key=lambda one: one.chi_square, default=None)
         if plain is None:
             continue
         references[number] = plain.reference
@@ -360,8 +388,13 @@ def _move(setup: Setup, pieces: Sequence[slice], unknown: Sequence[str], referen
 
 
 def _fitted(samples: Samples, cycles: slice, reference: Reference | None, vehicle: Resolved) -> Fit | None:
-    """None where there is no reference to begin with, or a response that runs away tells nothing."""
-    return None if reference is None else fit(samples, cycles, reference, vehicle, passes=PASSES)
+    """About a reference, or about the first one where that is none or fits badly; None where a response that runs away tells nothing."""
+    plain = None if reference is None else fit(samples, cycles, reference, vehicle, passes=PASSES)
+    if plain is not None and plain.chi_square <= BADLY:
+        return plain
+    first = _first(samples, cycles, vehicle)
+    again = None if first is None else fit(samples, cycles, first, vehicle, passes=PASSES)
+    return min((one for one in (plain, again) if one is not None), key=lambda one: one.chi_square, default=None)
 
 
 def _samples(setup: Setup) -> Samples:

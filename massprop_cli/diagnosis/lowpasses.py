@@ -1,47 +1,49 @@
 """Hypotheses of stated low-passes: another cutoff or another latency than the vehicle file states.
 
-Rates and specific force are regressed on the commands as each would show them (:func:`massprop_cli.diagnosis.delay.unexplained_by`), with
-nothing known of the body. Both sensors are mostly in one chip, so a cutoff may be wrong for both alike. A latency that is wrong for both is
-a delay of the commands.
+Cutoffs are fitted to the log together (:func:`massprop_cli.diagnosis.delay.detect`), and with the delay where that was estimated: it takes
+the difference of the low-passes' own delays. For latencies rates and specific force are regressed on the commands as each would show them
+(:func:`massprop_cli.diagnosis.delay.unexplained_by`), with nothing known of the body. A latency that is wrong for both sensors is a delay
+of the commands.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.corrections import Case
-from massprop_cli.diagnosis.delay import SENSORS, MeasuredMotion, motion_of, unexplained_by
+from massprop_cli.diagnosis.delay import LONGEST, PRIOR, SENSORS, MeasuredMotion, cycles_of, detect, motion_of, unexplained_by
 from massprop_cli.diagnosis.linesearch import line_minimum, sigma_at
 from massprop_cli.diagnosis.ranking import CLEAR
-from massprop_cli.diagnosis.supposed import Supposed
-from massprop_cli.errorparameters.setup import stating
-from massprop_cli.errorparameters.table import SIGMA_KEYS
+from massprop_cli.diagnosis.supposed import States, Supposed
+from massprop_cli.errorparameters.setup import Setup, stating
+from massprop_cli.errorparameters.table import BY_NAME, SIGMA_KEYS
+from massprop_cli.model.resolved import Resolved
 
 LATER = (-1.0, -0.5, -0.25, -0.12, -0.06, 0.06, 0.12, 0.25, 0.5, 1.0)
 """Cycles by which a sensor may be later than stated."""
-SLOWER = tuple(np.log([0.1, 0.2, 0.4, 0.7, 1.4, 2.5, 5.0, 10.0]).tolist())
-"""Logarithms of the factors that a time constant may have."""
+SLOWER = tuple(np.log([0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 2.5, 5.0, 10.0]).tolist())
+"""Logarithms of the factor that the time constants of both sensors may have, to begin with."""
 STEP, FINEST = 0.5, 1 / 512
-"""With which the search for either goes on, and ends."""
+"""With which the search for that goes on, and ends."""
 ROUGHLY = 3.0
-"""Times its own sigma that a value is uncertain by: rates are taken cycle by cycle, and the delay as it is."""
+"""Times its own sigma that a value is uncertain by: an estimate with it hardly counts the log twice."""
+MOVED = 3.0
+"""Sigmas by which a cutoff must differ from the stated one."""
 MOST = 0.8
 """Part of what the best of them explains that others explain at least, to be put to the test."""
 
 
-def other_low_passes(case: Case) -> list[Supposed]:
+def other_low_passes(case: Case, piece: slice) -> list[Supposed]:
     """Those that explain clearly more than the stated low-passes, by what free coefficients make of each."""
     search = _Search(case)
-    filtered = [sensor for sensor, one in search.stated.items() if one.order]
     # beside a delay that is to be found only the difference of both latencies shows
     late = [*search.stated][-1:] if search.sought else [*search.stated]
-    found = [search.best([sensor], "latency_s") for sensor in late]
-    found += [search.best(which, "cutoff_hz") for which in ([one] for one in filtered)]
-    found += [search.best(filtered, "cutoff_hz")] if len(filtered) == len(SENSORS) else []
+    found = [*map(search.latency, late), *search.cutoffs(piece)]
     least = max(CLEAR, MOST * max((gained for gained, _ in found), default=0.0))
     return [one for gained, one in found if gained > least]
 
@@ -56,7 +58,7 @@ class _Search:
         stated = cycle.command_delay_cycles
         self.sought = stated == "auto"
         self.loose = 1.0 if self.sought else cycle.command_delay_sigma_cycles
-        # a delay that was estimated beside what is wrong here is as far off itself
+        # a delay that was estimated beside what is wrong here is as far off itself, and its sigma is that of the fit
         self.back = 0.0 if stated == "auto" else stated - case.timing.delay
         self.cost = sum(self._left({}, 0.0))
 
@@ -65,23 +67,62 @@ class _Search:
         """What the IMU felt; on a bearing when it was upright depends on the low-passes."""
         return None if self.case.vehicle.pivoted else motion_of(self.case.timing.of(self.case.log, self.case.vehicle))
 
-    def best(self, which: Sequence[str], key: str) -> tuple[float, Supposed]:
-        """The value that explains most, with the delay where that is to be found: as far as the other sensor shows it.
+    def cutoffs(self, piece: slice) -> list[tuple[float, Supposed]]:
+        """Those that differ clearly among all of the fit, and by how much −2 log likelihood is less with them than as stated."""
+        case, filtered = self.case, [sensor for sensor, one in self.stated.items() if one.order]
+        delay, names = ["delay"] if self.loose else [], [f"{sensor}_cutoff" for sensor in filtered]
+        estimated = self.sought or self.back != 0
+        prior = [0.0 if estimated else self.loose] * len(delay) + [0.0] * len(names)
+        begun = self._begun(filtered) if names else case.setup
+        found = detect(case.log, cast("Resolved", begun.vehicle), [piece], begun.timing, [*delay, *names], prior) if names else None
+        if found is None or found.imu is None:
+            return []
+        there = case.setup._replace(vehicle=case.vehicle.model_copy(update={"imu": found.imu}))
+        sigmas = np.sqrt(np.diag(found.covariance))[len(delay) :]
+        moved = [abs(cycles_of(there, name) - cycles_of(case.setup, name)) for name in names]
+        states, codes = States(), list[str]()
+        for sensor, name, by, sigma in zip(filtered, names, moved, sigmas, strict=True):
+            key = f"imu.{sensor}_filter.cutoff_hz"
+            if by > MOVED * sigma:
+                spread = ROUGHLY * sigma * BY_NAME[name].scale(there.vehicle)
+                states |= {key: float(there.value(key)[0]), SIGMA_KEYS[key]: float(f"{spread:.3g}")}
+                codes.append(f"{sensor}-filter")
+        later = found.at.delay - case.timing.delay
+        # a delay that is "auto" stays so
+        supposed = Supposed(tuple(codes), states, later=later, loose=PRIOR / 2 if estimated else self.loose)
+        return [(self.cost - sum(self._left(states, later)), supposed)] if codes else []
+
+    def _begun(self, filtered: Sequence[str]) -> Setup:
+        """Time constants of all by one factor; a delay that is to be found takes the difference of the low-passes' own."""
+        own = [(1.0, 2**0.5)[self.stated[sensor].order - 1] * cycles_of(self.case.setup, f"{sensor}_cutoff") for sensor in filtered]
+
+        def states(by: float) -> States:
+            return {f"imu.{sensor}_filter.cutoff_hz": self.stated[sensor].cutoff * float(np.exp(-by)) for sensor in filtered}
+
+        def later(by: float) -> float:
+            return self.back + (float(np.mean(own)) * (1 - float(np.exp(by))) if self.sought else 0.0)
+
+        by = line_minimum(lambda by: sum(self._left(states(by), later(by))), SLOWER, STEP / 2, STEP / 8)
+        return Setup(self.case.log, stating(self.case.vehicle, states(by)), self.case.timing.moved(("delay",), (later(by),)))
+
+    def latency(self, sensor: str) -> tuple[float, Supposed]:
+        """The one that explains most, with the delay where that is to be found: as far as the other sensor shows it.
 
         And by how much −2 log likelihood is less with it than as stated.
         """
-        others = [i for i, sensor in enumerate(SENSORS) if sensor not in which]
-        later = self._later(others) if self.sought and others else self.back
+        others = [i for i, one in enumerate(SENSORS) if one != sensor]
+        later, key = self._later(others) if self.sought else self.back, f"imu.{sensor}_filter.latency_s"
+
+        def value(by: float) -> float:
+            return float(self.stated[sensor].latency + by * self.case.vehicle.cycle.period_s)
 
         def cost(by: float) -> float:
-            return sum(self._left(self._values(which, key, by), later))
+            return sum(self._left({key: value(by)}, later))
 
-        by = line_minimum(cost, LATER if key == "latency_s" else SLOWER, STEP, FINEST)
-        sigma = sigma_at(cost, by)
-        values, further = self._values(which, key, by), self._values(which, key, by + sigma)
-        spread = {SIGMA_KEYS[name]: float(f"{ROUGHLY * abs(further[name] - value):.3g}") for name, value in values.items()}
-        codes = tuple(f"{one}-filter" for one in which)
-        return self.cost - cost(by), Supposed(codes, {**values, **spread}, (dict(further),), later, self.loose)
+        by = line_minimum(cost, LATER, STEP, FINEST)
+        further = value(by + sigma_at(cost, by))
+        states: States = {key: value(by), SIGMA_KEYS[key]: float(f"{ROUGHLY * abs(further - value(by)):.3g}")}
+        return self.cost - cost(by), Supposed((f"{sensor}-filter",), states, ({key: further},), later, self.loose)
 
     def _later(self, sensors: Sequence[int]) -> float:
         """Cycles by which commands act later as far as these sensors tell."""
@@ -92,20 +133,13 @@ class _Search:
 
         return line_minimum(cost, (0.0, *LATER), STEP, FINEST)
 
-    def _values(self, which: Sequence[str], key: str, by: float) -> dict[str, float]:
-        """Values of the keys by which sensors are later, or their low-passes slower."""
-        found = {}
-        for sensor in which:
-            one = self.stated[sensor]
-            value = one.latency + by * self.case.vehicle.cycle.period_s if key == "latency_s" else one.cutoff * float(np.exp(-by))
-            found[f"imu.{sensor}_filter.{key}"] = value
-        return found
-
-    def _left(self, values: dict[str, float], later: float) -> tuple[float, float]:
-        timing = self.case.timing.moved(("delay",), (later,))
+    def _left(self, values: States, later: float) -> tuple[float, float]:
+        """By the same cycles whatever the low-passes: a slower one settles later."""
+        log, timing = self.case.log, self.case.timing.moved(("delay",), (later,))
+        first = min(LONGEST, log.cycles // 4)
         try:
             if timing.delay >= 0:
-                return unexplained_by(self.case.log, stating(self.case.vehicle, values), timing, motion=self.motion)
+                return unexplained_by(log, stating(self.case.vehicle, values), timing, first, self.motion)
         except (InputError, np.linalg.LinAlgError):
             pass
         return np.inf, np.inf

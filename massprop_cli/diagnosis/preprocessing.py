@@ -51,6 +51,11 @@ class Ready(NamedTuple):
     """Delay, lag, geometry and single keys where they are uncertain."""
     notices: list[Notice]
 
+    @property
+    def pieces(self) -> list[slice]:
+        """Cycles of each phase."""
+        return [cycles for _, cycles in self.phases]
+
 
 def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
     """:class:`massprop_cli.base.errors.InputError` where a phase holds too little, or timing can't be told."""

@@ -71,7 +71,9 @@ def otherwise(screening: Screening, alone: Sequence[Refit]) -> list[Refit]:
 
 def otherwise_filtered(screening: Screening) -> list[Refit]:
     """Other cutoffs and latencies than stated that explain more of the motion, put to the test."""
-    return _undisturbed(screening, [_sharpened(screening, one.fitted(screening)) for one in other_low_passes(screening.case)])
+    return _undisturbed(
+        screening, [_sharpened(screening, one.fitted(screening)) for one in other_low_passes(screening.case, screening.piece)]
+    )
 
 
 def _undisturbed(screening: Screening, refits: Sequence[Refit | None]) -> list[Refit]:

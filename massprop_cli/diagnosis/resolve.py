@@ -22,6 +22,7 @@ from massprop_cli.inputs.equipment import LowPass
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider, variant
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
@@ -183,6 +184,19 @@ def found_timing(log: Log, source: VehicleSource, say: Progress) -> FoundTiming 
             () if coarse is None else _likeliest(Setup(log, vehicle, coarse), unknown),
         )
     return found
+
+
+def other_cutoffs(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: FoundTiming | None) -> bool:
+    """Whether the log refutes a cutoff that is stated as exact, beside the timing that was ``found`` with it.
+
+    That takes what a wrong cutoff delays; what it does within a cycle is left, and may be too little for any test of what is left in all.
+    """
+    low_passes = {f"{sensor}_cutoff": getattr(vehicle.imu, f"{sensor}_filter") for sensor in delay.SENSORS}
+    names = [name for name, one in low_passes.items() if one is not None and one.order and not BY_NAME[name].sigma(vehicle)]
+    if found is None or not names:
+        return False
+    part, within = segment.bounded(log, vehicle, found.at, pieces, LONGEST)
+    return delay.contradicted(part, vehicle, within, found, names)
 
 
 def _compared(log: Log, rated: Sequence[Rated]) -> str:
