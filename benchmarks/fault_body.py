@@ -74,7 +74,9 @@ def _glued(s: Subject, rng: Random) -> Drawn | None:
     )
     bodies = (Body(0.0, time, first.bodies[0].values), Body(time, np.inf, second.bodies[0].values))
     wrong = replace(glued, bodies=bodies)
-    return Drawn(wrong, due("mass-change", Number(time, NEAR * s.period_s)), f"another body's log from {time:g} s on")
+    # where the second motion doesn't go on from the first, the cycles between them are of neither body
+    border = Due(("mass-change", "phase-border"), (Number(time, NEAR * s.period_s),))
+    return Drawn(wrong, (border,), f"another body's log from {time:g} s on")
 
 
 def _fuel(s: Subject, _: Random) -> Drawn | None:
