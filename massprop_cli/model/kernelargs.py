@@ -46,9 +46,9 @@ def unknown(vehicle: Vehicle) -> str:
         return "jets or IMU are stated to be uncertain, and the kernel takes them as exact"
     if vehicle.on_pedestal and all(name in vehicle.known for name in ("ixx", "iyy", "izz")):
         return "inertia is known from elsewhere, and the kernel follows no free swing on a pedestal"
-    other = next((one.TABLE for one in vehicle.spinning if not isinstance(one, Wheel) or one.column != "speed"), None)
-    if other is not None:
-        return f"[[{other}]] store momentum that no wheel's logged speed tells, and the kernel knows no other"
+    for kind, own in vehicle.actuators:
+        if any(one.device is not None and not (isinstance(one, Wheel) and one.column == "speed") for one in own):
+            return f"[[{kind.TABLE}]] store momentum that no wheel's logged speed tells, and the kernel knows no other"
     return f"{len(vehicle.wheels)} wheels, and the kernel holds {WHEELS}" if len(vehicle.wheels) > WHEELS else ""
 
 

@@ -15,7 +15,7 @@ from massprop_cli.estimate import compiled, engine
 from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.kernel import Kernel, kernel
-from massprop_cli.model import regressors
+from massprop_cli.model import kernelargs, regressors
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.stream import Stream
@@ -138,6 +138,16 @@ def test_a_simulated_multicopter_is_estimated_within_its_sigmas(settings: tuple[
     perfect = simulate.fly(bound.noise_free(source), [1])
     (twin,) = faulty.examined(perfect.log(0), perfect.vehicle).conclusions
     assert np.abs((twin.values - perfect.truth[0, 0]) / twin.sigmas).max() < 0.1
+
+
+def test_the_compiled_kernel_does_not_know_what_rotors_store() -> None:
+    """What turns with a rotor is a wheel to the equations, of which the vehicle file has none."""
+    spun = (
+        rotors(column='"speed"', spin_inertia_kg_m2="3e-5"),
+        "actuators={max_rotor_command=1000.0, hover_force_n=[0, 0, 15.7], lag_s=0.04}",
+    )
+    used = scenario.load("multicopter", spun).scenario.vehicle
+    assert kernelargs.unknown(used).startswith("[[rotors]] store momentum")
 
 
 @pytest.mark.thorough
