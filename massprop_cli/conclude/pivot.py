@@ -13,7 +13,6 @@ from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.assumptions import AssumptionEffects
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Conclusion, Estimate
-from massprop_cli.estimate.initial import knows_inertia
 from massprop_cli.inputs.vehicle import Vehicle
 
 
@@ -42,7 +41,7 @@ def _with_pivot(conclusion: Conclusion, vehicle: Vehicle, swings: bool) -> Concl
     """With the nine; on a pedestal the ten are hidden where no mass makes them known."""
     if not vehicle.on_pedestal:
         return replace(conclusion, about_pivot={} if conclusion.pivot is None else estimates_about(conclusion))
-    untold = swings and not knows_inertia(vehicle)
+    untold = swings and not vehicle.knows_inertia
     about = {} if conclusion.pivot is None else estimates_about(conclusion, "ratios-only" if untold else "")
     if "mass" in vehicle.known and not untold:
         return replace(conclusion, about_pivot=about)

@@ -14,10 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import ROUNDING, TINY, Array
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.fit import PASSES, Extra, Fit, fit, response
+from massprop_cli.diagnosis.freeresponse import LEAST, motion_of, unexplained, unexplained_by
 from massprop_cli.diagnosis.linesearch import line_minimum
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME
@@ -27,12 +28,11 @@ from massprop_cli.inputs.equipment import Imu
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.geometry import WrenchChanges, uncertain_jets
-from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.regressors import regressors
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import wrench_columns
-from massprop_cli.prepare.align import LAGS_FORGOTTEN, Impulses, impulses
+from massprop_cli.prepare.align import LAGS_FORGOTTEN, impulses
 from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.timing import Timing
 
@@ -41,8 +41,6 @@ LONGEST = 20
 DELAYS = tuple(float(cycles) for cycles in range(LONGEST + 1))
 LAGS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 """Cycles of lag searched."""
-LEAST = 30
-"""Cycles that a search needs beyond those whose commands it doesn't know."""
 PRIOR = 1.0
 """Cycles; one sigma of what a single step may change."""
 LEAP = 0.5
@@ -262,61 +260,9 @@ def search(
             costs.append(np.inf)
             continue
         whole = [slice(p.start + unknown, p.stop) for p in pieces or [slice(0, log.cycles)]]  # the same cycles for every candidate
-        parts = [sum(_unexplained(motion, made, piece)) for piece in whole if piece.stop - piece.start > LEAST]
+        parts = [sum(unexplained(motion, made, piece)) for piece in whole if piece.stop - piece.start > LEAST]
         costs.append(float(np.sum(parts)) if parts else np.inf)
     return [Rated(candidates[i], costs[i]) for i in np.argsort(costs, kind="stable") if np.isfinite(costs[i])]
-
-
-def unexplained_by(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0, motion: MeasuredMotion | None = None) -> tuple[float, float]:
-    """−2 log likelihood, but for a constant, of rates and of specific force over commands under one timing, with nothing known of the body.
-
-    By cycles from ``first`` on whose commands are known; of a ``motion`` that is the same whatever the commands do, where it is at hand.
-    :class:`massprop_cli.base.errors.InputError` where that leaves too little of the log.
-    """
-    made = impulses(log, vehicle, timing.delay, timing.lag_s(vehicle))
-    motion = motion or motion_of(timing.of(log, vehicle, made))
-    cycles = slice(max(first, int(np.argmax(made.usable)) + 1), log.cycles)
-    if cycles.stop - cycles.start < LEAST + 3 * made.whole.shape[1]:
-        raise InputError(f"{log.path}: {cycles.stop - cycles.start} cycles are too few to show what the IMU records; record longer")
-    return _unexplained(motion, made, cycles)
-
-
-class MeasuredMotion(NamedTuple):
-    """Of a log's K cycles."""
-
-    rate: Array
-    """(K, 3)"""
-    up: Array
-    """(K, 3) mean of the vertical."""
-    force: Array
-    """(K, 3) specific force. What turns the vehicle makes it at the IMU, too, so the differenced rate, which is later, is not asked."""
-
-
-def motion_of(samples: Samples) -> MeasuredMotion:
-    """What the IMU felt."""
-    return MeasuredMotion(samples.rate_rad_s, (samples.up_b[:-1] + samples.up_b[1:]) / 2, samples.specific_force_m_s2)
-
-
-def _unexplained(motion: MeasuredMotion, made: Impulses, piece: slice) -> tuple[float, float]:
-    """Log of what is left of rate growth, and of specific force, when regressed on impulses, with nothing known of the body."""
-    rate, up = motion.rate[piece], motion.up[piece]
-    turned = products(rate)
-    if made.stored is not None:
-        turned = np.hstack([turned, made.stored.precession(motion.rate)[piece]])
-    rising, falling, whole = (part[piece] for part in (made.rising, made.falling, made.whole))
-    impulse = rising[:-1] + falling[1:]
-    load = (turned[1:] + turned[:-1]) / 2
-    cost = []
-    for moved, causes in (
-        (np.diff(rate, axis=0), np.hstack([impulse, load, (up[1:] + up[:-1]) / 2, np.ones((len(load), 1))])),
-        (motion.force[piece], np.hstack([whole, turned, up, np.ones((len(rate), 1))])),
-    ):
-        size = np.sqrt((causes**2).sum(0))
-        told = causes[:, size > 0] / size[size > 0]
-        # jets that always fire together are one: a factorisation would take a direction of rounding for the other
-        left = moved - told @ np.linalg.lstsq(told, moved, rcond=ROUNDING)[0]
-        cost.append(len(moved) * float(np.log((left**2).mean(0) + TINY).sum()))
-    return cost[0], cost[1]
 
 
 class _Move(NamedTuple):

@@ -253,8 +253,8 @@ def _changed(screening: Screening, whole: Screening, rest: Callable[[], Undistur
     time = round(float(samples.executed.start_s[at]), 9)
     message = (
         f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release{_or_thrust(screening, sides)}; "
-        "give the vehicle file "
-        "[[phases]] that end and begin there (estimator.split_on_change = true does it): what is estimated over the change is no body's"
+        "give the vehicle file [[phases]] that end and begin there "
+        "(estimator.split_on_change = true does it): what is estimated over the change is no body's"
     )
     return Diagnosis((Explanation("mass-change", message, Correction(("estimator.split_on_change=true",)), time),))
 

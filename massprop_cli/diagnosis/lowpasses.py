@@ -2,8 +2,8 @@
 
 Cutoffs are fitted to the log together (:func:`massprop_cli.diagnosis.delay.detect`), and with the delay where that was estimated: it takes
 the difference of the low-passes' own delays. For latencies rates and specific force are regressed on the commands as each would show them
-(:func:`massprop_cli.diagnosis.delay.unexplained_by`), with nothing known of the body. A latency that is wrong for both sensors is a delay
-of the commands.
+(:func:`massprop_cli.diagnosis.freeresponse.unexplained_by`), with nothing known of the body. A latency that is wrong for both sensors is a
+delay of the commands.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ import numpy as np
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.corrections import Case
-from massprop_cli.diagnosis.delay import LONGEST, PRIOR, SENSORS, MeasuredMotion, cycles_of, detect, motion_of, unexplained_by
+from massprop_cli.diagnosis.delay import LONGEST, PRIOR, SENSORS, cycles_of, detect
+from massprop_cli.diagnosis.freeresponse import MeasuredMotion, motion_of, unexplained_by
 from massprop_cli.diagnosis.linesearch import line_minimum, sigma_at
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.supposed import States, Supposed

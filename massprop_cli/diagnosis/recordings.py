@@ -1,7 +1,7 @@
 """Hypotheses of how a log was recorded: keys in which the motion is far from linear.
 
-Free coefficients (:func:`massprop_cli.diagnosis.delay.unexplained_by`) say in milliseconds how much commands explain under any of them. The
-one that explains most is put to the test like any other hypothesis.
+Free coefficients (:func:`massprop_cli.diagnosis.freeresponse.unexplained_by`) say in milliseconds how much commands explain under any of
+them. The one that explains most is put to the test like any other hypothesis.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from massprop_cli.base.arrays import ROUNDING, TINY, Array, median
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Case
-from massprop_cli.diagnosis.delay import MeasuredMotion, motion_of, unexplained_by
+from massprop_cli.diagnosis.freeresponse import MeasuredMotion, motion_of, unexplained_by
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.inspection import MOSTLY
 from massprop_cli.diagnosis.linesearch import NEAR, line_minimum, sigma_at

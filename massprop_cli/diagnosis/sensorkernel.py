@@ -1,8 +1,8 @@
 """The kind and filter of an IMU's records where nobody states them, and in a log that does not fit one sensor that is later than the other.
 
 Rates and specific force are regressed on the commands as each kernel would show them, with nothing known of the body
-(:func:`massprop_cli.diagnosis.delay.unexplained_by`). A kernel is taken where it explains the log better than means without a low-pass by
-:data:`CLEAR` of −2 log likelihood; its cutoff is then found with its sigma, as one that is stated as "auto".
+(:func:`massprop_cli.diagnosis.freeresponse.unexplained_by`). A kernel is taken where it explains the log better than means without a
+low-pass by :data:`CLEAR` of −2 log likelihood; its cutoff is then found with its sigma, as one that is stated as "auto".
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import delay
+from massprop_cli.diagnosis.freeresponse import motion_of, unexplained_by
 from massprop_cli.diagnosis.linesearch import line_minimum
 from massprop_cli.diagnosis.resolve import PHASE
 from massprop_cli.errorparameters.sensor import WORDS
@@ -161,7 +162,7 @@ class _Tried(NamedTuple):
         imu = self.vehicle.imu.model_copy(update={f"{sensor}_filter": one for sensor, one in low_passes.items()})
         timing = self.at._replace(delay=max(self.at.delay + shift, 0.0))
         vehicle = self.vehicle.model_copy(update={"imu": imu})
-        return delay.unexplained_by(replace(self.log, sampled=(sampled, sampled)), vehicle, timing, self.first)
+        return unexplained_by(replace(self.log, sampled=(sampled, sampled)), vehicle, timing, self.first)
 
     def later(self, sampled: bool) -> dict[tuple[_Kernel, _Kernel], float]:
         """−2 log likelihood where either sensor is later than the other by what explains most, or the commands are later for both.
@@ -171,13 +172,13 @@ class _Tried(NamedTuple):
         """
         short, bare = self._replace(log=_begun(self.log, FEW)), _Kernel(sampled)
         log = replace(short.log, sampled=(sampled, sampled))
-        motion = delay.motion_of(self.at.of(log, self.vehicle))
+        motion = motion_of(self.at.of(log, self.vehicle))
 
         @cache
         def costs(later: float) -> tuple[float, float]:
             with suppress(InputError):
                 if self.at.delay + later >= 0:
-                    return delay.unexplained_by(log, self.vehicle, self.at._replace(delay=self.at.delay + later), self.first, motion)
+                    return unexplained_by(log, self.vehicle, self.at._replace(delay=self.at.delay + later), self.first, motion)
             return np.inf, np.inf
 
         def cost(later: float, shown: tuple[bool, bool]) -> float:

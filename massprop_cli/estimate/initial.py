@@ -124,16 +124,11 @@ def _unturned(mu: float, vehicle: Vehicle) -> Reference:
 
 def known_axes(vehicle: Vehicle) -> Reference | None:
     """A body whose inertia is known from elsewhere, on a pedestal: what it is released with tells its first moment without commands."""
-    if not vehicle.on_pedestal or not knows_inertia(vehicle):
+    if not vehicle.on_pedestal or not vehicle.knows_inertia:
         return None
     known: dict[str, float] = {name: one.value for name, one in vehicle.known.items()}
     inertia = tensor(np.array([known.get(name, 0.0) for name in INERTIA]))
     return Reference(inertia, plant_of(vehicle).pivot, 1 / vehicle.pedestal_mass_kg)
-
-
-def knows_inertia(vehicle: Vehicle) -> bool:
-    """Whether all three moments of inertia are known from elsewhere."""
-    return all(name in vehicle.known for name in ("ixx", "iyy", "izz"))
 
 
 def reach(vehicle: Vehicle) -> float:

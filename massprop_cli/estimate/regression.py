@@ -12,7 +12,6 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, grown, triangle_of
 from massprop_cli.base.rigidbody import MOMENTS
 from massprop_cli.estimate import quantities
-from massprop_cli.estimate.initial import knows_inertia
 from massprop_cli.estimate.innovationsahead import beyond, unexpected
 from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, ordered
@@ -180,7 +179,7 @@ class Regression(Triangle):
     @property
     def _inertia_is_known(self) -> bool:
         """Whether it is from elsewhere, where a free swing tells no more of it than ratios."""
-        return not self.phi_map.plant.translates and knows_inertia(self.vehicle)
+        return not self.phi_map.plant.translates and self.vehicle.knows_inertia
 
     def _sigmas(self, run: Run, theta: Array) -> Array:
         """(10,) one sigma of each of θ by the data alone."""

@@ -228,6 +228,11 @@ class Vehicle(Section):
         return known.value if known is not None else self.nominal.mass or ASSUMED_KG
 
     @property
+    def knows_inertia(self) -> bool:
+        """Whether all three moments of inertia are known from elsewhere."""
+        return all(name in self.known for name in ("ixx", "iyy", "izz"))
+
+    @property
     def uncertain_geometry(self) -> bool:
         """Whether anything is said to be uncertain of where jets and IMU sit and how single jets push."""
         jets = any(jet.thrust_sigma or jet.position_sigma_m or jet.direction_sigma_rad for jet in self.jets)

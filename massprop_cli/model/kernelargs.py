@@ -44,7 +44,7 @@ def unknown(vehicle: Vehicle) -> str:
         return "imu.attitude_misalignment_sigma_rad is stated, and the kernel takes no logged attitude"
     if vehicle.uncertain_geometry:
         return "jets or IMU are stated to be uncertain, and the kernel takes them as exact"
-    if vehicle.on_pedestal and all(name in vehicle.known for name in ("ixx", "iyy", "izz")):
+    if vehicle.on_pedestal and vehicle.knows_inertia:
         return "inertia is known from elsewhere, and the kernel follows no free swing on a pedestal"
     for kind, own in vehicle.actuators:
         if any(one.device is not None and not (isinstance(one, Wheel) and one.column == "speed") for one in own):

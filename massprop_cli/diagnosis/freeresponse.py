@@ -1,0 +1,78 @@
+"""How much commands explain of the motion with nothing known of the body: a regression on impulses whose coefficients are free.
+
+    w[k+1] − w[k] = A (impulse) + B (products of rates) + C (vertical) + d
+    f = A' (impulse) + B' (products of rates) + C' (vertical) + d'
+
+by least squares; −2 log likelihood of what is left, its variance about each axis the most likely one. It takes milliseconds, so it says
+which delay, low-pass or limit of commands explains most; a fit of the body then tests that.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import ROUNDING, TINY, Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.gyroscopic import products
+from massprop_cli.prepare.align import Impulses, impulses
+from massprop_cli.prepare.compensate import Samples
+from massprop_cli.prepare.timing import Timing
+
+LEAST = 30
+"""Cycles that a search needs beyond those whose commands it doesn't know."""
+
+
+class MeasuredMotion(NamedTuple):
+    """Of a log's K cycles."""
+
+    rate: Array
+    """(K, 3)"""
+    up: Array
+    """(K, 3) mean of the vertical."""
+    force: Array
+    """(K, 3) specific force. What turns the vehicle makes it at the IMU, too, so the differenced rate, which is later, is not asked."""
+
+
+def unexplained_by(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0, motion: MeasuredMotion | None = None) -> tuple[float, float]:
+    """−2 log likelihood, but for a constant, of rates and of specific force over commands under one timing, with nothing known of the body.
+
+    By cycles from ``first`` on whose commands are known; of a ``motion`` that is the same whatever the commands do, where it is at hand.
+    :class:`massprop_cli.base.errors.InputError` where that leaves too little of the log.
+    """
+    made = impulses(log, vehicle, timing.delay, timing.lag_s(vehicle))
+    motion = motion or motion_of(timing.of(log, vehicle, made))
+    cycles = slice(max(first, int(np.argmax(made.usable)) + 1), log.cycles)
+    if cycles.stop - cycles.start < LEAST + 3 * made.whole.shape[1]:
+        raise InputError(f"{log.path}: {cycles.stop - cycles.start} cycles are too few to show what the IMU records; record longer")
+    return unexplained(motion, made, cycles)
+
+
+def motion_of(samples: Samples) -> MeasuredMotion:
+    """What the IMU felt."""
+    return MeasuredMotion(samples.rate_rad_s, (samples.up_b[:-1] + samples.up_b[1:]) / 2, samples.specific_force_m_s2)
+
+
+def unexplained(motion: MeasuredMotion, made: Impulses, piece: slice) -> tuple[float, float]:
+    """Log of what is left of rate growth, and of specific force, when regressed on impulses, with nothing known of the body."""
+    rate, up = motion.rate[piece], motion.up[piece]
+    turned = products(rate)
+    if made.stored is not None:
+        turned = np.hstack([turned, made.stored.precession(motion.rate)[piece]])
+    rising, falling, whole = (part[piece] for part in (made.rising, made.falling, made.whole))
+    impulse = rising[:-1] + falling[1:]
+    load = (turned[1:] + turned[:-1]) / 2
+    cost = []
+    for moved, causes in (
+        (np.diff(rate, axis=0), np.hstack([impulse, load, (up[1:] + up[:-1]) / 2, np.ones((len(load), 1))])),
+        (motion.force[piece], np.hstack([whole, turned, up, np.ones((len(rate), 1))])),
+    ):
+        size = np.sqrt((causes**2).sum(0))
+        told = causes[:, size > 0] / size[size > 0]
+        # jets that always fire together are one: a factorisation would take a direction of rounding for the other
+        left = moved - told @ np.linalg.lstsq(told, moved, rcond=ROUNDING)[0]
+        cost.append(len(moved) * float(np.log((left**2).mean(0) + TINY).sum()))
+    return cost[0], cost[1]
