@@ -58,8 +58,8 @@ start of that log is chaotic: a change of 1e-13 in the measurements moves its va
 
 Only NumPy supports tables (`planar`), a free swing with known inertia, [drift], estimated damping, more than four wheels, wheels whose
 torque is logged, control moment gyros, rotors with a spin inertia, jets or an IMU with uncertain position or thrust, more than 64 bins a
-cycle, and delay or lag with a sigma (also an estimated one). For a log with wheels or rotors, a thrust lag, thrust that droops or fails for
-a time, a drifting clock, a low-pass within a sensor, more than 64 jets or a delay beyond 19 cycles, only the alignment runs on NumPy.
+cycle, and delay or lag with a sigma (also an estimated one). For a log with wheels or rotors, sampled or filtered sensors, thrust that
+droops or fails for a time, a drifting clock, more than 64 jets or a delay beyond 19 cycles, only the alignment runs on NumPy.
 
 `massprop export-flight` writes the sources with a vehicle's tables for a flight computer, and a test vector. The flight code must reproduce
 the vector bit for bit. It does on x86-64 with and without sanitizers, and on 32-bit ARM (gcc-arm-linux-gnueabihf under qemu-user).
@@ -74,6 +74,10 @@ square above 1.5 (expected: 1; [detection rates](aboard.md)). Then the vehicle d
 than 1.22 times too small; do not use any value.
 The vehicle file must state noise levels and delay. At the end massprop estimates the recording (record.csv) like any log. That result also
 includes estimated disturbances, so it may differ from the last line.
+
+On board, as on the ground, sensors may record samples and be behind low-passes with a latency, thrust may lag, jets may have delays of
+their own, and pulses be centred or end in their cycles. Samples are taken to come at even distances within a cycle, on the clock of the
+commands. Beside wheels, sensors must record increments or means without a filter.
 
 On a pedestal each line has `about_pivot` in place of `estimates`: inertia about the pivot [kg m²] and first moment [kg m], on which alone
 the motion depends. With a weighed mass m the CG is pivot + moment / m. Of wheels their speeds at the end of each cycle are needed (`speed`

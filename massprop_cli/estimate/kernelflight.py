@@ -21,15 +21,15 @@ from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.actuators.wheel import WheelLog
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.kernel import COMMANDS, PENDING, Kernel, kernel, pointer
+from massprop_cli.kernel import COMMANDS, LAGS, PENDING, Kernel, kernel, pointer
 from massprop_cli.model.kernelargs import checked
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.prepare.actuators import longest_delay_s
-from massprop_cli.prepare.align import lost_commands
+from massprop_cli.prepare.actuators import LATE
+from massprop_cli.prepare.align import lost_commands, shown_by_s
 from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.compensate import Source, biased_attitude
-from massprop_cli.prepare.sensor import sensors
+from massprop_cli.prepare.sensor import Recorder, SensorKernel, moving, sensors
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.sums import of_records
 from massprop_cli.prepare.timing import Timing
@@ -41,26 +41,27 @@ VERDICTS = ("untold", "not_excited", "not_converged", "converged", "contradicted
 NO_TOLERANCE = (0.0, 0.0, 0.0)
 
 
-def beyond(vehicle: Vehicle, timing: Timing, shortest_s: float) -> str:
-    """What of the commands' timing the kernel can't hold; empty where it holds all."""
+def beyond(log: Recorder, vehicle: Vehicle, timing: Timing, shortest_s: float) -> str:
+    """What of the commands' timing, and of the IMU, the kernel can't hold; empty where it holds all."""
+    shown = (moving(sensors(log, vehicle)[0]), *sensors(log, vehicle))
+    if vehicle.wheels and not all(one.plain for one in shown):
+        return (
+            'imu.measures is "sample" or a filter of the IMU is stated beside [[wheels]], and the kernel takes increments as they are there'
+        )
+    if _least_delay_s(log, vehicle, timing) < 0:
+        return "a latency of the IMU is below 0, and the kernel would want commands that are still to come"
     if vehicle.imu.clock_drift_ppm != 0:
         return "imu.clock_drift_ppm is not 0, and the kernel knows one clock"
-    if vehicle.cycle.pulse_at != "begin":
-        return f'cycle.pulse_at is "{vehicle.cycle.pulse_at}", and the kernel begins pulses with their cycles'
     if any(vehicle.imu.gyro_bias_rad_s):
         return "imu.gyro_bias_rad_s is not 0, and the kernel takes the gyro as it is"
     if vehicle.imu.gyro_lag_s != 0 or vehicle.imu.accel_lag_s != 0:
         return "imu.gyro_lag_s or imu.accel_lag_s is not 0, and the kernel knows no low-pass"
-    if vehicle.imu.measures == "sample" or vehicle.imu.gyro_filter is not None or vehicle.imu.accel_filter is not None:
-        return 'imu.measures is "sample" or a filter of the IMU is stated, and the kernel takes increments as they are'
     if vehicle.imu.accel_axes != "imu":
         return 'imu.accel_axes is "start", and the kernel takes increments in the IMU\'s own axes'
     if any(vehicle.thrust.wrench_point_m):
         return "thrust.wrench_point_m is not O, and the kernel takes torques about O"
     if vehicle.thrust.wrench_limits is not None:
         return "thrust.wrench_limits are stated, and the kernel takes a wrench as it is commanded"
-    if timing.lag != 0:
-        return "thrust.lag_s is not 0, and the kernel knows no lag"
     if vehicle.thrust.droop != 0 or vehicle.thrust.cycle_droop != 0:
         return "thrust.droop or thrust.cycle_droop is not 0, and the kernel takes each jet's thrust as its own"
     if vehicle.thrust.failures:
@@ -71,14 +72,19 @@ def beyond(vehicle: Vehicle, timing: Timing, shortest_s: float) -> str:
         return "speed_latency_s or speed_window_s of a wheel is not 0, and the kernel takes speeds as those at each cycle's end"
     if vehicle.rotors:
         return "[[rotors]] are stated, and the kernel takes commands of jets or a wrench alone"
-    if longest_delay_s(vehicle) > 0:
-        return "a jet has a delay_s of its own, and the kernel knows one delay of all commands"
     if len(vehicle.jets) > COMMANDS:
         return f"{len(vehicle.jets)} jets, and the kernel holds {COMMANDS}"
-    ramps = max((jet.rise_s + jet.fall_s for jet in vehicle.jets), default=0.0)
-    if (timing.delay * vehicle.cycle.period_s + ramps) / shortest_s + 4 >= PENDING:
-        return f"a delay of {timing.delay:g} cycles, and the kernel holds {PENDING - 5}"
+    longest_s = max((jet.rise_s + jet.fall_s + jet.delay_s for jet in vehicle.jets), default=0.0) + max(one.latency_s for one in shown)
+    if (timing.delay * vehicle.cycle.period_s + longest_s) / shortest_s + 4 >= PENDING:
+        return f"a delay of {timing.delay:g} cycles, and the kernel holds {PENDING - 5}, with all that a jet and the IMU take"
     return ""
+
+
+def _least_delay_s(log: Recorder, vehicle: Vehicle, timing: Timing) -> float:
+    """From the start of a cycle until anything shows its command, of samples beyond half a record before their time."""
+    gyro, accelerometer = sensors(log, vehicle)
+    own_s = min((jet.delay_s for jet in vehicle.jets), default=0.0) + min(gyro.latency_s, accelerometer.latency_s)
+    return timing.delay * vehicle.cycle.period_s + own_s
 
 
 def holds(samples: Source) -> bool:
@@ -94,7 +100,7 @@ def holds(samples: Source) -> bool:
     if log.command_s is not None or lost_commands(log) or not all(sensor.plain for sensor in sensors(log, samples.vehicle)):
         return False
     shortest = float(log.interval_s.reshape(-1, log.records_per_cycle).sum(1).min())
-    return not beyond(samples.vehicle, samples.alignment.timing, shortest)
+    return not beyond(log, samples.vehicle, samples.alignment.timing, shortest)
 
 
 class Reported(NamedTuple):
@@ -147,7 +153,7 @@ def replayed(
 ) -> tuple[Iterator[Rows], Callable[[], Reference | None]]:
     """Estimates after each of ``cycles``, part by part, and what gives the estimate at the end."""
     log = samples.log
-    commands = commands_of(log.command_kind == "jets", vehicle, samples.alignment.timing.delay)
+    commands = commands_of(log, log.command_kind == "jets", vehicle, samples.alignment.timing, log.records_per_cycle)
     flight = Flight(commands, compiled.table(samples, vehicle), rule_of(vehicle, NO_TOLERANCE))
 
     def rows() -> Iterator[Rows]:
@@ -162,16 +168,33 @@ def replayed(
     return rows(), lambda: flight.reference(vehicle)
 
 
-def commands_of(jets: bool, vehicle: Vehicle, delay_cycles: float) -> Array:
-    """What is constant of commands and mounting, in the order of ``mp_host_fly``; the gyro carries the attitude."""
-    count = len(vehicle.jets) if jets else 6
-    each = np.zeros((count, 8))
+RECORDS, WAITS, DELAY_S, MEMORY_S = 2, 3, 5, 6
+"""Where these stand: records in a cycle; whether its estimate comes with the next one; the commands' delay; until when not all is shown."""
+
+
+def commands_of(log: Recorder, jets: bool, vehicle: Vehicle, timing: Timing, records: int) -> Array:
+    """What is constant of commands and IMU, in the order of ``mp_host_fly``; so many records in a cycle."""
+    count, period_s = len(vehicle.jets) if jets else 6, vehicle.cycle.period_s
+    delay_s, lag_s = timing.delay * period_s, timing.lag * period_s
+    each = np.zeros((count, 9))
     if jets:
         each[:, :6] = vehicle.jet_wrench
-        each[:, 6:] = np.reshape([(jet.rise_s, jet.fall_s) for jet in vehicle.jets], (-1, 2))
-    timing = (vehicle.cycle.period_s, delay_cycles * vehicle.cycle.period_s, vehicle.thrust.pulse_sigma)
+        each[:, 6:] = np.reshape([(jet.rise_s, jet.fall_s, jet.delay_s) for jet in vehicle.jets], (-1, 3))
+    bare, lagging = sensors(log, vehicle), sensors(log, vehicle, lag_s)
+    shown = [number for one in (moving(bare[0], lag_s), *lagging) for number in _sensor_numbers(one)]
+    early_s = period_s / records / 2 if bare[0].instant else 0.0
+    waits = _least_delay_s(log, vehicle, timing) - early_s < period_s
+    times = period_s, delay_s, shown_by_s(log, vehicle, delay_s, lag_s), LATE[vehicle.cycle.pulse_at], vehicle.thrust.pulse_sigma
     mounting = (*np.array(vehicle.imu.body_from_imu).ravel(), *vehicle.environment.initial_attitude_wxyz)
-    return np.array([jets, count, False, *timing, *mounting, *each.ravel()], dtype=float)
+    return np.array([jets, count, records, waits, *times, *mounting, *shown, *each.ravel()], dtype=float)
+
+
+def _sensor_numbers(sensor: SensorKernel) -> Iterator[float]:
+    """In the order of ``mp_sensor``."""
+    room = np.zeros(LAGS - len(sensor.lags_s), dtype=complex)
+    yield from (sensor.instant, len(sensor.lags_s), sensor.latency_s)
+    for each in (sensor.weights, sensor.lags_s):
+        yield from np.concatenate([each, room]).view(float).tolist()
 
 
 def rule_of(vehicle: Vehicle, tolerances: tuple[float, float, float], relative: bool = True) -> Array:
@@ -188,13 +211,12 @@ def cycles_of(log: Log, part: slice, used: slice) -> Array:
     each = slice(part.start * records, part.stop * records)
 
     count = part.stop - part.start
-    attitude = np.zeros((count, 4))  # carried by the gyro
     ignored = np.tile([not any(log.axes[:3]), not any(log.axes[3:])], (count, 1))
     ignored = ignored if log.ignored is None else ignored | log.ignored[part]
     cycle = np.arange(part.start, part.stop)
     unused = (cycle < used.start) | (cycle >= used.stop)
     turned, felt = (of_records(one[each], records) for one in (log.delta_theta_imu_rad, log.delta_v_imu_m_s))
-    parts = (log.cycle_end_s[part], cycle_edges(log, part)[1], turned, felt, attitude, ignored, unused)
+    parts = (log.cycle_end_s[part], cycle_edges(log, part)[1], turned, felt, ignored, unused)
     speeds = [
         said.speed_rad_s[records - 1 :: records][part]
         for said in log.spinning

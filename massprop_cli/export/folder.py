@@ -68,8 +68,8 @@ def _makefile(resolved: Constants, sources: str) -> str:
 
 def _readme(resolved: Constants) -> str:
     vehicle = resolved.vehicle
-    delay_s, period_s, inertia = resolved.commands[4], vehicle.cycle.period_s, "ixx ixy ixz iyy iyz izz [kg m^2]"
-    late = delay_s < period_s
+    waits, delay_s = resolved.commands[[kernelflight.WAITS, kernelflight.DELAY_S]]
+    period_s, inertia = vehicle.cycle.period_s, "ixx ixy ixz iyy iyz izz [kg m^2]"
     said = {
         "NAME": line(" ".join(vehicle.name.split())),
         "TEST": "flies vector.txt as it was flown on the ground, and compares every bit of every value and sigma"
@@ -77,6 +77,7 @@ def _readme(resolved: Constants) -> str:
         else "builds it under every warning; made with --log it also flies that log, and compares every bit with the ground",
         "VERSION": __version__,
         "PERIOD": f"{period_s:g}",
+        "RECORDS": f"{resolved.commands[kernelflight.RECORDS]:g}",
         "BEARING": "On the bearing inertia and CG are those of what turns, and the mass has the bearing's in it. "
         if vehicle.on_air_bearing
         else "",
@@ -90,7 +91,7 @@ def _readme(resolved: Constants) -> str:
         if vehicle.on_pedestal
         else f"the ten quantities ({inertia}, cg_x cg_y cg_z [m], mass [kg])",
         "DELAY": "A cycle's values come with the next call, since the next command may go on with a pulse."
-        if late
+        if waits
         else f"Commands are executed {delay_s:g} s after the start of their cycle.",
     }
     text = (TEMPLATES / "README.in").read_text(encoding="utf-8")

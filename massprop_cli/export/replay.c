@@ -37,7 +37,7 @@ static int numbers(mp_real *to, int count) {
 static int cycle(mp_flown *flown) {
     mp_real flags[3];
     int fine = numbers(&flown->end_s, 1) && numbers(&flown->duration_s, 1) && numbers(flown->delta_theta, 3);
-    fine = fine && numbers(flown->delta_v, 3) && numbers(flown->attitude_wxyz, 4) && numbers(flags, 3);
+    fine = fine && numbers(flown->delta_v, 3) && numbers(flags, 3);
     fine = fine && numbers(flown->command, mp_commands_table.commands) && numbers(flown->speed, mp_vehicle_table[0].wheels);
     if (!fine) return 0;
     flown->deaf[0] = flags[0] > (mp_real)0;

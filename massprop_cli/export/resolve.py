@@ -17,15 +17,24 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model import kernelargs
 from massprop_cli.model.resolved import Resolved
+from massprop_cli.prepare.sensor import KernelEffect, Recorder, kernel_effect
 from massprop_cli.prepare.timing import Timing
 
 
 class GyroAttitude(NamedTuple):
-    """What measures the motion in flight: the attitude by the gyro alone, in increments."""
+    """What measures the motion in flight: the attitude by the gyro alone."""
 
+    kernel_effect: KernelEffect | None
+    pulsed: bool
     attitude_logged: bool = False
-    kernel_effect: None = None
-    pulsed: bool = False
+
+
+class Recorded(NamedTuple):
+    """How an IMU records in flight."""
+
+    sampled: tuple[bool, bool]
+    """Whether gyro and accelerometer record samples, not means."""
+    interval_s: Array
 
 
 class Leg(NamedTuple):
@@ -52,14 +61,24 @@ class Constants(NamedTuple):
     log: Log | None
 
 
-def stated(source: VehicleSource, jets: bool | None = None) -> Constants:
-    """From a vehicle file alone; :class:`InputError` where it leaves open what a log would tell. ``jets`` None: where it has any."""
-    vehicle = source.vehicle
+def stated(source: VehicleSource, jets: bool | None = None, records: int = 0) -> Constants:
+    """From a vehicle file alone; :class:`InputError` where it leaves open what a log would tell.
+
+    ``jets`` None: where it has any. ``records``: of the IMU in a control cycle, 0 where that is not known.
+    """
+    vehicle, sampled = source.vehicle, source.vehicle.imu.measures == "sample"
+    if sampled and not records:
+        raise InputError(
+            f'{source.source}: imu.measures is "sample", and how many records a control cycle has only a log tells; export-flight takes it '
+            "from one"
+        )
+    filters = ("gyro_filter", vehicle.imu.gyro_filter), ("accel_filter", vehicle.imu.accel_filter)
     open_keys = {
         "cycle.command_delay_cycles": vehicle.cycle.command_delay_cycles == "auto",
         "thrust.lag_s": vehicle.thrust.lag_s == "auto",
         "imu.gyro_noise_rad_s": not vehicle.imu.gyro_noise_rad_s,
         "imu.accel_noise_m_s2": not vehicle.imu.accel_noise_m_s2,
+        **{f"imu.{name} (cutoff_hz, latency_s)": one is not None and one.open for name, one in filters},
         "wheels.N.speed_step_rad_s (0: none)": any(one.speed_step_rad_s is None and not one.speed_error_in_noise for one in vehicle.wheels),
     }
     missing = [key for key, is_open in open_keys.items() if is_open]
@@ -69,13 +88,15 @@ def stated(source: VehicleSource, jets: bool | None = None) -> Constants:
             "shows them, export-flight takes them from one"
         )
     timing = stated_timing(vehicle)
-    used = _checked(source, vehicle, timing, vehicle.cycle.period_s)
+    recorded = Recorded((sampled, sampled), np.array([vehicle.cycle.period_s / max(records, 1)]))
+    used = _checked(source, recorded, vehicle, timing, vehicle.cycle.period_s)
     legs = tuple(
-        _leg(name, own, slice(0, 0)) for name, own in [(phase.name, used.in_phase(phase)) for phase in used.phases] or [("all", used)]
+        _leg(name, recorded, own, slice(0, 0))
+        for name, own in [(phase.name, used.in_phase(phase)) for phase in used.phases] or [("all", used)]
     )
     alone = bool(vehicle.spinning) or vehicle.on_pedestal
-    commands = kernelflight.commands_of(bool(vehicle.jets) or alone if jets is None else jets, vehicle, timing.delay)
-    return Constants(vehicle, commands, legs, None)
+    by_jets = bool(vehicle.jets) or alone if jets is None else jets
+    return Constants(vehicle, kernelflight.commands_of(recorded, by_jets, vehicle, timing, max(records, 1)), legs, None)
 
 
 def told(source: VehicleSource, log_path: Path) -> Constants:
@@ -83,29 +104,31 @@ def told(source: VehicleSource, log_path: Path) -> Constants:
     table = logfile.read_table(log_path)
     with np.errstate(all="ignore"):
         found = flow.examine(telemetry.read(table, source.vehicle), source)
-    if found.log.command_s is not None or any(found.log.sampled):
-        raise InputError(
-            f"{log_path}: its commands have times of their own, or its IMU was sampled, and the kernel takes increments over control "
-            "cycles; give a log of these"
-        )
+    if found.log.command_s is not None:
+        raise InputError(f"{log_path}: its commands have times of their own, and the kernel takes control cycles; give a log of these")
     log, vehicle = found.samples.log, _exactly(source.vehicle, found.vehicle)
     shortest = float(log.interval_s.reshape(-1, log.records_per_cycle).sum(1).min())
-    used = _checked(source, vehicle, found.timing, shortest)
-    commands = kernelflight.commands_of(log.command_kind == "jets", vehicle, found.timing.delay)
-    legs = tuple(_leg(history.phase.name, used.in_phase(history.phase), history.cycles) for history in found.histories)
+    used = _checked(source, log, vehicle, found.timing, shortest)
+    commands = kernelflight.commands_of(log, log.command_kind == "jets", vehicle, found.timing, log.records_per_cycle)
+    legs = tuple(_leg(history.phase.name, log, used.in_phase(history.phase), history.cycles) for history in found.histories)
     return Constants(vehicle, commands, legs, log)
 
 
-def _leg(name: str, vehicle: Resolved, cycles: slice) -> Leg:
+def _leg(name: str, recorder: Recorder, vehicle: Resolved, cycles: slice) -> Leg:
     # on a pedestal no motion depends on the mass
     own = vehicle.model_copy(update={"known": {}}) if vehicle.on_pedestal else vehicle
-    return Leg(name, compiled.table(GyroAttitude(pulsed=own.thrust.pulse_sigma > 0), own), _rule(own), cycles, own)
+    carried = GyroAttitude(kernel_effect(recorder, own), own.thrust.pulse_sigma > 0)
+    return Leg(name, compiled.table(carried, own), _rule(own), cycles, own)
 
 
 def _exactly(stated: Vehicle, found: Vehicle) -> Vehicle:
-    """With a delay and a lag that were left to the log as it shows them, taken as exact. The kernel finds the gyro's bias itself."""
-    cycle = {"command_delay_sigma_cycles": 0.0} if stated.cycle.command_delay_cycles == "auto" else {}
-    thrust = {"lag_sigma_s": 0.0} if stated.thrust.lag_s == "auto" else {}
+    """With a delay and a lag as the log shows them, taken as exact but where they are stated with a sigma.
+
+    The kernel finds the gyro's bias itself.
+    """
+    delay, lag = stated.cycle, stated.thrust
+    cycle = {"command_delay_sigma_cycles": 0.0 if delay.command_delay_cycles == "auto" else delay.command_delay_sigma_cycles}
+    thrust = {"lag_sigma_s": 0.0 if lag.lag_s == "auto" else lag.lag_sigma_s}
     parts = {
         "cycle": found.cycle.model_copy(update=cycle),
         "thrust": found.thrust.model_copy(update=thrust),
@@ -114,9 +137,9 @@ def _exactly(stated: Vehicle, found: Vehicle) -> Vehicle:
     return found.model_copy(update=parts)
 
 
-def _checked(source: VehicleSource, vehicle: Vehicle, timing: Timing, shortest_s: float) -> Resolved:
+def _checked(source: VehicleSource, recorder: Recorder, vehicle: Vehicle, timing: Timing, shortest_s: float) -> Resolved:
     used = Resolved.stated(vehicle)
-    problem = kernelargs.unknown(vehicle) or kernelflight.beyond(vehicle, timing, shortest_s)
+    problem = kernelargs.unknown(vehicle) or kernelflight.beyond(recorder, vehicle, timing, shortest_s)
     if vehicle.cycle.command_delay_sigma_cycles > 0 or vehicle.thrust.lag_sigma_s > 0:
         problem = (
             problem or "delay or lag have a sigma, and the kernel takes them as exact; set command_delay_sigma_cycles and lag_sigma_s to 0"

@@ -6,10 +6,13 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.export.resolve import Constants, Leg
+from massprop_cli.kernel import LAGS
 from massprop_cli.model.kernelargs import KINDS
 from massprop_cli.model.momentum import scale_sigmas
 
-SLIDES = KINDS.index("air_bearing")
+SLIDES, SENSORS = KINDS.index("air_bearing"), 3
+ROWS = {"body_from_imu": 3, "weight": 2, "lag_s": 2}
+"""Members that are matrices, and how long their rows are."""
 
 VEHICLE = (
     *(("bearing", 0), ("gyro_bias", 0), ("accel_bias", 0), ("slow_torque", 0), ("tilt", 0), ("bins", 0), ("pulses", 0)),
@@ -21,10 +24,12 @@ VEHICLE = (
 OF_WHEEL = (("axis", slice(0, 3)), ("spin_sigma", slice(3, 4)), ("spin_inertia", slice(4, 5)))
 """The same of each wheel, and where they stand among its own."""
 COMMANDS = (
-    *(("jets", 0), ("commands", 0), ("logged", 0), ("period_s", 1), ("delay_s", 1), ("pulse_sigma", 1)),
-    *(("body_from_imu", 9), ("attitude_wxyz", 4)),
+    *(("jets", 0), ("commands", 0), ("records", 0), ("waits", 0), ("period_s", 1), ("delay_s", 1), ("memory_s", 1), ("late", 1)),
+    *(("pulse_sigma", 1), ("body_from_imu", 9), ("attitude_wxyz", 4)),
 )
-"""The same of mp_commands, before its channels."""
+"""The same of mp_commands, before its sensors and channels."""
+SENSOR = (("instant", 0), ("lags", 0), ("latency_s", 1), ("weight", 2 * LAGS), ("lag_s", 2 * LAGS))
+"""Of each of its sensors."""
 
 
 def limits(resolved: Constants) -> str:
@@ -85,6 +90,10 @@ const mp_rule mp_rule_table[MP_PHASES] = {{
 """
 
 
+def _length(names: Sequence[tuple[str, int]]) -> int:
+    return sum(max(count, 1) for _, count in names)
+
+
 def _members(table: Array, names: Sequence[tuple[str, int]]) -> Iterator[tuple[str, Array]]:
     at = 0
     for name, count in names:
@@ -98,8 +107,8 @@ def _body(table: Array, names: Sequence[tuple[str, int]]) -> str:
     for name, numbers in _members(table, names):
         if name in whole:
             said = str(int(numbers[0]))
-        elif name == "body_from_imu":
-            said = "{" + ", ".join(_list(row) for row in numbers.reshape(3, 3)) + "}"
+        elif name in ROWS:
+            said = "{" + ", ".join(_list(row) for row in numbers.reshape(-1, ROWS[name])) + "}"
         else:
             said = _list(numbers) if len(numbers) > 1 else _number(numbers[0])
         text += f"        .{name} = {said},\n"
@@ -107,7 +116,7 @@ def _body(table: Array, names: Sequence[tuple[str, int]]) -> str:
 
 
 def _wheels(table: Array) -> str:
-    each = table[sum(max(count, 1) for _, count in VEHICLE) :].reshape(-1, 5)
+    each = table[_length(VEHICLE) :].reshape(-1, 5)
     if not len(each):
         return ""
     members = ((name, ", ".join(_list(row[own]) if name == "axis" else _number(row[own][0]) for row in each)) for name, own in OF_WHEEL)
@@ -115,13 +124,18 @@ def _wheels(table: Array) -> str:
 
 
 def _commands(table: Array) -> str:
-    each = table[sum(max(count, 1) for _, count in COMMANDS) :].reshape(-1, 8)
+    sensors, each = np.split(table[_length(COMMANDS) :], [SENSORS * _length(SENSOR)])
+    body = _body(table, COMMANDS) + "".join(
+        f"        .sensor[{i}] = {{\n{_body(one, SENSOR)}        }},\n" for i, one in enumerate(sensors.reshape(SENSORS, -1))
+    )
+    each = each.reshape(-1, 9)
     if not len(each):
-        return _body(table, COMMANDS)
+        return body
     wrench = ",\n".join(f"            {_list(row[:6])}" for row in each)
     return (
-        _body(table, COMMANDS)
+        body
         + f"        .wrench = {{\n{wrench}\n        }},\n        .rise_s = {_list(each[:, 6])},\n        .fall_s = {_list(each[:, 7])},\n"
+        + f"        .own_delay_s = {_list(each[:, 8])},\n"
     )
 
 

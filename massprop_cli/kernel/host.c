@@ -34,7 +34,7 @@ static const double *read_int(int *to, const double *from) {
 }
 
 /* Of these calls and what they are handed: another number where any of it is another (massprop_cli/kernel/__init__.py). */
-int mp_host_interface(void) { return 9; }
+int mp_host_interface(void) { return 10; }
 
 size_t mp_host_size(void) { return sizeof(mp_pass); }
 
@@ -81,20 +81,31 @@ int mp_host_begin(mp_pass *pass, const double *table) {
 }
 
 static int commands_of(const double *table, mp_commands *out) {
-    int j;
+    int i, j;
     table = read_int(&out->jets, table);
     table = read_int(&out->commands, table);
-    table = read_int(&out->logged, table);
+    table = read_int(&out->records, table);
+    table = read_int(&out->waits, table);
     if (out->commands > MP_COMMANDS) return MP_LIMIT;
     table = mp_copied(&out->period_s, table, 1);
     table = mp_copied(&out->delay_s, table, 1);
+    table = mp_copied(&out->memory_s, table, 1);
+    table = mp_copied(&out->late, table, 1);
     table = mp_copied(&out->pulse_sigma, table, 1);
     table = mp_copied(out->body_from_imu[0], table, 9);
     table = mp_copied(out->attitude_wxyz, table, 4);
+    for (i = 0; i < MP_SENSORS; i++) {
+        table = read_int(&out->sensor[i].instant, table);
+        table = read_int(&out->sensor[i].lags, table);
+        table = mp_copied(&out->sensor[i].latency_s, table, 1);
+        table = mp_copied(out->sensor[i].weight[0], table, 2 * MP_LAGS);
+        table = mp_copied(out->sensor[i].lag_s[0], table, 2 * MP_LAGS);
+    }
     for (j = 0; j < out->commands; j++) {
         table = mp_copied(out->wrench[j], table, 6);
         table = mp_copied(&out->rise_s[j], table, 1);
         table = mp_copied(&out->fall_s[j], table, 1);
+        table = mp_copied(&out->own_delay_s[j], table, 1);
     }
     return MP_OK;
 }
@@ -195,7 +206,6 @@ static void flown_of(const mp_commands *table, int wheels, const double *row, mp
     row = mp_copied(&out->duration_s, row, 1);
     row = mp_copied(out->delta_theta, row, 3);
     row = mp_copied(out->delta_v, row, 3);
-    row = mp_copied(out->attitude_wxyz, row, 4);
     row = read_int(&out->deaf[0], row);
     row = read_int(&out->deaf[1], row);
     row = read_int(&out->unused, row);

@@ -11,20 +11,39 @@
 #ifndef MP_PENDING
 #define MP_PENDING 24 /* pulses of one jet that are to come or still act */
 #endif
+#ifndef MP_LAGS
+#define MP_LAGS 2 /* of a sensor, first-order lags in parallel: a pair of complex ones counts once */
+#endif
+
+/* What is shown of commands: H(s) = sum of weight / (1 + lag s), real and imaginary part each, all of it late, and of that means or
+ * samples (massprop_cli/prepare/sensor.py). */
+typedef struct {
+    int instant;
+    int lags;
+    mp_real latency_s;
+    mp_real weight[MP_LAGS][2], lag_s[MP_LAGS][2];
+} mp_sensor;
+
+enum { MP_MOVES, MP_GYRO, MP_ACCELEROMETER, MP_SENSORS }; /* by what the body is moved, and what shows it */
 
 /* What is constant of the commands and of the IMU's mounting. */
 typedef struct {
     int jets;        /* 0: commands are a wrench about O, held from one to the next */
     int commands;    /* jets, or 6 */
-    int logged;      /* whether the attitude comes with each cycle; else it is integrated from the gyro */
+    int records;     /* of the IMU in a cycle, at even distances, the last at its end */
+    int waits;       /* whether the next cycle's command may still act in a cycle */
     mp_real period_s;
     mp_real delay_s; /* from the start of the cycle that issued a command to its execution */
+    mp_real memory_s; /* until nothing of it is shown any more */
+    mp_real late;    /* part of what a pulse leaves of its cycle that is over when it begins */
     mp_real pulse_sigma;
+    mp_sensor sensor[MP_SENSORS];
     mp_real body_from_imu[3][3];
     mp_real attitude_wxyz[4]; /* world from body, at the start of the first cycle */
     mp_real wrench[MP_COMMANDS][6]; /* torque about O and force of each jet at full thrust */
     mp_real rise_s[MP_COMMANDS];
     mp_real fall_s[MP_COMMANDS];
+    mp_real own_delay_s[MP_COMMANDS]; /* beyond delay_s */
 } mp_commands;
 
 /* One control cycle as it is flown. */
@@ -33,7 +52,6 @@ typedef struct {
     mp_real duration_s;
     mp_real delta_theta[3];   /* rad, sum of the cycle's increments, IMU axes */
     mp_real delta_v[3];       /* m/s */
-    mp_real attitude_wxyz[4]; /* at its end, where it is logged */
     int deaf[2];              /* whose gyro, whose accelerometer is not to be used */
     int unused;               /* whether it is of no phase: aligned, but not estimated from */
     mp_real command[MP_COMMANDS]; /* issued in this cycle: on-times [s], or torque [N m] and force [N] */
@@ -43,6 +61,11 @@ typedef struct {
 typedef struct {
     mp_real begin, end, level; /* s from the start of the present cycle */
 } mp_pulse;
+
+/* What lags have come to: the signal behind them, and what its first and second integral lack of those before them. */
+typedef struct {
+    mp_real value, first, second;
+} mp_lagged;
 
 typedef struct {
     mp_commands table;
@@ -65,16 +88,18 @@ typedef struct {
     mp_real attitude_error[3][5];      /* at the start of the cycle that was completed last, for the first of a phase (mp_pass) */
     int pulses[MP_COMMANDS];
     mp_pulse pulse[MP_COMMANDS][MP_PENDING];
+    mp_real lagging[MP_COMMANDS][MP_SENSORS][MP_LAGS][2]; /* each lag, times its weight, by pulses that are over */
     mp_flown waiting;
     mp_real integral[MP_BINS][MP_COMMANDS];
     mp_real moment[MP_BINS][MP_COMMANDS];
+    mp_real rising[MP_COMMANDS], falling[MP_COMMANDS], whole[MP_COMMANDS];
 } mp_preprocess;
 
 /* Begin with a log's or a flight's first cycle. MP_LIMIT: more than MP_COMMANDS, MP_BINS or MP_WHEELS, a delay too long for MP_PENDING. */
 int mp_preprocess_begin(mp_preprocess *preprocess, const mp_commands *table, const mp_vehicle *vehicle);
 
-/* The next cycle. `made` tells how many cycles were completed by it, 0 or 1: with a delay below one cycle a command of the next cycle
- * may go on with a pulse of this one, so that a cycle comes one call later. `usable` is 0 where it is of no phase, and where what was
+/* The next cycle. `made` tells how many cycles were completed by it, 0 or 1: where the table's `waits` says that a command of the next
+ * cycle may go on with a pulse of this one, a cycle comes one call later. `usable` is 0 where it is of no phase, and where what was
  * executed had been commanded before the first cycle. */
 int mp_preprocess_step(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle *cycle, int *made, int *usable);
 

@@ -134,12 +134,11 @@ class Gatherer:
         columns, last = self.columns, own[-1][0]
         theta = _summed(own, GYRO if columns.rates else DELTA_THETA, columns.rates)
         velocity = _summed(own, ACCEL if columns.accelerations else DELTA_V, columns.accelerations)
-        attitude = np.zeros(4)  # the gyro carries it
         commands = [own[0][0].numbers[name] for name in columns.commands] + [last.numbers[name] for name in columns.speeds]
         length = float(np.array([interval for _, interval in own]).sum())
         self._lengths = [*self._lengths[-2:], length / self.usual_s]
         lacking = self.records == 1 and self._lengths[-2] > LONG and sum(self._lengths) > LOST
-        return RecordedCycle(last.time_s, np.array([last.time_s, length, *theta, *velocity, *attitude, 0.0, 0.0, 0.0, *commands]), lacking)
+        return RecordedCycle(last.time_s, np.array([last.time_s, length, *theta, *velocity, 0.0, 0.0, 0.0, *commands]), lacking)
 
 
 def _summed(own: list[tuple[Record, float]], names: tuple[str, ...], rates: bool) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.errors import InputError
-from massprop_cli.estimate.kernelflight import VERDICTS, Flight, Reported
+from massprop_cli.estimate.kernelflight import VERDICTS, WAITS, Flight, Reported
 from massprop_cli.export import resolve
 from massprop_cli.export.resolve import Constants, Leg
 from massprop_cli.inputs.vehicle import Vehicle
@@ -17,7 +17,7 @@ from massprop_cli.live.onnumpy import OnNumPy
 from massprop_cli.model.kernelargs import StatusError
 
 CONVERGED = VERDICTS.index("converged")
-UNUSED = 14
+UNUSED = 10
 """Where a cycle's numbers say that it is of no phase."""
 
 
@@ -75,7 +75,7 @@ class Legs:
     def __init__(self, resolved: Constants) -> None:
         vehicle = resolved.vehicle
         self.legs, self.phases, self.leg = resolved.legs, vehicle.phases, -1 if vehicle.phases else 0
-        self.late = resolved.commands[4] < vehicle.cycle.period_s
+        self.late = bool(resolved.commands[WAITS])
         """Whether a cycle's estimate comes with the next cycle."""
         self.flight: Estimator = Compiled(resolved) if kernel().library is not None else OnNumPy(resolved)
         self.about_pivot = vehicle.on_pedestal
@@ -121,6 +121,8 @@ class OnboardEstimator:
     def __init__(self, vehicle: Vehicle, source: str, members: int) -> None:
         """``source`` is for messages; :class:`InputError` where the estimator can't hold the vehicle, or it is not stated in full."""
         source = f'{source}, control.model = "estimate"'
+        if vehicle.imu.measures == "sample" or vehicle.imu.gyro_filter is not None or vehicle.imu.accel_filter is not None:
+            raise InputError(f"{source}: the estimator aboard is handed what the IMU feels, before any filter; choose another model")
         if vehicle.on_pedestal or vehicle.spinning:
             raise InputError(f"{source}: the estimator aboard controls by jets or a wrench, and not on a pedestal; choose another model")
         resolved = resolve.stated(VehicleSource(vehicle, source, ""))
@@ -135,7 +137,7 @@ class OnboardEstimator:
         (S, 10) values, of a vehicle of which nothing can be said the last that were, and whether each has converged.
         """
         for i, one in enumerate(self.each):
-            numbers = (end_s, end_s - self.before_s, *angle_imu_rad[i], *velocity_imu_m_s[i], *(0.0,) * 7, *issued[i])
+            numbers = (end_s, end_s - self.before_s, *angle_imu_rad[i], *velocity_imu_m_s[i], *(0.0,) * 3, *issued[i])
             try:
                 found = one.add(RecordedCycle(end_s, np.array(numbers)))
             except StatusError as error:

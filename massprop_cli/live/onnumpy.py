@@ -9,8 +9,9 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.verdict import BEGUN, HALVED, POSITIVE, PRIOR, SURE
+from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.estimate.causal import Causal
-from massprop_cli.estimate.kernelflight import VERDICTS, Reported
+from massprop_cli.estimate.kernelflight import MEMORY_S, VERDICTS, WAITS, Reported
 from massprop_cli.estimate.quantities import quantities
 from massprop_cli.estimate.rows import Rows
 from massprop_cli.export.resolve import Constants, Leg
@@ -20,9 +21,8 @@ from massprop_cli.model.parameters import natural_sizes
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.stream import Stream
-from massprop_cli.prepare.timing import Timing
 
-END, LENGTH, THETA, VELOCITY, IGNORED, UNUSED = 0, 1, slice(2, 5), slice(5, 8), slice(12, 14), 14
+END, LENGTH, THETA, VELOCITY, IGNORED, UNUSED = 0, 1, slice(2, 5), slice(5, 8), slice(8, 10), 10
 """Where a cycle's numbers stand (:func:`massprop_cli.estimate.kernelflight.cycles_of`); commands follow."""
 LATEST, LOUDEST, AS_STATED, MISFIT = 256, 25.0, 16, 1.5
 """Cycles over which what the model leaves is averaged; the most that one of them counts; how many before the first are taken to be as
@@ -33,9 +33,8 @@ class OnNumPy:
     """The estimator of one flight."""
 
     def __init__(self, resolved: Constants) -> None:
-        jets, _, _, period, delay, *_ = resolved.commands
-        self.vehicle, self.jets = resolved.vehicle, bool(jets)
-        self.period_s, self.delay_s, self.late = float(period), float(delay), bool(delay < period)
+        commands, self.vehicle = resolved.commands, resolved.vehicle
+        self.jets, self.late, self.memory_s = bool(commands[0]), bool(commands[WAITS]), float(commands[MEMORY_S])
         self.rows: list[Array] = []
         self.begin(resolved.legs[0])
 
@@ -59,7 +58,7 @@ class OnNumPy:
             return None
         flown = np.array(self.rows)
         started = flown[:stop, END] - flown[:stop, LENGTH]
-        usable = int(np.searchsorted(started, started[0] + self.delay_s - 1e-6 * self.period_s))
+        usable = int(np.searchsorted(started, started[0] + self.memory_s - 1e-6 * self.vehicle.cycle.period_s))
         if usable >= stop:
             return None
         first = max(self.first, usable)
@@ -74,7 +73,7 @@ class OnNumPy:
 
     def _passed(self, flown: Array, cycles: slice) -> tuple[Rows, Reference | None]:
         """The row after the last of ``cycles``, and the present estimate."""
-        samples = Stream.of(self._log(flown), self.vehicle, Timing(self.delay_s / self.period_s, 0.0))
+        samples = Stream.of(self._log(flown), self.vehicle, stated_timing(self.vehicle))
         if self.causal is None:
             self.causal = Causal(samples, cycles, self.leg.own, Consider())
         else:

@@ -29,7 +29,7 @@ def follow(lines: Iterable[str], source: VehicleSource, keep: Callable[[str], ob
     """
     if kernel().library is None:
         raise InputError(f"massprop live wants the compiled kernel, and here runs {kernel().name}; install a C compiler and massprop again")
-    resolve.stated(source)
+    resolve.stated(source, records=1)
     numbered = ((number, line) for number, line in enumerate(lines, 1) if line.strip())
     number, first = next(numbered, (0, ""))
     if not number:
@@ -39,13 +39,17 @@ def follow(lines: Iterable[str], source: VehicleSource, keep: Callable[[str], ob
     except RecordError as error:
         raise InputError(f"standard input, line {number}: {error}; begin with the names of all columns, or with a JSON object") from None
     columns = reader.columns
-    live = Legs(resolve.stated(source, columns.jets))
     gatherer = Gatherer(columns, source.vehicle.cycle.period_s)
+
+    @cache
+    def live() -> Legs:
+        return Legs(resolve.stated(source, columns.jets, gatherer.records))
+
     keep(reader.header)
     for at, line in chain([(number, first)] if reader.is_json else [], numbered):
         yield from _one(at, line, reader, gatherer, live, keep, warn)
     yield from _flown(gatherer.started(), live, "standard input", warn)
-    yield from map(_line, live.last())
+    yield from map(_line, live().last() if gatherer.records else [])
 
 
 def _one(
@@ -53,7 +57,7 @@ def _one(
     line: str,
     reader: StreamReader,
     gatherer: Gatherer,
-    live: Legs,
+    live: Callable[[], Legs],
     keep: Callable[[str], object],
     warn: Callable[[str], None],
 ) -> Iterator[str]:
@@ -67,7 +71,7 @@ def _one(
     yield from _flown(cycles, live, f"standard input, line {number}", warn)
 
 
-def _flown(cycles: Iterable[RecordedCycle], live: Legs, where: str, warn: Callable[[str], None]) -> Iterator[str]:
+def _flown(cycles: Iterable[RecordedCycle], live: Callable[[], Legs], where: str, warn: Callable[[str], None]) -> Iterator[str]:
     for cycle in cycles:
         if cycle.lacking:
             warn(
@@ -75,7 +79,7 @@ def _flown(cycles: Iterable[RecordedCycle], live: Legs, where: str, warn: Callab
                 "contradicted from here on, since they would be taken from a wrong command"
             )
         try:
-            yield from map(_line, live.add(cycle))
+            yield from map(_line, live().add(cycle))
         except StatusError as error:
             raise InputError(f"{where}: the cycle to {cycle.end_s:.9g} s can't be used ({error})") from None
 

@@ -24,7 +24,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import absentaxes, actuators
 from massprop_cli.prepare.actuators import capability, channel_wrench, executed, longest_delay_s, longest_lag_s
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges, pace
-from massprop_cli.prepare.sensor import KernelEffect, SensorKernel, Shown, kernel_effect, sensors, shown_late_s
+from massprop_cli.prepare.sensor import KernelEffect, Recorder, SensorKernel, Shown, kernel_effect, moving, sensors, shown_late_s
 from massprop_cli.prepare.signal import Signal, window_integrals
 from massprop_cli.prepare.stored import Stored, first_known_s, turned
 from massprop_cli.prepare.sums import of_records, windows, wrenches
@@ -233,13 +233,12 @@ def _by_sensors(acted: _Acted, cycles: slice, start: Array, duration: Array) -> 
     if left == 0.0 < lag_s:
         gyro, accelerometer = bare
     thrusting, stored = len(signals), None
-    moving = SensorKernel.of(False, None)._replace(latency_s=bare[0].delay_s)
-    behind = [(signal, SensorKernel.of(False, None, left)._replace(latency_s=moving.latency_s), gyro, accelerometer) for signal in signals]
+    behind = [(signal, moving(bare[0], left), gyro, accelerometer) for signal in signals]
     if log.spinning:
         torques, stored = turned(
-            log, vehicle, delay_s, edges, bins, partial(_in_bins, sensor=moving, edges=edges), _shown_s(log, vehicle, LAGS_KEPT)
+            log, vehicle, delay_s, edges, bins, partial(_in_bins, sensor=moving(bare[0]), edges=edges), _shown_s(log, vehicle, LAGS_KEPT)
         )
-        behind += [(torque, moving, *bare) for torque in torques]
+        behind += [(torque, moving(bare[0]), *bare) for torque in torques]
     if not behind:  # nothing acts, so no sensor shows it
         return _by_bins(acted, _bin_edges(start, duration, bins), bins, duration)
     parts = [_read(*one, edges, np.append(start, start[-1] + duration[-1]), ends, share, duration) for one in behind]
@@ -260,7 +259,7 @@ def _binned(at: Shown) -> tuple[Array, Array]:
 
 def _read(
     signal: Signal,
-    moving: SensorKernel,
+    body: SensorKernel,
     gyro: SensorKernel,
     accelerometer: SensorKernel,
     edges: Array,
@@ -271,9 +270,9 @@ def _read(
 ) -> tuple[Array, ...]:
     """Of one channel: integral and moment by bins; under the rising and the falling half as the gyro shows it, whole as the other does.
 
-    ``moving`` is by which the body is moved, as late as the gyro; ``ends`` (n,) of records, ``share`` (K, records) of each in its group.
+    ``body`` is by what the body is moved (:func:`moving`); ``ends`` (n,) of records, ``share`` (K, records) of each in its group.
     """
-    moved, bins = Shown(signal, moving, edges), (len(edges) - 1) // len(duration)
+    moved, bins = Shown(signal, body, edges), (len(edges) - 1) // len(duration)
     boundary = moved.first[::bins]
     if gyro.instant:
         mean = (Shown(signal, gyro, ends).first.reshape(share.shape) * share).sum(1)
@@ -327,8 +326,8 @@ def align(
 def first_usable_s(log: Log, vehicle: Vehicle, delay_s: float, lag_s: float) -> float:
     """From when on all that is executed was commanded within the log; :class:`InputError` where that leaves less than two cycles."""
     first, last = (float(cycle_edges(log, slice(k, k + 1))[0][0]) for k in (0, log.cycles - 2))
-    memory_s = delay_s + longest_delay_s(vehicle) + LAGS_FORGOTTEN * longest_lag_s(vehicle, lag_s) + _shown_s(log, vehicle, LAGS_FORGOTTEN)
-    usable_s = max(max(first, float(log.command_start_s[0])) + memory_s, first_known_s(log, vehicle)) - 1e-6 * vehicle.cycle.period_s
+    begun_s = max(first, float(log.command_start_s[0])) + shown_by_s(log, vehicle, delay_s, lag_s)
+    usable_s = max(begun_s, first_known_s(log, vehicle)) - 1e-6 * vehicle.cycle.period_s
     if last < usable_s:
         raise InputError(
             f"{log.path}: lasts {log.cycle_end_s[-1] - first:.6g} s, too short for a command delay of {delay_s:.6g} s, a thrust lag of "
@@ -337,7 +336,12 @@ def first_usable_s(log: Log, vehicle: Vehicle, delay_s: float, lag_s: float) -> 
     return usable_s
 
 
-def _shown_s(log: Log, vehicle: Vehicle, lags: float) -> float:
+def shown_by_s(log: Recorder, vehicle: Vehicle, delay_s: float, lag_s: float) -> float:
+    """How long after a command no sensor shows any more of what was commanded before it."""
+    return delay_s + longest_delay_s(vehicle) + LAGS_FORGOTTEN * longest_lag_s(vehicle, lag_s) + _shown_s(log, vehicle, LAGS_FORGOTTEN)
+
+
+def _shown_s(log: Recorder, vehicle: Vehicle, lags: float) -> float:
     """How far back what a sensor shows may have been, beyond its record: so many time constants of its low-pass."""
     back = (one.latency_s + lags * float(np.abs(one.lags_s).max(initial=0.0)) for one in sensors(log, vehicle))
     return max(*back, 0.0)

@@ -14,14 +14,13 @@ the signal and its integrals behind it are exact at any time (U' = u, V' = U, al
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, ComplexArray, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.equipment import LowPass
-from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.signal import Course, Signal
 
@@ -77,11 +76,28 @@ class SensorKernel(NamedTuple):
         return float(2 * square - mean**2)
 
 
-def sensors(log: Log, vehicle: Vehicle, lag_s: float = 0.0) -> tuple[SensorKernel, SensorKernel]:
-    """Gyro and accelerometer."""
+class Recorder(Protocol):
+    """What says how an IMU records: a log, or what takes its place."""
+
+    @property
+    def sampled(self) -> tuple[bool, bool]:
+        """Whether gyro and accelerometer record samples, not means."""
+
+    @property
+    def interval_s(self) -> Array:
+        """(n,) between records."""
+
+
+def sensors(log: Recorder, vehicle: Vehicle, lag_s: float = 0.0) -> tuple[SensorKernel, SensorKernel]:
+    """Gyro and accelerometer, with a first-order lag of the thrust before them."""
     low_passes = vehicle.imu.gyro_filter, vehicle.imu.accel_filter
     gyro, accelerometer = (SensorKernel.of(instant, one, lag_s) for instant, one in zip(log.sampled, low_passes, strict=True))
     return gyro, accelerometer
+
+
+def moving(gyro: SensorKernel, lag_s: float = 0.0) -> SensorKernel:
+    """By what the body is moved, as late as the gyro shows it in the mean."""
+    return SensorKernel.of(False, None, lag_s)._replace(latency_s=gyro.delay_s)
 
 
 class KernelEffect(NamedTuple):
@@ -97,7 +113,7 @@ class KernelEffect(NamedTuple):
     """By how much the motion that the accelerometer shows is later than the gyro's."""
 
 
-def kernel_effect(log: Log, vehicle: Vehicle) -> KernelEffect | None:
+def kernel_effect(log: Recorder, vehicle: Vehicle) -> KernelEffect | None:
     """The effect of both sensors' kernels; None where both record means without a low-pass."""
     own = sensors(log, vehicle)
     if all(each.plain for each in own):
@@ -108,7 +124,7 @@ def kernel_effect(log: Log, vehicle: Vehicle) -> KernelEffect | None:
     return KernelEffect(gyro.variance_s2 / 2 - sampled_s**2 / 24, late[1] - late[0])
 
 
-def shown_late_s(log: Log, vehicle: Vehicle) -> tuple[float, float]:
+def shown_late_s(log: Recorder, vehicle: Vehicle) -> tuple[float, float]:
     """By how much the motion that gyro and accelerometer show is later than cycles are labelled: samples at records' ends half a record."""
     half_s = float(np.mean(log.interval_s)) / 2
     gyro, accelerometer = (half_s * one.instant - one.delay_s for one in sensors(log, vehicle))

@@ -244,7 +244,7 @@ def test_what_is_flown_is_what_is_reported_to_the_last_bit(name: str) -> None:
     """The kernel's own quantities, cycle after cycle handed over alone, against the history that an estimate has."""
     found = analysed(name)
     vehicle, history = found.vehicle, found.histories[0]
-    commands = kernelflight.commands_of(True, vehicle, found.timing.delay)
+    commands = kernelflight.commands_of(found.log, True, vehicle, found.timing, found.log.records_per_cycle)
     flight = kernelflight.Flight(
         commands, compiled.table(found.samples, resolved(vehicle)), kernelflight.rule_of(vehicle, (0.01, 0.01, 0.01))
     )

@@ -102,9 +102,25 @@ def test_on_a_bearing_it_flies_its_vector_under_the_sanitizers(tmp_path: Path) -
     assert flies_its_vector(where, "sanitized")
 
 
-@pytest.mark.parametrize("scenario", ["pedestal", pytest.param("wheels-and-jets", marks=pytest.mark.thorough)])
-def test_beside_wheels_it_flies_its_vector_under_the_sanitizers(scenario: str, tmp_path: Path) -> None:
-    settings = [word for setting in flown.BY_SPEED for word in ("--set", setting)]
+SENSED = (
+    "vehicle.thrust.lag_s=0.01",
+    'vehicle.imu.measures="sample"',
+    "vehicle.imu.gyro_filter={order=2, cutoff_hz=30.0}",
+    "vehicle.imu.accel_filter={order=1, cutoff_hz=20.0}",
+    "sensors.records_per_cycle=4",
+)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "chosen"),
+    [
+        ("pedestal", flown.BY_SPEED),
+        *(pytest.param(*one, marks=pytest.mark.thorough) for one in (("wheels-and-jets", flown.BY_SPEED), ("free-flyer", SENSED))),
+    ],
+)
+def test_what_no_sample_log_has_flies_its_vector_under_the_sanitizers(scenario: str, chosen: tuple[str, ...], tmp_path: Path) -> None:
+    """Wheels; samples behind low-passes of different orders, of thrust that lags."""
+    settings = [word for setting in chosen for word in ("--set", setting)]
     assert massprop(tmp_path, "simulate", scenario, "--out", "flight", "-q", *settings).returncode == 0
     source = vehiclefile.load(tmp_path / "flight" / "vehicle.toml", [])
     folder.write(resolve.told(source, tmp_path / "flight" / "log.parquet"), tmp_path / "out")
@@ -191,10 +207,12 @@ def test_tables_say_the_vehicle_to_the_last_bit() -> None:
     [
         ('cycle.command_delay_cycles="auto"', "cycle.command_delay_cycles must be stated"),
         ("imu.gyro_noise_rad_s=0", "imu.gyro_noise_rad_s must be stated"),
-        ("cycle.command_delay_cycles=40", "a delay of 40 cycles, and the kernel holds 19"),
+        ("cycle.command_delay_cycles=40", "a delay of 40 cycles, and the kernel holds 19, with all"),
         ("estimator.bins_per_cycle=80", "estimator.bins_per_cycle is 80, and the kernel holds 64"),
         ("drift.mass=0.1", "[drift] is stated"),
-        ("thrust.lag_s=0.01", "thrust.lag_s is not 0"),
+        ('imu.measures="sample"', "how many records a control cycle has only a log tells"),
+        ('imu.gyro_filter={order=1, cutoff_hz="auto"}', "imu.gyro_filter (cutoff_hz, latency_s) must be stated"),
+        ("imu.gyro_filter={order=0, latency_s=-0.2}", "a latency of the IMU is below 0"),
         ("thrust.droop=0.01", "thrust.droop or thrust.cycle_droop is not 0"),
         ('thrust.failures=[{jet="roll_p1"}]', "thrust.failures is not empty"),
         ("imu.gyro_lag_s=0.01", "the kernel knows no low-pass"),

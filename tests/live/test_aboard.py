@@ -226,7 +226,7 @@ REFUSED = {
     "vehicle.cycle.command_delay_cycles=auto": "cycle.command_delay_cycles must be stated",
     "vehicle.imu.gyro_noise_rad_s=0.0": "imu.gyro_noise_rad_s must be stated",
     "vehicle.drift.mass=0.1": "[drift] is stated, and the kernel knows none",
-    "vehicle.thrust.lag_s=0.01": "thrust.lag_s is not 0, and the kernel knows no lag",
+    "vehicle.imu.gyro_filter={order=1, cutoff_hz=40.0}": "is handed what the IMU feels, before any filter",
     "vehicle.cycle.command_delay_cycles=25.0": "a delay of 25 cycles, and the kernel holds 19",
     "vehicle.estimator.method=thesis": "estimator.method is 'thesis', and the kernel is the default one",
     "vehicle.cycle.command_delay_sigma_cycles=0.1": "the kernel takes them as exact",
