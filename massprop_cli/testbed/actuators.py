@@ -106,8 +106,10 @@ class Actuators:
 
     def _add_pulses(self, first: int, last: int, start_s: float, thrust: _Thrust) -> None:
         """Add what M cycles issued, ``start_s`` from the start of the executing ones on, less what jets lose beside others."""
-        around = [_cycles(self.issued, first + k, last + k) for k in (-1, 0, 1)]
-        strength = _cycles(self.strength, first, last)
+        strengths = [_cycles(self.strength, first + k, last + k) for k in (-1, 0, 1)]
+        # a jet that gives nothing does not open, so that what it is next commanded rises as any pulse does
+        around = [np.where(own == 0, 0.0, _cycles(self.issued, first + k, last + k)) for k, own in zip((-1, 0, 1), strengths, strict=True)]
+        strength = strengths[1]
         at_s = np.tile(self.period_s * (np.arange(first, last) + self.scenario.delay_cycles), len(self.strength))[:, None]
         middle_s = at_s + self.own_delay_s + self.late * (self.period_s - around[1]) + around[1] / 2
         supply_pa, nominal_pa = self.scenario.supply_pa(middle_s), self.scenario.vehicle.thrust.nominal_pa
