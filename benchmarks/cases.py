@@ -152,7 +152,8 @@ def run(names: Sequence[str], number: int) -> Outcome | None:
         named = tuple(any(word in str(error) for word in (PAIRED.get(name) or KINDS[name]).refusals) for name in names)
         return outcome(named, str(error), (), (), (), time.process_time() - begin)
     channels = [jet.name for jet in made.vehicle.jets] or list(WRENCH)
-    met = [[any(due.met_by(notice, channels) for due in own) for notice in found.notices] for own in dues]
+    guilty = frozenset(name for own in dues for due in own for name in due.channels)
+    met = [[any(due.met_by(notice, channels, guilty) for due in own) for notice in found.notices] for own in dues]
     others = tuple(notice for i, notice in enumerate(found.notices) if notice.code in CAUSES - SIZED and not any(own[i] for own in met))
     codes = tuple(dict.fromkeys(notice.code for notice in found.notices))
     named = tuple(any(own) if due else not set(codes) & CAUSES for own, due in zip(met, dues, strict=True))

@@ -55,16 +55,16 @@ class Due:
     channels: frozenset[str] = frozenset()
     """Jets or components of the wrench that may be named, at least one of them and no innocent one; empty: none is asked for."""
 
-    def met_by(self, notice: Notice, channels: Sequence[str]) -> bool:
-        """Whether a warning is it; ``channels`` are the names of all."""
-        return any(self._met(notice.code, said, channels) for said in notice.message.partition(RIVALS)[0].split(EVEN))
+    def met_by(self, notice: Notice, channels: Sequence[str], guilty: frozenset[str] = frozenset()) -> bool:
+        """Whether a warning is it; ``channels`` are the names of all, of which another fault has made some ``guilty``, too."""
+        return any(self._met(notice.code, said, channels, guilty) for said in notice.message.partition(RIVALS)[0].split(EVEN))
 
-    def _met(self, code: str, said: str, channels: Sequence[str]) -> bool:
+    def _met(self, code: str, said: str, channels: Sequence[str], guilty: frozenset[str]) -> bool:
         named = {name for name in channels if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", said)}
         return (
             code in self.codes
             and all(word.among(said) if isinstance(word, Number) else word in said for word in self.words)
-            and (not self.channels or (bool(named) and named <= self.channels))
+            and (not self.channels or (bool(named & self.channels) and named <= self.channels | guilty))
         )
 
 
