@@ -19,9 +19,8 @@ import numpy as np
 from massprop_cli.base.arrays import TINY, Array, IntArray, triangle_of
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis.design import Design, Designs
-from massprop_cli.estimate.whitening import LEVELS, Disturbance, ReducedLeastSquares, each, reduced, whitened
+from massprop_cli.estimate.whitening import LEVELS, Disturbance, ReducedLeastSquares, each, reduced, torques, whitened
 from massprop_cli.inputs.telemetry import Log
-from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.timing import Timing
 
@@ -112,18 +111,17 @@ def free_response(
 ) -> Free:
     """What cycles ``piece`` say; :class:`InputError` if they are too few.
 
-    Beside the most likely disturbance, where the stated noise doesn't explain the rates or one is stated; where some are ``likely``, one of
+    Beside the most likely disturbance, where noise and torques as stated don't explain the rates; where some are ``likely``, one of
     these. With the motion within the cycles that a body ``theta`` of :mod:`massprop_cli.model.plant` has, if one is given.
     """
     design = (designs or Designs()).of(log, vehicle, timing, piece, theta)
-    disturbed = max(vehicle.environment.disturbance_torque_n_m, vehicle.environment.disturbance_walk_n_m) > 0
-    turning, beside = whitened(design.driven, 0.0 if disturbed else vehicle.imu.gyro_noise_rad_s**2, likely)
+    turning, beside = whitened(design.driven, vehicle.imu.gyro_noise_rad_s**2, likely)
     return _free(design, turning, beside)
 
 
 def beside_torques(
     log: Log,
-    vehicle: Vehicle,
+    vehicle: Resolved,
     timing: Timing,
     piece: slice,
     theta: Array,
@@ -133,9 +131,8 @@ def beside_torques(
     """The same beside each torque, wandering or white, that is ever tried; beside those of other levels ``near`` one."""
     design = (designs or Designs()).of(log, vehicle, timing, piece, theta)
     if near is None:
-        none = Disturbance(design.driven.coupling, 0.0)
-        tried = [none._replace(walk=level) for level in LEVELS] + [none._replace(white=none.white + level) for level in LEVELS]
-    elif near.walk > 0:
+        tried = torques(design.driven.as_stated)
+    elif near.walk > design.driven.walking:
         tried = [near._replace(walk=near.walk * by) for by in NEARER if near.walk * by >= LEVELS[0]]  # less is a steady torque
     else:
         tried = [near._replace(white=near.white * by) for by in NEARER]
@@ -145,7 +142,9 @@ def beside_torques(
 def _free(design: Design, turning: ReducedLeastSquares, beside: tuple[Disturbance, ...]) -> Free:
     count = len(design.mean)
     slow = waves(count, SLOW if "east" in design.places else 0)
-    felt = reduced(np.hstack([slow, design.mean])[design.used[:, 1]], design.force[design.used[:, 1]], slow.shape[1])
+    weight = design.heard[design.used[:, 1], None]
+    columns, force = (weight * part[design.used[:, 1]] for part in (np.hstack([slow, design.mean]), design.force))
+    felt = reduced(columns, force, slow.shape[1])._replace(volume=-6 * float(np.log(weight).sum()))
     signal = np.repeat([np.sqrt((part**2).mean()) for part in (design.rate, design.force)], 3)
     return Free(design.places, design.fired, design.level, signal, turning, felt, beside, design.clock_s)
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, IntArray
+from massprop_cli.base.arrays import TINY, Array, BoolArray, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.verticals import verticals, verticals_by_errors
@@ -23,6 +23,7 @@ from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.intracycle import motion_within
 from massprop_cli.model.plant import Motion, plant_of
 from massprop_cli.model.regressors import integrals_about
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.model.windows import windows
 from massprop_cli.prepare import recorded
@@ -45,10 +46,25 @@ RAMPS, SUPPLY = ("rising", "falling"), ("sagging", "ebbing")
 """Columns of thrust that rises, and that falls, more slowly; and that is less beside other jets. A short log does without."""
 ENOUGH = 2
 """Cycles that there must be for each column."""
+OF_MOTION = ("products", "constant", "up", "level", "precession")
+"""Columns of what moves a body beside what is commanded."""
+HARDLY = 0.03
+"""Part of what most is done along any sum of columns below which nothing tells how the motion answers."""
 PER_AXIS = 4
 """Columns of an axis of what stores momentum: the rates times the momentum, and the momentum."""
 KEPT = 16
 """Timings of commands that are remembered."""
+
+
+class Scatter(NamedTuple):
+    """What is stated beside the IMU's noise, errors of impulses and torques: variances over those of the noise."""
+
+    turned: Array
+    """(K,) of the rate's step up to each cycle, of what is white."""
+    felt: Array
+    """(K,) of the specific force."""
+    walking: float
+    """Of the change from one step to the next, by a torque that walks."""
 
 
 @dataclass(frozen=True)
@@ -82,13 +98,22 @@ class Design:
     duration_s: Array
     nutation: float = 0.0
     """What stored momentum turns an error of the rate by, squared: (rad/s)²."""
+    scatter: Scatter | None = None
+    """What is stated beside the IMU's noise, where anything is."""
+
+    @property
+    def heard(self) -> Array:
+        """(K,) by which the specific force is weighted: noise over what scatters beside it, one sigma."""
+        found: Array = np.ones(len(self.mean)) if self.scatter is None else 1 / np.sqrt(1 + self.scatter.felt)
+        return found
 
     @property
     def driven(self) -> Driven:
         """The rates, as they are made white."""
         coupling = COUPLING * (float((self.rate**2).sum(1).mean()) + self.nutation) * self.cycle_s**2
         steady = self.places["constant"].start if "constant" in self.places else None
-        return Driven(self.growth, self.rate, self.used[:, 0], coupling, steady=steady, begun=self.cycle_s)
+        scattered, walking = (None, 0.0) if self.scatter is None else (self.scatter.turned, self.scatter.walking)
+        return Driven(self.growth, self.rate, self.used[:, 0], coupling, False, steady, self.cycle_s, walking, scattered)
 
 
 class _Window(NamedTuple):
@@ -116,7 +141,7 @@ class Designs:
         self._last: tuple[tuple[object, ...], Design] | None = None
         self._turned: dict[tuple[object, ...], list[tuple[str, Array]]] = {}
 
-    def of(self, log: Log, vehicle: Vehicle, timing: Timing, piece: slice, theta: Array | None = None) -> Design:
+    def of(self, log: Log, vehicle: Resolved, timing: Timing, piece: slice, theta: Array | None = None) -> Design:
         """The columns of cycles ``piece``; with the motion within the cycles of a body ``theta`` (10,) where one is given.
 
         :class:`InputError` if they are too few.
@@ -126,7 +151,7 @@ class Designs:
             self._last = asked, self._design(log, vehicle, timing, piece, theta)
         return self._last[1]
 
-    def _design(self, log: Log, vehicle: Vehicle, timing: Timing, piece: slice, theta: Array | None) -> Design:
+    def _design(self, log: Log, vehicle: Resolved, timing: Timing, piece: slice, theta: Array | None) -> Design:
         lag_s = timing.lag_s(vehicle)
         samples = timing.of(log, vehicle, self._impulses(log, vehicle, timing.delay, lag_s))
         cycles = slice(max(piece.start, int(np.argmax(samples.executed.usable)) + 1), min(piece.stop, len(samples) - 1))
@@ -174,6 +199,7 @@ class Designs:
             samples.executed.start_s[cycles],
             samples.executed.duration_s[cycles],
             _nutation(samples.executed.stored, cycles, rate),
+            _scatter(samples.part(cycles), vehicle, places, growth, mean, rate),
         )
 
     def _window(self, log: Log, vehicle: Vehicle, delay: float, lag_s: float) -> _Window:
@@ -335,6 +361,43 @@ def _nutation(stored: Stored | None, cycles: slice, rate: Array) -> float:
     held = stored.mean[cycles].mean(1) @ stored.axis
     grown, turned = ((np.diff(one, axis=0) ** 2).sum() for one in (held, rate))
     return float((held**2).sum(1).mean() * turned / grown * 2 / 3) if grown > 0 else 0.0
+
+
+def _scatter(samples: Samples, vehicle: Resolved, places: Mapping[str, slice], growth: Array, mean: Array, rate: Array) -> Scatter | None:
+    """By how rate and specific force answer the wrench in the mean; half of each cycle's is in the rate's step up to it.
+
+    A gyro's bias that walks shows as a white torque does.
+    """
+    executed, duration, environment = samples.executed, samples.executed.duration_s, vehicle.environment
+    torque, walk, drift = environment.disturbance_torque_n_m, environment.disturbance_walk_n_m, vehicle.imu.gyro_bias_walk_rad_s_sqrt_s
+    if executed.pulse_covariance is None and torque == walk == drift == 0:
+        return None
+    wrench = executed.rising[:-1] + executed.falling[1:], executed.whole / duration[:, None]
+    besides = [np.hstack([columns[:, places[name]] for name in OF_MOTION if name in places]) for columns in (growth, mean)]
+    motion = np.diff(rate, axis=0), samples.specific_force_m_s2
+    torque_of, force_of = (float(np.linalg.norm(part)) for part in np.hsplit(executed.channels.wrench, 2))
+    arm_m = torque_of / max(force_of, TINY)
+    rates, forces = (_answer(by, other, arm_m, moved) for by, other, moved in zip(wrench, besides, motion, strict=True))
+    covariance = np.zeros((len(duration), 6, 6)) if executed.pulse_covariance is None else executed.pulse_covariance.copy()
+    covariance[:, range(3), range(3)] += (torque * duration[:, None]) ** 2
+    noise = vehicle.imu.gyro_noise_rad_s, vehicle.imu.accel_noise_m_s2
+    turned, felt = (np.einsum("kab,ai,bi->k", covariance, by, by) / (3 * own**2) for by, own in zip((rates, forces), noise, strict=True))
+    walking = float((rates[:3] ** 2).sum()) / 3 * (walk * float(duration.mean()) / noise[0]) ** 2
+    turned = (turned + np.append(0.0, turned[:-1])) / 2 + (drift / noise[0]) ** 2 * duration
+    return Scatter(turned, felt / duration**2, walking)
+
+
+def _answer(wrench: Array, besides: Array, arm_m: float, moved: Array) -> Array:
+    """(6, 3) how a motion answers the wrench beside other columns: next to nothing along what is hardly done (Hoerl & Kennard 1970).
+
+    A force counts as the torque that it has at an arm.
+    """
+    torques = np.hstack([wrench[:, :3], arm_m * wrench[:, 3:]])
+    size = np.linalg.norm(torques, 2)
+    others = besides * (size / np.maximum(np.linalg.norm(besides, axis=0), TINY))
+    columns = np.vstack([np.hstack([torques, others]), HARDLY * size * np.eye(6 + others.shape[1])])
+    found: Array = np.linalg.lstsq(columns, np.vstack([moved, np.zeros((columns.shape[1], 3))]), rcond=None)[0][:6]
+    return np.concatenate([found[:3], arm_m * found[3:]])
 
 
 def _precession_within(stored: Stored, motion: Motion, duration: Array) -> tuple[Array, Array]:

@@ -14,7 +14,6 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import written
-from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis.corrections import Correction, shown
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import PART, Refit
@@ -23,7 +22,6 @@ from massprop_cli.diagnosis.windows import Reduced, Window
 from massprop_cli.errorparameters.thrust import NEAR
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.inputs.equipment import Failure
-from massprop_cli.model.plant.plant import J
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges
 
@@ -33,8 +31,8 @@ ROUNDS, STANDS = 10, 0.3
 """How often a window is looked for by another body at most, and by how many of its sigmas what the jet gives moves in the end."""
 SLOWLY, FAR = 0.8, 10.0
 """Parts of a misfit that a round leaves, and times pure error, above which it leads nowhere."""
-MOST = 10.0
-"""Times its stated thrust that no jet gives more."""
+MOST = 2.5
+"""Times its stated thrust by which no jet gives more or less than it: one mounted the wrong way gives 2 less."""
 EXACT, SURE = (0.0, -1.0), 4.0
 """Dead and reversed, and sigmas from it within which a jet is."""
 LITTLE = 0.05
@@ -87,12 +85,12 @@ def episodes(screening: Screening, others: Sequence[Screening] = (), cause: Refi
     """
     if screening.case.log.command_kind != "jets" or not screening.model.thrusting:
         return []
-    first, found = _beside(screening), list[Episode]()
+    first, found = screening.as_stated, list[Episode]()
     groups: Iterable[tuple[Disturbance, list[Window]]] = (
         (beside, _windows(screening, beside)) for beside in dict.fromkeys([first, *screening.free.beside])
     )
     if cause is not None and cause.screening is not None:
-        begun = [_as_stated(cause, window) for window in _windows(cause.screening, _beside(cause.screening))]
+        begun = [_as_stated(cause, window) for window in _windows(cause.screening, cause.screening.as_stated)]
         if not begun:
             return []
         groups = chain([(first, begun)], groups)
@@ -142,15 +140,6 @@ def _as_stated(cause: Refit, window: Window) -> Window:
     if whole and np.isinf(window.end_s):
         return window._replace(stop=window.first, end_s=window.begin_s, begin_s=-np.inf, first=0, thrust=always)
     return window._replace(thrust=thrust)
-
-
-def _beside(screening: Screening) -> Disturbance:
-    """What the rates are made white beside at first: the noise alone, and the torques that the vehicle file states."""
-    _, vehicle, _, _ = screening.case
-    response = np.linalg.norm(tensor(screening.stated.value("theta")[J])) / np.sqrt(3)
-    torques = vehicle.environment.disturbance_torque_n_m, vehicle.environment.disturbance_walk_n_m
-    white, walk = ((response * torque * vehicle.cycle.period_s / vehicle.imu.gyro_noise_rad_s) ** 2 for torque in torques)
-    return Disturbance(float(white), float(walk))
 
 
 def _tested(screening: Screening, window: Window, beside: Disturbance) -> Episode | None:

@@ -12,9 +12,7 @@ import numpy as np
 from massprop_cli.base.arrays import TINY
 from massprop_cli.base.configfile import written
 from massprop_cli.diagnosis.corrections import Correction, shown
-from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.screening import Screening, screened
-from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.inputs.vehicle import Phase
 
 LONGEST, MOST = 128, 0.25
@@ -97,11 +95,7 @@ def beyond_noise(screening: Screening) -> float:
 def plainly(screening: Screening, piece: slice) -> Screening | None:
     """A piece of the same beside the noise alone, or what is stated beside it: a torque that wanders would explain a few cycles, too."""
     case, theta = screening.case, screening.stated.value("theta")
-    stated = case.vehicle.environment
-    if max(stated.disturbance_torque_n_m, stated.disturbance_walk_n_m) > 0:
-        return screened(case, piece, screening.free.beside, theta)
-    coupling = (case.designs or Designs()).of(case.log, case.vehicle, case.timing, screening.piece, theta).driven.coupling
-    there = screened(case, piece, (Disturbance(coupling, 0.0),), theta)
+    there = screened(case, piece, (screening.as_stated,), theta)
     return there if there is None else screened(case, piece, there.free.beside, there.stated.value("theta"))
 
 

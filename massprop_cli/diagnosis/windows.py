@@ -50,7 +50,7 @@ class Reduced:
     def __init__(self, screening: Screening, by: Screening, beside: Disturbance) -> None:
         case, theta = screening.case, by.stated.value("theta")
         self.design = (case.designs or Designs()).of(case.log, case.vehicle, case.timing, screening.piece, theta)
-        self._beside = beside._replace(white=beside.white + self.design.driven.coupling)
+        self._beside = beside
         self._slow = waves(len(self.design.mean), SLOW if "east" in self.design.places else 0)
         rates, turning = self._white(self.design.growth)
         force = self._heard(self.design.mean)
@@ -83,10 +83,11 @@ class Reduced:
 
     def _heard(self, mean: Array) -> Array:
         """(K, n) columns of the specific force, less what wanders."""
-        rows = mean[self.design.used[:, 1]]
+        weight = self.design.heard[self.design.used[:, 1], None]
+        rows = weight * mean[self.design.used[:, 1]]
         if not self._slow.shape[1]:
             return rows
-        base = np.linalg.qr(self._slow[self.design.used[:, 1]])[0]
+        base = np.linalg.qr(weight * self._slow[self.design.used[:, 1]])[0]
         found: Array = rows - base @ (base.T @ rows)
         return found
 

@@ -64,15 +64,23 @@ class Driven(NamedTuple):
     """The column that is a steady torque, as which one that walks begins; None where there is none."""
     begun: float = 1.0
     """What a torque that walks adds to the rate in a cycle for each unit of what it begins as."""
+    walking: float = 0.0
+    """Variance of the step from cycle to cycle, over that of the noise, of what a torque that is stated to walk adds to the rate."""
+    scattered: Array | None = None
+    """(K,) what errors of each cycle's impulse bring into the rate's step up to it: a variance, over that of the noise. None: nothing."""
+
+    @property
+    def as_stated(self) -> Disturbance:
+        """What is beside the noise where nothing is that isn't stated."""
+        return Disturbance(self.coupling, self.walking)
 
 
 def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tuple[ReducedLeastSquares, tuple[Disturbance, ...]]:
     """What the rates say: beside the most likely disturbance, if the noise ``stated`` [(rad/s)²] doesn't explain them; and which that is.
 
-    Where some are ``likely`` no others are tried. Where a torque is stated, so that no noise is (0), one that walks stands for it: of a
-    white one free coefficients take for their own what commands do in answer to it.
+    Where some are ``likely`` no others are tried.
     """
-    none = Disturbance(rates.coupling, 0.0)
+    none = rates.as_stated
     if likely:
         best = min(each(rates, likely), key=_cost)
         return best.told, (best.beside,)
@@ -81,16 +89,20 @@ def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tup
         return best.told, ()
     distinct = _distinct(best.told.triangle)
     unit = orthogonal(rates, best.told.triangle, distinct)
-    white = [none._replace(white=rates.coupling + level) for level in LEVELS] if stated > 0 else []
-    walks = [none._replace(walk=level) for level in LEVELS]
-    likeliest = _likeliest(unit, [none] * bool(stated > 0) + walks + white)
+    likeliest = _likeliest(unit, [none, *torques(none)])
     near = [
-        Disturbance(rates.coupling + beside, walk)
-        for beside in (_around(likeliest.white - rates.coupling) if stated > 0 else (0.0,))
-        for walk in _around(likeliest.walk)
+        Disturbance(none.white + white, none.walk + walk)
+        for white in _around(likeliest.white - none.white)
+        for walk in _around(likeliest.walk - none.walk)
     ]
     (best,) = each(rates, [_likeliest(unit, near)], distinct)
     return best.told, (best.beside,)
+
+
+def torques(beside: Disturbance) -> list[Disturbance]:
+    """A torque of each level, wandering or white, beside that."""
+    white, walk = beside
+    return [Disturbance(white, walk + level) for level in LEVELS] + [Disturbance(white + level, walk) for level in LEVELS]
 
 
 def _around(level: float) -> tuple[float, ...]:
@@ -100,7 +112,7 @@ def _around(level: float) -> tuple[float, ...]:
 
 def independent(rates: Driven) -> Driven:
     """The rates with columns that are no sums of others and, beside the noise alone, orthogonal; the same coefficients are free."""
-    (alone,) = each(rates, [Disturbance(rates.coupling, 0.0)])
+    (alone,) = each(rates, [rates.as_stated])
     return orthogonal(rates, alone.told.triangle, _distinct(alone.told.triangle))
 
 
@@ -163,7 +175,7 @@ def _restricted(told: ReducedLeastSquares, diagonal: Array, beside: Disturbance,
     What products of rates bring is none.
     """
     taken = 2 * float(np.log(np.abs(diagonal)).sum())
-    added = int(beside.white > rates.coupling) + int(beside.walk > 0)
+    added = int(beside.white > rates.coupling) + int(beside.walk > rates.walking)
     return taken, told.cost() + 3 * taken + 3 * np.log(len(rates.rate)) * added
 
 
@@ -221,12 +233,12 @@ def _innovations(rates: Driven, disturbances: Sequence[Disturbance]) -> tuple[Ar
     driven, measured = np.zeros((2, count, now.shape[2]))
     driven[1:, 2:-3], measured[:, -3:] = rates.growth, rates.rate
     rows, spread = np.empty((len(now), count, now.shape[2])), np.empty((len(now), count))
-    walk = np.eye(states)[1]
+    walk, scattered = np.eye(states)[1], np.zeros(count) if rates.scattered is None else np.ascontiguousarray(rates.scattered)
     added = np.stack([one.white * np.outer(white, white) + one.walk * np.outer(walk, walk) for one in disturbances])
     if (library := kernel().library) is not None:
         sizes = (ctypes.c_long(n) for n in (len(now), count, now.shape[2], states))
         used = np.ascontiguousarray(rates.used, np.uint8)
-        library.mp_host_white(*sizes, *map(pointer, (step, added, used, driven, measured, now, rows, spread)))
+        library.mp_host_white(*sizes, *map(pointer, (step, added, scattered, used, driven, measured, now, rows, spread)))
         return rows, spread
     kept, now = np.zeros_like(added), now[:, :states]
     for k in range(count):
@@ -234,6 +246,7 @@ def _innovations(rates: Driven, disturbances: Sequence[Disturbance]) -> tuple[Ar
             now = step @ now
             now[:, 0] += driven[k]
             kept = step @ kept @ step.T + added
+            kept[:, 0, 0] += scattered[k]
         if not rates.used[k]:
             rows[:, k], spread[:, k] = 0.0, 1.0
             continue

@@ -31,8 +31,8 @@ SHARED int mp_host_pulses(long jets, long count, const double *part, const doubl
                           double *moment);
 
 SHARED int mp_host_white(long filters, long count, long columns, long states, const double *step, const double *added,
-                         const unsigned char *used, const double *driven, const double *measured, double *now, double *rows,
-                         double *spread);
+                         const double *scattered, const unsigned char *used, const double *driven, const double *measured, double *now,
+                         double *rows, double *spread);
 
 SHARED int mp_host_integrals(const double *table, const double *reference, long count, long stride, const double *rows, double *step,
                              double *mean, double *known);
@@ -387,7 +387,8 @@ static void spread_on(double kept[3][3], long states, const double *step, const 
 /* White innovations (filters, count, columns) and their variances (filters, count) of filters on rate and torque, for all columns at once
  * (massprop_cli/estimate/whitening.py). now: (filters, 3, columns) as they begin; of three states the last forgets from cycle to cycle. */
 int mp_host_white(long filters, long count, long columns, long states, const double *step, const double *added,
-                  const unsigned char *used, const double *driven, const double *measured, double *now, double *rows, double *spread) {
+                  const double *scattered, const unsigned char *used, const double *driven, const double *measured, double *now,
+                  double *rows, double *spread) {
     long f, k, c, i, j;
     double half = states > 2 ? step[2] : 0.0;
     for (f = 0; f < filters; f++) {
@@ -400,7 +401,10 @@ int mp_host_white(long filters, long count, long columns, long states, const dou
                 rate[c] += drive[c] + torque[c] + half * held[c];
                 held[c] = 0.0;
             }
-            if (k > 0) spread_on(kept, states, step, added + f * states * states);
+            if (k > 0) {
+                spread_on(kept, states, step, added + f * states * states);
+                kept[0][0] += scattered[k];
+            }
             *variance = 1.0;
             if (!used[k]) {
                 memset(row, 0, (size_t)columns * sizeof row[0]);

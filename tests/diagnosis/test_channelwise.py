@@ -144,7 +144,9 @@ def test_products_say_of_levels_what_dense_matrices_do(kind: str) -> None:
 @pytest.mark.parametrize("held", [False, True])
 def test_the_kernel_makes_white_what_numpy_does(held: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(4)
-    rates = whitening.Driven(rng.standard_normal((299, 20)), rng.standard_normal((300, 3)), rng.random(300) > 0.02, 1e-3, held)
+    rates = whitening.Driven(
+        rng.standard_normal((299, 20)), rng.standard_normal((300, 3)), rng.random(300) > 0.02, 1e-3, held, scattered=rng.random(300)
+    )
     tried = [Disturbance(1e-3, walk) for walk in (0.0, 1e-6, 1e-2)]
     compiled = whitening._innovations(rates, tried)
     monkeypatch.setattr(whitening, "kernel", lambda: Kernel(None, "none"))

@@ -85,6 +85,29 @@ def test_another_unit_is_fitted_whose_body_regression_does_not_find() -> None:
     assert 1 / best.value("theta")[9] == pytest.approx(flown.truth[0][0][9], rel=0.02)
 
 
+SCATTER = {
+    "impulses": "vehicle.thrust.pulse_sigma=0.01",
+    "torques": "vehicle.environment.disturbance_torque_n_m=0.002",
+    "torques that walk": "vehicle.environment.disturbance_walk_n_m=0.0003",
+    "a gyro's bias": "vehicle.imu.gyro_bias_walk_rad_s_sqrt_s=0.002",
+}
+
+
+@pytest.mark.parametrize("kind", SCATTER)
+def test_what_is_stated_to_scatter_leaves_a_clean_log_no_more_than_chance(kind: str) -> None:
+    """And no torque is looked for beside it; by a vehicle file that doesn't state it one is."""
+    key, _, _ = SCATTER[kind].removeprefix("vehicle.").partition("=")
+    left = []
+    for seed in (3, 4, 5):
+        flown = fly("free-flyer", *PLAN, "vehicle.imu.gyro_bias_sigma_rad_s=0.01", SCATTER[kind], seeds=(seed,))
+        stated, unstated = (look_of(flown.log(0), vehicle) for vehicle in (flown.vehicle, changed(flown.vehicle, [f"{key}=0.0"])))
+        left.append(stated.misfit)
+        assert stated.chance
+        assert not stated.free.beside
+        assert unstated.free.beside
+    assert np.mean(left) == pytest.approx(1.0, abs=0.15)
+
+
 @pytest.mark.parametrize("sigmas", [0.0, 10.0])
 def test_a_bias_costs_what_its_stated_sigma_makes_of_it(sigmas: float) -> None:
     """It is unknown beside whatever is supposed, and no fault; but a reading of the columns that takes more of it is less likely."""
