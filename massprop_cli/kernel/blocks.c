@@ -4,8 +4,11 @@
 #include <string.h>
 
 #include "host.h"
+#include "preprocess.h"
 #include "motion.h"
 #include "linalg.h"
+
+#define SAME 1e-14 /* s by which the rounding of times makes two intervals differ */
 
 /* What is made of a stretch of cycles: n states, c combinations of coefficients. */
 typedef struct {
@@ -29,6 +32,9 @@ SHARED int mp_host_bins(long events, const double *time, const double *step, con
 SHARED int mp_host_pulses(long jets, long count, const double *part, const double *begin, const double *on, const double *ramps,
                           const double *touching, long bins, const double *edges, const double *lag, double *room, double *integral,
                           double *moment);
+
+SHARED int mp_host_shown(long events, const double *event, long count, const double *at, long lags, const double *lag,
+                         const double *rounded, double *out);
 
 SHARED int mp_host_white(long filters, long count, long columns, long states, const double *step, const double *added,
                          const double *scattered, const unsigned char *used, const double *driven, const double *measured, double *now,
@@ -269,6 +275,88 @@ int mp_host_bins(long events, const double *time, const double *step, const doub
         }
         integral[b] -= *lag * (y - begun);
         moment[b] -= *lag * (whole * y - integral[b]);
+    }
+    return MP_OK;
+}
+
+/* A lag in parallel with others: where it is, and what it keeps over a time, which is the same again and again. */
+typedef struct {
+    double weight[2], lag[2], y[2], kept[2], over;
+} lag_state;
+
+static void times(const double a[2], const double b[2], double out[2]) {
+    double real = a[0] * b[0] - a[1] * b[1];
+    out[1] = a[0] * b[1] + a[1] * b[0];
+    out[0] = real;
+}
+
+/* It goes on under what begins at a level and rises. */
+static void goes_on(lag_state *own, double length, double value, double rise) {
+    double rest[2], slow[2], size = own->lag[0] * own->lag[0] + own->lag[1] * own->lag[1];
+    if (!(fabs(length - own->over) < SAME)) {
+        double decay = exp(-length * own->lag[0] / size), angle = length * own->lag[1] / size;
+        own->kept[0] = decay * cos(angle);
+        own->kept[1] = decay * sin(angle);
+        own->over = length;
+    }
+    rest[0] = 1.0 - own->kept[0];
+    rest[1] = -own->kept[1];
+    times(own->lag, rest, slow);
+    times(own->y, own->kept, own->y);
+    own->y[0] += value * rest[0] + rise * (length - slow[0]);
+    own->y[1] += value * rest[1] - rise * slow[1];
+}
+
+/* A signal behind lags in parallel, at times in their order, and its first and second integral, (3, count); zero before its first event. Of
+ * each event (5, events) its time, and level, slope and both integrals of the signal there; of each lag its weight and itself, real and
+ * imaginary part (massprop_cli/prepare/sensor.py). What begins at a time, or `rounded` before it, is not yet there. */
+int mp_host_shown(long events, const double *event, long count, const double *at, long lags, const double *lag, const double *rounded,
+                  double *out) {
+    lag_state own[MP_LAGS];
+    const double *time = event, *level = time + events, *rising = level + events, *first = rising + events, *second = first + events;
+    double now = 0.0, mean = 0.0;
+    long q, i, next = 0;
+    if (lags > MP_LAGS) return MP_LIMIT;
+    memset(own, 0, sizeof own);
+    for (i = 0; i < lags; i++) {
+        memcpy(own[i].weight, lag + 4 * i, 4 * sizeof lag[0]);
+        own[i].over = -1.0;
+        mean += own[i].weight[0] * own[i].lag[0] - own[i].weight[1] * own[i].lag[1];
+    }
+    for (q = 0; q < count; q++) {
+        double since, value, once, twice;
+        while (next < events && time[next] < at[q] - *rounded) {
+            for (i = 0; i < lags && next > 0; i++)
+                goes_on(own + i, time[next] - now, level[next - 1] + rising[next - 1] * (now - time[next - 1]), rising[next - 1]);
+            now = time[next++];
+        }
+        if (next == 0) {
+            out[q] = out[count + q] = out[2 * count + q] = 0.0;
+            continue;
+        }
+        for (i = 0; i < lags; i++)
+            goes_on(own + i, at[q] - now, level[next - 1] + rising[next - 1] * (now - time[next - 1]), rising[next - 1]);
+        now = at[q];
+        since = now - time[next - 1];
+        value = level[next - 1] + rising[next - 1] * since;
+        once = first[next - 1] + since * (level[next - 1] + rising[next - 1] * since / 2);
+        twice = second[next - 1] + since * (first[next - 1] + since * (level[next - 1] / 2 + rising[next - 1] * since / 6));
+        if (lags > 0) {
+            value = 0.0;
+            twice -= mean * once;
+        }
+        for (i = 0; i < lags; i++) {
+            double y[2];
+            times(own[i].weight, own[i].y, y);
+            value += y[0];
+            times(own[i].lag, y, y);
+            once -= y[0];
+            times(own[i].lag, y, y);
+            twice += y[0];
+        }
+        out[q] = value;
+        out[count + q] = once;
+        out[2 * count + q] = twice;
     }
     return MP_OK;
 }

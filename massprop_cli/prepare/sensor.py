@@ -13,6 +13,7 @@ the signal and its integrals behind it are exact at any time (U' = u, V' = U, al
 
 from __future__ import annotations
 
+import ctypes
 from functools import cached_property
 from typing import NamedTuple, Protocol
 
@@ -22,6 +23,7 @@ from massprop_cli.base.arrays import Array, ComplexArray, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.equipment import LowPass
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.kernel import LAGS, kernel, pointer
 from massprop_cli.prepare.signal import Course, Signal
 
 Lags = Array | ComplexArray
@@ -138,11 +140,29 @@ class Shown:
     signal: Signal
     sensor: SensorKernel
     time_s: Array
-    """(Q,)"""
+    """(Q,) in their order"""
+
+    @cached_property
+    def _compiled(self) -> tuple[Array, Array, Array] | None:
+        """(Q,) each, the signal and both integrals by the compiled kernel, where that is there."""
+        library = kernel().library
+        if library is None or len(self.sensor.lags_s) > LAGS:
+            return None
+        course, at = self.signal.course, np.ascontiguousarray(self.time_s - self.sensor.latency_s)
+        events = np.stack([course.time_s, course.level, course.rising, course.first, course.second])
+        lags, found = np.stack([self.sensor.weights, self.sensor.lags_s], 1), np.empty((3, len(at)))
+        sizes = [ctypes.c_long(n) for n in (events.shape[1], len(at), len(lags))]
+        numbers = pointer(lags.view(float)) if len(lags) else None
+        library.mp_host_shown(
+            sizes[0], pointer(events), sizes[1], pointer(at), sizes[2], numbers, pointer(np.array([ROUNDED_S])), pointer(found)
+        )
+        return found[0], found[1], found[2]
 
     @property
     def value(self) -> Array:
         """(Q,) the signal."""
+        if self._compiled is not None:
+            return self._compiled[0]
         if len(self._lags):
             return self._begun(self._weighted.sum(0).real)
         course, at = self.signal.course, self._at
@@ -151,11 +171,15 @@ class Shown:
     @cached_property
     def first(self) -> Array:
         """(Q,) its integral."""
+        if self._compiled is not None:
+            return self._compiled[1]
         return self._begun(self._first - (self._lags * self._weighted).sum(0).real if len(self._lags) else self._first)
 
     @property
     def second(self) -> Array:
         """(Q,) the integral of that."""
+        if self._compiled is not None:
+            return self._compiled[2]
         course, at, since = self.signal.course, self._at, self._since
         found = course.second[at] + since * (course.first[at] + since * (course.level[at] / 2 + course.rising[at] * since / 6))
         if len(self._lags):

@@ -15,7 +15,9 @@ from massprop_cli.inputs.equipment import LowPass
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import changed
+from massprop_cli.kernel import Kernel, kernel
 from massprop_cli.prepare import align
+from massprop_cli.prepare import sensor as sensor_module
 from massprop_cli.prepare.sensor import SensorKernel, Shown
 from massprop_cli.prepare.signal import Signal, of_bins, window_integrals
 from tests import flight
@@ -63,7 +65,11 @@ def parts(at: Shown) -> list[Array]:
 
 
 @pytest.mark.parametrize(("order", "lag_s"), [(0, 0.0), (0, 0.01), (1, 0.0), (2, 0.0), (2, 0.01), (1, 1 / (2 * np.pi * 30.0))])
-def test_a_signal_behind_a_low_pass_and_its_integrals_solve_its_equation(order: int, lag_s: float) -> None:
+@pytest.mark.parametrize("by", [kernel(), Kernel(None, "NumPy")])
+def test_a_signal_behind_a_low_pass_and_its_integrals_solve_its_equation(
+    order: int, lag_s: float, by: Kernel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sensor_module, "kernel", lambda: by)
     time_s = np.array([0.005, 0.0101, 0.033, 0.055, 0.07, 0.13])
     sensor = SensorKernel.of(instant=True, low_pass=LowPass(order=order, cutoff_hz=30.0) if order else None, lag_s=lag_s)
     found = np.stack(parts(Shown(BENDS, sensor, time_s)), 1)
