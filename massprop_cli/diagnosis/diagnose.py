@@ -279,15 +279,18 @@ def _pair(screening: Screening, alone: Sequence[Refit], worst: float) -> Diagnos
     likeliest = sorted((refit for refit in alone if any(refit.fitted.hypothesis is one for one in upright)), key=lambda refit: refit.score)
     turned = (replace(screening.stated, hypothesis=one) for one in screening.turned_beside_a_channel)
     each = chain((refit.fitted for refit in likeliest), turned, (found for _, found in screening.ranked))
-    together: list[Refit] = []
+    together, firsts = list[Refit](), list[Refit]()
     beside = partial(_beside, screening, worst=worst)
     for found in islice(_different(each), FIRST[screening.model.bearing is not None]):
         known = next((one for one in alone if one.fitted.hypothesis is found.hypothesis), None)
         refit = known or tried(screening, found)
+        firsts += [] if refit is None else [refit]
         # one that fits alone was further off than the look tells
         together += [refit] if known is None and refit is not None and refit.fits else beside(refit, together)
         if any(refit.fits for refit in together):
             break  # what comes near it has a part in common with it
+    # a torque that nobody stated may be what is beside a first
+    together += [refit for first in firsts if (refit := _beside_a_torque(first)) is not None]
     # what explains most may have been found beside a first that was not yet as it is, or is but nearly the right one
     best = min(together, key=lambda refit: refit.score, default=None)
     parts = () if best is None else best.fitted.parts
@@ -309,6 +312,18 @@ def _beside(screening: Screening, first: Refit | None, others: Sequence[Refit], 
         most = max(most, WITH_IT * first.screening.misfit * first.screening.freedom)
     left = worst - first.screening.free_cost - first.units
     return searched(screening, [], (SECOND, FINALISTS[0]), most, first, others, left)
+
+
+def _beside_a_torque(first: Refit) -> Refit | None:
+    """A cause that is corrected, beside a torque with which the log fits then; None where it doesn't, or without it does."""
+    left = first.screening
+    if left is None or left.close or not left.constant or float(left.stated.chi_square.sum()) > beyond(left):
+        return None
+    found = beside_a_torque(left)
+    if not found.close:
+        return None
+    excess = found.score(found.stated.chi_square, first.fitted)
+    return replace(first, excess=excess, score=found.free_cost + excess + first.units, fits=True, screening=found)
 
 
 def _swapped(screening: Screening) -> Diagnosis | None:
