@@ -27,6 +27,7 @@ from massprop_cli.diagnosis.inspection import normalised
 from massprop_cli.estimate.discrepancy import LEAST
 from massprop_cli.estimate.disturbances import beyond_commands, sized
 from massprop_cli.estimate.history import History
+from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
@@ -47,8 +48,8 @@ def judged(found: Analysis, mended: Sequence[MendedAnswer], widen: bool = True) 
     each = [_one(found, i, mended, widen) for i in range(len(found.conclusions))]
     told = tuple(one.discrepancy for one in each)
     at_origin = [_at_origin(found, i, one.conclusion) for i, one in enumerate(each)]
-    ones = _all_normalised(found)
-    scaled = dict.fromkeys((*INERTIA, "mass"), Reason.of("scale-untold")) if ones else {}
+    ones, hanging = _normalised_in_vain(found)
+    scaled = dict.fromkeys(hanging, Reason.of("scale-untold"))
     untold = [scaled | (dict.fromkeys(CG, Reason.of("wrench-point-untold")) if at else {}) for at in at_origin]
     conclusions = tuple(in_doubt(one.conclusion, reasons) for one, reasons in zip(each, untold, strict=True))
     docked = docked_object(conclusions, found.vehicle)
@@ -205,18 +206,22 @@ def _docking_notices(docked: Docked | None, conclusions: tuple[Conclusion, ...],
     return [Notice("docked-mass", str(lighter(mass, f"phase {docked.after}", f"phase {docked.before}", "correct [docking]")))]
 
 
-def _all_normalised(found: Analysis) -> list[str]:
-    """The command components, each of which has the largest value 1 in a log that fits: a scale common to all shows in no motion.
+def _normalised_in_vain(found: Analysis) -> tuple[list[str], tuple[str, ...]]:
+    """The command components, each of which has the largest value 1 in a log that fits, and the quantities that hang on their scale.
 
-    Empty where that is not so, or known values tell the scale.
+    A scale common to all shows in no motion, and one of all torques, or of all forces, hardly. Empty where that is not so, or known values
+    tell the scale.
     """
     log, known = found.log, set(found.vehicle.known)
-    moved = np.abs(log.command).max(0) > 0
-    told = bool(known & set(INERTIA)) or ("mass" in known and bool(moved[3:].any()))
-    if log.command_kind != "wrench" or found.faults or told or found.vehicle.thrust.wrench_limits is not None:
-        return []
-    ones = normalised(log)
-    return ones if FEWEST <= len(ones) == np.count_nonzero(moved) else []
+    if log.command_kind != "wrench" or found.faults or found.vehicle.thrust.wrench_limits is not None:
+        return [], ()
+    moved, ones = np.abs(log.command).max(0) > 0, normalised(log)
+    for own, scaled in ((slice(0, 6), (*INERTIA, "mass")), (slice(0, 3), (*INERTIA, *CG)), (slice(3, 6), ("mass", *CG))):
+        names = [name for name, moves in zip(WRENCH[own], moved[own], strict=True) if moves]
+        told = any(name in known and (name != "mass" or moved[3:].any()) for name in scaled)
+        if len(names) >= FEWEST and set(names) <= set(ones) and not told:
+            return names, scaled
+    return [], ()
 
 
 def _normalised(ones: Sequence[str]) -> Iterator[Notice]:

@@ -132,6 +132,19 @@ def test_largest_commands_of_one_are_told_in_a_log_that_fits() -> None:
     assert not faulty.examined(ones, limited).notices
 
 
+def test_largest_torques_of_one_are_told_in_a_log_that_fits_beside_forces_in_newtons() -> None:
+    """On a balanced table, where nothing but the torques turns the body."""
+    same = ("actuators.max_torque_n_m=[0.4, 0.4, 0.4]", "truth.cg_x=0.0", "truth.cg_y=0.0", "truth.cg_z=0.0")
+    flown = fly("free-flyer", *PLAN, "vehicle.jets=[]", "actuators.max_force_n=[0.7, 0.7, 0.7]", *same)
+    log = flown.log(0)
+    assert "commands-normalised" not in {notice.code for notice in faulty.examined(log, flown.vehicle).notices}
+    found = faulty.examined(replace(log, command=log.command / np.repeat([0.4, 1.0], 3)), flown.vehicle)
+    assert "commands-normalised" in {notice.code for notice in found.notices}
+    verdicts = {name: one.verdict for name, one in found.conclusions[0].estimates.items()}
+    assert "converged" not in {verdicts[name] for name in (*INERTIA, *CG)}
+    assert verdicts["mass"] == "converged"
+
+
 def test_torques_about_the_cg_of_a_balanced_body_are_named_where_all_forces_are_along_one_line() -> None:
     """On a bearing, which stands at 30 mm from O; where the point is along y makes no torque."""
     plan = 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "y"], start_s=0.0, end_s=15.0}]'
