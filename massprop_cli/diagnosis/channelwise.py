@@ -130,12 +130,14 @@ def beside_torques(
 ) -> list[Free]:
     """The same beside each torque, wandering or white, that is ever tried; beside those of other levels ``near`` one."""
     design = (designs or Designs()).of(log, vehicle, timing, piece, theta)
+    stated = design.driven.as_stated
     if near is None:
-        tried = torques(design.driven.as_stated)
-    elif near.walk > design.driven.walking:
-        tried = [near._replace(walk=near.walk * by) for by in NEARER if near.walk * by >= LEVELS[0]]  # less is a steady torque
+        tried = torques(stated)
     else:
-        tried = [near._replace(white=near.white * by) for by in NEARER]
+        white, walk = near.white - stated.white, near.walk - stated.walk
+        walks = [walk * by for by in NEARER if walk * by >= LEVELS[0]]  # less is a steady torque
+        tried = [near._replace(walk=stated.walk + level) for level in walks]
+        tried = tried or [near._replace(white=stated.white + white * by) for by in NEARER]
     return [_free(design, one.told, (one.beside,)) for one in each(design.driven, tried)]
 
 

@@ -20,7 +20,7 @@ from massprop_cli.diagnosis.refit import PART, Refit
 from massprop_cli.diagnosis.screening import Screening, about_its_body, screened
 from massprop_cli.diagnosis.windows import Reduced, Window
 from massprop_cli.errorparameters.thrust import NEAR
-from massprop_cli.estimate.whitening import Disturbance
+from massprop_cli.estimate.whitening import NONE, Disturbance
 from massprop_cli.inputs.equipment import Failure
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges
@@ -85,12 +85,12 @@ def episodes(screening: Screening, others: Sequence[Screening] = (), cause: Refi
     """
     if screening.case.log.command_kind != "jets" or not screening.model.thrusting:
         return []
-    first, found = screening.as_stated, list[Episode]()
+    first, found = NONE, list[Episode]()
     groups: Iterable[tuple[Disturbance, list[Window]]] = (
         (beside, _windows(screening, beside)) for beside in dict.fromkeys([first, *screening.free.beside])
     )
     if cause is not None and cause.screening is not None:
-        begun = [_as_stated(cause, window) for window in _windows(cause.screening, cause.screening.as_stated)]
+        begun = [_as_stated(cause, window) for window in _windows(cause.screening, NONE)]
         if not begun:
             return []
         groups = chain([(first, begun)], groups)

@@ -13,6 +13,7 @@ from massprop_cli.base.arrays import TINY
 from massprop_cli.base.configfile import written
 from massprop_cli.diagnosis.corrections import Correction, shown
 from massprop_cli.diagnosis.screening import Screening, screened
+from massprop_cli.estimate.whitening import NONE
 from massprop_cli.inputs.vehicle import Phase
 
 LONGEST, MOST = 128, 0.25
@@ -95,8 +96,8 @@ def beyond_noise(screening: Screening) -> float:
 def plainly(screening: Screening, piece: slice) -> Screening | None:
     """A piece of the same beside the noise alone, or what is stated beside it: a torque that wanders would explain a few cycles, too."""
     case, theta = screening.case, screening.stated.value("theta")
-    there = screened(case, piece, (screening.as_stated,), theta)
-    return there if there is None else screened(case, piece, there.free.beside, there.stated.value("theta"))
+    there = screened(case, piece, (NONE,), theta)
+    return there if there is None else screened(case, piece, (NONE,), there.stated.value("theta"))
 
 
 def _without(screening: Screening, cut: int, begins: bool) -> Screening | None:

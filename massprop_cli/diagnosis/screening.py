@@ -18,7 +18,6 @@ from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_respon
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted, compared, fitted
 from massprop_cli.diagnosis.corrections import Case, certain
-from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.ranking import CLEAR, Ranking
 from massprop_cli.diagnosis.verticals import verticals
@@ -147,12 +146,6 @@ class Screening:
         """Of the channels that fired."""
         every = channel_names(self.case.log, self.case.vehicle)
         return [every[i] for i in self.free.fired]
-
-    @property
-    def as_stated(self) -> Disturbance:
-        """What is beside the noise where nothing is that isn't stated."""
-        case, theta = self.case, self.stated.value("theta")
-        return (case.designs or Designs()).of(case.log, case.vehicle, case.timing, self.piece, theta).driven.as_stated
 
     @property
     def misfit(self) -> float:

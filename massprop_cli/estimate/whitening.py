@@ -28,6 +28,9 @@ class Disturbance(NamedTuple):
     """Of the change, from cycle to cycle, of what it grows by."""
 
 
+NONE = Disturbance(0.0, 0.0)
+
+
 class ReducedLeastSquares(NamedTuple):
     """Of one kind of measurement: ``‖triangle @ coefficients − measured‖² + left`` is the sum of squares, per axis."""
 
@@ -74,6 +77,10 @@ class Driven(NamedTuple):
         """What is beside the noise where nothing is that isn't stated."""
         return Disturbance(self.coupling, self.walking)
 
+    def no_less(self, beside: Disturbance) -> Disturbance:
+        """A disturbance, or what is stated where that is more."""
+        return Disturbance(max(beside.white, self.coupling), max(beside.walk, self.walking))
+
 
 def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tuple[ReducedLeastSquares, tuple[Disturbance, ...]]:
     """What the rates say: beside the most likely disturbance, if the noise ``stated`` [(rad/s)²] doesn't explain them; and which that is.
@@ -82,8 +89,8 @@ def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tup
     """
     none = rates.as_stated
     if likely:
-        best = min(each(rates, likely), key=_cost)
-        return best.told, (best.beside,)
+        best = min(each(rates, list(map(rates.no_less, likely))), key=_cost)
+        return best.told, (best.beside,) if best.beside != none else ()
     (best,) = each(rates, [none])
     if best.told.left.mean() <= EXPLAINED * stated * best.told.spare:
         return best.told, ()
