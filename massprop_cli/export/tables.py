@@ -1,6 +1,7 @@
 """A vehicle's constants as C: tables of hexadecimal numbers, which every compiler reads to the last bit."""
 
 from collections.abc import Iterator, Sequence
+from textwrap import indent
 
 import numpy as np
 
@@ -125,8 +126,9 @@ def _wheels(table: Array) -> str:
 
 def _commands(table: Array) -> str:
     sensors, each = np.split(table[_length(COMMANDS) :], [SENSORS * _length(SENSOR)])
+    own = sensors.reshape(SENSORS, -1)
     body = _body(table, COMMANDS) + "".join(
-        f"        .sensor[{i}] = {{\n{_body(one, SENSOR)}        }},\n" for i, one in enumerate(sensors.reshape(SENSORS, -1))
+        f"        .sensor[{i}] = {{\n{indent(_body(one, SENSOR), '    ')}        }},\n" for i, one in enumerate(own)
     )
     each = each.reshape(-1, 9)
     if not len(each):
