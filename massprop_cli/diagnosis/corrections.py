@@ -213,7 +213,7 @@ def _on_columns(found: Fitted) -> Correction:
 
     def back(sensor: str, base: Array) -> Matrix:
         """What undoes the sensor's parameters, each of which multiplies what it shows of what is."""
-        shows = np.eye(3) if both else mounting.T @ base @ mounting
+        shows = _unit(base) * np.eye(3) if both else mounting.T @ base @ mounting
         for one in reversed(TABLE):
             if one.shown is not None and one.sensor == sensor and not (both and one.name in MOUNTING.entries):
                 shows = one.shown(found.error(one.name), mounting) @ shows
@@ -225,9 +225,9 @@ def _on_columns(found: Fitted) -> Correction:
 
 
 def _both_turned(found: Fitted) -> Array | None:
-    """(3, 3) body from IMU, if both sensors are supposed to be turned alike and by a rotation."""
+    """(3, 3) body from IMU, if both sensors are supposed to be turned alike and by a rotation, each in whatever unit."""
     turns = [
-        rotation(found.value(f"{name}_turn")) @ base
+        rotation(found.value(f"{name}_turn")) @ base / _unit(base)
         for name, base in (("gyro", found.hypothesis.gyro), ("accel", found.hypothesis.accelerometer))
     ]
     same = np.abs(turns[0] - turns[1]).max() < ROUNDING
@@ -237,6 +237,11 @@ def _both_turned(found: Fitted) -> Array | None:
     left, _, right = np.linalg.svd(turns[0].T @ found.model.mounting)
     nearest: Array = left @ right
     return nearest
+
+
+def _unit(base: Array) -> float:
+    """What a sensor shows of one along each axis, in the mean."""
+    return float(np.cbrt(abs(np.linalg.det(base))))
 
 
 _EACH = ("jets", *ACTUATORS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import cache
 
@@ -74,3 +75,18 @@ def test_only_another_unit_may_as_well_be_that_of_the_others(factor: float, othe
     """Neither a scale, nor a sign, nor torques that do nothing."""
     instead = [*explanation._of_the_others(Correction((), command=(*[factor] * 3, 1.0, 1.0, 1.0)))]
     assert [one.command for one in instead] == [(1.0, 1.0, 1.0, *[other] * 3) for other in others]
+
+
+def test_beside_a_unit_a_tilted_imu_is_named_by_its_own_angle_and_mended_by_its_key() -> None:
+    log, used = flown().log(0), flown().vehicle
+    tilt, true = np.radians(12.0), np.array(used.imu.body_from_imu)
+    turned = np.array([[np.cos(tilt), -np.sin(tilt), 0.0], [np.sin(tilt), np.cos(tilt), 0.0], [0.0, 0.0, 1.0]]) @ true
+    stated = faulty.stated(used, f"imu.body_from_imu={turned.tolist()}")
+    found = faulty.examined(replace(log, delta_theta_imu_rad=frozen(log.delta_theta_imu_rad / DEGREE)), stated)
+    assert {"gyro-units", "imu-mounting"} == {fault.notice.code for fault in found.faults}
+    assert all("12 degrees away" in fault.notice.message for fault in found.faults)
+    cure = found.faults[0].cure
+    assert cure is not None
+    (said,) = (setting for setting in cure.settings if setting.startswith("imu.body_from_imu="))
+    np.testing.assert_allclose(json.loads(said.partition("=")[2]), true, atol=2e-3)
+    np.testing.assert_allclose(cure.gyro, DEGREE * np.eye(3), atol=1e-9)
