@@ -303,8 +303,11 @@ def _pair(screening: Screening, alone: Sequence[Refit], worst: float) -> Diagnos
 
 
 def _beside(screening: Screening, first: Refit | None, others: Sequence[Refit], worst: float) -> list[Refit]:
-    """Pairs with a first that is corrected, where there are ``others``; what explains less than the ``worst`` score is none."""
-    if first is None or first.screening is None:
+    """Pairs with a first that is corrected, where there are ``others``; what explains less than the ``worst`` score is none.
+
+    Nor is there any with a first by which a channel does nothing, and which is looked at without that.
+    """
+    if first is None or first.screening is None or len(first.screening.free.fired) != len(screening.free.fired):
         return []
     most = beyond(first.screening)
     if first.fitted.unknowns and np.isfinite(first.score):

@@ -12,9 +12,9 @@ from massprop_cli.diagnosis import change
 from massprop_cli.diagnosis.comparison import fitted
 from massprop_cli.diagnosis.corrections import Case
 from massprop_cli.diagnosis.design import Designs
-from massprop_cli.diagnosis.diagnose import _changed
+from massprop_cli.diagnosis.diagnose import _beside, _changed
 from massprop_cli.diagnosis.hypotheses import listed
-from massprop_cli.diagnosis.refit import _nothing
+from massprop_cli.diagnosis.refit import _nothing, tried
 from massprop_cli.diagnosis.screening import Screening, about_its_body, beside_a_torque, busiest, screened
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.estimate.noiselevels import with_noise_levels
@@ -216,3 +216,17 @@ def test_a_change_leaves_two_bodies_less_than_half_of_what_it_leaves_one(keys: t
         (one,) = named.explanations
         assert one.code == "mass-change"
         assert one.change_s == pytest.approx(173 * 0.05, abs=0.05)
+
+
+def test_nothing_is_looked_for_beside_a_component_that_does_nothing() -> None:
+    """Once it is mended the log is looked at without that component, and has fewer unknowns."""
+    flown = fly("free-flyer", *PLAN, "vehicle.jets=[]", "actuators.max_torque_n_m=[0.1, 0.4, 0.4]", "actuators.max_force_n=[2.0, 2.0, 2.0]")
+    log, idle = flown.log(0), np.random.default_rng(1)
+    command = log.command.copy()
+    command[:, 2] = 0.4 * idle.choice([-1.0, 0.0, 1.0], log.cycles)
+    screening = look_of(replace(log, command=command), flown.vehicle)
+    refit = tried(screening, next(one for _, one in screening.ranked if one.hypothesis.subject == ("cmd_torque_z_n_m",)))
+    assert refit is not None
+    assert refit.screening is not None
+    assert len(refit.screening.names) == len(screening.names) - 1
+    assert _beside(screening, refit, [], np.inf) == []
