@@ -19,7 +19,7 @@ import numpy as np
 from massprop_cli.base.arrays import TINY, Array, IntArray, triangle_of
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis.design import Design, Designs
-from massprop_cli.estimate.whitening import LEVELS, Disturbance, ReducedLeastSquares, each, reduced, torques, whitened
+from massprop_cli.estimate.whitening import LEVELS, TORQUES, Disturbance, ReducedLeastSquares, each, reduced, whitened
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.timing import Timing
@@ -130,14 +130,12 @@ def beside_torques(
 ) -> list[Free]:
     """The same beside each torque, wandering or white, that is ever tried; beside those of other levels ``near`` one."""
     design = (designs or Designs()).of(log, vehicle, timing, piece, theta)
-    stated = design.driven.as_stated
     if near is None:
-        tried = torques(stated)
+        tried = TORQUES
+    elif near.walk > 0:
+        tried = [near._replace(walk=near.walk * by) for by in NEARER if near.walk * by >= LEVELS[0]]  # less is a steady torque
     else:
-        white, walk = near.white - stated.white, near.walk - stated.walk
-        walks = [walk * by for by in NEARER if walk * by >= LEVELS[0]]  # less is a steady torque
-        tried = [near._replace(walk=stated.walk + level) for level in walks]
-        tried = tried or [near._replace(white=stated.white + white * by) for by in NEARER]
+        tried = [near._replace(white=near.white * by) for by in NEARER]
     return [_free(design, one.told, (one.beside,)) for one in each(design.driven, tried)]
 
 

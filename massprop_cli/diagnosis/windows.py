@@ -50,7 +50,7 @@ class Reduced:
     def __init__(self, screening: Screening, by: Screening, beside: Disturbance) -> None:
         case, theta = screening.case, by.stated.value("theta")
         self.design = (case.designs or Designs()).of(case.log, case.vehicle, case.timing, screening.piece, theta)
-        self._beside = self.design.driven.no_less(beside)
+        self._beside = beside
         self._slow = waves(len(self.design.mean), SLOW if "east" in self.design.places else 0)
         rates, turning = self._white(self.design.growth)
         force = self._heard(self.design.mean)

@@ -104,7 +104,7 @@ def _price(pieces: Sequence[_Piece]) -> float:
 def _left(piece: _Piece, levels: Sequence[tuple[float, float]]) -> tuple[Array, Array, Array]:
     """(L,) what is left beside each over the stated noise, the log determinants, and how many squares of chance are expected of it."""
     rates, weights = piece.driven, piece.weights
-    beside = [Disturbance(rates.coupling + w * white**2, w * walk**2) for white, walk in levels for w in weights]
+    beside = [Disturbance(w * white**2, w * walk**2) for white, walk in levels for w in weights]
     tried = each(rates, beside)
     left = np.array([one.told.left[i % 3] for i, one in enumerate(tried)]) / piece.noise**2
     volume = np.array([one.told.volume / 3 + one.taken for one in tried])

@@ -20,7 +20,7 @@ EXPLAINED = 1.3
 
 
 class Disturbance(NamedTuple):
-    """What moves the rate beside all columns: variances per cycle over that of the gyro's noise."""
+    """What moves the rate beside all columns and beside what is stated: variances per cycle over that of the gyro's noise."""
 
     white: float
     """Of the rate's own steps."""
@@ -29,6 +29,8 @@ class Disturbance(NamedTuple):
 
 
 NONE = Disturbance(0.0, 0.0)
+TORQUES = [Disturbance(0.0, level) for level in LEVELS] + [Disturbance(level, 0.0) for level in LEVELS]
+"""Of each level, wandering or white."""
 
 
 class ReducedLeastSquares(NamedTuple):
@@ -72,14 +74,9 @@ class Driven(NamedTuple):
     scattered: Array | None = None
     """(K,) what errors of each cycle's impulse bring into the rate's step up to it: a variance, over that of the noise. None: nothing."""
 
-    @property
-    def as_stated(self) -> Disturbance:
-        """What is beside the noise where nothing is that isn't stated."""
-        return Disturbance(self.coupling, self.walking)
-
-    def no_less(self, beside: Disturbance) -> Disturbance:
-        """A disturbance, or what is stated where that is more."""
-        return Disturbance(max(beside.white, self.coupling), max(beside.walk, self.walking))
+    def whole(self, beside: Disturbance) -> Disturbance:
+        """A disturbance with what is stated, and what products of rates bring."""
+        return Disturbance(self.coupling + beside.white, self.walking + beside.walk)
 
 
 def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tuple[ReducedLeastSquares, tuple[Disturbance, ...]]:
@@ -87,29 +84,18 @@ def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tup
 
     Where some are ``likely`` no others are tried.
     """
-    none = rates.as_stated
     if likely:
-        best = min(each(rates, list(map(rates.no_less, likely))), key=_cost)
-        return best.told, (best.beside,) if best.beside != none else ()
-    (best,) = each(rates, [none])
+        best = min(each(rates, likely), key=_cost)
+        return best.told, (best.beside,) if best.beside != NONE else ()
+    (best,) = each(rates, [NONE])
     if best.told.left.mean() <= EXPLAINED * stated * best.told.spare:
         return best.told, ()
     distinct = _distinct(best.told.triangle)
     unit = orthogonal(rates, best.told.triangle, distinct)
-    likeliest = _likeliest(unit, [none, *torques(none)])
-    near = [
-        Disturbance(none.white + white, none.walk + walk)
-        for white in _around(likeliest.white - none.white)
-        for walk in _around(likeliest.walk - none.walk)
-    ]
+    likeliest = _likeliest(unit, [NONE, *TORQUES])
+    near = [Disturbance(white, walk) for white in _around(likeliest.white) for walk in _around(likeliest.walk)]
     (best,) = each(rates, [_likeliest(unit, near)], distinct)
     return best.told, (best.beside,)
-
-
-def torques(beside: Disturbance) -> list[Disturbance]:
-    """A torque of each level, wandering or white, beside that."""
-    white, walk = beside
-    return [Disturbance(white, walk + level) for level in LEVELS] + [Disturbance(white + level, walk) for level in LEVELS]
 
 
 def _around(level: float) -> tuple[float, ...]:
@@ -119,7 +105,7 @@ def _around(level: float) -> tuple[float, ...]:
 
 def independent(rates: Driven) -> Driven:
     """The rates with columns that are no sums of others and, beside the noise alone, orthogonal; the same coefficients are free."""
-    (alone,) = each(rates, [rates.as_stated])
+    (alone,) = each(rates, [NONE])
     return orthogonal(rates, alone.told.triangle, _distinct(alone.told.triangle))
 
 
@@ -147,7 +133,7 @@ def by_products(rates: Driven, disturbances: Sequence[Disturbance]) -> list[floa
     """
     costs = []
     for beside, white, volume in white_rows(rates, disturbances):
-        walks = beside.walk > 0 and rates.steady is not None
+        walks = rates.whole(beside).walk > 0 and rates.steady is not None
         if walks:  # it stands last, but for the rates
             white = np.delete(white, -4, 1)
         try:
@@ -173,16 +159,13 @@ def white_rows(rates: Driven, disturbances: Sequence[Disturbance]) -> Iterator[t
     rows, spread = _innovations(rates, disturbances)
     volume = 3 * np.log(spread).sum(1)
     for beside, white, own in zip(disturbances, rows, volume, strict=True):
-        yield beside, white if beside.walk > 0 else white[:, 1:], float(own)
+        yield beside, white if rates.whole(beside).walk > 0 else white[:, 1:], float(own)
 
 
 def _restricted(told: ReducedLeastSquares, diagonal: Array, beside: Disturbance, rates: Driven) -> tuple[float, float]:
-    """Log determinant of the information, by the diagonal of its root, and −2 log restricted likelihood with the price of a disturbance.
-
-    What products of rates bring is none.
-    """
+    """Log determinant of the information, by the diagonal of its root, and −2 log restricted likelihood with the price of a disturbance."""
     taken = 2 * float(np.log(np.abs(diagonal)).sum())
-    added = int(beside.white > rates.coupling) + int(beside.walk > rates.walking)
+    added = int(beside.white > 0) + int(beside.walk > 0)
     return taken, told.cost() + 3 * taken + 3 * np.log(len(rates.rate)) * added
 
 
@@ -215,7 +198,7 @@ def each(rates: Driven, disturbances: Sequence[Disturbance], distinct: BoolArray
         told = reduced(-white[:, :-3], white[:, -3:], began, int(rates.used.sum()))._replace(volume=volume)
         distinct = _distinct(told.triangle) if distinct is None else distinct
         own, diagonal = distinct, np.diag(told.triangle)
-        if beside.walk > 0 and rates.steady is not None:  # what it begins as stands for a steady one
+        if rates.whole(beside).walk > 0 and rates.steady is not None:  # what it begins as stands for a steady one
             own = distinct & (np.arange(len(distinct)) != rates.steady)
             diagonal, own = np.append(diagonal, _begun(white)), np.append(own, distinct[rates.steady])
         found.append(Beside(beside, told, *_restricted(told, diagonal[own], beside, rates)))
@@ -241,7 +224,7 @@ def _innovations(rates: Driven, disturbances: Sequence[Disturbance]) -> tuple[Ar
     driven[1:, 2:-3], measured[:, -3:] = rates.growth, rates.rate
     rows, spread = np.empty((len(now), count, now.shape[2])), np.empty((len(now), count))
     walk, scattered = np.eye(states)[1], np.zeros(count) if rates.scattered is None else np.ascontiguousarray(rates.scattered)
-    added = np.stack([one.white * np.outer(white, white) + one.walk * np.outer(walk, walk) for one in disturbances])
+    added = np.stack([one.white * np.outer(white, white) + one.walk * np.outer(walk, walk) for one in map(rates.whole, disturbances)])
     if (library := kernel().library) is not None:
         sizes = (ctypes.c_long(n) for n in (len(now), count, now.shape[2], states))
         used = np.ascontiguousarray(rates.used, np.uint8)
