@@ -20,7 +20,10 @@ from massprop_cli.kernel import kernel
 
 SOURCES = Path(kernel_room.__file__).parent
 TEMPLATES = Path(__file__).parent
-HOST = ("attitude.c", "host.c", "host.h", "initialbody.c", "blocks.c", "comparison.c", "offline.c", "hypothesis.c", "hypothesis.h")
+HOST = (
+    *("attitude.c", "blocks.c", "comparison.c", "host.c", "host.h", "hypothesis.c", "hypothesis.h"),
+    *("initialbody.c", "offline.c", "signals.c"),
+)
 """What serves the ground alone."""
 
 
