@@ -12,6 +12,7 @@ from massprop_cli.conclude.verdict import allowed
 from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.estimate import compiled, kernelflight
 from massprop_cli.inputs import logfile, telemetry
+from massprop_cli.inputs.equipment import LowPass
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -19,6 +20,8 @@ from massprop_cli.model import kernelargs
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.sensor import KernelEffect, Recorder, kernel_effect
 from massprop_cli.prepare.timing import Timing
+
+FILTERS = ("gyro_filter", "accel_filter")
 
 
 class GyroAttitude(NamedTuple):
@@ -72,7 +75,7 @@ def stated(source: VehicleSource, jets: bool | None = None, records: int = 0) ->
             f'{source.source}: imu.measures is "sample", and how many records a control cycle has only a log tells; export-flight takes it '
             "from one"
         )
-    filters = ("gyro_filter", vehicle.imu.gyro_filter), ("accel_filter", vehicle.imu.accel_filter)
+    filters = [(name, getattr(vehicle.imu, name)) for name in FILTERS]
     open_keys = {
         "cycle.command_delay_cycles": vehicle.cycle.command_delay_cycles == "auto",
         "thrust.lag_s": vehicle.thrust.lag_s == "auto",
@@ -122,19 +125,27 @@ def _leg(name: str, recorder: Recorder, vehicle: Resolved, cycles: slice) -> Leg
 
 
 def _exactly(stated: Vehicle, found: Vehicle) -> Vehicle:
-    """With a delay and a lag as the log shows them, taken as exact but where they are stated with a sigma.
+    """With a delay, a lag and low-passes as the log shows them, taken as exact but where they are stated with a sigma.
 
     The kernel finds the gyro's bias itself.
     """
-    delay, lag = stated.cycle, stated.thrust
+    delay, lag, imu = stated.cycle, stated.thrust, stated.imu
     cycle = {"command_delay_sigma_cycles": 0.0 if delay.command_delay_cycles == "auto" else delay.command_delay_sigma_cycles}
     thrust = {"lag_sigma_s": 0.0 if lag.lag_s == "auto" else lag.lag_sigma_s}
+    filters = {name: _exact(getattr(imu, name), getattr(found.imu, name)) for name in FILTERS}
     parts = {
         "cycle": found.cycle.model_copy(update=cycle),
         "thrust": found.thrust.model_copy(update=thrust),
-        "imu": found.imu.model_copy(update={"gyro_bias_rad_s": stated.imu.gyro_bias_rad_s}),
+        "imu": found.imu.model_copy(update={"gyro_bias_rad_s": imu.gyro_bias_rad_s, **filters}),
     }
     return found.model_copy(update=parts)
+
+
+def _exact(stated: LowPass | None, found: LowPass | None) -> LowPass | None:
+    if found is None:
+        return None
+    as_shown = stated is None or stated.open
+    return found.model_copy(update={name: 0.0 if as_shown else getattr(stated, name) for name in ("cutoff_sigma_hz", "latency_sigma_s")})
 
 
 def _checked(source: VehicleSource, recorder: Recorder, vehicle: Vehicle, timing: Timing, shortest_s: float) -> Resolved:
@@ -149,6 +160,9 @@ def _checked(source: VehicleSource, recorder: Recorder, vehicle: Vehicle, timing
             "speed_sigma_rad_s or speed_step_rad_s of a wheel is stated, and what they make of the noise is not: give a log, or state "
             "imu.gyro_noise_rad_s and environment.disturbance_torque_n_m with them and speed_error_in_noise = true"
         )
+    low_passes = [getattr(vehicle.imu, name) for name in FILTERS]
+    if any(one is not None and (one.cutoff_sigma_hz > 0 or one.latency_sigma_s > 0) for one in low_passes):
+        problem = problem or "cutoff_sigma_hz or latency_sigma_s of a filter is not 0, and the kernel takes them as exact; set them to 0"
     if vehicle.uncertain:
         problem = problem or "uncertain is stated, and the kernel takes all keys as exact; leave it out"
     if problem or used is None:

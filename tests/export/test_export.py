@@ -213,6 +213,7 @@ def test_tables_say_the_vehicle_to_the_last_bit() -> None:
         ('imu.measures="sample"', "how many records a control cycle has only a log tells"),
         ('imu.gyro_filter={order=1, cutoff_hz="auto"}', "imu.gyro_filter (cutoff_hz, latency_s) must be stated"),
         ("imu.gyro_filter={order=0, latency_s=-0.2}", "a latency of the IMU is below 0"),
+        ("imu.accel_filter={order=1, cutoff_hz=20.0, cutoff_sigma_hz=1.0}", "cutoff_sigma_hz or latency_sigma_s of a filter is not 0"),
         ("thrust.droop=0.01", "thrust.droop or thrust.cycle_droop is not 0"),
         ('thrust.failures=[{jet="roll_p1"}]', "thrust.failures is not empty"),
         ("imu.gyro_lag_s=0.01", "the kernel knows no low-pass"),
