@@ -13,7 +13,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.diagnosis.scatter import Scatter, scatter_of
+from massprop_cli.diagnosis.scatter import StatedScatter, scatter_of
 from massprop_cli.diagnosis.verticals import verticals, verticals_by_errors
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_COLUMN, BY_NAME
@@ -84,7 +84,7 @@ class Design:
     duration_s: Array
     nutation: float = 0.0
     """What stored momentum turns an error of the rate by, squared: (rad/s)²."""
-    scatter: Scatter | None = None
+    scatter: StatedScatter | None = None
     """What is stated beside the IMU's noise, where anything is."""
 
     @property

@@ -85,15 +85,15 @@ def episodes(screening: Screening, others: Sequence[Screening] = (), cause: Refi
     """
     if screening.case.log.command_kind != "jets" or not screening.model.thrusting:
         return []
-    first, found = NONE, list[Episode]()
+    found = list[Episode]()
     groups: Iterable[tuple[Disturbance, list[Window]]] = (
-        (beside, _windows(screening, beside)) for beside in dict.fromkeys([first, *screening.free.beside])
+        (beside, _windows(screening, beside)) for beside in dict.fromkeys([NONE, *screening.free.beside])
     )
     if cause is not None and cause.screening is not None:
         begun = [_as_stated(cause, window) for window in _windows(cause.screening, NONE)]
         if not begun:
             return []
-        groups = chain([(first, begun)], groups)
+        groups = chain([(NONE, begun)], groups)
     for beside, windows in groups:
         if not found:
             found = [made for window in windows if (made := _tested(screening, window, beside)) is not None]

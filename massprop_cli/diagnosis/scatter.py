@@ -17,7 +17,7 @@ HARDLY = 0.03
 """Part of what most is done along any sum of columns below which nothing tells how the motion answers."""
 
 
-class Scatter(NamedTuple):
+class StatedScatter(NamedTuple):
     """What is stated beside the IMU's noise, errors of impulses and torques: variances over those of the noise."""
 
     turned: Array
@@ -28,7 +28,9 @@ class Scatter(NamedTuple):
     """Of the change from one step to the next, by a torque that walks."""
 
 
-def scatter_of(samples: Samples, vehicle: Resolved, places: Mapping[str, slice], growth: Array, mean: Array, rate: Array) -> Scatter | None:
+def scatter_of(
+    samples: Samples, vehicle: Resolved, places: Mapping[str, slice], growth: Array, mean: Array, rate: Array
+) -> StatedScatter | None:
     """By how rate and specific force answer the wrench in the mean; half of each cycle's is in the rate's step up to it.
 
     A gyro's bias that walks shows as a white torque does. The vertical that the gyro carries walks by its noise, and the weight with it.
@@ -56,7 +58,7 @@ def scatter_of(samples: Samples, vehicle: Resolved, places: Mapping[str, slice],
         first = 6 + sum(places[name].stop - places[name].start for name in names[: names.index("up")])
         walking += float((np.cross(samples.up_b[:-1].mean(0), rates[first : first + 3].T) ** 2).sum()) * cycle_s**4
     turned = (turned + np.append(0.0, turned[:-1])) / 2 + (drift / noise[0]) ** 2 * duration
-    return Scatter(turned, felt / duration**2, walking / 3)
+    return StatedScatter(turned, felt / duration**2, walking / 3)
 
 
 def _answer(wrench: Array, besides: Array, arm_m: float, moved: Array) -> Array:

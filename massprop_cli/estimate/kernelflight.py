@@ -43,7 +43,8 @@ NO_TOLERANCE = (0.0, 0.0, 0.0)
 
 def beyond(log: Recorder, vehicle: Vehicle, timing: Timing, shortest_s: float) -> str:
     """What of the commands' timing, and of the IMU, the kernel can't hold; empty where it holds all."""
-    shown = (moving(sensors(log, vehicle)[0]), *sensors(log, vehicle))
+    gyro, accelerometer = sensors(log, vehicle)
+    shown = (moving(gyro), gyro, accelerometer)
     if vehicle.wheels and not all(one.plain for one in shown):
         return (
             'imu.measures is "sample" or a filter of the IMU is stated beside [[wheels]], and the kernel takes increments as they are there'
@@ -81,7 +82,7 @@ def beyond(log: Recorder, vehicle: Vehicle, timing: Timing, shortest_s: float) -
 
 
 def _least_delay_s(log: Recorder, vehicle: Vehicle, timing: Timing) -> float:
-    """From the start of a cycle until anything shows its command, of samples beyond half a record before their time."""
+    """From the start of a cycle until its command may show, s; in samples, which stand for what was before, half a record sooner."""
     gyro, accelerometer = sensors(log, vehicle)
     own_s = min((jet.delay_s for jet in vehicle.jets), default=0.0) + min(gyro.latency_s, accelerometer.latency_s)
     return timing.delay * vehicle.cycle.period_s + own_s

@@ -12,7 +12,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, grown, triangle_of
 from massprop_cli.base.rigidbody import MOMENTS
 from massprop_cli.estimate import quantities
-from massprop_cli.estimate.innovationsahead import beyond, unexpected
+from massprop_cli.estimate.innovationsahead import beyond, in_units, unexpected
 from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, ordered
 from massprop_cli.estimate.rows import Parameters, Posed, Response, Rows, TriangleSolution
@@ -316,35 +316,18 @@ class Regression(Triangle):
         found = Rows.untold(len(each)).parameters
         if not before.stuck:
             found = self._told(before, posed.theta, posed.scale, triangles[1:], posed.told, taken.states)
-        return Rows(*found, *self._judged(before, taken, *beyond(triangles[:-1, :, :end], each[..., :end])))
+        return Rows(*found, *self._in_units(before, taken, *beyond(triangles[:-1, :, :end], each[..., :end])))
 
     def innovations(self, before: Run, taken: Taken) -> Rows:
         """The same without the estimates."""
         end = self._nuisances(before.bound) + 11
         each, (_, _, triangle) = self._each(before, taken)[..., :end], self._about(before)
         found = unexpected(triangle[: end - 1, :end], each)
-        return Rows(*Rows.untold(len(each)).parameters, *self._judged(before, taken, *found))
+        return Rows(*Rows.untold(len(each)).parameters, *self._in_units(before, taken, *found))
 
-    def _judged(self, before: Run, taken: Taken, unexplained: Array, spread: Array) -> tuple[Array, Array, Array]:
-        """(K, 6) innovations of a block as torque and force, their sigmas, and whitened; of what isn't told and its root.
-
-        Those of a logged attitude stand after them, and come after them: they are not judged here.
-        """
-        reference, count = before.estimate, len(unexplained)
-        unexplained, spread, of_both = unexplained[:, :6], spread[:, :6, :6], taken.root[:, :6, :6]
-        normalised = np.linalg.solve(spread, unexplained[..., None])[..., 0]
-        executed = self.samples.part(slice(before.at, before.at + count)).executed
-        duration = executed.duration_s
-        unit = np.zeros((count, 6, 6))
-        unit[:, :3, :3] = reference.inertia / duration[:, None, None]
-        unit[:, 3:, 3:] = np.eye(3) / reference.mu
-        root = unit @ of_both
-        innovation, sigma = np.einsum("kij,kj->ki", root, unexplained), np.sqrt(((root @ spread) ** 2).sum(2))
-        if before.state is None:  # nothing was expected of the first cycle
-            innovation[0], sigma[0], normalised[0] = np.nan, np.nan, np.nan
-        for found in (innovation, sigma, normalised):
-            found[executed.ignored] = np.nan
-        return innovation, sigma, normalised
+    def _in_units(self, before: Run, taken: Taken, unexplained: Array, spread: Array) -> tuple[Array, Array, Array]:
+        executed = self.samples.part(slice(before.at, before.at + len(unexplained))).executed
+        return in_units(executed, before.estimate, before.state is None, unexplained, spread, taken.root)
 
     def _sensed(self, run: Run, theta: Array, scale: Array, triangles: Array) -> TriangleSolution:
         """What triangles (K, n + 10, n + 11 + e) about ``theta`` tell."""

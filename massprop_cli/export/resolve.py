@@ -32,7 +32,7 @@ class GyroAttitude(NamedTuple):
     attitude_logged: bool = False
 
 
-class Recorded(NamedTuple):
+class FlownRecords(NamedTuple):
     """How an IMU records in flight."""
 
     sampled: tuple[bool, bool]
@@ -91,7 +91,7 @@ def stated(source: VehicleSource, jets: bool | None = None, records: int = 0) ->
             "shows them, export-flight takes them from one"
         )
     timing = stated_timing(vehicle)
-    recorded = Recorded((sampled, sampled), np.array([vehicle.cycle.period_s / max(records, 1)]))
+    recorded = FlownRecords((sampled, sampled), np.array([vehicle.cycle.period_s / max(records, 1)]))
     used = _checked(source, recorded, vehicle, timing, vehicle.cycle.period_s)
     legs = tuple(
         _leg(name, recorded, own, slice(0, 0))
