@@ -63,7 +63,14 @@ def plan(
     folder = out or flow.default_folder(vehicle)
     files.check_own(folder, ("scenario.toml",), "plan.json")
     off = tuple(name.strip() for name in without.split(",")) if without else ()
-    asked = flow.Asked(wants, max_time, criterion, max_impulse, max_rate, max_tilt, max_travel, max_wheel_speed, off)
+    limits = {
+        "impulse_n_s": max_impulse,
+        "rate_rad_s": max_rate,
+        "tilt_rad": max_tilt,
+        "travel_m": max_travel,
+        "wheel_rad_s": max_wheel_speed,
+    }
+    asked = flow.Asked(wants, max_time, criterion, {key: value for key, value in limits.items() if value is not None}, off)
     with progress(quiet or as_json) as told, np.errstate(all="ignore"):
         made = flow.make(vehicle, guess, asked, told or (lambda *_: None), tuple(assign or []))
     flow.write(made, folder, {"plan.html": page.text(made.plan)})

@@ -1,6 +1,7 @@
 """From files to a plan and its files."""
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import field, replace
 from pathlib import Path
 
 import numpy as np
@@ -32,11 +33,8 @@ class Asked:
     wants: tuple[Requirement, ...]
     max_time_s: float = 60.0
     criterion: Criterion = "worst"
-    impulse_n_s: float | None = None
-    rate_rad_s: float | None = None
-    tilt_rad: float | None = None
-    travel_m: float | None = None
-    wheel_rad_s: float | None = None
+    limits: Mapping[str, float] = field(default_factory=dict)
+    """As :data:`massprop_cli.plan.limits.UNITS` names them."""
     off: tuple[str, ...] = ()
 
 
@@ -96,12 +94,11 @@ def _order(flown: Rehearsal, guessed: guess.Guess, asked: Asked) -> Order:
         raise InputError(
             f"--max-time {asked.max_time_s:g}: is {cycles} cycles of {period:g} s, and commands come {least} late; give more time"
         )
-    begun = max((abs(wheel.start_rad_s or 0.0) for wheel in flown.vehicle.wheels), default=0.0)
-    if asked.wheel_rad_s is not None and asked.wheel_rad_s <= begun:
-        raise InputError(f"--max-wheel-speed {asked.wheel_rad_s:g}: a wheel begins with {begun:g} rad/s; allow more, or begin slower")
+    begun, fastest = limits.fastest_start(flown.vehicle), asked.limits.get("wheel_rad_s", np.inf)
+    if fastest <= begun:
+        raise InputError(f"--max-wheel-speed {fastest:g}: a wheel begins with {begun:g} rad/s; allow more, or begin slower")
     steady = STEADY * flown.vehicle.convergence.count + least
-    allowed = limits.allowed(flown.vehicle, asked.impulse_n_s, asked.rate_rad_s, asked.tilt_rad, asked.travel_m, asked.wheel_rad_s)
-    return Order(wanted, allowed, cycles, asked.criterion, min(steady, cycles))
+    return Order(wanted, limits.allowed(flown.vehicle, asked.limits), cycles, asked.criterion, min(steady, cycles))
 
 
 def _widened(flown: Rehearsal, found: Planned) -> Planned:

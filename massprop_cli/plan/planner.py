@@ -55,7 +55,6 @@ class Planned:
     used: dict[str, float]
     limits: dict[str, float]
     tried: tuple[Tried, ...]
-    block: int
     reached: bool
 
     @property
@@ -115,11 +114,10 @@ def _tried(
         for level in LEVELS:
             lower = replace(motion, level=level)
             issued, used = rehearsal.flown(lower.segments(0, block), block, bodies)
-            most = used.most()
-            if not limited.exceeded(most, {name: tight[name] * limit for name, limit in order.limits.items()}):
-                kept.append((lower, issued, most))
+            if not limited.exceeded(used, {name: tight[name] * limit for name, limit in order.limits.items()}):
+                kept.append((lower, issued, used))
                 break
-            least = most if not least or max(_over(most, order)) < max(_over(least, order)) else least
+            least = used if not least or _over(used, order) < _over(least, order) else least
     found: list[Tried] = []
     batch = MEMBERS // SEARCHED
     for start in range(0, len(kept), batch):
@@ -132,8 +130,9 @@ def _tried(
     return found, least
 
 
-def _over(used: dict[str, float], order: Order) -> list[float]:
-    return [used[name] / limit for name, limit in order.limits.items()]
+def _over(used: dict[str, float], order: Order) -> float:
+    """How many times the limit is taken that is passed farthest."""
+    return max(used[name] / limit for name, limit in order.limits.items())
 
 
 def _unkept(rehearsal: Rehearsal, order: Order, used: dict[str, float]) -> str:
@@ -194,10 +193,10 @@ def _flown(rehearsal: Rehearsal, order: Order, tried: Sequence[Tried], chosen: S
     if end < least and "impulse_n_s" in order.limits:
         stretches.append(Stretch(Manoeuvre("hold", (), held=stretches[-1].motion.held), end, least))
     stretches[-1] = replace(stretches[-1], end=max(stretches[-1].end, least))
-    return _rehearsed(rehearsal, order, stretches, tried, block)
+    return _rehearsed(rehearsal, order, stretches, tried)
 
 
-def _rehearsed(rehearsal: Rehearsal, order: Order, stretches: Sequence[Stretch], tried: Sequence[Tried], block: int) -> Planned:
+def _rehearsed(rehearsal: Rehearsal, order: Order, stretches: Sequence[Stretch], tried: Sequence[Tried]) -> Planned:
     segments, cycles = [segment for stretch in stretches for segment in stretch.segments], stretches[-1].end
     bodies = rehearsal.guess.bodies
     issued, used = rehearsal.flown(segments, cycles, bodies, SEEDS)
@@ -209,7 +208,7 @@ def _rehearsed(rehearsal: Rehearsal, order: Order, stretches: Sequence[Stretch],
         told[0] = np.concatenate([told[:1], again]).mean(0)
     # an estimate begins with the first cycle whose command is known
     told[:, : int(np.ceil(rehearsal.delay_cycles))] = 0.0
-    return Planned(tuple(stretches), cycles, order.wanted, told, used.most(), order.limits, tuple(tried), block, reached=False)
+    return Planned(tuple(stretches), cycles, order.wanted, told, used, order.limits, tuple(tried), reached=False)
 
 
 def _cut(rehearsal: Rehearsal, order: Order, found: Planned) -> Planned:
@@ -224,5 +223,5 @@ def _cut(rehearsal: Rehearsal, order: Order, found: Planned) -> Planned:
     used = found.used
     if cycles < found.cycles:
         segments = [segment for stretch in stretches for segment in stretch.segments]
-        used = rehearsal.flown(segments, cycles, rehearsal.guess.bodies, SEEDS)[1].most()
+        used = rehearsal.flown(segments, cycles, rehearsal.guess.bodies, SEEDS)[1]
     return replace(found, stretches=stretches, cycles=cycles, information=found.information[:, :cycles], used=used, reached=reached)

@@ -14,7 +14,7 @@ from massprop_cli.inputs.actuators.actuator import called
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan.guess import Guess
-from massprop_cli.plan.limits import Used, used
+from massprop_cli.plan.limits import used
 from massprop_cli.testbed import bound, exchange, mission
 from massprop_cli.testbed.conditions import Control
 from massprop_cli.testbed.motion import vertical
@@ -53,7 +53,7 @@ class Rehearsal:
         except ValidationError as error:
             raise InputError(f"{self.source}: {error.errors()[0]['msg'].removeprefix('Value error, ')}") from None
 
-    def flown(self, segments: Sequence[Segment], cycles: int, bodies: Array, seeds: Sequence[int] = (1,)) -> tuple[Array, Used]:
+    def flown(self, segments: Sequence[Segment], cycles: int, bodies: Array, seeds: Sequence[int] = (1,)) -> tuple[Array, dict[str, float]]:
         """Commands issued (S, K, C) and what is taken, by each of (G, 10) bodies for each seed in turn, with perfect sensors."""
         source = bound.noise_free(self.scenario(segments, cycles))
         every = np.tile(bodies, (len(seeds), 1))
@@ -154,18 +154,14 @@ def _control(vehicle: Vehicle, guess: Guess) -> Control:
     lag = vehicle.thrust.stated_lag_s if real.lag_s is None else real.lag_s
     bandwidth = min(BANDWIDTH, PHASE / ((delay + 1.5) * period + lag))
     inertia = np.diag(guess.file.body.inertia)
-    rate, attitude = 2 * bandwidth * inertia, 2 * (bandwidth**2 * inertia + _topple(vehicle, guess))
+    topple_n_m = np.linalg.norm(_pull(vehicle, guess.file.body.values))
+    rate, attitude = 2 * bandwidth * inertia, 2 * (bandwidth**2 * inertia + topple_n_m)
     return Control(rate_gain_n_m_s=_rounded(rate), attitude_gain_n_m=_rounded(attitude))
 
 
 def _rounded(values: Array) -> tuple[float, float, float]:
     x, y, z = (float(f"{value:.3g}") for value in values)
     return x, y, z
-
-
-def _topple(vehicle: Vehicle, guess: Guess) -> float:
-    """N m/rad."""
-    return float(np.linalg.norm(_pull(vehicle, guess.file.body.values)))
 
 
 def _pull(vehicle: Vehicle, body: Array) -> Array:

@@ -44,16 +44,8 @@ def cells(item: QuantityItem) -> list[str]:
     """Guess, predicted, worst, wanted, unit, reached."""
     wanted = "" if item.wanted_sigma is None else digits.figures(item.wanted_sigma)
     reached = "" if item.wanted is None else "not" if item.reached_at_s is None else f"{item.reached_at_s:.2f} s"
-    if item.told != "well":
-        return [digits.stated(item.guess), item.told, "–", wanted, vocabulary.unit(item.unit), reached]
-    return [
-        digits.stated(item.guess),
-        digits.figures(item.sigma),
-        digits.figures(item.worst_sigma),
-        wanted,
-        vocabulary.unit(item.unit),
-        reached,
-    ]
+    sigmas = [digits.figures(item.sigma), digits.figures(item.worst_sigma)] if item.told == "well" else [item.told, "–"]
+    return [digits.stated(item.guess), *sigmas, wanted, vocabulary.unit(item.unit), reached]
 
 
 def _timeline(found: PlanFile) -> Table:

@@ -56,7 +56,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def made(folder: Path) -> WrittenPlan:
-    asked = Asked(precise(WANT), max_time_s=6.0, rate_rad_s=0.4, travel_m=1.0)
+    asked = Asked(precise(WANT), max_time_s=6.0, limits={"rate_rad_s": 0.4, "travel_m": 1.0})
     return flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None)
 
 
@@ -106,13 +106,13 @@ def test_a_steady_push_takes_what_mechanics_says() -> None:
     settings = ["duration_s=2.0", "truth.ixy=0.0", "truth.ixz=0.0", "truth.iyz=0.0"]
     settings += [f"truth.cg_{axis}=0.0" for axis in "xyz"] + ["vehicle.imu.position_m=[0,0,0]"]
     source = scenario.load("free-flyer", [*settings, 'plan=[{motion="steady",axes=["x"],start_s=0.0,end_s=2.0}]'])
-    used = limits.used(simulate.fly(bound.noise_free(source), [1])).most()
+    used = limits.used(simulate.fly(bound.noise_free(source), [1]))
     force, time = 2.224110808, 2.0 - 0.1
     assert used["impulse_n_s"] == pytest.approx(force * 2.0, rel=1e-9)
     assert used["travel_m"] == pytest.approx(force / body[9] * time**2 / 2, rel=5e-3)
     assert used["accel_m_s2"] == pytest.approx(force / body[9], rel=1e-9)
     turning = scenario.load("free-flyer", [*settings, 'plan=[{motion="steady",axes=["roll"],start_s=0.0,end_s=2.0}]'])
-    used = limits.used(simulate.fly(bound.noise_free(turning), [1])).most()
+    used = limits.used(simulate.fly(bound.noise_free(turning), [1]))
     torque = 2 * 0.1475 * 1.112055404
     assert used["rate_rad_s"] == pytest.approx(torque * time / body[0], rel=5e-3)
     assert used["tilt_rad"] == pytest.approx(torque * time**2 / 2 / body[0], rel=5e-3)
@@ -142,7 +142,7 @@ def flown(made: WrittenPlan, seeds: list[int]) -> tuple[Array, Array, dict[str, 
         found = analysis.examine(flight.log(member), VehicleSource(flight.vehicle, "plan", ""))
         sigmas.append(np.sqrt(np.diag(found.conclusions[0].covariance)))
         errors.append((found.conclusions[0].values - flight.truth[member, 0]) / sigmas[-1])
-    quiet = limits.used(simulate.fly(bound.noise_free(source), seeds)).most()
+    quiet = limits.used(simulate.fly(bound.noise_free(source), seeds))
     return np.array(sigmas) / predicted, np.array(errors), quiet
 
 
@@ -197,7 +197,9 @@ def by_momentum(folder: Path, name: str, asked: Asked) -> tuple[WrittenPlan, sim
 @pytest.mark.parametrize("name", ["wheels", pytest.param("control-moment-gyros", marks=pytest.mark.thorough)])
 def test_motions_by_what_stores_momentum_are_planned_and_give_what_is_predicted(name: str, tmp_path: Path) -> None:
     """Wheels begin with up to 200 rad/s, and are not to pass 260."""
-    made, flight = by_momentum(tmp_path, name, Asked(precise("ixx 0.3 %, iyy 0.3 %, izz 0.3 %"), max_time_s=8.0, wheel_rad_s=260.0))
+    made, flight = by_momentum(
+        tmp_path, name, Asked(precise("ixx 0.3 %, iyy 0.3 %, izz 0.3 %"), max_time_s=8.0, limits={"wheel_rad_s": 260.0})
+    )
     assert made.plan.reached
     predicted = {quantity: item.sigma for quantity, item in made.plan.quantities.items()}
     for member in range(2):
@@ -315,9 +317,9 @@ def test_a_vehicle_that_can_not_hold_its_roll_is_planned_with_what_it_can_do(fol
 @pytest.mark.parametrize(
     ("asked", "said", "option"),
     [
-        (Asked(precise("mass 1 %"), 1.0, impulse_n_s=0.5, off=all_but("divert_x")), "with 0.5 N s; about ", "(--max-impulse)"),
+        (Asked(precise("mass 1 %"), 1.0, limits={"impulse_n_s": 0.5}, off=all_but("divert_x")), "with 0.5 N s; about ", "(--max-impulse)"),
         (
-            Asked(precise("mass 1 %"), 1.0, travel_m=1e-3, off=all_but("divert_x", "divert_y")),
+            Asked(precise("mass 1 %"), 1.0, limits={"travel_m": 1e-3}, off=all_but("divert_x", "divert_y")),
             "with the limit on the travel; about ",
             "(--max-time)",
         ),
@@ -336,7 +338,7 @@ def test_a_table_that_its_wheels_can_not_hold_level_is_to_be_balanced_first(cg_x
     (tmp_path / "vehicle.toml").write_text(output.vehicle_toml(scenario.load("pedestal").scenario.vehicle))
     body = f"[body]\nixx = 0.32\niyy = 0.36\nizz = 0.41\ncg_x = {cg_x}\ncg_z = 0.019\nmass = 12.0\n"
     (tmp_path / "guess.toml").write_text(f"spread = 0.0\ncg_spread_m = 0.0\n{body}[actuators]\nmax_wheel_torque_n_m = 0.02\n")
-    asked = Asked(precise("ixx 1 %"), max_time_s=12.0, tilt_rad=0.2)
+    asked = Asked(precise("ixx 1 %"), max_time_s=12.0, limits={"tilt_rad": 0.2})
     with pytest.raises(InputError) as refused:
         flow.make(tmp_path / "vehicle.toml", tmp_path / "guess.toml", asked, lambda *_: None)
     found = re.search(r"gentlest takes ([\d.]+) rad\. .* by up to ([\d.]+) N m, and its wheels hold 0\.02 N m\. (.*)", str(refused.value))
