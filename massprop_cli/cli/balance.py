@@ -1,14 +1,13 @@
 """``massprop balance``."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
-from massprop_cli.base import escape, exits
+from massprop_cli.base import exits
 from massprop_cli.base.errors import UsageError
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, guarded
-from massprop_cli.cli.terminal import console
+from massprop_cli.cli.terminal import printed
 
 
 @guarded
@@ -50,10 +49,7 @@ def balance(
     later = read.read(after) if after is not None else None
     texts = [item for text in moved or [] for item in text.split(",")]
     found = flow.balance(first, weights, leave, phase, later, texts)
-    if as_json:
-        sys.stdout.write(escape.document(found))
-    elif not quiet:
-        table.show(found, console(no_color))
+    printed(found, table.show, as_json, quiet, no_color)
     bad = [] if allow_contradicted else [said for one in (first, later) if one is not None and (said := flow.contradicted(one, phase))]
     if bad:
         fail("; ".join(bad), exits.CONTRADICTED)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import signal
 import sys
@@ -108,8 +107,7 @@ def batch(
     from massprop_cli.inputs.require import requirements
 
     required = requirements(require)
-    if not math.isfinite(max_sigma):
-        raise UsageError(f"--max-sigma {max_sigma}: give a number of sigmas, 0 or more")
+    options.check_sigmas(max_sigma)
     if check:
         _without_values({"--expect": expect, "--baseline": baseline, "--report": report or None})
     from massprop_cli.campaign import location, urlplace

@@ -1,14 +1,12 @@
 """``massprop check``."""
 
-import sys
 from typing import Annotated
 
 import typer
 
-from massprop_cli.base import escape
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import check_junit, fail, guarded, put_junit
-from massprop_cli.cli.terminal import console, progress
+from massprop_cli.cli.terminal import printed, progress
 
 
 @guarded
@@ -45,7 +43,7 @@ def check(
     wants = requirements(want, "--want")
     check_junit(junit)
     assignments = options.assignments(context, {"delay": delay}, assign)
-    from massprop_cli.check import flow
+    from massprop_cli.check import flow, table
 
     with progress(quiet or as_json) as told:
         found = flow.check(log, vehicle, wants, assignments, told, map_file, allow_contradicted=allow_contradicted)
@@ -53,11 +51,6 @@ def check(
         from massprop_cli.check import junit as suites
 
         put_junit(junit, suites.text(found))
-    if as_json:
-        sys.stdout.write(escape.document(found))
-    elif not quiet:
-        from massprop_cli.check import table
-
-        table.show(found, console(no_color))
+    printed(found, table.show, as_json, quiet, no_color)
     if found.exit_code:
         fail(flow.message(found), found.exit_code)

@@ -1,17 +1,14 @@
 """``massprop compare``."""
 
-import math
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from massprop_cli.base import escape, exits
-from massprop_cli.base.errors import UsageError
+from massprop_cli.base import exits
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, guarded
-from massprop_cli.cli.terminal import console, say
+from massprop_cli.cli.terminal import printed, say
 
 
 @guarded
@@ -37,8 +34,7 @@ def compare(
         massprop compare massprop-out/log baseline/log
         massprop compare massprop-out/log baseline/log --max-sigma 3
     """
-    if not math.isfinite(max_sigma):
-        raise UsageError(f"--max-sigma {max_sigma}: give a number of sigmas, 0 or more")
+    options.check_sigmas(max_sigma)
     from massprop_cli.inputs import tolerancefile
     from massprop_cli.report import difference
     from massprop_cli.result import compare as comparison
@@ -46,10 +42,7 @@ def compare(
 
     allowed = tolerancefile.load(tolerance, max_sigma)
     found = comparison.compare(read.read(result), read.read(baseline), allowed)
-    if as_json:
-        sys.stdout.write(escape.document(found))
-    elif not quiet:
-        difference.show(found, console(no_color))
+    printed(found, difference.show, as_json, quiet, no_color)
     failure = comparison.failure(found)
     for warning in [] if quiet or not found.compared else found.warnings:
         say(f"warning: {warning}")

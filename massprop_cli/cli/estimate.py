@@ -1,10 +1,8 @@
 """``massprop estimate``."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -12,9 +10,6 @@ from massprop_cli.base import escape
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import progress, show, told_map, told_of, warn
-
-if TYPE_CHECKING:
-    from massprop_cli.inputs.expect import Expectations
 
 
 @guarded
@@ -65,9 +60,11 @@ def estimate(
     required = requirements(require)
     folder_of_its_own(out)
     from massprop_cli import job
+    from massprop_cli.inputs import expect as expectations
     from massprop_cli.result import store
 
-    demands = job.Demands(required, _expected(expect), allow_contradicted)
+    expected = None if expect is None else expectations.load(expect)
+    demands = job.Demands(required, expected, allow_contradicted)
     assignments = options.assignments(
         context, {"method": method, "refine": refine, "delay": delay, "cross_validate": cross_validate}, assign
     )
@@ -84,11 +81,3 @@ def estimate(
         show(judged.result, stored.folder, no_color)
     if judged.exit_code:
         fail(judged.message, judged.exit_code)
-
-
-def _expected(file: Path | None) -> Expectations | None:
-    if file is None:
-        return None
-    from massprop_cli.inputs import expect
-
-    return expect.load(file)

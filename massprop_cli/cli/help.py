@@ -33,24 +33,21 @@ def epilog(said: DocstringCommand) -> str | None:
     return "\n".join(["[bold]Examples[/]", *lines]) if lines else None
 
 
-def _flags_bare(parameters: list[Any]) -> list[Any]:
-    for parameter in parameters:
-        if getattr(parameter, "is_flag", False) and parameter.metavar is None:
-            parameter.metavar = ""
-    return parameters
-
-
-class Command(TyperCommand):
+class _BareFlags:
     """A command whose flags stand alone in its help."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         """All parameters, ``--help`` too."""
-        return _flags_bare(super().get_params(ctx))
+        found: list[Any] = super().get_params(ctx)  # type: ignore[misc]
+        for parameter in found:
+            if getattr(parameter, "is_flag", False) and parameter.metavar is None:
+                parameter.metavar = ""
+        return found
 
 
-class DocstringGroup(TyperGroup):
-    """The same of all commands together."""
+class Command(_BareFlags, TyperCommand):
+    """One command."""
 
-    def get_params(self, ctx: Any) -> list[Any]:
-        """All parameters, ``--help`` too."""
-        return _flags_bare(super().get_params(ctx))
+
+class DocstringGroup(_BareFlags, TyperGroup):
+    """All commands together."""

@@ -1,12 +1,13 @@
 """Options that several commands take, and the groups in which help shows them."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 
-from massprop_cli.base.errors import InputError
+from massprop_cli.base.errors import InputError, UsageError
 
 INPUT, SETTINGS, DEMANDS, OUTPUT = "What goes in", "Settings", "What must hold", "What comes out"
 """Groups of options."""
@@ -61,14 +62,20 @@ def assignments(context: typer.Context, given: Mapping[str, object], assign: Seq
     ``given`` holds the values of the options method, refine, delay and cross_validate, None or False where not given.
     """
     spelt: dict[str, Callable[[Any], str]] = {
-        "method": lambda value: f'estimator.method="{value}"',
+        "method": 'estimator.method="{}"'.format,
         "refine": lambda _: "estimator.refine=true",
         "delay": lambda value: f"cycle.command_delay_cycles={_delay(value)}",
-        "cross_validate": lambda value: f"estimator.cross_validate={value}",
+        "cross_validate": "estimator.cross_validate={}".format,
     }
     stated = {key: spelt[key](value) for key, value in given.items() if value is not None and value is not False}
     from_environment = [key for key in stated if getattr(context.get_parameter_source(key), "name", "") == "ENVIRONMENT"]
     return [*(stated.pop(key) for key in from_environment), *(assign or []), *stated.values()]
+
+
+def check_sigmas(most: float) -> None:
+    """Refuse a ``--max-sigma`` that is infinite or none."""
+    if not math.isfinite(most):
+        raise UsageError(f"--max-sigma {most}: give a number of sigmas, 0 or more")
 
 
 def _delay(text: str) -> str:

@@ -1,13 +1,12 @@
 """``massprop plan``."""
 
-import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
-from massprop_cli.base import escape, exits
+from massprop_cli.base import exits
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
-from massprop_cli.cli.terminal import console, progress, put
+from massprop_cli.cli.terminal import printed, progress, put
 
 _LIMITS = "Limits of the motion"
 
@@ -58,7 +57,7 @@ def plan(
     import numpy as np
 
     from massprop_cli.base import files
-    from massprop_cli.plan import flow, page
+    from massprop_cli.plan import flow, page, table
 
     folder = out or flow.default_folder(vehicle)
     files.check_own(folder, ("scenario.toml",), "plan.json")
@@ -74,12 +73,8 @@ def plan(
     with progress(quiet or as_json) as told, np.errstate(all="ignore"):
         made = flow.make(vehicle, guess, asked, told or (lambda *_: None), tuple(assign or []))
     flow.write(made, folder, {"plan.html": page.text(made.plan)})
-    if as_json:
-        sys.stdout.write(escape.document(made.plan))
-    elif not quiet:
-        from massprop_cli.plan import table
-
-        table.show(made.plan, console(no_color))
+    printed(made.plan, table.show, as_json, quiet, no_color)
+    if not (as_json or quiet):
         put(str(folder / "scenario.toml"))
     if made.exit_code:
         fail(f"not reached: {made.plan.limited_by}", exits.NOT_CONVERGED)

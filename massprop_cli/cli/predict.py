@@ -1,13 +1,12 @@
 """``massprop predict``."""
 
-import sys
 from typing import Annotated
 
-from massprop_cli.base import escape, exits
+from massprop_cli.base import exits
 from massprop_cli.base.errors import UsageError
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, guarded
-from massprop_cli.cli.terminal import console, progress, warn
+from massprop_cli.cli.terminal import printed, progress, warn
 
 
 @guarded
@@ -46,10 +45,7 @@ def predict(
         judged = job.of_file(log, vehicle, assign or [], None, told, map_file)
     found = flow.predict(recorded, log, judged, phase, limit)
     warn(judged.analysis.notices, quiet, no_color)
-    if as_json:
-        sys.stdout.write(escape.document(found))
-    elif not quiet:
-        table.show(found, console(no_color))
+    printed(found, table.show, as_json, quiet, no_color)
     used = (recorded.path, flow.chosen(recorded.path, recorded.result, phase)), (log, flow.chosen(log, judged.result, phase))
     bad = [] if allow_contradicted else [said for one in used if (said := flow.contradicted(*one))]
     if bad:

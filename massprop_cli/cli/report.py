@@ -69,7 +69,7 @@ def report(
     once = {realpath(path): path for path in results}
     recorded = [_held(read.read(path), wanted) for path in once.values()]
     with np.errstate(all="ignore"):  # of numbers that are orders of magnitude apart
-        files = {TEXTS[name]: _writer(name)(recorded).encode() for name in texts} | _figures(recorded, figure or [], kinds)
+        files = _texts(recorded, texts) | _figures(recorded, figure or [], kinds)
     folder = out or (recorded[0].path.parent if len(recorded) == 1 else Path("massprop-out"))
     own = len(recorded) == 1 and realpath(folder) == realpath(recorded[0].path.parent)
     for path in _write(folder, files, own):
@@ -115,22 +115,16 @@ def _held(item: Recorded, wanted: Expectations | None) -> Recorded:
         raise InputError(f"{item.path}: {error}") from None
 
 
-def _writer(name: str) -> Callable[[Sequence[Recorded]], str]:
-    if name == "html":
-        from massprop_cli.report import html
+def _texts(recorded: Sequence[Recorded], names: Sequence[str]) -> dict[str, bytes]:
+    from massprop_cli.report import html, junit, markdown, spreadsheet
 
-        return lambda recorded: html.stamped(html.page(recorded), recorded)
-    if name == "md":
-        from massprop_cli.report import markdown
-
-        return lambda recorded: markdown.stamped(markdown.text(recorded), recorded)
-    if name == "csv":
-        from massprop_cli.report import spreadsheet
-
-        return spreadsheet.text
-    from massprop_cli.report import junit
-
-    return lambda recorded: junit.text(junit.outcomes(recorded))
+    writers: dict[str, Callable[[], str]] = {
+        "html": lambda: html.stamped(html.page(recorded), recorded),
+        "md": lambda: markdown.stamped(markdown.text(recorded), recorded),
+        "csv": lambda: spreadsheet.text(recorded),
+        "junit": lambda: junit.text(junit.outcomes(recorded)),
+    }
+    return {TEXTS[name]: writers[name]().encode() for name in names}
 
 
 def _figures(recorded: Sequence[Recorded], asked: Sequence[str], kinds: Sequence[Literal["svg", "png"]]) -> dict[str, bytes]:

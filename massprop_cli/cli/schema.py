@@ -8,26 +8,11 @@ import typer
 
 from massprop_cli.cli.guard import guarded
 
-
-class SchemaName(StrEnum):
-    """Files with a schema."""
-
-    log = "log"
-    vehicle = "vehicle"
-    scenario = "scenario"
-    expect = "expect"
-    result = "result"
-    tolerance = "tolerance"
-    compare = "compare"
-    campaign = "campaign"
-    summary = "summary"
-    map = "map"
-    plan = "plan"
-    guess = "guess"
-    check = "check"
-    ballast = "ballast"
-    balance = "balance"
-    predict = "predict"
+SchemaName = StrEnum(
+    "SchemaName",
+    "log vehicle scenario expect result tolerance compare campaign summary map plan guess check ballast balance predict",
+)
+"""Files with a schema."""
 
 
 @guarded

@@ -8,13 +8,14 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from massprop_cli.base import escape
 
 if TYPE_CHECKING:
+    from pydantic import BaseModel
     from rich.console import Console
 
     from massprop_cli.campaign.plan import Job
@@ -60,6 +61,14 @@ def console(no_color: bool) -> Console:
     from rich.console import Console
 
     return Console(no_color=no_color or None, width=None if sys.stdout.isatty() else 132, highlight=False, emoji=False)
+
+
+def printed(found: BaseModel, table: Callable[[Any, Console], None], as_json: bool, quiet: bool, no_color: bool) -> None:
+    """What a command found on stdout: as JSON, or as its table."""
+    if as_json:
+        sys.stdout.write(escape.document(found))
+    elif not quiet:
+        table(found, console(no_color))
 
 
 def show(found: Result, folder: Path, no_color: bool) -> None:
