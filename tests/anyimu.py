@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from massprop_cli.base import arrow
 from massprop_cli.base.arrays import Array, ComplexArray
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.equipment import Imu as Imu_
-from massprop_cli.inputs.tablefile import Cells, Places, Table
+from massprop_cli.inputs.tablefile import at_hand
 from massprop_cli.inputs.telemetry import Log, read
 from massprop_cli.inputs.vehicle import Vehicle
 
@@ -295,9 +293,7 @@ def log_of(flown: Flown, body: int, imu: Imu, used: Vehicle) -> Log:
     for name, values in issued.items():
         made[name] = np.full(len(flown.time_s), np.nan)
         made[name][rows] = values
-    path, places = Path("any-imu"), Places(None)
-    cells = {name: Cells(path, name, partial(arrow.numbers, values), places) for name, values in made.items()}
-    return read(Table(path, "", cells, len(flown.time_s), places, None), used)
+    return read(at_hand(Path("any-imu"), made), used)
 
 
 def truth_of(own: Bodies, body: int) -> Array:

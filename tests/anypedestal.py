@@ -16,11 +16,10 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from massprop_cli.base import arrow
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.actuators.wheel import WheelLog
-from massprop_cli.inputs.tablefile import Cells, Places, Table
+from massprop_cli.inputs.tablefile import at_hand
 from massprop_cli.inputs.telemetry import Log, read
 from massprop_cli.inputs.vehicle import Vehicle
 from tests.anyimu import cross
@@ -286,6 +285,4 @@ def log_of(rng: np.random.Generator, own: Sensed, body: int, flown: Flown, used:
     for names, values in zip((columns.DELTA_THETA, columns.DELTA_V), increments, strict=True):
         made |= dict(zip(names, values.T, strict=True))
     made |= {COMMANDS[flown.kind].format(n): values for n, values in enumerate(flown.issued[body].T)}
-    path, places = Path("any-pedestal"), Places(None)
-    cells = {name: Cells(path, name, partial(arrow.numbers, values), places) for name, values in made.items()}
-    return read(Table(path, "", cells, count, places, None), used)
+    return read(at_hand(Path("any-pedestal"), made), used)

@@ -1,11 +1,10 @@
 """Commands as they stand: none at all, one that never ends, pairs that work against each other."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.check.finding import Finding, finding, rows
+from massprop_cli.inputs.tablefile import Place
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 
@@ -14,7 +13,6 @@ ALWAYS = 0.98
 TOGETHER = 0.05
 """Part of the cycles in which a jet and its opposite may fire for the same moment."""
 ALIKE = 1e-6
-Place = Callable[[int], str]
 
 
 def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:

@@ -1,12 +1,13 @@
 """What a check says. The models below are the schema (``massprop schema check``)."""
 
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
 from massprop_cli.base.arrays import BoolArray
 from massprop_cli.conclude.verdict import Verdict
+from massprop_cli.inputs.tablefile import Place
 from massprop_cli.result.schema import Item
 
 Subject = Literal["reading", "sampling", "imu", "commands", "timing", "attitude", "model", "excitation"]
@@ -72,7 +73,7 @@ def finding(subject: Subject, code: str, grade: Grade, what: str, remedy: str, w
     return Finding(subject=subject, code=code, grade=grade, what=what, where=where, sure="certain", remedy=remedy)
 
 
-def rows(where: BoolArray, place: Any) -> str:
+def rows(where: BoolArray, place: Place) -> str:
     """The first run of rows that are True in words, and how many more there are; ``place`` names a row as a person finds it."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(int), [0]])))
     if not len(edges):

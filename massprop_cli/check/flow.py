@@ -1,6 +1,6 @@
 """The composed flow: a log's table, its signals, an estimate of it, and what all of them say."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from massprop_cli.flow import Analysis
 from massprop_cli.inputs import logfile, telemetry, vehiclefile
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.require import Requirement
-from massprop_cli.inputs.tablefile import Table
+from massprop_cli.inputs.tablefile import Place, Table
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -84,7 +84,7 @@ def of_table(
     allow_contradicted: bool = False,
 ) -> Check:
     """The same of a table and a vehicle at hand."""
-    vehicle, place = source.vehicle, table.places.of
+    vehicle, place = source.vehicle, table.place
     found = sampling(_times(table, vehicle), place)
     unusable = any(one.grade == "unusable" for one in found)
     with np.errstate(all="ignore"):
@@ -106,7 +106,7 @@ def of_table(
     return _told(table, vehicle, found, expected, unmet.exit_code, told)
 
 
-def seen(log: Log, vehicle: Vehicle, place: Callable[[int], str]) -> list[Finding]:
+def seen(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
     """What a log's signals show by themselves, before any estimate; ``place`` names a row."""
     return [*sensors(log, vehicle, place), *commands(log, vehicle, place), *attitude(log, vehicle), *on_table(log, vehicle)]
 

@@ -1,15 +1,12 @@
 """Time of the records: duplicates, steps back, gaps, jitter. All that there are, where reading a log stops at the first."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.check.finding import Finding, finding, rows
 from massprop_cli.inputs.logtable import GAP, LONG
+from massprop_cli.inputs.tablefile import Place
 from massprop_cli.inputs.telemetry import JITTER, jitter
-
-Place = Callable[[int], str]
 
 
 def sampling(time_s: Array, place: Place) -> list[Finding]:

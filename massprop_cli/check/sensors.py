@@ -1,12 +1,11 @@
 """The IMU's channels as they stand: dead, stuck, repeated, clipped, coarse."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.check.finding import Finding, finding, rows
 from massprop_cli.inputs.clipped import at_extremes
+from massprop_cli.inputs.tablefile import Place
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 
@@ -17,7 +16,6 @@ UNLIKELY = 1e-9
 COARSE = 3.0
 """Smallest step over the noise of a record above which values lie on a staircase."""
 ROUNDING = 1e-12
-Place = Callable[[int], str]
 
 
 def sensors(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:

@@ -30,6 +30,11 @@ def jet(name: str) -> str:
     return f"jet_{name}_s"
 
 
+def is_jet(column: str) -> bool:
+    """Whether a column is that of a jet's on-time."""
+    return column.startswith("jet_") and column.endswith("_s")
+
+
 class Column(Section):
     """Where a contract column is found in this log: ``value = scale * column``."""
 

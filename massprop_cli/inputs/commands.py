@@ -1,7 +1,7 @@
 """The columns of a log that say what its actuators were told to do: jets, a wrench or rotors, and what stores momentum."""
 
-from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.actuators.actuator import MomentumLog
-from massprop_cli.inputs.columns import COMMAND_TIME, PULSE_START, WRENCH, jet
+from massprop_cli.inputs.columns import COMMAND_TIME, PULSE_START, WRENCH, is_jet, jet
 from massprop_cli.inputs.equipment import Cycle
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.pulses import Pulses
@@ -39,7 +39,7 @@ def commands(source: LogTable, vehicle: Vehicle, records: int, n: int, pulsed: P
     path, logged = source.table.path, source.logged
     if vehicle.rotors:
         return "rotors", _rotors(source, vehicle, records, n)
-    jets = [name.removeprefix("jet_").removesuffix("_s") for name in logged if name.startswith("jet_") and name.endswith("_s")]
+    jets = [name.removeprefix("jet_").removesuffix("_s") for name in logged if is_jet(name)]
     known = [each.name for each in vehicle.jets]
     for name in jets:
         if name not in known:
@@ -73,12 +73,9 @@ def _each(source: LogTable, columns: Sequence[str], records: int, n: int) -> Arr
 
 
 def _check_on_times(source: LogTable, names: Sequence[str], on_s: Array, records: int, period_s: float) -> None:
-    checks: list[tuple[Callable[[Array], Any], str]] = [
-        (lambda t: t < 0, "negative on-time; an on-time is 0 or more"),
-        (lambda t: t > period_s * (1 + LATE), f"longer than the control cycle of {period_s:g} s; is it in seconds?"),
-    ]
-    for check, problem in checks:
-        bad = np.argwhere(np.concatenate([check(on_s[part]) for part in spill.parts(len(on_s))]))
+    long = f"longer than the control cycle of {period_s:g} s; is it in seconds?"
+    for sign, most, problem in ((-1, 0.0, "negative on-time; an on-time is 0 or more"), (1, period_s * (1 + LATE), long)):
+        bad = np.argwhere(np.concatenate([sign * on_s[part] > most for part in spill.parts(len(on_s))]))
         if bad.size:
             cycle, number = (int(i) for i in bad[0])
             raise source.error(cycle * records, jet(names[number]), f"{on_s[cycle, number]:g} s: {problem}")

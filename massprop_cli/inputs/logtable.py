@@ -81,7 +81,7 @@ class LogTable:
 
     def place(self, row: int) -> str:
         """How a person finds a row."""
-        return self.table.places.of(row)
+        return self.table.place(row)
 
     def error(self, row: int, column: str, problem: str) -> InputError:
         """What is wrong with a cell."""
@@ -149,15 +149,6 @@ class LogTable:
         """Columns that stand for nothing yet."""
         used = {self.name(known) for known in FIXED if self.has(known)}
         return [present for present in self.table.columns if present not in used and not present.startswith("jet_")]
-
-    def stacked(self, columns: Sequence[str]) -> Array:
-        """(n, columns) required columns side by side."""
-        found = spill.empty(self.table.rows, len(columns))
-        for place, column in enumerate(columns):
-            values = self.required(column)
-            for part in spill.parts(len(values)):
-                found[part, place] = values[part]
-        return found
 
     def per_cycle(self, column: str, records: int, n: int) -> Array:
         """(K,) the command in the first row of each cycle; other rows must be null or the same."""

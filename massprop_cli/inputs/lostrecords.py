@@ -7,18 +7,18 @@ unknown. So does its command, where no other record of its cycle has it: an impu
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, median
-from massprop_cli.base.dataclass import dataclass
-from massprop_cli.inputs.columns import COMMAND_TIME, DELTA_THETA, DELTA_V, PULSE, WRENCH
+from massprop_cli.inputs.columns import COMMAND_TIME, DELTA_THETA, DELTA_V, PULSE, WRENCH, is_jet
 from massprop_cli.inputs.imurecords import ImuRecords
 from massprop_cli.inputs.logtable import LONG, MISSING, WHOLE, LogTable, between_known
 from massprop_cli.inputs.marked import holds_both, repeated, zeros
 from massprop_cli.inputs.notice import Notice
-from massprop_cli.inputs.tablefile import Cells, Places, Table
+from massprop_cli.inputs.tablefile import Cells, Table
 from massprop_cli.inputs.vehicle import Vehicle
 
 SHARE = 0.25
@@ -81,7 +81,7 @@ def _begins(source: LogTable, place: IntArray, per_cycle: int) -> int:
     """Records from the log's first one to the next control cycle, as its commands show: they stand, or change, in a cycle's first row."""
     residues: list[int] = []
     for name in source.logged if per_cycle > 1 else ():
-        if not (name in WRENCH or (name.startswith("jet_") and name.endswith("_s"))):
+        if not (name in WRENCH or is_jet(name)):
             continue
         values = source.optional(name)
         known = np.flatnonzero(~np.isnan(values))
@@ -97,36 +97,20 @@ def _begins(source: LogTable, place: IntArray, per_cycle: int) -> int:
 
 
 def _spread(table: Table, rows: IntArray, lost: BoolArray) -> Table:
-    """The table with these of its rows, empty where they are ``lost``."""
-    places = _Moved(None, table.places, rows)
-    columns = {name: replace(cells, read=_Spread(cells, rows, lost).read, places=places) for name, cells in table.columns.items()}
-    return replace(table, columns=columns, rows=len(rows), places=places)
+    """The table with these of its rows, empty where they are ``lost``; a lost row's place is that of the next."""
+
+    def place(row: int) -> str:
+        return table.place(int(rows[row]))
+
+    columns = {name: replace(cells, read=partial(_taken, cells, rows, lost), place=place) for name, cells in table.columns.items()}
+    return replace(table, columns=columns, rows=len(rows), place=place)
 
 
-@dataclass(frozen=True)
-class _Moved(Places):
-    """Where rows were in the file; a lost one is where the next is."""
+def _taken(cells: Cells, rows: IntArray, lost: BoolArray) -> object:
+    """Arrow's array of these rows of a column."""
+    import pyarrow as pa
 
-    places: Places
-    rows: IntArray
-
-    def of(self, row: int) -> str:
-        """As of the row in the file."""
-        return self.places.of(int(self.rows[row]))
-
-
-class _Spread(NamedTuple):
-    """One column."""
-
-    cells: Cells
-    rows: IntArray
-    lost: BoolArray
-
-    def read(self) -> object:
-        """Arrow's array."""
-        import pyarrow as pa
-
-        return self.cells.read().take(pa.array(self.rows, mask=self.lost))
+    return cells.read().take(pa.array(rows, mask=lost))
 
 
 class LeftOut(NamedTuple):

@@ -13,7 +13,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, IntArray, frozen
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.columns import COMMAND_TIME, PULSE, PULSE_DURATION, PULSE_JET, PULSE_START, WRENCH
+from massprop_cli.inputs.columns import COMMAND_TIME, PULSE, PULSE_DURATION, PULSE_JET, PULSE_START, WRENCH, is_jet
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.vehicle import Vehicle
 
@@ -66,7 +66,7 @@ def _check_columns(source: LogTable, vehicle: Vehicle, present: list[str]) -> No
     missing = [name for name in PULSE if name not in present]
     if missing:
         raise InputError(f"{path}: column {missing[0]!r} is missing beside {source.name(present[0])!r}; pulses need {', '.join(PULSE)}")
-    others = [name for name in source.logged if name in (*WRENCH, COMMAND_TIME) or (name.startswith("jet_") and name.endswith("_s"))]
+    others = [name for name in source.logged if name in (*WRENCH, COMMAND_TIME) or is_jet(name)]
     if others:
         raise InputError(f"{path}: has {source.name(present[0])!r} and {others[0]!r}; keep the one kind of commands that was executed")
     if not vehicle.jets:

@@ -38,15 +38,14 @@ _WHOLE = 2**53
 """The largest number up to which float64 holds every whole one."""
 
 
-@dataclass(frozen=True)
-class Places:
-    """How a person finds a row: by its line in a CSV file, else by its number from 0."""
+Place = Callable[[int], str]
+"""How a person finds a row: by its line in a CSV file, else by its number from 0."""
+BY_ROW: Place = "row {}".format
 
-    lines: Sequence[int] | None
 
-    def of(self, row: int) -> str:
-        """``line 17`` or ``row 15``."""
-        return f"row {row}" if self.lines is None else f"line {self.lines[row]}"
+def by_line(lines: Sequence[int]) -> Place:
+    """``line 17`` of the row that stands there."""
+    return lambda row: f"line {lines[row]}"
 
 
 @dataclass(frozen=True)
@@ -57,8 +56,8 @@ class Table:
     sha256: str
     columns: Mapping[str, Cells]
     rows: int
-    places: Places
-    embedded_vehicle: str | None
+    place: Place
+    embedded_vehicle: str | None = None
     made: Made | None = None
     embedded_map: str | None = None
 
@@ -87,11 +86,17 @@ def columns_of(path: Path, data: Content) -> Table:
         raise InputError(f"{path}: has a header but no rows; record the log again")
     _check_names(str(path), found.names)
     columns = {
-        name: Cells(path, name, partial(found.column, name), found.places, found.instants.get(name, ""), found.units.get(name, ""))
+        name: Cells(path, name, partial(found.column, name), found.place, found.instants.get(name, ""), found.units.get(name, ""))
         for name in found.names
     }
     vehicle, by = (found.embedded.get(key) for key in (VEHICLE_KEY, MAP_KEY))
-    return Table(path, spill.digest(data), columns, found.rows, found.places, vehicle, embedded_map=by)
+    return Table(path, spill.digest(data), columns, found.rows, found.place, vehicle, embedded_map=by)
+
+
+def at_hand(path: Path, columns: Mapping[str, Array], place: Place = BY_ROW) -> Table:
+    """The table of columns that no file holds, all of one length; NaN for null."""
+    cells = {name: Cells(path, name, partial(arrow.numbers, values), place) for name, values in columns.items()}
+    return Table(path, "", cells, len(next(iter(columns.values()))), place)
 
 
 def _check_names(where: str, names: Sequence[str]) -> None:
@@ -111,7 +116,7 @@ class _File(NamedTuple):
     rows: int
     column: Callable[[str], Any]
     """Arrow's array of a column by its name."""
-    places: Places
+    place: Place
     embedded: Mapping[bytes, str]
     instants: Mapping[str, str]
     """Columns of dates and times, with the unit that they are counted in."""
@@ -130,7 +135,7 @@ def _read_parquet(path: Path, data: Content) -> _File:
     embedded = {key: columns.metadata[key].decode("utf-8", "replace") for key in (VEHICLE_KEY, MAP_KEY) if key in columns.metadata}
     for key, what in ((VEHICLE_KEY, "vehicle"), (MAP_KEY, "map")):
         limits.CONFIG.check(f"{path} (embedded {what})", len(embedded.get(key, "")))
-    return _File(columns.names, columns.rows, column, Places(None), embedded, columns.instants)
+    return _File(columns.names, columns.rows, column, BY_ROW, embedded, columns.instants)
 
 
 @contextmanager
@@ -169,20 +174,19 @@ def _read_csv(path: Path, data: Content) -> _File:
     _check_names(top, names)
     if not lines:
         raise InputError(f"{path}: has a header but no rows; record the log again")
-    places = Places(lines)
     try:
         # a log of nothing but numbers; they take less room than their texts
         columns = _numbers(data, names, cut, len(lines))
-        return _File(names, len(lines), columns.__getitem__, places, {}, {})
+        return _File(names, len(lines), columns.__getitem__, by_line(lines), {}, {})
     except (pa.ArrowException, _OtherRowsError):
-        table = csvdialect.with_points(path, _texts(path, data, names, cut), cut, places.of)
+        table = csvdialect.with_points(path, _texts(path, data, names, cut), cut, by_line(lines))
     if table.num_rows != len(lines):
-        places = Places(range(2, table.num_rows + 2))  # a cell in quotes goes over several lines
+        lines = range(2, table.num_rows + 2)  # a cell in quotes goes over several lines
     stated = _units(table)
     if stated:
-        table, places = table.slice(1), Places(list(places.lines or ())[1:])
+        table, lines = table.slice(1), lines[1:]
     dated = {name: "ns" for name in names if instants.is_instant(str(table.column(name)[0].as_py() or ""))} if table.num_rows else {}
-    return _File(names, table.num_rows, lambda name: table.column(name).combine_chunks(), places, {}, dated, stated)
+    return _File(names, table.num_rows, lambda name: table.column(name).combine_chunks(), by_line(lines), {}, dated, stated)
 
 
 def _units(table: Any) -> Mapping[str, str]:
@@ -296,7 +300,7 @@ class Cells:
     name: str
     read: Callable[[], Any]
     """Gives Arrow's array."""
-    places: Places
+    place: Place
     instants: str = ""
     """The unit that dates and times are counted in, where the column holds such."""
     unit: str = ""
@@ -324,7 +328,7 @@ class Cells:
         for row, cell in enumerate(value.as_py() for value in self.read()):
             if cell is not None and not instants.is_instant(cell):
                 said = f"{cell!r} is no date and time; correct the cell; {instants.FORMS}"
-                return InputError(f"{self.path}, {self.places.of(row)}, column {self.name}: {said}")
+                return InputError(f"{self.path}, {self.place(row)}, column {self.name}: {said}")
         return InputError(f"{self.path}, column {self.name}: dates that differ in form or are none; write all alike, or as numbers")
 
     def texts(self) -> list[str | None]:
@@ -360,7 +364,7 @@ class Cells:
         for row, cell in enumerate(value.as_py() for value in data):
             if isinstance(cell, int) and abs(cell) > _WHOLE:
                 return InputError(
-                    f"{self.path}, {self.places.of(row)}, column {self.name}: {cell} is a whole number with more digits than float64 "
+                    f"{self.path}, {self.place(row)}, column {self.name}: {cell} is a whole number with more digits than float64 "
                     "holds; take off what the log begins with, or write it as float64"
                 )
             try:
@@ -369,7 +373,7 @@ class Cells:
                 is_number = False
             if cell == self.name:
                 return InputError(
-                    f"{self.path}, {self.places.of(row)}, column {self.name}: the header stands here again; a recording after another one: "
+                    f"{self.path}, {self.place(row)}, column {self.name}: the header stands here again; a recording after another one: "
                     "split the file there"
                 )
             if not is_number:
@@ -378,5 +382,5 @@ class Cells:
                     mend = "name the column as a clock in a map file (massprop columns with --as-map drafts it)"
                 elif instants.is_like(str(cell)):
                     mend += f"; {instants.FORMS}"
-                return InputError(f"{self.path}, {self.places.of(row)}, column {self.name}: {cell!r} is not a number; {mend}")
+                return InputError(f"{self.path}, {self.place(row)}, column {self.name}: {cell!r} is not a number; {mend}")
         return InputError(f"{self.path}, column {self.name}: {data.type} is not a number type; write it as float64")

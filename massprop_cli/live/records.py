@@ -10,7 +10,7 @@ from typing import IO
 
 import numpy as np
 
-from massprop_cli.base import arrow, limits
+from massprop_cli.base import limits
 from massprop_cli.base.configfile import repeated
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
@@ -20,7 +20,7 @@ from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_
 from massprop_cli.inputs.equipment import OFF_UNIT
 from massprop_cli.inputs.imurecords import ABSURD
 from massprop_cli.inputs.logtable import LogTable
-from massprop_cli.inputs.tablefile import Cells, Places, Table
+from massprop_cli.inputs.tablefile import at_hand, by_line
 from massprop_cli.inputs.vehicle import Vehicle
 
 LONGEST = 1 << 20
@@ -167,9 +167,8 @@ class StreamReader:
 
     def _check_as_log(self) -> None:
         """:class:`InputError` where a log of these columns would be refused: of a jet, a wheel or a map that are not of this vehicle."""
-        place, row = Path("standard input"), Places([1])
-        cells = {name: Cells(place, name, lambda: arrow.held(np.zeros(1)), row) for name in self.names}
-        log = LogTable(Table(place, "", cells, 1, row, None), self.vehicle.columns)
+        zeros = dict.fromkeys(self.names, np.zeros(1))
+        log = LogTable(at_hand(Path("standard input"), zeros, by_line([1])), self.vehicle.columns)
         commands.commands(log, self.vehicle, 1, 1)
         commands.momentum(log, self.vehicle, 1, 1)
 

@@ -1,13 +1,11 @@
 """Fly a scenario: plan, commands, executed wrench, motion, IMU, cycle after cycle, all seeds at once."""
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from massprop_cli.base import arrow
 from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
@@ -15,7 +13,7 @@ from massprop_cli.inputs import commands, supply
 from massprop_cli.inputs.columns import ACCEL, GYRO, TIME
 from massprop_cli.inputs.imurecords import saturation
 from massprop_cli.inputs.logtable import LogTable
-from massprop_cli.inputs.tablefile import Cells, Places, Table
+from massprop_cli.inputs.tablefile import at_hand
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.testbed import exchange, imu
@@ -74,10 +72,7 @@ class SimulatedFlight:
 
     def _beside(self, path: Path, member: int) -> LogTable:
         """What its file has beside commands and the IMU."""
-        places, rows = Places(None), len(self.time_s)
-        columns = {TIME: self.time_s} | {name: values[member] for name, values in self.columns.items()}
-        cells = {name: Cells(path, name, partial(arrow.numbers, values), places) for name, values in columns.items()}
-        return LogTable(Table(path, "", cells, rows, places, None), {})
+        return LogTable(at_hand(path, {TIME: self.time_s} | {name: values[member] for name, values in self.columns.items()}), {})
 
     @property
     def kind(self) -> dict[str, Any]:

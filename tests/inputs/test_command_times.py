@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from massprop_cli.base import arrow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.tablefile import Cells, Places, Table
+from massprop_cli.inputs.tablefile import at_hand
 from massprop_cli.inputs.telemetry import Log, read
 from massprop_cli.inputs.vehicle import Vehicle
 
@@ -41,11 +39,9 @@ def recorded() -> dict[str, Array]:
 
 
 def log_of(made: dict[str, Array], **imu: str) -> Log:
-    path, places = Path("log.csv"), Places(None)
-    cells = {name: Cells(path, name, partial(arrow.numbers, values), places) for name, values in made.items()}
     wheels = [WHEEL] if any(name.startswith("wheel_") for name in made) else []
     data = {"schema": 1, "cycle": {"period_s": 0.07}, "imu": imu, "jets": [JET], "wheels": wheels}
-    return read(Table(path, "", cells, ROWS, places, None), Vehicle.model_validate(data))
+    return read(at_hand(Path("log.csv"), made), Vehicle.model_validate(data))
 
 
 def test_records_stay_and_commands_keep_their_times() -> None:

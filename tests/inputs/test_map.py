@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns, telemetry
-from massprop_cli.inputs.formats import mapfile, mapped, pathpattern, resample
+from massprop_cli.inputs.formats import mapfile, mapped, pathpattern, reading, resample
 from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.vehiclefile import parse
 from tests.streams import RECORDS, SIX, WRENCH_MAP, made, motion, values
@@ -73,7 +73,7 @@ samples = 10
 
 def test_a_recorded_flights_original_columns_give_its_increments() -> None:
     path = Path(__file__).parents[1] / "data" / "crazyflie-original.csv.gz"
-    table = mapped.table(path, path.read_bytes(), mapfile.parse(ORIGINAL, "m.toml"))
+    table = mapped.of(reading.read(path, path.read_bytes()), mapfile.parse(ORIGINAL, "m.toml"))
     known = read_table(SAMPLES / "crazyflie" / "thrust.parquet")
     assert table.rows == 60
     for names in (columns.DELTA_THETA, columns.DELTA_V):

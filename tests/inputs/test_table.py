@@ -41,9 +41,9 @@ def test_decimal_commas_beside_whole_numbers(cut: str) -> None:
 
 def test_a_row_is_found_by_its_line_where_lines_are_blank() -> None:
     table = columns_of(Path("log.csv"), b"a,b\n\n1,2\n3,4\n\n5,6\n")
-    assert [table.places.of(row) for row in range(table.rows)] == ["line 3", "line 4", "line 6"]
+    assert [table.place(row) for row in range(table.rows)] == ["line 3", "line 4", "line 6"]
     table = columns_of(Path("log.csv"), b"a,b\n1,2\n3,4\n")
-    assert [table.places.of(row) for row in range(table.rows)] == ["line 2", "line 3"]
+    assert [table.place(row) for row in range(table.rows)] == ["line 2", "line 3"]
 
 
 def parquet(columns: dict[str, list[float]]) -> bytes:

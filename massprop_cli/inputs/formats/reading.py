@@ -54,7 +54,7 @@ def read_table(path: Path, data: Content) -> Read:
 
 def _stream(table: Table, name: str, cells: Cells) -> RecordedStream:
     load: Callable[[], Numbers] = cells.counts if cells.instants else cells.numbers
-    return RecordedStream(name, table.rows, load, unit=cells.instants or cells.unit or units.behind(name)[1], place=cells.places.of)
+    return RecordedStream(name, table.rows, load, unit=cells.instants or cells.unit or units.behind(name)[1], place=cells.place)
 
 
 METADATA = "metadata.yaml"

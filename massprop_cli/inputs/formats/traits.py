@@ -77,8 +77,7 @@ def traits(table: Table) -> Traits:
     force = _rates(table, columns.DELTA_V, columns.ACCEL, interval)
     actuators = {kind: _named(table, kind) for kind in ACTUATORS.values()}
     told = {has.of(name) for kind, own in actuators.items() for name, has in own.items() if kind.THRUSTS and not has.instant}
-    jets = {name for name in table.columns if name.startswith("jet_") and name.endswith("_s")}
-    names = [name for name in table.columns if name in columns.WRENCH or name in told | jets]
+    names = [name for name in table.columns if name in columns.WRENCH or name in told or columns.is_jet(name)]
     raw = {name: table.columns[name].numbers() for name in names}
     choices = _records(raw, median(steps))
     count = choices[0] if choices else 1
@@ -135,7 +134,7 @@ def _numbers(table: Table, names: tuple[str, ...], empty: float = 0.0) -> Array:
     bad = np.argwhere(np.isinf(values) if np.isnan(values).any(1).mean() <= empty else ~np.isfinite(values))
     if bad.size:
         row, column = (int(i) for i in bad[0])
-        raise InputError(f"{table.path}, {table.places.of(row)}, column {names[column]}: not a finite number; correct or cut the record")
+        raise InputError(f"{table.path}, {table.place(row)}, column {names[column]}: not a finite number; correct or cut the record")
     return values
 
 
