@@ -221,24 +221,16 @@ class Environment(Section):
         return w, x, y, z
 
     @model_validator(mode="after")
-    def _has_a_vertical(self) -> Self:
+    def _is_coherent(self) -> Self:
         if self.kind in PIVOTED and self.gravity_m_s2 == 0:
             raise ValueError(
                 f'kind = "{self.kind}" with gravity_m_s2 = 0: no bearing holds a vehicle then; state kind = "free", or gravity'
             )
-        return self
-
-    @model_validator(mode="after")
-    def _stands_on_the_ground(self) -> Self:
         if self.kind == "pedestal" and self.bearing_mass_kg > 0:
             raise ValueError(
                 f"bearing_mass_kg = {self.bearing_mass_kg:g} has no part in the motion on a pedestal, which stands still; leave it out, or "
                 'state kind = "air_bearing" if the base slides'
             )
-        return self
-
-    @model_validator(mode="after")
-    def _stands_on_its_table(self) -> Self:
         if self.kind == "planar" and max(map(abs, self.initial_attitude_wxyz[1:3])) > 1e-6:
             raise ValueError("initial_attitude_wxyz turns the vehicle out of the table; give a turn about Z, or leave it out")
         return self

@@ -181,11 +181,11 @@ def parse(text: str, path: Path) -> Expectations:
     default = (file.tolerance if isinstance(file, ExpectFile) else None) or FOUR_SIGMA
 
     def wanted(body: ExpectedBody, place: str) -> dict[str, Wanted]:
-        convention = body.poi_convention or file.poi_convention
-        return {
-            name: _wanted(name, quantity, convention, quantity.tolerance or body.tolerance or default, f"{path}: {place}.{name}")
-            for name, quantity in body.quantities.items()
-        } | _wanted_about_pivot(body, convention, body.tolerance or default, f"{path}: {place}")
+        convention, stated = body.poi_convention or file.poi_convention, body.tolerance or default
+        about = body.about_pivot if isinstance(body, PivotedBody) else None
+        each = [(name, name, quantity, stated) for name, quantity in body.quantities.items()]
+        each += [(f"{PIVOT}{name}", name, one, about.tolerance or stated) for name, one in about.quantities.items()] if about else []
+        return {key: _wanted(name, one, convention, one.tolerance or of_all, f"{path}: {place}.{key}") for key, name, one, of_all in each}
 
     bodies: tuple[PhaseBody | TruthPhase, ...] = file.phases
     phases = tuple((phase.name, wanted(phase, f"phases.{number}")) for number, phase in enumerate(bodies))
@@ -239,15 +239,6 @@ def _spelt_out(data: Mapping[str, Any]) -> dict[str, Any]:
     phases = data.get("phases")
     found = {key: body(value) if key in ("all", "docked") else value for key, value in data.items()}
     return found | ({"phases": [body(phase) for phase in phases]} if isinstance(phases, list) else {})
-
-
-def _wanted_about_pivot(body: ExpectedBody, convention: str | None, default: Tolerance, place: str) -> dict[str, Wanted]:
-    own = body.about_pivot if isinstance(body, PivotedBody) else None
-    if own is None:
-        return {}
-    stated = own.tolerance or default
-    each = own.quantities.items()
-    return {f"{PIVOT}{name}": _wanted(name, one, convention, one.tolerance or stated, f"{place}.{PIVOT}{name}") for name, one in each}
 
 
 def _wanted(name: str, quantity: Quantity, convention: str | None, tolerance: Tolerance, place: str) -> Wanted:

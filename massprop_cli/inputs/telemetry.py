@@ -166,7 +166,10 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     command_s = _command_times(source, time_s, stamped.moved_s) if pulsed is None else pulsed.issued_s
     records, paced = _grouped(source, time_s, interval_s, command_s, vehicle.cycle.period_s)
     n = source.table.rows // records * records
-    command_s = _before(source, command_s, n)
+    if command_s is not None and source.issued is not None:
+        # those in the last rows, which are no whole cycle, are left out
+        source.issued = source.issued[source.issued < n]
+        command_s = command_s[: len(source.issued)]
     imu = imurecords.read(source, vehicle, interval_s)
     notices += [*paced, *imurecords.emptiness(source, imu.empty), *imurecords.saturation(vehicle, imu.theta, imu.velocity, interval_s)]
     kind, command = commands.commands(source, vehicle, records, n, pulsed)
@@ -201,14 +204,6 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         cycles_apart=tuple(rotor.cycles_apart(source, records, n) for rotor in vehicle.rotors),
         supply=supply.read(source, vehicle, time_s[:n], interval_s[:n], records) if kind != "wrench" else None,
     )
-
-
-def _before(source: LogTable, command_s: Array | None, n: int) -> Array | None:
-    """The times of commands that stand in the first n rows, which :attr:`LogTable.issued` then holds alone."""
-    if command_s is None or source.issued is None:
-        return command_s
-    source.issued = source.issued[source.issued < n]
-    return command_s[: len(source.issued)]
 
 
 def _grouped(source: LogTable, time_s: Array, interval_s: Array, command_s: Array | None, period_s: float) -> tuple[int, list[Notice]]:

@@ -139,8 +139,7 @@ def _all_axes() -> list[tuple[Array, tuple[str, ...]]]:
     """The 24 right-angled turns, and how a map writes each."""
     found: list[tuple[Array, tuple[str, ...]]] = []
     for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
-        turn = np.zeros((3, 3))
-        turn[range(3), order] = signs
+        turn = np.eye(3)[list(order)] * np.array(signs)[:, None]
         if np.linalg.det(turn) > 0:
             found.append((turn, tuple(("-" if sign < 0 else "") + "xyz"[axis] for axis, sign in zip(order, signs, strict=True))))
     return found

@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,8 @@ from massprop_cli.base.errors import InputError, MachineError
 from massprop_cli.inputs.formats import recording
 from massprop_cli.inputs.formats.recording import Kind, Numbers, Read, RecordedStream
 
+_CONFINES = os.name == "posix"
+"""Whether the system limits a process."""
 _INDEX, _NUMBERS = "streams.json", "numbers"
 _BYTES_A_SECOND, _MEMORY_A_BYTE = 500_000, 32
 """By which a reader's limits grow with the file: the slowest (messages of ROS) reads ten times as fast, and takes about as much."""
@@ -54,15 +57,11 @@ def ended(arguments: list[str], data: bytes) -> int:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             env=os.environ | settings,
-            timeout=None if _limits_are_the_systems() else int(seconds),
+            timeout=None if _CONFINES else int(seconds),
             check=False,
         ).returncode
     except subprocess.TimeoutExpired:
         return 1
-
-
-def _limits_are_the_systems() -> bool:
-    return os.name == "posix"
 
 
 def _read(path: Path, found: Kind, told: dict[str, Any], numbers: Path) -> Read:
@@ -73,7 +72,8 @@ def _read(path: Path, found: Kind, told: dict[str, Any], numbers: Path) -> Read:
     streams, at = [], 0
     for one in told["streams"]:
         if "problem" in one:
-            streams.append(_unreadable(path, one))
+            said = f"{path}, {one['path']!r}: holds no numbers that can be read ({one['problem']})"
+            streams.append(RecordedStream(one["path"], one["rows"], partial(_unreadable, said), one["clock"], one["unit"]))
             continue
         values = np.fromfile(numbers, np.dtype(one["type"]), one["rows"], offset=at)
         at += values.nbytes
@@ -81,11 +81,8 @@ def _read(path: Path, found: Kind, told: dict[str, Any], numbers: Path) -> Read:
     return Read(streams, told["parameters"], told["vehicle"], told["map"])
 
 
-def _unreadable(path: Path, told: dict[str, Any]) -> RecordedStream:
-    def load() -> Numbers:
-        raise InputError(f"{path}, {told['path']!r}: holds no numbers that can be read ({told['problem']})")
-
-    return RecordedStream(told["path"], told["rows"], load, told["clock"], told["unit"])
+def _unreadable(said: str) -> Numbers:
+    raise InputError(said)
 
 
 def main(path: Path, module: str, folder: Path, seconds: int, memory: int) -> None:
@@ -103,7 +100,7 @@ def main(path: Path, module: str, folder: Path, seconds: int, memory: int) -> No
 
 def _confine(seconds: int, memory: int) -> None:
     """Where the system has no limits of a process, the one that started it looks at the clock."""
-    if not _limits_are_the_systems():
+    if not _CONFINES:
         return
     import resource
 

@@ -147,9 +147,8 @@ def _px4(parameters: Mapping[str, float]) -> list[str]:
         return []
     lines = ["", "# from the recording's own parameters (PX4 control allocation; axes forward, right, down from its centre):"]
     for n in range(count):
-        values = {part: parameters.get(f"CA_ROTOR{n}_{part}") for part in ("PX", "PY", "PZ", "AX", "AY", "AZ", "CT", "KM")}
         defaults = {"PX": 0.0, "PY": 0.0, "PZ": 0.0, "AX": 0.0, "AY": 0.0, "AZ": -1.0, "CT": 6.5, "KM": 0.05}
-        px, py, pz, ax, ay, az, ct, km = (defaults[part] if value is None else value for part, value in values.items())
+        px, py, pz, ax, ay, az, ct, km = (parameters.get(f"CA_ROTOR{n}_{part}", value) for part, value in defaults.items())
         size = float(np.sqrt(ax * ax + ay * ay + az * az)) or 1.0
         force = ", ".join(f"{ct * axis / size:.6g}" for axis in (ax, ay, az))
         place = f"position_m = [{px:.6g}, {py:.6g}, {pz:.6g}], force_n = [{force}]"

@@ -40,7 +40,7 @@ def _streams(item: h5py.Dataset) -> Iterator[RecordedStream]:
         if item.ndim == 1:
             for field in item.dtype.names:
                 if item.dtype[field].kind in "iufb":
-                    yield RecordedStream(f"{path}/{field}", len(item), partial(_field, item, field), clock, unit)
+                    yield RecordedStream(f"{path}/{field}", len(item), partial(_part, item.fields(field), ()), clock, unit)
     elif item.dtype.kind in "iufb":
         rows, columns = (item.shape[0], 1) if item.ndim == 1 else item.shape
         if item.ndim == 1:
@@ -51,12 +51,8 @@ def _streams(item: h5py.Dataset) -> Iterator[RecordedStream]:
             yield from (RecordedStream(f"{path}[{n},:]", columns, partial(_part, item, (n,)), clock, unit) for n in range(rows))
 
 
-def _part(item: h5py.Dataset, at: tuple[Any, ...]) -> Numbers:
+def _part(item: Any, at: tuple[Any, ...]) -> Numbers:
     return whole(np.asarray(item[at] if at else item[:]))
-
-
-def _field(item: h5py.Dataset, name: str) -> Numbers:
-    return whole(np.asarray(item.fields(name)[:]))
 
 
 def _clock(item: h5py.Dataset) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -147,8 +146,3 @@ def leaf(path: str) -> str:
     """The last part of a path, in lower case and without its unit behind it."""
     plain = units.behind(path)[0].partition("[")[0].partition(" (")[0].strip().lower()
     return plain.replace(".", "/").rpartition("/")[2]
-
-
-def median_size(columns: Sequence[Array]) -> float:
-    """The median length of vectors."""
-    return float(np.median(np.sqrt(np.sum(np.square(np.stack(columns)), 0))))

@@ -98,28 +98,29 @@ class MappedJet(Mapped):
         return self
 
 
-class MappedRotor(Mapped):
+class MappedDevice(Mapped):
+    """The command of one actuator, or its state."""
+
+    path: Path_
+    holds: Literal["until_next", "since_last"] = "until_next"
+
+
+class MappedRotor(MappedDevice):
     """What one rotor is told, or how fast it turns."""
 
-    path: Path_
     unit: Path_ | None = Field(None, description='"1" or %: the command, as thrust_n takes it once scaled; rad/s, rpm: the speed')
-    holds: Literal["until_next", "since_last"] = "until_next"
 
 
-class MappedWheel(Mapped):
+class MappedWheel(MappedDevice):
     """How fast one wheel turns, or the torque on it."""
 
-    path: Path_
     unit: Path_ | None = Field(None, description="rad/s, rpm: its speed relative to the body; N m: the torque on it")
-    holds: Literal["until_next", "since_last"] = "until_next"
 
 
-class MappedGyro(Mapped):
+class MappedGyro(MappedDevice):
     """The gimbal angle of one control moment gyro."""
 
-    path: Path_
     unit: Path_ | None = Field(None, description="rad, deg: its gimbal angle")
-    holds: Literal["until_next", "since_last"] = "until_next"
 
 
 class Supply(Mapped):
@@ -243,8 +244,5 @@ def find(log: Path, explicit: Path | None) -> MapSource | None:
     """The map that is named, LOGSTEM.map.toml, or map.toml beside the log; None where there is none."""
     if explicit is not None:
         return load(explicit)
-    for name in maps_beside(log.name):
-        path = log.with_name(name)
-        if path.exists():
-            return load(path, named=False)
-    return None
+    beside = next((path for path in map(log.with_name, maps_beside(log.name)) if path.exists()), None)
+    return None if beside is None else load(beside, named=False)

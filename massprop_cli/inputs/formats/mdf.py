@@ -2,7 +2,7 @@
 
 import io
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,12 +33,8 @@ def _streams(file: Any) -> Iterator[RecordedStream]:
         clock = "" if master is None else spelt(master)
         for number, channel in enumerate(group.channels):
             unit = "s" if number == master else str(getattr(channel, "unit", "") or getattr(channel.conversion, "unit", "") or "")
-            load = partial(_master, file, at) if number == master else partial(_values, file, at, number)
+            load: Callable[[], Numbers] = partial(file.get_master, at) if number == master else partial(_values, file, at, number)
             yield RecordedStream(spelt(number), rows, load, "" if number == master else clock, unit)
-
-
-def _master(file: Any, group: int) -> Numbers:
-    return np.asarray(file.get_master(group))
 
 
 def _values(file: Any, group: int, number: int) -> Numbers:

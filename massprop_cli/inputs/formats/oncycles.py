@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -73,7 +74,8 @@ def streams_of(signals: Signals, records: Records) -> tuple[Streams, Array]:
     said = signals.map
     imu = signals.imu()
     attitude = None if said.attitude is None else signals.attitude(said.attitude)
-    found = Streams(imu, commands_of(signals, attitude), attitude, _instants(signals), signals)
+    instants = [(signal, column) for signal, column, kind, _ in signals.spinners() if kind == "instant"]
+    found = Streams(imu, commands_of(signals, attitude), attitude, instants, signals)
     spans = [_Span(sensor, resample.knots(sensor.times.s, kind)) for sensor, kind in imu]
     spans += [_Span(signal, signal.times.s) for signal in found.slow]
     spans += [_Span(each.signal, resample.span(each.signal.times.s, each.holds)) for each in found.commands if each.signal.paths]
@@ -130,13 +132,7 @@ def _evenly(speed: Array) -> bool:
     return bool((np.diff(change) ** 2).sum() < STEADY**2 * (change**2).sum())
 
 
-def _instants(signals: Signals) -> list[tuple[QuantitySignal, str]]:
-    """What is read off at the ends of records, with its column."""
-    return [(signal, column) for signal, column, kind, _ in signals.spinners() if kind == "instant"]
-
-
-@dataclass(frozen=True)
-class _Span:
+class _Span(NamedTuple):
     """When a signal is there."""
 
     signal: QuantitySignal

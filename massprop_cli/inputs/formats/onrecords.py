@@ -13,11 +13,8 @@ from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import resample
 from massprop_cli.inputs.formats.mapfile import Records
 from massprop_cli.inputs.formats.oncycles import Streams
-from massprop_cli.inputs.formats.signals import QuantitySignal, sampled
-from massprop_cli.inputs.formats.streamcommands import SAME, STAMPED, StreamCommand
-
-LIKE = 0.2
-"""Commands that come as often as control cycles, to this part of a cycle."""
+from massprop_cli.inputs.formats.signals import QuantitySignal
+from massprop_cli.inputs.formats.streamcommands import LIKE, SAME, STAMPED, StreamCommand
 
 
 def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Array] | None:
@@ -30,7 +27,8 @@ def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Ar
     if not together or ("sample" not in kinds and resample.all_at(resample.knots(gyro.times.s, kinds[0]), edges, SAME * gyro.times.step_s)):
         return None
     issued = _issued(streams.commands, records.interval_s or 0.0, records.per_cycle)
-    if issued is None and not _samples_alone(streams, kinds, median(np.diff(edges))):
+    one_each = "sample" in kinds and abs(gyro.times.step_s / median(np.diff(edges)) - 1) < SAME
+    if issued is None and (not one_each or any(command.signal.paths for command in streams.commands)):
         return None
     issued_s, scatter_s = issued or (np.zeros(0), 0.0)
     time_s = gyro.times.s
@@ -44,10 +42,8 @@ def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Ar
     made: dict[str, Array] = {columns.TIME: time_s - zero}
     if zero:
         signals.made.append(f"time_s counts from {edges[0] + gyro.times.zero_s:.13g} s by {gyro.times.path!r}")
-    signals.sampled = sampled(streams.imu)
-    sensors = (columns.GYRO, columns.DELTA_THETA), (columns.ACCEL, columns.DELTA_V)
-    for (signal, kind), (rates, increments) in zip(streams.imu, sensors, strict=False):
-        made |= dict(zip(increments if kind == "increment" else rates, signal.values[within].T, strict=True))
+    made |= signals.as_recorded(streams.imu, within)
+    for signal, kind in streams.imu:
         signals.made.append(
             f"{signal.key}: {len(time_s)} values ({kind}) every {gyro.times.step_s:.6g} s by {gyro.times.path!r}, as recorded"
         )
@@ -58,18 +54,9 @@ def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Ar
         values = command.signal.values
         values = values[own] if command.signal.paths else np.repeat(values[:1], len(rows), 0)
         made |= dict(zip(command.names, (_in_rows(column, rows, len(time_s)) for column in values.T), strict=True))
-    signals.made.append(f"commands: {len(rows)} every {median(np.diff(issued_s)):.6g} s, at their own times{_evened(scatter_s)}")
+    evened = f", whose stamps scatter by up to {scatter_s:.3g} s and are taken as evenly spaced" if scatter_s > 0 else ""
+    signals.made.append(f"commands: {len(rows)} every {median(np.diff(issued_s)):.6g} s, at their own times{evened}")
     return made | streams.beside(time_s, median(np.diff(issued_s)))
-
-
-def _samples_alone(streams: Streams, kinds: Sequence[str], length_s: float) -> bool:
-    """Whether nothing is commanded, and each record is one sample."""
-    recorded = any(command.signal.paths for command in streams.commands)
-    return not recorded and "sample" in kinds and abs(streams.gyro.times.step_s / length_s - 1) < SAME
-
-
-def _evened(scatter_s: float) -> str:
-    return f", whose stamps scatter by up to {scatter_s:.3g} s and are taken as evenly spaced" if scatter_s > 0 else ""
 
 
 def _issued(commands: Sequence[StreamCommand], interval_s: float, per_cycle: int) -> tuple[Array, float] | None:

@@ -4,7 +4,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import resample, units
 from massprop_cli.inputs.formats.mapfile import MappedWrench
-from massprop_cli.inputs.formats.signals import QuantitySignal, Signals, sampled
+from massprop_cli.inputs.formats.signals import QuantitySignal, Signals
 
 
 def columns_of(signals: Signals) -> dict[str, Array]:
@@ -12,18 +12,15 @@ def columns_of(signals: Signals) -> dict[str, Array]:
     said = signals.map
     imu = signals.imu()
     gyro = imu[0][0]
-    made: dict[str, Array] = {columns.TIME: gyro.times.s}
-    sensors = (columns.GYRO, columns.DELTA_THETA), (columns.ACCEL, columns.DELTA_V)
-    signals.sampled = sampled(imu)
-    for (signal, kind), (rates, increments) in zip(imu, sensors, strict=False):
-        values = _beside(gyro, signal, signals).values
-        made |= dict(zip(increments if kind == "increment" else rates, values.T, strict=True))
+    for signal, _ in imu:
+        _beside(gyro, signal, signals)
+    made: dict[str, Array] = {columns.TIME: gyro.times.s} | signals.as_recorded(imu)
     attitude = None
     if said.attitude is not None:
         attitude = _beside(gyro, signals.attitude(said.attitude), signals).values
         made |= dict(zip(columns.QUATERNION, resample.z_up(attitude, said.attitude.world).T, strict=True))
     for key, wrench, known, names in wrenches(signals):
-        values = _beside(gyro, signals.wrench(key, wrench, known), signals).values
+        values = _beside(gyro, signals.vector(key, wrench, known), signals).values
         if wrench.frame == "world" and attitude is not None:
             values = resample.into_body(values, attitude)
             signals.made.append(f"{key}: turned from world into body axes with the logged attitude of the same row")

@@ -84,7 +84,8 @@ def _section(clocks: listing.Clocks, quantity: VectorName, found: Sequence[Vecto
         many = "this could be it; take it if it is" if len(candidates) == 1 else f"{len(candidates)} could be it; take one of"
         none = f"nothing {'else ' * bool(partial)}is called so; three paths of massprop columns, or numbers"
         why = many if candidates else none
-        return [*lines, f"# {why}", *some, 'paths = ["?", "?", "?"]', *_no_vector(quantity), ""]
+        asked = f'values = "?"   # {_ASK_VALUES}' if quantity in SENSORS else 'frame = "?"   # "body" or "world"'
+        return [*lines, f"# {why}", *some, 'paths = ["?", "?", "?"]', 'unit = "?"', asked, ""]
     vector = candidates[0]
     chosen[quantity.key] = vector
     lines.append(f"paths = {json.dumps(vector.paths, ensure_ascii=False)}{_said(clocks, vector)}")
@@ -109,10 +110,6 @@ def _left_out(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> s
         return ""
     step = clocks.step(clocks.of(vector.streams[0])[0], vector.streams[0])
     return f"by {found[0].path!r} each covers {covering.usual(found[0]):.6g}, and they come every {step:.6g} by their clock"
-
-
-def _no_vector(quantity: VectorName) -> list[str]:
-    return ['unit = "?"', f'values = "?"   # {_ASK_VALUES}'] if quantity in SENSORS else ['unit = "?"', 'frame = "?"   # "body" or "world"']
 
 
 def _said(clocks: listing.Clocks, vector: Vector) -> str:
@@ -163,21 +160,18 @@ def _unit(quantity: VectorName, vector: Vector) -> list[str]:
     if unit is not None:
         return [] if vector.streams[0].unit else [f'unit = "{unit}"   # by its name']
     values = _values_of(vector)
-    size = listing.median_size(values)
+    size = float(np.median(np.sqrt(np.sum(np.square(values), 0))))
     choices = " or ".join([*quantity.rates, *quantity.increments])
     if quantity.key == "accelerometer":
         for unit, gravity in (("m/s^2", units.G), ("g", 1.0), ("mg", 1e3)):
             if abs(size / gravity - 1) < 0.03:
                 return [f'unit = "{unit}"   # its median size is {size:.4g}: gravity']
     largest = float(np.max(np.abs(values)))
-    recorded = _recorded(vector)
-    return [f'unit = "?"   # {choices}: {recorded}; its median size is {size:.3g}, its largest number {largest:.3g}']
-
-
-def _recorded(vector: Vector) -> str:
-    """What a file says of a unit that none here is."""
     unit = vector.streams[0].unit
-    return f"recorded as {json.dumps(unit, ensure_ascii=False)}, which is none of these: state scale beside it" if unit else "not recorded"
+    recorded = (
+        f"recorded as {json.dumps(unit, ensure_ascii=False)}, which is none of these: state scale beside it" if unit else "not recorded"
+    )
+    return [f'unit = "?"   # {choices}: {recorded}; its median size is {size:.3g}, its largest number {largest:.3g}']
 
 
 def _wrench(quantity: VectorName, vector: Vector) -> list[str]:

@@ -3,7 +3,6 @@
 import hashlib
 import re
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -97,9 +96,6 @@ def _joined(parts: Sequence[RecordedStream]) -> RecordedStream:
     first = parts[0]
     if len(parts) == 1:
         return first
-    return RecordedStream(first.path, sum(part.rows for part in parts), partial(_values, parts), first.clock, first.unit)
-
-
-def _values(parts: Sequence[RecordedStream]) -> Numbers:
-    found: Numbers = np.concatenate([part.values for part in parts])
-    return found
+    return RecordedStream(
+        first.path, sum(part.rows for part in parts), lambda: np.concatenate([part.values for part in parts]), first.clock, first.unit
+    )

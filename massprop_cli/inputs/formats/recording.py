@@ -1,6 +1,7 @@
 """The seam between formats and the rest: a recording is named streams, and a reader is one function.
 
-A new format is one module with ``read(path, data)`` and one line in :data:`KINDS`.
+A new format is one module with ``read(path: Path, data: bytes) -> Read`` and one line in :data:`KINDS`. ``path`` is for messages; what
+``read`` raises says that the file is damaged.
 """
 
 import re
@@ -10,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,13 +80,6 @@ class Read:
 _ASIDE = re.compile(r"['\"]?(<_io\.BytesIO[^>]*>|\S*\brecording\.\w+)['\"]?")
 
 
-class Reader(Protocol):
-    """A format's module."""
-
-    def read(self, path: Path, data: bytes) -> Read:
-        """The streams of a file's bytes; ``path`` is for messages. What it raises says that the file is damaged."""
-
-
 @dataclass(frozen=True)
 class Kind:
     """A format."""
@@ -137,18 +131,15 @@ def kind(path: Path) -> Kind:
             if path.suffix.lower() in (".txt", ".lvm", ".dat", ".asc")
             else ""
         )
-        raise InputError(f"{path}: unknown kind of file {path.suffix!r}; a log is .parquet or .csv, a recording also {_others()}{named}")
+        *others, last = (name for name in SUFFIXES if name not in (".parquet", ".csv"))
+        also = f"{', '.join(others)} or {last}"
+        raise InputError(f"{path}: unknown kind of file {path.suffix!r}; a log is .parquet or .csv, a recording also {also}{named}")
     return found
 
 
 def is_plain(path: Path) -> bool:
     """Whether a file is a table, which may be a log without any map."""
     return KINDS.get(suffix(path)) is TABLE
-
-
-def _others() -> str:
-    names = [name for name in SUFFIXES if name not in (".parquet", ".csv")]
-    return f"{', '.join(names[:-1])} or {names[-1]}"
 
 
 def counted(path: Path, streams: Iterable[RecordedStream]) -> Iterator[RecordedStream]:

@@ -13,13 +13,15 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import clocks, covering, resample, units
 from massprop_cli.inputs.formats.clocks import Times
-from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Mapped, MappedJet, MappedSensor, MappedVector, MappedWrench, MapSource
+from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Mapped, MappedJet, MappedSensor, MappedVector, MapSource
 from massprop_cli.inputs.formats.pathpattern import fitting
 from massprop_cli.inputs.formats.recording import Numbers, RecordedStream, Recording
 from massprop_cli.inputs.vehicle import ACTUATORS
 
 _SHOWN = 5
 _SENSORS = ("gyro", "accelerometer")
+_COLUMNS = (columns.GYRO, columns.DELTA_THETA), (columns.ACCEL, columns.DELTA_V)
+"""Of rates and increments of these."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class Signals:
 
     def sensor(self, key: str, said: MappedSensor, rates: Mapping[str, float], increments: Mapping[str, float]) -> QuantitySignal:
         """Gyro or accelerometer, the sensor's axes turned as the map says."""
-        found = self._vector(key, said, increments if said.values == "increment" else rates)
+        found = self.vector(key, said, increments if said.values == "increment" else rates)
         self._gyro = found.times if key == "gyro" else self._gyro
         if said.values == "increment" and found.paths:
             self._check_covering(found)
@@ -73,6 +75,15 @@ class Signals:
             found.append((self.sensor("accelerometer", said, units.ACCELERATION, units.SPEED), said.values))
         return found
 
+    def as_recorded(self, imu: Sequence[tuple[QuantitySignal, resample.Values]], rows: slice = slice(None)) -> dict[str, Array]:
+        """Columns of gyro and accelerometer, as they are in some rows of the file; samples stay samples at their times."""
+        gyro, *others = (kind == "sample" for _, kind in imu)
+        self.sampled = gyro, others[0] if others else gyro
+        made: dict[str, Array] = {}
+        for (signal, kind), (rates, increments) in zip(imu, _COLUMNS, strict=False):
+            made |= dict(zip(increments if kind == "increment" else rates, signal.values[rows].T, strict=True))
+        return made
+
     def _check_covering(self, found: QuantitySignal) -> None:
         """Increments cover the time since the one before, where the file says what they cover."""
         length = covering.lengths(self.recording.streams, found.paths)
@@ -84,10 +95,6 @@ class Signals:
                 'what happened in between is lost. Log all of them, or map rates instead (values = "sample" or "mean"), or '
                 "correct the clock",
             )
-
-    def wrench(self, key: str, said: MappedWrench, known: Mapping[str, float]) -> QuantitySignal:
-        """Commanded torque or force in the frame that the map states."""
-        return self._vector(key, said, known)
 
     def jet(self, name: str, said: MappedJet) -> tuple[QuantitySignal, bool]:
         """On-times in s, or openings from 0 to 1; and whether it is these."""
@@ -151,7 +158,8 @@ class Signals:
         quaternion = resample.about_axes(quaternion, said.axes)
         return self._signal("attitude", paths, quaternion, self._clock_of("attitude", paths, said.clock))
 
-    def _vector(self, key: str, said: MappedVector, known: Mapping[str, float]) -> QuantitySignal:
+    def vector(self, key: str, said: MappedVector, known: Mapping[str, float]) -> QuantitySignal:
+        """Three axes, turned as the map says, of units that are ``known``; of a command in the frame that the map states."""
         paths = self._paths(key, said.paths, 3)
         streams = [self._stream(key, path) if isinstance(path, str) else None for path in paths]
         columns = []
@@ -270,7 +278,7 @@ class Signals:
         stated = said or common
         if stated.path is None and not own:
             raise self.error(key, named[0] if named else "", "the file doesn't say which stream has its times; state clock.path")
-        return stated if stated.path is not None else replace_clock(stated, own)
+        return stated if stated.path is not None else stated.model_copy(update={"path": own})
 
     def _counts(self, key: str, path: str, held: BoolArray | None = None) -> Numbers:
         """A clock's numbers as recorded, in the rows that are held, all finite, whole ones with a sign."""
@@ -332,14 +340,3 @@ class Signals:
         scatter = float((stamps_s - even).std())
         self.made.append(f"{key}: stamps by {path!r} scatter by {scatter:.3g} s; its samples are taken as coming every {step}")
         return even
-
-
-def replace_clock(clock: Clock, path: str) -> Clock:
-    """The clock with a path."""
-    return clock.model_copy(update={"path": path})
-
-
-def sampled(imu: Sequence[tuple[QuantitySignal, resample.Values]]) -> tuple[bool, bool]:
-    """Whether records of gyro and accelerometer are samples at their times."""
-    gyro, *others = (kind == "sample" for _, kind in imu)
-    return gyro, others[0] if others else gyro

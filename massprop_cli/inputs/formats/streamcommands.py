@@ -44,7 +44,7 @@ def commands_of(signals: Signals, attitude: QuantitySignal | None) -> list[Strea
     """
     found = []
     for key, wrench, known, names in wrenches(signals):
-        signal = signals.wrench(key, wrench, known)
+        signal = signals.vector(key, wrench, known)
         if wrench.frame == "world" and attitude is not None:
             at = resample.attitude_at(attitude.values, attitude.times.s, signal.times.s)
             signal = replace(signal, values=resample.into_body(signal.values, at))
