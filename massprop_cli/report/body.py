@@ -39,6 +39,11 @@ class Ellipsoid:
     """Whether it stands for the nearest consistent inertia, because no body could have the estimated one."""
 
     @property
+    def located(self) -> bool:
+        """Whether it is known where O is in it."""
+        return self.to_scale and bool(np.isfinite(self.center_m).all())
+
+    @property
     def shape(self) -> Array:
         """(3, 3) A in xᵀ A⁻¹ x = 1; the block of two axes is the outline seen along the third."""
         found: Array = (self.axes * self.semi_axes**2) @ self.axes.T
@@ -60,13 +65,18 @@ def inertia_sigmas(phase: PhaseItem | DockedObject) -> Array:
     return tensor(np.array([item.sigma for item in phase.estimates.values()][:6], dtype=float))
 
 
+def _axes(matrix: Array) -> tuple[Array, Array]:
+    """(3,) moments, ascending, and (3, 3) their axes by columns, the largest component of each positive."""
+    moments, axes = np.linalg.eigh(matrix)
+    return moments, axes * np.sign(axes[np.argmax(np.abs(axes), axis=0), range(3)])
+
+
 def principal(phase: PhaseItem | DockedObject) -> Principal | None:
     """Eigenvalues and eigenvectors; the variance of λ = vᵀ I v to first order is gᵀ P g with g = ∂λ/∂(ixx … izz)."""
     matrix = inertia(phase)
     if not np.isfinite(matrix).all():
         return None
-    moments, axes = np.linalg.eigh(matrix)
-    axes = axes * np.sign(axes[np.argmax(np.abs(axes), axis=0), range(3)])
+    moments, axes = _axes(matrix)
     covariance = np.array(phase.covariance, dtype=float)[:6, :6]
     gradients = np.array([[(1 if i == j else 2) * v[i] * v[j] for i, j in UPPER] for v in axes.T])
     variance = np.einsum("ai,ij,aj->a", gradients, covariance, gradients)
@@ -112,7 +122,7 @@ def ellipsoid(phase: PhaseItem, bearing_mass_kg: float) -> Ellipsoid | None:
     matrix = array(phase.physical.nearest_consistent) if mended else inertia(phase)
     if not np.isfinite(matrix).all():
         return None
-    moments, axes = np.linalg.eigh(matrix)
+    moments, axes = _axes(matrix)
     second = np.maximum(moments.sum() / 2 - moments, 0.0)
     if not second.max() > 0:
         return None
@@ -120,5 +130,4 @@ def ellipsoid(phase: PhaseItem, bearing_mass_kg: float) -> Ellipsoid | None:
     mass = found[9] - bearing_mass_kg
     to_scale = bool(mass > 0)
     semi_axes = np.sqrt(5 * second / mass) if to_scale else np.sqrt(second / second.max())
-    axes = axes * np.sign(axes[np.argmax(np.abs(axes), axis=0), range(3)])
     return Ellipsoid(semi_axes, axes, found[6:9], to_scale, mended)

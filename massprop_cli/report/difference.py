@@ -19,16 +19,12 @@ def show(found: Comparison, console: Console) -> None:
     console.print(escape.rich(f"{found.result.path} against the baseline {found.baseline.path}"))
     for part in found.parts:
         fitted(_table(part), console, _SPARE)
-    for line in _legend(found):
-        console.print(escape.rich(line))
-
-
-def _legend(found: Comparison) -> list[str]:
-    return [
+    for line in (
         "Inertia about the CG in body axes; products are the tensor's own elements, ixy = -Σ m x y. CG from O in body axes.",
         "± is one standard deviation of the difference, sqrt(s1² + s2²); what both results share is not taken into account.",
         *(f"Note: {note}." for note in found.notes),
-    ]
+    ):
+        console.print(escape.rich(line))
 
 
 def _table(part: ComparedPart) -> Table:

@@ -58,12 +58,14 @@ def text(found: Iterable[LogOutcome], name: str = "massprop") -> str:
 
 
 def _suite(outcome: LogOutcome) -> ET.Element:
-    cases = [_error(outcome)] if outcome.result is None else _cases(outcome)
+    if outcome.result is None:
+        unusable = said(case(outcome.name, "log", "usable"), "error", outcome.error or "no result", outcome.kind)
+        return suite(outcome.name, [unusable])
+    cases = _cases(outcome, outcome.result)
     cases += [said(case(outcome.name, "log", "required"), "failure", outcome.unmet, "not converged")] if outcome.unmet else []
     made = suite(outcome.name, cases)
-    if outcome.result is not None:
-        made.insert(0, _properties(outcome.result))
-    if outcome.result is not None and outcome.result.warnings:
+    made.insert(0, _properties(outcome.result))
+    if outcome.result.warnings:
         warnings = ET.SubElement(made, "system-err")
         warnings.text = "\n".join(f"warning: {line(warning.message)} [{line(warning.code)}]" for warning in outcome.result.warnings)
     return made
@@ -75,10 +77,6 @@ def suite(name: str, cases: Sequence[ET.Element]) -> ET.Element:
     made = ET.Element("testsuite", {"name": line(name), "tests": str(len(cases)), **counts})
     made.extend(cases)
     return made
-
-
-def _error(outcome: LogOutcome) -> ET.Element:
-    return said(case(outcome.name, "log", "usable"), "error", outcome.error or "no result", outcome.kind)
 
 
 def _properties(found: Result) -> ET.Element:
@@ -96,14 +94,11 @@ def _properties(found: Result) -> ET.Element:
     return properties
 
 
-def _cases(outcome: LogOutcome) -> list[ET.Element]:
-    found, allowed = outcome.result, outcome.allow_contradicted
-    held = found is not None and found.expectations is not None
-    if found is None:
-        return []
+def _cases(outcome: LogOutcome, found: Result) -> list[ET.Element]:
+    held = found.expectations is not None
     validated = [(case(outcome.name, f"phase {phase}", "cross_validation"), missed) for phase, missed in unpredicted(found).items()]
     return [
-        _quantity(case(outcome.name, part, quantity), quantity, item, contradiction(body), allowed)
+        _quantity(case(outcome.name, part, quantity), quantity, item, contradiction(body), outcome.allow_contradicted)
         for part, body in parts(found)
         for quantity, item in items(body).items()
         if not held or item.expected is not None or item.verdict == "contradicted"

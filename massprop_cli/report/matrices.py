@@ -75,12 +75,10 @@ def _verdicts(phase: PhaseItem | DockedObject) -> NDArray[np.object_]:
 
 
 def _grid(matrix: Array, sigmas: Array, verdicts: NDArray[np.object_]) -> tuple[tuple[Cell, ...], ...]:
-    cells = ((_cell(float(matrix[i, j]), float(sigmas[i, j]), str(verdicts[i, j])) for j in range(3)) for i in range(3))
-    return tuple(tuple(row) for row in cells)
+    def cell(value: float, sigma: float, verdict: str) -> Cell:
+        return Cell(_numbers(value, sigma, verdict)[0], np.isfinite(value) and verdict not in INFORMED)
 
-
-def _cell(value: float, sigma: float, verdict: str) -> Cell:
-    return Cell(_numbers(value, sigma, verdict)[0], np.isfinite(value) and verdict not in INFORMED)
+    return tuple(tuple(cell(float(matrix[i, j]), float(sigmas[i, j]), str(verdicts[i, j])) for j in range(3)) for i in range(3))
 
 
 def _numbers(value: float, sigma: float, verdict: str) -> tuple[str, str]:

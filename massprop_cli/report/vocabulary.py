@@ -101,6 +101,14 @@ def _thrust_scale(result: Result) -> str:
     return f"{stated}; in phase {where} it is calibrated by what is known: {names}." if where else f"{stated}."
 
 
+_UNOBSERVABLE = {
+    "no-part": "another test: in free flight, or on an air bearing",
+    "unweighed-pedestal": "weigh the vehicle and state known.mass",
+    "ratios-only": "state known.ixx, known.iyy and known.izz, or command torques",
+}
+"""Remedies by the reason why a quantity is unobservable."""
+
+
 def remedy(quantity: str, verdict: str, contradiction: str = "", reason_code: str = "") -> str:
     """What to do about a quantity that is not converged; in a phase with a contradiction no motion is the remedy."""
     if verdict == "contradicted":
@@ -114,14 +122,9 @@ def remedy(quantity: str, verdict: str, contradiction: str = "", reason_code: st
     if verdict == "not_converged":
         return f"a longer log, with more {cure(quantity)}"
     if verdict == "unobservable":
-        if reason_code == "no-part":
-            return "another test: in free flight, or on an air bearing"
-        if reason_code == "unweighed-pedestal":
-            return "weigh the vehicle and state known.mass"
-        if reason_code == "ratios-only":
-            return "state known.ixx, known.iyy and known.izz, or command torques"
-        return f"{cure(quantity)}: this vehicle's commands can't give it; other thrusters could, or a value measured elsewhere ([known])"
-    return f"{cure(quantity)}"
+        other = f"{cure(quantity)}: this vehicle's commands can't give it; other thrusters could, or a value measured elsewhere ([known])"
+        return _UNOBSERVABLE.get(reason_code, other)
+    return cure(quantity)
 
 
 NAMES_MOTION = (

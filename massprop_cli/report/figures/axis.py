@@ -63,6 +63,18 @@ def values(axes: Axes, limits: AxisRange, text: str, unit: str, exponent: int | 
     heading(axes, text, unit, exponent)
 
 
+def note(axes: Axes, text: str) -> None:
+    """Say in the middle of the axes why nothing is drawn."""
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=palette.MUTED)
+
+
+def empty(axes: Axes, text: str) -> None:
+    """Say so on axes without ticks."""
+    axes.set_xticks([])
+    axes.set_yticks([])
+    note(axes, text)
+
+
 def beginning(phase: PhaseItem, time_s: Array) -> float:
     """Where a phase's time axis begins: at its start, unless its first cycles were not used for long."""
     first, last = float(time_s[0]), float(time_s[-1])

@@ -98,10 +98,7 @@ def _panel(kind: str, letter: str, each: Against) -> Panel:
     def paint(axes: Axes) -> None:
         if not each.left.size or not np.ptp(each.command) > 0:
             axis.heading(axes, title, unit)
-            axes.set_xticks([])
-            axes.set_yticks([])
-            note = "not predicted" if not each.left.size else f"no {command} along it was commanded"
-            axes.text(0.5, 0.5, note, transform=axes.transAxes, ha="center", va="center", color=palette.MUTED)
+            axis.empty(axes, "not predicted" if not each.left.size else f"no {command} along it was commanded")
             return
         reach = max(float(np.quantile(np.abs(each.left), 0.995)), max((abs(m.left) + 2 * m.sigma for m in found), default=0.0))
         axis.values(axes, padded(-reach, reach, 0.05), title, unit)

@@ -47,7 +47,7 @@ def _panel(name: str, items: list[EstimateItem], names: Sequence[str]) -> Panel:
         else:
             axis.heading(axes, vocabulary.SYMBOLS[name], vocabulary.unit(items[0].unit))
             axes.set_yticks([])
-            axes.text(0.5, 0.5, "no result has a value", transform=axes.transAxes, ha="center", color=palette.MUTED)
+            axis.note(axes, "no result has a value")
         axes.set_xlim(0.5, len(items) + 0.5)
         if names:
             axes.set_xticks(range(1, len(items) + 1), [line(each, 16) for each in names], rotation=20, ha="right", rotation_mode="anchor")

@@ -73,9 +73,7 @@ def _panel(number: int, phase: PhaseItem, seen: body.Ellipsoid | None, view: str
         axis.heading(axes, f"{label}{name}{f': {letters[0]} right, {letters[1]} up' if letters else ''}", unit)
         axes.set_aspect("equal", adjustable="box")
         if seen is None:
-            axes.set_xticks([])
-            axes.set_yticks([])
-            axes.text(0.5, 0.5, "inertia is not known", transform=axes.transAxes, ha="center", color=palette.MUTED)
+            axis.empty(axes, "inertia is not known")
             return
         _draw(axes, seen, directions, f"{view}-{{}}-{number}")
         reach = max(float(np.ptp(_corners(seen, each), axis=0).max()) for _, _, each in VIEWS.values()) * (0.5 + MARGIN)
@@ -93,17 +91,20 @@ def _panel(number: int, phase: PhaseItem, seen: body.Ellipsoid | None, view: str
     return Panel(f"{view}-{number}", _says(phase, seen, label), paint, (SIDE, SIDE))
 
 
+def _centre(seen: body.Ellipsoid, directions: Array) -> Array:
+    """(2,) from O, where it is known."""
+    return directions @ seen.center_m if seen.located else np.zeros(2)
+
+
 def _corners(seen: body.Ellipsoid, directions: Array) -> Array:
     """(2, 2) least and largest of what is drawn: the outline, and O where it is."""
-    located = seen.to_scale and bool(np.isfinite(seen.center_m).all())
-    edge = outline(seen, directions) + (directions @ seen.center_m if located else np.zeros(2))
-    shown = np.vstack([edge, np.zeros(2)]) if located else edge
+    edge = outline(seen, directions) + _centre(seen, directions)
+    shown = np.vstack([edge, np.zeros(2)]) if seen.located else edge
     return np.array([shown.min(0), shown.max(0)])
 
 
 def _draw(axes: Axes, seen: body.Ellipsoid, directions: Array, gid: str) -> None:
-    located = seen.to_scale and bool(np.isfinite(seen.center_m).all())
-    centre = directions @ seen.center_m if located else np.zeros(2)
+    centre = _centre(seen, directions)
     edge = centre + outline(seen, directions)
     axes.fill(edge[:, 0], edge[:, 1], facecolor=palette.BLUE, alpha=0.16, linewidth=0)
     axes.plot(edge[:, 0], edge[:, 1], color=palette.BLUE, gid=gid.format("outline"))
@@ -114,7 +115,7 @@ def _draw(axes: Axes, seen: body.Ellipsoid, directions: Array, gid: str) -> None
         if np.linalg.norm(reach) > 0.25 * np.abs(edge - centre).max():
             _label(axes, ends[1], f"{i + 1}", palette.ORANGE)
     axes.plot(*centre, marker="o", markersize=4, color=palette.INK, linestyle="")
-    if located:
+    if seen.located:
         axes.plot(0, 0, marker="+", markersize=8, markeredgewidth=1.4, color=palette.GREEN, linestyle="")
         _body_axes(axes, directions, 0.45 * float(np.abs(edge - centre).max()))
 
@@ -129,7 +130,7 @@ def _body_axes(axes: Axes, directions: Array, length: float) -> None:
 
 def _sections(axes: Axes, seen: body.Ellipsoid, directions: Array) -> None:
     """The three sections through two principal axes each."""
-    centre = directions @ seen.center_m if seen.to_scale and np.isfinite(seen.center_m).all() else np.zeros(2)
+    centre = _centre(seen, directions)
     angle = np.linspace(0, 2 * np.pi, 49)
     for i, j in ((0, 1), (0, 2), (1, 2)):
         edges = seen.axes[:, [i, j]] * seen.semi_axes[[i, j]] @ np.array([np.cos(angle), np.sin(angle)])

@@ -68,7 +68,9 @@ def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: 
     def paint(axes: Axes) -> None:
         axis.time(axes, axis.beginning(phase, time_s), time_s[-1])
         if limits is None:
-            _nothing(axes, item, heading)
+            axis.heading(axes, heading, vocabulary.unit(item.unit))
+            axes.set_yticks([])
+            axis.note(axes, f"nothing can be said:\n{item.verdict.replace('_', ' ')}")
             return
         axis.values(axes, limits, heading, vocabulary.unit(item.unit), power)
         blank = ~(sigma <= limits.high - limits.low)
@@ -151,13 +153,6 @@ def _reference(axes: Axes, gid: str, at: float, label: str, limits: AxisRange, c
         axes.axhline(at, color=colour, linestyle=style, linewidth=1.1, label=label, gid=gid)
     else:
         axes.plot([], [], color=colour, linestyle=style, label=f"{label}, {'above' if at > limits.high else 'below'} this picture")
-
-
-def _nothing(axes: Axes, item: EstimateItem, heading: str) -> None:
-    axis.heading(axes, heading, vocabulary.unit(item.unit))
-    axes.set_yticks([])
-    note = f"nothing can be said:\n{item.verdict.replace('_', ' ')}"
-    axes.text(0.5, 0.5, note, transform=axes.transAxes, ha="center", va="center", color=palette.MUTED)
 
 
 def _says(name: str, phase: PhaseItem, columns: Columns, limits: AxisRange | None) -> str:

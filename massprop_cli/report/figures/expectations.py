@@ -47,7 +47,7 @@ def _panel(number: int, part: str, estimates: Mapping[str, EstimateItem], severa
         for edge in (-1, 1):
             axes.axvline(edge, color=palette.GREEN, linestyle=(0, (4, 2)), linewidth=0.9)
         if not found:
-            axes.text(0.5, 0.5, "nothing was expected", transform=axes.transAxes, ha="center", va="center", color=palette.MUTED)
+            axis.note(axes, "nothing was expected")
         for row, (name, item, (off, spread)) in enumerate(found):
             met = item.expected is not None and item.expected.met
             colour = palette.GREEN if met else palette.RED

@@ -60,7 +60,7 @@ def _panel(jets: list[str], parts: list[Covered], found: list[str]) -> Panel:
         axis.title(axes, "Thrust of each jet [part of full]")
         if not jets:
             axes.set_yticks([])
-            axes.text(0.5, 0.5, "commands are torque and force", transform=axes.transAxes, ha="center", va="center", color=palette.MUTED)
+            axis.note(axes, "commands are torque and force")
             return
         for row, (jet, share) in enumerate(zip(jets, rows, strict=True)):
             colour = palette.RED if jet in found else palette.BLUE

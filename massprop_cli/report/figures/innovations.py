@@ -5,8 +5,8 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
-from massprop_cli.report.figures.recording import Columns, Covered, covered, over_time, sensed
-from massprop_cli.report.figures.series import AxisRange, padded, parts_of, said, thin
+from massprop_cli.report.figures.recording import Columns, Covered, covered, over_time, sensed, thinned
+from massprop_cli.report.figures.series import AxisRange, padded, parts_of, thin
 from massprop_cli.result.read import Recorded
 
 UNITS = {"torque": "N m", "force": "N"}
@@ -30,7 +30,7 @@ def picture(recorded: Recorded) -> Picture:
         "Line: measured less predicted, each cycle, before that cycle was used; body axes. Dashed lines: ± 2 sigma as the filter expected. "
         "Where model and noise levels hold, 95 % lie between the dashed lines, without trend or pattern."
     )
-    return Picture(caption + said([len(each["time_s"]) for *_, each in parts], parts_of(len(parts))), panels)
+    return Picture(caption + thinned(parts), panels)
 
 
 def share_inside(values: Array, sigmas: Array) -> float | None:

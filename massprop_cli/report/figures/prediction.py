@@ -9,8 +9,8 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.innovations import BOUND, bounds
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
-from massprop_cli.report.figures.recording import Columns, Covered, covered, over_time, sensed
-from massprop_cli.report.figures.series import AxisRange, padded, parts_of, said, span, thin
+from massprop_cli.report.figures.recording import Columns, Covered, covered, over_time, sensed, thinned
+from massprop_cli.report.figures.series import AxisRange, padded, parts_of, span, thin
 from massprop_cli.result.historyfile import PREDICTED
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import AXES
@@ -41,16 +41,18 @@ class Channel:
 
 def columns(kind: str) -> list[str]:
     """What of history.parquet this takes."""
+    return [name for letter in AXES for name in _names(kind, letter)]
+
+
+def _names(kind: str, letter: str) -> tuple[str, str, str]:
+    """Of what was measured, what was predicted, and the sigma of the difference."""
     unit = PREDICTED[kind]
-    names = [(f"{kind}_{a}_{unit}", f"predicted_{kind}_{a}_{unit}", f"predicted_{kind}_{a}_sigma_{unit}") for a in AXES]
-    return [name for three in names for name in three]
+    return f"{kind}_{letter}_{unit}", f"predicted_{kind}_{letter}_{unit}", f"predicted_{kind}_{letter}_sigma_{unit}"
 
 
 def channel(number: int, found: Columns, kind: str, letter: str) -> Channel:
     """Of a phase's history."""
-    unit = PREDICTED[kind]
-    names = (f"{kind}_{letter}_{unit}", f"predicted_{kind}_{letter}_{unit}", f"predicted_{kind}_{letter}_sigma_{unit}")
-    return Channel(number, found["time_s"], *(found[name] for name in names))
+    return Channel(number, found["time_s"], *(found[name] for name in _names(kind, letter)))
 
 
 def picture(recorded: Recorded, kind: str) -> Picture:
@@ -73,12 +75,11 @@ def _caption(recorded: Recorded, parts: list[Covered]) -> str:
         return (
             "Blue: measured, body axes. The thesis's filters predict torque and force from the motion, not the motion: see the innovations."
         )
-    lengths = [len(each["time_s"]) for *_, each in parts]
     return (
         "Blue: measured. Orange dashes: what the commands make of a body with the final values, from the phase's first moment on; only "
         "what it begins with (rate, biases, tilt) is taken from the cycles before. Below: measured less predicted, with ± 2 sigma of the "
         "stated noise (dashes). Where values and vehicle file are right, noise alone is left: no trend, no pattern, 95 % between the "
-        f"dashes. Body axes.{said(lengths, parts_of(len(parts)))}"
+        f"dashes. Body axes.{thinned(parts)}"
     )
 
 
@@ -129,7 +130,7 @@ def _residual(kind: str, letter: str, each: Sequence[Channel], limits: AxisRange
     def paint(axes: Axes) -> None:
         over_time(axes, parts, limits, f"{letter.upper()}: measured less predicted", unit, power)
         if not any(np.isfinite(one.residual).any() for one in each):
-            axes.text(0.5, 0.5, "not predicted", transform=axes.transAxes, ha="center", va="center", color=palette.MUTED)
+            axis.note(axes, "not predicted")
         for one in each:
             rows = thin(one.residual, buckets=parts_of(len(parts)))
             gid = f"{kind}_{letter}_residual-{{}}-{one.number}"

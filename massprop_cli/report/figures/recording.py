@@ -10,7 +10,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError, UsageError
 from massprop_cli.report.figures import axis
 from massprop_cli.report.figures.panel import Axes
-from massprop_cli.report.figures.series import AxisRange
+from massprop_cli.report.figures.series import AxisRange, parts_of, said
 from massprop_cli.result.historyfile import SIGNALS
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import AXES, PhaseItem
@@ -57,6 +57,11 @@ def only(recorded: Recorded, phase: str) -> Recorded:
         known = ", ".join(item.name for item in recorded.result.phases)
         raise UsageError(f"no phase {phase!r} in {recorded.path}; there are {known}")
     return replace(recorded, result=recorded.result.model_copy(update={"phases": found, "docked_object": None}))
+
+
+def thinned(parts: Sequence[Covered], each: int = 1) -> str:
+    """What of these phases is drawn, each in an ``each``-th of the usual number of parts, as a sentence for the caption."""
+    return said([len(columns["time_s"]) for *_, columns in parts], parts_of(len(parts)) // each)
 
 
 def over_time(axes: Axes, parts: list[Covered], limits: AxisRange, heading: str, unit: str, power: int | None = None) -> None:

@@ -9,8 +9,8 @@ from massprop_cli.conclude.verdict import allowed
 from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
-from massprop_cli.report.figures.recording import Columns, covered
-from massprop_cli.report.figures.series import parts_of, said, thin
+from massprop_cli.report.figures.recording import Columns, covered, thinned
+from massprop_cli.report.figures.series import parts_of, thin
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import PhaseItem, Result
 
@@ -26,7 +26,7 @@ def picture(recorded: Recorded) -> Picture:
         "Blue: how far the estimate after each cycle is from where it ends. Orange dashes: its sigma then. Grey dots: the tolerance within "
         "which it must stand still to be called converged. Where sigmas are honest, blue stays below some two times orange."
     )
-    return Picture(caption + said([len(each["time_s"]) for *_, each in parts], parts_of(len(parts)) // 2), panels, 5)
+    return Picture(caption + thinned(parts, 2), panels, 5)
 
 
 def tolerance(name: str, phase: PhaseItem, result: Result) -> float | None:
@@ -63,7 +63,7 @@ def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: 
         axis.heading(axes, heading, vocabulary.unit(item.unit))
         if not told.any():
             axes.set_yticks([])
-            axes.text(0.5, 0.5, "nothing can be said", transform=axes.transAxes, ha="center", va="center", color=palette.MUTED)
+            axis.note(axes, "nothing can be said")
             return
         drawn = [_logarithm(away), _logarithm(sigma)]
         for each, kind, colour, style, width in (

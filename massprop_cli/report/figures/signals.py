@@ -3,45 +3,26 @@
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.equipment import PIVOTED
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
-from massprop_cli.report.figures.recording import Covered, covered, over_time, sensed
-from massprop_cli.report.figures.series import AxisRange, gathered, parts_of, said, span, thin
+from massprop_cli.report.figures.recording import Covered, covered, over_time, sensed, thinned
+from massprop_cli.report.figures.series import AxisRange, gathered, parts_of, span, thin
 from massprop_cli.result.historyfile import SIGNALS
 from massprop_cli.result.read import Recorded
 
-
-@dataclass(frozen=True)
-class ColumnKind:
-    """How a kind of column is named and explained."""
-
-    heading: str
-    caption: str
-    unit: str
-
-
+_EXECUTED = "that was executing in each cycle, in body axes: the commands after delay, rise and fall of the thrust."
 KINDS = {
-    "torque": ColumnKind(
-        "Torque about O, body",
-        "Mean torque about O that was executing in each cycle, in body axes: the commands after delay, rise and fall of the thrust.",
-        "N m",
-    ),
-    "force": ColumnKind(
-        "Force, body",
-        "Mean force that was executing in each cycle, in body axes: the commands after delay, rise and fall of the thrust.",
-        "N",
-    ),
-    "rate": ColumnKind("Rate, body", "Mean rate over each cycle, in body axes.", "rad/s"),
-    "acceleration": ColumnKind(
+    "torque": ("Torque about O, body", f"Mean torque about O {_EXECUTED}", "N m"),
+    "force": ("Force, body", f"Mean force {_EXECUTED}", "N"),
+    "rate": ("Rate, body", "Mean rate over each cycle, in body axes.", "rad/s"),
+    "acceleration": (
         "Acceleration of {point}, body",
         "What the accelerometer felt, carried from the IMU to {point}: lever arm, rotation and gravity taken out; body axes.",
         "m/s²",
     ),
 }
-
-
+"""Heading, caption and unit of each kind of columns."""
 COMMANDED = ("torque", "force")
 """Kinds that jump from cycle to cycle."""
 NOTHING = 1e-3
@@ -50,7 +31,7 @@ NOTHING = 1e-3
 
 def picture(recorded: Recorded, kind: str) -> Picture:
     """X, Y and Z, over all phases."""
-    parts, signal = covered(recorded), KINDS[kind]
+    parts, (heading, caption, _) = covered(recorded), KINDS[kind]
     point = "the bearing" if recorded.result.vehicle.environment in PIVOTED else "O"
     letters = sensed(parts, kind)
     columns = [columns[f"{kind}_{letter}_{SIGNALS[kind]}"] for letter in letters for *_, columns in parts]
@@ -58,12 +39,12 @@ def picture(recorded: Recorded, kind: str) -> Picture:
     ranges = [
         span(np.concatenate([each[f"{kind}_{letter}_{SIGNALS[kind]}"] for *_, each in parts]), NOTHING * largest) for letter in letters
     ]
-    power, heading = axis.power(ranges), signal.heading.format(point=point)
+    power, heading = axis.power(ranges), heading.format(point=point)
     panels = tuple(_panel(kind, letter, heading, parts, limits, power) for letter, limits in zip(letters, ranges, strict=True))
-    thinned = said([len(each["time_s"]) for *_, each in parts], parts_of(len(parts)))
-    if thinned and kind in COMMANDED:
-        thinned = f" Line: their mean.{thinned.replace('Drawn', 'Band')}"
-    return Picture(signal.caption.format(point=point) + thinned, panels)
+    drawn = thinned(parts)
+    if drawn and kind in COMMANDED:
+        drawn = f" Line: their mean.{drawn.replace('Drawn', 'Band')}"
+    return Picture(caption.format(point=point) + drawn, panels)
 
 
 def _commanded(axes: Axes, gid: str, time_s: Array, mean: Array, low: Array, high: Array) -> None:
@@ -76,7 +57,7 @@ def _commanded(axes: Axes, gid: str, time_s: Array, mean: Array, low: Array, hig
 def _panel(kind: str, letter: str, heading: str, parts: list[Covered], limits: AxisRange, power: int) -> Panel:
     column = f"{kind}_{letter}_{SIGNALS[kind]}"
     values = np.concatenate([columns[column] for *_, columns in parts])
-    unit = KINDS[kind].unit
+    *_, unit = KINDS[kind]
 
     def paint(axes: Axes) -> None:
         over_time(axes, parts, limits, f"{heading} {letter.upper()}", unit, power)

@@ -6,8 +6,8 @@ from massprop_cli.base.arrays import TINY, Array
 from massprop_cli.report import checks
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
-from massprop_cli.report.figures.recording import Covered, covered, over_time, sensed
-from massprop_cli.report.figures.series import AxisRange, padded, parts_of, said, thin
+from massprop_cli.report.figures.recording import Covered, covered, over_time, sensed, thinned
+from massprop_cli.report.figures.series import AxisRange, padded, parts_of, thin
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import AXES
 
@@ -33,7 +33,7 @@ def picture(recorded: Recorded) -> Picture:
         f"range that chance leaves (dashes). Right: normalised innovation squared, mean over {WINDOW} cycles, with what is expected and "
         "what chance leaves. Where model and noise hold, all three stay at the grey."
     )
-    return Picture(caption + said([len(each["time_s"]) for *_, each in parts], parts_of(len(parts))), tuple(panels))
+    return Picture(caption + thinned(parts), tuple(panels))
 
 
 def whitened(parts: list[Covered], kind: str) -> list[Array]:
