@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.lazy import pa
 
 
 def text(values: Sequence[str | None]) -> Any:
     """A column of text, null for None."""
-    import pyarrow as pa
-
     encoded = [(value or "").encode() for value in values]
     offsets = np.concatenate([[0], np.cumsum([len(value) for value in encoded])]).astype(np.int32)
     bits = pa.py_buffer(np.packbits([value is not None for value in values], bitorder="little").tobytes())
@@ -20,8 +19,6 @@ def text(values: Sequence[str | None]) -> Any:
 
 def numbers(values: Array) -> Any:
     """A column of numbers, null for NaN."""
-    import pyarrow as pa
-
     known = np.isfinite(values)
     bits = pa.py_buffer(np.packbits(known, bitorder="little").tobytes())
     data = pa.py_buffer(np.where(known, values, 0.0).astype(np.float64).tobytes())
@@ -30,8 +27,6 @@ def numbers(values: Array) -> Any:
 
 def held(values: Array) -> Any:
     """A column of these very float64, without a copy."""
-    import pyarrow as pa
-
     return pa.Array.from_buffers(pa.float64(), len(values), [None, pa.py_buffer(values)])
 
 

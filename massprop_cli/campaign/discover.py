@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path, PurePath, PurePosixPath
 
 from massprop_cli.base.errors import InputError
-from massprop_cli.campaign import campaignfile, location
+from massprop_cli.campaign import campaignfile, location, remote
 from massprop_cli.campaign.plan import FoundLog, Job, Settings, jobs
 from massprop_cli.inputs.formats.recording import SUFFIXES
 
@@ -94,8 +94,6 @@ def _matching(path: Path, fixed: Path) -> set[Path]:
 
 def _expanded_url(named: str) -> list[FoundLog]:
     """The same of a URL, by the same rules."""
-    from massprop_cli.campaign import remote
-
     if remote.exists(named):
         return [_found_url(location.folder(named), location.name(named))]
     place, *outer = named.split("::", 1)

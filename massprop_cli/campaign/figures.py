@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from massprop_cli import ALL_UNITS
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.lazy import ticker
 from massprop_cli.campaign import pool
 from massprop_cli.campaign.pooled import Group, Pool, Pooled
 from massprop_cli.report import vocabulary
@@ -85,11 +86,9 @@ def _values(name: str, spread: Spread, told: Pooled) -> Panel:
     first, last = float(samples.number[0]), float(samples.number[-1])
 
     def paint(axes: Axes) -> None:
-        from matplotlib.ticker import MaxNLocator
-
         axis.values(axes, limits, vocabulary.SYMBOLS[name], vocabulary.unit(told.unit))
         axes.set_xlim(first - 0.6, last + 0.6)
-        axes.xaxis.set_major_locator(MaxNLocator(nbins=8, integer=True, min_n_ticks=1))
+        axes.xaxis.set_major_locator(ticker.MaxNLocator(nbins=8, integer=True, min_n_ticks=1))
         axes.axhspan(mean.value - mean.sigma, mean.value + mean.sigma, color=palette.BLUE, alpha=0.2, linewidth=0)
         axes.axhline(mean.value, color=palette.BLUE, linewidth=1.0, gid=f"{name}-mean")
         if spread.expected is not None:

@@ -6,6 +6,7 @@ from pathlib import Path, PurePosixPath
 
 from massprop_cli.base import foldername, limits
 from massprop_cli.base.errors import InputError
+from massprop_cli.campaign import remote
 
 
 def is_url(location: str) -> bool:
@@ -22,8 +23,6 @@ def shared(location: str) -> bool:
 def read(location: str, what: str) -> bytes:
     """The bytes of a file (``what`` it is, for messages); :class:`InputError` names it and a remedy."""
     if is_url(location):
-        from massprop_cli.campaign import remote
-
         return remote.read(location, what)
     path = Path(location)
     try:
@@ -90,8 +89,6 @@ def below(location: str, base: str) -> str:
 def exists(location: str) -> bool:
     """Whether there is such a file."""
     if is_url(location):
-        from massprop_cli.campaign import remote
-
         return remote.exists(location)
     return Path(location).exists()
 

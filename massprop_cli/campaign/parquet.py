@@ -11,6 +11,7 @@ import numpy as np
 from massprop_cli import ALL_UNITS, PIVOT
 from massprop_cli.base import arrow
 from massprop_cli.base.escape import cell
+from massprop_cli.base.lazy import pa, pq
 from massprop_cli.campaign.outcome import CampaignRow, Outcome, PhaseQuantities, Value, state
 from massprop_cli.campaign.summary import Summary, quantities
 from massprop_cli.report.spreadsheet import SPELT
@@ -45,8 +46,6 @@ def parquet(found: Summary) -> bytes:
     expectation. Inertia is about the CG in body axes, products are tensor elements, the CG is from O. Of campaigns with a
     bearing or pedestal the same of the nine values about the pivot, pivot_ixx … pivot_moment_z.
     """  # noqa: D205
-    import pyarrow.parquet as pq
-
     out = io.BytesIO()
     with ExitStack() as stack:
         writer, names = None, quantities(found)
@@ -64,8 +63,6 @@ def _column(quantity: str) -> str:
 
 def _part(rows: Sequence[CampaignRow], names: Sequence[str]) -> Any:
     """The table of some rows."""
-    import pyarrow as pa
-
     lines: list[Line] = [(row, row.outcome, body) for row in rows for body in _bodies(row.outcome)]
     columns: dict[str, Any] = {name: arrow.text([tell(*line) for line in lines]) for name, tell in _TEXTS.items()}
     for name, number in _NUMBERS.items():
@@ -82,8 +79,6 @@ def _bodies(found: Outcome | None) -> Sequence[PhaseQuantities | None]:
 
 
 def _quantity(quantity: str, values: Sequence[Value | None]) -> dict[str, Any]:
-    import pyarrow as pa
-
     return {
         quantity: _numbers([item.value if item else None for item in values]),
         f"{quantity}_sigma": _numbers([item.sigma if item else None for item in values]),

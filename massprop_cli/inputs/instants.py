@@ -3,6 +3,8 @@
 import re
 from typing import Any
 
+from massprop_cli.base.lazy import pa, pc
+
 _TIME = r"\d\d:\d\d:\d\d(?:[.,]\d{1,9})?"
 _ZONE = r"\s*(?:Z|UTC|[+-]\d\d:?(?:\d\d)?)?"
 _DATES = (r"\d{4}-\d\d-\d\d", r"\d{4}/\d\d/\d\d", r"\d{4}-\d{3}")
@@ -26,9 +28,6 @@ def is_like(text: str) -> bool:
 
 def instants(text: Any) -> Any:
     """Arrow's array of dates and times in ns; None where a text is none, or they differ in form."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     plain = pc.replace_substring(pc.utf8_trim_whitespace(text), ",", ".")
     plain = pc.replace_substring_regex(plain, r"^(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)", r"\1-\2-\3T\4:\5:\6")
     plain = pc.replace_substring_regex(plain, r"^(\d{4})/(\d\d)/(\d\d)", r"\1-\2-\3")
@@ -42,8 +41,6 @@ def instants(text: Any) -> Any:
 
 def _cast(text: Any) -> Any:
     """Dates of month and day; None where a text is none, or some have a zone and some none."""
-    import pyarrow as pa
-
     for kind in (pa.timestamp("ns", "UTC"), pa.timestamp("ns")):
         try:
             return text.cast(kind)
@@ -54,9 +51,6 @@ def _cast(text: Any) -> Any:
 
 def _of_days(begun: Any, day: Any) -> Any:
     """The same of times on the first of January, so many days of the year later; None where a year has no such day."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     first = _cast(begun)
     if first is None:
         return None

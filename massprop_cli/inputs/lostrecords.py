@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, median
+from massprop_cli.base.lazy import pa
 from massprop_cli.inputs.columns import COMMAND_TIME, DELTA_THETA, DELTA_V, PULSE, WRENCH, is_jet
 from massprop_cli.inputs.imurecords import ImuRecords
 from massprop_cli.inputs.logtable import LONG, MISSING, WHOLE, LogTable, between_known
@@ -108,8 +109,6 @@ def _spread(table: Table, rows: IntArray, lost: BoolArray) -> Table:
 
 def _taken(cells: Cells, rows: IntArray, lost: BoolArray) -> object:
     """Arrow's array of these rows of a column."""
-    import pyarrow as pa
-
     return cells.read().take(pa.array(rows, mask=lost))
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from massprop_cli.base import limits
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.lazy import pa, pq
 from massprop_cli.base.spill import Content
 from massprop_cli.inputs import thrift
 
@@ -51,9 +52,6 @@ class ParquetColumns:
     """A file's columns, each unpacked when it is asked for. What Arrow raises, and ValueError, say that the file is damaged."""
 
     def __init__(self, place: str, data: Content) -> None:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         # text stays in its dictionary: one long text on a million rows would be as many texts
         texts = checked(place, data)
         try:

@@ -19,6 +19,7 @@ from massprop_cli.base.arrays import Array, IntArray
 from massprop_cli.base.configfile import repeated
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.lazy import pa, pacsv, pc
 from massprop_cli.base.spill import Content
 from massprop_cli.inputs import instants, parquetheader
 from massprop_cli.inputs.formats import csvdialect, recording, units
@@ -141,8 +142,6 @@ def _read_parquet(path: Path, data: Content) -> _File:
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
     """:class:`InputError` where a Parquet file turns out to be damaged."""
-    import pyarrow as pa
-
     try:
         yield
     except (pa.ArrowException, OSError, ValueError) as error:
@@ -151,8 +150,6 @@ def _readable(path: Path) -> Iterator[None]:
 
 
 def _read_csv(path: Path, data: Content) -> _File:
-    import pyarrow as pa
-
     data, before = csvdialect.body(csvdialect.utf8(path, data))
     header, lines = _plain_lines(data) or _any_lines(path, data)
     if before:
@@ -236,11 +233,8 @@ class _OtherRowsError(Exception):
 
 def _numbers(data: Content, names: Sequence[str], cut: str, rows: int) -> dict[str, Any]:
     """The columns of a CSV file of nothing but numbers, NaN for null; Arrow's exception where a cell is none."""
-    import pyarrow as pa
-    from pyarrow import csv
-
     found, first = [spill.empty(rows) for _ in names], 0
-    with csv.open_csv(pa.BufferReader(pa.py_buffer(data)), *_options(names, cut, pa.float64())) as batches:
+    with pacsv.open_csv(pa.BufferReader(pa.py_buffer(data)), *_options(names, cut, pa.float64())) as batches:
         for batch in batches:
             if first + len(batch) > rows:
                 raise _OtherRowsError
@@ -255,19 +249,14 @@ def _numbers(data: Content, names: Sequence[str], cut: str, rows: int) -> dict[s
 
 def _options(names: Sequence[str], cut: str, kind: Any) -> tuple[Any, Any, Any]:
     """How Arrow is to read a CSV file, all of whose cells are of a kind."""
-    from pyarrow import csv
-
-    convert = csv.ConvertOptions(column_types=dict.fromkeys(names, kind), strings_can_be_null=True, null_values=[""])
-    return csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False), csv.ParseOptions(delimiter=cut), convert
+    convert = pacsv.ConvertOptions(column_types=dict.fromkeys(names, kind), strings_can_be_null=True, null_values=[""])
+    return pacsv.ReadOptions(column_names=names, skip_rows=1, use_threads=False), pacsv.ParseOptions(delimiter=cut), convert
 
 
 def _texts(path: Path, data: Content, names: Sequence[str], cut: str) -> Any:
     """The same as texts; :class:`InputError` names the line whose cells are too few or too many."""
-    import pyarrow as pa
-    from pyarrow import csv
-
     try:
-        return csv.read_csv(pa.BufferReader(pa.py_buffer(data)), *_options(names, cut, pa.string()))
+        return pacsv.read_csv(pa.BufferReader(pa.py_buffer(data)), *_options(names, cut, pa.string()))
     except pa.ArrowException as error:
         for number, line in enumerate(_LINE_END.sub("\n", str(data, "utf-8-sig")).split("\n")[1:], 2):
             found = line.count(cut) + 1
@@ -287,8 +276,6 @@ def _names(top: str, header: str, cut: str) -> list[str]:
 
 def give_back() -> None:
     """Return to the system what Arrow keeps of columns that nobody holds any more: of a long log as much as a third of it."""
-    import pyarrow as pa
-
     pa.default_memory_pool().release_unused()
 
 
@@ -311,8 +298,6 @@ class Cells:
 
         :class:`InputError` names the first cell that is none.
         """
-        import pyarrow as pa
-
         data = self.read()
         if not pa.types.is_temporal(data.type):
             data = instants.instants(data)
@@ -337,8 +322,6 @@ class Cells:
 
     def numbers(self) -> Array:
         """(rows,) float64 with NaN for null. :class:`InputError` names the first cell that is no number."""
-        import pyarrow as pa
-
         data = self.read()
         if pa.types.is_boolean(data.type) or pa.types.is_temporal(data.type):
             hint = ", or name it as a clock in a map file" if self.instants else ""
@@ -350,9 +333,6 @@ class Cells:
         return arrow.floats(converted)
 
     def _converted(self, data: Any, whole: Any) -> Any:
-        import pyarrow as pa
-        import pyarrow.compute as pc
-
         if pa.types.is_string(data.type) or pa.types.is_large_string(data.type):
             data = pc.utf8_trim_whitespace(data)
         try:

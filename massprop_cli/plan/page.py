@@ -1,5 +1,6 @@
 """plan.html: the tables of a plan and every sigma against time, complete in itself."""
 
+from massprop_cli.base.lazy import markupsafe, ticker
 from massprop_cli.plan import limits as limited
 from massprop_cli.plan import table
 from massprop_cli.plan.document import PlanFile, QuantityItem
@@ -11,8 +12,6 @@ from massprop_cli.report.svg import gathered, inline
 
 def text(found: PlanFile) -> str:
     """The page; same plan, same bytes."""
-    from markupsafe import Markup
-
     told = {name: item for name, item in found.quantities.items() if item.told == "well"}
     panels = [_panel(found, name, item) for name, item in told.items()]
     drawn = [inline(canvas.render([panel], "svg"), f"plan-{panel.key}", panel.says) for panel in panels]
@@ -27,7 +26,7 @@ def text(found: PlanFile) -> str:
         "limits": [(limited.NAMES[name], table.limit(item)) for name, item in found.limits.items()],
         "legend": table.legend(found),
         # our own drawings, with their texts escaped
-        "panels": [Markup(one) for one in drawn],
+        "panels": [markupsafe.Markup(one) for one in drawn],
     }
     return gathered(page.render(content))
 
@@ -36,14 +35,12 @@ def _panel(found: PlanFile, name: str, item: QuantityItem) -> Panel:
     course = [(at, sigma) for at, sigma in zip(found.time_s, found.course[name], strict=True) if sigma is not None]
 
     def paint(axes: Axes) -> None:
-        from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
         axes.set_yscale("log")
         axes.yaxis.set_major_locator(
-            LogLocator(subs=(1.0,) if course and course[0][1] > 30 * course[-1][1] else (1.0, 2.0, 5.0), numticks=6)
+            ticker.LogLocator(subs=(1.0,) if course and course[0][1] > 30 * course[-1][1] else (1.0, 2.0, 5.0), numticks=6)
         )
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda tick, _: digits.figures(float(tick), 1)))
-        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.yaxis.set_major_formatter(ticker.FuncFormatter(lambda tick, _: digits.figures(float(tick), 1)))
+        axes.yaxis.set_minor_formatter(ticker.NullFormatter())
         axis.heading(axes, f"{vocabulary.SYMBOLS[name]}: sigma", vocabulary.unit(item.unit))
         axis.time(axes, 0.0, found.duration_s)
         for number, stretch in enumerate(found.timeline):

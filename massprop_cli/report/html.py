@@ -11,6 +11,7 @@ from massprop_cli import QUANTITIES
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.escape import visible
+from massprop_cli.base.lazy import markupsafe
 from massprop_cli.report import assumptions, body, checks, digits, figures, matrices, mended, timing, view, vocabulary
 from massprop_cli.report.figures import Picture, canvas, comparison, correlation, palette
 from massprop_cli.report.svg import gathered, inline, quoted, script
@@ -64,7 +65,6 @@ def stamped(text: str, recorded: Sequence[Recorded]) -> str:
 def environment() -> Environment:
     """The templates, with the palette and the words that they share."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
-    from markupsafe import Markup
 
     found = Environment(
         loader=PackageLoader("massprop_cli.report", "templates"),
@@ -74,7 +74,7 @@ def environment() -> Environment:
         lstrip_blocks=True,
         finalize=lambda value: visible(value) if type(value) is str else value,
     )
-    found.filters["quoted"] = lambda text: Markup(quoted(text))
+    found.filters["quoted"] = lambda text: markupsafe.Markup(quoted(text))
     found.globals |= {
         "light": palette.css(dark=False),
         "dark": palette.css(dark=True),
@@ -180,12 +180,10 @@ def _figure(name: str, recorded: Recorded, prefix: str, phase: str | None = None
 
 def drawn(name: str, title: str, picture: Picture, prefix: str) -> Figure:
     """A picture as a page has it; ``prefix`` makes its ids the page's only ones."""
-    from markupsafe import Markup
-
     svgs = [canvas.render([panel], "svg") for panel in picture.panels]
     panels = [inline(svg, f"{prefix}-{n}", panel.says) for n, (svg, panel) in enumerate(zip(svgs, picture.panels, strict=True), 1)]
     # our own drawing, with its texts escaped
-    return Figure(name, f"figure-{prefix}", title, picture.caption, tuple(Markup(panel) for panel in panels))
+    return Figure(name, f"figure-{prefix}", title, picture.caption, tuple(markupsafe.Markup(panel) for panel in panels))
 
 
 def _comparison(recorded: Sequence[Recorded]) -> Mapping[str, Any]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.escape import line
+from massprop_cli.base.lazy import markupsafe
 from massprop_cli.report.figures import palette
 
 if TYPE_CHECKING:
@@ -84,7 +85,5 @@ class Script:
 
 def script(name: str) -> Script:
     """One of the package's own scripts or style sheets."""
-    from markupsafe import Markup
-
     text = resources.files("massprop_cli.report").joinpath(f"templates/{name}").read_text(encoding="utf-8")
-    return Script(Markup(text), base64.b64encode(hashlib.sha256(text.encode()).digest()).decode())
+    return Script(markupsafe.Markup(text), base64.b64encode(hashlib.sha256(text.encode()).digest()).decode())

@@ -8,6 +8,7 @@ import numpy as np
 from massprop_cli import ABOUT_PIVOT, QUANTITIES
 from massprop_cli.base import arrow
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.lazy import pa, pq
 from massprop_cli.estimate.history import History
 from massprop_cli.flow import Analysis
 from massprop_cli.prepare.compensate import acceleration
@@ -33,9 +34,6 @@ def write_history(analysis: Analysis, path: Path | BinaryIO) -> None:
     from the commands, with the sigma of measured less predicted; the whitened innovations that the fit is judged by; and what each jet
     executed. All in body axes; null of an axis that the log lacks.
     """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     schema = pa.schema([("phase", pa.string()), *((name, pa.float64()) for name in _columns(analysis))])
     # numbers hardly repeat: a dictionary of them would take more room than they do, and as long to make
     with pq.ParquetWriter(path, schema, compression="zstd", use_dictionary=["phase"]) as writer:

@@ -14,6 +14,7 @@ from massprop_cli.base import configfile, limits
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.lazy import pa
 from massprop_cli.inputs import parquetheader
 from massprop_cli.result.schema import DockedObject, PhaseItem, Result
 
@@ -139,8 +140,6 @@ def _below(folder: Path) -> str:
 
 
 def _history(file: Path, result: Result) -> dict[str, dict[str, Array]]:
-    import pyarrow as pa
-
     if not file.exists():
         return {}
     try:

@@ -8,6 +8,7 @@ from typing import Any
 
 from massprop_cli.base import limits
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.lazy import pa, pc
 from massprop_cli.base.spill import Content
 
 _GZIP = b"\x1f\x8b"
@@ -85,8 +86,6 @@ def with_points(path: Path, table: Any, cut: str, place: Callable[[int], str]) -
     """
     if cut == ",":
         return table
-    import pyarrow as pa
-    import pyarrow.compute as pc
 
     first: dict[str, tuple[str, int]] = {}
     columns = []

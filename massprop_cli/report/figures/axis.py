@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from massprop_cli.base.escape import line
+from massprop_cli.base.lazy import ticker
 from massprop_cli.report.figures import palette
 from massprop_cli.report.figures.panel import LEFT
 from massprop_cli.report.figures.series import AxisRange
@@ -49,16 +50,14 @@ def power(limits: Iterable[AxisRange]) -> int:
 
 def values(axes: Axes, limits: AxisRange, text: str, unit: str, exponent: int | None = None) -> None:
     """Set the value axis; the power of ten of :func:`power`, or that of the panel's neighbours, goes into the heading."""
-    from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
-
     exponent = power([limits]) if exponent is None else exponent
-    ticks = [float(tick) for tick in MaxNLocator(nbins=4, steps=[1, 2, 2.5, 5, 10]).tick_values(limits.low, limits.high)]
+    ticks = [float(tick) for tick in ticker.MaxNLocator(nbins=4, steps=[1, 2, 2.5, 5, 10]).tick_values(limits.low, limits.high)]
     decimals = _decimals([tick / 10.0**exponent for tick in ticks])
     shown = [tick for tick in ticks if limits.hold(tick)]
     longest = max((len(_plain(tick / 10.0**exponent, decimals)) for tick in shown), default=1)
     axes.set_ylim(limits.low, limits.high)
-    axes.yaxis.set_major_locator(FixedLocator(shown))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda tick, _: _plain(tick / 10.0**exponent, decimals)))
+    axes.yaxis.set_major_locator(ticker.FixedLocator(shown))
+    axes.yaxis.set_major_formatter(ticker.FuncFormatter(lambda tick, _: _plain(tick / 10.0**exponent, decimals)))
     axes.tick_params(axis="y", labelsize=min(7.5, FITTING / longest))
     heading(axes, text, unit, exponent)
 
@@ -83,10 +82,8 @@ def beginning(phase: PhaseItem, time_s: Array) -> float:
 
 def time(axes: Axes, start_s: float, end_s: float) -> None:
     """Set the time axis."""
-    from matplotlib.ticker import MaxNLocator
-
     axes.set_xlim(start_s, end_s if end_s > start_s else start_s + 1.0)
-    axes.xaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 2, 2.5, 5, 10]))
+    axes.xaxis.set_major_locator(ticker.MaxNLocator(nbins=7, steps=[1, 2, 2.5, 5, 10]))
     axes.set_xlabel("time [s]", labelpad=2)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.escape import line
+from massprop_cli.base.lazy import ticker
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
@@ -40,8 +41,6 @@ def _panel(name: str, items: list[EstimateItem], names: Sequence[str]) -> Panel:
     limits = _limits(items)
 
     def paint(axes: Axes) -> None:
-        from matplotlib.ticker import MaxNLocator
-
         if limits is not None:
             axis.values(axes, limits, vocabulary.SYMBOLS[name], vocabulary.unit(items[0].unit))
         else:
@@ -52,7 +51,7 @@ def _panel(name: str, items: list[EstimateItem], names: Sequence[str]) -> Panel:
         if names:
             axes.set_xticks(range(1, len(items) + 1), [line(each, 16) for each in names], rotation=20, ha="right", rotation_mode="anchor")
         else:
-            axes.xaxis.set_major_locator(MaxNLocator(nbins=12, integer=True, min_n_ticks=1))
+            axes.xaxis.set_major_locator(ticker.MaxNLocator(nbins=12, integer=True, min_n_ticks=1))
             axes.set_xlabel("result", labelpad=2)
         for verdict in MARKERS:
             _points(axes, name, verdict, items)

@@ -1,0 +1,22 @@
+"""Libraries that are imported once something of them is used: Arrow alone takes as long to import as one estimate, and few runs draw."""
+
+from importlib import import_module
+from typing import Any
+
+
+class _Lazy:
+    """A module by its name."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, attribute: str) -> Any:
+        return getattr(import_module(self._name), attribute)
+
+
+pa: Any = _Lazy("pyarrow")
+pc: Any = _Lazy("pyarrow.compute")
+pq: Any = _Lazy("pyarrow.parquet")
+pacsv: Any = _Lazy("pyarrow.csv")
+ticker: Any = _Lazy("matplotlib.ticker")
+markupsafe: Any = _Lazy("markupsafe")
