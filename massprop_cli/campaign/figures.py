@@ -38,8 +38,7 @@ class Spread:
         """(n,) distance from the mean over its own sigma: x − x̄ has the variance u² − 1/W, since x is part of x̄."""
         own = self.samples.own
         variance = own**2 - 1 / (own**-2.0).sum()
-        found: Array = (self.samples.value - self.mean.value) / np.sqrt(np.maximum(variance, (1e-6 * own) ** 2))
-        return found
+        return np.asarray((self.samples.value - self.mean.value) / np.sqrt(np.maximum(variance, (1e-6 * own) ** 2)))
 
     @property
     def within(self) -> int:

@@ -50,8 +50,7 @@ class LogValues:
     @property
     def own(self) -> Array:
         """(n,) the sigma that belongs to the log alone."""
-        own: Array = np.sqrt(np.maximum(self.sigma**2 - self.shared**2, (_LEAST_OWN * self.sigma) ** 2))
-        return own
+        return np.asarray(np.sqrt(np.maximum(self.sigma**2 - self.shared**2, (_LEAST_OWN * self.sigma) ** 2)))
 
     def only(self, keep: NDArray[np.intp]) -> LogValues:
         """The logs at these indices."""
@@ -124,16 +123,14 @@ def _from_the_others(samples: LogValues) -> Array:
     weight, value = samples.own**-2.0, samples.value - np.median(samples.value)
     # sums without one log, from both sides: a difference of the whole and its largest part would leave nothing of the rest
     others, sums = _without_each(weight), _without_each(weight * value)
-    z: Array = (value - sums / others) / np.sqrt(1 / weight + 1 / others)
-    return z
+    return np.asarray((value - sums / others) / np.sqrt(1 / weight + 1 / others))
 
 
 def _without_each(terms: Array) -> Array:
     """(n,) the sum of all terms but each."""
     before = np.concatenate([[0.0], np.cumsum(terms)[:-1]])
     after = np.concatenate([np.cumsum(terms[::-1])[::-1][1:], [0.0]])
-    summed: Array = before + after
-    return summed
+    return np.asarray(before + after)
 
 
 def trend(samples: LogValues) -> Trend | None:

@@ -56,8 +56,7 @@ def _repeated(log: Log) -> BoolArray:
 
 def _same(values: Array) -> BoolArray:
     """Whether each value is the one before, but for the rounding of a multiplication by its interval."""
-    found: BoolArray = np.abs(np.diff(values, axis=0)) <= ROUNDING * np.abs(values[1:])
-    return found
+    return np.asarray(np.abs(np.diff(values, axis=0)) <= ROUNDING * np.abs(values[1:]))
 
 
 def _channel(

@@ -263,8 +263,7 @@ def _apart(number: int, linear: Sequence[tuple[Array, Array]], told: Sequence[tu
     others, spread = _solved([information for information, _ in rest], [vector for _, vector in rest])
     values, covariance = linear[number]
     with np.errstate(invalid="ignore"):
-        found: Array = (values - others) / np.sqrt(np.diag(covariance) + np.diag(spread))
-    return found
+        return np.asarray((values - others) / np.sqrt(np.diag(covariance) + np.diag(spread)))
 
 
 def with_shared(values: Array, covariance: Array, pieces: Sequence[Piece]) -> tuple[Array, Array]:

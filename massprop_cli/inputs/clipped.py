@@ -107,8 +107,7 @@ def _coasts(both: tuple[Array, Array], interval_s: Array, rows: IntArray) -> boo
 def _repeats(increments: Array, interval_s: Array) -> BoolArray:
     """(n,) whether each reading of an axis is the one before."""
     rates = increments / interval_s
-    found: BoolArray = np.abs(np.diff(rates, prepend=np.nan)) <= SAME * np.abs(rates)
-    return found
+    return np.asarray(np.abs(np.diff(rates, prepend=np.nan)) <= SAME * np.abs(rates))
 
 
 def at_extremes(increments: Array, interval_s: Array) -> BoolArray:

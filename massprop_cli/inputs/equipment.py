@@ -273,8 +273,7 @@ class Failure(Section):
         """Which of pulses that begin then are of it."""
         early = -np.inf if self.start_s is None else self.start_s
         late = np.inf if self.end_s is None else self.end_s
-        found: BoolArray = (begin_s >= early - EDGE) & (begin_s < late - EDGE)
-        return found
+        return np.asarray((begin_s >= early - EDGE) & (begin_s < late - EDGE))
 
 
 class Thrust(Section):

@@ -232,8 +232,7 @@ class LogTable:
             return rows
         # one that stays the same for longer was sampled as often
         since = np.arange(len(rows)) - changed[np.searchsorted(changed, np.arange(len(rows)), "right") - 1]
-        found: IntArray = rows[since % int(np.median(held)) == 0]
-        return found
+        return np.asarray(rows[since % int(np.median(held)) == 0])
 
     def ends(self, column: str, records: int, n: int) -> Array:
         """(K,) what was measured at the end of each cycle, as :meth:`between`."""

@@ -43,8 +43,7 @@ def repeated(sensors: Sequence[Marked]) -> BoolArray:
     """(n,) records in which all axes of these sensors repeat the one before, and are not 0."""
     axes = sum(one.axes for one in sensors)
     none = np.asarray(np.sum([one.zero for one in sensors], 0) == axes)
-    found: BoolArray = _at_once(np.sum([one.same for one in sensors], 0), axes) & ~none
-    return found
+    return np.asarray(_at_once(np.sum([one.same for one in sensors], 0), axes) & ~none)
 
 
 def zeros(sensor: Marked) -> BoolArray:

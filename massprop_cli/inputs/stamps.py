@@ -230,8 +230,7 @@ def _even(source: LogTable, vehicle: Vehicle, time_s: Array, usual_s: float, los
 def _on_even_clock(time_s: Array, number: Array, period_s: float) -> Array:
     """(n,) times of records that are so many intervals from the first (n,), through the middle of their stamps."""
     every = _nominal(time_s, number, period_s) * number
-    found: Array = median(time_s - every) + every
-    return found
+    return np.asarray(median(time_s - every) + every)
 
 
 def _nominal(time_s: Array, number: Array, period_s: float) -> float:
@@ -278,8 +277,7 @@ def _follows(source: LogTable, vehicle: Vehicle, off_s: Array, usual_s: float, l
 
 def _left(by: Array, of: Array) -> Array:
     """What a regression leaves."""
-    found: Array = of - by @ np.linalg.lstsq(by, of, rcond=1e-9)[0]
-    return found
+    return np.asarray(of - by @ np.linalg.lstsq(by, of, rcond=1e-9)[0])
 
 
 def _goes_on(source: LogTable, vehicle: Vehicle, leap: _Leap, usual_s: float) -> bool:

@@ -306,8 +306,7 @@ class Cells:
         whole = data.cast(pa.int64())
         if whole.null_count:
             return arrow.floats(whole.cast(pa.float64(), safe=False))  # to a quarter of a microsecond
-        count: IntArray = np.frombuffer(whole.buffers()[1], np.int64)[whole.offset : whole.offset + len(whole)]
-        return count
+        return np.asarray(np.frombuffer(whole.buffers()[1], np.int64)[whole.offset : whole.offset + len(whole)])
 
     def _no_instant(self) -> InputError:
         for row, cell in enumerate(value.as_py() for value in self.read()):

@@ -136,8 +136,7 @@ class Log:
         if self.command_s is not None:
             return self.command_s
         records = self.records_per_cycle
-        found: Array = self.cycle_end_s - self.interval_s.reshape(-1, records).sum(1)
-        return found
+        return np.asarray(self.cycle_end_s - self.interval_s.reshape(-1, records).sum(1))
 
     @property
     def cycle_end_s(self) -> Array:

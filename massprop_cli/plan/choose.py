@@ -59,8 +59,7 @@ class PlanGoal:
     def sigmas(self, information: Array) -> Array:
         """(…, G, 10) sigmas in units, from information (…, G, 10, 10 or 13, the same) in natural sizes."""
         covariance = self.covariance(information)
-        found: Array = np.sqrt(np.einsum("...ii->...i", covariance))
-        return found
+        return np.asarray(np.sqrt(np.einsum("...ii->...i", covariance)))
 
     def covariance(self, information: Array) -> Array:
         """(…, G, 10, 10) in units, with the common uncertainty of the thrust and what is known."""
@@ -79,8 +78,7 @@ class PlanGoal:
 
     def ratios(self, information: Array) -> Array:
         """(…, G, n) sigma that is predicted over the one that is wanted."""
-        found: Array = self.sigmas(information)[..., self.index] / self.limits
-        return found
+        return np.asarray(self.sigmas(information)[..., self.index] / self.limits)
 
     def score(self, information: Array, criterion: Criterion) -> Array:
         """(…,) what is made small."""
@@ -134,8 +132,7 @@ def choose(
 
 
 def _sum(told: Array, chosen: Sequence[int]) -> Array:
-    found: Array = told[list(chosen)].sum(0) if chosen else np.zeros(told.shape[1:])
-    return found
+    return np.asarray(told[list(chosen)].sum(0) if chosen else np.zeros(told.shape[1:]))
 
 
 def _exchanged(told: Array, chosen: list[int], wanted: PlanGoal, criterion: Criterion, fits: Callable[[Sequence[int]], bool]) -> list[int]:

@@ -156,8 +156,7 @@ def _without_rate(told: Array) -> Array:
     """(…, 10, 10) what is told where the rate at the start is unknown: the Schur complement."""
     across = told[..., :10, 10:]
     rate = told[..., 10:, 10:] + 1e-12 * np.trace(told[..., 10:, 10:], axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
-    found: Array = told[..., :10, :10] - across @ np.linalg.solve(rate, np.swapaxes(across, -1, -2))
-    return found
+    return np.asarray(told[..., :10, :10] - across @ np.linalg.solve(rate, np.swapaxes(across, -1, -2)))
 
 
 def _whole(rehearsal: Rehearsal, order: Order, tried: Sequence[Tried], block: int, thrifty: float, say: Say) -> Planned:

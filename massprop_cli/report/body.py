@@ -46,8 +46,7 @@ class Ellipsoid:
     @property
     def shape(self) -> Array:
         """(3, 3) A in xᵀ A⁻¹ x = 1; the block of two axes is the outline seen along the third."""
-        found: Array = (self.axes * self.semi_axes**2) @ self.axes.T
-        return found
+        return np.asarray((self.axes * self.semi_axes**2) @ self.axes.T)
 
 
 def values(estimates: dict[str, EstimateItem]) -> Array:
@@ -112,8 +111,7 @@ def array(matrix: Matrix | None) -> Array:
 
 def other_convention(matrix: Array) -> Array:
     """The same inertia with products in the positive-integral convention."""
-    turned: Array = matrix * (2 * np.eye(3) - 1)
-    return turned
+    return np.asarray(matrix * (2 * np.eye(3) - 1))
 
 
 def ellipsoid(phase: PhaseItem, bearing_mass_kg: float) -> Ellipsoid | None:

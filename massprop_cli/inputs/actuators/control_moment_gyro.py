@@ -107,8 +107,7 @@ class ControlMomentGyro(actuator.MomentumDevice):
     @property
     def beyond_reported(self) -> Array:
         """(3, 3) the inertia in the equations has the rotor locked."""
-        found: Array = (not self.locked_in_inertia) * (self.spin_inertia_kg_m2 or 0.0) * np.outer(self.axes[0], self.axes[0])
-        return found
+        return np.asarray((not self.locked_in_inertia) * (self.spin_inertia_kg_m2 or 0.0) * np.outer(self.axes[0], self.axes[0]))
 
     @property
     def unknowns(self) -> tuple[actuator.Unknown, ...]:

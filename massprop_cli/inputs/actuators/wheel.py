@@ -121,14 +121,12 @@ class Wheel(actuator.MomentumDevice):
     @property
     def locked(self) -> Array:
         """(3, 3) J a aᵀ, what the wheel adds about its axis to a body that it is locked to, kg m²."""
-        found: Array = self.spin_inertia_kg_m2 * np.outer(self.direction, self.direction)
-        return found
+        return np.asarray(self.spin_inertia_kg_m2 * np.outer(self.direction, self.direction))
 
     @property
     def beyond_reported(self) -> Array:
         """(3, 3) the inertia by a column of speed has the wheel locked, and by a column of torque without it."""
-        found: Array = (int(self.column == "speed") - int(self.locked_in_inertia)) * self.locked
-        return found
+        return np.asarray((int(self.column == "speed") - int(self.locked_in_inertia)) * self.locked)
 
     @property
     def unknowns(self) -> tuple[actuator.Unknown, ...]:

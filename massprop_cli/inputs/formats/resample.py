@@ -94,8 +94,7 @@ def attitude_at(quaternions: Array, times_s: Array, wanted_s: Array) -> Array:
     # q and −q are the same attitude
     near = second * np.where((first * second).sum(1) < 0, -1.0, 1.0)[:, None]
     between = (1 - share) * first + share * near
-    found: Array = between / np.linalg.norm(between, axis=1)[:, None]
-    return found
+    return np.asarray(between / np.linalg.norm(between, axis=1)[:, None])
 
 
 def nearest_to_samples(times_s: Array, wanted_s: Array, longest_s: float) -> BoolArray:

@@ -156,8 +156,7 @@ def _differing(values: Array, first: IntArray, count: IntArray) -> BoolArray:
     """(K,) whether those of a cycle differ, of which ``count`` follow each other from the ``first`` on."""
     changes = np.concatenate([[0], np.cumsum(np.diff(values) != 0)])
     last = np.minimum(first + np.maximum(count, 1), len(values)) - 1
-    found: BoolArray = changes[last] != changes[first]
-    return found
+    return np.asarray(changes[last] != changes[first])
 
 
 def _counted(signal: QuantitySignal, first: IntArray, count: IntArray, cycle: int) -> str:

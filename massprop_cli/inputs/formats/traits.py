@@ -180,8 +180,7 @@ def _noise(means: Array, quiet: BoolArray) -> Array | None:
     if three.sum() < ENOUGH:
         return None
     second = (means[2:] - 2 * means[1:-1] + means[:-2])[three]
-    found: Array = np.sqrt((second**2).mean(0) / 6)
-    return found
+    return np.asarray(np.sqrt((second**2).mean(0) / 6))
 
 
 def _clipped(values: Array) -> float | None:

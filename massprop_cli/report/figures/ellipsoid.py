@@ -47,8 +47,7 @@ def outline(seen: body.Ellipsoid, directions: Array, points: int = 65) -> Array:
     """(points, 2) the ellipsoid's outline about its centre, seen along what both ``directions`` (2, 3) are normal to."""
     flat, turn = np.linalg.eigh(directions @ seen.shape @ directions.T)
     angle = np.linspace(0, 2 * np.pi, points)
-    edge: Array = np.column_stack([np.cos(angle), np.sin(angle)]) * np.sqrt(np.maximum(flat, 0.0)) @ turn.T
-    return edge
+    return np.asarray(np.column_stack([np.cos(angle), np.sin(angle)]) * np.sqrt(np.maximum(flat, 0.0)) @ turn.T)
 
 
 def _caption(found: list[body.Ellipsoid | None]) -> str:

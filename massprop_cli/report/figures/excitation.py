@@ -117,8 +117,7 @@ def _steps(edges: Array, tops: Array, bottom: float) -> tuple[Array, Array]:
 
 
 def _peaked(shares: Array) -> Array:
-    peaked: Array = shares / shares.max() if np.isfinite(shares).all() else shares
-    return peaked
+    return np.asarray(shares / shares.max() if np.isfinite(shares).all() else shares)
 
 
 def _says(phase: PhaseItem, found: Strips) -> str:

@@ -35,8 +35,7 @@ class Channel:
     @property
     def residual(self) -> Array:
         """Measured less predicted."""
-        left: Array = self.measured - self.predicted
-        return left
+        return np.asarray(self.measured - self.predicted)
 
 
 def columns(kind: str) -> list[str]:

@@ -84,8 +84,7 @@ def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: 
 
 def _logarithm(values: Array) -> Array:
     """To base ten, NaN for zero."""
-    found: Array = np.log10(np.where(values > 0, values, np.nan))
-    return found
+    return np.asarray(np.log10(np.where(values > 0, values, np.nan)))
 
 
 def _decades(axes: Axes, drawn: list[Array], allowed: float | None) -> None:

@@ -59,8 +59,7 @@ def autocorrelation(pieces: list[Array]) -> Array:
 def running(z: Array, window: int = WINDOW) -> Array:
     """(K − window + 1,) mean over so many rows of the sum of squares of z (K, a)."""
     sums = np.concatenate([[0.0], np.cumsum((z**2).sum(1))])
-    found: Array = (sums[window:] - sums[:-window]) / window
-    return found
+    return np.asarray((sums[window:] - sums[:-window]) / window)
 
 
 def _histogram(kind: str, parts: list[Covered]) -> Panel:
