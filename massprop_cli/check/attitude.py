@@ -23,6 +23,10 @@ ROCKING = 0.05
 """Part of the yaw rate that the other two may be on a table: an IMU that is three degrees out of level."""
 
 
+def _fault(code: str, said: str, remedy: str) -> Finding:
+    return finding("attitude", code, "fault", said, remedy)
+
+
 def on_table(log: Log, vehicle: Vehicle) -> list[Finding]:
     """Findings of an IMU that should turn about the body's Z alone and feel gravity along it; nothing but on a table."""
     if vehicle.environment.kind != "planar":
@@ -33,16 +37,14 @@ def on_table(log: Log, vehicle: Vehicle) -> list[Finding]:
     if off > TILTED * vehicle.environment.gravity_m_s2:
         said = f"the accelerometer feels {', '.join(f'{x:.4g}' for x in felt)} m/s^2 along the body's X, Y and Z on the mean; Z points up"
         remedy = "correct imu.body_from_imu, the accelerometer's signs and unit, or environment.gravity_m_s2"
-        found.append(finding("attitude", "table-gravity", "fault", said, remedy))
+        found.append(_fault("table-gravity", said, remedy))
     rate = log.delta_theta_imu_rad @ mount.T / log.interval_s[:, None]
     slow = rate - rate.mean(0)
     noise = (vehicle.imu.gyro_noise_rad_s or 0.0) * np.sqrt(log.records_per_cycle)
     rocking, yaw = (float(np.sqrt(max((part**2).sum(1).mean() - part.shape[1] * noise**2, 0.0))) for part in (slow[:, :2], slow[:, 2:]))
     if rocking > ROCKING * yaw and rocking > noise:
         said = f"the vehicle yaws by {yaw:.3g} rad/s (rms), and the gyro shows {rocking:.3g} rad/s about the axes that lie in the table"
-        found.append(
-            finding("attitude", "table-rocking", "fault", said, "correct imu.body_from_imu; or see to the pads, on which the vehicle rocks")
-        )
+        found.append(_fault("table-rocking", said, "correct imu.body_from_imu; or see to the pads, on which the vehicle rocks"))
     return found
 
 
@@ -68,7 +70,7 @@ def attitude(log: Log, vehicle: Vehicle) -> list[Finding]:
         inverse = float(np.sqrt(((turned + logged - (turned + logged).mean(0)) ** 2).sum()))
         hint = "it turns the other way: is it body from world? Give its conjugate" if inverse < left / 2 else "are both in the same axes?"
         said = f"the logged attitude turns otherwise than the gyro: {100 * left / max(size, STILL):.3g} % of its turning is unexplained"
-        found.append(finding("attitude", "attitude-gyro", "fault", said, f"{hint} (quat_* is wxyz, world from body; imu.body_from_imu)"))
+        found.append(_fault("attitude-gyro", said, f"{hint} (quat_* is wxyz, world from body; imu.body_from_imu)"))
     if vehicle.pivoted and all(log.axes[3:]):
         found += _gravity(log, mount)
     return found
@@ -83,12 +85,5 @@ def _gravity(log: Log, mount: Array) -> list[Finding]:
     if angle <= TILTED:
         return []
     said = f"specific force in world axes is {angle:.3g} rad ({np.degrees(angle):.3g}°) off the vertical on the mean"
-    return [
-        finding(
-            "attitude",
-            "attitude-gravity",
-            "fault",
-            said,
-            "correct the attitude's reference (Z up), imu.body_from_imu, or the accelerometer's signs",
-        )
-    ]
+    remedy = "correct the attitude's reference (Z up), imu.body_from_imu, or the accelerometer's signs"
+    return [_fault("attitude-gravity", said, remedy)]

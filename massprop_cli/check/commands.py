@@ -18,15 +18,8 @@ ALIKE = 1e-6
 def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
     """Findings of jets or wrench; ``place`` names a row."""
     if not log.command.any() and not any(one.moved for one in log.spinning):
-        return [
-            finding(
-                "commands",
-                "nothing-commanded",
-                "fault",
-                "no command other than 0 in the whole log",
-                "see that commands were recorded, under the vehicle file's names",
-            )
-        ]
+        remedy = "see that commands were recorded, under the vehicle file's names"
+        return [finding("commands", "nothing-commanded", "fault", "no command other than 0 in the whole log", remedy)]
     if log.command_kind != "jets":
         return []
     share = log.command / vehicle.cycle.period_s
@@ -34,9 +27,8 @@ def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
     for number, jet in enumerate(vehicle.jets):
         if (share[:, number] > ALWAYS).mean() > ALWAYS:
             said = f"jet {jet.name} is on in every cycle, all of it"
-            found.append(
-                finding("commands", "jet-always-on", "fault", said, "see whether its column holds what was executed; is it a constant?")
-            )
+            remedy = "see whether its column holds what was executed; is it a constant?"
+            found.append(finding("commands", "jet-always-on", "fault", said, remedy))
     for first, second in _opposed(vehicle):
         # of two on-times in one cycle at least this much overlaps or wastes thrust
         both = np.minimum(share[:, first], share[:, second]) > TOGETHER

@@ -98,7 +98,8 @@ def of_table(
                 told = build.result(estimated)
         except InputError as error:
             # its times are told already
-            return _told(table, vehicle, found if unusable else [*found, _unusable(str(error))], [], exits.INPUT)
+            found += [] if unusable else [finding("reading", "unusable", "unusable", str(error), "")]
+            return _told(table, vehicle, found, [], exits.INPUT)
     found = with_estimate(found, estimated, told, vehicle)
     expected = _expected(told, wants)
     found += _idle(log, vehicle, expected)
@@ -127,10 +128,6 @@ def _times(table: Table, vehicle: Vehicle) -> Array:
         return table.columns[name].numbers() * scale
     except InputError:
         return np.zeros(0)
-
-
-def _unusable(message: str) -> Finding:
-    return finding("reading", "unusable", "unusable", message, "")
 
 
 def _noticed(estimated: Analysis, said: set[str]) -> list[Finding]:

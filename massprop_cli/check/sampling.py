@@ -36,13 +36,11 @@ def sampling(time_s: Array, place: Place) -> list[Finding]:
     if scatter > JITTER:
         off = np.abs(steps - usual) > 3 * scatter * usual
         remedy = "stamp records by the IMU's own clock, not at arrival, or state even = true under their clock in a map file"
-        found.append(
-            finding("sampling", "jitter", "fault", f"intervals scatter by {100 * scatter:.2g} % of {usual:.6g} s", remedy, rows(off, place))
-        )
+        said = f"intervals scatter by {100 * scatter:.2g} % of {usual:.6g} s"
+        found.append(finding("sampling", "jitter", "fault", said, remedy, rows(off, place)))
     short = steps < usual / LONG
     if short.any() and scatter <= JITTER:
         said = f"{int(short.sum())} intervals shorter than {1 / LONG:.2g} of the usual {usual:.6g} s"
-        found.append(
-            finding("sampling", "short-interval", "note", said, "see that the recorder dropped and made up nothing", rows(short, place))
-        )
+        remedy = "see that the recorder dropped and made up nothing"
+        found.append(finding("sampling", "short-interval", "note", said, remedy, rows(short, place)))
     return found

@@ -1,5 +1,7 @@
 """The IMU's channels as they stand: dead, stuck, repeated, clipped, coarse."""
 
+from functools import partial
+
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
@@ -16,6 +18,7 @@ UNLIKELY = 1e-9
 COARSE = 3.0
 """Smallest step over the noise of a record above which values lie on a staircase."""
 ROUNDING = 1e-12
+_finding = partial(finding, "imu")
 
 
 def sensors(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
@@ -26,18 +29,11 @@ def sensors(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
         ("accelerometer", log.force_columns, log.delta_v_imu_m_s, imu.accel_noise_m_s2, imu.accel_range_m_s2),
     )
     noisy = all(noise != 0 for _, _, _, noise, _ in rates)
-    repeated = _repeated(log)
+    both = np.concatenate([log.delta_theta_imu_rad, log.delta_v_imu_m_s], 1)
+    repeated = np.concatenate([[False], _same(both).all(1)])
     if noisy and repeated.mean() > 0.01:
-        found.append(
-            finding(
-                "imu",
-                "repeated-record",
-                "fault",
-                f"{100 * repeated.mean():.3g} % of the records repeat the one before in all six channels: the log is faster than the IMU",
-                "log each sample once, or with its own time",
-                rows(repeated, place),
-            )
-        )
+        said = f"{100 * repeated.mean():.3g} % of the records repeat the one before in all six channels: the log is faster than the IMU"
+        found.append(_finding("repeated-record", "fault", said, "log each sample once, or with its own time", rows(repeated, place)))
     for (name, columns, increments, noise, limit), logged in zip(rates, (log.axes[:3], log.axes[3:]), strict=True):
         clipped = at_extremes(increments, log.interval_s)
         for axis, column in enumerate(columns):
@@ -47,11 +43,6 @@ def sensors(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
             found += _channel(name, column, values, noise, limit, clipped[:, axis], repeated, place)
         found += _coarse(name, increments / log.interval_s[:, None], noise, log.records_per_cycle)
     return found
-
-
-def _repeated(log: Log) -> BoolArray:
-    both = np.concatenate([log.delta_theta_imu_rad, log.delta_v_imu_m_s], 1)
-    return np.concatenate([[False], _same(both).all(1)])
 
 
 def _same(values: Array) -> BoolArray:
@@ -66,29 +57,24 @@ def _channel(
         if noise == 0:
             return []  # a perfect sensor of an axis that is left alone
         remedy = "see to the sensor and its channel in the recorder"
-        return [finding("imu", "dead-axis", "fault", f"{column} is {values[0]:g} throughout: the {name}'s axis is dead", remedy)]
+        return [_finding("dead-axis", "fault", f"{column} is {values[0]:g} throughout: the {name}'s axis is dead", remedy)]
     found = []
     if limit is not None:
         full = np.abs(values) >= 0.999 * limit
-        if full.any():
-            remedy = "fly a gentler motion, or widen the sensor's range; the phase before is good"
-            said = f"{column} at the {name}'s range in {int(full.sum())} records"
-            found.append(finding("imu", f"{name}-saturated", "fault", said, remedy, rows(full, place)))
+        said = f"{column} at the {name}'s range in {int(full.sum())} records"
+        remedy = "fly a gentler motion, or widen the sensor's range; the phase before is good"
     else:
         full = clipped
-        if full.any():
-            remedy = f"state the {name}'s range in the vehicle file if it is one, and fly a gentler motion"
-            said = f"{column} is {values[full][0]:.6g} per second in {int(full.sum())} records and never beyond: clipped"
-            found.append(finding("imu", f"{name}-saturated", "fault", said, remedy, rows(full, place)))
-            full = np.abs(values) >= 0.999 * np.abs(values[full][0])
+        said = f"{column} is {float(values[np.argmax(full)]):.6g} per second in {int(full.sum())} records and never beyond: clipped"
+        remedy = f"state the {name}'s range in the vehicle file if it is one, and fly a gentler motion"
+    if full.any():
+        found.append(_finding(f"{name}-saturated", "fault", said, remedy, rows(full, place)))
+        full = np.abs(values) >= 0.999 * (np.abs(values[full][0]) if limit is None else limit)
     run = standing(values, repeated) & ~full  # at the end of its range it stands still
     if noise != 0 and run.any():
         remedy = "see to the sensor; cut these records ([[phases]])"
-        found.append(
-            finding(
-                "imu", "stuck", "fault", f"{column} stands still in {int(run.sum())} records while others move", remedy, rows(run, place)
-            )
-        )
+        said = f"{column} stands still in {int(run.sum())} records while others move"
+        found.append(_finding("stuck", "fault", said, remedy, rows(run, place)))
     return found
 
 
@@ -115,4 +101,4 @@ def _coarse(name: str, values: Array, noise: float | None, records: int) -> list
     if coarsest <= COARSE * noise * np.sqrt(records):
         return []
     said = f"the {name} counts in steps of {coarsest:.3g} per second, {coarsest / (noise * np.sqrt(records)):.3g} times its stated noise"
-    return [finding("imu", "quantised", "fault", said, f"state the noise with the step in it (step / sqrt(12)), or log the {name} finer")]
+    return [_finding("quantised", "fault", said, f"state the noise with the step in it (step / sqrt(12)), or log the {name} finer")]
