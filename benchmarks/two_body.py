@@ -22,6 +22,7 @@ from massprop_cli.base.arrays import Array  # noqa: E402
 from massprop_cli.combine import flow as combined  # noqa: E402
 from massprop_cli.inputs.vehiclefile import VehicleSource  # noqa: E402
 from massprop_cli.result import build  # noqa: E402
+from massprop_cli.result.read import read  # noqa: E402
 from massprop_cli.testbed import scenario, simulate  # noqa: E402
 
 OBJECT = np.array([0.5, 0.0, 0.0, 0.5, 0.0, 0.5, 0.8, 0.0, 0.0, 12.0])
@@ -47,7 +48,7 @@ def docked(seed: int) -> tuple[Array, Array]:
     with tempfile.TemporaryDirectory() as place:
         alone = result("testbed", seed, Path(place) / "alone")
         joined = result("testbed-joined", seed + BEYOND, Path(place) / "joined")
-        found = combined.combine_docked([alone], [joined]).docked_object
+        found = combined.together_docked([read(alone)], [read(joined)]).docked_object
     assert found is not None
     return np.array([item.value for item in found.estimates.values()]), np.array(found.covariance)
 

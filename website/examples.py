@@ -174,7 +174,12 @@ def _combined(*parts: tuple[str, str]) -> Told:
             _massprop("estimate", str(folder / "log" / "log.parquet"), "-q", "--out", str(folder), *stated.split())
             (folder / "log" / "log.parquet").unlink()
             folders.append(folder)
-        return Told({one.code: one.message.replace(f"{place}/", "") for one in combining.combine(folders).warnings})
+        return Told(
+            {
+                one.code: one.message.replace(f"{place}/", "")
+                for one in combining.together([read.read(folder) for folder in folders]).warnings
+            }
+        )
 
 
 LOOSE = (f"estimator.thesis.q1={[1e-3] * 9}", "estimator.thesis.r1=1e-3")

@@ -62,9 +62,11 @@ def combine(
 
     from massprop_cli import job
     from massprop_cli.combine import flow
+    from massprop_cli.result import read
 
     with np.errstate(all="ignore"):
-        found = flow.combine_docked(before or [], after or [], added) if docked else flow.combine(results or [])
+        alone, joined, several = ([read.read(path) for path in paths or []] for paths in (before, after, results))
+        found = flow.together_docked(alone, joined, added=added) if docked else flow.together(several)
     folder = out or Path("massprop-out") / "combined"
     flow.write(folder, found, [*(results or []), *(before or []), *(after or [])])
     warn(found.warnings, quiet, no_color)

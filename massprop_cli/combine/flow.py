@@ -17,20 +17,15 @@ from massprop_cli.combine.joint import backwards, docked_object
 from massprop_cli.combine.phase import Part, Phased, by_object, gathered, together_phase
 from massprop_cli.diagnosis.preprocessing import Ready
 from massprop_cli.result import rendered
-from massprop_cli.result.read import MEMBERS, Recorded, check_same, labels, read
+from massprop_cli.result.read import MEMBERS, Recorded, check_same, labels
 from massprop_cli.result.schema import DockedObject, PhaseItem, Result, WarningItem
 
 MISFIT = ("cause-unknown", "contradicted", "model-discrepancy", "disturbance-torque", "gyro-misfit", "accelerometer-misfit", "model-misfit")
 """Codes of warnings that a log's own fit doesn't explain it: void where the others' body does."""
 
 
-def combine(paths: Sequence[Path]) -> Result:
-    """One result of several of one vehicle, phase by phase; :class:`InputError` where they are not of one vehicle."""
-    return together([read(path) for path in paths])
-
-
 def together(recorded: Sequence[Recorded], ready: Callable[[Recorded], Ready] = logs.of_result) -> Result:
-    """The same of results at hand; ``ready`` has the log of each."""
+    """One result of several of one vehicle, phase by phase; :class:`InputError` where they are not. ``ready`` has the log of each."""
     twice.refuse(recorded)
     names = labels(recorded)
     _check_alike(recorded, bearing=True)
@@ -48,21 +43,16 @@ def together(recorded: Sequence[Recorded], ready: Callable[[Recorded], Ready] = 
     return _result(recorded, names, [together_phase(own[0][i], part) for i, part in enumerate(parts)], None)
 
 
-def combine_docked(before: Sequence[Path], after: Sequence[Path], added: str | None = None) -> Result:
-    """The vehicle alone, with the object, and the object itself, each of any number of results.
-
-    ``added`` states mass and place of the object (:mod:`massprop_cli.combine.added`): then it is the scale of all.
-    """
-    return together_docked([read(path) for path in before], [read(path) for path in after], added=added)
-
-
 def together_docked(
     before: Sequence[Recorded],
     after: Sequence[Recorded],
     ready: Callable[[Recorded], Ready] = logs.of_result,
     added: str | None = None,
 ) -> Result:
-    """The same of results at hand; ``ready`` has the log of each."""
+    """The vehicle alone, with the object, and the object itself, each of any number of results; ``ready`` has the log of each.
+
+    ``added`` states mass and place of the object (:mod:`massprop_cli.combine.added`): then it is the scale of all.
+    """
     # a log may hold both: its phases are told apart
     sides = before, after
     for side in sides:

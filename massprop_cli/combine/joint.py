@@ -92,7 +92,7 @@ def joint(pieces: Sequence[Piece], wide: bool = False) -> Joint:
     curved = not wide and all(is_body(piece.values) for piece in pieces)
     alone = [_bare(piece) for piece in pieces]
     bearing = pieces[0].bearing if curved and all(np.isfinite(values).all() for values, _ in alone) else None
-    linear = [_about(bearing, *piece) if bearing else _to_linear(*piece, curved) for piece in alone]
+    linear = [_to_linear(*piece, curved, bearing) for piece in alone]
     told = [_information(values, covariance) for values, covariance in linear]
     values, covariance = _solved([information for information, _ in told], [vector for _, vector in told])
     chi_square, ranks = 0.0, 0
@@ -192,9 +192,9 @@ def linear(values: Array, curved: bool, bearing: BearingBody | None = None) -> t
     return theta, slope
 
 
-def _to_linear(values: Array, covariance: Array, curved: bool) -> tuple[Array, Array]:
-    """θ and its covariance from the ten quantities; the same way leads back."""
-    theta, slope = linear(values, curved)
+def _to_linear(values: Array, covariance: Array, curved: bool, bearing: BearingBody | None = None) -> tuple[Array, Array]:
+    """θ and its covariance from the ten quantities; without a bearing the same way leads back."""
+    theta, slope = linear(values, curved, bearing)
     at = np.isfinite(values)
     found = np.full((10, 10), np.nan)
     found[np.ix_(at, at)] = (slope[np.ix_(at, at)] @ covariance[np.ix_(at, at)]) @ slope[np.ix_(at, at)].T
@@ -203,12 +203,6 @@ def _to_linear(values: Array, covariance: Array, curved: bool) -> tuple[Array, A
 
 _to_quantities = _to_linear
 """I = J⁻¹ and m = 1/(1/m): the transformation is its own inverse."""
-
-
-def _about(bearing: BearingBody, values: Array, covariance: Array) -> tuple[Array, Array]:
-    """θ of a bearing, and its covariance, from the ten quantities."""
-    theta, slope = linear(values, True, bearing)
-    return theta, slope @ covariance @ slope.T
 
 
 def _back(bearing: BearingBody, theta: Array, covariance: Array) -> tuple[Array, Array]:

@@ -23,7 +23,7 @@ from massprop_cli.inputs.vehicle import ASSUMED_KG, Phase
 from massprop_cli.model.plant import BearingBody
 from massprop_cli.result.build import estimate_items, matrix, physical
 from massprop_cli.result.read import Recorded
-from massprop_cli.result.schema import BY_OBJECT, DockedObject, EstimateItem, ImpliedScale, PhaseItem, VehicleInfo, WarningItem
+from massprop_cli.result.schema import BY_OBJECT, DockedObject, ImpliedScale, PhaseItem, VehicleInfo, WarningItem
 from massprop_cli.testbed.bound import natural_sizes
 
 INFORMED = 0.5
@@ -222,7 +222,9 @@ def _estimate(i: int, quantity: str, of: Gathered) -> Estimate:
     parts, found = of.parts, of.joint
     value, variance = found.values[i], found.covariance[i, i]
     told = bool(np.isfinite(value) and variance > 0)
-    own = [_items(part)[quantity].verdict for part in parts]
+    # about the pivot on a pedestal, of which the ten have no part in the motion
+    items = [part.phase.about_pivot if part.vehicle.environment == "pedestal" else part.phase.estimates for part in parts]
+    own = [each[quantity].verdict for each in items]
     sigma = math.sqrt(variance) if told else None
     size = _sizes(parts, found.values)[i]
     if of.scale is not None and sigma is not None and sigma > SETTLED * size:  # converged but for the scale
@@ -238,11 +240,6 @@ def _estimate(i: int, quantity: str, of: Gathered) -> Estimate:
     elif bad:
         verdict, reason = "contradicted", Reason.of("logs-contradicted", logs=", ".join(dict.fromkeys(bad)))
     return Estimate(float(value) if told else None, sigma, PIVOT_UNITS.get(quantity, UNITS.get(quantity, "")), verdict, None, reason)
-
-
-def _items(part: Part) -> dict[str, EstimateItem]:
-    """The quantities that its environment makes observable: about the pivot on a pedestal."""
-    return part.phase.about_pivot if part.vehicle.environment == "pedestal" else part.phase.estimates
 
 
 def _sizes(parts: Sequence[Part], values: Array) -> Array:

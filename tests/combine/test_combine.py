@@ -185,7 +185,7 @@ def test_a_thrust_scale_common_to_logs_on_a_bearing_enters_once(tmp_path: Path) 
         folders = [tmp_path / f"{name}-{seed}" for seed in (1, 2)]
         for seed, folder in zip((1, 2), folders, strict=True):
             estimated(tmp_path / "logs" / f"seed-000{seed}" / "log.parquet", folder, *settings)
-        (phase,) = combine.combine(folders).phases
+        (phase,) = combine.together(list(map(read, folders))).phases
         assert {item.verdict for item in phase.estimates.values()} == {"converged"}
         assert phase.covariance is not None
         return np.array([item.value for item in phase.estimates.values()]), np.array(phase.covariance)

@@ -15,6 +15,7 @@ from massprop_cli.base import escape
 from massprop_cli.base.arrays import Array
 from massprop_cli.combine import flow
 from massprop_cli.result import schema, store
+from massprop_cli.result.read import read
 from massprop_cli.result.schema import Result
 from massprop_cli.testbed import bound, output, scenario, simulate
 from tests.flown import fly
@@ -83,7 +84,7 @@ def numbers(found: Result) -> tuple[Array, Array]:
 @pytest.mark.parametrize(("name", "within"), [("free-flyer", 0.1), pytest.param("testbed", 0.3, marks=pytest.mark.thorough)])
 def test_logs_of_one_axis_each_give_together_what_all_their_data_give(name: str, within: float, place: Path) -> None:
     """On the bearing the estimator takes the vertical from its gyro, which the other fit knows."""
-    found = flow.combine([place / name / part / "result" for part in AXES])
+    found = flow.together(list(map(read, [place / name / part / "result" for part in AXES])))
     values, sigma = numbers(found)
     wanted, covariance = at_once(name, list(enumerate(AXES.values(), 1)))
     expected = np.sqrt(np.diag(covariance))
@@ -100,7 +101,7 @@ def test_without_their_logs_results_of_some_axes_add_nothing_to_the_inertia(plac
         shutil.copytree(place / "free-flyer" / part / "result", tmp_path / part)
         told = json.loads((tmp_path / part / "run.json").read_text())
         (tmp_path / part / "run.json").write_text(json.dumps(told | {"log": str(tmp_path / "gone.parquet")}))
-    found = flow.combine([tmp_path / "roll", tmp_path / "pushes"])
+    found = flow.together(list(map(read, [tmp_path / "roll", tmp_path / "pushes"])))
     (warning,) = [one for one in found.warnings if one.code == "result-partial"]
     assert "roll, pushes showed some axes alone" in warning.message
     assert "gone.parquet: is not there any more; put it back" in warning.message
@@ -116,13 +117,13 @@ def test_a_log_that_has_changed_since_is_not_taken_for_what_it_was(place: Path, 
     told = json.loads((tmp_path / "roll" / "result" / "run.json").read_text())
     run = told | {"log": str(tmp_path / "roll" / "log" / "log.parquet")}
     (tmp_path / "roll" / "result" / "run.json").write_text(json.dumps(run))
-    found = flow.combine([tmp_path / "roll" / "result", place / "free-flyer" / "pushes" / "result"])
+    found = flow.together(list(map(read, [tmp_path / "roll" / "result", place / "free-flyer" / "pushes" / "result"])))
     assert "is not what it was when the result was made" in found.warnings[0].message
 
 
 def test_a_log_of_another_body_is_named(place: Path) -> None:
     parts = [place / "free-flyer" / part / "result" for part in ("roll", "pitch", "yaw", "pushes")]
-    found = flow.combine([*parts, place / "other" / "result"])
+    found = flow.together(list(map(read, [*parts, place / "other" / "result"])))
     said = [one.message for one in found.warnings if one.code == "results-disagree"]
     assert any("other/result does not fit the body of the others together" in one for one in said)
     assert found.phases[0].estimates["ixx"].verdict == "contradicted"
@@ -137,8 +138,8 @@ def test_what_is_shared_by_the_logs_counts_once(place: Path, tmp_path: Path) -> 
         vehicle.write_text(text)
         judged = job.of_file(tmp_path / part / "log" / "log.parquet", vehicle)
         store.write(tmp_path / part / "result", judged.analysis, escape.document(judged.result))
-    values, sigma = numbers(flow.combine([tmp_path / part / "result" for part in AXES]))
-    bare, own = numbers(flow.combine([place / "testbed" / part / "result" for part in AXES]))
+    values, sigma = numbers(flow.together(list(map(read, [tmp_path / part / "result" for part in AXES]))))
+    bare, own = numbers(flow.together(list(map(read, [place / "testbed" / part / "result" for part in AXES]))))
     assert sigma[9] == pytest.approx(0.01, rel=0.01)
     assert abs(values[9] - 25.0) < 0.001
     # inertia per mass is what the logs tell beside the mass, and the weighed mass brings the scale
