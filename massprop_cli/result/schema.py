@@ -1,6 +1,6 @@
 """result.json: the models below are the schema (``massprop schema result``)."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
@@ -25,6 +25,16 @@ class Item(BaseModel):
     model_config = ConfigDict(extra="forbid", defer_build=True)
 
 
+class SparseItem(Item):
+    """Part of a result without some of its keys where they hold nothing."""
+
+    ABSENT: ClassVar[tuple[str, ...]]
+
+    @model_serializer(mode="wrap")
+    def _without_nothing(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {key: value for key, value in handler(self).items() if key not in self.ABSENT or value not in (None, [], {})}
+
+
 class Provenance(Item):
     """What produced the result and from what."""
 
@@ -44,8 +54,10 @@ class Provenance(Item):
         return str(self.settings.get("estimator.method", "default"))
 
 
-class VehicleInfo(Item):
+class VehicleInfo(SparseItem):
     """The vehicle as its file states it."""
+
+    ABSENT = ("rotors", "wheels", "gravity_m_s2", "initial_up", "ballast")
 
     name: str
     environment: EnvironmentKind
@@ -66,13 +78,6 @@ class VehicleInfo(Item):
         None, description="unit vector up in body axes as the log begins, on a fixed pedestal; absent elsewhere"
     )
     ballast: list[Ballast] = Field([], description="the vehicle file's; absent where there is none")
-
-    @model_serializer(mode="wrap")
-    def _without_nothing(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        found: dict[str, Any] = handler(self)
-        return {
-            key: value for key, value in found.items() if key not in ("rotors", "wheels", "gravity_m_s2", "initial_up", "ballast") or value
-        }
 
 
 class LogInfo(Item):
@@ -138,8 +143,10 @@ class ExpectationFile(Item):
     sha256: str
 
 
-class EstimateItem(Item):
+class EstimateItem(SparseItem):
     """One quantity: sigma is one standard deviation; null where nothing can be said."""
+
+    ABSENT = ("segment_sigma",)
 
     value: float | None
     sigma: float | None
@@ -153,11 +160,6 @@ class EstimateItem(Item):
     segment_sigma: float | None = Field(
         None, description="by the scatter of the phase's segments, without stated noise; absent without estimator.cross_validate"
     )
-
-    @model_serializer(mode="wrap")
-    def _without_absent(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        found: dict[str, Any] = handler(self)
-        return {key: value for key, value in found.items() if key != "segment_sigma" or value is not None}
 
 
 class Physical(Item):
@@ -228,8 +230,10 @@ class CrossValidationItem(Item):
     segments: list[SegmentItem]
 
 
-class PhaseItem(Item):
+class PhaseItem(SparseItem):
     """One phase's ten quantities. Matrices in the order of the estimates; body axes."""
+
+    ABSENT = ("about_pivot", "about_pivot_covariance", "discrepancy", "cross_validation", "alike")
 
     name: str
     start_s: float
@@ -255,12 +259,6 @@ class PhaseItem(Item):
         description="of a combined result: the part of each sigma that its logs may have in common, beside the thrust's scale and what is "
         "known, and that more logs don't make smaller; on a pedestal of about_pivot; absent where there is none",
     )
-
-    @model_serializer(mode="wrap")
-    def _without_nothing(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        found: dict[str, Any] = handler(self)
-        absent = ("about_pivot", "about_pivot_covariance", "discrepancy", "cross_validation", "alike")
-        return {key: value for key, value in found.items() if key not in absent or value}
 
 
 class DockedObject(Item):
