@@ -61,9 +61,7 @@ class LogEstimate(Judged):
     @cached_property
     def history(self) -> pd.DataFrame:
         """A row per cycle and phase: the columns of history.parquet, NaN where nothing can be said."""
-        out = io.BytesIO()
-        historyfile.write_history(self.analysis, out)
-        return pd.read_parquet(out)
+        return pd.read_parquet(io.BytesIO(historyfile.content(self.analysis)))
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from massprop_cli import ALL_UNITS, PIVOT
@@ -11,8 +11,12 @@ from massprop_cli.campaign import location, summary
 from massprop_cli.campaign.outcome import CampaignRow, PhaseQuantities, Value
 from massprop_cli.campaign.pooled import Key, Pool, pooled
 from massprop_cli.campaign.summary import Baseline, Beyond, Summary
+from massprop_cli.inputs.tolerance import Tolerance
 from massprop_cli.inputs.tolerancefile import Gate
 from massprop_cli.result.judge import INFORMED
+
+Numbers = tuple[float, float | None]
+"""A value and its sigma."""
 
 
 @dataclass(frozen=True)
@@ -73,64 +77,57 @@ def _log(name: str, now: CampaignRow | None, before: CampaignRow, gate: Gate) ->
         why = "the log is not in this campaign" if now is None else "not tried" if now.outcome is None else now.outcome.message
         yield _beyond(f"{name}: has a result in the baseline, none here: {why}", log=name, vehicle=vehicle)
         return
-    mine = {(body.part, body.name): body for body in now.outcome.bodies}
+    mine = {(body.part, body.name): body.items for body in now.outcome.bodies}
     for body in before.outcome.bodies:
-        own = mine.get((body.part, body.name))
-        if own is None:
-            yield _beyond(f"{name}: {_title(body)} is in the baseline, and not here", log=name, vehicle=vehicle, part=_title(body))
+        here, about = mine.get((body.part, body.name)), {"log": name, "vehicle": vehicle, "part": _title(body)}
+        if here is None:
+            yield _beyond(f"{name}: {_title(body)} is in the baseline, and not here", **about)
             continue
-        here = own.items
         for quantity, old in body.items.items():
-            new = here.get(quantity)
-            phase = None if body.part == "docked" else body.name
-            yield from _difference(f"{name}: ", name, vehicle, _title(body), quantity, _told(new), _told(old), gate, phase)
+            pair = _told(here.get(quantity)), _told(old)
+            yield from _difference(f"{name}: ", quantity, *pair, gate.of(quantity, _phase(body)), about)
 
 
-def _told(item: Value | None) -> tuple[float, float | None] | None:
+def _phase(body: PhaseQuantities | Pool) -> str | None:
+    return None if body.part == "docked" else body.name
+
+
+def _told(item: Value | None) -> Numbers | None:
     return (item.value, item.sigma) if item and item.verdict in INFORMED and item.value is not None else None
 
 
 def _pool(now: Pool | None, before: Pool, gate: Gate) -> Iterator[Beyond]:
+    where, about = f"vehicle {before.vehicle}, all logs: ", {"vehicle": before.vehicle, "part": _title(before)}
     for quantity, old in before.items.items():
         new = now.items.get(quantity) if now is not None else None
-        if new is None or new.value is None or old.value is None:
-            continue  # its logs say so already
-        where, phase = f"vehicle {before.vehicle}, all logs: ", None if before.part == "docked" else before.name
-        pair = (new.value, new.sigma), (old.value, old.sigma)
-        yield from _difference(where, None, before.vehicle, _title(before), quantity, *pair, gate, phase)
+        if new is not None and new.value is not None and old.value is not None:  # else its logs say so already
+            pair = (new.value, new.sigma), (old.value, old.sigma)
+            yield from _difference(where, quantity, *pair, gate.of(quantity, _phase(before)), about)
 
 
 def _difference(
-    where: str,
-    log: str | None,
-    vehicle: str | None,
-    part: str,
-    quantity: str,
-    new: tuple[float, float | None] | None,
-    old: tuple[float, float | None] | None,
-    gate: Gate,
-    phase: str | None,
+    where: str, quantity: str, new: Numbers | None, old: Numbers | None, allowed: Tolerance, about: Mapping[str, str | None]
 ) -> Iterator[Beyond]:
     """One quantity; nothing where it is within."""
     if old is None:
         return
-    unit, tolerance = ALL_UNITS[quantity], gate.of(quantity, phase)
+    unit, said = ALL_UNITS[quantity], f"{where}{quantity} in {about['part']}: "
     if new is None:
-        said = f"{where}{quantity} in {part}: {old[0]:.9g} {unit} in the baseline, missing here"
-        yield _beyond(said, log=log, vehicle=vehicle, part=part, quantity=quantity, baseline_value=old[0])
+        message = f"{said}{old[0]:.9g} {unit} in the baseline, missing here"
+        yield _beyond(message, **about, quantity=quantity, baseline_value=old[0])
         return
     off = new[0] - old[0]
     sigma = math.hypot(new[1], old[1]) if new[1] is not None and old[1] is not None else None
-    allowed = tolerance.absolute(old[0], sigma) or 0.0
-    if abs(off) <= allowed:
+    most = allowed.absolute(old[0], sigma) or 0.0
+    if abs(off) <= most:
         return
     sigmas = off / sigma if sigma else None
     how = "" if sigmas is None else f", {sigmas:+.3g} sigma"
-    said = (
-        f"{where}{quantity} in {part}: {new[0]:.9g}, in the baseline {old[0]:.9g}, off by {off:+.3g} {unit}{how}, "
-        f"allowed {allowed:.3g} {unit} ({tolerance.stated(quantity.removeprefix(PIVOT))})"
+    message = (
+        f"{said}{new[0]:.9g}, in the baseline {old[0]:.9g}, off by {off:+.3g} {unit}{how}, allowed {most:.3g} {unit} "
+        f"({allowed.stated(quantity.removeprefix(PIVOT))})"
     )
-    yield _beyond(said, log=log, vehicle=vehicle, part=part, quantity=quantity, value=new[0], baseline_value=old[0], sigmas=sigmas)
+    yield _beyond(message, **about, quantity=quantity, value=new[0], baseline_value=old[0], sigmas=sigmas)
 
 
 def _beyond(message: str, **told: str | float | None) -> Beyond:

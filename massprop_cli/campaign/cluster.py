@@ -79,12 +79,11 @@ class _Flight:
         """By key: the task's index, the bytes that went with it, its future."""
 
     def results(self) -> Iterator[tuple[int, Produced | None]]:
-        waiting = iter(range(len(self._tasks)))
-        ready = _prepared(self._tasks, waiting)
+        ready = _prepared(self._tasks)
         following = next(ready, None)
         while following is not None or self._flying:
             while following is not None and self._has_room(following[1]):
-                index, task, produced = following[0], following[1], following[2]
+                index, task, produced = following
                 if task is None:
                     yield index, produced
                 else:
@@ -150,23 +149,17 @@ class _Flight:
         return found
 
 
-def _prepared(tasks: Sequence[Task], indices: Iterator[int]) -> Iterator[tuple[int, Task | None, Produced | None]]:
+def _prepared(tasks: Sequence[Task]) -> Iterator[tuple[int, Task | None, Produced | None]]:
     """Each task with the files of this machine, one by one; without a task where it is over already."""
-    for index in indices:
-        task = tasks[index]
+    for index, task in enumerate(tasks):
         try:
             sent = work.own_files(task.job)
-            if task.known is not None and task.job.log in sent and _unchanged(task, sent):
-                yield index, None, None
-            else:
-                yield index, replace(task, sent=sent), None
+            # whether what was done still holds, as far as that can be told without a worker
+            whole = task.known is not None and task.job.log in sent
+            unchanged = whole and work.fingerprint(task.job, work.gather(task.job, sent)) == task.known
+            yield index, None if unchanged else replace(task, sent=sent), None
         except InputError as error:
             yield index, None, work.failed(task.job, exits.INPUT, str(error))
-
-
-def _unchanged(task: Task, sent: Mapping[str, bytes]) -> bool:
-    """Whether what was done still holds, as far as that can be told without a worker."""
-    return work.fingerprint(task.job, work.gather(task.job, sent)) == task.known
 
 
 def _size(task: Task) -> int:

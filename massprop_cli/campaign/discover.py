@@ -102,7 +102,8 @@ def _expanded_url(named: str) -> list[FoundLog]:
     all_below = remote.below(root)
     files = fitting(all_below, location.below(named, root)) if wild else all_below
     there = set(all_below)
-    logs = [file for file in files if not _is_hidden(file) and _may_be_log(PurePosixPath(file), lambda beside: str(beside) in there)]
+    shown = [file for file in files if not any(part.startswith(".") for part in file.split("/"))]
+    logs = [file for file in shown if _may_be_log(PurePosixPath(file), lambda beside: str(beside) in there)]
     problem = (
         f"no log fits this pattern; check it, and that it names logs ({_KINDS})"
         if wild
@@ -113,10 +114,6 @@ def _expanded_url(named: str) -> list[FoundLog]:
     if not logs:
         raise InputError(f"{named}: {problem}")
     return [_found_url(root, log) for log in sorted(logs, key=lambda log: _natural(log.split("/")))]
-
-
-def _is_hidden(path: str) -> bool:
-    return any(part.startswith(".") for part in path.split("/"))
 
 
 def _found_url(root: str, path: str) -> FoundLog:

@@ -85,15 +85,11 @@ def joined(one: Joining, place: Place) -> Produced:
     try:
         found = _combined(one, place)
     except InputError as error:
-        return _failed(str(error))
+        told = Outcome(fingerprint=outcome.UNKEPT, exit_code=exits.INPUT, message=line(str(error)), input_sha256=None)
+        return Produced(told, {outcome.FILE: outcome.to_json(told)})
     unmet = judge.unmet(found, judge.Demands(one.require, allow_contradicted=one.allow_contradicted))
     told = kept.of_result(found, unmet, kept.joint_bodies(found), ["result.json"], "combined")
     return Produced(told, {"result.json": escape.document(found).encode(), outcome.FILE: outcome.to_json(told)})
-
-
-def _failed(message: str) -> Produced:
-    told = Outcome(fingerprint=outcome.UNKEPT, exit_code=exits.INPUT, message=line(message), input_sha256=None)
-    return Produced(told, {outcome.FILE: outcome.to_json(told)})
 
 
 def _combined(one: Joining, place: Place) -> Result:

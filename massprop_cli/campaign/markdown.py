@@ -59,12 +59,9 @@ def _blocks(found: Summary) -> Iterator[list[str]]:
 def _pool(pool: Pool) -> list[str]:
     columns = ["quantity", "weighted mean", "± sigma", "unit", "logs", "scatter / claimed", "p", "trend per log", "outliers"]
     keys = ("value", "sigma", "unit", "logs", "ratio", "p_value", "trend")
+    doubts = [line for doubt in page.doubts(pool) for line in (f"⚠ {shown(doubt)}.", "")]
     rows = [markdown.row([shown(row["symbol"]), *(row[key] for key in keys), shown(row["outliers"])]) for row in page.pooled(pool)]
-    return [f"### {shown(pool.vehicle)}, {shown(page.title(pool))}", "", *markdown.table(columns, "lrrlrrrrl"), *rows, "", *_doubts(pool)]
-
-
-def _doubts(pool: Pool) -> list[str]:
-    return [line for doubt in page.doubts(pool) for line in (f"⚠ {shown(doubt)}.", "")]
+    return [f"### {shown(pool.vehicle)}, {shown(page.title(pool))}", "", *markdown.table(columns, "lrrlrrrrl"), *rows, "", *doubts]
 
 
 def _all(row: CampaignRow) -> str:

@@ -47,11 +47,11 @@ class QuantityCell:
 def page(found: Summary) -> Iterator[str]:
     """The whole page, piece by piece; it loads nothing from anywhere."""
     several = tagged = False
-    names = _beside_mass(found)
+    names = [name for name in quantities(found) if name != "mass"]
     states: dict[str, None] = {}
     vehicles: dict[str, None] = {}
     verdicts: dict[str, str] = {}
-    for entry in _entries(found):
+    for entry in _entries(found, names):
         several |= len(entry["parts"]) > 1
         tagged |= bool(entry["tags"])
         states[entry["state"]] = None
@@ -62,7 +62,7 @@ def page(found: Summary) -> Iterator[str]:
         .get_template("campaign.html.j2")
         .generate(
             summary=found,
-            entries=_entries(found),
+            entries=_entries(found, names),
             several=several,
             tagged=tagged,
             states=list(states),
@@ -97,12 +97,7 @@ def told_of(row: CampaignRow) -> str:
     return f"{state(row.outcome)}{doubts}" + (f": {row.outcome.message}" if row.outcome and row.outcome.message else "")
 
 
-def _beside_mass(found: Summary) -> list[str]:
-    return [name for name in quantities(found) if name != "mass"]
-
-
-def _entries(found: Summary) -> Iterator[dict[str, Any]]:
-    names = _beside_mass(found)
+def _entries(found: Summary, names: Sequence[str]) -> Iterator[dict[str, Any]]:
     return (_entry(names, number, row) for number, row in enumerate(found.logs, 1))
 
 
@@ -157,7 +152,7 @@ def title(body: PhaseQuantities | Pool) -> str:
 def _cell(item: Value | None) -> QuantityCell:
     if item is None:
         return QuantityCell("absent", "", digits.ABSENT, digits.ABSENT, "", missed=False, rough=False)
-    value, sigma = (digits.minus(text) for text in digits.numbers(item.value, item.sigma, item.verdict))
+    value, sigma = _numbers(item.value, item.sigma, item.verdict)
     if item.value is None and item.sigma is not None:  # of a check
         sigma = digits.figures(item.sigma)
     key = "" if item.value is None else repr(item.value)
@@ -180,14 +175,13 @@ def _pools(found: Summary) -> list[PooledVehicle]:
         spread = figures.spreads(groups[Key.of(pool)])
         picture = html.drawn("pool", "Log by log", figures.picture(spread, pool), f"pool{number}")
         within = {name: f"{one.within} of {len(one.samples.value)}" for name, one in spread.items()}
-        told.append(
-            PooledVehicle(pool, [_pooled(name, item) | {"within": within.get(name, "–")} for name, item in pool.items.items()], picture)
-        )
+        rows = [row | {"within": within.get(name, "–")} for name, row in zip(pool.items, pooled(pool), strict=True)]
+        told.append(PooledVehicle(pool, rows, picture))
     return told
 
 
 def _pooled(name: str, item: Pooled) -> dict[str, str]:
-    value, sigma = (digits.minus(text) for text in digits.numbers(item.value, item.sigma))
+    value, sigma = _numbers(item.value, item.sigma)
     unlikely = item.p_value is not None and item.p_value < _UNLIKELY
     tilted = item.trend_per_log is not None and item.trend_sigma is not None and abs(item.trend_per_log) > 3.3 * item.trend_sigma
     return {
@@ -201,26 +195,24 @@ def _pooled(name: str, item: Pooled) -> dict[str, str]:
         "p_value": "–" if item.p_value is None else f"{item.p_value:.2g}" if item.p_value >= 1e-6 else "< 1e−6",
         "trend": _slope(item),
         "outliers": ", ".join(f"{stray.log} ({digits.minus(f'{stray.sigmas:+.1f}')} σ)" for stray in item.outliers) or "none",
-        "without": _without(item),
+        "without": "{} ± {}".format(*_numbers(*item.without_outliers)) if item.without_outliers else "",
         "note": ", ".join(said for said, so in (("more scatter than claimed", unlikely), ("a trend", tilted)) if so),
     }
+
+
+def _numbers(value: float | None, sigma: float | None, verdict: str = "converged") -> Iterator[str]:
+    return map(digits.minus, digits.numbers(value, sigma, verdict))
 
 
 def _slope(item: Pooled) -> str:
     if item.trend_per_log is None or item.trend_sigma is None:
         return "–"
-    value, sigma = (digits.minus(text) for text in digits.numbers(item.trend_per_log, item.trend_sigma))
+    value, sigma = _numbers(item.trend_per_log, item.trend_sigma)
     return f"{'' if value.startswith('−') else '+'}{value} ± {sigma}"
 
 
 def _short(ratio: float | None) -> str:
     return "–" if ratio is None else f"{ratio:.2f}" if ratio < 100 else f"{ratio:.0f}"
-
-
-def _without(item: Pooled) -> str:
-    if item.without_outliers is None:
-        return ""
-    return "{} ± {}".format(*(digits.minus(text) for text in digits.numbers(*item.without_outliers)))
 
 
 def doubts(found: Pool) -> list[str]:

@@ -21,7 +21,6 @@ from massprop_cli.campaign.plan import Job
 from massprop_cli.inputs.formats import recording
 
 if TYPE_CHECKING:
-    from massprop_cli.flow import Analysis
     from massprop_cli.inputs.expect import Expectations
     from massprop_cli.inputs.formats.mapfile import MapSource
     from massprop_cli.inputs.tablefile import Table
@@ -110,15 +109,15 @@ def gather(job: Job, sent: Mapping[str, bytes] | None = None) -> Inputs:
         # beside a log that was sent, only what was sent with it counts
         return place in sent if sent is not None and job.log in sent else location.exists(place)
 
+    def first(named: str | None, beside: list[str], what: str) -> tuple[str, bytes] | None:
+        places = [named] if named is not None else filter(exists, beside)
+        return next(((place, read(place, what)) for place in places), None)
+
     settings = job.settings
     files.check_name(job.log, job.shown)
-    log = read(job.log, "log")
-    places = [settings.vehicle] if settings.vehicle is not None else [place for place in _beside(job.log) if exists(place)]
-    vehicle = next(((place, read(place, "vehicle file")) for place in places), None)
+    log, vehicle = read(job.log, "log"), first(settings.vehicle, _beside(job.log), "vehicle file")
     expect = None if settings.expect is None else read(settings.expect, "expect file")
-    maps = [settings.map] if settings.map is not None else [place for place in _maps_beside(job.log) if exists(place)]
-    mapped = next(((place, read(place, "map file")) for place in maps), None)
-    return Inputs(log, vehicle, expect, mapped)
+    return Inputs(log, vehicle, expect, first(settings.map, _maps_beside(job.log), "map file"))
 
 
 def _beside(log: str) -> list[str]:
@@ -168,12 +167,13 @@ def versions(report: bool = False) -> dict[str, str]:
 def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
     from massprop_cli.campaign import kept
     from massprop_cli.job import Demands, of_table
+    from massprop_cli.result import historyfile
 
     settings, expected = job.settings, _expected(job, inputs)
     table = table_of(job, inputs)
     source = vehicle_of(job, inputs, table.embedded_vehicle)
     judged = of_table(table, source, settings.assignments, Demands(settings.require, expected, settings.allow_contradicted))
-    files = {"result.json": escape.document(judged.result).encode(), "history.parquet": _history(judged.analysis)}
+    files = {"result.json": escape.document(judged.result).encode(), "history.parquet": historyfile.content(judged.analysis)}
     if settings.report:
         files["report.html"] = _report(job, files)
     found, analysis = judged.result, judged.analysis
@@ -248,16 +248,6 @@ def vehicle_of(job: Job, inputs: Inputs, embedded: str | None) -> VehicleSource:
         )
     place, content = inputs.vehicle
     return vehiclefile.parse(location.text(content, place, "vehicle file"), place, stated)
-
-
-def _history(found: Analysis) -> bytes:
-    import io
-
-    from massprop_cli.result import historyfile
-
-    out = io.BytesIO()
-    historyfile.write_history(found, out)
-    return out.getvalue()
 
 
 def _report(job: Job, files: Mapping[str, bytes]) -> bytes:

@@ -104,12 +104,9 @@ def compare(result: Recorded, baseline: Recorded, gate: Gate) -> Comparison:
 
 def _nothing(title: str, new: Mapping[str, EstimateItem] | None, old: Mapping[str, EstimateItem] | None) -> str:
     """That no quantity of a part has a value on both sides, and why."""
-    here, there = (", ".join(f"{n} {verdict}" for verdict, n in _verdicts(side).items()) for side in (new, old))
+    counts = [{"absent": len(QUANTITIES)} if side is None else Counter(item.verdict for item in side.values()) for side in (new, old)]
+    here, there = (", ".join(f"{n} {verdict}" for verdict, n in each.items()) for each in counts)
     return f"nothing could be compared in {title}: no quantity has a value in both (result: {here}; baseline: {there})"
-
-
-def _verdicts(side: Mapping[str, EstimateItem] | None) -> Mapping[str, int]:
-    return {"absent": len(QUANTITIES)} if side is None else Counter(item.verdict for item in side.values())
 
 
 def _side(recorded: Recorded) -> ComparedSide:

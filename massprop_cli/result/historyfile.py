@@ -1,5 +1,6 @@
 """history.parquet: every estimate and what it was made of, cycle by cycle."""
 
+import io
 from pathlib import Path
 from typing import BinaryIO
 
@@ -42,6 +43,13 @@ def write_history(analysis: Analysis, path: Path | BinaryIO) -> None:
                 rows = _rows(analysis, history, settled, slice(first, min(first + ROWS, len(history.time_s))))
                 columns = [arrow.text([history.phase.name] * len(rows)), *(arrow.numbers(column) for column in rows.T)]
                 writer.write_table(pa.Table.from_arrays(columns, schema=schema))
+
+
+def content(analysis: Analysis) -> bytes:
+    """What :func:`write_history` writes."""
+    out = io.BytesIO()
+    write_history(analysis, out)
+    return out.getvalue()
 
 
 def _jets(analysis: Analysis) -> list[str]:

@@ -162,20 +162,16 @@ def why(item: EstimateItem, contradiction: str = "") -> str:
     expected = item.expected
     if expected is None:
         return ""
-    wanted = f"expected {expected.value:.9g} ± {_allowed(expected)} {item.unit}"
+    allowed = "?" if expected.tolerance is None else f"{expected.tolerance:.3g}"
+    wanted = f"expected {expected.value:.9g} ± {allowed} {item.unit}"
     by = f" ({expected.stated})" if expected.stated.endswith(("%", "sigma")) else ""
     if item.verdict == "contradicted":
         return f"{wanted}{by}, contradicted: {contradiction or item.reason}"
     if item.value is None or item.verdict not in INFORMED:
         return f"{wanted}{by}, missing: {item.verdict}, {item.reason}"
     off = "" if expected.sigmas is None else f", {expected.sigmas:+.3g} sigma"
-    return f"{wanted}{by}, got {item.value:.9g} (off by {expected.difference:+.3g}{off})" + _no_sigma(item)
-
-
-def _allowed(expected: Expected) -> str:
-    return "?" if expected.tolerance is None else f"{expected.tolerance:.3g}"
-
-
-def _no_sigma(item: EstimateItem) -> str:
-    in_sigmas = item.expected is not None and item.expected.stated.endswith("sigma")
-    return "; its sigma is 0 or not known, so a tolerance in sigmas admits the exact value alone" if in_sigmas and not item.sigma else ""
+    return f"{wanted}{by}, got {item.value:.9g} (off by {expected.difference:+.3g}{off})" + (
+        "; its sigma is 0 or not known, so a tolerance in sigmas admits the exact value alone"
+        if expected.stated.endswith("sigma") and not item.sigma
+        else ""
+    )

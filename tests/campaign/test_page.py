@@ -80,7 +80,7 @@ def test_logs_that_are_done_with_warnings_are_counted_by_code_wherever_the_campa
 
 
 def test_a_log_that_is_done_with_warnings_does_not_look_like_one_without() -> None:
-    states = [entry["state"] for entry in campaign_page._entries(summary("n", [row(1, 22.0), row(2, 22.0, warnings=["gyro-units"])]))]
+    states = [entry["state"] for entry in campaign_page._entries(summary("n", [row(1, 22.0), row(2, 22.0, warnings=["gyro-units"])]), ())]
     assert states == ["done", "done, with warnings"]
     text = "".join(campaign_page.page(summary("n", [row(1, 22.0, warnings=["gyro-units"])])))
     assert '<span class="sign" aria-hidden="true">⚠</span> done, with warnings' in text
