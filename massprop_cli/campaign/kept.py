@@ -16,7 +16,7 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.job import Unmet
 from massprop_cli.report.body import values
 from massprop_cli.result.judge import apart
-from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
+from massprop_cli.result.schema import EstimateItem, PhaseItem, Result
 
 
 def vehicle(found: Result) -> outcome.StatedVehicle:
@@ -74,14 +74,13 @@ def bodies(found: Result, used: Vehicle, stated: Vehicle) -> list[PhaseQuantitie
     kept = [_phase(phase, None if thesis else used, alike[phase.name]) for phase in found.phases]
     docked = found.docked_object
     if docked is not None:
-        # of what is known, or uncertain, of both phases the share in their difference isn't told
+        # of what is known, or uncertain, of both phases the share in their difference isn't told; no part of the object stays behind with a
+        # bearing, so the scale has no say in its CG
         told = not (thesis or docked.known or any(phase.known or alike[phase.name].any() for phase in found.phases))
         name = f"{docked.after} less {docked.before}"
-        kept.append(
-            PhaseQuantities(
-                part="docked", name=name, estimates=_values(docked.estimates, _docked_shared(docked, used) if told else None, np.zeros(10))
-            )
-        )
+        by = by_scale_beside(values(docked.estimates), 0.0, np.zeros(3))
+        common = in_common(by, np.array(docked.covariance, dtype=float), {}, used) if told else None
+        kept.append(PhaseQuantities(part="docked", name=name, estimates=_values(docked.estimates, common, np.zeros(10))))
     return kept
 
 
@@ -152,8 +151,3 @@ def _stated(found: Result, phase: PhaseItem, used: Vehicle, stated: Vehicle) -> 
     given, left = stated.cycle.command_delay_sigma_cycles, used.cycle.command_delay_sigma_cycles
     delay = left**2 / given if given > 0 and stated.cycle.command_delay_cycles != "auto" else 0.0
     return incommon.alike(found, phase, delay)
-
-
-def _docked_shared(docked: DockedObject, used: Vehicle) -> Array:
-    """(10,) of the docked object; no part of it stays behind with a bearing, so the scale has no say in its CG."""
-    return in_common(by_scale_beside(values(docked.estimates), 0.0, np.zeros(3)), np.array(docked.covariance, dtype=float), {}, used)

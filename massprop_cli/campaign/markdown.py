@@ -96,25 +96,15 @@ def append_summary(file: Path, found: Summary) -> None:
 
 def commands(found: Summary) -> list[str]:
     """Workflow commands, ten at most: one for each log that isn't done, then for what is beyond the baseline."""
-    said = list(_said(found))
+    said = [(row.name, row.outcome.message) for row in found.logs if row.outcome is not None and row.outcome.exit_code]
+    said += [("beyond the baseline", item.message) for item in (found.baseline.beyond if found.baseline else ())]
     if len(said) > ANNOTATIONS:
         more = len(said) - ANNOTATIONS + 1
         said = [*said[: ANNOTATIONS - 1], (f"{found.name}: {more} more", f"{more} more are in the job's summary and in campaign.html")]
-    return [f"::error title={_property(title)}::{_data(message)}" for title, message in said]
-
-
-def _said(found: Summary) -> Iterator[tuple[str, str]]:
-    for row in found.logs:
-        if row.outcome is not None and row.outcome.exit_code:
-            yield row.name, row.outcome.message
-    for item in found.baseline.beyond if found.baseline else ():
-        yield "beyond the baseline", item.message
+    titles = [_data(title).replace(":", "%3A").replace(",", "%2C") for title, _ in said]
+    return [f"::error title={title}::{_data(message)}" for title, (_, message) in zip(titles, said, strict=True)]
 
 
 def _data(text: str) -> str:
     """A message as the runner reads it back (actions/toolkit, command.ts)."""
     return line(text).replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
-
-
-def _property(text: str) -> str:
-    return _data(text).replace(":", "%3A").replace(",", "%2C")

@@ -62,10 +62,9 @@ def jobs(found: Sequence[FoundLog]) -> list[Job]:
     """A job for each log, in their order; a log that was found twice is done once, by what was said of it last."""
     last = {log.parts: log for log in found}
     logs = list(last.values())
-    return [
-        Job(name, log.location, _text("/".join(log.parts[-log.below :])), log.settings, log.tags)
-        for name, log in zip(names(logs), logs, strict=True)
-    ]
+    # what is no UTF-8 becomes "?", that any file can hold it
+    shown = ["/".join(log.parts[-log.below :]).encode("utf-8", "replace").decode() for log in logs]
+    return [Job(name, log.location, path, log.settings, log.tags) for name, path, log in zip(names(logs), shown, logs, strict=True)]
 
 
 def names(logs: Sequence[FoundLog]) -> list[str]:
@@ -87,11 +86,6 @@ def names(logs: Sequence[FoundLog]) -> list[str]:
         found = [_name(*one) for one in zip(logs, depth, twins, strict=True)]
     same = _shared(found)
     return [f"{name}-{foldername.digest('/'.join(logs[n].parts))}" if n in same else name for n, name in enumerate(found)]
-
-
-def _text(path: str) -> str:
-    """A path as text that any file can hold: what is no UTF-8 in it becomes "?"."""
-    return path.encode("utf-8", "replace").decode()
 
 
 def _shared(found: Sequence[str]) -> set[int]:

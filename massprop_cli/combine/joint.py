@@ -61,6 +61,11 @@ class Piece:
         return np.nan_to_num(by_scale_beside(values, mass, at))
 
 
+def scale_sigma(vehicle: VehicleInfo, phase: PhaseItem) -> float:
+    """Relative, of the thrust's common error: as stated, and as far as a log makes it doubtful that does not fit."""
+    return float(np.hypot(vehicle.thrust_scale_sigma, phase.discrepancy.thrust_scale_sigma if phase.discrepancy else 0.0))
+
+
 @dataclass(frozen=True)
 class Joint:
     """What all pieces say together."""
@@ -184,8 +189,10 @@ def linear(values: Array, curved: bool, bearing: BearingBody | None = None) -> t
         return theta, np.linalg.inv(_slope_about(bearing, theta))
     theta, slope = values.copy(), np.eye(10)
     if curved and np.isfinite(values[:6]).all():
-        theta[:6] = _inverse(values[:6])
-        slope[:6, :6] = _slope(values[:6])
+        inverse = np.linalg.inv(tensor(values[:6]))
+        theta[:6] = elements(inverse)
+        # d(I⁻¹) = −I⁻¹ dI I⁻¹
+        slope[:6, :6] = np.array([elements(-inverse @ tensor(unit) @ inverse) for unit in np.eye(6)]).T
     theta[9] = 1 / values[9]
     slope[9, 9] = -1 / values[9] ** 2
     slope[9, 9] = slope[9, 9] if np.isfinite(slope[9, 9]) else 1.0
@@ -217,16 +224,6 @@ def _slope_about(bearing: BearingBody, theta: Array) -> Array:
     slope = bearing.slopes(theta)
     slope[9] /= -(theta[9] ** 2)
     return slope
-
-
-def _inverse(six: Array) -> Array:
-    return elements(np.linalg.inv(tensor(six)))
-
-
-def _slope(six: Array) -> Array:
-    """(6, 6) derivative of :func:`_inverse`: d(I⁻¹) = −I⁻¹ dI I⁻¹."""
-    inverse = np.linalg.inv(tensor(six))
-    return np.array([elements(-inverse @ tensor(unit) @ inverse) for unit in np.eye(6)]).T
 
 
 def _information(values: Array, covariance: Array) -> tuple[Array, Array]:

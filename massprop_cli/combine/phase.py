@@ -13,7 +13,7 @@ from massprop_cli.base.chance import chance
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.combine import added, fit, incommon, pivot
-from massprop_cli.combine.joint import BEYOND, Joint, Piece, joint, known_object
+from massprop_cli.combine.joint import BEYOND, Joint, Piece, joint, known_object, scale_sigma
 from massprop_cli.conclude.pivot import estimates_about
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Conclusion, Estimate, Verdict
@@ -81,9 +81,8 @@ def piece(label: str, vehicle: VehicleInfo, phase: PhaseItem, alike: Array | Non
     at = np.array(vehicle.bearing_position_m)
     # gravity has no part in how the mass properties are written
     bearing = BearingBody(at, vehicle.bearing_mass_kg, 0.0) if vehicle.environment == "air_bearing" else None
-    beyond = phase.discrepancy.thrust_scale_sigma if phase.discrepancy else 0.0
-    scale, common = float(np.hypot(vehicle.thrust_scale_sigma, beyond)), np.zeros(10) if alike is None else alike
-    return Piece(label, values, covariance, phase.known, scale, bearing, alike=common)
+    common = np.zeros(10) if alike is None else alike
+    return Piece(label, values, covariance, phase.known, scale_sigma(vehicle, phase), bearing, alike=common)
 
 
 def together_phase(name: str, parts: Sequence[Part]) -> Phased:

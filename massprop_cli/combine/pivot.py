@@ -9,7 +9,7 @@ from massprop_cli import ABOUT_PIVOT, QUANTITIES, UNITS
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.combine import incommon
-from massprop_cli.combine.joint import Piece
+from massprop_cli.combine.joint import Piece, scale_sigma
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Estimate
 from massprop_cli.estimate.pivot import beside_mass
@@ -41,12 +41,11 @@ def piece(label: str, vehicle: VehicleInfo, phase: PhaseItem, alike: Array | Non
     values, covariance = np.full(10, np.nan), np.full((10, 10), np.nan)
     values[:9] = [np.nan if one.value is None or one.sigma is None else one.value for one in map(phase.about_pivot.get, ABOUT_PIVOT) if one]
     covariance[:9, :9] = np.array(phase.about_pivot_covariance, dtype=float)
-    beyond = phase.discrepancy.thrust_scale_sigma if phase.discrepancy else 0.0
-    scale, common = float(np.hypot(vehicle.thrust_scale_sigma, beyond)), np.zeros(9) if alike is None else alike
+    common = np.zeros(9) if alike is None else alike
     if len(common) == 10:
         onto = incommon.by_ten_about_pivot(phase, 0.0, np.array(vehicle.bearing_position_m))
         common = incommon.alike_about_pivot(common, onto)
-    return Piece(label, values, covariance, {}, scale, about_pivot=True, alike=np.append(common, 0.0))
+    return Piece(label, values, covariance, {}, scale_sigma(vehicle, phase), about_pivot=True, alike=np.append(common, 0.0))
 
 
 def weighed(phases: Sequence[PhaseItem]) -> tuple[float, float] | None:

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base import spill
-from massprop_cli.base.arrays import Array, BoolArray, IntArray, median
+from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.telemetry import SATURATED, Log
 
@@ -52,7 +52,9 @@ def with_unstated(log: Log) -> Log:
             continue
         clipped = at_extremes(increments, log.interval_s) & ~stands[:, None]
         rows = np.flatnonzero(clipped.any(1))
-        if len(rows) and not _coasts(both, log.interval_s, rows):
+        # of a log without noise the readings of all axes repeat while nothing acts
+        coasts = np.logical_and.reduce([_repeats(axis, log.interval_s)[rows] for sensor in both for axis in sensor.T])
+        if len(rows) and coasts.mean() <= MOSTLY:
             limit = float(np.abs((increments[rows] / log.interval_s[rows, None])[clipped[rows]]).max())
             sensor = code.removesuffix("-saturated")
             listed = ", ".join(str(row) for row in rows[:LISTED]) + (", …" if len(rows) > LISTED else "")
@@ -96,12 +98,6 @@ def standing(increments: Array, others: Array, interval_s: Array) -> BoolArray:
     if found.mean() > MOSTLY or any(float(axis[~found].mean()) > FINE for axis in axes):
         return none
     return found
-
-
-def _coasts(both: tuple[Array, Array], interval_s: Array, rows: IntArray) -> bool:
-    """Whether the readings repeat on all axes of both sensors in most of these records: of a log without noise, in which nothing acts."""
-    every = np.logical_and.reduce([_repeats(axis, interval_s) for sensor in both for axis in sensor.T])
-    return bool(np.mean(every[rows]) > MOSTLY)
 
 
 def _repeats(increments: Array, interval_s: Array) -> BoolArray:

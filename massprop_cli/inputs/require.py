@@ -89,21 +89,17 @@ def precise(stated: str, option: str = "--want") -> tuple[Requirement, ...]:
 
 def read(stated: object) -> tuple[Requirement, ...]:
     """The same; :class:`MisreadError` says what is wrong, for the reader of a file to name the place."""
-    if stated is not None and not isinstance(stated, str) and not (isinstance(stated, (list, tuple)) and all(map(_is_text, stated))):
+    texts = [] if stated is None else [*stated] if isinstance(stated, (list, tuple)) else [stated]
+    if not all(isinstance(text, str) for text in texts):
         raise MisreadError(f'{stated!r}: no requirement; write for instance "mass<2%, ixx"', True)
-    texts = [] if stated is None else [stated] if isinstance(stated, str) else [*stated]
     found: dict[str, Precision | None] = {}
-    for name, precision in [_item(item.strip()) for text in texts for item in text.split(",")]:
+    for name, precision in [_item(item.strip()) for text in texts for item in str(text).split(",")]:
         before = found.get(name)
         if before is not None and precision is not None and before != precision:
             raise MisreadError(f"{name}<{precision.written}: {name}<{before.written} is asked as well; keep one of them", True)
         found[name] = precision or before
     named = [name for name in ALL_UNITS if name in found or (name in QUANTITIES and ALL in found)]
     return tuple(Requirement(name, found.get(name) or (found.get(ALL) if name in QUANTITIES else None)) for name in named)
-
-
-def _is_text(item: object) -> bool:
-    return isinstance(item, str)
 
 
 def _item(text: str) -> tuple[str, Precision | None]:

@@ -163,12 +163,8 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     notices += [Notice("clock-rebuilt", f"{source.name('time_s')}: {stamped.message}")] if stamped.message else []
     pulsed = pulses.commands(source, vehicle, float(time_s[0] - interval_s[0]), float(time_s[-1]))
     command_s = _command_times(source, time_s, stamped.moved_s) if pulsed is None else pulsed.issued_s
-    records, paced = _grouped(source, time_s, interval_s, command_s, vehicle.cycle.period_s)
+    records, command_s, paced = _grouped(source, time_s, interval_s, command_s, vehicle.cycle.period_s)
     n = source.table.rows // records * records
-    if command_s is not None and source.issued is not None:
-        # those in the last rows, which are no whole cycle, are left out
-        source.issued = source.issued[source.issued < n]
-        command_s = command_s[: len(source.issued)]
     imu = imurecords.read(source, vehicle, interval_s)
     notices += [*paced, *imurecords.emptiness(source, imu.empty), *imurecords.saturation(vehicle, imu.theta, imu.velocity, interval_s)]
     kind, command = commands.commands(source, vehicle, records, n, pulsed)
@@ -205,25 +201,30 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     )
 
 
-def _grouped(source: LogTable, time_s: Array, interval_s: Array, command_s: Array | None, period_s: float) -> tuple[int, list[Notice]]:
-    """How many records are taken together: those of a control cycle, or of a group where commands have times of their own."""
+def _grouped(
+    source: LogTable, time_s: Array, interval_s: Array, command_s: Array | None, period_s: float
+) -> tuple[int, Array | None, list[Notice]]:
+    """How many records are taken together: those of a control cycle, or of a group where commands have times of their own.
+
+    With them the times of commands but for those in the last rows that are no whole group, which :attr:`LogTable.issued` loses, too.
+    """
     if command_s is None:
         records = _records_per_cycle(source, time_s, interval_s, period_s)
         notices = _pace(records * interval_s, period_s)
     else:
-        records = _group(period_s / median(interval_s), median(interval_s))
+        # those of a control cycle, or of an equal part of a long one
+        usual_s = median(interval_s)
+        records = max(round(period_s / usual_s / math.ceil(period_s / LONGEST_S)), 1)
         notices = [] if source.has(PULSE_JET) else _pace(np.diff(command_s), period_s)
     if len(time_s) < 2 * records:
         raise InputError(
             f"{source.table.path}: {len(time_s)} rows of {median(interval_s):g} s are not two control cycles of {period_s:g} s; record "
             "longer, or correct cycle.period_s"
         )
-    return records, notices
-
-
-def _group(records: float, interval_s: float) -> int:
-    """How many records are taken together, where so many come in a control cycle: of all of it, or an equal part of a long one."""
-    return max(round(records / math.ceil(records * interval_s / LONGEST_S)), 1)
+    if command_s is not None and source.issued is not None:
+        source.issued = source.issued[source.issued < len(time_s) // records * records]
+        command_s = command_s[: len(source.issued)]
+    return records, command_s, notices
 
 
 def _command_times(source: LogTable, time_s: Array, moved_s: Array | None) -> Array | None:

@@ -76,7 +76,8 @@ def make(vehicle: Path, guess_file: Path | None, asked: Asked, say: Say, assignm
     if asked.off:
         notes.append(f"planned without {', '.join(asked.off)}: scenario.toml holds the vehicle without")
     made = document.document(found, flown, source, asked.criterion, asked.max_time_s, notes)
-    return WrittenPlan(made, document.scenario_toml(found, flown, _name(source)), source)
+    plain = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in source.vehicle.name).strip("-.")
+    return WrittenPlan(made, document.scenario_toml(found, flown, f"{plain or 'vehicle'}-plan"), source)
 
 
 def _order(flown: Rehearsal, guessed: guess.Guess, asked: Asked) -> Order:
@@ -108,11 +109,6 @@ def _widened(flown: Rehearsal, found: Planned) -> Planned:
     beyond = rehearsal.beyond_bound(flown, found.segments, found.cycles, bound)
     widened = replace(found, wanted=replace(found.wanted, beyond=beyond))
     return replace(widened, reached=bool(widened.ratios()[-1].max() <= 1))
-
-
-def _name(source: VehicleSource) -> str:
-    plain = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in source.vehicle.name).strip("-.")
-    return f"{plain or 'vehicle'}-plan"
 
 
 def write(made: WrittenPlan, folder: Path, pages: dict[str, str]) -> None:

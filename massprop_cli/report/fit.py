@@ -26,7 +26,9 @@ def fitted(table: Table, console: Console, spare: Sequence[str] = ()) -> None:
     terminal, gone = console.width, list[str]()
     needed = _needed(table, console)
     if needed.maximum > terminal:
-        _broken(table)
+        for column in table.columns:
+            if column.no_wrap:  # the explanation in its heading goes on a line of its own
+                column.header = str(column.header).replace(" (", "\n(")
         needed = _needed(table, console)
     for heading in spare:
         if needed.maximum <= terminal:
@@ -50,13 +52,6 @@ def fitted(table: Table, console: Console, spare: Sequence[str] = ()) -> None:
 def _needed(table: Table, console: Console) -> Measurement:
     """Characters that a table takes: where whatever may is wrapped, and where nothing is."""
     return Measurement.get(console, console.options.update(width=_ENDLESS), table)
-
-
-def _broken(table: Table) -> None:
-    """With the explanation in a heading that doesn't wrap on a line of its own."""
-    for column in table.columns:
-        if column.no_wrap:
-            column.header = str(column.header).replace(" (", "\n(")
 
 
 def without(table: Table, heading: str) -> Table:

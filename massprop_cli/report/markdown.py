@@ -16,6 +16,7 @@ OVERVIEW = 50_000
 _ROOM = 500
 """Of these for saying what was left out."""
 _WORDS = ("quantity", "unit", "verdict", "met")
+_MET = {"✓": "✓ met", "✗": "✗ missed"}
 
 
 def text(recorded: Sequence[Recorded]) -> str:
@@ -95,7 +96,8 @@ def _sections(found: Result, name: str) -> list[list[str]]:
         [f"## {shown(name)}", "", *_alarm(found), _origin(found), "", *_verdict(found)],
         *(_part(part, body, found) for part, body in parts(found)),
         *(_mended(one) for one in found.mended),
-        *_assumptions(found),
+        *([["### Assumptions", "", *(f"- {shown(assumptions.said(one))}" for one in found.assumptions), ""]] if found.assumptions else []),
+        *(_sensitivity(one) for one in assumptions.sensitivities(found.assumptions)),
         _list("Conventions:", vocabulary.conventions(found)),
         _list(f"Not converged, and {'what' if _alarms(found) else 'the motion that'} would show it:", gaps(found)),
         *_warnings(found),
@@ -146,7 +148,7 @@ def _part(part: str, body: PhaseItem | DockedObject, found: Result) -> list[str]
 
 def _estimates(estimates: dict[str, EstimateItem], found: Result) -> list[str]:
     columns = view.texts(estimates, assumptions.sigma_heading(found))
-    said: dict[str, Callable[[str], str]] = {"quantity": shown, "tolerance": shown, "verdict": _verdict_words, "met": _met}
+    said: dict[str, Callable[[str], str]] = {"quantity": shown, "tolerance": shown, "verdict": _verdict_words, "met": _MET.__getitem__}
     cells = [[said[name](text) if text and name in said else text or "–" for text in texts] for name, texts in columns.items()]
     return [*table([*columns], "".join("l" if name in _WORDS else "r" for name in columns)), *map(row, zip(*cells, strict=True))]
 
@@ -164,14 +166,6 @@ def _mended(one: Mended) -> list[str]:
     return found
 
 
-def _assumptions(found: Result) -> list[list[str]]:
-    said = [f"- {shown(assumptions.said(one))}" for one in found.assumptions]
-    return [
-        *([["### Assumptions", "", *said, ""]] if said else []),
-        *(_sensitivity(one) for one in assumptions.sensitivities(found.assumptions)),
-    ]
-
-
 def _sensitivity(one: assumptions.Sensitivity) -> list[str]:
     columns = ["quantity", "unit", *(shown(f"{code}, {step}") for code, step in one.steps)]
     return [
@@ -186,10 +180,6 @@ def _sensitivity(one: assumptions.Sensitivity) -> list[str]:
 
 def _verdict_words(verdict: str) -> str:
     return f"{vocabulary.SIGNS[verdict]} {verdict.replace('_', ' ')}"
-
-
-def _met(sign: str) -> str:
-    return f"{sign} {'met' if sign == '✓' else 'missed'}"
 
 
 def _warnings(found: Result) -> list[list[str]]:

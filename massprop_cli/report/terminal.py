@@ -46,12 +46,9 @@ def _part(title: str, body: PhaseItem | DockedObject, found: Result, console: Co
         console.print(escape.rich(f"contradicted: {cause}"), style=_STYLE["contradicted"])
     for name, item in body.estimates.items():
         if item.verdict not in ("converged", "contradicted"):
-            console.print(escape.rich(f"{name} {_why(name, item, body, cause)}"), style=_STYLE[item.verdict])
-
-
-def _why(name: str, item: EstimateItem, body: PhaseItem | DockedObject, cause: str) -> str:
-    """Verdict, reason, remedy; a docked object has no motion of its own that would remedy it."""
-    return vocabulary.gap(name, item, cause) if isinstance(body, PhaseItem) else f"{item.verdict}: {item.reason}"
+            # a docked object has no motion of its own that would remedy it
+            why = vocabulary.gap(name, item, cause) if isinstance(body, PhaseItem) else f"{item.verdict}: {item.reason}"
+            console.print(escape.rich(f"{name} {why}"), style=_STYLE[item.verdict])
 
 
 def _mended(one: Mended, console: Console) -> None:

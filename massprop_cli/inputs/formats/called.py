@@ -80,8 +80,8 @@ def candidates(quantity: VectorName, found: Sequence[Vector]) -> tuple[list[Vect
     some = [v for v in found if len(v.streams) == 3 and not (_NEVER.search(v.stem) or quantity.never.search(v.stem))]
     named = [v for v in some if _is_called(quantity, v)]
     if not named:
-        # an angle is seldom an increment, and a velocity still less
-        named = [v for v in some if units.factor(v.unit, quantity.rates) is not None and not _is_field(v)]
+        # an angle is seldom an increment, and a velocity still less; G is what some write for g, and others for gauss
+        named = [v for v in some if units.factor(v.unit, quantity.rates) is not None and v.unit.strip("[]() ") != "G"]
     if quantity in COMMANDS:
         named = [v for v in named if _COMMANDED.search(v.stem)] or named
     named.sort(key=lambda v: units.factor(v.unit, quantity.known) is None)
@@ -102,8 +102,3 @@ def _is_called(quantity: VectorName, vector: Vector) -> bool:
     others = [other for other in (*SENSORS, *COMMANDS) if other is not quantity and other.called.search(vector.stem)]
     by_axes = quantity.key == "gyro" and vector.axes == "pqr"
     return by_axes or (bool(quantity.called.search(vector.stem)) and not others)
-
-
-def _is_field(vector: Vector) -> bool:
-    """G is what some write for g, and others for gauss."""
-    return vector.unit.strip("[]() ") == "G"

@@ -52,6 +52,13 @@ class Streams:
         turns = any(wrench.frame == "world" for _, wrench, _, _ in wrenches(self.signals))
         return self.slow if turns else [signal for signal, _ in self.instants]
 
+    def zero(self, records: Records, edges: Array) -> float:
+        """What time_s counts from, by the gyro's clock less the recording's zero."""
+        if records.zero == "file" or not edges[0]:
+            return 0.0
+        self.signals.made.append(f"time_s counts from {edges[0] + self.gyro.times.zero_s:.13g} s by {self.gyro.times.path!r}")
+        return float(edges[0])
+
     def beside(self, time_s: Array, cycle_s: float) -> dict[str, Array]:
         """Columns of what is read off at records' ends (n,)."""
         made: dict[str, Array] = {}
@@ -84,13 +91,10 @@ def streams_of(signals: Signals, records: Records) -> tuple[Streams, Array]:
 
 def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Array]:
     """The log's columns by the contract's names, summed over records between ``edges``."""
-    signals, gyro = streams.signals, streams.gyro
+    signals = streams.signals
     _check(signals, edges, [sensor for sensor, _ in streams.imu], streams.unbroken)
-    zero = edges[0] if records.zero == "start" else 0.0
-    made: dict[str, Array] = {columns.TIME: edges[1:] - zero}
+    made: dict[str, Array] = {columns.TIME: edges[1:] - streams.zero(records, edges)}
     length = median(np.diff(edges))
-    if zero:
-        signals.made.append(f"time_s counts from {edges[0] + gyro.times.zero_s:.13g} s by {gyro.times.path!r}")
     for (signal, kind), names in zip(streams.imu, (columns.DELTA_THETA, columns.DELTA_V), strict=False):
         found = resample.increments(signal.values, signal.times.s, kind, edges)
         made |= dict(zip(names, found.T, strict=True))
@@ -118,18 +122,14 @@ def _read_off(signal: QuantitySignal, time_s: Array, cycle_s: float) -> str:
             "what changes faster is lost and moves the results. Log it once a control cycle"
         )
     within = (signal.times.s >= time_s[0]) & (signal.times.s <= time_s[-1])
-    if ENOUGH * step < cycle_s or resample.all_at(time_s, signal.times.s[within], SAME * step) or _evenly(signal.values[within, 0]):
+    change = np.diff(signal.values[within, 0])
+    evenly = (np.diff(change) ** 2).sum() < STEADY**2 * (change**2).sum()  # as what turns without steps of its torque
+    if ENOUGH * step < cycle_s or evenly or resample.all_at(time_s, signal.times.s[within], SAME * step):
         return said
     return (
         f"{said}, where it was not read: {cycle_s / step:.3g} times in a control cycle of {cycle_s:.6g} s. Where its torque steps between "
         f"two readings the speed is made up. Log it at the records' ends, or {math.ceil(ENOUGH)} times in a control cycle"
     )
-
-
-def _evenly(speed: Array) -> bool:
-    """Whether readings change as what turns without steps of its torque."""
-    change = np.diff(speed)
-    return bool((np.diff(change) ** 2).sum() < STEADY**2 * (change**2).sum())
 
 
 class _Span(NamedTuple):

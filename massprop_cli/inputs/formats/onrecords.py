@@ -38,10 +38,8 @@ def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Ar
     rows = np.searchsorted(time_s, issued_s[own])
     if issued and (len(rows) < 2 or (np.diff(rows) < 1).any()):
         return None
-    zero = edges[0] if records.zero == "start" else 0.0
+    zero = streams.zero(records, edges)
     made: dict[str, Array] = {columns.TIME: time_s - zero}
-    if zero:
-        signals.made.append(f"time_s counts from {edges[0] + gyro.times.zero_s:.13g} s by {gyro.times.path!r}")
     made |= signals.as_recorded(streams.imu, within)
     for signal, kind in streams.imu:
         signals.made.append(

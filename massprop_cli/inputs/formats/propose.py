@@ -90,7 +90,11 @@ def _section(clocks: listing.Clocks, quantity: VectorName, found: Sequence[Vecto
     chosen[quantity.key] = vector
     lines.append(f"paths = {json.dumps(vector.paths, ensure_ascii=False)}{_said(clocks, vector)}")
     lines += _clock(clocks, vector.paths[0])
-    return [*lines, *(_sensor(clocks, quantity, vector) if quantity in SENSORS else _wrench(quantity, vector)), ""]
+    if quantity in SENSORS:
+        return [*lines, *_sensor(clocks, quantity, vector), ""]
+    if listing.leaf(vector.paths[0]) in columns.WRENCH:
+        return [*lines, f'unit = "{next(iter(quantity.rates))}"   # by its name', 'frame = "body"   # by its name', ""]
+    return [*lines, *_unit(quantity, vector), 'frame = "?"   # "body", or "world", which wants [attitude]', ""]
 
 
 def _covering(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> tuple[RecordedStream, bool] | None:
@@ -172,12 +176,6 @@ def _unit(quantity: VectorName, vector: Vector) -> list[str]:
         f"recorded as {json.dumps(unit, ensure_ascii=False)}, which is none of these: state scale beside it" if unit else "not recorded"
     )
     return [f'unit = "?"   # {choices}: {recorded}; its median size is {size:.3g}, its largest number {largest:.3g}']
-
-
-def _wrench(quantity: VectorName, vector: Vector) -> list[str]:
-    if listing.leaf(vector.paths[0]) in columns.WRENCH:
-        return [f'unit = "{next(iter(quantity.rates))}"   # by its name', 'frame = "body"   # by its name']
-    return [*_unit(quantity, vector), 'frame = "?"   # "body", or "world", which wants [attitude]']
 
 
 def _jet(clocks: listing.Clocks, path: str) -> list[str]:

@@ -46,12 +46,10 @@ class Topic:
         own = f"{self.name}/{stamps[0]}" if stamps else clock
         for path in shared:
             values = np.array([row[path] for row in self.rows])
-            unit = "ns" if path.endswith("stamp") else self._unit(path)
+            parts = path.removeprefix("wrench/").split("/")
+            unit = _UNITS.get(self.kind, {}).get(parts[0], "") if len(parts) == 2 else ""
+            unit = "ns" if path.endswith("stamp") else unit
             yield stream(f"{self.name}/{path}", values, "" if f"{self.name}/{path}" == own else own, unit)
-
-    def _unit(self, path: str) -> str:
-        parts = path.removeprefix("wrench/").split("/")
-        return _UNITS.get(self.kind, {}).get(parts[0], "") if len(parts) == 2 else ""
 
 
 def collected(path: Path, messages: Iterable[tuple[str, str, int, Any]]) -> Iterator[RecordedStream]:

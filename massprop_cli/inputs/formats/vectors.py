@@ -1,7 +1,7 @@
 """Streams that belong together as the axes of a vector, found by their names."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.formats import units
@@ -57,14 +57,11 @@ def vectors(read: Recording) -> list[Vector]:
     for (stem, _), axes in groups.items():
         for order in ("wxyz", "0123", "xyz", "012", "pqr"):
             streams = tuple(axes[axis] for axis in order if axis in axes)
-            if len(axes) == len(order) == len(streams) and _alike(streams) and tuple(one.path for one in streams) not in taken:
-                taken.add(tuple(one.path for one in streams))
+            paths, kinds = tuple(one.path for one in streams), {(one.rows, one.clock, one.unit) for one in streams}
+            if len(axes) == len(order) == len(streams) and len(kinds) == 1 and paths not in taken:
+                taken.add(paths)
                 found.append(Vector(stem, order, streams))
     return found
-
-
-def _alike(streams: Sequence[RecordedStream]) -> bool:
-    return len({(one.rows, one.clock, one.unit) for one in streams}) == 1
 
 
 def _ways(path: str) -> Iterator[tuple[str, str, int]]:

@@ -52,7 +52,8 @@ def values(axes: Axes, limits: AxisRange, text: str, unit: str, exponent: int | 
     """Set the value axis; the power of ten of :func:`power`, or that of the panel's neighbours, goes into the heading."""
     exponent = power([limits]) if exponent is None else exponent
     ticks = [float(tick) for tick in ticker.MaxNLocator(nbins=4, steps=[1, 2, 2.5, 5, 10]).tick_values(limits.low, limits.high)]
-    decimals = _decimals([tick / 10.0**exponent for tick in ticks])
+    step = (ticks[1] - ticks[0]) / 10.0**exponent
+    decimals = next((d for d in range(12) if abs(round(step, d) - step) < 1e-3 * step), 12)  # as many as tell neighbours exactly
     shown = [tick for tick in ticks if limits.hold(tick)]
     longest = max((len(_plain(tick / 10.0**exponent, decimals)) for tick in shown), default=1)
     axes.set_ylim(limits.low, limits.high)
@@ -109,9 +110,3 @@ def phases(axes: Axes, found: Sequence[PhaseItem]) -> None:
 def _plain(value: float, decimals: int) -> str:
     text = f"{value:.{decimals}f}".replace("-", "−")
     return text.replace("−", "") if float(text.replace("−", "-")) == 0 else text
-
-
-def _decimals(ticks: list[float]) -> int:
-    """As many as tell neighbouring ticks exactly."""
-    step = ticks[1] - ticks[0]
-    return next((d for d in range(12) if abs(round(step, d) - step) < 1e-3 * step), 12)

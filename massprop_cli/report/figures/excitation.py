@@ -86,7 +86,7 @@ def _panel(number: int, phase: PhaseItem, found: Strips, several: bool) -> Panel
         *(f"{name.split('_')[0].capitalize()} {name[-1].upper()}" for name in COMMANDS),
         *(vocabulary.SYMBOLS[name] for name in QUANTITIES),
     ]
-    heights = [*found.commands, *(_peaked(shares) for shares in found.information)]
+    heights = [*found.commands, *found.information / found.information.max(1, keepdims=True)]
 
     def paint(axes: Axes) -> None:
         axis.time(axes, axis.beginning(phase, found.edges_s), found.edges_s[-1])
@@ -114,10 +114,6 @@ def _steps(edges: Array, tops: Array, bottom: float) -> tuple[Array, Array]:
     turns = np.ones(len(y), dtype=bool)
     turns[1:-1] = (y[1:-1] != y[:-2]) | (y[1:-1] != y[2:])
     return x[turns], y[turns]
-
-
-def _peaked(shares: Array) -> Array:
-    return np.asarray(shares / shares.max() if np.isfinite(shares).all() else shares)
 
 
 def _says(phase: PhaseItem, found: Strips) -> str:

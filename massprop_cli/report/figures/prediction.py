@@ -93,9 +93,8 @@ def _overlaid(each: Sequence[Channel], least: float) -> AxisRange:
 
 
 def _symmetric(each: Sequence[Channel]) -> AxisRange:
-    left, sigma = (np.concatenate([getattr(one, name) for one in each]) for name in ("residual", "sigma"))
-    told = np.isfinite(left) & np.isfinite(sigma)
-    reach = max(float(np.abs(left[told]).max()), 1.3 * BOUND * float(np.median(sigma[told]))) if told.any() else 1.0
+    left, sigma = _told(each)
+    reach = max(float(np.abs(left).max()), 1.3 * BOUND * float(np.median(sigma))) if left.size else 1.0
     return padded(-reach, reach, 0.03)
 
 
@@ -120,7 +119,7 @@ def _overlay(kind: str, letter: str, each: Sequence[Channel], limits: AxisRange,
                 loc="lower right", bbox_to_anchor=(1, 1), ncols=2, borderaxespad=0.0, handlelength=1.6, handletextpad=0.4, columnspacing=0.8
             )
 
-    return Panel(f"{kind}_{letter}", f"{heading} {letter.upper()}, measured and predicted, against time: {_told(each, unit)}", paint)
+    return Panel(f"{kind}_{letter}", f"{heading} {letter.upper()}, measured and predicted, against time: {_says(each, unit)}", paint)
 
 
 def _residual(kind: str, letter: str, each: Sequence[Channel], limits: AxisRange, power: int, parts: list[Covered]) -> Panel:
@@ -136,14 +135,20 @@ def _residual(kind: str, letter: str, each: Sequence[Channel], limits: AxisRange
             axes.plot(one.time_s[rows], one.residual[rows], color=palette.BLUE, linewidth=0.6, gid=gid.format("residual"))
             bounds(axes, gid, one.time_s, one.sigma, parts_of(len(parts)) // 6)
 
-    says = f"{heading} {letter.upper()}, measured less predicted, against time: {_told(each, unit)}"
+    says = f"{heading} {letter.upper()}, measured less predicted, against time: {_says(each, unit)}"
     return Panel(f"{kind}_{letter}_residual", says, paint)
 
 
-def _told(each: Sequence[Channel], unit: str) -> str:
+def _told(each: Sequence[Channel]) -> tuple[Array, Array]:
+    """Measured less predicted and its sigma over all phases, where they are known."""
     left, sigma = (np.concatenate([getattr(one, name) for one in each]) for name in ("residual", "sigma"))
     told = np.isfinite(left) & np.isfinite(sigma)
-    if not told.any():
+    return left[told], sigma[told]
+
+
+def _says(each: Sequence[Channel], unit: str) -> str:
+    left, sigma = _told(each)
+    if not left.size:
         return "not predicted"
-    inside = (np.abs(left[told]) <= BOUND * sigma[told]).mean()
-    return f"rms of what is left {np.sqrt((left[told] ** 2).mean()):.2g} {unit}; {inside:.1%} lie within ± 2 sigma, 95 % are expected"
+    inside = (np.abs(left) <= BOUND * sigma).mean()
+    return f"rms of what is left {np.sqrt((left**2).mean()):.2g} {unit}; {inside:.1%} lie within ± 2 sigma, 95 % are expected"
