@@ -90,7 +90,9 @@ class _Flight:
                     self._submit(index, task)
                 following = next(ready, None)
             if self._flying:
-                yield self._next()
+                future = self._await()
+                index, _, _ = self._flying.pop(future.key)
+                yield index, self._taken(future, self._tasks[index])
 
     def _has_room(self, task: Task | None) -> bool:
         """Whether to send one more; one may be as large as it likes."""
@@ -114,13 +116,8 @@ class _Flight:
         self._flying[future.key] = index, _size(task), future
         future.add_done_callback(self._done.put)
 
-    def _next(self) -> tuple[int, Produced | None]:
-        """The next task that ends."""
-        future = self._await()
-        index, _, _ = self._flying.pop(future.key)
-        return index, self._taken(future, self._tasks[index])
-
     def _await(self) -> Any:
+        """The future of the next task that ends."""
         idle_s = 0.0
         while True:
             with suppress(queue.Empty):

@@ -1,7 +1,6 @@
 """The folder that flies: the kernel's sources, the vehicle's tables, a test vector, a Makefile and a README."""
 
 import struct
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -115,14 +114,12 @@ def given(resolved: Constants, log: Log) -> str:
 
 def expected(resolved: Constants, log: Log) -> str:
     """expected.txt: a line for each cycle that is estimated from: values and sigmas by their bits, and verdicts' numbers."""
-    return "".join(line for leg in resolved.legs for line in _told(resolved, leg, log))
-
-
-def _told(resolved: Constants, leg: Leg, log: Log) -> Iterator[str]:
-    flight = kernelflight.Flight(resolved.commands, leg.vehicle, leg.rule)
-    found = flight.step(_cycles(leg, log), last=True)
-    for value, sigma, verdict in zip(found.values, found.sigmas, found.verdicts, strict=True):
-        yield " ".join([*map(bits, [*value, *sigma]), *(str(int(v)) for v in verdict)]) + "\n"
+    lines = []
+    for leg in resolved.legs:
+        found = kernelflight.Flight(resolved.commands, leg.vehicle, leg.rule).step(_cycles(leg, log), last=True)
+        for value, sigma, verdict in zip(found.values, found.sigmas, found.verdicts, strict=True):
+            lines.append(" ".join([*map(bits, [*value, *sigma]), *(str(int(v)) for v in verdict)]) + "\n")
+    return "".join(lines)
 
 
 def bits(value: float) -> str:

@@ -55,14 +55,9 @@ def _at_once(axes: IntArray, every: int) -> BoolArray:
     """The rows in which so many ``axes`` (n,) are ``every`` one; none where these are many, or by chance, as of a coarse sensor."""
     rows = np.asarray(axes == every)
     by_chance = int((axes == every - 1).sum()) > BY_CHANCE * int(rows.sum())
-    return np.zeros_like(rows) if every < ENOUGH or by_chance else _seldom(rows)
-
-
-def _seldom(rows: BoolArray) -> BoolArray:
-    """The rows (n,), if they are few."""
     lengths = np.diff(np.flatnonzero(np.diff(rows, prepend=False, append=False)))[::2]
     few = rows.mean() <= SAME and lengths.max(initial=0) <= STANDS
-    return rows if few else np.zeros_like(rows)
+    return rows if few and every >= ENOUGH and not by_chance else np.zeros_like(rows)
 
 
 def holds_both(sensors: Sequence[Array], rows: IntArray, before: int) -> bool:

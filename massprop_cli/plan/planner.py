@@ -192,10 +192,6 @@ def _flown(rehearsal: Rehearsal, order: Order, tried: Sequence[Tried], chosen: S
     if end < least and "impulse_n_s" in order.limits:
         stretches.append(Stretch(Manoeuvre("hold", (), held=stretches[-1].motion.held), end, least))
     stretches[-1] = replace(stretches[-1], end=max(stretches[-1].end, least))
-    return _rehearsed(rehearsal, order, stretches, tried)
-
-
-def _rehearsed(rehearsal: Rehearsal, order: Order, stretches: Sequence[Stretch], tried: Sequence[Tried]) -> Planned:
     segments, cycles = [segment for stretch in stretches for segment in stretch.segments], stretches[-1].end
     bodies = rehearsal.guess.bodies
     issued, used = rehearsal.flown(segments, cycles, bodies, SEEDS)

@@ -171,9 +171,14 @@ def thrust_integrals(rotors: Sequence[Held], edges_s: Array) -> tuple[Array, Arr
     """∫ T dt and ∫ (t − bin start) T dt over each bin of ``edges_s``, (bins, rotors) each; before its first command a rotor stood there."""
     begun = {id(rotor.begin_s): rotor.begin_s for rotor in rotors}
     pieces = {key: _Pieces.of(begin_s, edges_s) for key, begin_s in begun.items()}
-    found = [_bin_integrals(rotor, pieces[id(rotor.begin_s)]) for rotor in rotors]
-    integral, moment = (np.stack(part, 1) for part in zip(*found, strict=True))
-    return integral, moment
+    bins = len(edges_s) - 1
+    found = np.empty((2, bins, len(rotors)))
+    for number, rotor in enumerate(rotors):
+        own = pieces[id(rotor.begin_s)]
+        integral, moment = _measured(rotor, own) if rotor.measured else _lagging(rotor, own)
+        for part, each in zip(found, (integral, moment + own.into_s * integral), strict=True):
+            part[:, number] = np.bincount(own.bins, each, bins)
+    return found[0], found[1]
 
 
 class _Pieces(NamedTuple):
@@ -200,16 +205,8 @@ class _Pieces(NamedTuple):
         return _Pieces(bins, first - edges_s[bins], np.diff(points), k, np.maximum(first - begin_s[k], 0.0))
 
 
-def _bin_integrals(rotor: Held, pieces: _Pieces) -> tuple[Array, Array]:
-    """In each piece it is at ``x + d exp(−t / lag)``, so thrust is a sum of ``exp(−n t / lag)``; or it changes evenly between speeds."""
-    integral, moment = _measured(rotor, pieces) if rotor.measured else _lagging(rotor, pieces)
-    moment += pieces.into_s * integral
-    first, second = (np.bincount(pieces.bins, each).astype(np.float64) for each in (integral, moment))
-    return first, second
-
-
 def _measured(rotor: Held, pieces: _Pieces) -> tuple[Array, Array]:
-    """∫ T dt and ∫ t T dt over each piece."""
+    """∫ T dt and ∫ t T dt over each piece, where it changes evenly between speeds."""
     begin_s, length = rotor.begin_s, pieces.length_s
     gone_s = length[:, None] * (0.5 + NODES)
     end_s = np.append(begin_s[1:], 2 * begin_s[-1] - begin_s[-2:][0])
@@ -225,7 +222,7 @@ def _beside_curve(x: Array, n: int) -> float:
 
 
 def _lagging(rotor: Held, pieces: _Pieces) -> tuple[Array, Array]:
-    """The same."""
+    """The same where it is at ``x + d exp(−t / lag)``, so that thrust is a sum of ``exp(−n t / lag)``."""
     at, lag = _departures(rotor)
     k, length = pieces.k, pieces.length_s
     left = at[k] * np.exp(-pieces.since_s / lag[k])

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import called, covering, listing, units
 from massprop_cli.inputs.formats.called import COMMANDS, SENSORS, VectorName
@@ -126,12 +125,6 @@ def _said(clocks: listing.Clocks, vector: Vector) -> str:
     return f"   # {', '.join(parts)}"
 
 
-def _values_of(vector: Vector) -> list[Array]:
-    values = [np.asarray(one.values, np.float64) for one in vector.streams]
-    held = np.isfinite(values).all(0)
-    return [each[held] for each in values]
-
-
 def _sensor(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> list[str]:
     lines = []
     known = (*columns.DELTA_THETA, *columns.DELTA_V, *columns.GYRO, *columns.ACCEL)
@@ -163,7 +156,8 @@ def _unit(quantity: VectorName, vector: Vector) -> list[str]:
     unit = next((unit for unit in quantity.known if units.plain(unit) == units.plain(vector.unit)), None)
     if unit is not None:
         return [] if vector.streams[0].unit else [f'unit = "{unit}"   # by its name']
-    values = _values_of(vector)
+    values = np.array([one.values for one in vector.streams], np.float64)
+    values = values[:, np.isfinite(values).all(0)]
     size = float(np.median(np.sqrt(np.sum(np.square(values), 0))))
     choices = " or ".join([*quantity.rates, *quantity.increments])
     if quantity.key == "accelerometer":

@@ -55,8 +55,7 @@ def _panel(name: str, items: list[EstimateItem], names: Sequence[str]) -> Panel:
             axes.set_xlabel("result", labelpad=2)
         for verdict in MARKERS:
             _points(axes, name, verdict, items)
-        _beyond(axes, name, items, limits)
-        _expectations(axes, items)
+        _marks(axes, name, items, limits)
 
     return Panel(name, _says(name, items), paint, (LENGTH, HEIGHT + 0.25 * bool(names)), bottom=BOTTOM + 0.25 * bool(names))
 
@@ -75,17 +74,13 @@ def _points(axes: Axes, name: str, verdict: Verdict, items: list[EstimateItem]) 
     bars.lines[0].set_gid(f"{name}-{verdict}")
 
 
-def _beyond(axes: Axes, name: str, items: list[EstimateItem], limits: AxisRange | None) -> None:
-    """An arrow for each value that lies outside."""
+def _marks(axes: Axes, name: str, items: list[EstimateItem], limits: AxisRange | None) -> None:
+    """An arrow for each value that lies outside, and dashes at what was expected."""
     for number, item in enumerate(items, 1):
         if limits is not None and item.value is not None and not limits.hold(item.value):
             above = item.value > limits.high
             edge, marker, colour = limits.high if above else limits.low, "^" if above else "v", palette.VERDICT[item.verdict]
             axes.plot([number], [edge], marker, color=colour, markersize=6, clip_on=False, gid=f"{name}-beyond-{number}")
-
-
-def _expectations(axes: Axes, items: list[EstimateItem]) -> None:
-    for number, item in enumerate(items, 1):
         if item.expected is not None:
             ends = [number - 0.4, number + 0.4]
             axes.plot(ends, [item.expected.value] * 2, color=palette.GREEN, linewidth=1.1, linestyle=(0, (3, 1.5)))

@@ -5,7 +5,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
-from massprop_cli.report.figures.recording import Columns, Covered, covered, over_time, sensed, thinned
+from massprop_cli.report.figures.recording import Covered, covered, over_time, sensed, thinned
 from massprop_cli.report.figures.series import AxisRange, padded, parts_of, thin
 from massprop_cli.result.read import Recorded
 
@@ -45,17 +45,14 @@ def _panel(kind: str, letter: str, parts: list[Covered], limits: AxisRange, powe
 
     def paint(axes: Axes) -> None:
         over_time(axes, parts, limits, heading, UNITS[kind], power)
+        buckets = parts_of(len(parts))
         for number, _, columns in parts:
-            _series(axes, column, number, columns, parts_of(len(parts)))
+            time_s, values = columns["time_s"], columns[column]
+            rows = thin(values, buckets=buckets)
+            axes.plot(time_s[rows], values[rows], color=palette.BLUE, linewidth=0.6, gid=f"{column}-value-{number}")
+            bounds(axes, f"{column}-{{}}-{number}", time_s, columns[f"{column}_sigma"], buckets // 3)
 
     return Panel(column, _says(kind, letter, column, parts), paint)
-
-
-def _series(axes: Axes, column: str, number: int, columns: Columns, buckets: int) -> None:
-    time_s, values, sigmas = columns["time_s"], columns[column], columns[f"{column}_sigma"]
-    rows = thin(values, buckets=buckets)
-    axes.plot(time_s[rows], values[rows], color=palette.BLUE, linewidth=0.6, gid=f"{column}-value-{number}")
-    bounds(axes, f"{column}-{{}}-{number}", time_s, sigmas, buckets // 3)
 
 
 def bounds(axes: Axes, gid: str, time_s: Array, sigmas: Array, buckets: int) -> None:
