@@ -57,7 +57,7 @@ def page(found: Summary) -> Iterator[str]:
         states[entry["state"]] = None
         vehicles |= {entry["vehicle"]: None} if entry["vehicle"] else {}
         verdicts |= {cell.verdict: cell.sign for cells in (*entry["cells"], entry["mass"]) for cell in cells if cell.sign}
-    return (
+    yield from (
         html.environment()
         .get_template("campaign.html.j2")
         .generate(

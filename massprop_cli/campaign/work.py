@@ -8,7 +8,6 @@ import tempfile
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from massprop_cli import __version__
 from massprop_cli.base import escape, exits, files
@@ -18,13 +17,11 @@ from massprop_cli.base.escape import line
 from massprop_cli.campaign import location, outcome
 from massprop_cli.campaign.outcome import Outcome
 from massprop_cli.campaign.plan import Job
-from massprop_cli.inputs.formats import recording
-
-if TYPE_CHECKING:
-    from massprop_cli.inputs.expect import Expectations
-    from massprop_cli.inputs.formats.mapfile import MapSource
-    from massprop_cli.inputs.tablefile import Table
-    from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.inputs import expect, logfile, vehiclefile
+from massprop_cli.inputs.expect import Expectations
+from massprop_cli.inputs.formats import mapfile, recording
+from massprop_cli.inputs.tablefile import Table
+from massprop_cli.inputs.vehiclefile import VehicleSource
 
 
 @dataclass(frozen=True)
@@ -116,8 +113,8 @@ def gather(job: Job, sent: Mapping[str, bytes] | None = None) -> Inputs:
     settings = job.settings
     files.check_name(job.log, job.shown)
     log, vehicle = read(job.log, "log"), first(settings.vehicle, _beside(job.log), "vehicle file")
-    expect = None if settings.expect is None else read(settings.expect, "expect file")
-    return Inputs(log, vehicle, expect, first(settings.map, _maps_beside(job.log), "map file"))
+    expected = None if settings.expect is None else read(settings.expect, "expect file")
+    return Inputs(log, vehicle, expected, first(settings.map, _maps_beside(job.log), "map file"))
 
 
 def _beside(log: str) -> list[str]:
@@ -211,32 +208,21 @@ def _checked(job: Job, inputs: Inputs, mark: str) -> Produced:
 def _expected(job: Job, inputs: Inputs) -> Expectations | None:
     if inputs.expect is None or job.settings.expect is None:
         return None
-    from massprop_cli.inputs import expect
-
     place = job.settings.expect
     return expect.parse(location.text(inputs.expect, place, "expect file"), location.path(place))
 
 
 def table_of(job: Job, inputs: Inputs) -> Table:
     """The log's table, called as the campaign shows it."""
-    from massprop_cli.inputs import logfile
-
-    return logfile.parse(Path(job.shown), inputs.log, _map(job, inputs))
-
-
-def _map(job: Job, inputs: Inputs) -> MapSource | None:
     if inputs.map is None:
-        return None
-    from massprop_cli.inputs.formats import mapfile
-
+        return logfile.parse(Path(job.shown), inputs.log)
     place, content = inputs.map
-    return mapfile.parse(location.text(content, place, "map file"), place, named=job.settings.map is not None)
+    by = mapfile.parse(location.text(content, place, "map file"), place, named=job.settings.map is not None)
+    return logfile.parse(Path(job.shown), inputs.log, by)
 
 
 def vehicle_of(job: Job, inputs: Inputs, embedded: str | None) -> VehicleSource:
     """By the contract's order: the named one, the log's own, the one beside it."""
-    from massprop_cli.inputs import vehiclefile
-
     stated = job.settings.assignments
     if embedded is not None and job.settings.vehicle is None:
         return vehiclefile.parse(embedded, f"{job.log} (embedded vehicle)", stated)

@@ -1,26 +1,20 @@
 """One self-contained page: a report of one result, or a comparison of several. Same results, same bytes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.escape import visible
-from massprop_cli.base.lazy import markupsafe
+from massprop_cli.base.lazy import jinja2, markupsafe
 from massprop_cli.report import assumptions, body, checks, digits, figures, matrices, mended, timing, view, vocabulary
 from massprop_cli.report.figures import Picture, canvas, comparison, correlation, palette
 from massprop_cli.report.svg import gathered, inline, quoted, script
 from massprop_cli.result.read import Recorded, labels
 from massprop_cli.result.schema import Matrix, PhaseItem, Result
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
-    from markupsafe import Markup
 
 MISSING = (
     "This figure needs history.parquet, which is missing beside result.json or was written by another version. "
@@ -41,7 +35,8 @@ class Figure:
     anchor: str
     title: str
     caption: str
-    panels: tuple[Markup, ...]
+    panels: tuple[Any, ...]
+    """Markup."""
 
 
 def page(recorded: Sequence[Recorded]) -> str:
@@ -62,14 +57,12 @@ def stamped(text: str, recorded: Sequence[Recorded]) -> str:
     return f"{before} Made from {'; '.join(said)}.{mark}{after}" if said and mark else text
 
 
-def environment() -> Environment:
+def environment() -> Any:
     """The templates, with the palette and the words that they share."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    found = Environment(
-        loader=PackageLoader("massprop_cli.report", "templates"),
+    found = jinja2.Environment(
+        loader=jinja2.PackageLoader("massprop_cli.report", "templates"),
         autoescape=True,
-        undefined=StrictUndefined,
+        undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         finalize=lambda value: visible(value) if type(value) is str else value,

@@ -1,22 +1,16 @@
 """What is made part of a page: drawings with ids of their own and the page's font and colours, scripts by their digest."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import html
 import re
 from importlib import resources
-from typing import TYPE_CHECKING
+from typing import Any
 
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.escape import line
 from massprop_cli.base.lazy import markupsafe
 from massprop_cli.report.figures import palette
-
-if TYPE_CHECKING:
-    from markupsafe import Markup
-
 
 _UNUSED = re.compile(r' id="(?:figure|patch|line2d|text|xtick|ytick|matplotlib\.axis|legend|LineCollection|FillBetweenPolyCollection)_\d+"')
 _COLOUR = re.compile("|".join(palette.NAMES))
@@ -78,7 +72,8 @@ def _themed(style: str) -> str:
 class Script:
     """Text as it stands between its tags."""
 
-    text: Markup
+    text: Any
+    """Markup."""
     digest: str
     """SHA-256 in base64, as a Content-Security-Policy wants it."""
 

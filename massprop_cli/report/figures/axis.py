@@ -1,23 +1,15 @@
 """Axes that a reader finds their way on: unit in the heading, plain numbers on the ticks, phases shaded and named."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Sequence
 
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.escape import line
 from massprop_cli.base.lazy import ticker
 from massprop_cli.report.figures import palette
-from massprop_cli.report.figures.panel import LEFT
+from massprop_cli.report.figures.panel import LEFT, Axes
 from massprop_cli.report.figures.series import AxisRange
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from matplotlib.axes import Axes
-
-    from massprop_cli.base.arrays import Array
-    from massprop_cli.result.schema import PhaseItem
+from massprop_cli.result.schema import PhaseItem
 
 FITTING = 60.0
 """Points of type at which a tick's label of one character would fill the place left of the axes."""

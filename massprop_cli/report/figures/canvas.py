@@ -5,22 +5,17 @@ with ``data-log`` that is the logarithm to base ten. Lines
 carry ids such as ``ixx-value-1``; the number is the phase's.
 """
 
-from __future__ import annotations
-
 import io
 import re
 import warnings
 from collections.abc import Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from massprop_cli.base.escape import line
+from massprop_cli.base.lazy import mpl, mplfigure
 from massprop_cli.report.figures import palette
-from massprop_cli.report.figures.panel import LEFT, RIGHT, TOP, Panel
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from massprop_cli.report.figures.panel import LEFT, RIGHT, TOP, Axes, Panel
 
 Kind = Literal["svg", "png"]
 STYLE: dict[Any, Any] = {
@@ -40,10 +35,7 @@ HEADING = 0.3
 
 def render(panels: Sequence[Panel], kind: Kind, columns: int = 1, title: str = "") -> bytes:
     """The panels in rows of ``columns``, under a title if there is one."""
-    import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
+    with mpl.rc_context(STYLE), warnings.catch_warnings():
         # names in a script that the font lacks are drawn as boxes in a PNG, and right in an SVG
         warnings.filterwarnings("ignore", message="Glyph .* missing")
         figure = _figure(panels, min(columns, len(panels)), title)
@@ -52,19 +44,16 @@ def render(panels: Sequence[Panel], kind: Kind, columns: int = 1, title: str = "
             figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
             logarithmic = [panel.logarithmic for panel in panels]
             return _readable(stream.getvalue().decode(), figure, logarithmic, title or "; ".join(panel.says for panel in panels)).encode()
-        FigureCanvasAgg(figure)
         figure.savefig(stream, format="png", dpi=160, metadata={"Software": None})
         return stream.getvalue()
 
 
-def _figure(panels: Sequence[Panel], columns: int, title: str) -> Figure:
-    from matplotlib.figure import Figure
-
+def _figure(panels: Sequence[Panel], columns: int, title: str) -> Any:
     rows = [panels[start : start + columns] for start in range(0, len(panels), columns)]
     width = max(sum(panel.size[0] for panel in row) for row in rows)
     heights = [max(panel.size[1] for panel in row) for row in rows]
     height = sum(heights) + (HEADING if title else 0)
-    figure = Figure(figsize=(width, height))
+    figure = mplfigure.Figure(figsize=(width, height))
     if title:
         figure.text(0.12 / width, 1 - 0.1 / height, line(title, 110), va="top", fontsize=10, fontweight="bold")
     top = height - (HEADING if title else 0)
@@ -80,7 +69,7 @@ def _figure(panels: Sequence[Panel], columns: int, title: str) -> Figure:
     return figure
 
 
-def _readable(svg: str, figure: Figure, logarithmic: Sequence[bool], says: str) -> str:
+def _readable(svg: str, figure: Any, logarithmic: Sequence[bool], says: str) -> str:
     """Without what points elsewhere, shorter, with scales on every pair of axes and a title."""
     svg = re.sub(r"<!DOCTYPE.*?>\s*", "", svg, count=1, flags=re.DOTALL)
     svg = re.sub(r"\s*<metadata>.*?</metadata>", "", svg, count=1, flags=re.DOTALL)
@@ -97,7 +86,7 @@ def _rounded(path: str) -> str:
     return re.sub(r"(?<=\d) L (?=-?\d)", " ", " ".join(text.split()))
 
 
-def _scales(axes: Axes, figure: Figure) -> str:
+def _scales(axes: Axes, figure: Any) -> str:
     """From the SVG's coordinates to the data's: x = a + b · (SVG's x); y likewise, which points down in an SVG."""
     points = 72 / figure.dpi
     height = figure.get_figheight() * 72
