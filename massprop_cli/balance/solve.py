@@ -45,8 +45,7 @@ class Hanging:
 def _compliance(inertia: Array, up: Array) -> Array:
     """(2,) eigenvalues of I⁻¹ between the two horizontal axes, ascending, 1/(kg m²)."""
     level = np.linalg.svd(up[None])[2][1:]
-    found: Array = np.linalg.eigvalsh(level @ np.linalg.inv(inertia) @ level.T)
-    return found
+    return np.linalg.eigvalsh(level @ np.linalg.inv(inertia) @ level.T)
 
 
 def periods(hanging: Hanging) -> tuple[float, float] | None:
@@ -126,8 +125,7 @@ def placing(one: Ballast, arm: Array, mass: float, by: float) -> Array:
     """(3, 3) covariance of κ by where a ballast was put, and by the weight that was added at ``arm`` (3,) from the pivot."""
     across = np.outer(one.direction, one.direction) if one.slides else np.eye(3)
     weighed = np.zeros((3, 3)) if one.slides else one.mass_sigma_kg**2 * np.outer(arm, arm)
-    found: Array = (by != 0) * ((mass * one.position_sigma_m) ** 2 * across + weighed)
-    return found
+    return (by != 0) * ((mass * one.position_sigma_m) ** 2 * across + weighed)
 
 
 class MovedMoments(NamedTuple):

@@ -11,8 +11,7 @@ def rotation_vector(unit_wxyz: Array) -> Array:
     sine = np.linalg.norm(unit_wxyz[..., 1:], axis=-1, keepdims=True)
     half = np.arctan2(sine, np.abs(unit_wxyz[..., :1]))
     scale = np.where(sine > 0, 2 * half / np.maximum(sine, TINY), 2.0)
-    found: Array = unit_wxyz[..., 1:] * scale * np.where(unit_wxyz[..., :1] < 0, -1.0, 1.0)
-    return found
+    return unit_wxyz[..., 1:] * scale * np.where(unit_wxyz[..., :1] < 0, -1.0, 1.0)
 
 
 def quaternion_of(rotation_vector: Array) -> Array:
@@ -36,14 +35,12 @@ def matrices(attitude_wxyz: Array) -> Array:
         (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
         (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
     )
-    found: Array = np.stack([np.stack(row, -1) for row in rows], -2)
-    return found
+    return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
 def inverse(unit_wxyz: Array) -> Array:
     """(..., 4) quaternions of the turns back."""
-    found: Array = unit_wxyz * np.array([1.0, -1.0, -1.0, -1.0])
-    return found
+    return unit_wxyz * np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def turns_between(attitude_wxyz: Array) -> Array:

@@ -24,8 +24,7 @@ def tensor(elements: Array) -> Array:
 
 def elements(inertia: Array) -> Array:
     """Symmetric (..., 3, 3) tensor to its (..., 6) elements."""
-    six: Array = inertia[..., ROWS, COLUMNS]
-    return six
+    return inertia[..., ROWS, COLUMNS]
 
 
 def cross_matrix(v: Array) -> Array:
@@ -48,16 +47,14 @@ def inverse(matrix: Array) -> Array:
     """Of well-conditioned (K, 3, 3), by cofactors; numpy's own takes several times as long."""
     cofactors = cross(matrix[:, [1, 2, 0]], matrix[:, [2, 0, 1]])
     determinant = np.einsum("ki,ki->k", matrix[:, 0], cofactors[:, 0])
-    found: Array = cofactors.transpose(0, 2, 1) / determinant[:, None, None]
-    return found
+    return cofactors.transpose(0, 2, 1) / determinant[:, None, None]
 
 
 def rotation(vector: Array) -> Array:
     """(..., 3, 3) rotation by rotation vectors (..., 3) in rad (Rodrigues)."""
     angle = np.sqrt((vector**2).sum(-1))[..., None, None]
     turn = cross_matrix(vector)
-    found: Array = np.eye(3) + np.sinc(angle / np.pi) * turn + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (turn @ turn)
-    return found
+    return np.eye(3) + np.sinc(angle / np.pi) * turn + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (turn @ turn)
 
 
 def mean_rotation(vector: Array) -> Array:
@@ -67,14 +64,12 @@ def mean_rotation(vector: Array) -> Array:
     angle = np.sqrt(square)
     # (θ − sin θ) / θ³ where it doesn't cancel
     cubic = np.where(square > 0.01, (1 - np.sinc(angle / np.pi)) / np.maximum(square, 0.01), (1 - square / 20 * (1 - square / 42)) / 6)
-    found: Array = np.eye(3) + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * turn + cubic * (turn @ turn)
-    return found
+    return np.eye(3) + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * turn + cubic * (turn @ turn)
 
 
 def parallel_axis(mass: float, offset: Array) -> Array:
     """``m (d·d 1 − d dᵀ)``, (3, 3) kg m²: what the inertia about a point d = ``offset`` (3,) m from the CG has beyond that about the CG."""
-    added: Array = mass * ((offset @ offset) * np.eye(3) - np.outer(offset, offset))
-    return added
+    return mass * ((offset @ offset) * np.eye(3) - np.outer(offset, offset))
 
 
 def inertia_regressor(v: Array) -> Array:
@@ -88,8 +83,7 @@ def inertia_regressor(v: Array) -> Array:
 
 def times(matrix: Array, v: Array) -> Array:
     """``matrix @ v`` for stacks of vectors, in an order of sums that does not depend on the size of the stack."""
-    product: Array = np.einsum("...ij,...j->...i", matrix, v)
-    return product
+    return np.einsum("...ij,...j->...i", matrix, v)
 
 
 def angular_acceleration(inertia: Array, cg: Array, rate: Array, torque: Array, force: Array) -> Array:
@@ -108,8 +102,7 @@ def specific_force(mass: float, cg: Array, position: Array, rate: Array, rate_do
 
 def lever_arm(rate: Array, rate_dot: Array, arm: Array) -> Array:
     """Euler and centripetal acceleration ``ω̇ × ρ + ω × (ω × ρ)`` of a point ``arm`` [m] away, m/s²."""
-    acceleration: Array = cross(rate_dot, arm) + cross(rate, cross(rate, arm))
-    return acceleration
+    return cross(rate_dot, arm) + cross(rate, cross(rate, arm))
 
 
 def torque_regressor(rate: Array, rate_dot: Array, force: Array) -> Array:

@@ -23,8 +23,7 @@ _BY_GRAVITY = "massprop reports what one degree of it does"
 
 def level_of(up: Array) -> Array:
     """(2, 3) what is level where this (3,) is up, called east and north."""
-    found: Array = np.linalg.svd(up[None])[2][1:]
-    return found
+    return np.linalg.svd(up[None])[2][1:]
 
 
 def _tilted(setup: Setup, error: Array) -> Setup:

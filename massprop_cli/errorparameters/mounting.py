@@ -24,8 +24,7 @@ def _rotated(setup: Setup, error: Array) -> Setup:
 
 def _seen_turned(error: Array, mounting: Array) -> Array:
     """(3, 3) what sensors show, IMU axes, whose axes are turned in the body's."""
-    found: Array = mounting.T @ rotation(error) @ mounting
-    return found
+    return mounting.T @ rotation(error) @ mounting
 
 
 def _stated_place(setup: Setup) -> str:

@@ -149,8 +149,7 @@ def about_cg(point: Array, sigma: Array, cg: Array, force: Array) -> bool:
 
 
 def _point_of(finding: FittedHypothesis) -> Array:
-    found: Array = finding.stated.value(WRENCH_POINT) + finding.errors["position"][:3]
-    return found
+    return finding.stated.value(WRENCH_POINT) + finding.errors["position"][:3]
 
 
 def _point(finding: FittedHypothesis) -> Mapping[str, object]:

@@ -101,8 +101,7 @@ def _long_run(parts: Iterable[Array], lags: int) -> Array:
         summed = np.cumsum(np.vstack([np.zeros(6), wide]), axis=0)
         total = total + ((summed[lags + 1 :] - summed[: -lags - 1]) ** 2).sum(0)
         before = wide[len(rows) :]
-    density: Array = total / (lags + 1)
-    return density
+    return total / (lags + 1)
 
 
 def gross_misfit(samples: Source, cycles: Sequence[slice], vehicle: Resolved) -> Array:
@@ -131,8 +130,7 @@ def _stated_growth(samples: Source, cycles: slice, reference: Reference, vehicle
     if vehicle.thrust.pulse_sigma > 0:
         moment = plant_of(vehicle).jet_moment(reference)
         covariance = covariance + moment @ gathered(samples, cycles, _pulses).mean(0) @ moment.T
-    variance: Array = np.diag(inverse @ covariance @ inverse.T)
-    return variance
+    return np.diag(inverse @ covariance @ inverse.T)
 
 
 def _pulses(samples: Samples) -> Array:
@@ -188,8 +186,7 @@ def _commanded(samples: Samples) -> Array:
     """(K,) square of the mean torque about O that commands give in each cycle, (N m)²."""
     channels = samples.executed.channels
     torque = channels.whole @ channels.wrench[:, :3] / samples.executed.duration_s[:, None]
-    square: Array = (torque**2).sum(1)
-    return square
+    return (torque**2).sum(1)
 
 
 def disturbance_notices(stated: Resolved, used: Resolved, excess: Array, samples: Source) -> list[Notice]:

@@ -147,21 +147,18 @@ def _fallback_mu(vehicle: Vehicle, scale: float) -> float:
 def _force_at(point: Array, samples: Samples, vehicle: Vehicle) -> Array:
     """(K, 3) measured specific force carried from the IMU to ``point`` with the differenced rate."""
     rate_dot = samples.rate_step_rad_s / samples.executed.duration_s[:, None]
-    moved: Array = samples.specific_force_m_s2 - lever_arm(samples.rate_rad_s, rate_dot, np.array(vehicle.imu.position_m) - point)
-    return moved
+    return samples.specific_force_m_s2 - lever_arm(samples.rate_rad_s, rate_dot, np.array(vehicle.imu.position_m) - point)
 
 
 def _gravity(samples: Samples, vehicle: Vehicle) -> Array:
     """(K, 3) what a vehicle that stands still feels."""
-    found: Array = vehicle.environment.gravity_m_s2 * (samples.up_b[:-1] + samples.up_b[1:]) / 2
-    return found
+    return vehicle.environment.gravity_m_s2 * (samples.up_b[:-1] + samples.up_b[1:]) / 2
 
 
 def _mean_step(values: Array, duration: Array) -> Array:
     """Trapezoid of cycle means over each step, (K − 1, ...)."""
     area = values * duration[:, None]
-    mean: Array = (area[:-1] + area[1:]) / 2
-    return mean
+    return (area[:-1] + area[1:]) / 2
 
 
 def _ridge(regressors: Array, growth: Array, prior_sigma: Array, scale: float) -> Array:

@@ -114,5 +114,4 @@ def _bias(own: Regression, run: Run, phi: Array) -> Array:
     triangle, free, size = run.triangle, own.free, own.phi_map.size
     beginnings = np.linalg.solve(triangle[:free, :free], triangle[:free, free + size] - triangle[:free, free : free + size] @ phi)
     mean = run.state.mean[block.start - RATE.start : block.stop - RATE.start]
-    found: Array = mean[:, 0] + mean[:, 1 : 1 + size] @ phi + mean[:, mean.shape[1] - free :] @ beginnings
-    return found
+    return mean[:, 0] + mean[:, 1 : 1 + size] @ phi + mean[:, mean.shape[1] - free :] @ beginnings

@@ -27,8 +27,7 @@ class State(NamedTuple):
     @property
     def covariance(self) -> Array:
         """P = S Sᵀ, shape (n, n)."""
-        full: Array = self.root @ self.root.T
-        return full
+        return self.root @ self.root.T
 
 
 class Innovation(NamedTuple):
@@ -41,8 +40,7 @@ class Innovation(NamedTuple):
     @property
     def value(self) -> Array:
         """Z − H x itself."""
-        own: Array = self.root @ self.normalised
-        return own
+        return self.root @ self.normalised
 
 
 def predict(state: State, transition: Array, drive: Array, noise_root: Array | None) -> State:

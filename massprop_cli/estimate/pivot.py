@@ -70,8 +70,7 @@ def _with_inertia(about: Array, covariance: Array, mass: float, known: Mapping[i
 
 def _inertia(about: Array, mass: float) -> Array:
     """(K, 6) about the CG."""
-    found: Array = about[:, :6] - mass * elements(_spread(about[:, 6:9] / mass))
-    return found
+    return about[:, :6] - mass * elements(_spread(about[:, 6:9] / mass))
 
 
 def beside_mass(about: Array, covariance: Array, pivot: Array, mass: float, sigma: float, at: Array | None = None) -> AboutCg:
@@ -125,8 +124,7 @@ def by_ten(values: Array, pivot: Array, assumed_kg: Array) -> tuple[Array, Array
 
 def _spread(arm: Array) -> Array:
     """(…, 3, 3) S of arms (…, 3)."""
-    found: Array = (arm**2).sum(-1)[..., None, None] * np.eye(3) - arm[..., :, None] * arm[..., None, :]
-    return found
+    return (arm**2).sum(-1)[..., None, None] * np.eye(3) - arm[..., :, None] * arm[..., None, :]
 
 
 def _spread_by_arm(arm: Array) -> Array:

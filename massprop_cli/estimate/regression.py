@@ -114,8 +114,7 @@ class Regression(Triangle):
             return before
         mean = run.state.mean[block.start - RATE.start : block.stop - RATE.start]
         phi, _ = self.phi_map.coefficients(theta)
-        found: Array = mean[:, 0] + mean[:, 1 : 1 + self.phi_map.size] @ phi + mean[:, mean.shape[1] - len(others) :] @ others
-        return found
+        return mean[:, 0] + mean[:, 1 : 1 + self.phi_map.size] @ phi + mean[:, mean.shape[1] - len(others) :] @ others
 
     def _searched(self, run: Run, theta: Array, bound: bool) -> tuple[Array, Array, Array, float, bool]:
         """Gauss–Newton on the triangle from ``theta``.
@@ -190,8 +189,7 @@ class Regression(Triangle):
         """(10,) of the departures that end a triangle's unknowns."""
         count = triangle.shape[1] - 11 - self.assumed
         own = triangle[count : count + 10, count : count + 10]
-        sigma: Array = scale * np.sqrt((np.linalg.inv(own) ** 2).sum(1))
-        return sigma
+        return scale * np.sqrt((np.linalg.inv(own) ** 2).sum(1))
 
     def stands(self, run: Run, most: float = STALE) -> bool:
         """Whether the second order that was neglected, relative move times move in sigmas, doesn't show."""
@@ -287,8 +285,7 @@ class Regression(Triangle):
 
         def variance(kept: BoolArray) -> Array:
             root = slopes @ np.linalg.inv(triangle_of(triangle[:, kept])[-10:, -10:])
-            found: Array = (root**2).sum(1)
-            return found
+            return (root**2).sum(1)
 
         return {kind: variance(of == of) - variance(of != kind) for kind in dict.fromkeys(of[of != ""])}
 

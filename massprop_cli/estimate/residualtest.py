@@ -39,5 +39,4 @@ def threshold(rate: float, tested: int) -> float:
 def deviate(mean: Array, count: Array | int) -> Array:
     """(...) normal deviate of a mean (...) of ``count`` squares of standard normals (Wilson and Hilferty 1931)."""
     spread = 2 / (9 * count)
-    found: Array = (np.cbrt(mean) - (1 - spread)) / np.sqrt(spread)
-    return found
+    return (np.cbrt(mean) - (1 - spread)) / np.sqrt(spread)

@@ -22,8 +22,7 @@ _GAMMA = _gyroscopic()
 
 def gamma(inertia: Array) -> Array:
     """Γ(I), (..., 3, 6): ``Γ(I) s = ω × I ω``."""
-    found: Array = (inertia.reshape(*inertia.shape[:-2], 9) @ _GAMMA).reshape(*inertia.shape[:-2], 3, 6)
-    return found
+    return (inertia.reshape(*inertia.shape[:-2], 9) @ _GAMMA).reshape(*inertia.shape[:-2], 3, 6)
 
 
 def products(rate: Array) -> Array:

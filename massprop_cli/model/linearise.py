@@ -67,5 +67,4 @@ def less_tilt(system: Linear, left: Array, tilt: slice) -> Array:
     size = np.sqrt((rows**2).sum(0))
     size = np.where(size > 0, size, 1.0)
     held = np.linalg.lstsq(rows / size, left.ravel(), rcond=1e-9)[0] / size
-    found: Array = left - carried @ held[: carried.shape[2]]
-    return found
+    return left - carried @ held[: carried.shape[2]]

@@ -52,8 +52,7 @@ def observable(capability: Array, reference: Reference, vehicle: Vehicle, unread
 
 def _by_weight(reference: Reference, pivot: Array, up: Array, vehicle: Vehicle) -> Array:
     """(K, 3) torque about a pivot that holds the weight up, N m."""
-    found: Array = vehicle.environment.gravity_m_s2 / reference.mu * cross(reference.cg - pivot, up)
-    return found
+    return vehicle.environment.gravity_m_s2 / reference.mu * cross(reference.cg - pivot, up)
 
 
 def _weighed(rows: Array, vehicle: Vehicle) -> Array:
@@ -61,8 +60,7 @@ def _weighed(rows: Array, vehicle: Vehicle) -> Array:
     if not vehicle.on_pedestal:
         return np.zeros((0, 10))
     index = [QUANTITIES.index(name) for name in vehicle.known if name in INERTIA]
-    found: Array = np.eye(10)[index] * np.sqrt((rows**2).sum((0, 1)))
-    return found
+    return np.eye(10)[index] * np.sqrt((rows**2).sum((0, 1)))
 
 
 def _patternless(columns: int) -> Array:
@@ -72,8 +70,7 @@ def _patternless(columns: int) -> Array:
 
 def _directions(found: Array) -> Array:
     """Of length one."""
-    unit: Array = found / np.linalg.norm(found, axis=1, keepdims=True)
-    return unit
+    return found / np.linalg.norm(found, axis=1, keepdims=True)
 
 
 def _in_row_space(rows: Array) -> BoolArray:
@@ -82,8 +79,7 @@ def _in_row_space(rows: Array) -> BoolArray:
     scaled = rows / np.where(seen, size, 1.0)
     _, values, right = singular(scaled)
     null = right[values < ROUNDING * max(values[0], TINY)]
-    within: BoolArray = seen & ~(np.abs(null) > 1e-6).any(0)
-    return within
+    return seen & ~(np.abs(null) > 1e-6).any(0)
 
 
 def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved) -> tuple[Array, BoolArray]:

@@ -157,8 +157,7 @@ class _About(NamedTuple):
 
 def _bin_s(here: Samples, motion: Motion) -> Array:
     """(K,) length of a bin of each cycle."""
-    found: Array = here.executed.duration_s / motion.rate.shape[1]
-    return found
+    return here.executed.duration_s / motion.rate.shape[1]
 
 
 def _coupling(here: Samples, phi_map: ResponseMap, within: Within, reference: Reference) -> _Coupling:
@@ -339,8 +338,7 @@ def _scaling(here: Samples, vehicle: Vehicle, plant: Plant, reference: Reference
 def _bounded(derivative: Array) -> Array:
     """(K, 3, 3) the derivative, made smaller where an error would turn by more than ``STEEP`` within a step: it says nothing there."""
     size = np.sqrt((derivative**2).sum((1, 2)))
-    found: Array = derivative * np.minimum(1.0, STEEP / np.maximum(size, STEEP))[:, None, None]
-    return found
+    return derivative * np.minimum(1.0, STEEP / np.maximum(size, STEEP))[:, None, None]
 
 
 def integrals_about(samples: Samples, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array, Array]:
@@ -356,8 +354,7 @@ def _by_axis(channels: Array, onto: Array) -> Array:
     """(K, 3, c) what Φ makes of channels (K, C) in combinations ``onto`` (N, c) of its coefficients."""
     count = 3 * channels.shape[1]
     by_channel = onto[:count].reshape(3, -1, onto.shape[1])
-    found: Array = np.einsum("kc,acm->kam", channels, by_channel)
-    return found
+    return np.einsum("kc,acm->kam", channels, by_channel)
 
 
 def _felt(

@@ -63,8 +63,7 @@ class ResponseMap:
         for _ in range(HALVINGS):
             moved = theta + step
             if self._is_body(moved) and 1 / FARTHEST < moved[MU] / theta[MU] < FARTHEST:
-                found: Array = moved
-                return found
+                return moved
             step = step / 2
         return theta
 

@@ -17,8 +17,7 @@ class Windows(NamedTuple):
     @property
     def step(self) -> Array:
         """(K − 1, ...) from each cycle into the next."""
-        joined: Array = self.rising[:-1] + self.falling[1:]
-        return joined
+        return self.rising[:-1] + self.falling[1:]
 
 
 def windows(per_bin: Array, bin_s: Array, lateness: Array | None = None) -> Windows:

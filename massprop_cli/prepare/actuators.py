@@ -35,8 +35,7 @@ def capability(log: Log, vehicle: Vehicle) -> Array:
     wrench = channel_wrench(log, vehicle)
     if log.command_kind != "wrench":
         return wrench
-    used: Array = wrench[np.append((log.command != 0).any(0), np.ones(len(vehicle.momentum_wrench), dtype=bool))]
-    return used
+    return wrench[np.append((log.command != 0).any(0), np.ones(len(vehicle.momentum_wrench), dtype=bool))]
 
 
 def channel_wrench(log: Log, vehicle: Vehicle) -> Array:
@@ -45,8 +44,7 @@ def channel_wrench(log: Log, vehicle: Vehicle) -> Array:
     Jets at full, a wrench's components, rotors' newtons; momentum devices' N m.
     """
     own = {"jets": vehicle.jet_wrench, "wrench": vehicle.unit_wrench, "rotors": vehicle.rotor_wrench}[log.command_kind]
-    found: Array = np.vstack([own, vehicle.momentum_wrench]) * vehicle.environment.moving
-    return found
+    return np.vstack([own, vehicle.momentum_wrench]) * vehicle.environment.moving
 
 
 def channel_names(log: Log, vehicle: Vehicle) -> list[str]:

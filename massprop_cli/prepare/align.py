@@ -56,8 +56,7 @@ class Channels:
     @property
     def step(self) -> Array:
         """(K − 1, C) under the whole triangular window, from each cycle into the next."""
-        found: Array = self.rising[:-1] + self.falling[1:]
-        return found
+        return self.rising[:-1] + self.falling[1:]
 
 
 @dataclass(frozen=True)

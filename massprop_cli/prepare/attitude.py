@@ -46,14 +46,12 @@ def integrate_attitude(initial_wxyz: Array, turns: Array, turn_before: Array | N
     while reach < len(attitude):
         attitude[reach:] = quaternion_product(attitude[:-reach], attitude[reach:])
         reach *= 2
-    unit: Array = attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
-    return unit
+    return attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
 
 
 def at_first(vehicle: Vehicle, rate_rad_s: Array, late_s: float) -> Array:
     """(4,) attitude where the motion begins that a gyro shows ``late_s`` later than it is labelled, the stated one being at the label."""
-    found: Array = quaternion_product(np.array(vehicle.environment.initial_attitude_wxyz), quaternion_of(rate_rad_s * late_s))
-    return found
+    return quaternion_product(np.array(vehicle.environment.initial_attitude_wxyz), quaternion_of(rate_rad_s * late_s))
 
 
 def rotation_vectors(turns: Array, turn_before: Array | None = None) -> Array:
@@ -96,8 +94,7 @@ class BiasSeen(NamedTuple):
         own = slice(len(prior))
         bias = np.linalg.solve(self.information[..., own, own] + np.diag(prior**2), self.told[..., own, None])[..., :3, 0]
         size = np.linalg.norm(bias, axis=-1, keepdims=True)
-        off: Array = times(self.window, bias * np.minimum(1.0, FARTHEST * sigma / np.maximum(size, sigma)))
-        return off
+        return times(self.window, bias * np.minimum(1.0, FARTHEST * sigma / np.maximum(size, sigma)))
 
 
 def bias_seen(attitude_wxyz: Array, felt: Array, duration_s: Array, begun: BiasSeen) -> BiasSeen:
@@ -137,10 +134,8 @@ def attitude_error(attitude_wxyz: Array, off: Array, seen: BiasSeen) -> Array:
 def _mean_matrices(attitude_wxyz: Array) -> Array:
     """(K, 3, 3) world from body, the mean of those at the edges (K + 1, 4) of each cycle."""
     found = matrices(attitude_wxyz)
-    mean: Array = (found[:-1] + found[1:]) / 2
-    return mean
+    return (found[:-1] + found[1:]) / 2
 
 
 def _summed(begun: Array, steps: Array) -> Array:
-    found: Array = np.cumsum(np.concatenate([begun[None], steps]), axis=0)
-    return found
+    return np.cumsum(np.concatenate([begun[None], steps]), axis=0)

@@ -77,8 +77,7 @@ class Logged(NamedTuple):
 
     def by_cycle(self, cycles: int) -> IntArray:
         """(K + 1,) where each cycle's begin."""
-        found: IntArray = np.searchsorted(self.cycle, np.arange(cycles + 1))
-        return found
+        return np.searchsorted(self.cycle, np.arange(cycles + 1))
 
 
 class Noise(NamedTuple):

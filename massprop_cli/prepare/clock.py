@@ -23,5 +23,4 @@ def by_commands_clock(log: Log, vehicle: Vehicle, time_s: Array) -> Array:
     """What the commands' clock shows at times of the IMU's."""
     if vehicle.imu.clock_drift_ppm == 0:
         return time_s
-    shown: Array = log.origin_s + (time_s - log.origin_s) * pace(vehicle)
-    return shown
+    return log.origin_s + (time_s - log.origin_s) * pace(vehicle)

@@ -219,8 +219,7 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None,
 def _steady_force(aligned: Aligned, vehicle: Vehicle) -> Array:
     """(3,) of what carries the weight of a vehicle on a table, body axes, as the IMU's axes that were logged feel it."""
     axes = np.eye(3) if aligned.force_axes is None else aligned.force_axes
-    found: Array = axes.T @ np.where(aligned.unread[3:], 0.0, axes @ vehicle.environment.steady_force_m_s2)
-    return found
+    return axes.T @ np.where(aligned.unread[3:], 0.0, axes @ vehicle.environment.steady_force_m_s2)
 
 
 def _carried(aligned: Aligned, vehicle: Vehicle, rate: Array, before: Before | None) -> tuple[Array, Array, Array]:
@@ -263,8 +262,7 @@ def acceleration(samples: Samples, vehicle: Vehicle) -> Array:
     arm = np.array(vehicle.imu.position_m) - np.array(centre)
     rate_dot = samples.rate_step_rad_s / samples.executed.duration_s[:, None]
     gravity = vehicle.environment.gravity_m_s2 * (samples.up_b[:-1] + samples.up_b[1:]) / 2
-    compensated: Array = samples.specific_force_m_s2 - lever_arm(samples.rate_rad_s, rate_dot, arm) - gravity
-    return compensated
+    return samples.specific_force_m_s2 - lever_arm(samples.rate_rad_s, rate_dot, arm) - gravity
 
 
 def biased_attitude(attitude_logged: bool, vehicle: Vehicle) -> bool:

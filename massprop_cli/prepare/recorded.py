@@ -39,8 +39,7 @@ def undone(log: Log, vehicle: Vehicle) -> Log:
 
 def _halfway(velocity: Array, turned: Array) -> Array:
     """(n, 3) velocity increments in the axes that the IMU has halfway through each record, of those in the axes of the record's start."""
-    found: Array = (rotation(-turned / 2) @ velocity[:, :, None])[..., 0]
-    return found
+    return (rotation(-turned / 2) @ velocity[:, :, None])[..., 0]
 
 
 def _undone(increments: Array, interval_s: Array, lag_s: float) -> Array:
@@ -50,8 +49,7 @@ def _undone(increments: Array, interval_s: Array, lag_s: float) -> Array:
     mean = increments / interval_s[:, None]
     kept = np.exp(-interval_s / lag_s)[:, None]
     before = np.concatenate([mean[:1], mean[:-1]])
-    found: Array = interval_s[:, None] * (mean - kept * before) / (1 - kept)
-    return found
+    return interval_s[:, None] * (mean - kept * before) / (1 - kept)
 
 
 def applied(values: Array, step_s: float, lag_s: float) -> Array:

@@ -207,8 +207,7 @@ class Shown:
     def _first(self) -> Array:
         """The integral before the low-pass."""
         course, at, since = self.signal.course, self._at, self._since
-        found: Array = course.first[at] + since * (course.level[at] + course.rising[at] * since / 2)
-        return found
+        return course.first[at] + since * (course.level[at] + course.rising[at] * since / 2)
 
     @cached_property
     def _lags(self) -> Lags:
@@ -223,8 +222,7 @@ class Shown:
         began, kept = _at_events(course, lags), _kept(self._since, lags)
         lagged = began[:, at] * kept + _let_through(course.level[at], course.rising[at], self._since, lags, kept)
         weights = self.sensor.weights[:, None]
-        found: Lags = (weights if np.iscomplexobj(lags) else weights.real) * lagged
-        return found
+        return (weights if np.iscomplexobj(lags) else weights.real) * lagged
 
 
 def _kept(for_s: Array, lags: Lags) -> Lags:
@@ -234,8 +232,7 @@ def _kept(for_s: Array, lags: Lags) -> Lags:
     if not np.iscomplexobj(lags):
         return size
     angle = for_s * by_second.imag
-    found: Lags = size * (np.cos(angle) - 1j * np.sin(angle))
-    return found
+    return size * (np.cos(angle) - 1j * np.sin(angle))
 
 
 def _let_through(level: Array, rising: Array, for_s: Array, lags: Lags, kept: Lags) -> Lags:

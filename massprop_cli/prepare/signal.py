@@ -108,8 +108,7 @@ def _bin_integrals(signal: Signal, edges_s: Array, lag_s: float) -> tuple[Array,
     inside, before = (bin_of >= 0) & (bin_of < len(length)), bin_of < 0
 
     def per_bin(added: Array) -> Array:
-        summed: Array = np.bincount(bin_of[inside], added, len(length)).astype(np.float64)
-        return summed
+        return np.bincount(bin_of[inside], added, len(length)).astype(np.float64)
 
     jump, bend, own = step[inside], slope[inside], length[bin_of[inside]]
     offset = time[inside] - edges_s[bin_of[inside]]
@@ -122,8 +121,7 @@ def _bin_integrals(signal: Signal, edges_s: Array, lag_s: float) -> tuple[Array,
 
     def let_through(step: Array, slope: Array, for_s: Array) -> Array:
         rest = lag_s * -np.expm1(-for_s / lag_s)
-        found: Array = step * rest / lag_s + slope * (for_s - rest)
-        return found
+        return step * rest / lag_s + slope * (for_s - rest)
 
     at_first = let_through(step[before], slope[before], edges_s[0] - time[before]).sum()
     forced = let_through(first, first_slope, length) + per_bin(let_through(jump, bend, left))

@@ -92,8 +92,7 @@ def _passed(step_s: float, latency_s: float, window_s: float, noise: float, lags
     single = np.eye(1, MIDST + 2 * lags, MIDST // 2 + lags)[0]
     if latency_s + window_s > 0:
         single = at_times(step_s * np.arange(len(single)), single, latency_s, window_s, noise)
-    found: Array = np.correlate(single, single, "full")[len(single) - 1 :][:lags]
-    return found
+    return np.correlate(single, single, "full")[len(single) - 1 :][:lags]
 
 
 def at_times(time_s: Array, readings: Array, latency_s: float, window_s: float, noise: float) -> Array:
@@ -116,8 +115,7 @@ def at_times(time_s: Array, readings: Array, latency_s: float, window_s: float, 
     banded[0, 1:] += 1.0
     banded[0, :-1] += 1.0
     banded[1, :-1] -= 1.0
-    found: Array = solveh_banded(banded, right, lower=True)[before:]
-    return found
+    return solveh_banded(banded, right, lower=True)[before:]
 
 
 def _weight(knot_s: Array, first: int, end_s: Array, window_s: float) -> Array:
@@ -132,8 +130,7 @@ def _weight(knot_s: Array, first: int, end_s: Array, window_s: float) -> Array:
 
     def integral(to_s: Array) -> Array:
         up, down = rises(to_s)
-        found: Array = left * up**2 / 2 + right * (down - down**2 / 2)
-        return found
+        return left * up**2 / 2 + right * (down - down**2 / 2)
 
     if window_s == 0:
         up, down = rises(end_s)

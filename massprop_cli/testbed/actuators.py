@@ -188,8 +188,7 @@ def _cycles(values: Array, first: int, last: int) -> Array:
 def _both(ramps: Array) -> Array:
     """(n, …) sum of the rise and the fall of each pulse, all rises first."""
     pulses = len(ramps) // 2
-    total: Array = ramps[:pulses] + ramps[pulses:]
-    return total
+    return ramps[:pulses] + ramps[pulses:]
 
 
 @dataclass
@@ -234,8 +233,7 @@ class Ramp:
         """(n,) what the ramp adds at time 0."""
         width = self.end - self.start
         inside = np.clip(-self.start / np.where(width > 0, width, 1.0), 0.0, 1.0)
-        value: Array = self.height * np.where(width > 0, inside, self.start <= 0)
-        return value
+        return self.height * np.where(width > 0, inside, self.start <= 0)
 
     def lagged(self, time: Array, lag_s: float) -> Array:
         """(n, len(time)) answer of ``lag y' + y = u`` to the part of the ramp after time 0."""
@@ -244,5 +242,4 @@ class Ramp:
         since, after = np.maximum(time - start[:, None], 0.0), np.maximum(time - self.end[:, None], 0.0)
         settled, settled_after = -np.expm1(-since / lag_s), -np.expm1(-after / lag_s)
         linear = (since - lag_s * settled - after + lag_s * settled_after) / np.where(width > 0, width, 1.0)[:, None]
-        answer: Array = rest[:, None] * np.where(width[:, None] > 0, linear, settled)
-        return answer
+        return rest[:, None] * np.where(width[:, None] > 0, linear, settled)

@@ -54,8 +54,7 @@ def _beside(source: ScenarioSource) -> Array:
     vehicle, sigmas = source.scenario.vehicle, np.zeros(4)
     sigmas[:3] = vehicle.environment.damping_sigma_n_m_s
     sigmas[3] = vehicle.thrust.scale_sigma if vehicle.spinning else 0.0
-    found: Array = np.diag(sigmas)[sigmas > 0]
-    return found
+    return np.diag(sigmas)[sigmas > 0]
 
 
 def information(source: ScenarioSource, issued: Array, values: Array) -> Array:
@@ -67,8 +66,7 @@ def information(source: ScenarioSource, issued: Array, values: Array) -> Array:
     members, unknowns = slopes.shape[:2]
     by_cycle = np.moveaxis(slopes.reshape(members, unknowns, issued.shape[1], -1), 1, 2)
     sizes = np.concatenate([[natural_sizes(body) for body in values], np.ones((members, 3))], 1)
-    told: Array = by_cycle @ np.swapaxes(by_cycle, -1, -2) * (sizes[:, :, None] * sizes[:, None, :])[:, None]
-    return told
+    return by_cycle @ np.swapaxes(by_cycle, -1, -2) * (sizes[:, :, None] * sizes[:, None, :])[:, None]
 
 
 def noise_free(source: ScenarioSource) -> ScenarioSource:
@@ -103,15 +101,13 @@ def _sensitivities(source: ScenarioSource, seeds: Sequence[int], issued: Array, 
         ],
         -1,
     ).reshape(members, 2, unknowns, -1, 6)[..., list(scenario.sensors.axes)] / (np.sqrt(records) * period / records)
-    found: Array = (whitened[:, 0] - whitened[:, 1]) / (2 * np.array(sizes)[:, :, None, None])
-    return found
+    return (whitened[:, 0] - whitened[:, 1]) / (2 * np.array(sizes)[:, :, None, None])
 
 
 def natural_sizes(values: Array) -> Array:
     """(10,) trace, sqrt(trace/mass) and mass of a body: how large its quantities are by nature."""
     trace, mass = values[[0, 3, 5]].sum(), values[9]
-    sizes: Array = np.concatenate([np.full(6, trace), np.full(3, np.sqrt(trace / mass)), [mass]])
-    return sizes
+    return np.concatenate([np.full(6, trace), np.full(3, np.sqrt(trace / mass)), [mass]])
 
 
 def as_bodies(values: Array) -> Bodies:
@@ -133,5 +129,4 @@ def _covariance(slopes: Array) -> Array:
     size = np.where(size > 0, size, 1.0)
     vectors, values, _ = np.linalg.svd(slopes / size[:, None], full_matrices=False)
     root = vectors / np.maximum(values, RESOLVED * values[0]) / size[:, None]
-    covariance: Array = root @ root.T
-    return covariance
+    return root @ root.T

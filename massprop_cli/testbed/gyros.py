@@ -107,8 +107,7 @@ class Gyros(Exchanger):
 
     def _turned(self, angle: Array) -> Array:
         """(3, S, …, G) the spin axes at gimbal angles (S, …, G)."""
-        found: Array = np.cos(angle) * self._beside(self.along, angle) + np.sin(angle) * self._beside(self.across, angle)
-        return found
+        return np.cos(angle) * self._beside(self.along, angle) + np.sin(angle) * self._beside(self.across, angle)
 
     @staticmethod
     def _beside(axes: Array, angle: Array) -> Array:

@@ -54,8 +54,7 @@ class Allocation:
         used = np.nan_to_num(self.on_time_share)
         positive, negative = np.maximum(demand, 0.0), np.maximum(-demand, 0.0)
         share = np.einsum("...a,ac->...c", positive, used[:, 0]) + np.einsum("...a,ac->...c", negative, used[:, 1])
-        limited: Array = np.clip(share, -1.0, 1.0)
-        return limited
+        return np.clip(share, -1.0, 1.0)
 
 
 def allocation(source: ScenarioSource) -> Allocation:
@@ -189,5 +188,4 @@ def _pattern(segment: Segment, cycles: int, rng: np.random.Generator) -> Array:
     draws = int(turn[-1]) + 1
     sign = 2.0 * rng.integers(0, 2, draws) - 1
     length = rng.integers(1, segment.max_cycles + 1, draws)
-    pulse: Array = np.where(cycle % segment.every_cycles < length[turn], sign[turn], 0.0)
-    return pulse
+    return np.where(cycle % segment.every_cycles < length[turn], sign[turn], 0.0)

@@ -33,20 +33,17 @@ SIGNS = np.array([[1.0, 1, 1, 1], [-1, 1, -1, 1], [-1, 1, 1, -1], [-1, -1, 1, 1]
 
 def cross(a: Array, b: Array) -> Array:
     """Cross product of vectors whose components come first."""
-    product: Array = (a * b.take(NEXT, 0) - a.take(NEXT, 0) * b).take(NEXT, 0)
-    return product
+    return (a * b.take(NEXT, 0) - a.take(NEXT, 0) * b).take(NEXT, 0)
 
 
 def dot(a: Array, b: Array) -> Array:
     """Scalar product of vectors whose components come first."""
-    product: Array = (a * b).sum(0)
-    return product
+    return (a * b).sum(0)
 
 
 def apply(matrix: Array, v: Array) -> Array:
     """(3, 3, …) times (3, …)."""
-    product: Array = (matrix * v).sum(1)
-    return product
+    return (matrix * v).sum(1)
 
 
 def paired(a: Array, b: Array) -> Array:
@@ -56,8 +53,7 @@ def paired(a: Array, b: Array) -> Array:
 
 def outer_square(s: Array) -> Array:
     """``−[s]×² = s·s 1 − s sᵀ``, (3, 3, …) from (3, …)."""
-    square: Array = dot(s, s) * np.eye(3).reshape(3, 3, *(1,) * (s.ndim - 1)) - s[:, None] * s[None]
-    return square
+    return dot(s, s) * np.eye(3).reshape(3, 3, *(1,) * (s.ndim - 1)) - s[:, None] * s[None]
 
 
 @dataclass(frozen=True)
@@ -104,8 +100,7 @@ class CycleMotion:
     @property
     def rate_end(self) -> Array:
         """(3, S) rate at the last bin's end, rad/s."""
-        end: Array = self.ends[..., -1]
-        return end
+        return self.ends[..., -1]
 
 
 class FixedTerms(NamedTuple):
@@ -216,15 +211,13 @@ class Dynamics:
 
     def centre_force(self, motion: CycleMotion, force: Array, width_s: float) -> Array:  # noqa: ARG002
         """(3, S, B) specific force of the centre, m/s²: of the CG, F/m."""
-        felt: Array = force / self.bodies.mass[:, None]
-        return felt
+        return force / self.bodies.mass[:, None]
 
 
 def lever(motion: CycleMotion, arm: Array, width_s: float) -> Array:
     """(3, S, B) bin mean of ``ω̇ × ρ + ω × (ω × ρ)``, m/s²."""
     twice = cross(motion.rate, cross(motion.rate, arm)) + width_s**2 / 12 * cross(motion.rate_dot, cross(motion.rate_dot, arm))
-    acceleration: Array = cross(motion.rate_dot, arm) + twice
-    return acceleration
+    return cross(motion.rate_dot, arm) + twice
 
 
 @dataclass(frozen=True)
@@ -247,8 +240,7 @@ class MotionIterate:
 def rotation_vectors(motion: CycleMotion, width_s: float) -> Array:
     """(3, S, B) rotation over each bin, rad: ``∫ω dt + ω_start × ω_end h²/12``, exact to third order for a linear ω."""
     half = width_s / 2 * motion.rate_dot
-    turned: Array = width_s * motion.rate + width_s**2 / 12 * cross(motion.rate - half, motion.rate + half)
-    return turned
+    return width_s * motion.rate + width_s**2 / 12 * cross(motion.rate - half, motion.rate + half)
 
 
 def quaternions(rotation: Array) -> Array:
@@ -260,8 +252,7 @@ def quaternions(rotation: Array) -> Array:
 
 def compose(a: Array, b: Array) -> Array:
     """Hamilton product of quaternions (4, …): first ``a``, then ``b`` in the turned axes."""
-    product: Array = (a[:, None] * (b.take(PARTNERS, 0) * SIGNS.reshape(4, 4, *(1,) * (b.ndim - 1)))).sum(0)
-    return product
+    return (a[:, None] * (b.take(PARTNERS, 0) * SIGNS.reshape(4, 4, *(1,) * (b.ndim - 1)))).sum(0)
 
 
 def compose_all(turns: Array) -> Array:
@@ -269,8 +260,7 @@ def compose_all(turns: Array) -> Array:
     while turns.shape[-1] > 1:
         odd = turns[..., -1:] if turns.shape[-1] % 2 else turns[..., :0]
         turns = np.concatenate([compose(turns[..., 0:-1:2], turns[..., 1::2]), odd], -1)
-    product: Array = turns[..., 0]
-    return product
+    return turns[..., 0]
 
 
 def vertical(attitude: Array) -> Array:
@@ -282,5 +272,4 @@ def vertical(attitude: Array) -> Array:
 def to_world(attitude: Array, v: Array) -> Array:
     """Vectors (3, …) from body to world axes."""
     twice = 2 * cross(attitude[1:], v)
-    turned: Array = v + attitude[0] * twice + cross(attitude[1:], twice)
-    return turned
+    return v + attitude[0] * twice + cross(attitude[1:], twice)

@@ -148,8 +148,7 @@ class BearingBody(Plant):
 
     def commanded(self, wrench: Array) -> Array:
         """(..., 3) the torque about the bearing."""
-        torque: Array = wrench[..., :3] - cross(self.bearing, wrench[..., 3:])
-        return torque
+        return wrench[..., :3] - cross(self.bearing, wrench[..., 3:])
 
     def acting(self, wrench: Array, up: Array, level_of: Array) -> Array:
         """(K, B, 9) that torque, the vertical, the level part of the force."""
@@ -203,11 +202,9 @@ class BearingBody(Plant):
     def _rotating(self, theta: Array) -> Array:
         """(...,) m_r of θ (..., 10)."""
         mass = 1 / theta[..., MU]
-        found: Array = np.maximum(mass - self.bearing_mass, 0.01 * mass)
-        return found
+        return np.maximum(mass - self.bearing_mass, 0.01 * mass)
 
 
 def level(up: Array, v: Array) -> Array:
     """The part of vectors that lies in the level plane, P v."""
-    part: Array = v - up * np.einsum("...i,...i->...", up, v)[..., None]
-    return part
+    return v - up * np.einsum("...i,...i->...", up, v)[..., None]

@@ -66,8 +66,7 @@ class PedestalBody(BearingBody):
 
     def moment_over_cg(self, theta: Array) -> Array:
         """The mass."""
-        found: Array = 1 / theta[..., MU]
-        return found
+        return 1 / theta[..., MU]
 
     def response(self, theta: Array) -> Array:
         """(3, 12) Φ = [J | −g J [κ]× | −J Γ(I_p)]."""

@@ -73,8 +73,7 @@ class PlanarBody(FreeBody):
 
     def turning(self, theta: Array) -> Array:
         """(3, 3) J_zz alone."""
-        found: Array = np.diag([0.0, 0.0, theta[J][5]])
-        return found
+        return np.diag([0.0, 0.0, theta[J][5]])
 
     def response(self, theta: Array) -> Array:
         """(3, 12) Φ, yaw alone; the gyroscopic torque is the table's."""

@@ -110,8 +110,7 @@ class OnBearing(Dynamics):
         """(A₀ + k p pᵀ)⁻¹ (A₀ driven + p push), by Sherman and Morrison, ``turned = A₀⁻¹ p``."""
         k = (self.rotating_mass * self.share)[:, None]
         size = dot(p, turned)
-        solved: Array = driven + turned * (push - k * (dot(p, driven) + size * push) / (1 + k * size))
-        return solved
+        return driven + turned * (push - k * (dot(p, driven) + size * push) / (1 + k * size))
 
 
 @dataclass(frozen=True)
@@ -128,5 +127,4 @@ class OnPedestal(OnBearing):
 
     def centre_force(self, motion: CycleMotion, force: Array, width_s: float) -> Array:  # noqa: ARG002
         """(3, S, B) specific force of the pivot, m/s²: gravity's."""
-        felt: Array = self.bearing.gravity * motion.fixed
-        return felt
+        return self.bearing.gravity * motion.fixed
