@@ -24,7 +24,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import absentaxes, actuators
 from massprop_cli.prepare.actuators import capability, channel_wrench, executed, longest_delay_s, longest_lag_s
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges, pace
-from massprop_cli.prepare.sensor import KernelEffect, Recorder, SensorKernel, Shown, kernel_effect, moving, sensors, shown_late_s
+from massprop_cli.prepare.sensor import KernelEffect, Recorder, SensorKernel, kernel_effect, moving, sensors, shown, shown_late_s
 from massprop_cli.prepare.signal import Signal, window_integrals
 from massprop_cli.prepare.stored import Stored, first_known_s, turned
 from massprop_cli.prepare.sums import of_records, windows, wrenches
@@ -221,9 +221,8 @@ def _by_sensors(acted: _Acted, cycles: slice, start: Array, duration: Array) -> 
     log, vehicle, issued, begin_s, delay_s, lag_s = acted
     bins, records, count = vehicle.estimator.bins_per_cycle, log.records_per_cycle, len(start)
     rows = slice(cycles.start * records, cycles.stop * records)
-    share = log.interval_s[rows].reshape(count, records)
-    ends = by_commands_clock(log, vehicle, log.time_s[rows])
-    share = share / share.sum(1, keepdims=True)
+    length, ends = log.interval_s[rows].reshape(count, records), by_commands_clock(log, vehicle, log.time_s[rows])
+    share = length / length.sum(1, keepdims=True)
     gyro, accelerometer = sensors(log, vehicle, lag_s)
     bare = sensors(log, vehicle)
     late = float(np.mean(log.interval_s)) * pace(vehicle) / 2 if gyro.instant else 0.0
@@ -240,48 +239,27 @@ def _by_sensors(acted: _Acted, cycles: slice, start: Array, duration: Array) -> 
         behind += [(torque, moving(bare[0]), *bare) for torque in torques]
     if not behind:  # nothing acts, so no sensor shows it
         return _by_bins(acted, _bin_edges(start, duration, bins), bins, duration)
-    parts = [_read(*one, edges, np.append(start, start[-1] + duration[-1]), ends, share, duration) for one in behind]
-    integral, moment, rising, falling, whole = (np.stack(each, -1) for each in zip(*parts, strict=True))
+
+    def read(signal: Signal, body: SensorKernel, gyro: SensorKernel, accelerometer: SensorKernel) -> tuple[Array, ...]:
+        """Integral and moment by bins as ``body`` moves; under the rising and the falling half by the gyro, whole by the accelerometer."""
+        moved, by_gyro = shown(signal, body, edges), shown(signal, gyro, ends if gyro.instant else edges[::bins])
+        felt = shown(signal, accelerometer, ends if accelerometer.instant else np.append(start, start[-1] + duration[-1]))
+        boundary, late_s = moved.first[::bins], np.diff(edges) * moved.first[1:] - np.diff(moved.second)
+        mean = (by_gyro.first.reshape(share.shape) * share).sum(1) if gyro.instant else np.diff(by_gyro.second) / duration
+        whole = duration * (felt.value.reshape(share.shape) * share).sum(1) if accelerometer.instant else np.diff(felt.first)
+        return np.diff(moved.first), late_s, boundary[1:] - mean, mean - boundary[:-1], whole
+
+    parts = zip(*(read(*one) for one in behind), strict=True)
+    integral, moment, rising, falling, whole = (np.stack(each, -1) for each in parts)
     shape = (count, bins, -1)
     return integral.reshape(shape), moment.reshape(shape), frozen(rising), frozen(falling), frozen(whole), thrusting, stored
 
 
 def _in_bins(signals: Sequence[Signal], sensor: SensorKernel, edges: Array) -> tuple[Array, Array]:
     """Integrals and first moments of signals as a sensor shows them, (bins, signals) each."""
-    each = [_binned(Shown(signal, sensor, edges)) for signal in signals]
-    return np.stack([one[0] for one in each], 1), np.stack([one[1] for one in each], 1)
-
-
-def _binned(at: Shown) -> tuple[Array, Array]:
-    return np.diff(at.first), np.diff(at.time_s) * at.first[1:] - np.diff(at.second)
-
-
-def _read(
-    signal: Signal,
-    body: SensorKernel,
-    gyro: SensorKernel,
-    accelerometer: SensorKernel,
-    edges: Array,
-    cycles_s: Array,
-    ends: Array,
-    share: Array,
-    duration: Array,
-) -> tuple[Array, ...]:
-    """Of one channel: integral and moment by bins; under the rising and the falling half as the gyro shows it, whole as the other does.
-
-    ``body`` is by what the body is moved (:func:`moving`); ``ends`` (n,) of records, ``share`` (K, records) of each in its group.
-    """
-    moved, bins = Shown(signal, body, edges), (len(edges) - 1) // len(duration)
-    boundary = moved.first[::bins]
-    if gyro.instant:
-        mean = (Shown(signal, gyro, ends).first.reshape(share.shape) * share).sum(1)
-    else:
-        mean = np.diff(Shown(signal, gyro, edges[::bins]).second) / duration
-    if accelerometer.instant:
-        whole = duration * (Shown(signal, accelerometer, ends).value.reshape(share.shape) * share).sum(1)
-    else:
-        whole = np.diff(Shown(signal, accelerometer, cycles_s).first)
-    return *_binned(moved), boundary[1:] - mean, mean - boundary[:-1], whole
+    each = [shown(signal, sensor, edges) for signal in signals]
+    first, second = np.stack([one.first for one in each], 1), np.stack([one.second for one in each], 1)
+    return np.diff(first, axis=0), np.diff(edges)[:, None] * first[1:] - np.diff(second, axis=0)
 
 
 def align(

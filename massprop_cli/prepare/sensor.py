@@ -14,23 +14,18 @@ the signal and its integrals behind it are exact at any time (U' = u, V' = U, al
 from __future__ import annotations
 
 import ctypes
-from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, ComplexArray, IntArray
-from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.arrays import Array, ComplexArray
 from massprop_cli.inputs.equipment import LowPass
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.kernel import LAGS, kernel, pointer
-from massprop_cli.prepare.signal import Course, Signal
+from massprop_cli.kernel import kernel, pointer
+from massprop_cli.prepare.signal import Signal
 
-Lags = Array | ComplexArray
 APART = 1e-5
 """Part by which two lags differ at least: the same lag twice has no form in parallel, and this has its response to some millionths."""
-FORGOTTEN = 1e-18
-"""What a lag keeps that is below the last digit of anything."""
 ROUNDED_S = 1e-9
 """s, by which a sample is before what begins at its time: times are rounded, and a sample shows what went before."""
 
@@ -133,125 +128,32 @@ def shown_late_s(log: Recorder, vehicle: Vehicle) -> tuple[float, float]:
     return gyro, accelerometer
 
 
-@dataclass(frozen=True)
-class Shown:
-    """A signal behind a sensor's low-pass and dead time at some times, and its integrals, each computed as it is asked for."""
+class Shown(NamedTuple):
+    """(Q,) a signal behind a sensor's low-pass and dead time, and its integrals."""
 
-    signal: Signal
-    sensor: SensorKernel
-    time_s: Array
-    """(Q,) in their order"""
+    value: Array
+    first: Array
+    second: Array
 
-    @cached_property
-    def _compiled(self) -> tuple[Array, Array, Array] | None:
-        """(Q,) each, the signal and both integrals by the compiled kernel, where that is there."""
-        library = kernel().library
-        if library is None or len(self.sensor.lags_s) > LAGS:
-            return None
-        course, at = self.signal.course, np.ascontiguousarray(self.time_s - self.sensor.latency_s)
+
+def shown(signal: Signal, sensor: SensorKernel, time_s: Array) -> Shown:
+    """At times (Q,) in their order."""
+    at = np.ascontiguousarray(time_s - sensor.latency_s)
+    if (library := kernel().library) is not None:
+        course = signal.course
         events = np.stack([course.time_s, course.level, course.rising, course.first, course.second])
-        lags, found = np.stack([self.sensor.weights, self.sensor.lags_s], 1), np.empty((3, len(at)))
+        lags, found = np.stack([sensor.weights, sensor.lags_s], 1), np.empty((3, len(at)))
         sizes = [ctypes.c_long(n) for n in (events.shape[1], len(at), len(lags))]
         numbers = pointer(lags.view(float)) if len(lags) else None
         library.mp_host_shown(
             sizes[0], pointer(events), sizes[1], pointer(at), sizes[2], numbers, pointer(np.array([ROUNDED_S])), pointer(found)
         )
-        return found[0], found[1], found[2]
-
-    @property
-    def value(self) -> Array:
-        """(Q,) the signal."""
-        if self._compiled is not None:
-            return self._compiled[0]
-        if len(self._lags):
-            return self._begun(self._weighted.sum(0).real)
-        course, at = self.signal.course, self._at
-        return self._begun(course.level[at] + course.rising[at] * self._since)
-
-    @cached_property
-    def first(self) -> Array:
-        """(Q,) its integral."""
-        if self._compiled is not None:
-            return self._compiled[1]
-        return self._begun(self._first - (self._lags * self._weighted).sum(0).real if len(self._lags) else self._first)
-
-    @property
-    def second(self) -> Array:
-        """(Q,) the integral of that."""
-        if self._compiled is not None:
-            return self._compiled[2]
-        course, at, since = self.signal.course, self._at, self._since
-        found = course.second[at] + since * (course.first[at] + since * (course.level[at] / 2 + course.rising[at] * since / 6))
-        if len(self._lags):
-            mean = float((self.sensor.weights * self.sensor.lags_s).sum().real)
-            found = found - mean * self._first + (self._lags**2 * self._weighted).sum(0).real
-        return self._begun(found)
-
-    @cached_property
-    def _place(self) -> IntArray:
-        """Which event each time follows; -1: none."""
-        return np.searchsorted(self.signal.course.time_s, self.time_s - self.sensor.latency_s - ROUNDED_S) - 1
-
-    @cached_property
-    def _at(self) -> IntArray:
-        return np.maximum(self._place, 0)
-
-    def _begun(self, found: Array) -> Array:
-        return np.where(self._place < 0, 0.0, found)
-
-    @cached_property
-    def _since(self) -> Array:
-        return np.where(self._place < 0, 0.0, self.time_s - self.sensor.latency_s - self.signal.course.time_s[self._at])
-
-    @cached_property
-    def _first(self) -> Array:
-        """The integral before the low-pass."""
-        course, at, since = self.signal.course, self._at, self._since
-        return course.first[at] + since * (course.level[at] + course.rising[at] * since / 2)
-
-    @cached_property
-    def _lags(self) -> Lags:
-        """(P, 1), real where all are: complex numbers take several times as long."""
-        lags = self.sensor.lags_s[:, None]
-        return lags if lags.imag.any() else lags.real
-
-    @cached_property
-    def _weighted(self) -> Lags:
-        """(P, Q) what each lag is at, times its weight."""
-        course, at, lags = self.signal.course, self._at, self._lags
-        began, kept = _at_events(course, lags), _kept(self._since, lags)
-        lagged = began[:, at] * kept + _let_through(course.level[at], course.rising[at], self._since, lags, kept)
-        weights = self.sensor.weights[:, None]
-        return (weights if np.iscomplexobj(lags) else weights.real) * lagged
-
-
-def _kept(for_s: Array, lags: Lags) -> Lags:
-    """(P, Q) exp(−t / τ); by sines and cosines NumPy is several times as fast as by its complex exponential."""
-    by_second = 1 / lags
-    size = np.exp(-for_s * by_second.real)
-    if not np.iscomplexobj(lags):
-        return size
-    angle = for_s * by_second.imag
-    return size * (np.cos(angle) - 1j * np.sin(angle))
-
-
-def _let_through(level: Array, rising: Array, for_s: Array, lags: Lags, kept: Lags) -> Lags:
-    """(P, Q) what lags (P, 1) have come to, from zero, after signals that begin at a level and rise (Q,)."""
-    rest = 1.0 - kept
-    found: Lags = level * rest
-    return found + rising * (for_s - lags * rest) if rising.any() else found
-
-
-def _at_events(course: Course, lags: Lags) -> Lags:
-    """(P, E) what each lag is at as each event comes: y[e + 1] = d[e] y[e] + f[e], with twice the reach in each pass."""
-    during = _kept(course.lasting_s, lags)
-    forced = _let_through(course.level[:-1], course.rising[:-1], course.lasting_s, lags, during)
-    kept = np.concatenate([np.zeros_like(lags), during], 1)
-    found = np.concatenate([np.zeros_like(lags), forced], 1)
-    reach = 1
-    while reach < found.shape[1] and np.abs(kept).max() > FORGOTTEN:
-        found[:, reach:] += kept[:, reach:] * found[:, :-reach]
-        kept[:, reach:] = kept[:, reach:] * kept[:, :-reach]
-        kept[:, :reach] = 0.0
-        reach *= 2
-    return found
+        return Shown(*found)
+    course, place = signal.through(at, ROUNDED_S)
+    value, first, second = (part[place] for part in (course.level, course.first, course.second))
+    lags, weights = sensor.lags_s[:, None], sensor.weights[:, None]
+    if not len(lags):
+        return Shown(value, first, second)
+    lagged = weights * course.lagged(lags)[:, place]
+    value, by_first, by_second = ((lags**order * lagged).sum(0).real for order in range(3))
+    return Shown(value, first - by_first, second - (weights * lags).sum().real * first + by_second)

@@ -1,4 +1,4 @@
-"""Piecewise linear functions of time, what a first-order lag makes of them, and their exact integrals over bins."""
+"""Piecewise linear functions of time, what first-order lags make of them, and their exact integrals over bins."""
 
 from __future__ import annotations
 
@@ -9,9 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, ComplexArray, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.kernel import kernel, pointer
+
+Lags = Array | ComplexArray
+FORGOTTEN = 1e-18
+"""What a lag keeps that is below the last digit of anything."""
 
 
 @dataclass(frozen=True)
@@ -25,13 +29,19 @@ class Signal:
     @cached_property
     def course(self) -> Course:
         """The signal and its integrals at its events; without any, at one that changes nothing."""
-        time, step, slope = _in_order(self) if len(self.time_s) else np.zeros((3, 1))
-        lasting, rising = np.diff(time), np.cumsum(slope)
-        level = np.cumsum(step) + np.append(0.0, np.cumsum(rising[:-1] * lasting))
-        grown = level[:-1] * lasting + rising[:-1] * lasting**2 / 2
-        first = np.append(0.0, np.cumsum(grown))
-        second = np.append(0.0, np.cumsum(first[:-1] * lasting + level[:-1] * lasting**2 / 2 + rising[:-1] * lasting**3 / 6))
-        return Course(time, lasting, level, rising, first, second)
+        return Course.of(*(_in_order(self) if len(self.time_s) else np.zeros((3, 1))))
+
+    def through(self, times: Array, early_s: float = 0.0) -> tuple[Course, IntArray]:
+        """The course with further events at ``times`` (Q,) that change nothing, and where these stand.
+
+        Of events at one time they are the first, and of those that come less than ``early_s`` before them.
+        """
+        order = np.argsort(np.concatenate([times - early_s, self.time_s]), kind="stable")
+        own = (
+            np.concatenate([at, changes])
+            for at, changes in zip((times, 0 * times, 0 * times), (self.time_s, self.step, self.slope), strict=True)
+        )
+        return Course.of(*(each[order] for each in own)), np.argsort(order)[: len(times)]
 
 
 class Course(NamedTuple):
@@ -46,6 +56,30 @@ class Course(NamedTuple):
     """Its integral up to there."""
     second: Array
     """The integral of that."""
+
+    @staticmethod
+    def of(time: Array, step: Array, slope: Array) -> Course:
+        """Of steps and changes of slope in the order of time."""
+        lasting, rising = np.diff(time), np.cumsum(slope)
+        level = np.cumsum(step) + np.append(0.0, np.cumsum(rising[:-1] * lasting))
+        grown = level[:-1] * lasting + rising[:-1] * lasting**2 / 2
+        first = np.append(0.0, np.cumsum(grown))
+        second = np.append(0.0, np.cumsum(first[:-1] * lasting + level[:-1] * lasting**2 / 2 + rising[:-1] * lasting**3 / 6))
+        return Course(time, lasting, level, rising, first, second)
+
+    def lagged(self, lags: Lags) -> Lags:
+        """(P, E) what lags (P, 1) are at as each event comes: y[e + 1] = d[e] y[e] + f[e], with twice the reach in each pass."""
+        during = np.exp(-self.lasting_s / lags)
+        rest = 1.0 - during
+        forced = self.level[:-1] * rest + self.rising[:-1] * (self.lasting_s - lags * rest)
+        kept, found = (np.concatenate([np.zeros_like(lags), each], 1) for each in (during, forced))
+        reach = 1
+        while reach < found.shape[1] and np.abs(kept).max() > FORGOTTEN:
+            found[:, reach:] += kept[:, reach:] * found[:, :-reach]
+            kept[:, reach:] = kept[:, reach:] * kept[:, :-reach]
+            kept[:, :reach] = 0.0
+            reach *= 2
+        return found
 
 
 def joined(parts: Sequence[Signal]) -> Signal:
@@ -78,14 +112,8 @@ def window_integrals(signals: Sequence[Signal], edges_s: Array, lag_s: float = 0
             events, bins = (ctypes.c_long(len(values)) for values in (time, out[0]))
             library.mp_host_bins(events, *map(pointer, (time, *changes)), bins, *map(pointer, (edges, lag, out[0], out[1])))
         return found[0].T, found[1].T
-    each = [_bin_integrals(signal, edges_s, lag_s) for signal in signals]
-    integral, moment, forced = (np.stack(part, 1) for part in zip(*each, strict=True))
-    if lag_s == 0:
-        return integral, moment
-    length = np.diff(edges_s)
-    y = _lagged_at_edges(forced, np.exp(-length / lag_s))
-    lagged = integral - lag_s * np.diff(y, axis=0)
-    return lagged, moment - lag_s * (length[:, None] * y[1:] - lagged)
+    integral, moment = (np.stack(part, 1) for part in zip(*(_integrals(signal, edges_s, lag_s) for signal in signals), strict=True))
+    return integral, moment
 
 
 def _in_order(signal: Signal) -> tuple[Array, Array, Array]:
@@ -94,43 +122,16 @@ def _in_order(signal: Signal) -> tuple[Array, Array, Array]:
     return signal.time_s[order], signal.step[order], signal.slope[order]
 
 
-def _bin_integrals(signal: Signal, edges_s: Array, lag_s: float) -> tuple[Array, Array, Array]:
-    """Of one signal: both integrals (bins,), and (1 + bins,) what a lag lets through of it before the first edge and by each bin's end."""
-    time, step, slope = _in_order(signal)
-    # a bin goes on as it begins; events within it add what they change from there on
-    since, begun, rising = np.append(edges_s[0], time), np.append(0.0, np.cumsum(step)), np.append(0.0, np.cumsum(slope))
-    begun[2:] += np.cumsum(rising[1:-1] * np.diff(time))
-    length = np.diff(edges_s)
-    bin_of = np.searchsorted(edges_s, time, "right") - 1
-    last = np.cumsum(np.bincount(bin_of + 1, minlength=len(length)))[: len(length)]  # events before each edge
-    first_slope = rising[last]
-    first = begun[last] + first_slope * (edges_s[:-1] - since[last])
-    inside, before = (bin_of >= 0) & (bin_of < len(length)), bin_of < 0
-
-    def per_bin(added: Array) -> Array:
-        return np.bincount(bin_of[inside], added, len(length)).astype(np.float64)
-
-    jump, bend, own = step[inside], slope[inside], length[bin_of[inside]]
-    offset = time[inside] - edges_s[bin_of[inside]]
-    left = own - offset
-    integral = length * (first + first_slope * length / 2) + per_bin(left * (jump + bend * left / 2))
-    moment = length**2 * (first / 2 + first_slope * length / 3)
-    moment += per_bin(left * (jump * (own + offset) / 2 + bend * left * (2 * own + offset) / 6))
-    if lag_s == 0:
-        return integral, moment, np.zeros(0)
-
-    def let_through(step: Array, slope: Array, for_s: Array) -> Array:
-        rest = lag_s * -np.expm1(-for_s / lag_s)
-        return step * rest / lag_s + slope * (for_s - rest)
-
-    at_first = let_through(step[before], slope[before], edges_s[0] - time[before]).sum()
-    forced = let_through(first, first_slope, length) + per_bin(let_through(jump, bend, left))
-    return integral, moment, np.concatenate([[at_first], forced])
-
-
-def _lagged_at_edges(forced: Array, decay: Array) -> Array:
-    """(1 + bins, signals) y at each edge from its recursion ``y[i+1] = decay[i] y[i] + forced[i+1]``, y[0] = forced[0]."""
-    y = np.array(forced, dtype=np.float64)
-    for i, kept in enumerate(decay):
-        y[i + 1] += kept * y[i]
-    return y
+def _integrals(signal: Signal, edges_s: Array, lag_s: float) -> tuple[Array, Array]:
+    """(bins,) both integrals of one signal: sums over what lies between edges and events."""
+    course, edge = signal.through(edges_s)
+    own = slice(edge[0], edge[-1])
+    since, lasting, level, rising = course.time_s[own] - np.repeat(edges_s[:-1], np.diff(edge)), *(part[own] for part in course[1:4])
+    grown = lasting * (level + rising * lasting / 2)
+    parts = grown, since * grown + lasting**2 * (level / 2 + rising * lasting / 3)
+    integral, moment = (np.add.reduceat(part, edge[:-1] - edge[0]) for part in parts)
+    if lag_s > 0:
+        ended = course.lagged(np.array([[lag_s]]))[0, edge]
+        integral = integral - lag_s * np.diff(ended)
+        moment = moment - lag_s * (np.diff(edges_s) * ended[1:] - integral)
+    return integral, moment

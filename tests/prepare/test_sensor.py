@@ -18,7 +18,7 @@ from massprop_cli.inputs.vehiclefile import changed
 from massprop_cli.kernel import Kernel, kernel
 from massprop_cli.prepare import align
 from massprop_cli.prepare import sensor as sensor_module
-from massprop_cli.prepare.sensor import SensorKernel, Shown
+from massprop_cli.prepare.sensor import SensorKernel, Shown, shown
 from massprop_cli.prepare.signal import Signal, of_bins, window_integrals
 from tests import flight
 from tests.flown import fly
@@ -72,7 +72,7 @@ def test_a_signal_behind_a_low_pass_and_its_integrals_solve_its_equation(
     monkeypatch.setattr(sensor_module, "kernel", lambda: by)
     time_s = np.array([0.005, 0.0101, 0.033, 0.055, 0.07, 0.13])
     sensor = SensorKernel.of(instant=True, low_pass=LowPass(order=order, cutoff_hz=30.0) if order else None, lag_s=lag_s)
-    found = np.stack(parts(Shown(BENDS, sensor, time_s)), 1)
+    found = np.stack(parts(shown(BENDS, sensor, time_s)), 1)
     # the same lag twice is taken as two that differ by a little
     tolerance = 1e-5 if order == 1 and lag_s else 1e-8
     np.testing.assert_allclose(found, by_equation(order, 30.0, lag_s, time_s), atol=tolerance)
@@ -82,13 +82,13 @@ def test_a_latency_shows_the_signal_of_before() -> None:
     time_s = np.linspace(0.02, 0.2, 40)
     late = SensorKernel.of(instant=True, low_pass=LowPass(order=2, cutoff_hz=25.0, latency_s=0.004))
     prompt = SensorKernel.of(instant=True, low_pass=LowPass(order=2, cutoff_hz=25.0))
-    np.testing.assert_allclose(parts(Shown(BENDS, late, time_s)), parts(Shown(BENDS, prompt, time_s - 0.004)), atol=1e-12)
+    np.testing.assert_allclose(parts(shown(BENDS, late, time_s)), parts(shown(BENDS, prompt, time_s - 0.004)), atol=1e-12)
     assert late.delay_s == pytest.approx(0.004 + np.sqrt(2) / (2 * np.pi * 25.0))
 
 
 def test_a_sample_shows_what_went_before_a_pulse_that_begins_at_its_time() -> None:
     step = Signal(np.array([0.3]), np.array([1.0]), np.array([0.0]))
-    found = Shown(step, SensorKernel.of(instant=True, low_pass=None), np.array([0.1 * 3, 0.3 + 1e-6])).value
+    found = shown(step, SensorKernel.of(instant=True, low_pass=None), np.array([0.1 * 3, 0.3 + 1e-6])).value
     np.testing.assert_array_equal(found, [0.0, 1.0])
 
 
@@ -167,9 +167,9 @@ def test_rotors_go_through_it_bin_by_bin() -> None:
     integral, moment = thrust_integrals([rotor], edges)
     signal = of_bins(edges, integral[:, 0], moment[:, 0])
     sensor = SensorKernel.of(instant=True, low_pass=LowPass(order=1, cutoff_hz=20.0))
-    found = Shown(signal, sensor, edges[160::16])
+    found = shown(signal, sensor, edges[160::16])
     fine = 0.05 / 640 * np.arange(640 * 50 + 1)
     exact, later = thrust_integrals([rotor], fine)
-    other = Shown(of_bins(fine, exact[:, 0], later[:, 0]), sensor, edges[160::16])
+    other = shown(of_bins(fine, exact[:, 0], later[:, 0]), sensor, edges[160::16])
     np.testing.assert_allclose(found.value, other.value, rtol=1e-3)
     np.testing.assert_allclose(found.first, other.first, rtol=1e-5)
