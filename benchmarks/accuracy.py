@@ -2,17 +2,19 @@
 
     python benchmarks/accuracy.py > docs/accuracy.md
 
-The bound is each log's own, from the simulator's sensitivities (massprop_cli/testbed/bound.py).
+The bound is each log's own, from the simulator's sensitivities (tests/cramerrao.py).
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 from massprop_cli.base import onethread
 
@@ -21,12 +23,14 @@ onethread.prefer()
 import numpy as np  # noqa: E402
 from commit import commit  # noqa: E402
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
 from massprop_cli import QUANTITIES, UNITS, __version__, flow  # noqa: E402
 from massprop_cli.base.arrays import Array  # noqa: E402
 from massprop_cli.conclude import docking  # noqa: E402
 from massprop_cli.conclude.verdict import conclude  # noqa: E402
 from massprop_cli.inputs.vehiclefile import VehicleSource  # noqa: E402
 from massprop_cli.testbed import bound, scenario, simulate  # noqa: E402
+from tests import cramerrao  # noqa: E402
 
 SCENARIOS = ("preliminary", "refined", "docking", "testbed", "free-flyer")
 METHODS = ("thesis", "default", "refine")
@@ -51,7 +55,7 @@ def one(name: str, seed: int) -> Run:
     true = np.array([*flown.truth[0], *([flown.docked] if flown.docked is not None else [])])
     limits = np.full(true.shape, np.nan)
     if name != NOISE_FREE:
-        covariances = bound.cramer_rao(source, flown, 0)
+        covariances = cramerrao.cramer_rao(source, flown, 0)
         limits[: len(covariances)] = [np.sqrt(np.diag(c)) for c in covariances]
         if flown.docked is not None:
             limits[-1] = docked_bound(flown.truth[0], covariances)

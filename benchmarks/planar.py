@@ -13,15 +13,18 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from commit import commit
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
 from massprop_cli import QUANTITIES, UNITS, __version__, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.testbed import bound, scenario, simulate
+from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
+from tests import cramerrao
 
 CASES = {
     "the vehicle slides freely": (0.0, 0.01),
@@ -49,7 +52,7 @@ def bounds(seeds: int) -> Array:
     """(S, 4) each seed's Cramér–Rao bound: the same in every case, for the slope is known."""
     source = on_table(0.0, 0.0)
     flown = simulate.fly(source, range(1, seeds + 1))
-    parts = [bound.of_members(source, flown, slice(first, first + TOGETHER))[:, 0] for first in range(0, seeds, TOGETHER)]
+    parts = [cramerrao.of_members(source, flown, slice(first, first + TOGETHER))[:, 0] for first in range(0, seeds, TOGETHER)]
     found: Array = np.sqrt(np.diagonal(np.concatenate(parts), axis1=1, axis2=2))[:, TOLD]
     return found
 

@@ -9,14 +9,17 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 
 import numpy as np
 from commit import commit
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
 from massprop_cli import QUANTITIES, UNITS, __version__, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.testbed import bound, scenario, simulate
+from massprop_cli.testbed import scenario, simulate
+from tests import cramerrao
 
 CASES = {
     "wheels": ("three wheels alone, by their speeds", ()),
@@ -32,7 +35,7 @@ def case(name: str, settings: tuple[str, ...], seeds: int) -> str:
     source = scenario.load(name, settings)
     flown = simulate.fly(source, range(1, seeds + 1))
     truth = flown.truth[0, 0]
-    parts = [bound.of_members(source, flown, slice(first, first + TOGETHER))[:, 0] for first in range(0, seeds, TOGETHER)]
+    parts = [cramerrao.of_members(source, flown, slice(first, first + TOGETHER))[:, 0] for first in range(0, seeds, TOGETHER)]
     limits = np.sqrt(np.diagonal(np.concatenate(parts), axis1=1, axis2=2))
     error, sigma = np.empty((seeds, 10)), np.empty((seeds, 10))
     verdicts: set[tuple[str, ...]] = set()

@@ -14,9 +14,10 @@ from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.testbed import bound, scenario, simulate
+from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
 from massprop_cli.testbed.simulate import SimulatedFlight
+from tests import cramerrao
 
 TOGETHER, FEW = 10, 3
 """Seeds whose bounds are found side by side, and those whose bounds are found."""
@@ -66,7 +67,7 @@ def estimated(flight: SimulatedFlight, member: int = 0, *settings: str) -> Analy
 
 def limits(source: ScenarioSource, flight: SimulatedFlight, seeds: int) -> Array:
     """(S, 10) one sigma of each log's bound."""
-    parts = [bound.of_members(source, flight, slice(first, min(first + TOGETHER, seeds)))[:, 0] for first in range(0, seeds, TOGETHER)]
+    parts = [cramerrao.of_members(source, flight, slice(first, min(first + TOGETHER, seeds)))[:, 0] for first in range(0, seeds, TOGETHER)]
     found: Array = np.sqrt(np.diagonal(np.concatenate(parts), axis1=1, axis2=2))
     return found
 

@@ -15,8 +15,9 @@ from massprop_cli.inputs.actuators.control_moment_gyro import GyroLog
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model import kernelargs
 from massprop_cli.prepare.align import align
-from massprop_cli.testbed import bound, scenario, simulate
+from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
+from tests import cramerrao
 
 TRUTH = np.array([0.6, 0.05, -0.06, 2.7, 0.1, 2.4, -0.02, 0.025, 0.01, 22.0])
 TOLD = 9
@@ -59,7 +60,7 @@ def test_gyros_tell_what_wheels_tell_at_the_bound() -> None:
     source, flight = flown(4)
     analysis = estimated(flight)
     values, sigmas = found(analysis)
-    over = (sigmas / np.sqrt(np.diag(bound.cramer_rao(source, flight, 0)[0])))[:TOLD]
+    over = (sigmas / np.sqrt(np.diag(cramerrao.cramer_rao(source, flight, 0)[0])))[:TOLD]
     assert 0.9 < over.min() < over.max() < 1.2
     assert np.abs((values - TRUTH) / sigmas)[:TOLD].max() < 4.5
     verdicts = [estimate.verdict for estimate in analysis.conclusions[0].estimates.values()]

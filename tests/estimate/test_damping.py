@@ -11,7 +11,8 @@ import pytest
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.testbed import bound, scenario, simulate
+from massprop_cli.testbed import scenario, simulate
+from tests import cramerrao
 
 SEEDS = 4
 ALL = 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=10.0}]'
@@ -50,7 +51,7 @@ def flown(name: str) -> Found:
     flights = simulate.fly(source, range(1, SEEDS + 1))
     found = [flow.examine(flights.log(i), VehicleSource(flights.vehicle, name, "")) for i in range(SEEDS)]
     told = np.isfinite(found[0].conclusions[0].values)
-    limit = np.sqrt(np.diag(bound.cramer_rao(source, flights, 0)[0]))
+    limit = np.sqrt(np.diag(cramerrao.cramer_rao(source, flights, 0)[0]))
     responses = [analysis.examination.responses[0] for analysis in found if analysis.examination is not None]
     return Found(
         np.array([analysis.conclusions[0].values for analysis in found])[:, told] - flights.truth[:, 0][:, told],

@@ -11,8 +11,9 @@ from massprop_cli import CG, flow
 from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.testbed import bound, scenario, simulate
+from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
+from tests import cramerrao
 
 TURNS = 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], every_cycles=5, max_cycles=4, start_s=0, end_s=10, closed_loop=true}]'
 """Nothing is pushed along the table, so nothing tells the mass."""
@@ -46,7 +47,7 @@ def test_a_weighed_mass_gives_the_cg_at_the_bound(bearing_kg: float) -> None:
     source, flight = flown(*([] if bearing_kg == 5 else [f"vehicle.environment.bearing_mass_kg={bearing_kg}"]))
     assert source.scenario.vehicle.bearing_mass_kg == bearing_kg
     truth = source.scenario.truth.values
-    bounds = bound.of_members(source, flight, slice(0, 2))[:, 0]
+    bounds = cramerrao.of_members(source, flight, slice(0, 2))[:, 0]
     limits = [np.sqrt(np.diag(full - np.outer(full[:, 9], full[9]) / full[9, 9])[6:9]) for full in bounds]
     errors, own = [], []
     for seed in range(4):

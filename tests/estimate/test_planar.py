@@ -14,9 +14,10 @@ import pytest
 from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
-from massprop_cli.testbed import bound, scenario, simulate
+from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
 from massprop_cli.testbed.simulate import SimulatedFlight
+from tests import cramerrao
 
 TOLD = [QUANTITIES.index(name) for name in ("izz", "cg_x", "cg_y", "mass")]
 SEEDS = range(1, 7)
@@ -48,7 +49,7 @@ def estimated(hold: float, tilt_sigma_rad: float = 0.01, seeds: int = len(SEEDS)
 def test_the_sigmas_are_the_bound_and_the_errors_are_within_them() -> None:
     source, flights = flown(1.0)
     error, sigma = estimated(1.0)
-    limit = np.sqrt(np.diag(bound.cramer_rao(source, flights, 0)[0]))[TOLD]
+    limit = np.sqrt(np.diag(cramerrao.cramer_rao(source, flights, 0)[0]))[TOLD]
     np.testing.assert_allclose(sigma[0], limit, rtol=0.06)
     chi_square = ((error / sigma) ** 2).sum()
     assert 7.5 < chi_square < 53  # of 24, one in a thousand is outside

@@ -20,7 +20,7 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.testbed import bound, scenario, simulate
-from tests import anypedestal, anyrotors, faulty
+from tests import anypedestal, anyrotors, cramerrao, faulty
 from tests.testbed.test_rotors import rotors
 
 
@@ -132,7 +132,7 @@ def test_a_simulated_multicopter_is_estimated_within_its_sigmas(settings: tuple[
         z.append((conclusion.values - flight.truth[member, 0]) / conclusion.sigmas)
     assert converged >= 0.98 * 10 * seeds
     assert abs(np.sqrt(np.mean(np.square(z))) - 1) < 4 / np.sqrt(2 * 3 * seeds)
-    ratio = conclusion.sigmas / np.sqrt(np.diag(bound.cramer_rao(source, flight, seeds - 1)[0]))
+    ratio = conclusion.sigmas / np.sqrt(np.diag(cramerrao.cramer_rao(source, flight, seeds - 1)[0]))
     assert ratio.min() > 0.99
     assert ratio.max() < 1.1
     perfect = simulate.fly(bound.noise_free(source), [1])

@@ -22,7 +22,7 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.result import build
 from massprop_cli.testbed import bound, scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
-from tests import anypedestal, faulty
+from tests import anypedestal, cramerrao, faulty
 
 TRUTH = np.array([0.6, 0.05, -0.06, 2.7, 0.1, 2.4, -0.02, 0.025, 0.01, 22.0])
 
@@ -50,7 +50,7 @@ def flown(name: str, *settings: str, seconds: int = 10) -> tuple[ScenarioSource,
 
 def limits(source: ScenarioSource, flight: simulate.SimulatedFlight) -> Array:
     """(10,) one sigma of the bound."""
-    found: Array = np.sqrt(np.diag(bound.cramer_rao(source, flight, 0)[0]))
+    found: Array = np.sqrt(np.diag(cramerrao.cramer_rao(source, flight, 0)[0]))
     return found
 
 

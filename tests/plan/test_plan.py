@@ -22,6 +22,7 @@ from massprop_cli.plan import flow, guess, limits, motions, rehearsal
 from massprop_cli.plan.choose import Criterion, PlanGoal, Tried, choose
 from massprop_cli.plan.flow import Asked, WrittenPlan
 from massprop_cli.testbed import bound, output, scenario, simulate
+from tests import cramerrao
 from tests.commandline import massprop
 
 BODY = scenario.load("free-flyer").scenario.truth
@@ -65,7 +66,7 @@ def test_information_adds_up_to_the_bound() -> None:
     source = scenario.load("free-flyer", ["duration_s=3.0", f"plan={pulses}"])
     flown = simulate.fly(source, [3])
     told = bound.information(source, flown.issued, flown.truth[0])
-    whole = bound.cramer_rao(source, flown, 0)[0]
+    whole = cramerrao.cramer_rao(source, flown, 0)[0]
     sizes = bound.natural_sizes(flown.truth[0, 0])
     sigma = np.sqrt(np.diag(np.linalg.inv(told[0].sum(0)))[:10]) * sizes
     np.testing.assert_allclose(sigma, np.sqrt(np.diag(whole)), rtol=1e-6)

@@ -14,7 +14,7 @@ from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.telemetry import read
 from massprop_cli.testbed import bound, simulate
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
-from tests import flight
+from tests import cramerrao, flight
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 
@@ -55,6 +55,6 @@ def test_the_bound_of_a_sample_log_is_the_one_recorded_with_it(name: str) -> Non
         data |= {"docked": recorded["docked"], "events": [{"kind": "dock", "at_s": 25.0, "motion": "rates_kept"}]}
     source = ScenarioSource(Scenario.model_validate(data), name)
     flown = simulate.fly(source, [1], issued=log.command)
-    for covariance, expected in zip(bound.cramer_rao(source, flown, 0), recorded["bound"], strict=True):
+    for covariance, expected in zip(cramerrao.cramer_rao(source, flown, 0), recorded["bound"], strict=True):
         ratio = np.sqrt(np.diag(covariance)) / [expected[quantity] for quantity in QUANTITIES]
         assert np.abs(ratio - 1).max() < 0.005
