@@ -67,9 +67,21 @@ def mean_rotation(vector: Array) -> Array:
     return np.eye(3) + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * turn + cubic * (turn @ turn)
 
 
+def spread(arm: Array) -> Array:
+    """S(d) = ``d·d 1 − d dᵀ``, (..., 3, 3) m², of arms d (..., 3)."""
+    return (arm**2).sum(-1)[..., None, None] * np.eye(3) - arm[..., :, None] * arm[..., None, :]
+
+
+def spread_by_arm(arm: Array) -> Array:
+    """(..., 6, 3) derivative of the elements of S."""
+    outer = np.eye(3)[:, :, None] * arm[..., None, None, :]
+    change = 2 * arm[..., :, None, None] * np.eye(3) - outer - np.swapaxes(outer, -1, -2)
+    return np.swapaxes(elements(change), -1, -2)
+
+
 def parallel_axis(mass: float, offset: Array) -> Array:
-    """``m (d·d 1 − d dᵀ)``, (3, 3) kg m²: what the inertia about a point d = ``offset`` (3,) m from the CG has beyond that about the CG."""
-    return mass * ((offset @ offset) * np.eye(3) - np.outer(offset, offset))
+    """``m S(d)``, (3, 3) kg m²: what the inertia about a point d = ``offset`` (3,) m from the CG has beyond that about the CG."""
+    return mass * spread(offset)
 
 
 def inertia_regressor(v: Array) -> Array:

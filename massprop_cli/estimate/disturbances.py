@@ -21,7 +21,7 @@ from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.prepare.compensate import Samples, Source, duration_s, gathered
+from massprop_cli.prepare.compensate import Samples, Source, gathered
 
 EXCESS, CERTAIN = 0.2, 6.0
 """Mean squared normalised innovation above 1 + this, and above so many of its own sigmas √(2 / N), is a misfit of the stated noise: sigmas
@@ -125,7 +125,7 @@ def gross_misfit(samples: Source, cycles: Sequence[slice], vehicle: Resolved) ->
 def _stated_growth(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
     """(3,) variance of the rate's growth per cycle that the stated disturbance torque and pulse errors cause, (rad/s)²."""
     inverse = np.linalg.inv(reference.inertia)
-    impulse = vehicle.environment.disturbance_torque_n_m * median(gathered(samples, cycles, duration_s))
+    impulse = vehicle.environment.disturbance_torque_n_m * median(gathered(samples, cycles, lambda here: here.executed.duration_s))
     covariance = impulse**2 * np.eye(3)
     if vehicle.thrust.pulse_sigma > 0:
         moment = plant_of(vehicle).jet_moment(reference)

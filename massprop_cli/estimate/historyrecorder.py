@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base import spill
-from massprop_cli.base.arrays import Array
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.known import belied
 from massprop_cli.estimate.pivot import about_pivot
@@ -17,7 +16,7 @@ from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.model.layout import MU
 from massprop_cli.model.observability import excitation, observable
-from massprop_cli.model.parameters import natural_sizes
+from massprop_cli.model.parameters import sizes_of_quantities
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Source
@@ -66,10 +65,6 @@ class HistoryRecorder:
         _, full = quantities(self.last, vehicle)
         bare = quantities(self.last, alone(vehicle))
         against, notices = belied(self.last, vehicle, phase.name)
-        sizes: Array = np.full(10, np.nan)
-        if reference is not None:
-            sizes = natural_sizes(reference)
-            sizes[MU] = 1 / reference.mu
         return History(
             phase=phase,
             cycles=cycles,
@@ -80,7 +75,7 @@ class HistoryRecorder:
             innovation=self.innovation,
             innovation_sigma=self.innovation_sigma,
             normalised=self.normalised,
-            natural_sizes=sizes,
+            natural_sizes=np.full(10, np.nan) if reference is None else sizes_of_quantities(reference),
             information_share=np.zeros((10, 6)),
             drowned=np.zeros(6, dtype=bool),
             observable=np.ones(10, dtype=bool),

@@ -14,7 +14,7 @@ import numpy as np
 
 from massprop_cli import INERTIA
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.rigidbody import lever_arm, tensor
+from massprop_cli.base.rigidbody import tensor
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.plant import Reference, plant_of
@@ -44,7 +44,8 @@ def first_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Referen
     load: Array = impulse[:, 3:]
     turned = _mean_step(products(rate), duration)
     if plant.pivoted:
-        load = _mean_step(_gravity(here, vehicle) if here.unread[3:].any() else _force_at(plant.pivot, here, vehicle), duration)
+        felt = vehicle.environment.gravity_m_s2 * (here.up_b[:-1] + here.up_b[1:]) / 2  # of a vehicle that stands still
+        load = _mean_step(felt if here.unread[3:].any() else felt + acceleration(here, vehicle), duration)
     scale = _response(growth, torque, np.hstack([load, turned, duration[1:, None]]))
     mu = _mu(here, torque, vehicle) if plant.translates else None
     if scale is None:
@@ -142,17 +143,6 @@ def _fallback_mu(vehicle: Vehicle, scale: float) -> float:
     if vehicle.on_pedestal:
         return 1 / vehicle.pedestal_mass_kg
     return 1 / known.value if known else reach(vehicle) ** 2 * scale / 3
-
-
-def _force_at(point: Array, samples: Samples, vehicle: Vehicle) -> Array:
-    """(K, 3) measured specific force carried from the IMU to ``point`` with the differenced rate."""
-    rate_dot = samples.rate_step_rad_s / samples.executed.duration_s[:, None]
-    return samples.specific_force_m_s2 - lever_arm(samples.rate_rad_s, rate_dot, np.array(vehicle.imu.position_m) - point)
-
-
-def _gravity(samples: Samples, vehicle: Vehicle) -> Array:
-    """(K, 3) what a vehicle that stands still feels."""
-    return vehicle.environment.gravity_m_s2 * (samples.up_b[:-1] + samples.up_b[1:]) / 2
 
 
 def _mean_step(values: Array, duration: Array) -> Array:

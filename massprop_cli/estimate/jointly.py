@@ -18,7 +18,7 @@ from massprop_cli.estimate import offline
 from massprop_cli.estimate.regression import Regression
 from massprop_cli.estimate.rows import Parameters
 from massprop_cli.estimate.triangle import Run
-from massprop_cli.model.layout import RATE, Layout
+from massprop_cli.model.layout import Layout
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
@@ -108,10 +108,6 @@ class Jointly(Regression):
 
 def _bias(own: Regression, run: Run, phi: Array) -> Array:
     """(3,) the gyro's, of a member whose vehicle file says that it has one, for the body with coefficients ``phi``."""
-    block = Layout.of(own.samples, own.vehicle).gyro_bias
-    if block.stop == block.start or run.state is None:
-        return run.reference.gyro_bias
     triangle, free, size = run.triangle, own.free, own.phi_map.size
     beginnings = np.linalg.solve(triangle[:free, :free], triangle[:free, free + size] - triangle[:free, free : free + size] @ phi)
-    mean = run.state.mean[block.start - RATE.start : block.stop - RATE.start]
-    return mean[:, 0] + mean[:, 1 : 1 + size] @ phi + mean[:, mean.shape[1] - free :] @ beginnings
+    return own.state(run, Layout.of(own.samples, own.vehicle).gyro_bias, phi, beginnings, run.reference.gyro_bias)

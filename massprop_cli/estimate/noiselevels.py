@@ -42,7 +42,7 @@ def with_noise_levels(samples: Source, cycles: Sequence[slice], vehicle: Vehicle
     if stated is not None:
         return stated, []
     unexplained = _unexplained(samples, cycles, vehicle)
-    gyro, of_gyro = _level(0, samples, cycles, vehicle, _rate, unexplained[0])
+    gyro, of_gyro = _level(0, samples, cycles, vehicle, lambda here: here.rate_rad_s, unexplained[0])
     accel, of_accel = _level(1, samples, cycles, vehicle, partial(acceleration, vehicle=vehicle), unexplained[1])
     return Resolved.of(vehicle, gyro, accel), [*of_gyro, *of_accel]
 
@@ -59,7 +59,8 @@ def _level(
     if not axes.any():
         return stated or ABSENT, []
     every = slice(0, len(samples))
-    signal, unused = gathered(samples, every, found_of)[:, axes], np.split(gathered(samples, every, _ignored), 2, 1)[sensor]
+    ignored = gathered(samples, every, lambda here: here.executed.ignored)
+    signal, unused = gathered(samples, every, found_of)[:, axes], np.split(ignored, 2, 1)[sensor]
     read = np.asarray(~unused[:, axes].any(1))
     floor = FLOOR * float(np.sqrt((signal**2).mean())) or FLOOR
     white, count = white_level(signal, cycles, read), sum(piece.stop - piece.start for piece in cycles)
@@ -71,14 +72,6 @@ def _level(
         return level, [Notice("noise-estimated", f"imu.{key} is not stated; {level:.3g} was estimated from the log")]
     source = f"a floor of {FLOOR:g} of the signal" if found <= floor else "what the log shows"
     return level, [Notice("noise-floor", f"imu.{key} is stated as 0; {level:.3g} stands in for it ({source})")]
-
-
-def _rate(samples: Samples) -> Array:
-    return samples.rate_rad_s
-
-
-def _ignored(samples: Samples) -> BoolArray:
-    return samples.executed.ignored
 
 
 def white_level(signal: Array, cycles: Sequence[slice], read: BoolArray) -> float:

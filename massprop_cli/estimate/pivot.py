@@ -13,7 +13,7 @@ import numpy as np
 
 from massprop_cli import INERTIA
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.rigidbody import elements
+from massprop_cli.base.rigidbody import elements, spread, spread_by_arm
 from massprop_cli.inputs.vehicle import Known, Vehicle
 
 SCALED, FACTORS, UPDATES = 100.0, 200, 8
@@ -60,7 +60,7 @@ def _with_inertia(about: Array, covariance: Array, mass: float, known: Mapping[i
     found: Array = factors[np.argmin(left, 0)][:, None] * about
     for _ in range(UPDATES):
         slope = np.zeros((len(about), 6, 9))
-        slope[:, range(6), range(6)], slope[:, :, 6:] = 1.0, -_spread_by_arm(found[:, 6:] / mass)
+        slope[:, range(6), range(6)], slope[:, :, 6:] = 1.0, -spread_by_arm(found[:, 6:] / mass)
         slope = slope[:, index]
         expected = _inertia(found, mass)[:, index] + (slope @ (about - found)[..., None])[..., 0]
         across = covariance @ slope.transpose(0, 2, 1)
@@ -70,7 +70,7 @@ def _with_inertia(about: Array, covariance: Array, mass: float, known: Mapping[i
 
 def _inertia(about: Array, mass: float) -> Array:
     """(K, 6) about the CG."""
-    return about[:, :6] - mass * elements(_spread(about[:, 6:9] / mass))
+    return about[:, :6] - mass * elements(spread(about[:, 6:9] / mass))
 
 
 def beside_mass(about: Array, covariance: Array, pivot: Array, mass: float, sigma: float, at: Array | None = None) -> AboutCg:
@@ -83,9 +83,9 @@ def beside_mass(about: Array, covariance: Array, pivot: Array, mass: float, sigm
     values = np.column_stack([_inertia(at, mass), pivot + arm, np.full(count, mass)])
     slope = np.zeros((count, 10, 9))
     slope[:, range(9), range(9)] = np.repeat([1.0, 1 / mass], [6, 3])
-    slope[:, :6, 6:9] = -_spread_by_arm(arm)
+    slope[:, :6, 6:9] = -spread_by_arm(arm)
     values += (slope @ (about - at)[..., None])[..., 0]
-    by_mass = sigma * np.column_stack([elements(_spread(arm)), -arm / mass, np.ones(count)])
+    by_mass = sigma * np.column_stack([elements(spread(arm)), -arm / mass, np.ones(count)])
     return AboutCg(values, slope @ covariance @ slope.transpose(0, 2, 1), by_mass[:, :, None] * by_mass[:, None, :])
 
 
@@ -94,7 +94,7 @@ def by_thrust_scale(values: Array, vehicle: Vehicle) -> Array:
     found = values.copy()
     arm = values[..., 6:9] - np.array(vehicle.environment.bearing_position_m)
     if (weighed := vehicle.known.get("mass")) is not None:
-        found[..., :6] -= weighed.value * elements(_spread(arm))
+        found[..., :6] -= weighed.value * elements(spread(arm))
     found[..., 6:9], found[..., 9] = arm, 0.0
     return found
 
@@ -115,21 +115,8 @@ def by_ten(values: Array, pivot: Array, assumed_kg: Array) -> tuple[Array, Array
     mass, shifted = np.where(weighed, values[..., 9], assumed_kg), np.where(weighed, values[..., 9], 0.0)
     slope = np.zeros((*values.shape[:-1], 9, 10))
     slope[..., range(6), range(6)], slope[..., range(6, 9), range(6, 9)] = 1.0, mass[..., None]
-    slope[..., :6, 6:9] = shifted[..., None, None] * _spread_by_arm(arm)
-    slope[..., :6, 9], slope[..., 6:, 9] = elements(_spread(arm)), arm
+    slope[..., :6, 6:9] = shifted[..., None, None] * spread_by_arm(arm)
+    slope[..., :6, 9], slope[..., 6:, 9] = elements(spread(arm)), arm
     slope[~weighed, :, 9] = 0.0
-    about = values[..., :6] + shifted[..., None] * elements(_spread(arm))
+    about = values[..., :6] + shifted[..., None] * elements(spread(arm))
     return np.concatenate([about, mass[..., None] * arm], -1), slope
-
-
-def _spread(arm: Array) -> Array:
-    """(…, 3, 3) S of arms (…, 3)."""
-    return (arm**2).sum(-1)[..., None, None] * np.eye(3) - arm[..., :, None] * arm[..., None, :]
-
-
-def _spread_by_arm(arm: Array) -> Array:
-    """(…, 6, 3) derivative of the elements of S."""
-    unit = np.eye(3)
-    outer = unit[:, :, None] * arm[..., None, None, :]
-    change = 2 * arm[..., :, None, None] * unit - outer - np.swapaxes(outer, -1, -2)
-    return np.swapaxes(elements(change), -1, -2)

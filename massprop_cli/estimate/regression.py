@@ -97,23 +97,26 @@ class Regression(Triangle):
         if bound or left < most:
             theta, others, response, chi_square, stuck = tied, begun, None, left, tied_stuck
         layout, reference = Layout.of(self.samples, self.vehicle), run.reference
-        bias = self._state(run, layout.gyro_bias, theta, others, reference.gyro_bias)
-        if phi_map.plant.tilts and not phi_map.plant.pivoted:  # on a slope steps have no derivative by it, and led astray
-            bias = reference.gyro_bias
-        scale = self._state(run, layout.scale, theta, others, reference.scale)
-        damping = self._state(run, layout.damping, theta, others, reference.damping)
+        phi, pivoted = phi_map.coefficients(theta)[0], phi_map.plant.pivoted
+        # on a slope steps have no derivative by the bias, and led astray
+        bias = (
+            self.state(run, layout.gyro_bias, phi, others, reference.gyro_bias)
+            if pivoted or not phi_map.plant.tilts
+            else reference.gyro_bias
+        )
+        scale = self.state(run, layout.scale, phi, others, reference.scale)
+        damping = self.state(run, layout.damping, phi, others, reference.damping)
         # until commands alone tell each axis, a steady torque may be anything; on a bearing the weight that it holds up may be as much
-        told = bound or phi_map.plant.pivoted
-        pushed = self._state(run, layout.torque, theta, others, reference.acceleration) if told else reference.acceleration
+        told = layout.torque if bound or pivoted else slice(0, 0)
+        pushed = self.state(run, told, phi, others, reference.acceleration)
         estimate = replace(phi_map.reference(theta, bias), response=response, scale=scale, damping=damping, acceleration=pushed)
         return replace(run, estimate=estimate, bound=bound, stuck=stuck), chi_square
 
-    def _state(self, run: Run, block: slice, theta: Array, others: Array, before: Array) -> Array:
-        """The states of a block in the last cycle; what they were ``before`` where there are none yet."""
+    def state(self, run: Run, block: slice, phi: Array, others: Array, before: Array) -> Array:
+        """The states of a block in the last cycle, by φ (N,) and by ``others``; what they were ``before`` where there are none yet."""
         if block.stop == block.start or run.state is None:
             return before
-        mean = run.state.mean[block.start - RATE.start : block.stop - RATE.start]
-        phi, _ = self.phi_map.coefficients(theta)
+        mean = run.state.mean[Layout.own(block)]
         return mean[:, 0] + mean[:, 1 : 1 + self.phi_map.size] @ phi + mean[:, mean.shape[1] - len(others) :] @ others
 
     def _searched(self, run: Run, theta: Array, bound: bool) -> tuple[Array, Array, Array, float, bool]:

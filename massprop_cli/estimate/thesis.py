@@ -19,6 +19,7 @@ from massprop_cli.inputs.estimatorsettings import ThesisSettings
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.observability import observable
+from massprop_cli.model.parameters import sizes_of_quantities
 from massprop_cli.model.plant import Reference
 from massprop_cli.prepare.compensate import Source, acceleration
 
@@ -87,7 +88,7 @@ def replay(source: Source, cycles: slice, phase: Phase, vehicle: Vehicle, before
         innovation=innovation,
         innovation_sigma=innovation_sigma,
         normalised=normalised,
-        natural_sizes=_natural(values[-1]),
+        natural_sizes=sizes_of_quantities(_body(values[-1])),
         information_share=np.full((10, 6), 1 / 6),
         drowned=np.zeros(6, dtype=bool),
         observable=observable(source.capability, _body(values[-1]), vehicle),
@@ -109,12 +110,6 @@ def _joint(filters: Filters) -> Array:
     covariance = np.zeros((10, 10))
     covariance[:9, :9], covariance[9:, 9:] = filters.rotation.covariance, filters.mass.covariance
     return covariance
-
-
-def _natural(values: Array) -> Array:
-    body = _body(values)
-    trace = float(np.trace(body.inertia))
-    return np.concatenate([np.full(6, trace), np.full(3, np.sqrt(trace * body.mu)), [1 / body.mu]])
 
 
 def _body(values: Array) -> Reference:

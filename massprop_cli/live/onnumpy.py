@@ -16,8 +16,7 @@ from massprop_cli.estimate.quantities import quantities
 from massprop_cli.estimate.rows import Rows
 from massprop_cli.export.resolve import Constants, Leg
 from massprop_cli.inputs.telemetry import Log
-from massprop_cli.model.layout import MU
-from massprop_cli.model.parameters import natural_sizes
+from massprop_cli.model.parameters import sizes_of_quantities
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.stream import Stream
@@ -130,8 +129,7 @@ class Steady:
         if reference is None:
             self._begin()
             return np.zeros(10)
-        sizes = natural_sizes(reference)
-        sizes[MU] = 1 / reference.mu
+        sizes = sizes_of_quantities(reference)
         tolerance, prior = self.tolerance * (sizes if self.relative else 1.0), sizes.copy()
         prior[POSITIVE] = np.minimum(sizes, values)[POSITIVE]
         with np.errstate(invalid="ignore"):

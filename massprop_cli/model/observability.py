@@ -28,15 +28,17 @@ def observable(capability: Array, reference: Reference, vehicle: Vehicle, unread
     Motions without a pattern, with commands from the span of ``capability`` (r, 6), stand for all motions; a quantity is observable if it
     does not enter the null space of what they show.
     """
-    drawn = _patternless(len(capability) + 6)
+    # incommensurate waves: no column follows from others
+    drawn = np.cos(np.outer(np.arange(1, _MOTIONS + 1), np.sqrt(np.arange(len(capability) + 6) + 0.5)))
     wrench = drawn[:, 6:] @ capability if len(capability) else np.zeros((_MOTIONS, 6))
     torque, force = wrench[:, :3], wrench[:, 3:]
     size = np.abs(torque).max() or 1.0
     rate = drawn[:, :3] * np.sqrt(size / np.trace(reference.inertia))
-    up = _directions(drawn[:, 3:6])
+    up = drawn[:, 3:6] / np.linalg.norm(drawn[:, 3:6], axis=1, keepdims=True)
     plant = plant_of(vehicle)
     if not plant.translates:
-        torque, force = plant.commanded(wrench) - _by_weight(reference, plant.pivot, up, vehicle), np.zeros_like(force)
+        by_weight = vehicle.environment.gravity_m_s2 / reference.mu * cross(reference.cg - plant.pivot, up)
+        torque, force = plant.commanded(wrench) - by_weight, np.zeros_like(force)
     rate_dot = angular_acceleration(reference.inertia, reference.cg, rate, torque, force)
     if vehicle.estimator.method == "thesis":
         gravity = vehicle.environment.gravity_m_s2 if vehicle.on_air_bearing else 0.0
@@ -50,27 +52,12 @@ def observable(capability: Array, reference: Reference, vehicle: Vehicle, unread
     return _in_row_space(np.concatenate([rows[:, ~unread].reshape(-1, 10), _weighed(rows, vehicle)]))
 
 
-def _by_weight(reference: Reference, pivot: Array, up: Array, vehicle: Vehicle) -> Array:
-    """(K, 3) torque about a pivot that holds the weight up, N m."""
-    return vehicle.environment.gravity_m_s2 / reference.mu * cross(reference.cg - pivot, up)
-
-
 def _weighed(rows: Array, vehicle: Vehicle) -> Array:
     """(n, 10) what is known of inertia on a pedestal, where without commands motion tells ratios alone: as clear as any motion."""
     if not vehicle.on_pedestal:
         return np.zeros((0, 10))
     index = [QUANTITIES.index(name) for name in vehicle.known if name in INERTIA]
     return np.eye(10)[index] * np.sqrt((rows**2).sum((0, 1)))
-
-
-def _patternless(columns: int) -> Array:
-    """(motions, columns) numbers between −1 and 1 of which no column follows from others: incommensurate waves."""
-    return np.cos(np.outer(np.arange(1, _MOTIONS + 1), np.sqrt(np.arange(columns) + 0.5)))
-
-
-def _directions(found: Array) -> Array:
-    """Of length one."""
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
 
 
 def _in_row_space(rows: Array) -> BoolArray:

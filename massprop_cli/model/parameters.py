@@ -21,6 +21,11 @@ def natural_sizes(reference: Reference) -> Array:
     return sizes
 
 
+def sizes_of_quantities(reference: Reference) -> Array:
+    """(10,) the same of the ten quantities, with the mass in place of its reciprocal."""
+    return np.append(natural_sizes(reference)[:MU], 1 / reference.mu)
+
+
 FARTHEST = 1e3
 """Factor on mass or a moment of inertia, and natural sizes of the CG's shift, that no single step may exceed."""
 

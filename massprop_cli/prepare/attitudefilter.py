@@ -16,9 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base import onequaternion, spill
+from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, IntArray
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.quaternion import inverse, quaternion_of, quaternion_product, rotation_vector
 from massprop_cli.base.rigidbody import mean_rotation, rotation, times
 from massprop_cli.kernel import kernel, pointer
 
@@ -131,36 +132,26 @@ def filtered(given: Given, begun: Array, covariance: Array) -> tuple[Array, Arra
     attitude[0] = begun
     bias, white, turn = np.zeros(3), _process(given, 6), _turn(motion)
     if (library := kernel().library) is not None:
-        arrays = (
-            turn,
-            white,
-            motion.vectors,
-            motion.duration_s,
-            variance,
-            edges.astype(ctypes.c_long),
-            logged.wxyz,
-            logged.share,
-            logged.uneven,
-        )
-        ordered = [np.ascontiguousarray(one) for one in arrays]
+        arrays = (turn, white, motion.vectors, motion.duration_s, variance, edges.astype(ctypes.c_long))
+        ordered = [np.ascontiguousarray(one) for one in (*arrays, logged.wxyz, logged.share, logged.uneven)]
         library.mp_host_reference_attitude(ctypes.c_long(count), *map(pointer, (*ordered, spread, attitude, drawn)))
         return attitude, drawn
-    transition = _transition(turn, 6)
-    here = onequaternion.floats(begun)
+    transition, here = _transition(turn, 6), begun
     for k in range(count):
         vector = motion.vectors[k] - bias * motion.duration_s[k]
         spread = transition[k] @ spread @ transition[k].T + white[k]
-        onward = onequaternion.of_vector(vector)
+        onward, own = quaternion_of(vector), slice(edges[k], edges[k + 1])
         if edges[k] < edges[k + 1]:
-            residual = _residual(here, vector, logged, slice(edges[k], edges[k + 1]))
-            inverse = np.linalg.inv(spread[:3, :3] + variance[k] * np.eye(3))
-            moved = spread[:, :3] @ inverse @ residual
-            spread = spread - spread[:, :3] @ inverse @ spread[:3]
+            path = quaternion_product(here, quaternion_of(logged.uneven[own] + logged.share[own, None] * vector))
+            residual = rotation_vector(quaternion_product(inverse(path), logged.wxyz[own])).mean(0)
+            gain = spread[:, :3] @ np.linalg.inv(spread[:3, :3] + variance[k] * np.eye(3))
+            moved, spread = gain @ residual, spread - gain @ spread[:3]
             spread = (spread + spread.T) / 2
             bias = bias + moved[3:]
-            onward = onequaternion.product(onward, onequaternion.of_vector(moved[:3]))
-        drawn[k] = onequaternion.vector_of(onward) - motion.vectors[k]
-        attitude[k + 1] = here = onequaternion.unit(onequaternion.product(here, onward))
+            onward = quaternion_product(onward, quaternion_of(moved[:3]))
+        drawn[k] = rotation_vector(onward) - motion.vectors[k]
+        here = quaternion_product(here, onward)
+        attitude[k + 1] = here = here / np.linalg.norm(here)
     return attitude, drawn
 
 
@@ -195,9 +186,9 @@ def linear(
         if np.isfinite(sigma):
             residual = about.offset_rad[k] + partly[k] - observation[k] @ state
             by = spread @ observation[k].T
-            inverse = np.linalg.inv(observation[k] @ by + sigma**2 * np.eye(3))
-            chi_square += float(residual @ inverse @ residual)
-            state, spread = state + by @ inverse @ residual, spread - by @ inverse @ by.T
+            information = np.linalg.inv(observation[k] @ by + sigma**2 * np.eye(3))
+            chi_square += float(residual @ information @ residual)
+            state, spread = state + by @ information @ residual, spread - by @ information @ by.T
         state, spread = transition[k] @ state, transition[k] @ ((spread + spread.T) / 2) @ transition[k].T + white[k]
         state[:3] -= drive[k]
         states[k + 1], each[k + 1] = state, spread
@@ -222,14 +213,4 @@ def _transition(turn: Array, states: int) -> Array:
     """(K, n, n) of all states."""
     found = np.tile(np.eye(states), (len(turn), 1, 1))
     found[:, :3, :6] = turn
-    return found
-
-
-def _residual(here: onequaternion.Quaternion, vector: Array, logged: Logged, own: slice) -> Array:
-    """(3,) the mean error that a cycle's logged attitudes show of a reference that is ``here`` at its start and turns by ``vector``."""
-    found = np.zeros(3)
-    for wxyz, share, uneven in zip(logged.wxyz[own], logged.share[own], logged.uneven[own], strict=True):
-        w, x, y, z = onequaternion.product(here, onequaternion.of_vector(uneven + share * vector))
-        found += onequaternion.vector_of(onequaternion.product((w, -x, -y, -z), onequaternion.floats(wxyz)))
-    found /= own.stop - own.start
     return found

@@ -164,11 +164,6 @@ def gathered(samples: Source, cycles: slice, found: Callable[[Samples], NDArray[
     return np.concatenate([found(samples.part(part)) for part in apart(cycles)])
 
 
-def duration_s(samples: Samples) -> Array:
-    """(K,) length of each cycle."""
-    return samples.executed.duration_s
-
-
 @dataclass(frozen=True)
 class Before:
     """What a part of a log goes on from: the cycle before it."""

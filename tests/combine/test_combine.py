@@ -65,7 +65,7 @@ def at_once(
     for number, (begin, end) in enumerate(pieces):
         # each piece begins with the first cycle whose command it holds
         start = begin + int(float(vehicle.cycle.command_delay_cycles))
-        slopes = bound._sensitivities(source, flight.seeds[:1], flight.issued[:1], body[None], start, np.zeros((0, 4)))[0, :, start:end]
+        slopes = bound.sensitivities(source, flight.seeds[:1], flight.issued[:1], body[None], start, np.zeros((0, 4)))[0, :, start:end]
         own = np.zeros((10 + 3 * len(pieces), *slopes.shape[1:]))
         own[:10], own[10 + 3 * number : 13 + 3 * number] = slopes[:10], slopes[10:]
         columns.append(own.reshape(len(own), -1).T)

@@ -57,7 +57,7 @@ def at_once(name: str, seeds: Sequence[tuple[int, str]]) -> tuple[Array, Array]:
     )
     quiet = simulate.fly(bound.noise_free(source), numbers, issued=issued)
     # the first cycle whose command is known is the third
-    slopes = bound._sensitivities(source, numbers, issued, truth[:, 0], 2, np.zeros((0, 4)))[:, :, 2:]
+    slopes = bound.sensitivities(source, numbers, issued, truth[:, 0], 2, np.zeros((0, 4)))[:, :, 2:]
     columns, left = [], []
     for member, (flight, changes) in enumerate(zip(flights, slopes, strict=True)):
         noise = np.concatenate(

@@ -4,7 +4,19 @@ import numpy as np
 
 from massprop_cli.base.arrays import TINY, Array
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.base.rigidbody import cross, cross_matrix, elements, lever_arm, mean_rotation, parallel_axis, rotation, tensor, times
+from massprop_cli.base.rigidbody import (
+    cross,
+    cross_matrix,
+    elements,
+    lever_arm,
+    mean_rotation,
+    parallel_axis,
+    rotation,
+    spread,
+    spread_by_arm,
+    tensor,
+    times,
+)
 from massprop_cli.model.gyroscopic import gamma
 from massprop_cli.model.plant.free import TURN, coupling, turned_rows
 from massprop_cli.model.plant.plant import MOMENT, MU, UNIT, Felt, J, Motion, Plant, Reference, Turning
@@ -95,8 +107,7 @@ class BearingBody(Plant):
         found = theta.copy()
         rotating = self._rotating(theta)[..., None]
         offset = theta[..., MOMENT] / rotating
-        spread = (offset**2).sum(-1)[..., None, None] * np.eye(3) - offset[..., :, None] * offset[..., None, :]
-        found[..., J] = elements(inertia - rotating[..., None] * spread)
+        found[..., J] = elements(inertia - rotating[..., None] * spread(offset))
         found[..., MOMENT] = self.bearing + offset
         return found
 
@@ -104,14 +115,10 @@ class BearingBody(Plant):
         """(..., 10, 10) their derivative: I = I_b − (κ² 1 − κ κᵀ) / m_r,  c = b + κ / m_r,  dm_r = −dmu / mu²."""
         found = super().slopes(theta)
         kappa, rotating = theta[..., MOMENT], self._rotating(theta)[..., None]
-        unit = np.eye(3)
-        outer = unit[:, :, None] * kappa[..., None, None, :]
-        change = 2 * kappa[..., :, None, None] * unit - outer - np.swapaxes(outer, -1, -2)
-        found[..., :6, MOMENT] = -np.swapaxes(elements(change), -1, -2) / rotating[..., None]
+        found[..., :6, MOMENT] = -spread_by_arm(kappa) / rotating[..., None]
         by_mass = -1 / theta[..., MU, None] ** 2 / rotating**2
-        spread = (kappa**2).sum(-1)[..., None, None] * unit - kappa[..., :, None] * kappa[..., None, :]
-        found[..., :6, MU] = elements(spread) * by_mass
-        found[..., 6:9, MOMENT] = unit / rotating[..., None]
+        found[..., :6, MU] = elements(spread(kappa)) * by_mass
+        found[..., 6:9, MOMENT] = np.eye(3) / rotating[..., None]
         found[..., 6:9, MU] = -kappa * by_mass
         return found
 
