@@ -62,21 +62,24 @@ class Regressors(Steps):
     measured: Array
     """(K, 6, 1 + N); what multiplies φ has the sign that it has beside the measured value."""
 
+    def beyond(self, coefficients: Array, state: Array) -> tuple[Array, Array]:
+        """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, of ``coefficients``."""
+        driven, measured = (part[..., 0] + part[..., 1:] @ coefficients for part in (self.drive, self.measured))
+        return times(self.transition, state[:-1]) + driven, measured - times(self.observation, state)
 
-def regressors(
-    samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, onto: Array | None = None, rebuilt: Within | None = None
-) -> Regressors:
+
+def regressors(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, onto: Array | None = None) -> Regressors:
     """The response of ``cycles`` (a slice with both ends given). Row k uses data of cycles k and before only.
 
     ``reference`` gives the motion within a cycle, and multiplies what is small: noise in the rates, products of errors. With ``onto``
-    (N, c) there is a column for each of these combinations of coefficients instead; ``rebuilt`` is the motion within, where it is at hand.
+    (N, c) there is a column for each of these combinations of coefficients instead.
     Where there is a compiled kernel that knows the vehicle, its equations run instead of what stands here.
     """
     plant, layout, here = plant_of(vehicle), Layout.of(samples, vehicle), samples.part(cycles)
     phi_map = ResponseMap(plant)
     if compiled(vehicle):
         return _as_read(_compiled(here, layout, phi_map, reference, vehicle, onto), here)
-    within = motion_within(here, reference, phi_map) if rebuilt is None else rebuilt
+    within = motion_within(here, reference, phi_map)
     step, whole, known = integrals(here, phi_map, within.theta, within)
     coupling = _coupling(here, phi_map, within, reference)
     damped = impulse_by_damping(within.motion, within.rates, _bin_s(here, within.motion)) if layout.has(layout.damping) else None
@@ -295,13 +298,15 @@ def _compiled(
     return Regressors(*kernelargs.regressors(numbers, about, kernelargs.packed(here), states, size, onto))
 
 
-def beyond(samples: Mounted, vehicle: Vehicle, about: Array, phi: Array, cycles: Array, rate: Array) -> tuple[Array, Array]:
-    """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what ``rate`` (K, 3) gives: of coefficients ``phi`` (N,).
-
-    Of a vehicle that the compiled kernel knows; with :func:`reference_numbers`, and cycles as :func:`kernelargs.packed` has them.
-    """
-    states = Layout.of(samples, vehicle).size - RATE.start
-    return kernelargs.beyond(vehicle_numbers(samples, vehicle, kernelargs.FlightStart()), about, phi, cycles, rate, states)
+def expected(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, state: Array) -> tuple[Array, Array]:
+    """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, by a reference."""
+    part, phi_map = samples.part(cycles), ResponseMap(plant_of(vehicle))
+    phi = phi_map.coefficients(phi_map.theta(reference))[0]
+    if not compiled(vehicle):
+        return regressors(samples, cycles, reference, vehicle, phi[:, None]).beyond(np.ones(1), state)
+    given = vehicle_numbers(samples, vehicle, kernelargs.FlightStart()), reference_numbers(reference, phi_map), phi
+    driven, measured = kernelargs.beyond(*given, kernelargs.packed(part), state[:, :3], state.shape[1])
+    return driven, as_read(measured, part)
 
 
 def reference_numbers(reference: Reference, phi_map: ResponseMap) -> Array:

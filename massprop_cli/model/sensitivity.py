@@ -22,15 +22,12 @@ from massprop_cli.base.rigidbody import times
 from massprop_cli.errorparameters.parameter import ErrorParameter
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME
-from massprop_cli.inputs.equipment import Environment
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model import attitude
 from massprop_cli.model.geometry import WrenchChanges, uncertain_jets
-from massprop_cli.model.intracycle import Within, motion_within
-from massprop_cli.model.kernelargs import packed
 from massprop_cli.model.layout import Layout
 from massprop_cli.model.plant import Reference, plant_of
-from massprop_cli.model.regressors import Regressors, as_read, beyond, compiled, reference_numbers, regressors
+from massprop_cli.model.regressors import Regressors, as_read, expected
 from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.prepare.compensate import Samples, Source
 from massprop_cli.prepare.stream import Stream
@@ -194,9 +191,9 @@ def fed(
     state[:, :3] = part.rate_rad_s - reference.gyro_bias
     driven, measured, rows = list[Array](), list[Array](), 9 if samples.attitude_logged else 6
     # the log as it was read is at hand; sides that variants have in common are looked at once, and stay: ids are theirs
-    at_hand = _beyond(here, phi_map.coefficients(phi_map.theta(reference))[0], state)
-    sides = _Sides(state, cycles, reference, {}, _Shared({}, {}, {}, {}), [vehicle])
-    sides.read[id(samples), id(vehicle)] = _with_attitude(at_hand, part, Layout.of(samples, vehicle), reference, state)
+    at_hand = here.beyond(phi_map.coefficients(phi_map.theta(reference))[0], state)
+    sides = _Sides(state, cycles, reference, vehicle, {})
+    sides.add((id(samples), id(vehicle)), samples, vehicle, at_hand)
     begun = np.isin(np.arange(cycles.start + 1, cycles.stop), [*consider.begun])
     expected_motion = cache(partial(_expected_motion, part, at_hand, state, begun))
 
@@ -232,17 +229,17 @@ def fed(
     return np.stack(driven, -1), np.stack(measured, -1)
 
 
-def _expected_motion(part: Samples, expected: tuple[Array, Array], state: Array, begun: BoolArray) -> tuple[Array, Array]:
+def _expected_motion(part: Samples, at_hand: tuple[Array, Array], state: Array, begun: BoolArray) -> tuple[Array, Array]:
     """Rates (K, 3) and specific force (K, 3) that were read, without the noise that they were read with in each cycle.
 
     Forces are what the model expects, and rates what it expects from those before: ω⁻[k+1] = ω⁻[k] + growth[k] + g (ω[k] − ω⁻[k]); from
     the rate that was read, ω[k], where ``begun`` (K − 1,) is.
     """
-    rate, growth = part.rate_rad_s.copy(), expected[0][:, :3] - state[:-1, :3]
+    rate, growth = part.rate_rad_s.copy(), at_hand[0][:, :3] - state[:-1, :3]
     for k, step in enumerate(growth):
         before = part.rate_rad_s[k] if begun[k] else rate[k]
         rate[k + 1] = before + step + FOLLOWED * (part.rate_rad_s[k] - before)
-    return rate, part.specific_force_m_s2 - expected[1][:, 3:6]
+    return rate, part.specific_force_m_s2 - at_hand[1][:, 3:6]
 
 
 def _pushed(growth: Array, force: Array, seen_by_scale: Array | None, states: int) -> tuple[Array, Array]:
@@ -298,83 +295,39 @@ def with_geometry(consider: Consider, setup: Setup, samples: Stream) -> Consider
     return replace(consider, imu=tuple(imu), jets=jets)
 
 
-class _Shared(NamedTuple):
-    """What sides have in common."""
-
-    bodies: dict[int, tuple[Array, Array]]
-    """By environment: the reference's coefficients, and as the kernel has it."""
-    moved: dict[tuple[int, int], Within]
-    """By samples and environment: another place of the IMU alone leaves the motion."""
-    cycles: dict[int, Array]
-    """By samples: as the kernel has them."""
-    environments: dict[int, Environment]
-    """By those of other readings: with the filter's own states."""
-
-
 class _Sides(NamedTuple):
     """What the same cycles look like on each side that was asked for."""
 
     state: Array
     cycles: slice
     reference: Reference
-    read: dict[tuple[int, int], tuple[Array, Array]]
-    """By samples and vehicle."""
-    shared: _Shared
-    held: list[Vehicle]
-    """First the filter's own; all of them, as ids are theirs."""
+    own: Vehicle
+    """The filter's."""
+    read: dict[tuple[int, int], tuple[Vehicle, tuple[Array, Array]]]
+    """By samples and vehicle, which it holds, as the id is the vehicle's."""
 
     def of(self, side: OtherReading) -> tuple[Array, Array]:
         """(K − 1, n) the state one step on, and (K, m) what is measured beyond what the state gives."""
-        self.held.append(told := side.vehicle or self.held[0])
-        if (own := (id(side.samples), id(told))) not in self.read:
+        told = side.vehicle or self.own
+        if (key := (id(side.samples), id(told))) not in self.read:
             vehicle = self._as_estimated(side.samples, told)
-            expected = _expected(side, self.state, self.cycles, self.reference, vehicle, self.shared)
-            layout = Layout.of(side.samples, vehicle)
-            self.read[own] = _with_attitude(expected, side.samples.part(self.cycles), layout, self.reference, self.state)
-        return self.read[own]
+            found = expected(side.samples, self.cycles, self.reference, vehicle, self.state)
+            self.add(key, side.samples, told, found)
+        return self.read[key][1]
+
+    def add(self, key: tuple[int, int], samples: Source, vehicle: Vehicle, found: tuple[Array, Array]) -> None:
+        """What was found of a side, with what logged attitudes measure beyond what the state gives, where there are any."""
+        logged = attitude.seen(samples.part(self.cycles), Layout.of(samples, self.own), self.reference)
+        if logged is not None:
+            found = found[0], np.hstack([found[1], logged.offset - times(logged.observation, self.state)])
+        self.read[key] = vehicle, found
 
     def _as_estimated(self, samples: Source, vehicle: Vehicle) -> Vehicle:
         """With the filter's own states: noise and disturbances are sized after it was stated what is uncertain."""
-        own = self.held[0]
-        if Layout.of(samples, vehicle) == Layout.of(samples, own):
+        if Layout.of(samples, vehicle) == Layout.of(samples, self.own):
             return vehicle
         parts = {
-            name: getattr(vehicle, name).model_copy(update={key: getattr(getattr(own, name), key) for key in keys})
+            name: getattr(vehicle, name).model_copy(update={key: getattr(getattr(self.own, name), key) for key in keys})
             for name, keys in STATES.items()
         }
-        parts["environment"] = self.shared.environments.setdefault(id(vehicle.environment), parts["environment"])
-        self.held.append(vehicle.model_copy(update=parts))
-        return self.held[-1]
-
-
-def _expected(
-    side: OtherReading, state: Array, cycles: slice, reference: Reference, vehicle: Vehicle, shared: _Shared
-) -> tuple[Array, Array]:
-    """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, as a side reads the log."""
-    within, samples, phi_map = id(vehicle.environment), side.samples, ResponseMap(plant_of(vehicle))
-    if within not in shared.bodies:
-        shared.bodies[within] = phi_map.coefficients(phi_map.theta(reference))[0], reference_numbers(reference, phi_map)
-    phi, about = shared.bodies[within]
-    if compiled(vehicle):
-        if id(samples) not in shared.cycles:
-            shared.cycles[id(samples)] = packed(samples.part(cycles))
-        driven, measured = beyond(samples, vehicle, about, phi, shared.cycles[id(samples)], state[:, :3])
-        return driven, as_read(measured, samples.part(cycles))
-    same = id(samples), within
-    if same not in shared.moved:
-        shared.moved[same] = motion_within(samples.part(cycles), reference, phi_map)
-    return _beyond(regressors(samples, cycles, reference, vehicle, phi[:, None], shared.moved[same]), np.ones(1), state)
-
-
-def _with_attitude(expected: tuple[Array, Array], part: Samples, layout: Layout, reference: Reference, state: Array) -> tuple[Array, Array]:
-    """The same with what logged attitudes measure beyond what the state gives, where there are any."""
-    logged = attitude.seen(part, layout, reference)
-    if logged is None:
-        return expected
-    return expected[0], np.hstack([expected[1], logged.offset - times(logged.observation, state)])
-
-
-def _beyond(free: Regressors, coefficients: Array, state: Array) -> tuple[Array, Array]:
-    """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, of ``coefficients``."""
-    driven, measured = (part[..., 0] + part[..., 1:] @ coefficients for part in (free.drive, free.measured))
-    return times(free.transition, state[:-1]) + driven, measured - times(free.observation, state)
+        return vehicle.model_copy(update=parts)
