@@ -6,12 +6,11 @@ whatever the conditioning (Kaminski, Bryson, Schmidt 1971). State x has n entrie
 
 from __future__ import annotations
 
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.arrays import Array, triangle_of
 
 
 class State(NamedTuple):
@@ -70,13 +69,5 @@ def update(state: State, measured: Array, observation: Array, noise_root: Array)
 
 def _triangle(wide: Array) -> Array:
     """The lower-triangular T with a positive diagonal and T Tᵀ = A Aᵀ, A with at least as many columns as rows."""
-    # "raw" has T in its lower triangle, and Householder vectors, which are not wanted, above it
-    packed, _ = np.linalg.qr(wide.T, mode="raw")
-    rows = len(wide)
-    lower: Array = packed[:, :rows] * _mask(rows)
+    lower = triangle_of(wide.T).T
     return lower * np.where(np.diagonal(lower) < 0, -1.0, 1.0)
-
-
-@cache
-def _mask(rows: int) -> Array:
-    return frozen(np.tri(rows))

@@ -82,6 +82,45 @@ class AsStated(NamedTuple):
         return bool((np.sum([of_one.count * of_one.variance[:3] for of_one in left], 0) < QUIET * count)[read].any())
 
 
+class _Fitting(NamedTuple):
+    """Off-line fits of every phase with the same settings; None of a phase without motion."""
+
+    samples: Source
+    phases: Sequence[tuple[Phase, slice]]
+    used: Resolved
+    consider: Consider
+
+    def first(self) -> list[Led | None]:
+        """What each phase is fitted about first: where its first cycles tell of none, what the causal pass comes to."""
+        found = []
+        for phase, cycles in self.phases:
+            own = self.used.in_phase(phase)
+            reference = (
+                beginning(self.samples, cycles, self.used) or engine.replay(self.samples, cycles, phase, own, self.consider).reference
+            )
+            found.append(_led_up(self.samples, cycles, reference, own))
+        return found
+
+    def fits(self, starts: Sequence[Led | None], passes: int) -> list[offline.Settled | None]:
+        """Of so many passes."""
+        return [
+            start
+            and offline.settle(self.samples, cycles, phase, start.reference, self.used.in_phase(phase), self.consider, passes, start.bound)
+            for (phase, cycles), start in zip(self.phases, starts, strict=True)
+        ]
+
+    def further(self, fits: Sequence[offline.Settled | None]) -> list[offline.Settled | None]:
+        """Those of few passes led on until they stand: the very same as if all were done in a row."""
+        starts = [
+            None if fit is None or fit.stands or fit.history.reference is None else Led(fit.history.reference, fit.bound) for fit in fits
+        ]
+        return [led or fit for led, fit in zip(self.fits(starts, offline.SETTLINGS - SIZING), fits, strict=True)]
+
+    def left(self, fits: Sequence[offline.Settled | None], sized: bool = False) -> Array:
+        """(6,) what they leave beyond the noise."""
+        return disturbances.misfit([fit.history for fit in fits if fit is not None], self.used, sized)
+
+
 class Estimates(NamedTuple, Generic[Used]):
     """Of every phase."""
 
@@ -98,14 +137,16 @@ def as_stated(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Ve
     """Noise levels and off-line fits, before anything is sized."""
     pieces = [cycles for _, cycles in phases]
     used, notices = noiselevels.with_noise_levels(samples, pieces, stated)
-    starts = _first(samples, phases, used, consider)
-    fits, excess = _misfit(samples, phases, starts, used, consider, SIZING)
+    fitting = _Fitting(samples, phases, used, consider)
+    fits = fitting.fits(fitting.first(), SIZING)
+    excess = fitting.left(fits)
     gross, settled = np.full(6, np.nan), _stand(fits)
     if not (settled and np.isnan(excess).all()):  # fits that stand and explain the log leave nothing to a look at the rates alone
         gross = disturbances.gross_misfit(samples, pieces, used)
         if not (settled or np.isnan([excess, gross]).all()):
             # a fit that is still on its way leaves what isn't in the log, as that look does
-            (fits, excess), settled = _further(samples, phases, fits, used, consider), True
+            fits, settled = fitting.further(fits), True
+            excess = fitting.left(fits)
         if _stand(fits) and np.isnan(excess).all():
             gross = np.full_like(gross, np.nan)
     return AsStated(used, fits, excess, gross, notices, settled)
@@ -113,41 +154,13 @@ def as_stated(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Ve
 
 def roughly(samples: Source, phases: Sequence[tuple[Phase, slice]], used: Resolved) -> list[offline.Settled | None]:
     """Off-line fits of one pass, which tell whether it is worth while to lead them on."""
-    return _fits(samples, phases, _first(samples, phases, used, Consider()), used, Consider(), 1)
-
-
-def _further(
-    samples: Source, phases: Sequence[tuple[Phase, slice]], fits: Sequence[offline.Settled | None], used: Resolved, consider: Consider
-) -> tuple[list[offline.Settled | None], Array]:
-    """Fits of few passes led on until they stand, and what they leave beyond the noise: the very same as if all were done in a row."""
-    found = [
-        fit
-        if fit is None or fit.stands or fit.history.reference is None
-        else offline.settle(
-            samples, cycles, phase, fit.history.reference, used.in_phase(phase), consider, offline.SETTLINGS - SIZING, fit.bound
-        )
-        for (phase, cycles), fit in zip(phases, fits, strict=True)
-    ]
-    return found, disturbances.misfit([fit.history for fit in found if fit is not None], used)
+    fitting = _Fitting(samples, phases, used, Consider())
+    return fitting.fits(fitting.first(), 1)
 
 
 def _stand(fits: Sequence[offline.Settled | None]) -> bool:
     """Whether another pass would change none of those that there are."""
     return all(fit is None or fit.stands for fit in fits)
-
-
-def _misfit(
-    samples: Source,
-    phases: Sequence[tuple[Phase, slice]],
-    starts: Sequence[Led | None],
-    used: Resolved,
-    consider: Consider,
-    passes: int,
-    sized: bool = False,
-) -> tuple[list[offline.Settled | None], Array]:
-    """Off-line fits, and what they leave beyond the noise."""
-    fits = _fits(samples, phases, starts, used, consider, passes)
-    return fits, disturbances.misfit([fit.history for fit in fits if fit is not None], used, sized)
 
 
 def estimates(
@@ -208,47 +221,25 @@ def _sized(
         # a fit far from the truth leaves much in every channel: where rates alone show it, what is left after that counts
         likeliest = likeliest_levels(samples, pieces, noisier)
         used = disturbances.with_disturbances(excess if np.isnan(plain.gross).all() else plain.gross, used, likeliest)
-        starts = _first(samples, phases, used, consider)
+        fitting = _Fitting(samples, phases, used, consider)
+        starts = fitting.first()
         for _ in range(ROUNDS):
-            fits, excess = _misfit(samples, phases, starts, used, consider, SIZING, sized=True)
+            fits = fitting.fits(starts, SIZING)
+            excess = fitting.left(fits, sized=True)
             raised = disturbances.with_disturbances(excess, used, likeliest)
             if raised == used:
                 break
             used, starts = raised, [None if fit is None or fit.history.reference is None else Led(fit.history.reference) for fit in fits]
+            fitting = fitting._replace(used=used)
+    fitting = _Fitting(samples, phases, used, consider)
     if fits is plain.fits and not plain.settled:
-        fits, excess = _further(samples, phases, fits, used, consider)
+        fits = fitting.further(fits)
+        excess = fitting.left(fits)
     elif fits is not plain.fits and (used != plain.used or not _stand(fits)):
         # from the beginning again, so that the settings that were found give the very same when they are given back
-        fits, excess = _misfit(
-            samples, phases, _first(samples, phases, used, consider), used, consider, offline.SETTLINGS, used != plain.used
-        )
+        fits = fitting.fits(fitting.first(), offline.SETTLINGS)
+        excess = fitting.left(fits, sized=used != plain.used)
     return used, fits, excess
-
-
-def _first(samples: Source, phases: Sequence[tuple[Phase, slice]], vehicle: Resolved, consider: Consider) -> list[Led | None]:
-    """What each phase is fitted about first: where its first cycles tell of none, what the causal pass comes to, which looks all along."""
-    found = []
-    for phase, cycles in phases:
-        own = vehicle.in_phase(phase)
-        reference = beginning(samples, cycles, vehicle) or engine.replay(samples, cycles, phase, own, consider).reference
-        found.append(_led_up(samples, cycles, reference, own))
-    return found
-
-
-def _fits(
-    samples: Source,
-    phases: Sequence[tuple[Phase, slice]],
-    starts: Sequence[Led | None],
-    vehicle: Resolved,
-    consider: Consider,
-    passes: int,
-) -> list[offline.Settled | None]:
-    return [
-        None
-        if start is None
-        else offline.settle(samples, cycles, phase, start.reference, vehicle.in_phase(phase), consider, passes, start.bound)
-        for (phase, cycles), start in zip(phases, starts, strict=True)
-    ]
 
 
 def _led_up(samples: Source, cycles: slice, reference: Reference | None, vehicle: Resolved) -> Led | None:

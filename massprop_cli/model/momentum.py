@@ -15,11 +15,6 @@ from massprop_cli.prepare.align import Aligned
 from massprop_cli.prepare.stored import Stored
 
 
-def precession(stored: Stored, motion: Motion, bin_s: Array) -> tuple[Array, Array]:
-    """(K, B, 3) torque −ω × h on the body, mean of each bin, N m; and its first moment about the bin's middle over its length, N m s."""
-    return _precession(motion, stored.mean @ stored.axis, stored.skew @ stored.axis, bin_s)
-
-
 def held(stored: Stored, bin_s: Array) -> Windows:
     """(K, 3) integrals of the momentum under a cycle's windows, N m s²."""
     return windows(stored.mean @ stored.axis, bin_s, (stored.skew @ stored.axis).sum(1))
@@ -62,15 +57,12 @@ def _moment(executed: Aligned, motion: Motion, own: slice, unknown: Unknown) -> 
     mean, skew = held @ unknown.by.T + unknown.constant, stored.skew[..., own] @ unknown.by.T
     bin_s = executed.duration_s / mean.shape[1]
     pulled, late = _precession(motion, mean @ axis, skew @ axis, bin_s[:, None, None])
-    exchanged = Windows(*(-part[:, turning] @ unknown.by.T @ axis for part in channels.windows))
-    return _sum(windows(pulled, bin_s, late.sum(1)), exchanged)
-
-
-def _sum(one: Windows, other: Windows) -> Windows:
-    return Windows(*(a + b for a, b in zip(one, other, strict=True)))
+    exchanged = (-part[:, turning] @ unknown.by.T @ axis for part in channels.windows)
+    return Windows(*(a + b for a, b in zip(windows(pulled, bin_s, late.sum(1)), exchanged, strict=True)))
 
 
 def _precession(motion: Motion, momentum: Array, skew: Array, bin_s: Array) -> tuple[Array, Array]:
+    """(K, B, 3) torque −ω × h on the body, mean of each bin, N m; and its first moment about the bin's middle over its length, N m s."""
     # within a bin the rate is linear: products of slopes count too
     mean = -cross(motion.rate, momentum) - cross(motion.rate_dot, skew)
     late = -cross(motion.rate, skew) - cross(motion.rate_dot, momentum) * bin_s**2 / 12
@@ -82,7 +74,7 @@ def made_by_motion(stored: Stored | None, damping: Array, motion: Motion, bin_s:
 
     ``damping`` is d (3,), N m s; ``bin_s`` (K, 1, 1). None where there is neither.
     """
-    precessing = None if stored is None else precession(stored, motion, bin_s)
+    precessing = None if stored is None else _precession(motion, stored.mean @ stored.axis, stored.skew @ stored.axis, bin_s)
     if not damping.any():
         return precessing
     torque, late = -damping * motion.rate, -damping * motion.rate_dot * bin_s**2 / 12
