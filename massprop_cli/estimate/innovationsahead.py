@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import ctypes
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array, grown, root_beside_unit
-from massprop_cli.kernel import kernel, pointer
+from massprop_cli.kernel import call, kernel
 from massprop_cli.model.plant import Reference
 from massprop_cli.prepare.align import Aligned
 
@@ -21,9 +19,8 @@ def unexpected(triangle: Array, rows: Array) -> tuple[Array, Array]:
     if (library := kernel().library) is None or rows.shape[1] != 6:
         return beyond(grown(triangle, rows)[:-1], rows)
     packed = np.append(triangle[np.triu_indices(size - 1, 0, size)], 0.0)
-    left, spread, room = np.empty((count, 6)), np.empty((count, 6, 6)), np.empty(6 * size)
-    arrays = (np.ascontiguousarray(rows), packed, room, left, spread)
-    library.mp_host_expected(ctypes.c_long(count), ctypes.c_long(size - 1), *map(pointer, arrays))
+    left, spread = np.empty((count, 6)), np.empty((count, 6, 6))
+    call(library.mp_host_expected, count, size - 1, rows, packed, np.empty(6 * size), left, spread)
     return left, spread
 
 

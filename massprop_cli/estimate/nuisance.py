@@ -15,7 +15,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.estimate.kalman import State, predict, update
-from massprop_cli.kernel import kernel, pointer
+from massprop_cli.kernel import call, kernel
 from massprop_cli.model.system import System
 
 STRETCH = 16
@@ -83,8 +83,7 @@ def _compiled(state: State, system: System, process: Array, new: bool) -> tuple[
     room = np.empty((2 * states + 6) * columns + (6 + 2 * states) * (6 + states + noises))
     mean, root = np.array(state.mean, order="C"), np.array(state.root[:, :states], order="C")
     white, roots = np.empty((cycles - first, 6, columns)), np.empty((cycles - first, 6, 6))
-    arrays = (*map(np.ascontiguousarray, parts), room, mean, root, white, roots)
-    kernel().compiled.mp_host_filtered(ctypes.c_void_p(sizes.ctypes.data), *map(pointer, arrays))
+    call(kernel().compiled.mp_host_filtered, sizes, *parts, room, mean, root, white, roots)
     return State(mean, root), Taken(white, roots, ())
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.arrays import TINY, Array, BoolArray, triangle_of
-from massprop_cli.kernel import kernel, pointer
+from massprop_cli.kernel import call, kernel
 
 LEVELS, FINER = (1e-6, 1e-4, 1e-2, 1.0), 10.0
 """Of a disturbance, each tried: the most likely is taken, and what is so much smaller and larger."""
@@ -225,9 +224,8 @@ def _innovations(rates: Driven, disturbances: Sequence[Disturbance]) -> tuple[Ar
     walk, scattered = np.eye(states)[1], np.zeros(count) if rates.scattered is None else np.ascontiguousarray(rates.scattered)
     added = np.stack([one.white * np.outer(white, white) + one.walk * np.outer(walk, walk) for one in map(rates.whole, disturbances)])
     if (library := kernel().library) is not None:
-        sizes = (ctypes.c_long(n) for n in (len(now), count, now.shape[2], states))
-        used = np.ascontiguousarray(rates.used, np.uint8)
-        library.mp_host_white(*sizes, *map(pointer, (step, added, scattered, used, driven, measured, now, rows, spread)))
+        sizes, used = (len(now), count, now.shape[2], states), rates.used.astype(np.uint8)
+        call(library.mp_host_white, *sizes, step, added, scattered, used, driven, measured, now, rows, spread)
         return rows, spread
     kept, now = np.zeros_like(added), now[:, :states]
     for k in range(count):

@@ -2,9 +2,10 @@
 
 import ctypes
 import os
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,3 +82,13 @@ def pointer(array: NDArray[np.floating | np.unsignedinteger]) -> Pointer:
     found = Pointer(array.ctypes.data)
     found.array = array
     return found
+
+
+def call(function: Callable[..., Any], *arguments: object) -> Any:
+    """What a function of the library gives, handed arrays as the place of their numbers, in one piece, and whole numbers as long ones."""
+    return function(
+        *(
+            pointer(np.ascontiguousarray(one)) if isinstance(one, np.ndarray) else ctypes.c_long(one) if isinstance(one, int) else one
+            for one in arguments
+        )
+    )

@@ -9,7 +9,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.actuators.wheel import Wheel
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.kernel import BINS, WHEELS, kernel, pointer
+from massprop_cli.kernel import BINS, WHEELS, call, kernel
 from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.sensor import KernelEffect
 
@@ -105,14 +105,7 @@ def regressors(numbers: Array, about: Array, cycles: Array, states: int, combine
     steps, drive, measured = np.empty((count - 1, 3)), np.empty((count - 1, n, 1 + combined)), np.empty((count, 6, 1 + combined))
     found = (transition, observation, to_rate, steps, drive, measured)
     out = (ctypes.c_void_p * 6)(*(part.ctypes.data for part in found))
-    rows, stride = (ctypes.c_long(length) for length in cycles.shape)
-    whole = None if onto is None else np.ascontiguousarray(onto)
-    by = None if whole is None else pointer(whole)
-    checked(
-        kernel().compiled.mp_host_regressors(
-            pointer(numbers), pointer(about), rows, stride, pointer(cycles), by, ctypes.c_int(combined), out
-        )
-    )
+    checked(call(kernel().compiled.mp_host_regressors, numbers, about, *cycles.shape, cycles, onto, ctypes.c_int(combined), out))
     return found
 
 
@@ -138,9 +131,8 @@ def taken(
     upper = np.triu_indices(size)
     after = np.array(before.mean, order="C"), np.array(before.root, order="C"), before.triangle[upper]
     white, roots = np.empty((count, 6, size)), np.empty((count, 6, 6))
-    rows, stride = (ctypes.c_long(length) for length in cycles.shape)
-    before_them, among = (numbers, about, np.ascontiguousarray(attitude_error)), (cycles, *after, white, roots)
-    checked(kernel().compiled.mp_host_taken(*map(pointer, before_them), ctypes.c_int(begun), rows, stride, *map(pointer, among)))
+    given = numbers, about, attitude_error, ctypes.c_int(begun), *cycles.shape, cycles
+    checked(call(kernel().compiled.mp_host_taken, *given, *after, white, roots))
     triangle = np.zeros((size, size))
     triangle[upper] = after[2]
     return Filtered(*after[:2], triangle), white, roots
@@ -149,9 +141,7 @@ def taken(
 def beyond(numbers: Array, about: Array, phi: Array, cycles: Array, rate: Array, states: int) -> tuple[Array, Array]:
     """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what ``rate`` (K, 3) gives: of coefficients ``phi`` (N,)."""
     found = np.empty((len(cycles) - 1, states)), np.empty((len(cycles), 6))
-    rows, stride = (ctypes.c_long(length) for length in cycles.shape)
-    before, after = (numbers, about, np.ascontiguousarray(phi)), (cycles, np.ascontiguousarray(rate), *found)
-    checked(kernel().compiled.mp_host_beyond(*map(pointer, before), rows, stride, *map(pointer, after)))
+    checked(call(kernel().compiled.mp_host_beyond, numbers, about, phi, *cycles.shape, cycles, rate, *found))
     return found
 
 
@@ -159,8 +149,7 @@ def integrals(numbers: Array, about: Array, cycles: Array, channels: int) -> tup
     """The arrays of :func:`massprop_cli.model.regressors.integrals_about`, handed over as :func:`regressors` hands them."""
     count = len(cycles)
     found = np.empty((count - 1, channels)), np.empty((count, channels)), np.empty((count - 1, 3))
-    rows, stride = (ctypes.c_long(length) for length in cycles.shape)
-    checked(kernel().compiled.mp_host_integrals(pointer(numbers), pointer(about), rows, stride, pointer(cycles), *map(pointer, found)))
+    checked(call(kernel().compiled.mp_host_integrals, numbers, about, *cycles.shape, cycles, *found))
     return found
 
 

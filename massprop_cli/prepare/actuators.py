@@ -5,7 +5,6 @@ Jets, commanded wrenches and rotors are three kinds, of which a log has one. Ano
 momentum, which may be beside either, is the last channels: :mod:`massprop_cli.prepare.stored` has what it does.
 """
 
-import ctypes
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -18,7 +17,7 @@ from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.supply import SupplyLevel
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.kernel import kernel, pointer
+from massprop_cli.kernel import call, kernel
 from massprop_cli.prepare.clock import by_commands_clock
 from massprop_cli.prepare.signal import Signal, joined, of_bins, window_integrals
 
@@ -209,21 +208,17 @@ def beside_others(on_s: Array, while_open: bool) -> Iterator[Array]:
 
 def pulse_integrals(lasting: Sequence[Opened], jets: Sequence[Jet], touching_s: float, edges_s: Array, lag_s: float) -> tuple[Array, Array]:
     """Integrals as of :func:`window_integrals`, of jets with :func:`pulses`: a sum of parts of the thrust."""
-    library = kernel().library
     found = np.zeros((2, len(jets), len(edges_s) - 1))
-    if library is None:
+    if (library := kernel().library) is None:
         for parts in lasting:
             signals = [pulses(*one, touching_s) for one in zip(*parts, jets, strict=True)]
             found += np.swapaxes(window_integrals(signals, edges_s, lag_s), 1, 2)
         return found[0].T, found[1].T
-    edges, count = np.ascontiguousarray(edges_s), lasting[0][1].shape[1]
-    ramps, touching, lag = np.array([(jet.rise_s, jet.fall_s) for jet in jets]), np.array([touching_s]), np.array([lag_s])
+    count, ramps = lasting[0][1].shape[1], np.array([(jet.rise_s, jet.fall_s) for jet in jets])
     room = np.empty(12 * count + (2 * found.shape[2] if lag_s > 0 else 0))
-    sizes = [ctypes.c_long(n) for n in (len(jets), count, found.shape[2])]
     for parts in lasting:
-        pulsed = [np.ascontiguousarray(each, dtype=float) for each in parts]
-        among = map(pointer, (edges, lag, room, found[0], found[1]))
-        library.mp_host_pulses(*sizes[:2], *map(pointer, (*pulsed, ramps, touching)), sizes[2], *among)
+        pulsed, bins = (np.asarray(each, dtype=float) for each in parts), (found.shape[2], edges_s, np.array([lag_s]), room, *found)
+        call(library.mp_host_pulses, len(jets), count, *pulsed, ramps, np.array([touching_s]), *bins)
     return found[0].T, found[1].T
 
 

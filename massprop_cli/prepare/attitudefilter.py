@@ -21,7 +21,7 @@ from massprop_cli.base.arrays import Array, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.quaternion import inverse, quaternion_of, quaternion_product, rotation_vector
 from massprop_cli.base.rigidbody import mean_rotation, rotation, times
-from massprop_cli.kernel import kernel, pointer
+from massprop_cli.kernel import call, kernel
 
 STATES = 10
 """Of :class:`LinearFilter`."""
@@ -132,9 +132,8 @@ def filtered(given: Given, begun: Array, covariance: Array) -> tuple[Array, Arra
     attitude[0] = begun
     bias, white, turn = np.zeros(3), _process(given, 6), _turn(motion)
     if (library := kernel().library) is not None:
-        arrays = (turn, white, motion.vectors, motion.duration_s, variance, edges.astype(ctypes.c_long))
-        ordered = [np.ascontiguousarray(one) for one in (*arrays, logged.wxyz, logged.share, logged.uneven)]
-        library.mp_host_reference_attitude(ctypes.c_long(count), *map(pointer, (*ordered, spread, attitude, drawn)))
+        carried = (turn, white, motion.vectors, motion.duration_s, variance, edges.astype(ctypes.c_long))
+        call(library.mp_host_reference_attitude, count, *carried, logged.wxyz, logged.share, logged.uneven, spread, attitude, drawn)
         return attitude, drawn
     transition, here = _transition(turn, 6), begun
     for k in range(count):
@@ -179,8 +178,7 @@ def linear(
     states[0], each[0] = state, spread
     if (library := kernel().library) is not None:
         arrays = (by_turn, white, drive, observation, about.offset_rad + partly, about.noise_rad, states, each)
-        count = ctypes.c_long(len(turns))
-        return LinearFilter(states, each, library.mp_host_reference_error(count, *map(pointer, map(np.ascontiguousarray, arrays))))
+        return LinearFilter(states, each, call(library.mp_host_reference_error, len(turns), *arrays))
     transition = _transition(by_turn, STATES)
     for k, sigma in enumerate(about.noise_rad):
         if np.isfinite(sigma):

@@ -13,7 +13,6 @@ the signal and its integrals behind it are exact at any time (U' = u, V' = U, al
 
 from __future__ import annotations
 
-import ctypes
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -21,7 +20,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, ComplexArray
 from massprop_cli.inputs.equipment import LowPass
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.kernel import kernel, pointer
+from massprop_cli.kernel import call, kernel
 from massprop_cli.prepare.signal import Signal
 
 APART = 1e-5
@@ -138,16 +137,13 @@ class Shown(NamedTuple):
 
 def shown(signal: Signal, sensor: SensorKernel, time_s: Array) -> Shown:
     """At times (Q,) in their order."""
-    at = np.ascontiguousarray(time_s - sensor.latency_s)
+    at = time_s - sensor.latency_s
     if (library := kernel().library) is not None:
         course = signal.course
         events = np.stack([course.time_s, course.level, course.rising, course.first, course.second])
         lags, found = np.stack([sensor.weights, sensor.lags_s], 1), np.empty((3, len(at)))
-        sizes = [ctypes.c_long(n) for n in (events.shape[1], len(at), len(lags))]
-        numbers = pointer(lags.view(float)) if len(lags) else None
-        library.mp_host_shown(
-            sizes[0], pointer(events), sizes[1], pointer(at), sizes[2], numbers, pointer(np.array([ROUNDED_S])), pointer(found)
-        )
+        numbers = lags.view(float) if len(lags) else None
+        call(library.mp_host_shown, events.shape[1], events, len(at), at, len(lags), numbers, np.array([ROUNDED_S]), found)
         return Shown(*found)
     course, place = signal.through(at, ROUNDED_S)
     value, first, second = (part[place] for part in (course.level, course.first, course.second))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Sequence
 from functools import cached_property
 from typing import NamedTuple
@@ -11,7 +10,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, ComplexArray, IntArray
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.kernel import kernel, pointer
+from massprop_cli.kernel import call, kernel
 
 Lags = Array | ComplexArray
 FORGOTTEN = 1e-18
@@ -106,11 +105,8 @@ def window_integrals(signals: Sequence[Signal], edges_s: Array, lag_s: float = 0
         return np.zeros((len(edges_s) - 1, 0)), np.zeros((len(edges_s) - 1, 0))
     if (library := kernel().library) is not None:
         found = np.empty((2, len(signals), len(edges_s) - 1))
-        edges, lag = np.ascontiguousarray(edges_s), np.array([lag_s])
         for signal, out in zip(signals, found.swapaxes(0, 1), strict=True):
-            time, *changes = _in_order(signal)
-            events, bins = (ctypes.c_long(len(values)) for values in (time, out[0]))
-            library.mp_host_bins(events, *map(pointer, (time, *changes)), bins, *map(pointer, (edges, lag, out[0], out[1])))
+            call(library.mp_host_bins, len(signal.time_s), *_in_order(signal), len(out[0]), edges_s, np.array([lag_s]), *out)
         return found[0].T, found[1].T
     integral, moment = (np.stack(part, 1) for part in zip(*(_integrals(signal, edges_s, lag_s) for signal in signals), strict=True))
     return integral, moment

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -44,13 +43,6 @@ Integrals = Callable[[Sequence[Signal]], tuple[Array, Array]]
 """Of signals to their integrals and first moments in each bin, (bins, signals) each."""
 
 
-class _Along(NamedTuple):
-    """Momentum [N m s] along one axis at times [s] by the commands' clock, between which it grows evenly."""
-
-    time_s: Array
-    momentum: Array
-
-
 def turned(
     log: Log, vehicle: Vehicle, delay_s: float, edges_s: Array, bins: int, by: Integrals, before_s: float = 0.0
 ) -> tuple[list[Signal], Stored]:
@@ -61,15 +53,16 @@ def turned(
     """
     logged = _times(log, vehicle, delay_s)
     whole = [device.momentum(said, logged) for device, said in zip(vehicle.spinning, log.spinning, strict=True)]
-    grown = [_near(_Along(time_s, along), edges_s[0] - before_s, edges_s[-1]) for time_s, momentum in whole for along in momentum]
+    span = edges_s[0] - before_s, edges_s[-1]
+    torques, momenta = zip(*(_signals(time_s, along, *span) for time_s, momentum in whole for along in momentum), strict=True)
     begun = np.concatenate([momentum[:, 0] for _, momentum in whole])
-    held, held_moment = by([_momentum(one, edges_s[0] - before_s) for one in grown])
+    held, held_moment = by(momenta)
     length = np.diff(edges_s)[:, None]
-    shape = (-1, bins, len(grown))
+    shape = (-1, bins, len(momenta))
     skew = held_moment / length - held / 2
     # on a table, what they do about Z alone
     axis = np.concatenate([device.axes for device in vehicle.spinning]) * vehicle.environment.moving[:3]
-    return [_torque(one) for one in grown], Stored(axis, frozen((held / length).reshape(shape)), frozen(skew.reshape(shape)), frozen(begun))
+    return list(torques), Stored(axis, frozen((held / length).reshape(shape)), frozen(skew.reshape(shape)), frozen(begun))
 
 
 def first_known_s(log: Log, vehicle: Vehicle) -> float:
@@ -97,24 +90,13 @@ def _times(log: Log, vehicle: Vehicle, delay_s: float) -> LogTimes:
     return LogTimes(edge_s, log.interval_s, start, length, by_commands_clock(log, vehicle, start), start + delay_s, turn)
 
 
-def _near(grown: _Along, begin_s: float, end_s: float) -> _Along:
-    """What of it concerns that time."""
-    first = max(int(np.searchsorted(grown.time_s, begin_s, "right")) - 1, 0)
-    last = int(np.searchsorted(grown.time_s, end_s)) + 1
-    return _Along(grown.time_s[first:last], grown.momentum[first:last])
+def _signals(time_s: Array, momentum: Array, begin_s: float, end_s: float) -> tuple[Signal, Signal]:
+    """The torque along an axis, N m, and the momentum, N m s, which grows evenly between times by the commands' clock; near a time.
 
-
-def _slopes(grown: _Along) -> Array:
-    """(P,) growth from each time on; none after the last."""
-    return np.append(np.diff(grown.momentum) / np.diff(grown.time_s), 0.0)
-
-
-def _torque(grown: _Along) -> Signal:
-    return Signal(grown.time_s, np.diff(_slopes(grown), prepend=0.0), np.zeros_like(grown.time_s))
-
-
-def _momentum(grown: _Along, begin_s: float) -> Signal:
-    """What it is before its first time, it was all along."""
-    step, slope = np.zeros(len(grown.time_s) + 1), np.diff(_slopes(grown), prepend=0.0)
-    step[0] = grown.momentum[0]
-    return Signal(np.append(min(begin_s, grown.time_s[0]), grown.time_s), step, np.append(0.0, slope))
+    What it is before its first time, it was all along.
+    """
+    near = slice(max(int(np.searchsorted(time_s, begin_s, "right")) - 1, 0), int(np.searchsorted(time_s, end_s)) + 1)
+    time_s, momentum = time_s[near], momentum[near]
+    bends, none = np.diff(np.append(np.diff(momentum) / np.diff(time_s), 0.0), prepend=0.0), np.zeros_like(time_s)
+    held = Signal(np.append(min(begin_s, time_s[0]), time_s), np.append(momentum[0], none), np.append(0.0, bends))
+    return Signal(time_s, bends, none), held

@@ -29,7 +29,7 @@ def test_fits_led_on_are_the_very_same_as_if_all_passes_were_done_in_a_row(kind:
     few, all_at_once = (offline.settle(samples, CYCLES, PHASE, far, used, passes=n) for n in (phases.SIZING, offline.SETTLINGS))
     assert not few.stands
     assert np.abs(few.history.values[-1] - all_at_once.history.values[-1]).max() > 0
-    (led,), _ = phases._further(samples, [(PHASE, CYCLES)], [few], used, Consider())
+    (led,) = phases._Fitting(samples, [(PHASE, CYCLES)], used, Consider()).further([few])
     assert led is not None
     assert led.stands == all_at_once.stands
     for name in ("values", "sigmas", "normalised", "covariance"):
