@@ -72,11 +72,7 @@ def _assumed(name: str, code: str, unit: Unit, what: str, usual: float, environm
         environments=environments,
         difference=0.01,
         step=Step(
-            code,
-            0.01,
-            "1 %",
-            _stated(name, unit),
-            lambda setup: _on_bearing(setup) and getattr(setup.vehicle.environment, name) > 0,
+            code, 0.01, "1 %", _stated(name, unit), lambda setup: _on_bearing(setup) and getattr(setup.vehicle.environment, name) > 0
         ),
     )
 
@@ -96,10 +92,7 @@ PARAMETERS = (
         size=3,
         environments=PIVOTED,
         difference=1e-4,
-        wording=Wording(
-            "the bearing's centre is {mm} mm away from environment.bearing_position_m",
-            "correct it",
-        ),
+        wording=Wording("the bearing's centre is {mm} mm away from environment.bearing_position_m", "correct it"),
         step=Step(
             "bearing-position",
             1e-3,
@@ -181,8 +174,7 @@ PARAMETERS = (
         estimated=True,
         uncertain=("damping", "the log was asked for a torque against the rate, {damping} N m s times it"),
         wording=Wording(
-            "a torque of {error} N m s times the rate acts beside the commands: drag, or a cable",
-            "state environment.damping_sigma_n_m_s",
+            "a torque of {error} N m s times the rate acts beside the commands: drag, or a cable", "state environment.damping_sigma_n_m_s"
         ),
     ),
     ErrorParameter(

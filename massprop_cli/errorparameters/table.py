@@ -27,10 +27,7 @@ def checked(parameters: Sequence[ErrorParameter]) -> tuple[ErrorParameter, ...]:
 
 
 TABLE = checked(
-    (
-        *(*mounting.PARAMETERS, *timing.PARAMETERS, *thrust.PARAMETERS),
-        *(*sensor.PARAMETERS, *body.PARAMETERS, *environment.PARAMETERS),
-    )
+    (*(*mounting.PARAMETERS, *timing.PARAMETERS, *thrust.PARAMETERS), *(*sensor.PARAMETERS, *body.PARAMETERS, *environment.PARAMETERS))
 )
 """In the order in which corrections apply them and assumptions are listed."""
 FAMILY = {

@@ -32,10 +32,7 @@ from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.prepare.compensate import Samples, Source
 from massprop_cli.prepare.stream import Stream
 
-STATES = {
-    "imu": ("gyro_bias_sigma_rad_s", "accel_bias_sigma_m_s2"),
-    "environment": ("disturbance_walk_n_m", "damping_sigma_n_m_s"),
-}
+STATES = {"imu": ("gyro_bias_sigma_rad_s", "accel_bias_sigma_m_s2"), "environment": ("disturbance_walk_n_m", "damping_sigma_n_m_s")}
 """Keys that say which states are estimated, by sections of a vehicle file."""
 FOLLOWED = 0.1
 """Part of what a rate was read otherwise than expected, by which the next is expected otherwise."""

@@ -133,10 +133,7 @@ class TrueDisturbance(Section):
     rate_n_m_s: Vector = Field(ZERO, description="friction or drag: torque against the body rate about each axis, over it")
     table_tilt_rad: tuple[FiniteFloat, FiniteFloat] = Field((0.0, 0.0), description="by which a table is turned about the world's X and Y")
     table_hold: float = Field(
-        0.0,
-        ge=0,
-        le=1,
-        description="part of the weight's pull along a tilted table that something holds, and the accelerometer feels",
+        0.0, ge=0, le=1, description="part of the weight's pull along a tilted table that something holds, and the accelerometer feels"
     )
 
 

@@ -11,16 +11,7 @@ from massprop_cli.testbed import exchange, imu, mission, truth
 from massprop_cli.testbed.actuators import Actuators
 from massprop_cli.testbed.environment import dynamics_in
 from massprop_cli.testbed.exchanger import Setting
-from massprop_cli.testbed.motion import (
-    Bodies,
-    CycleMotion,
-    Dynamics,
-    Wrench,
-    compose,
-    compose_all,
-    quaternions,
-    rotation_vectors,
-)
+from massprop_cli.testbed.motion import Bodies, CycleMotion, Dynamics, Wrench, compose, compose_all, quaternions, rotation_vectors
 from massprop_cli.testbed.onboard import Onboard, RunningOf, nominal
 from massprop_cli.testbed.rotors import Rotors
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource

@@ -51,12 +51,7 @@ def simulate(
 
 
 def _campaign(
-    source: ScenarioSource,
-    folder: Path,
-    seeds: range,
-    kind: Kind,
-    progress: Callable[[str, float], None] | None,
-    running: RunningOf | None,
+    source: ScenarioSource, folder: Path, seeds: range, kind: Kind, progress: Callable[[str, float], None] | None, running: RunningOf | None
 ) -> str:
     """All seeds or none: they are written aside and moved into place when the last has been flown."""
     names = [f"seed-{seed:0{max(4, len(str(seeds[-1])))}d}" for seed in seeds]
