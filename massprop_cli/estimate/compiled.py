@@ -15,7 +15,6 @@ from massprop_cli.kernel import kernel, pointer
 from massprop_cli.model import kernelargs
 from massprop_cli.model.momentum import scale_sigmas
 from massprop_cli.model.plant import Reference, plant_of
-from massprop_cli.model.regressors import vehicle_numbers
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Mounted, Source
@@ -78,7 +77,7 @@ class Pass:
 def table(samples: Mounted, vehicle: Resolved) -> Array:
     """All that is constant, in the order of ``mp_host_begin``."""
     gyro, (x, y, z) = vehicle.imu.gyro_noise_rad_s, vehicle.noise[3:].tolist()
-    return vehicle_numbers(samples, vehicle, kernelargs.FlightStart(gyro, (x, y, z), reach(vehicle)))
+    return kernelargs.vehicle_numbers(samples, vehicle, kernelargs.FlightStart(gyro, (x, y, z), reach(vehicle)))
 
 
 def rows_of(told: Array) -> Rows:

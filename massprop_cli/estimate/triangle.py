@@ -23,7 +23,6 @@ from massprop_cli.estimate.nuisance import Taken, filtered, known_rows, ordered,
 from massprop_cli.model import kernelargs
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.plant.plant import MU
-from massprop_cli.model.regressors import reference_numbers
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.model.sensitivity import Consider
@@ -134,7 +133,7 @@ class Triangle:
         fed = kernelargs.packed(self.samples.part(slice(run.at - begun, end)))
         width, states = len(run.triangle), len(self.prior)
         state = run.state or State(np.zeros((states, width)), np.zeros((states, states)))
-        given = compiled.table(self.samples, self.vehicle), reference_numbers(run.reference, self.phi_map), self._attitude_error
+        given = compiled.table(self.samples, self.vehicle), kernelargs.reference_numbers(run.reference, self.phi_map), self._attitude_error
         after, white, roots = kernelargs.taken(*given, fed, kernelargs.Filtered(*state, run.triangle), begun)
         run = replace(run, at=end, state=State(after.mean, after.root), triangle=after.triangle)
         return self._renewed(run), Taken(white, roots, ())

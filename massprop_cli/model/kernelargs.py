@@ -1,7 +1,6 @@
 """Arguments of the compiled kernel (:mod:`massprop_cli.kernel`), and the vehicles that it does not support."""
 
 import ctypes
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,8 +9,11 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.actuators.wheel import Wheel
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import BINS, WHEELS, call, kernel
-from massprop_cli.prepare.compensate import Samples
-from massprop_cli.prepare.sensor import KernelEffect
+from massprop_cli.model.intracycle import response_of
+from massprop_cli.model.layout import Layout
+from massprop_cli.model.plant import Reference
+from massprop_cli.model.responsemap import ResponseMap
+from massprop_cli.prepare.compensate import Mounted, Samples
 
 KINDS = ("free", "air_bearing", "pedestal")
 """Environments that the kernel knows, by its numbers."""
@@ -52,13 +54,10 @@ def unknown(vehicle: Vehicle) -> str:
     return f"{len(vehicle.wheels)} wheels, and the kernel holds {WHEELS}" if len(vehicle.wheels) > WHEELS else ""
 
 
-def vehicle_numbers(
-    vehicle: Vehicle, states: Sequence[bool], begun: FlightStart, kernel_effect: KernelEffect | None, pulsed: bool
-) -> Array:
-    """All that is constant, in the order of ``mp_vehicle_of``.
-
-    ``states``: whether gyro bias, accelerometer bias, slow torque and tilt are. ``pulsed``: whether impulses have errors of their own.
-    """
+def vehicle_numbers(samples: Mounted, vehicle: Vehicle, begun: FlightStart = FlightStart()) -> Array:  # noqa: B008
+    """All that is constant, in the order of ``mp_vehicle_of``."""
+    layout = Layout.of(samples, vehicle)
+    states = [layout.has(block) for block in (layout.gyro_bias, layout.accel_bias, layout.torque, layout.tilt)]
     imu, environment = vehicle.imu, vehicle.environment
     known = vehicle.known.get("mass")
     mass_kg = vehicle.pedestal_mass_kg if vehicle.on_pedestal else known.value if known else 0.0
@@ -66,17 +65,26 @@ def vehicle_numbers(
         (*wheel.direction, wheel.spin_inertia_sigma_kg_m2 / wheel.spin_inertia_kg_m2, wheel.spin_inertia_kg_m2) for wheel in vehicle.wheels
     ]
     numbers = (
-        *(KINDS.index(environment.kind), *states, vehicle.estimator.bins_per_cycle, pulsed),
+        *(KINDS.index(environment.kind), *states, vehicle.estimator.bins_per_cycle, samples.pulsed),
         *(*imu.position_m, begun.gyro_rad_s, *begun.accel_m_s2),
         *(imu.gyro_bias_sigma_rad_s, imu.accel_bias_sigma_m_s2),
         *(environment.disturbance_torque_n_m, environment.disturbance_walk_n_m),
         *(imu.gyro_bias_walk_rad_s_sqrt_s, vehicle.estimator.prior_scale),
         *(begun.reach_m, mass_kg),
         *(*environment.bearing_position_m, vehicle.bearing_mass_kg, environment.gravity_m_s2),
-        *(kernel_effect is not None, *(kernel_effect or (0.0, 0.0))),
+        *(samples.kernel_effect is not None, *(samples.kernel_effect or (0.0, 0.0))),
         *(vehicle.thrust.scale_sigma, len(wheels), *(number for wheel in wheels for number in wheel)),
     )
     return np.array(numbers, dtype=float)
+
+
+def reference_numbers(reference: Reference, phi_map: ResponseMap) -> Array:
+    """What the equations are linear about, as the kernel has it."""
+    theta = phi_map.theta(reference)
+    motion = (reference.gyro_bias, reference.acceleration, response_of(reference, phi_map, theta).ravel())
+    scale = np.zeros(1 + WHEELS)
+    scale[: len(reference.scale)] = reference.scale
+    return np.concatenate([theta, reference.inertia.ravel(), reference.cg, [reference.mu], *motion, scale])
 
 
 def packed(samples: Samples) -> Array:

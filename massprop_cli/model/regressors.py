@@ -21,11 +21,11 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import cross_matrix, inverse, tensor, times
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.kernel import WHEELS, kernel
+from massprop_cli.kernel import kernel
 from massprop_cli.model import kernelargs
 from massprop_cli.model.gyroscopic import products_by_rate
 from massprop_cli.model.integrals import integrals
-from massprop_cli.model.intracycle import STEEP, Within, motion_within, response_of, turned_beyond
+from massprop_cli.model.intracycle import STEEP, Within, motion_within, turned_beyond
 from massprop_cli.model.layout import RATE, Layout
 from massprop_cli.model.momentum import held, impulse_by_damping, moments_by_scale, scale_sigmas
 from massprop_cli.model.plant import Motion, Plant, Reference, plant_of
@@ -33,7 +33,7 @@ from massprop_cli.model.plant.plant import MU as THETA_MU
 from massprop_cli.model.plant.plant import Turning
 from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.model.windows import Windows, windows
-from massprop_cli.prepare.compensate import Mounted, Samples, Source
+from massprop_cli.prepare.compensate import Samples, Source
 
 
 @dataclass(frozen=True)
@@ -293,8 +293,8 @@ def _compiled(
     here: Samples, layout: Layout, phi_map: ResponseMap, reference: Reference, vehicle: Vehicle, onto: Array | None
 ) -> Regressors:
     """The same by the compiled kernel."""
-    numbers, size = vehicle_numbers(here, vehicle, kernelargs.FlightStart()), phi_map.size if onto is None else onto.shape[1]
-    about, states = reference_numbers(reference, phi_map), layout.size - RATE.start
+    numbers, size = kernelargs.vehicle_numbers(here, vehicle), phi_map.size if onto is None else onto.shape[1]
+    about, states = kernelargs.reference_numbers(reference, phi_map), layout.size - RATE.start
     return Regressors(*kernelargs.regressors(numbers, about, kernelargs.packed(here), states, size, onto))
 
 
@@ -304,25 +304,9 @@ def expected(samples: Source, cycles: slice, reference: Reference, vehicle: Vehi
     phi = phi_map.coefficients(phi_map.theta(reference))[0]
     if not compiled(vehicle):
         return regressors(samples, cycles, reference, vehicle, phi[:, None]).beyond(np.ones(1), state)
-    given = vehicle_numbers(samples, vehicle, kernelargs.FlightStart()), reference_numbers(reference, phi_map), phi
+    given = kernelargs.vehicle_numbers(samples, vehicle), kernelargs.reference_numbers(reference, phi_map), phi
     driven, measured = kernelargs.beyond(*given, kernelargs.packed(part), state[:, :3], state.shape[1])
     return driven, as_read(measured, part)
-
-
-def reference_numbers(reference: Reference, phi_map: ResponseMap) -> Array:
-    """What the equations are linear about, as the kernel has it."""
-    theta = phi_map.theta(reference)
-    motion = (reference.gyro_bias, reference.acceleration, response_of(reference, phi_map, theta).ravel())
-    scale = np.zeros(1 + WHEELS)
-    scale[: len(reference.scale)] = reference.scale
-    return np.concatenate([theta, reference.inertia.ravel(), reference.cg, [reference.mu], *motion, scale])
-
-
-def vehicle_numbers(samples: Mounted, vehicle: Vehicle, begun: kernelargs.FlightStart) -> Array:
-    """All that is constant, as the kernel has it."""
-    layout = Layout.of(samples, vehicle)
-    blocks = (layout.gyro_bias, layout.accel_bias, layout.torque, layout.tilt)
-    return kernelargs.vehicle_numbers(vehicle, [block.stop > block.start for block in blocks], begun, samples.kernel_effect, samples.pulsed)
 
 
 def _tilting(here: Samples, plant: Plant, within: Within, reference: Reference) -> _Tilting:
@@ -350,8 +334,8 @@ def integrals_about(samples: Samples, reference: Reference, vehicle: Vehicle) ->
     """The same about a reference, with the motion within the cycles that it has."""
     phi_map = ResponseMap(plant_of(vehicle))
     if compiled(vehicle):
-        numbers = vehicle_numbers(samples, vehicle, kernelargs.FlightStart())
-        return kernelargs.integrals(numbers, reference_numbers(reference, phi_map), kernelargs.packed(samples), phi_map.channels)
+        numbers = kernelargs.vehicle_numbers(samples, vehicle)
+        return kernelargs.integrals(numbers, kernelargs.reference_numbers(reference, phi_map), kernelargs.packed(samples), phi_map.channels)
     return integrals(samples, phi_map, phi_map.theta(reference), motion_within(samples, reference, phi_map))
 
 

@@ -59,11 +59,8 @@ def rotation_vectors(turns: Array, turn_before: Array | None = None) -> Array:
 
     A rotation vector over one increment is ``Δθ[k] + Δθ[k−1] × Δθ[k] / 12`` (Savage 1998, two-interval form); Δθ[−1] is ``turn_before``.
     """
-    vectors: Array = turns.copy()
-    vectors[1:] += np.cross(turns[:-1], turns[1:]) / 12
-    if turn_before is not None:
-        vectors[0] += np.cross(turn_before, turns[0]) / 12
-    return vectors
+    before = np.vstack([np.zeros(3) if turn_before is None else turn_before, turns[:-1]])
+    return turns + np.cross(before, turns) / 12
 
 
 class BiasSeen(NamedTuple):

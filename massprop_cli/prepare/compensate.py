@@ -179,6 +179,11 @@ class Before:
     squares_s2: float
     """Sum of the squares of all cycles' lengths by then: its root times the gyro's noise is what that has carried the attitude off by."""
 
+    @staticmethod
+    def begun(rate_rad_s: Array, vehicle: Vehicle, late_s: float) -> Before:
+        """What a log begins with at its first rate (3,), which the gyro shows ``late_s`` later than it is labelled."""
+        return Before(rate_rad_s, np.zeros(3), at_first(vehicle, rate_rad_s, late_s), BiasSeen.none(), 0.0)
+
 
 def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None, measured: Measured | None = None) -> Samples:
     """Turn IMU data into body axes and find the vertical: as the gyro carries it, or of the reference attitude of ``measured``.
@@ -189,6 +194,7 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None,
     """
     body_from_imu = np.array(vehicle.imu.body_from_imu)
     rate = times(body_from_imu, aligned.rate_imu_rad_s)
+    before = before or Before.begun(rate[0], vehicle, aligned.late_s[0])
     up: Array = np.zeros((len(rate) + 1, 3))
     carried, error = rate, np.broadcast_to(0.0, (len(rate), 3, 5))
     if measured is not None:
@@ -202,7 +208,7 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None,
     return Samples(
         executed=aligned,
         rate_rad_s=frozen(rate),
-        rate_step_rad_s=frozen(np.diff(rate, axis=0, prepend=rate[:1] if before is None else before.rate_rad_s[None])),
+        rate_step_rad_s=frozen(np.diff(rate, axis=0, prepend=before.rate_rad_s[None])),
         carried_rad_s=frozen(carried),
         attitude_error_rad=frozen(error),
         specific_force_m_s2=frozen(force),
@@ -217,22 +223,17 @@ def _steady_force(aligned: Aligned, vehicle: Vehicle) -> Array:
     return axes.T @ np.where(aligned.unread[3:], 0.0, axes @ vehicle.environment.steady_force_m_s2)
 
 
-def _carried(aligned: Aligned, vehicle: Vehicle, rate: Array, before: Before | None) -> tuple[Array, Array, Array]:
+def _carried(aligned: Aligned, vehicle: Vehicle, rate: Array, before: Before) -> tuple[Array, Array, Array]:
     """Mean rates (K, 3) that carry the attitude, what of it is uncertain (K, 3, 5), and the vertical (K + 1, 3): by the gyro alone."""
     turns: Array = rate * aligned.duration_s[:, None]
-    attitude: Array
-    if before is None:
-        attitude = integrate_attitude(at_first(vehicle, rate[0], aligned.late_s[0]), turns)
-    else:
-        attitude = integrate_attitude(before.attitude_wxyz, turns, before.turn_rad)
-    carried: Array = np.asarray(rate)
+    attitude, carried = integrate_attitude(before.attitude_wxyz, turns, before.turn_rad), rate
     error = np.zeros((len(rate), 3, 5))
     squares = aligned.duration_s**2
-    since = np.cumsum(squares) - squares + (0.0 if before is None else before.squares_s2)
+    since = np.cumsum(squares) - squares + before.squares_s2
     error[..., 4] = np.sqrt(np.maximum(since, 0.0))[:, None]
     if biased_attitude(False, vehicle):
         level = felt(aligned.specific_force_imu_m_s2, aligned.ignored, vehicle)
-        found = bias_seen(attitude, level, aligned.duration_s, BiasSeen.none() if before is None else before.seen)
+        found = bias_seen(attitude, level, aligned.duration_s, before.seen)
         tilted = vehicle.imu.accel_bias_sigma_m_s2 / vehicle.environment.gravity_m_s2
         off = found.off(vehicle.imu.gyro_bias_sigma_rad_s, tilted, LEVELLED if vehicle.on_pedestal else FELT)
         off = off if not any(vehicle.imu.gyro_bias_rad_s) else np.zeros_like(off)  # a bias that is known is in the rates no more

@@ -17,7 +17,6 @@ from massprop_cli.base.rigidbody import (
     tensor,
     times,
 )
-from massprop_cli.model.gyroscopic import gamma
 from massprop_cli.model.plant.free import TURN, coupling, turned_rows
 from massprop_cli.model.plant.plant import MOMENT, MU, UNIT, Felt, J, Motion, Plant, Reference, Turning
 
@@ -130,14 +129,8 @@ class BearingBody(Plant):
         """m_r."""
         return self._rotating(theta)
 
-    def response(self, theta: Array) -> Array:
-        """(3, 15) Φ = [J | −g J [κ]× | −mu J [κ]× | −J Γ(I_b)]."""
-        inverse = tensor(theta[J])
-        lever, gyro = inverse @ cross_matrix(theta[MOMENT]), inverse @ gamma(np.linalg.inv(inverse))
-        return np.hstack([inverse, -self.gravity * lever, -theta[MU] * lever, -gyro])
-
     def coefficients(self, theta: Array) -> tuple[Array, Array]:
-        """(49,) φ = (Φ, mu, mu κ), and (49, 10) its derivative."""
+        """(49,) φ = (Φ, mu, mu κ), Φ = [J | −g J [κ]× | −mu J [κ]× | −J Γ(I_b)], and (49, 10) its derivative."""
         inverse, moment, mu, gravity = tensor(theta[J]), theta[MOMENT], theta[MU], self.gravity
         turn = cross_matrix(moment)
         gyro, gyro_by_inverse = coupling(inverse)

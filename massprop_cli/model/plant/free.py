@@ -37,14 +37,8 @@ class FreeBody(Plant):
         """(10,) θ of a reference."""
         return np.concatenate([elements(np.linalg.inv(reference.inertia)), reference.cg, [reference.mu]])
 
-    def response(self, theta: Array) -> Array:
-        """(3, 12) Φ = [J | −J [c]× | −J Γ(I)]."""
-        inverse = tensor(theta[J])
-        lever, gyro = inverse @ cross_matrix(theta[MOMENT]), inverse @ gamma(np.linalg.inv(inverse))
-        return np.hstack([inverse, -lever, -gyro])
-
     def coefficients(self, theta: Array) -> tuple[Array, Array]:
-        """(40,) φ = (Φ, mu, c), and (40, 10) its derivative."""
+        """(40,) φ = (Φ, mu, c), Φ = [J | −J [c]× | −J Γ(I)], and (40, 10) its derivative."""
         phi, slopes = by_lever(theta)
         slopes[-3:, MOMENT] = np.eye(3)
         return np.concatenate([phi, theta[MOMENT]]), slopes
@@ -56,14 +50,6 @@ class FreeBody(Plant):
         own[..., 0], own[..., 1:] = turning.whole[:, self.force], -turning.rotation
         offset = times(turning.centripetal, position) + cross(turning.rate_dot, reference.cg)
         return Felt(euler, own, offset)
-
-    def pushed(self, reference: Reference, wrench: Array, up: Array, position: Array) -> tuple[Array, Array]:
-        """(K, 3, g) moment, and (K, 3, g) specific force: the same at any attitude."""
-        moment = self.jet_moment(reference) @ wrench.T
-        turning = self.turning(self.theta(reference)) @ moment
-        felt = reference.mu * wrench[:, 3:].T - cross_matrix(position - reference.cg) @ turning
-        shape = (len(up), 3, len(wrench))
-        return np.broadcast_to(moment, shape), np.broadcast_to(felt, shape)
 
     def shown(self, reference: Reference, rate: Array, rate_dot: Array, force: Array, up: Array) -> Array:  # noqa: ARG002
         """(K, 6, 10) what torque and specific force tell of the parameters."""

@@ -4,11 +4,10 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.base.rigidbody import cross_matrix, elements, tensor, times
-from massprop_cli.model.gyroscopic import gamma
+from massprop_cli.base.rigidbody import cross_matrix, elements, times
 from massprop_cli.model.plant.bearing import BearingBody
 from massprop_cli.model.plant.free import by_lever, turned_rows
-from massprop_cli.model.plant.plant import MOMENT, MU, Felt, J, Motion, Plant, Reference, Turning
+from massprop_cli.model.plant.plant import MOMENT, MU, Felt, Motion, Plant, Reference, Turning
 
 TOLD: BoolArray = np.arange(10) != MU
 """Of θ: all but mu."""
@@ -33,6 +32,7 @@ class PedestalBody(BearingBody):
     channels = 12
     force = slice(6, 6)
     translates = False
+    pushed = Plant.pushed
 
     @property
     def told(self) -> BoolArray:
@@ -68,13 +68,8 @@ class PedestalBody(BearingBody):
         """The mass."""
         return 1 / theta[..., MU]
 
-    def response(self, theta: Array) -> Array:
-        """(3, 12) Φ = [J | −g J [κ]× | −J Γ(I_p)]."""
-        inverse = tensor(theta[J])
-        return np.hstack([inverse, -self.gravity * inverse @ cross_matrix(theta[MOMENT]), -inverse @ gamma(np.linalg.inv(inverse))])
-
     def coefficients(self, theta: Array) -> tuple[Array, Array]:
-        """(40,) φ = (Φ, mu, 0), and (40, 10) its derivative: the accelerometer feels no mass properties beside Φ."""
+        """(40,) φ = (Φ, mu, 0), Φ = [J | −g J [κ]× | −J Γ(I_p)], and (40, 10) its derivative: no mass property is felt beside Φ."""
         phi, slopes = by_lever(theta, self.gravity)
         return np.concatenate([phi, np.zeros(3)]), slopes
 
@@ -96,13 +91,6 @@ class PedestalBody(BearingBody):
         euler = np.broadcast_to(-cross_matrix(arm), turning.rotation.shape)
         offset = self.gravity * turning.whole[:, 3:6] + times(turning.centripetal, arm)
         return Felt(euler, np.zeros((len(turning.whole), 3, 4)), offset)
-
-    def pushed(self, reference: Reference, wrench: Array, up: Array, position: Array) -> tuple[Array, Array]:
-        """(K, 3, g) torque about the pivot, and (K, 3, g) specific force: the same at any attitude."""
-        moment = self.commanded(wrench).T
-        felt = -cross_matrix(position - self.bearing) @ self.turning(self.theta(reference)) @ moment
-        shape = (len(up), 3, len(wrench))
-        return np.broadcast_to(moment, shape), np.broadcast_to(felt, shape)
 
     def shown(self, reference: Reference, rate: Array, rate_dot: Array, force: Array, up: Array) -> Array:  # noqa: ARG002
         """(K, 6, 10) what torque tells of the parameters; the specific force tells nothing."""

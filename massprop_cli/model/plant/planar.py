@@ -75,10 +75,6 @@ class PlanarBody(FreeBody):
         """(3, 3) J_zz alone."""
         return np.diag([0.0, 0.0, theta[J][5]])
 
-    def response(self, theta: Array) -> Array:
-        """(3, 12) Φ, yaw alone; the gyroscopic torque is the table's."""
-        return self.coefficients(theta)[0][:-4].reshape(3, -1)
-
     def coefficients(self, theta: Array) -> tuple[Array, Array]:
         """(40,) φ, and (40, 10) its derivative: those of a free body in what is told."""
         turning, (x, y, _), mu = theta[J][5], theta[MOMENT], theta[MU]

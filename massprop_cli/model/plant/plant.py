@@ -181,9 +181,9 @@ class Plant(ABC):
 
     # --- the response, linear in φ
 
-    @abstractmethod
     def response(self, theta: Array) -> Array:
         """(3, C) Φ of θ."""
+        return self.coefficients(theta)[0][: 3 * self.channels].reshape(3, -1)
 
     @abstractmethod
     def coefficients(self, theta: Array) -> tuple[Array, Array]:
@@ -217,9 +217,13 @@ class Plant(ABC):
     def felt(self, reference: Reference, motion: Motion, turning: Turning, position: Array) -> Felt:
         """The specific force at ``position`` (3,) [m, from O]."""
 
-    @abstractmethod
     def pushed(self, reference: Reference, wrench: Array, up: Array, position: Array) -> tuple[Array, Array]:
         """(K, 3, g) moment, and (K, 3, g) specific force at ``position``, by g wrenches (g, 6) at K verticals (K, 3)."""
+        centre, shape = self.pivot if self.pivoted else reference.cg, (len(up), 3, len(wrench))
+        moment = self.jet_moment(reference) @ wrench.T
+        turned = cross_matrix(position - centre) @ self.turning(self.theta(reference)) @ moment
+        pull = reference.mu * wrench[:, 3:].T if self.translates else 0.0
+        return np.broadcast_to(moment, shape), np.broadcast_to(pull - turned, shape)
 
     @abstractmethod
     def shown(self, reference: Reference, rate: Array, rate_dot: Array, force: Array, up: Array) -> Array:
