@@ -13,6 +13,7 @@ Translation. The accelerometer feels the CG's specific force ``+ ω̇ × ρ + ω
 rate, from which the state's departs by noise, and by what the gyro's bias is beyond the reference's.
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ from massprop_cli.model.gyroscopic import products_by_rate
 from massprop_cli.model.integrals import integrals
 from massprop_cli.model.intracycle import STEEP, Within, motion_within, turned_beyond
 from massprop_cli.model.layout import RATE, Layout
-from massprop_cli.model.momentum import held, impulse_by_damping, moments_by_scale, scale_sigmas
+from massprop_cli.model.momentum import held, impulse_by_damping, moments_by_scale
 from massprop_cli.model.plant import Motion, Plant, Reference, plant_of
 from massprop_cli.model.plant.plant import MU as THETA_MU
 from massprop_cli.model.plant.plant import Turning
@@ -82,14 +83,12 @@ def regressors(samples: Source, cycles: slice, reference: Reference, vehicle: Ve
     within = motion_within(here, reference, phi_map)
     step, whole, known = integrals(here, phi_map, within.theta, within)
     coupling = _coupling(here, phi_map, within, reference)
-    damped = impulse_by_damping(within.motion, within.rates, _bin_s(here, within.motion)) if layout.has(layout.damping) else None
+    acting = _acting(here, layout, vehicle, plant, reference, within)
     tilting = _tilting(here, plant, within, reference) if layout.has(layout.tilt) else None
-    about = _About(
-        here, layout, phi_map, reference, within, coupling, damped, tilting, _scaling(here, vehicle, plant, reference, within.motion)
-    )
+    about = _About(here, layout, phi_map, reference, within, coupling, acting, tilting)
     steps = times(within.response, step) + known
-    if about.scaling is not None and len(reference.scale):
-        steps = steps + coupling.own @ about.scaling.step @ reference.scale
+    if "scale" in acting and len(reference.scale):
+        steps = steps + acting["scale"].step @ reference.scale
     transition, drive = _rotation(about, step, known, onto)
     observation, measured = _translation(about, whole, vehicle, onto)
     return _as_read(Regressors(transition, observation, coupling.to_rate, steps, drive, measured), here)
@@ -150,12 +149,10 @@ class _About(NamedTuple):
     reference: Reference
     within: Within
     coupling: _Coupling
-    damped: Windows | None
-    """(K, 3, 3) of the damping about each axis to the moment, where it is a state."""
+    acting: Mapping[str, Windows]
+    """As of :func:`_acting`."""
     tilting: _Tilting | None
     """Where an error of the attitude is a state."""
-    scaling: Windows | None
-    """(K, 3, n) of an error of each scale to the moment, where there are any."""
 
 
 def _bin_s(here: Samples, motion: Motion) -> Array:
@@ -191,9 +188,8 @@ def _coupling(here: Samples, phi_map: ResponseMap, within: Within, reference: Re
 def _rotation(about: _About, step: Array, known: Array, onto: Array | None) -> tuple[Array, Array]:
     """(K − 1, n, n) transition and (K − 1, n, 1 + c) drive of the states."""
     here, layout, phi_map, reference = about.here, about.layout, about.phi_map, about.reference
-    (leaving, entering, own, solve, to_rate), duration = about.coupling, here.executed.duration_s
-    rate = here.rate_rad_s - reference.gyro_bias
-    turning, torque, damping, tilt = (layout.own(block) for block in (RATE, layout.torque, layout.damping, layout.tilt))
+    (leaving, entering, _, solve, to_rate), rate = about.coupling, here.rate_rad_s - reference.gyro_bias
+    turning, damping, tilt = (layout.own(block) for block in (RATE, layout.damping, layout.tilt))
     transition = np.zeros((len(step), layout.states, layout.states))
     transition[:] = np.eye(layout.states)
     transition[:, turning, turning] = solve @ (np.eye(3) + leaving)
@@ -205,11 +201,9 @@ def _rotation(about: _About, step: Array, known: Array, onto: Array | None) -> t
         drive[:, turning, 1 : 1 + 3 * phi_map.channels] = each.reshape(len(step), 3, -1)
     else:
         drive[:, turning, 1:] = solve @ _by_axis(step, onto)
-    if layout.has(layout.torque):
-        transition[:, turning, torque] = solve @ _turned_about(own) * ((duration[:-1] + duration[1:]) / 2)[:, None, None]
-    if about.damped is not None:
-        transition[:, turning, damping] = to_rate @ about.damped.step
-        drive[:, turning, 0] -= transition[:, turning, damping] @ reference.damping
+    for name, windows_of in about.acting.items():
+        transition[:, turning, layout.own(getattr(layout, name))] = solve @ windows_of.step
+    drive[:, turning, 0] -= transition[:, turning, damping] @ reference.damping[: damping.stop - damping.start]
     if about.tilting is not None:
         kept, by_error, leaving, entering = about.tilting.kept, about.tilting.by_error, *(to_rate @ part for part in about.tilting.halves)
         transition[:, turning, tilt] = leaving + entering @ kept
@@ -218,47 +212,31 @@ def _rotation(about: _About, step: Array, known: Array, onto: Array | None) -> t
         drive[:, tilt, 0] = -times(by_error, carried[:-1])
         transition[:, turning, turning] += entering @ by_error
         drive[:, turning, 0] += times(entering, drive[:, tilt, 0])
-    if about.scaling is not None:
-        transition[:, turning, layout.own(layout.scale)] = to_rate @ about.scaling.step
     return transition, drive
 
 
 def _translation(about: _About, whole: Array, vehicle: Vehicle, onto: Array | None) -> tuple[Array, Array]:
     """(K, 6, n) rate and specific force by the states, and (K, 6, 1 + c) what was measured of them."""
     here, layout, phi_map, within = about.here, about.layout, about.phi_map, about.within
-    own, duration = about.coupling.own, here.executed.duration_s
+    damping, duration = layout.own(layout.damping), here.executed.duration_s
     euler, felt, offset = _felt(whole, phi_map, about.reference, within.response, within.motion, np.array(vehicle.imu.position_m), onto)
     observation = np.zeros((len(duration), 6, layout.states))
     observation[:, :3, layout.own(RATE)] = np.eye(3)
     observation[:, 3:, layout.own(RATE)] = by_rate = _felt_by_rate(about, euler)
-    for rows, block, matrix in (
-        (slice(0, 3), layout.gyro_bias, np.eye(3)),
-        (slice(3, 6), layout.accel_bias, np.eye(3)),
-        (slice(3, 6), layout.torque, euler @ _turned_about(own)),
-    ):
-        if layout.has(block):
-            observation[:, rows, layout.own(block)] = matrix
-    if about.damped is not None:
-        observation[:, 3:, layout.own(layout.damping)] = euler @ own @ (about.damped.whole / duration[:, None, None])
+    for rows, block in ((slice(0, 3), layout.gyro_bias), (slice(3, 6), layout.accel_bias)):
+        observation[:, rows, layout.own(block)] = np.eye(3)[:, : block.stop - block.start]
+    for name, windows_of in about.acting.items():
+        observation[:, 3:, layout.own(getattr(layout, name))] = euler @ (windows_of.whole / duration[:, None, None])
     if about.tilting is not None:
-        observation[:, 3:, layout.own(layout.tilt)] = about.tilting.force + euler @ own @ about.tilting.whole
-    if about.scaling is not None:
-        scale = layout.own(layout.scale)
-        observation[:, 3:, scale] = euler @ own @ about.scaling.whole / duration[:, None, None]
-        if vehicle.thrust.scale_sigma > 0 and phi_map.plant.translates:
-            observation[:, 3:, scale.start] += within.theta[THETA_MU] * whole[:, phi_map.plant.force]
+        observation[:, 3:, layout.own(layout.tilt)] = about.tilting.force + euler @ about.coupling.own @ about.tilting.whole
+    if layout.has(layout.scale) and vehicle.thrust.scale_sigma > 0 and phi_map.plant.translates:
+        observation[:, 3:, layout.own(layout.scale).start] += within.theta[THETA_MU] * whole[:, phi_map.plant.force]
     measured = np.zeros((len(duration), 6, 1 + (phi_map.size if onto is None else onto.shape[1])))
     measured[:, :3, 0] = here.rate_rad_s
     measured[:, 3:, 0] = here.specific_force_m_s2 - offset + times(by_rate, here.rate_rad_s - about.reference.gyro_bias)
-    if about.damped is not None:
-        measured[:, 3:, 0] += observation[:, 3:, layout.own(layout.damping)] @ about.reference.damping
+    measured[:, 3:, 0] += observation[:, 3:, damping] @ about.reference.damping[: damping.stop - damping.start]
     np.negative(felt, out=measured[:, 3:, 1:])
     return observation, measured
-
-
-def _turned_about(own: Array) -> Array:
-    """(3, 3) of an angular acceleration to that of the axes which the body turns about, ``own`` being J."""
-    return np.diag(np.diag(own) > 0).astype(float)
 
 
 def _felt_by_rate(about: _About, euler: Array) -> Array:
@@ -320,8 +298,18 @@ def _tilting(here: Samples, plant: Plant, within: Within, reference: Reference) 
     return _Tilting(kept, by_error, (leaving[:-1], entering[1:]), whole, force)
 
 
-def _scaling(here: Samples, vehicle: Vehicle, plant: Plant, reference: Reference, motion: Motion) -> Windows | None:
-    return moments_by_scale(here.executed, vehicle, plant, reference, motion) if len(scale_sigmas(vehicle)) else None
+def _acting(here: Samples, layout: Layout, vehicle: Vehicle, plant: Plant, reference: Reference, within: Within) -> dict[str, Windows]:
+    """(K, 3, n) impulses of angular acceleration under a cycle's windows by the n states of each block that turn the body."""
+    found, own, lasting = dict[str, Windows](), plant.turning(within.theta), here.executed.duration_s[:, None, None]
+    if layout.has(layout.torque):  # an angular acceleration, of the axes which the body turns about
+        steady = lasting * np.diag(np.diag(own) > 0)
+        found["torque"] = Windows(steady / 2, steady / 2, steady)
+    moments = dict[str, Windows]()
+    if layout.has(layout.damping):
+        moments["damping"] = impulse_by_damping(within.motion, within.rates, _bin_s(here, within.motion))
+    if layout.has(layout.scale):
+        moments["scale"] = moments_by_scale(here.executed, vehicle, plant, reference, within.motion)
+    return found | {name: Windows(*(own @ part for part in moment)) for name, moment in moments.items()}
 
 
 def _bounded(derivative: Array) -> Array:
