@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.errorparameters.setup import Setup
-from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.errorparameters.setup import Setup, plain, rebuilt
 
 DOES = ("position_m", "force_n")
 """What a jet does, by keys of the vehicle file."""
@@ -18,9 +17,7 @@ DOES = ("position_m", "force_n")
 
 def scaled(setup: Setup, error: Array) -> Setup | None:
     """Of the channels that fired, forces, commands or momenta times 1 + ``error``; None where that can't be stated."""
-    factors = np.ones(_commanded(setup) + len(setup.vehicle.momentum_wrench))
-    factors[list(setup.fired)] += error
-    own, stored = np.split(factors, [_commanded(setup)])
+    own, stored = np.split(_of_all(setup, np.ones(()), 1 + error), [_commanded(setup)])
     if setup.log.command_kind == "wrench" and (own != 1).any():
         setup = setup._replace(log=replace(setup.log, command=setup.log.command * own))
     elif setup.log.command_kind == "jets":
@@ -31,7 +28,7 @@ def scaled(setup: Setup, error: Array) -> Setup | None:
     if (stored == 1).all():
         return setup
     vehicle = setup.vehicle.with_acting(stored)
-    return None if vehicle is None else setup._replace(vehicle=_anew(setup.vehicle, vehicle))
+    return None if vehicle is None else setup._replace(vehicle=rebuilt(setup.vehicle, **dict(vehicle)))
 
 
 def moved(setup: Setup, error: Array) -> Setup | None:
@@ -39,10 +36,9 @@ def moved(setup: Setup, error: Array) -> Setup | None:
     table = setup.log.command_kind
     if table == "wrench":
         return None if error.any() else setup
-    every = np.zeros((_commanded(setup) + len(setup.vehicle.momentum_wrench), 3))
-    every[list(setup.fired)] = error
+    every = _of_all(setup, np.zeros(3), error)
     now = [np.array(one.position_m) for one in getattr(setup.vehicle, table)]
-    return _having(setup, table, [{"position_m": _plain(a + b)} for a, b in zip(now, every, strict=False)])
+    return _having(setup, table, [{"position_m": plain(a + b)} for a, b in zip(now, every, strict=False)])
 
 
 def turned(setup: Setup, error: Array) -> Setup | None:
@@ -51,15 +47,14 @@ def turned(setup: Setup, error: Array) -> Setup | None:
     if table == "wrench":
         return None if error.any() else setup
     key = "force_n" if table == "jets" else "axis"
-    every = np.zeros((_commanded(setup) + len(setup.vehicle.momentum_wrench), 3))
-    every[list(setup.fired)] = error
+    every = _of_all(setup, np.zeros(3), error)
     changed = []
     for one, by in zip(getattr(setup.vehicle, table), every, strict=False):
         stated = np.array(getattr(one, key), dtype=float)
         size = np.linalg.norm(stated)
         along = stated + by * (1.0 if table == "jets" else size)  # of a rotor by one newton
         length = np.linalg.norm(along)
-        changed.append({key: _plain(along * (size / length if size > 0 else 1.0))} if by.any() else {})
+        changed.append({key: plain(along * (size / length if size > 0 else 1.0))} if by.any() else {})
     return _having(setup, table, changed)
 
 
@@ -97,16 +92,14 @@ def _commanded(setup: Setup) -> int:
     return int(setup.log.command.shape[1])
 
 
+def _of_all(setup: Setup, usual: Array, fired: Array) -> Array:
+    """(C, ...) what each channel has: as ``usual``, or of those that fired their own (F, ...)."""
+    found = np.tile(usual, (_commanded(setup) + len(setup.vehicle.momentum_wrench), *[1] * usual.ndim))
+    found[list(setup.fired)] = fired
+    return found
+
+
 def _having(setup: Setup, table: str, changes: Sequence[dict[str, Any]]) -> Setup:
     """With other values of the keys of each of a table's entries."""
     own = tuple(one.model_copy(update=by) if by else one for one, by in zip(getattr(setup.vehicle, table), changes, strict=True))
-    return setup._replace(vehicle=_anew(setup.vehicle, setup.vehicle.model_copy(update={table: own})))
-
-
-def _anew(before: Vehicle, vehicle: Vehicle) -> Vehicle:
-    """Constructed anew: a copy would keep what was computed of it before."""
-    return type(before).model_construct(before.model_fields_set, **dict(vehicle))
-
-
-def _plain(values: Array) -> tuple[float, ...]:
-    return tuple(float(value) for value in values)
+    return setup._replace(vehicle=rebuilt(setup.vehicle, **{table: own}))

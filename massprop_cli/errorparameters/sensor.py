@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.errorparameters.parameter import ErrorParameter, Facts, FittedHypothesis, SpecialCase, Step, Unit, Wording
 from massprop_cli.errorparameters.setup import Setup
-from massprop_cli.errorparameters.timing import DIFFERENCE, EARLIEST, LATER
+from massprop_cli.errorparameters.timing import DIFFERENCE, LATENESS
 from massprop_cli.inputs.equipment import PIVOTED, LowPass
 from massprop_cli.inputs.vehicle import Vehicle
 
@@ -106,23 +107,15 @@ def _bias(sensor: str, unit: Unit, prior: float, usual: float, columns: tuple[st
 
 def _lowpass(sensor: str) -> ErrorParameter:
     name = f"{sensor}_lag"
-    return ErrorParameter(
+    return LATENESS(
         name,
         f"{sensor}-filter",
         f"first-order low-pass within the {WORDS[sensor]}",
-        "cycles",
         prior=1.0,  # filters are set to the rate at which a controller reads
         key=f"imu.{name}_s",
         sigma_key=f"imu.{name}_sigma_s",
-        lowest=0.0,
-        slack=EARLIEST,
         scale=lambda vehicle: vehicle.cycle.period_s,
-        states="sigma",
-        columns=LATER,
-        bends="always",
         late=sensor == "gyro",  # the specific force alone comes late by the accelerometer's, which nothing else does
-        redone="commands",
-        difference=DIFFERENCE,
         wording=Wording(
             f"the {WORDS[sensor]} is low-pass filtered with a time constant of {{value:.3g}} ± {{sigma:.2g}} s",
             f"log what is before it, or state imu.{name}_s",
@@ -157,35 +150,24 @@ def _hertz(sensor: str, vehicle: Vehicle) -> float:
 def _stated_lowpass(sensor: str) -> tuple[ErrorParameter, ErrorParameter]:
     """What a low-pass that the vehicle file states may have otherwise."""
     table = f"imu.{sensor}_filter"
+    stated = partial(ErrorParameter, code=f"{sensor}-filter", unit="cycles", usual=0.1, states="sigma", bends="always", redone="commands")
     return (
-        ErrorParameter(
-            f"{sensor}_cutoff",
-            f"{sensor}-filter",
-            f"time constant of the {WORDS[sensor]}'s low-pass, 1 / (2π cutoff)",
-            "cycles",
-            usual=0.1,
+        stated(
+            name=f"{sensor}_cutoff",
+            what=f"time constant of the {WORDS[sensor]}'s low-pass, 1 / (2π cutoff)",
             key=f"{table}.cutoff_hz",
             sigma_key=f"{table}.cutoff_sigma_hz",
             scale=lambda vehicle: _hertz(sensor, vehicle),
-            states="sigma",
             change=lambda setup, error: _slower(sensor, setup, error),
-            bends="always",
-            redone="commands",
             difference=FINE,
         ),
-        ErrorParameter(
-            f"{sensor}_latency",
-            f"{sensor}-filter",
-            f"latency of the {WORDS[sensor]} beyond its low-pass",
-            "cycles",
-            usual=0.1,
+        stated(
+            name=f"{sensor}_latency",
+            what=f"latency of the {WORDS[sensor]} beyond its low-pass",
             key=f"{table}.latency_s",
             sigma_key=f"{table}.latency_sigma_s",
             scale=lambda vehicle: vehicle.cycle.period_s,
-            states="sigma",
             change=lambda setup, error: _later(sensor, setup, error),
-            bends="always",
-            redone="commands",
             difference=FINE,
         ),
     )

@@ -50,13 +50,11 @@ class Setup(NamedTuple):
         section, _, name = key.partition(".")
         if section == "jets":
             pairs = zip(self.vehicle.jets, self.value(key), value, strict=True)
-            changed: Any = tuple(jet if np.array_equal(a, b) else jet.model_copy(update={name: _plain(b)}) for jet, a, b in pairs)
+            changed: Any = tuple(jet if np.array_equal(a, b) else jet.model_copy(update={name: plain(b)}) for jet, a, b in pairs)
         else:
             scalar = not isinstance(_of(self.vehicle, key), tuple)
-            changed = _with(getattr(self.vehicle, section), name, _plain(value[0] if scalar else value))
-        # constructed anew: a copy would keep what was computed of the jets before
-        used = type(self.vehicle).model_construct(self.vehicle.model_fields_set, **{**dict(self.vehicle), section: changed})
-        return self._replace(vehicle=used)
+            changed = _with(getattr(self.vehicle, section), name, plain(value[0] if scalar else value))
+        return self._replace(vehicle=rebuilt(self.vehicle, **{section: changed}))
 
 
 def own_lags(vehicle: Vehicle) -> list[float]:
@@ -71,16 +69,20 @@ def _lagging(vehicle: Vehicle, by_s: float) -> Vehicle:
         keys = ("lag_up_s", "lag_down_s")
         own = {key: max(value + by_s, 0.0) for key in keys if (value := getattr(rotor, key)) is not None}
         rotors.append(rotor.model_copy(update=own))
-    return type(vehicle).model_construct(vehicle.model_fields_set, **{**dict(vehicle), "rotors": tuple(rotors)})
+    return rebuilt(vehicle, rotors=tuple(rotors))
 
 
 def stating(vehicle: Vehicle, values: Mapping[str, Any]) -> Vehicle:
     """The vehicle with other values of dotted keys, which are no numbers or whole tables."""
     for key, value in values.items():
         section, _, name = key.partition(".")
-        changed = _with(getattr(vehicle, section), name, value)
-        vehicle = type(vehicle).model_construct(vehicle.model_fields_set, **{**dict(vehicle), section: changed})
+        vehicle = rebuilt(vehicle, **{section: _with(getattr(vehicle, section), name, value)})
     return vehicle
+
+
+def rebuilt(vehicle: Vehicle, **sections: Any) -> Vehicle:
+    """The vehicle with other sections, constructed anew: a copy would keep what was computed of it before."""
+    return type(vehicle).model_construct(vehicle.model_fields_set, **{**dict(vehicle), **sections})
 
 
 def stated(vehicle: Vehicle, key: str) -> Array:
@@ -118,6 +120,6 @@ def _with(section: Any, key: str, value: Any) -> Any:
     return section.model_copy(update={name: _with(getattr(section, name), inner, value) if inner else value})
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """A number or nested tuples of numbers, as the vehicle file's models hold them."""
-    return tuple(_plain(part) for part in value) if np.ndim(value) else float(value)
+    return tuple(plain(part) for part in value) if np.ndim(value) else float(value)

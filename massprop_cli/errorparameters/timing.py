@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from massprop_cli.base.arrays import Array
@@ -17,6 +19,19 @@ DIFFERENCE = 0.02
 """Cycles behind derivatives: far above rounding, and commands that move so little change cycle means linearly."""
 DELAY_STEP = 0.1
 """Cycles that the assumption of a delay is shown for."""
+LATENESS = partial(
+    ErrorParameter,
+    unit="cycles",
+    lowest=0.0,
+    slack=EARLIEST,
+    states="sigma",
+    columns=LATER,
+    bends="always",
+    late=True,
+    redone="commands",
+    difference=DIFFERENCE,
+)
+"""Something by which motion comes late after the commands, or its sensor shows it late."""
 CHANCE = 3.0
 """Sigmas within which a drift is none."""
 
@@ -64,23 +79,14 @@ _DRIFT = ErrorParameter(
     redone="commands",
     wording=Wording("the IMU's clock runs {value:.4g} ppm faster than that of the commands", "use one clock, or state imu.clock_drift_ppm"),
 )
-_DELAY = ErrorParameter(
+_DELAY = LATENESS(
     "delay",
     "delay-mismatch",
     "delay from command to execution",
-    "cycles",
     prior=1.0,  # whether a command acts in the cycle that issues it or in the next
     usual=0.1,
     key=DELAY,
     sigma_key="cycle.command_delay_sigma_cycles",
-    lowest=0.0,
-    slack=EARLIEST,
-    states="sigma",
-    columns=LATER,
-    bends="always",
-    late=True,
-    redone="commands",
-    difference=DIFFERENCE,
     wording=Wording(
         "commands act later or earlier than cycle.command_delay_cycles = {stated:g}: the log shows {value:.4g} ± {sigma:.2g} cycles",
         'correct it, or state "auto" to have it found',
@@ -90,25 +96,16 @@ _DELAY = ErrorParameter(
 PARAMETERS = (
     _DRIFT,
     _DELAY,
-    ErrorParameter(
+    LATENESS(
         "lag",
         "thrust-lag",
         "first-order lag of thrust or wrench",
-        "cycles",
         prior=0.5,  # valves and motors answer within a cycle, or the loop would not hold
         usual=0.1,
         key=LAG,
         sigma_key="thrust.lag_sigma_s",
-        lowest=0.0,
-        slack=EARLIEST,
         scale=lambda vehicle: vehicle.cycle.period_s,
         change=_lagging,
-        states="sigma",
-        columns=LATER,
-        bends="always",
-        late=True,
-        redone="commands",
-        difference=DIFFERENCE,
         wording=Wording("thrust follows commands with a lag of {value:.4g} ± {sigma:.2g} s", "state thrust.lag_s"),
     ),
 )
