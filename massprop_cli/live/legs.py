@@ -1,6 +1,6 @@
 """One flight through its phases, cycle by cycle; and the running estimate of vehicles that fly in software."""
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,35 +21,22 @@ UNUSED = 10
 """Where a cycle's numbers say that it is of no phase."""
 
 
-class Estimator(Protocol):
-    """Of one flight, fed cycle by cycle."""
-
-    def begin(self, leg: Leg) -> None:
-        """Estimate anew with the next cycle; commands in flight and the attitude go on."""
-
-    def step(self, numbers: Array) -> Reported | None:
-        """The next cycle, as :func:`massprop_cli.estimate.kernelflight.cycles_of` has it; what the one completed by it came to."""
-
-    def last(self) -> Reported | None:
-        """The cycle that waits for the next one's commands, where nothing more comes."""
-
-
 class Compiled:
-    """The kernel."""
+    """The kernel, fed cycle by cycle."""
 
     def __init__(self, resolved: Constants) -> None:
         self.flight = Flight(resolved.commands, resolved.legs[0].vehicle, resolved.legs[0].rule)
 
     def begin(self, leg: Leg) -> None:
-        """Another phase."""
+        """Estimate anew with the next cycle; commands in flight and the attitude go on."""
         self.flight.phase(leg.vehicle, leg.rule)
 
     def step(self, numbers: Array) -> Reported | None:
-        """The next cycle."""
+        """The next cycle, as :func:`massprop_cli.estimate.kernelflight.cycles_of` has it; what the one completed by it came to."""
         return _any(self.flight.step(numbers[None]))
 
     def last(self) -> Reported | None:
-        """The one that waits."""
+        """The cycle that waits for the next one's commands, where nothing more comes."""
         return _any(self.flight.last())
 
 
@@ -77,7 +64,7 @@ class Legs:
         self.legs, self.phases, self.leg = resolved.legs, vehicle.phases, -1 if vehicle.phases else 0
         self.late = bool(resolved.commands[WAITS])
         """Whether a cycle's estimate comes with the next cycle."""
-        self.flight: Estimator = Compiled(resolved) if kernel().library is not None else OnNumPy(resolved)
+        self.flight: Compiled | OnNumPy = Compiled(resolved) if kernel().library is not None else OnNumPy(resolved)
         self.about_pivot = vehicle.on_pedestal
         self._waiting: tuple[float, int] | None = None
         self._lacking = False
