@@ -25,8 +25,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel
 from massprop_cli.model import kernelargs
 from massprop_cli.model.gyroscopic import products_by_rate
-from massprop_cli.model.integrals import integrals
-from massprop_cli.model.intracycle import STEEP, Within, motion_within, turned_beyond
+from massprop_cli.model.intracycle import STEEP, Within, integrals, motion_within, turned_beyond
 from massprop_cli.model.layout import RATE, Layout
 from massprop_cli.model.momentum import held, impulse_by_damping, moments_by_scale
 from massprop_cli.model.plant import Motion, Plant, Reference, plant_of
