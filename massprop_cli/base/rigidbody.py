@@ -107,11 +107,6 @@ def angular_acceleration(inertia: Array, cg: Array, rate: Array, torque: Array, 
     return times(np.linalg.inv(inertia), moment)
 
 
-def specific_force(mass: float, cg: Array, position: Array, rate: Array, rate_dot: Array, force: Array) -> Array:
-    """What an accelerometer at ``position`` [m from O] on a free body feels, m/s²: ``F/m + ω̇ × ρ + ω × (ω × ρ)``, ρ from the CG."""
-    return force / mass + lever_arm(rate, rate_dot, position - cg)
-
-
 def lever_arm(rate: Array, rate_dot: Array, arm: Array) -> Array:
     """Euler and centripetal acceleration ``ω̇ × ρ + ω × (ω × ρ)`` of a point ``arm`` [m] away, m/s²."""
     return cross(rate_dot, arm) + cross(rate, cross(rate, arm))

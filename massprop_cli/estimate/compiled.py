@@ -9,7 +9,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate.initial import reach
-from massprop_cli.estimate.rows import Rows
+from massprop_cli.estimate.rows import Parameters, Rows
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel, pointer
 from massprop_cli.model import kernelargs
@@ -82,7 +82,8 @@ def table(samples: Mounted, vehicle: Resolved) -> Array:
 
 def rows_of(told: Array) -> Rows:
     """(K, TOLD) numbers of the kernel's rows."""
-    return Rows(told[:, :10], told[:, 10:110].reshape(-1, 10, 10), told[:, 110:113], told[:, 113:119], told[:, 119:125], told[:, 125:])
+    found = Parameters(told[:, :10], told[:, 10:110].reshape(-1, 10, 10), told[:, 110:113])
+    return Rows(found, told[:, 113:119], told[:, 119:125], told[:, 125:])
 
 
 def reference_of(library: ctypes.CDLL, memory: object, vehicle: Vehicle) -> Reference | None:

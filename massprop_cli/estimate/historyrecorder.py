@@ -36,23 +36,23 @@ class HistoryRecorder:
 
     def add(self, rows: Rows) -> None:
         """The next cycles."""
-        if not len(rows.mean):
+        if not len(rows.normalised):
             return
-        part = slice(self.count, self.count + len(rows.mean))
+        part = slice(self.count, self.count + len(rows.normalised))
         self.normalised[part] = rows.normalised
         unread = self.samples.unread
         if unread.any():
             self.normalised[part, unread] = np.where(np.isfinite(rows.normalised[:, ~unread]).all(1), 0.0, np.nan)[:, None]
         self.count, self.last = part.stop, rows.last().parameters
         here, own = (part, slice(None)) if self.every else (slice(None), slice(-1, None))
-        values, full = quantities(rows.parameters if self.every else self.last, self.vehicle)
+        told = rows.parameters if self.every else self.last
+        values, full = quantities(told, self.vehicle)
         variance = np.einsum("kii->ki", full)
         # where what is known is orders of magnitude more than the log tells, rounding may leave nothing of a variance
         left = variance > 0
         self.values[here], self.sigmas[here] = np.where(left, values, np.nan), np.sqrt(np.where(left, variance, np.nan))
         if self.pivot is not None:
-            assumed = 1 / (rows.mean if self.every else self.last.mean)[:, MU]
-            about, spread = about_pivot(values, full, np.array(self.vehicle.environment.bearing_position_m), assumed)
+            about, spread = about_pivot(values, full, np.array(self.vehicle.environment.bearing_position_m), 1 / told.mean[:, MU])
             self.pivot[here] = np.hstack([about, np.sqrt(np.maximum(np.einsum("kii->ki", spread), 0.0))])
         self.innovation[here], self.innovation_sigma[here] = rows.innovation[own], rows.sigma[own]
         spill.give_back()

@@ -316,14 +316,14 @@ class Regression(Triangle):
         found = Rows.untold(len(each)).parameters
         if not before.stuck:
             found = self._told(before, posed.theta, posed.scale, triangles[1:], posed.told, taken.states)
-        return Rows(*found, *self._in_units(before, taken, *beyond(triangles[:-1, :, :end], each[..., :end])))
+        return Rows(found, *self._in_units(before, taken, *beyond(triangles[:-1, :, :end], each[..., :end])))
 
     def innovations(self, before: Run, taken: Taken) -> Rows:
         """The same without the estimates."""
         end = self._nuisances(before.bound) + 11
         each, (_, _, triangle) = self._each(before, taken)[..., :end], self._about(before)
         found = unexpected(triangle[: end - 1, :end], each)
-        return Rows(*Rows.untold(len(each)).parameters, *self._in_units(before, taken, *found))
+        return Rows(Rows.untold(len(each)).parameters, *self._in_units(before, taken, *found))
 
     def _in_units(self, before: Run, taken: Taken, unexplained: Array, spread: Array) -> tuple[Array, Array, Array]:
         executed = self.samples.part(slice(before.at, before.at + len(unexplained))).executed

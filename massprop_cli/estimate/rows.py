@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field, fields, replace
+from dataclasses import field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -48,16 +48,10 @@ class Parameters(NamedTuple):
         return Parameters(mean, covariance, np.zeros((len(mean), 3)))
 
 
-@dataclass(frozen=True)
-class Rows:
+class Rows(NamedTuple):
     """Estimates after each of K cycles; NaN where nothing can be said."""
 
-    mean: Array
-    """(K, 10) as of :class:`Parameters`, and so the next two."""
-    covariance: Array
-    """(K, 10, 10)"""
-    relative: Array
-    """(K, 3)"""
+    parameters: Parameters
     innovation: Array
     """(K, 6) torque [N m] and force [N]."""
     sigma: Array
@@ -68,21 +62,17 @@ class Rows:
     @staticmethod
     def untold(count: int) -> Rows:
         """Of so many cycles of which nothing is said."""
-        return Rows(*(np.full((count, *shape), np.nan) for shape in ((10,), (10, 10), (3,), (6,), (6,), (6,))))
+        nothing = [np.full((count, *shape), np.nan) for shape in ((10,), (10, 10), (3,), (6,), (6,), (6,))]
+        return Rows(Parameters(*nothing[:3]), *nothing[3:])
 
     def last(self) -> Rows:
         """The last row alone."""
-        return Rows(*(getattr(self, part.name)[-1:] for part in fields(self)))
-
-    @property
-    def parameters(self) -> Parameters:
-        """What is estimated."""
-        return Parameters(self.mean, self.covariance, self.relative)
+        return Rows(Parameters(*(part[-1:] for part in self.parameters)), *(part[-1:] for part in self[1:]))
 
     def ending(self, found: Parameters) -> Rows:
         """With another estimate in the last row."""
-        mean, covariance, relative = (np.concatenate([own[:-1], new]) for own, new in zip(self.parameters, found, strict=True))
-        return replace(self, mean=mean, covariance=covariance, relative=relative)
+        both = zip(self.parameters, found, strict=True)
+        return self._replace(parameters=Parameters(*(np.concatenate([own[:-1], new]) for own, new in both)))
 
 
 class TriangleSolution(NamedTuple):

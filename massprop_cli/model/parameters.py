@@ -30,7 +30,7 @@ FARTHEST = 1e3
 """Factor on mass or a moment of inertia, and natural sizes of the CG's shift, that no single step may exceed."""
 
 
-def stepped(reference: Reference, target: Array, gyro_bias: Array | None = None) -> Reference | None:
+def stepped(reference: Reference, target: Array) -> Reference | None:
     """The reference moved to parameters ``target`` (10,) that a fit linear about it has found; None where that is no body.
 
     The response is linear in J = I⁻¹, so the step is taken there, ``J ← J − J δI J``: it lands right from a reference however far off.
@@ -46,5 +46,4 @@ def stepped(reference: Reference, target: Array, gyro_bias: Array | None = None)
     change = np.linalg.eigvalsh(root.T @ response @ root)
     if principal[0] < 1e-3 * principal[2] or change[0] < 1 / FARTHEST or change[2] > FARTHEST:
         return None
-    bias = reference.gyro_bias if gyro_bias is None else gyro_bias
-    return Reference(np.linalg.inv(response), target[CG].copy(), float(target[MU]), bias)
+    return Reference(np.linalg.inv(response), target[CG].copy(), float(target[MU]), reference.gyro_bias)
