@@ -76,8 +76,7 @@ class Pass:
 
 def table(samples: Mounted, vehicle: Resolved) -> Array:
     """All that is constant, in the order of ``mp_host_begin``."""
-    gyro, (x, y, z) = vehicle.imu.gyro_noise_rad_s, vehicle.noise[3:].tolist()
-    return kernelargs.vehicle_numbers(samples, vehicle, kernelargs.FlightStart(gyro, (x, y, z), reach(vehicle)))
+    return kernelargs.vehicle_numbers(samples, vehicle, [vehicle.imu.gyro_noise_rad_s, *vehicle.noise[3:].tolist()], reach(vehicle))
 
 
 def rows_of(told: Array) -> Rows:

@@ -134,8 +134,8 @@ class Triangle:
         width, states = len(run.triangle), len(self.prior)
         state = run.state or State(np.zeros((states, width)), np.zeros((states, states)))
         given = compiled.table(self.samples, self.vehicle), kernelargs.reference_numbers(run.reference, self.phi_map), self._attitude_error
-        after, white, roots = kernelargs.taken(*given, fed, kernelargs.Filtered(*state, run.triangle), begun)
-        run = replace(run, at=end, state=State(after.mean, after.root), triangle=after.triangle)
+        mean, root, triangle, white, roots = kernelargs.taken(*given, fed, (*state, run.triangle), begun)
+        run = replace(run, at=end, state=State(mean, root), triangle=triangle)
         return self._renewed(run), Taken(white, roots, ())
 
     def _with(self, run: Run, end: int, system: System) -> tuple[Run, Taken]:

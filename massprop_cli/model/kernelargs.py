@@ -1,7 +1,7 @@
 """Arguments of the compiled kernel (:mod:`massprop_cli.kernel`), and the vehicles that it does not support."""
 
 import ctypes
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -17,17 +17,6 @@ from massprop_cli.prepare.compensate import Mounted, Samples
 
 KINDS = ("free", "air_bearing", "pedestal")
 """Environments that the kernel knows, by its numbers."""
-
-
-class FlightStart(NamedTuple):
-    """What a flight begins with, and a linearisation does without."""
-
-    gyro_rad_s: float = 0.0
-    """Noise of a cycle's mean rate."""
-    accel_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """The same of the specific force, along each body axis."""
-    reach_m: float = 0.0
-    """Of the farthest jet."""
 
 
 def unknown(vehicle: Vehicle) -> str:
@@ -54,8 +43,12 @@ def unknown(vehicle: Vehicle) -> str:
     return f"{len(vehicle.wheels)} wheels, and the kernel holds {WHEELS}" if len(vehicle.wheels) > WHEELS else ""
 
 
-def vehicle_numbers(samples: Mounted, vehicle: Vehicle, begun: FlightStart = FlightStart()) -> Array:  # noqa: B008
-    """All that is constant, in the order of ``mp_vehicle_of``."""
+def vehicle_numbers(samples: Mounted, vehicle: Vehicle, noise: Sequence[float] = (0.0,) * 4, reach_m: float = 0.0) -> Array:
+    """All that is constant, in the order of ``mp_vehicle_of``.
+
+    A flight begins with ``noise`` of a cycle's mean rate [rad/s] and specific force along each body axis [m/s²], and with the distance of
+    the farthest jet; a linearisation does without.
+    """
     layout = Layout.of(samples, vehicle)
     states = [layout.has(block) for block in (layout.gyro_bias, layout.accel_bias, layout.torque, layout.tilt)]
     imu, environment = vehicle.imu, vehicle.environment
@@ -66,11 +59,11 @@ def vehicle_numbers(samples: Mounted, vehicle: Vehicle, begun: FlightStart = Fli
     ]
     numbers = (
         *(KINDS.index(environment.kind), *states, vehicle.estimator.bins_per_cycle, samples.pulsed),
-        *(*imu.position_m, begun.gyro_rad_s, *begun.accel_m_s2),
+        *(*imu.position_m, *noise),
         *(imu.gyro_bias_sigma_rad_s, imu.accel_bias_sigma_m_s2),
         *(environment.disturbance_torque_n_m, environment.disturbance_walk_n_m),
         *(imu.gyro_bias_walk_rad_s_sqrt_s, vehicle.estimator.prior_scale),
-        *(begun.reach_m, mass_kg),
+        *(reach_m, mass_kg),
         *(*environment.bearing_position_m, vehicle.bearing_mass_kg, environment.gravity_m_s2),
         *(samples.kernel_effect is not None, *(samples.kernel_effect or (0.0, 0.0))),
         *(vehicle.thrust.scale_sigma, len(wheels), *(number for wheel in wheels for number in wheel)),
@@ -117,33 +110,21 @@ def regressors(numbers: Array, about: Array, cycles: Array, states: int, combine
     return found
 
 
-class Filtered(NamedTuple):
-    """The filter on the nuisances, as the kernel has it: n states of c columns."""
+def taken(numbers: Array, about: Array, attitude_error: Array, cycles: Array, before: tuple[Array, ...], begun: bool) -> tuple[Array, ...]:
+    """Cycles, as :func:`packed` has them, through the filter on the nuisances.
 
-    mean: Array
-    """(n, c)"""
-    root: Array
-    """(n, n)"""
-    triangle: Array
-    """(c, c) of what it has left of the log."""
-
-
-def taken(
-    numbers: Array, about: Array, attitude_error: Array, cycles: Array, before: Filtered, begun: bool
-) -> tuple[Filtered, Array, Array]:
-    """Cycles, as :func:`packed` has them, through the filter: where it is then, and of each (K, 6, c) whitened, (K, 6, 6) their root.
-
-    ``begun``: the first cycle is but the one before those that are taken in; else it is the phase's first.
+    Its mean (n, c), root (n, n) and triangle (c, c) of what it has left of the log ``before`` and after; and of each cycle (K, 6, c)
+    whitened, (K, 6, 6) their root. ``begun``: the first cycle is but the one before those that are taken in; else it is the phase's first.
     """
-    size, count = len(before.triangle), len(cycles) - begun
+    size, count = len(before[2]), len(cycles) - begun
     upper = np.triu_indices(size)
-    after = np.array(before.mean, order="C"), np.array(before.root, order="C"), before.triangle[upper]
+    mean, root, packed_triangle = np.array(before[0], order="C"), np.array(before[1], order="C"), before[2][upper]
     white, roots = np.empty((count, 6, size)), np.empty((count, 6, 6))
     given = numbers, about, attitude_error, ctypes.c_int(begun), *cycles.shape, cycles
-    checked(call(kernel().compiled.mp_host_taken, *given, *after, white, roots))
+    checked(call(kernel().compiled.mp_host_taken, *given, mean, root, packed_triangle, white, roots))
     triangle = np.zeros((size, size))
-    triangle[upper] = after[2]
-    return Filtered(*after[:2], triangle), white, roots
+    triangle[upper] = packed_triangle
+    return mean, root, triangle, white, roots
 
 
 def beyond(numbers: Array, about: Array, phi: Array, cycles: Array, rate: Array, states: int) -> tuple[Array, Array]:
