@@ -124,18 +124,8 @@ class Aligned:
 
 
 _PER_CYCLE = (
-    "start_s",
-    "duration_s",
-    "rate_imu_rad_s",
-    "specific_force_imu_m_s2",
-    "impulse_bins",
-    "skew_bins",
-    "rising",
-    "falling",
-    "whole",
-    "usable",
-    "ignored",
-    "uncommanded",
+    *("start_s", "duration_s", "rate_imu_rad_s", "specific_force_imu_m_s2", "impulse_bins", "skew_bins"),
+    *("rising", "falling", "whole", "usable", "ignored", "uncommanded"),
 )
 
 

@@ -76,10 +76,6 @@ class Logged(NamedTuple):
     uneven: Array
     """(m, 3) what the gyro has turned by then beyond that share of the cycle's turn, body axes."""
 
-    def by_cycle(self, cycles: int) -> IntArray:
-        """(K + 1,) where each cycle's begin."""
-        return np.searchsorted(self.cycle, np.arange(cycles + 1))
-
 
 class Noise(NamedTuple):
     """One sigma of noise."""

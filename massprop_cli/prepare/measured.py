@@ -86,7 +86,7 @@ def given(log: Log, vehicle: Vehicle, gyro: float | Array = 1.0) -> Given | None
     if not len(logged.cycle):
         return None
     noise = _noise(log, vehicle, motion, logged)
-    edges = logged.by_cycle(len(motion.turns))
+    edges = np.searchsorted(logged.cycle, np.arange(len(motion.turns) + 1))
     return Given(motion, logged, edges, _mean_variance(logged, edges, noise), noise, *sigmas(vehicle))
 
 
