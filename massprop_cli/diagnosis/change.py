@@ -79,7 +79,7 @@ def least(triangles: Array, reference: Reference, vehicle: Resolved) -> Array:
     Gauss–Newton steps, each held back by the body's own size.
     """
     phi_map = ResponseMap(plant_of(vehicle))
-    theta = phi_map.theta(reference)
+    theta = phi_map.plant.theta(reference)
     return np.array([_least(triangle, phi_map, theta) for triangle in triangles])
 
 

@@ -224,7 +224,7 @@ def _by_body(samples: Samples, vehicle: Vehicle, theta: Array, places: Mapping[s
     """
     phi_map = ResponseMap(plant_of(vehicle))
     step, whole, swung = integrals_about(samples, phi_map.reference(theta), vehicle)
-    for name, column in (("products", phi_map.channels - 6), ("up", 3), ("level", 6)):
+    for name, column in (("products", phi_map.plant.channels - 6), ("up", 3), ("level", 6)):
         if name in places:
             own = places[name]
             here = slice(column, column + own.stop - own.start)

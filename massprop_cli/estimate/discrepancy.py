@@ -112,7 +112,9 @@ def posed_segments(
     regression = Regression(samples, cycles, vehicle, replace(consider, begun=begun), Tangent(plant, theta))
     known, each = _segments(regression, reference, stops)
     rows, scale = regression.beside_assumptions([known, *(triangle for _, triangle in each)], theta)
-    return PosedSegments(rows, [part for part, _ in each], regression.phi_map.parameters(theta), regression.phi_map.slopes(theta) * scale)
+    return PosedSegments(
+        rows, [part for part, _ in each], regression.phi_map.plant.parameters(theta), regression.phi_map.plant.slopes(theta) * scale
+    )
 
 
 def error_fit(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider, usual: Array) -> ErrorFit:

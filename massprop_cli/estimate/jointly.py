@@ -72,9 +72,9 @@ class Jointly(Regression):
             if run.bound == bound and self.still(run, offline.SETTLED):
                 break
             reference, bound = run.estimate, run.bound
-            phi, _ = self.phi_map.coefficients(self.phi_map.theta(reference))
+            phi, _ = self.phi_map.coefficients(self.phi_map.plant.theta(reference))
             biases = [_bias(own, one, phi) for own, one in zip(self.members, runs, strict=True)]
-        stands, theta = self.still(run, offline.SETTLED), self.phi_map.theta(run.estimate)
+        stands, theta = self.still(run, offline.SETTLED), self.phi_map.plant.theta(run.estimate)
         corner = self._posed(run, theta, self._scale(theta))[-1 - self.assumed, -1 - self.assumed]
         apart = tuple(self._apart(own, one, run) for own, one in zip(self.members, runs, strict=True))
         return JointFit(self.row(run), run.estimate, stands, float(corner**2), apart)
@@ -98,7 +98,7 @@ class Jointly(Regression):
         return np.pad(rows, ((0, 0), (0, missing)))
 
     def _apart(self, own: Regression, one: Run, run: Run) -> tuple[float, int]:
-        theta = self.phi_map.theta(run.estimate)
+        theta = self.phi_map.plant.theta(run.estimate)
         scale = self._scale(theta)
         alone = replace(run, triangle=self._of_phi(own, one), bound=True)
         triangle = self._posed(alone, theta, scale)

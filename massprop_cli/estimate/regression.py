@@ -80,9 +80,9 @@ class Regression(Triangle):
 
         A search that is stuck begins there anew.
         """
-        found, chi_square = self._improved(run, self.phi_map.theta(run.estimate))
+        found, chi_square = self._improved(run, self.phi_map.plant.theta(run.estimate))
         if found.stuck:
-            anew, left = self._improved(run, self.phi_map.theta(run.centre))
+            anew, left = self._improved(run, self.phi_map.plant.theta(run.centre))
             found = anew if left < chi_square else found
         return found
 
@@ -144,7 +144,7 @@ class Regression(Triangle):
         phi, coupling = self.phi_map.coefficients(theta)[0], self.phi_map.coupling
         if not bound:
             phi[coupling] = self.phi_map.coefficients(before)[0][coupling] + LOOSE * solved[self.free : count - self.uncertain]
-        response = phi[: 3 * self.phi_map.channels].reshape(3, -1)
+        response = phi[: 3 * self.phi_map.plant.channels].reshape(3, -1)
         others = np.concatenate([solved[count - self.uncertain : count], solved[: self.free]])
         return theta, others, response, float(triangle[count + 10, count + 10] ** 2), stuck
 
@@ -228,7 +228,7 @@ class Regression(Triangle):
         What is small beside the reference is known to be so.
         """
         phi_map = self.phi_map
-        about = phi_map.theta(reference)
+        about = phi_map.plant.theta(reference)
         scales = phi_map.scales(theta)
         known = sigma < KNOWN * np.maximum(scales, phi_map.scales(about))
         if self._inertia_is_known:  # then data tell its ratios, and those better than any of it
@@ -253,13 +253,13 @@ class Regression(Triangle):
         """(10,) by how much what a run has taken in departs from its estimate, linear about that, and (10,) its variance."""
         theta, scale, triangle = self._about(run)
         own = self._nuisances(run.bound)
-        root = self.phi_map.slopes(theta) * scale @ np.linalg.inv(triangle[own : own + 10, own : own + 10])
+        root = self.phi_map.plant.slopes(theta) * scale @ np.linalg.inv(triangle[own : own + 10, own : own + 10])
         return root @ triangle[own : own + 10, own + 10], (root**2).sum(1)
 
     def _about(self, run: Run) -> tuple[Array, Array, Array]:
         """(10,) θ of a run's estimate, its prior's sigmas, and the triangle about them."""
         if self._last is None or self._last[0] is not run:
-            theta = self.phi_map.theta(run.estimate)
+            theta = self.phi_map.plant.theta(run.estimate)
             scale = self._scale(theta)
             self._last = run, theta, scale, self._posed(run, theta, scale)
         return self._last[1:]
@@ -267,13 +267,13 @@ class Regression(Triangle):
     def response(self, run: Run) -> Response:
         """What each assumption does to the estimate and to the fit."""
         (_, scale, triangle), own = self._about(run), self._nuisances(run.bound)
-        theta = self.phi_map.theta(run.estimate)
+        theta = self.phi_map.plant.theta(run.estimate)
         end = own + 10
         shift = scale[:, None] * np.linalg.solve(triangle[own:end, own:end], triangle[own:end, end + 1 :])
         left = triangle[end:, end:]
         root = np.linalg.inv(triangle[:end, :end])[self._damping]
         damping = np.column_stack([root @ triangle[:end, end], np.sqrt((root**2).sum(1))])
-        return Response(self.phi_map.slopes(theta) @ shift, left.T @ left, self._added(theta, scale, triangle[:end, :end]), damping)
+        return Response(self.phi_map.plant.slopes(theta) @ shift, left.T @ left, self._added(theta, scale, triangle[:end, :end]), damping)
 
     @property
     def _damping(self) -> IntArray:
@@ -283,7 +283,7 @@ class Regression(Triangle):
 
     def _added(self, theta: Array, scale: Array, triangle: Array) -> dict[str, Array]:
         """(10,) variance of the state parameters that damping and each kind of uncertain geometry add: beside their being known."""
-        slopes, of = self.phi_map.slopes(theta) * scale, np.full(len(triangle), "", dtype=object)
+        slopes, of = self.phi_map.plant.slopes(theta) * scale, np.full(len(triangle), "", dtype=object)
         of[len(of) - 10 - self.uncertain : len(of) - 10], of[self._damping] = self.consider.kinds, "damping"
 
         def variance(kept: BoolArray) -> Array:
@@ -358,8 +358,8 @@ class Regression(Triangle):
         count = triangles.shape[1] - 10
         # I and c are curved in θ: each row is turned into them where it stands, but for what the data don't tell
         root, step, at, sigma = told
-        slopes = self.phi_map.slopes(at)
-        mean = self.phi_map.parameters(at) + np.einsum("kij,kj->ki", slopes, theta + step[..., 0] - at)
+        slopes = self.phi_map.plant.slopes(at)
+        mean = self.phi_map.plant.parameters(at) + np.einsum("kij,kj->ki", slopes, theta + step[..., 0] - at)
         root, shift = slopes @ root, slopes @ step[..., 1:]
         apart = slopes * self._split(run, at, sigma)[:, None, :]
         covariance = root @ root.transpose(0, 2, 1) + apart @ apart.transpose(0, 2, 1)
@@ -391,7 +391,7 @@ class Regression(Triangle):
         relative = np.minimum(sigma[:, MOMENTS] / np.maximum(theta[:, MOMENTS], np.finfo(float).tiny), 1.0)
         relative[:, ~self.phi_map.plant.told[MOMENTS]] = 0.0
         found = np.zeros_like(theta)
-        found[:, MOMENT] = (theta - self.phi_map.theta(run.reference))[:, MOMENT] * np.maximum(
+        found[:, MOMENT] = (theta - self.phi_map.plant.theta(run.reference))[:, MOMENT] * np.maximum(
             relative[:, [1, 2, 0]], relative[:, [2, 0, 1]]
         )
         return found

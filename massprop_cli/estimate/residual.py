@@ -32,9 +32,9 @@ class Residual(NamedTuple):
 def coefficients(regression: Regression, reference: Reference) -> Array:
     """(N,) φ of a reference."""
     phi_map = regression.phi_map
-    phi, _ = phi_map.coefficients(phi_map.theta(reference))
+    phi, _ = phi_map.coefficients(phi_map.plant.theta(reference))
     if reference.response is not None:
-        phi[: 3 * phi_map.channels] = reference.response.ravel()
+        phi[: 3 * phi_map.plant.channels] = reference.response.ravel()
     return phi
 
 

@@ -117,7 +117,7 @@ def _piece(samples: Source, cycles: slice, vehicle: Resolved) -> _Piece | None:
     part = slice(cycles.start, min(cycles.start + LONGEST, cycles.stop))
     reference = beginning(samples, part, vehicle)
     phi_map = ResponseMap(plant_of(vehicle))
-    if reference is None or part.stop - part.start < 3 * phi_map.channels:
+    if reference is None or part.stop - part.start < 3 * phi_map.plant.channels:
         return None
     here = samples.part(part)
     step, _, known = integrals_about(here, reference, vehicle)

@@ -206,7 +206,7 @@ class Triangle:
     def _pull(self, theta: Array, run: Run) -> tuple[Array, Array]:
         """(10,) where the search began, and (10,) one sigma of the pull towards it."""
         if self._begun is None or self._begun[0] is not run.centre:
-            centre = self.phi_map.theta(run.centre)
+            centre = self.phi_map.plant.theta(run.centre)
             centre[MU] = centre[MU] if self.weighed is None else self.weighed
             self._begun = run.centre, centre, self.phi_map.sizes(centre)
         _, centre, sizes = self._begun

@@ -57,7 +57,7 @@ class Within(NamedTuple):
 
 def motion_within(samples: Samples, reference: Reference, phi_map: ResponseMap) -> Within:
     """Rate, angular acceleration and attitude in each bin: measured cycle means, with the shape that the commands give them."""
-    theta = phi_map.theta(reference)
+    theta = phi_map.plant.theta(reference)
     response = response_of(reference, phi_map, theta)
     executed = samples.executed
     mean = samples.rate_rad_s - reference.gyro_bias
@@ -157,7 +157,7 @@ def response_of(reference: Reference, phi_map: ResponseMap, theta: Array) -> Arr
     """(3, C) Φ of a reference."""
     if reference.response is not None:
         return reference.response
-    return phi_map.response(theta)
+    return phi_map.plant.response(theta)
 
 
 def _bounded_share(coupled: Array, rate: Array, cycle_s: Array) -> Array:

@@ -73,7 +73,7 @@ def vehicle_numbers(samples: Mounted, vehicle: Vehicle, noise: Sequence[float] =
 
 def reference_numbers(reference: Reference, phi_map: ResponseMap) -> Array:
     """What the equations are linear about, as the kernel has it."""
-    theta = phi_map.theta(reference)
+    theta = phi_map.plant.theta(reference)
     motion = (reference.gyro_bias, reference.acceleration, response_of(reference, phi_map, theta).ravel())
     scale = np.zeros(1 + WHEELS)
     scale[: len(reference.scale)] = reference.scale

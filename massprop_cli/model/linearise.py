@@ -32,9 +32,9 @@ class Linear(Steps):
 def linearise(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Linear:
     """The linear system of ``cycles`` (a slice with both ends given) about ``reference``. Row k uses data of cycles k and before only."""
     phi_map, layout = ResponseMap(plant_of(vehicle)), Layout.of(samples, vehicle)
-    theta = phi_map.theta(reference)
+    theta = phi_map.plant.theta(reference)
     phi, slopes = phi_map.coefficients(theta)
-    by_parameter = slopes @ np.linalg.inv(phi_map.slopes(theta))
+    by_parameter = slopes @ np.linalg.inv(phi_map.plant.slopes(theta))
     about = phi - by_parameter @ parameters(reference)
     free = regressors(samples, cycles, reference, vehicle, np.column_stack([about, by_parameter]))
     states = slice(RATE.start, None)

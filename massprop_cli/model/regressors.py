@@ -188,7 +188,7 @@ class _Equations:
 
     def rotation(self, step: Array, known: Array, onto: Array | None) -> tuple[Array, Array]:
         """(K − 1, n, n) transition and (K − 1, n, 1 + c) drive of the states."""
-        here, layout, channels, solve = self.here, self.layout, self.phi_map.channels, self.solve
+        here, layout, channels, solve = self.here, self.layout, self.phi_map.plant.channels, self.solve
         turning, damping, tilt = (layout.own(block) for block in (RATE, layout.damping, layout.tilt))
         transition = np.zeros((len(step), layout.states, layout.states))
         transition[:] = np.eye(layout.states)
@@ -249,7 +249,7 @@ class _Equations:
         turning = Turning(whole, rate_dot, centripetal, centripetal + cross_matrix(rate_dot))
         euler, own, offset = self.plant.felt(self.reference, self.within.motion, turning, np.array(self.vehicle.imu.position_m))
         if onto is not None:
-            return euler, euler @ _by_axis(whole, onto) + own @ onto[3 * self.phi_map.channels :], offset
+            return euler, euler @ _by_axis(whole, onto) + own @ onto[3 * self.phi_map.plant.channels :], offset
         by_response = (euler[..., None] * whole[:, None, None, :]).reshape(len(whole), 3, -1)
         return euler, np.concatenate([by_response, own], -1), offset
 
@@ -299,7 +299,7 @@ def _compiled(
 def expected(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, state: Array) -> tuple[Array, Array]:
     """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, by a reference."""
     part, phi_map = samples.part(cycles), ResponseMap(plant_of(vehicle))
-    phi = phi_map.coefficients(phi_map.theta(reference))[0]
+    phi = phi_map.coefficients(phi_map.plant.theta(reference))[0]
     if not compiled(vehicle):
         return regressors(samples, cycles, reference, vehicle, phi[:, None]).beyond(np.ones(1), state)
     given = kernelargs.vehicle_numbers(samples, vehicle), kernelargs.reference_numbers(reference, phi_map), phi
@@ -318,8 +318,10 @@ def integrals_about(samples: Samples, reference: Reference, vehicle: Vehicle) ->
     phi_map = ResponseMap(plant_of(vehicle))
     if compiled(vehicle):
         numbers = kernelargs.vehicle_numbers(samples, vehicle)
-        return kernelargs.integrals(numbers, kernelargs.reference_numbers(reference, phi_map), kernelargs.packed(samples), phi_map.channels)
-    return integrals(samples, phi_map, phi_map.theta(reference), motion_within(samples, reference, phi_map))
+        return kernelargs.integrals(
+            numbers, kernelargs.reference_numbers(reference, phi_map), kernelargs.packed(samples), phi_map.plant.channels
+        )
+    return integrals(samples, phi_map, phi_map.plant.theta(reference), motion_within(samples, reference, phi_map))
 
 
 def _by_axis(channels: Array, onto: Array) -> Array:

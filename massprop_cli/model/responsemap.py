@@ -25,18 +25,9 @@ class ResponseMap:
     plant: Plant
 
     @property
-    def channels(self) -> int:
-        """C, columns of Φ."""
-        return self.plant.channels
-
-    @property
     def size(self) -> int:
         """N."""
-        return 3 * self.channels + 4
-
-    def theta(self, reference: Reference) -> Array:
-        """(10,) θ of a reference."""
-        return self.plant.theta(reference)
+        return 3 * self.plant.channels + 4
 
     def sizes(self, theta: Array) -> Array:
         """(10,) the size that each of θ has by nature: the largest J; sqrt(trace I · mu) of the CG, in what says where it is; mu."""
@@ -78,7 +69,7 @@ class ResponseMap:
 
     def reference(self, theta: Array, gyro_bias: Array | None = None) -> Reference:
         """The mass properties of θ (10,)."""
-        found = self.parameters(theta)
+        found = self.plant.parameters(theta)
         return Reference(tensor(found[:6]), found[6:9], float(found[9]), np.zeros(3) if gyro_bias is None else gyro_bias)
 
     @property
@@ -89,7 +80,7 @@ class ResponseMap:
     @property
     def coupling(self) -> Array:
         """Where in φ the coefficients of the gyroscopic coupling, J Γ(I), stand."""
-        return np.concatenate([np.arange(row * self.channels - 6, row * self.channels) for row in (1, 2, 3)])
+        return np.concatenate([np.arange(row * self.plant.channels - 6, row * self.plant.channels) for row in (1, 2, 3)])
 
     def nearest(self, theta: Array, steps: Array) -> Array:
         """(K, 10) θ moved by each of ``steps`` (K, 10), as far as that leads to a body; not at all by one that is no number."""
@@ -104,18 +95,6 @@ class ResponseMap:
             share[wrong] /= 2
         found[wrong] = theta
         return found
-
-    def parameters(self, theta: Array) -> Array:
-        """(..., 10) the state parameters (I about the CG, c, mu) of θ (..., 10)."""
-        return self.plant.parameters(theta)
-
-    def slopes(self, theta: Array) -> Array:
-        """(..., 10, 10) derivative of the state parameters with respect to θ (..., 10)."""
-        return self.plant.slopes(theta)
-
-    def response(self, theta: Array) -> Array:
-        """(3, C) Φ of θ."""
-        return self.plant.response(theta)
 
     def coefficients(self, theta: Array) -> tuple[Array, Array]:
         """(N,) φ of θ, and (N, 10) its derivative."""

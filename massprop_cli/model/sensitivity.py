@@ -188,7 +188,7 @@ def fed(
     state[:, :3] = part.rate_rad_s - reference.gyro_bias
     driven, measured, rows = list[Array](), list[Array](), 9 if samples.attitude_logged else 6
     # the log as it was read is at hand; sides that variants have in common are looked at once, and stay: ids are theirs
-    at_hand = here.beyond(phi_map.coefficients(phi_map.theta(reference))[0], state)
+    at_hand = here.beyond(phi_map.coefficients(phi_map.plant.theta(reference))[0], state)
     sides = _Sides(state, cycles, reference, vehicle, {})
     sides.add((id(samples), id(vehicle)), samples, vehicle, at_hand)
     begun = np.isin(np.arange(cycles.start + 1, cycles.stop), [*consider.begun])

@@ -81,8 +81,8 @@ def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Res
     walk = drift(vehicle)
     if walk.any():
         walk[MU] *= reference.mu**2
-        theta = phi_map.theta(reference)
-        by_parameter = phi_map.coefficients(theta)[1] @ np.linalg.inv(phi_map.slopes(theta))
+        theta = phi_map.plant.theta(reference)
+        by_parameter = phi_map.coefficients(theta)[1] @ np.linalg.inv(phi_map.plant.slopes(theta))
         states = transition.shape[1]
         grown = np.zeros((len(transition), states + 10, states + 10))
         grown[:, :states, :states], grown[:, states:, states:] = transition, np.eye(10)

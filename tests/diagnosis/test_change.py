@@ -69,7 +69,7 @@ def test_the_body_that_fits_a_triangle_is_the_one_that_flew() -> None:
     rows = 6 * 318
     assert left == pytest.approx(rows - 19, abs=4 * np.sqrt(2 * rows))
     other = Reference(1.1 * about.inertia, about.cg, about.mu)
-    heavier = phi_map.theta(other)
+    heavier = phi_map.plant.theta(other)
     by_phi, measured = triangle[:, :-1], triangle[:, -1]
     assert ((measured - by_phi @ phi_map.coefficients(heavier)[0]) ** 2).sum() > 100 * left
     assert change.least(triangle[None], other, resolved(used)) == pytest.approx(left, rel=1e-3)

@@ -16,7 +16,6 @@ from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.kernel import Kernel, kernel
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.prepare.compensate import compensate
 from massprop_cli.prepare.timing import Timing
 from tests import flight
@@ -180,7 +179,7 @@ def test_a_body_that_turns_far_within_a_cycle_leaves_nothing_but_noise_with_its_
     truth = flight.TRUTH if kind == "free" else flight.ON_BEARING
     flown = flight.fly(flight.vehicle(kind), flight.pulses(320), truth, rate=np.array([1.0, 2.0, 1.2]))
     log = flown.log(np.random.default_rng(2), gyro=2e-6)
-    theta = ResponseMap(plant_of(flown.used)).theta(Reference(tensor(truth[:6]), truth[6:9], 1 / truth[9]))
+    theta = plant_of(flown.used).theta(Reference(tensor(truth[:6]), truth[6:9], 1 / truth[9]))
     plain, about = (channelwise.free_response(log, flown.resolved, DELAY, slice(2, 320), theta=given) for given in (None, theta))
     plainly, exactly = (np.sqrt(free.gyro.left / free.gyro.spare) / 2e-6 for free in (plain, about))
     assert plainly.max() > 5
@@ -192,7 +191,7 @@ def test_the_noise_of_rates_is_not_explained_by_what_it_makes_of_the_vertical(sc
     """Of a balanced body that hardly moves: the vertical within its cycles differs from what a gyro's errors make of it by noise alone."""
     truth, noise = flight.ON_BEARING * np.where(np.isin(np.arange(10), (6, 7, 8)), 0.01, 1.0), 1e-3
     flown = flight.fly(flight.vehicle("air_bearing", jets=flight.jets(scale)), flight.pulses(320), truth)
-    theta = ResponseMap(plant_of(flown.used)).theta(Reference(tensor(truth[:6]), truth[6:9], 1 / truth[9]))
+    theta = plant_of(flown.used).theta(Reference(tensor(truth[:6]), truth[6:9], 1 / truth[9]))
     free = channelwise.free_response(flown.log(np.random.default_rng(2), gyro=noise), flown.resolved, DELAY, slice(2, 320), theta=theta)
     ratio = np.sqrt(free.gyro.left / free.gyro.spare) / noise
     assert 0.85 < ratio.min() < ratio.max() < 1.15
@@ -203,7 +202,7 @@ def test_columns_with_a_bodys_own_motion_stand_for_what_those_without_it_do(kind
     """At a few hundredths of a radian a cycle they differ by little: of the force its level part, of products the motion within."""
     truth = flight.TRUTH if kind == "free" else flight.ON_BEARING
     flown = flight.standard(kind)
-    theta = ResponseMap(plant_of(flown.used)).theta(Reference(tensor(truth[:6]), truth[6:9], 1 / truth[9]))
+    theta = plant_of(flown.used).theta(Reference(tensor(truth[:6]), truth[6:9], 1 / truth[9]))
     log, piece = flown.log(), slice(2, 320)
     plain, about = Designs().of(log, flown.resolved, DELAY, piece), Designs().of(log, flown.resolved, DELAY, piece, theta)
     for name, place in plain.places.items():

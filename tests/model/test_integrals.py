@@ -9,7 +9,6 @@ from massprop_cli.base.rigidbody import times
 from massprop_cli.model import regressors as module
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.regressors import integrals_about, regressors
-from massprop_cli.model.responsemap import ResponseMap
 from tests import flight
 
 pytestmark = pytest.mark.numerical
@@ -23,7 +22,7 @@ def test_either_form_says_the_same_and_the_response_is_made_of_it(kind: str, mon
     samples, used = flown.samples(), flown.resolved
     step, mean, known = integrals_about(samples, about, used)
     whole = regressors(samples, slice(0, len(samples)), about, used)
-    response = ResponseMap(plant_of(used)).response(ResponseMap(plant_of(used)).theta(about))
+    response = plant_of(used).response(plant_of(used).theta(about))
     np.testing.assert_allclose(times(response, step) + known, whole.steps, atol=1e-12)
     monkeypatch.setattr(module, "compiled", lambda _: False)
     for one, other in zip((step, mean, known), integrals_about(samples, about, used), strict=True):

@@ -27,9 +27,9 @@ def test_torque_about_the_pivot_and_weight_turn_the_body() -> None:
     turning = torque - np.cross(moment, GRAVITY * moving.up) - np.cross(moving.rate, times(BODY.inertia, moving.rate))
     turned = np.linalg.solve(BODY.inertia, turning[..., None])[..., 0]
     z = np.concatenate([PLANT.acting(moving.wrench, moving.up, moving.up), products(moving.rate)], -1)
-    phi = phi_map.coefficients(phi_map.theta(BODY))[0][: 3 * phi_map.channels].reshape(3, -1)
+    phi = phi_map.coefficients(phi_map.plant.theta(BODY))[0][: 3 * phi_map.plant.channels].reshape(3, -1)
     np.testing.assert_allclose(times(phi, z), turned, rtol=1e-9)
-    np.testing.assert_allclose(phi, phi_map.response(phi_map.theta(BODY)), rtol=1e-12)
+    np.testing.assert_allclose(phi, phi_map.plant.response(phi_map.plant.theta(BODY)), rtol=1e-12)
     position, still = np.array([0.1, -0.05, 0.2]), motion(turned)
     rotation, square = still.rotation[:, 0], np.zeros((len(turned), 3, 3))
     square[:] = rotation - np.cross(np.eye(3), -turned[:, 0][:, None]).transpose(0, 2, 1)
@@ -41,16 +41,16 @@ def test_torque_about_the_pivot_and_weight_turn_the_body() -> None:
 
 def test_no_mass_moves_the_coefficients() -> None:
     phi_map = ResponseMap(PLANT)
-    theta = phi_map.theta(BODY)
+    theta = phi_map.plant.theta(BODY)
     slopes = phi_map.coefficients(theta)[1]
     np.testing.assert_allclose(slopes, difference(lambda t: phi_map.coefficients(t)[0], theta), atol=1e-6 * np.abs(slopes).max())
-    assert not slopes[: 3 * phi_map.channels, MU].any()
+    assert not slopes[: 3 * phi_map.plant.channels, MU].any()
 
 
 def test_parameters_are_there_and_back_and_their_slopes_leave_the_mass_as_it_is() -> None:
     phi_map = ResponseMap(PLANT)
-    theta = phi_map.theta(BODY)
-    found = phi_map.parameters(theta)
-    np.testing.assert_allclose(phi_map.theta(Reference(BODY.inertia, found[6:9], float(found[9]))), theta, rtol=1e-12)
-    slopes = phi_map.slopes(theta)[:, :MU]
-    np.testing.assert_allclose(slopes, difference(phi_map.parameters, theta)[:, :MU], rtol=1e-6, atol=1e-6)
+    theta = phi_map.plant.theta(BODY)
+    found = phi_map.plant.parameters(theta)
+    np.testing.assert_allclose(phi_map.plant.theta(Reference(BODY.inertia, found[6:9], float(found[9]))), theta, rtol=1e-12)
+    slopes = phi_map.plant.slopes(theta)[:, :MU]
+    np.testing.assert_allclose(slopes, difference(phi_map.plant.parameters, theta)[:, :MU], rtol=1e-6, atol=1e-6)
