@@ -65,10 +65,6 @@ class Pass:
         kernelargs.checked(self.library.mp_host_run(self.memory, count, stride, pointer(fed), pointer(told)))
         return rows_of(told)
 
-    def kept(self) -> bytes:
-        """All that is kept from cycle to cycle."""
-        return self._room.tobytes()
-
     def reference(self) -> Reference | None:
         """The estimate at the end; None where there is none."""
         return reference_of(self.library, self.memory, self.vehicle)

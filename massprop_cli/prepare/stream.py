@@ -128,13 +128,16 @@ class Stream:
 
     def _felt(self, cycles: slice) -> tuple[Array, Array]:
         """(K, 3) what :func:`massprop_cli.prepare.attitude.bias_seen` takes, and (K,) the length of each cycle."""
-        records, (_, duration) = self.log.records_per_cycle, cycle_edges(self.log, cycles)
-        velocity = of_records(self.log.delta_v_imu_m_s[cycles.start * records : cycles.stop * records], records)
-        return felt(velocity / duration[:, None], ignored(self.log, self.vehicle, cycles), self.vehicle), duration
+        mean, duration = self._mean(self.log.delta_v_imu_m_s, cycles)
+        return felt(mean, ignored(self.log, self.vehicle, cycles), self.vehicle), duration
 
     def _motion(self, cycles: slice) -> tuple[Array, Array]:
         """(K, 3) mean body rate, and the angle that it makes."""
-        records, (_, duration) = self.log.records_per_cycle, cycle_edges(self.log, cycles)
-        turned = of_records(self.log.delta_theta_imu_rad[cycles.start * records : cycles.stop * records], records)
-        rate = times(np.array(self.vehicle.imu.body_from_imu), self.gyro * (turned / duration[:, None]))
+        mean, duration = self._mean(self.log.delta_theta_imu_rad, cycles)
+        rate = times(np.array(self.vehicle.imu.body_from_imu), self.gyro * mean)
         return rate, rate * duration[:, None]
+
+    def _mean(self, increments: Array, cycles: slice) -> tuple[Array, Array]:
+        """(K, 3) per second, of all records' increments (n, 3), and (K,) the length of each cycle."""
+        records, (_, duration) = self.log.records_per_cycle, cycle_edges(self.log, cycles)
+        return of_records(increments[cycles.start * records : cycles.stop * records], records) / duration[:, None], duration
