@@ -4,8 +4,8 @@
     python benchmarks/imus.py --sets 30 --auto
 
 Each set is four random bodies under one IMU (increments, means or samples; no low-pass, first order at 40 Hz, second order at 20 to 100 Hz;
-97 to 400 Hz; control at 7 to 60 Hz; any offset and 50 ppm of drift), in free flight or on a bearing. With ``--auto`` cutoffs are left to be
-found.
+97 to 400 Hz; control at 7 to 60 Hz; any offset and 50 ppm of drift), in free flight or on a bearing; with jets, or wheels beside them or
+alone, told by their torque or by their speeds. With ``--auto`` cutoffs are left to be found.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from tests import anyimu
 
-BODIES, DURATION_S, DELAY = 4, 40.0, 2.0
+BODIES, DURATION_S, DELAY, WHEELED = 4, 40.0, 2.0, 0.4
 
 
 def drawn(rng: np.random.Generator, auto: bool) -> tuple[anyimu.Imu, float]:
@@ -44,11 +44,13 @@ def measured(seed: int, auto: bool, said: Counter[str]) -> Array:
     """(BODIES, 10) deviations in sigmas."""
     imu, period_s = drawn(np.random.default_rng(9000 + seed), auto)
     rng = np.random.default_rng(seed)
-    own = anyimu.bodies(rng, BODIES, bearing=bool(rng.random() < 0.35))
+    own, wheels = anyimu.bodies(rng, BODIES, bearing=bool(rng.random() < 0.35)), ""
+    if rng.random() < WHEELED and not own.bearing:
+        own, wheels = anyimu.wheeled(rng, own, jets=bool(rng.random() < 0.5)), str(rng.choice(["torque", "speed"]))
     odd = list[str]()
     flown, z = anyimu.fly(rng, own, imu, period_s, DURATION_S, DELAY * period_s), np.full((BODIES, 10), np.nan)
     for body in range(BODIES):
-        used = anyimu.vehicle_of(own, body, flown, imu, period_s, DELAY * period_s, auto)
+        used = anyimu.vehicle_of(own, body, flown, imu, period_s, DELAY * period_s, auto, wheels=wheels)
         try:
             found = flow.examine(anyimu.log_of(flown, body, imu, used), VehicleSource(used, "any-imu", ""))
         except InputError as error:
@@ -62,9 +64,10 @@ def measured(seed: int, auto: bool, said: Counter[str]) -> Array:
             one = told[name]
             if one.value is not None and one.sigma:
                 z[body, i] = (one.value - truth[i]) / one.sigma
+    kind = f"{'bearing' if own.bearing else 'free':7s} {wheels:6s} {'jets' if own.jet_force.size else '':4s}"
     print(
         f"{seed:3d} {imu.measures:9s} order {imu.order} {imu.cutoff_hz:5.1f} Hz of {imu.rate_hz:3.0f} Hz, control {1 / period_s:3.0f} Hz, "
-        f"bearing {own.bearing!s:5s}: rms {np.sqrt(np.nanmean(z**2)):.2f}, worst {np.nanmax(np.abs(z)):.1f} {', '.join(odd)}",
+        f"{kind}: rms {np.sqrt(np.nanmean(z**2)):.2f}, worst {np.nanmax(np.abs(z)):.1f} {', '.join(odd)}",
         flush=True,
     )
     return z

@@ -8,12 +8,12 @@ level plane without friction.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, ComplexArray
+from massprop_cli.base.arrays import Array, BoolArray, ComplexArray
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.equipment import Imu as Imu_
 from massprop_cli.inputs.tablefile import at_hand
@@ -22,7 +22,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 
 GRAVITY = 9.80665
 LONGEST_S = 0.0105
-JETS = 10
+JETS, WHEELS = 10, 3
 FIRST = 2
 """Readings before the record begins."""
 
@@ -60,6 +60,12 @@ class Bodies:
     bearing: bool = False
     planar: bool = False
     """Whether they turn about Z alone as they are released."""
+    axis: Array = field(default_factory=lambda: np.zeros((1, 0, 3)))
+    """(V, W, 3) of wheels, ..."""
+    spin_inertia: Array = field(default_factory=lambda: np.zeros((1, 0)))
+    """... (V, W) their inertia about it, which the body's own is without, ..."""
+    spin_begun: Array = field(default_factory=lambda: np.zeros((1, 0)))
+    """... and speed at first, relative to the body."""
 
 
 def bodies(rng: np.random.Generator, count: int, bearing: bool = False) -> Bodies:
@@ -79,6 +85,17 @@ def bodies(rng: np.random.Generator, count: int, bearing: bool = False) -> Bodie
     return Bodies(inertia, cg, mass, position, force, radius[:, None] * rng.uniform(-0.5, 0.5, (count, 3)), bearing_mass, bearing)
 
 
+def wheeled(rng: np.random.Generator, own: Bodies, jets: bool) -> Bodies:
+    """Bodies with three wheels each, askew; without jets, unless they have both."""
+    axes = np.linalg.qr(rng.normal(size=(len(own.mass), 3, 3)))[0] + rng.normal(0, 0.1, (len(own.mass), 3, 3))
+    axes /= np.linalg.norm(axes, axis=2, keepdims=True)
+    size = 2e-3 * np.linalg.det(own.inertia) ** (1 / 3)
+    inertia, begun = size[:, None] * rng.uniform(0.7, 1.4, (len(own.mass), WHEELS)), rng.uniform(-100, 100, (len(own.mass), WHEELS))
+    count = JETS if jets else 0
+    pushing = own.jet_position[:, :count], own.jet_force[:, :count]
+    return replace(own, axis=axes, spin_inertia=inertia, spin_begun=begun, jet_position=pushing[0], jet_force=pushing[1])
+
+
 @dataclass(frozen=True)
 class Flown:
     """What was recorded of V bodies."""
@@ -94,6 +111,10 @@ class Flown:
     """(V, M, JETS)"""
     attitude: Array = field(default_factory=lambda: np.zeros(0))
     """(V, 4) at the IMU's first record's beginning."""
+    torque: Array = field(default_factory=lambda: np.zeros((1, 0, 0)))
+    """(V, M, W) on wheels, commanded."""
+    speed: Array = field(default_factory=lambda: np.zeros((1, 0, 0)))
+    """(V, n, W) of wheels relative to the body, at each record's time."""
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -122,10 +143,14 @@ class _Plant:
         self.skew = skew - skew.transpose(0, 2, 1)
         self.inverse = np.linalg.inv(own.inertia)
 
-    def moved(self, rate: Array, q: Array, torque: Array, force: Array) -> tuple[Array, Array]:
-        """Angular acceleration; specific force at the IMU. Torque about O and force in body axes."""
-        own = self.own
-        inner = np.einsum("vij,vj->vi", own.inertia, rate)
+    def moved(self, rate: Array, q: Array, acting: Array, since_s: float = 0.0) -> tuple[Array, Array]:
+        """Angular acceleration; specific force at the IMU.
+
+        ``acting`` (V, 12): torque about O and force, body axes, momentum of wheels and the torque on them; ``since_s`` they are so.
+        """
+        own, (torque, force, stored, driven) = self.own, np.split(acting, 4, 1)
+        inner = np.einsum("vij,vj->vi", own.inertia, rate) + stored + since_s * driven
+        torque = torque - driven
         about = torque - cross(own.cg, force) - cross(rate, inner)
         if not own.bearing:
             turned: Array = np.einsum("vij,vj->vi", self.inverse, about)
@@ -187,20 +212,19 @@ class _Lowpass:
 
 def _stepped(plant: _Plant, rate: Array, q: Array, acting: Array, h: float) -> tuple[Array, Array, tuple[Array, Array, Array]]:
     """Rate and attitude a step on, and rate beside specific force at its begin, middle and end."""
-    torque, force = acting[:, :3], acting[:, 3:]
-    a1, f0 = plant.moved(rate, q, torque, force)
+    a1, f0 = plant.moved(rate, q, acting)
     k1 = _spun(q, rate)
-    a2, _ = plant.moved(rate + h / 2 * a1, q + h / 2 * k1, torque, force)
+    a2, _ = plant.moved(rate + h / 2 * a1, q + h / 2 * k1, acting, h / 2)
     k2 = _spun(q + h / 2 * k1, rate + h / 2 * a1)
     r3, q3 = rate + h / 2 * a2, q + h / 2 * k2
-    a3, fm = plant.moved(r3, q3, torque, force)
+    a3, fm = plant.moved(r3, q3, acting, h / 2)
     k3 = _spun(q3, r3)
-    a4, _ = plant.moved(rate + h * a3, q + h * k3, torque, force)
+    a4, _ = plant.moved(rate + h * a3, q + h * k3, acting, h)
     k4 = _spun(q + h * k3, rate + h * a3)
     new = rate + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
     q = q + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     q /= np.linalg.norm(q, axis=1, keepdims=True)
-    ended, f1 = plant.moved(new, q, torque, force)
+    ended, f1 = plant.moved(new, q, acting, h)
     mid = (rate + new) / 2 + h / 8 * (a1 - ended)
     return new, q, (np.concatenate([rate, f0], 1), np.concatenate([mid, fm], 1), np.concatenate([new, f1], 1))
 
@@ -218,9 +242,14 @@ def fly(
     rng: np.random.Generator, own: Bodies, imu: Imu, period_s: float, duration_s: float, delay_s: float, parts: int = 8, noise: float = 1.0
 ) -> Flown:
     """Pulses of whole ``parts`` of a control cycle, each of which some jets fire in; ``noise`` is a factor on the IMU's."""
-    count, cycles, tick = len(own.mass), int(duration_s / period_s), period_s / parts
-    on = np.where(rng.random((count, cycles, JETS)) < 0.15, rng.integers(1, parts + 1, (count, cycles, JETS)), 0)
+    count, cycles, tick, jets = len(own.mass), int(duration_s / period_s), period_s / parts, own.jet_force.shape[1]
+    on = np.where(rng.random((count, cycles, jets)) < 0.15, rng.integers(1, parts + 1, (count, cycles, jets)), 0)
     on[:, : int(1.0 / period_s)] = 0
+    told = np.zeros((count, cycles, own.axis.shape[1]))
+    if told.size:  # as much as turns the body by 0.1 rad/s in a second, or wheels on
+        told += np.where(rng.random(told.shape) < 0.4, rng.uniform(-1, 1, told.shape), 0.0)
+        told *= 0.1 * np.linalg.det(own.inertia)[:, None, None] ** (1 / 3) / max(1.0, (0.5 / period_s) ** 0.5)
+        told[:, : int(1.0 / period_s)] = 0
     command_s, record_s = period_s * np.arange(cycles), 1 / imu.rate_hz
     lasting_s = record_s / (1 + 1e-6 * imu.ppm)  # by the commands' clock
     labels = imu.offset_s + record_s * np.arange(1, int((duration_s - abs(imu.offset_s) - 0.1) / record_s))
@@ -231,30 +260,46 @@ def fly(
     times = times[(times <= taken[-1] + 1e-12) & np.append(True, np.diff(times) > 1e-10)]
     plant, wrench = _Plant(own), np.concatenate([cross(own.jet_position, own.jet_force), own.jet_force], -1)
     rate, q = _begun(rng, own)
+    along = own.spin_inertia * (own.spin_begun + np.einsum("vwk,vk->vw", own.axis, rate))
     nothing = np.zeros((count, 6))
-    low_pass = _Lowpass(imu, np.concatenate([rate, plant.moved(rate, q, nothing[:, :3], nothing[:, 3:])[1]], 1))
+    acting = np.concatenate([nothing, np.einsum("vw,vwk->vk", along, own.axis), np.zeros((count, 3))], 1)
+    low_pass = _Lowpass(imu, np.concatenate([rate, plant.moved(rate, q, acting)[1]], 1))
+    speed = np.zeros((len(taken), *along.shape))
     found, at, summed, previous, first_q = np.zeros((len(taken), count, 6)), int(np.searchsorted(taken, 0.0)), nothing, nothing, q
     for start, end in itertools.pairwise(times):
         middle = (start + end) / 2 - delay_s
         cycle = int(np.floor(middle / period_s))
-        open_ = middle - cycle * period_s < on[:, cycle] * tick if 0 <= cycle < cycles else np.zeros((count, JETS), dtype=bool)
-        acting, steps = np.einsum("vj,vjk->vk", open_, wrench), max(1, int(np.ceil((end - start) / LONGEST_S)))
+        within = 0 <= cycle < cycles
+        open_ = middle - cycle * period_s < on[:, cycle] * tick if within else np.zeros((count, jets), dtype=bool)
+        steps, driven = max(1, int(np.ceil((end - start) / LONGEST_S))), told[:, cycle] if within else 0 * along
+        pushed, h = np.einsum("vj,vjk->vk", open_, wrench), (end - start) / steps
         for _ in range(steps):
-            rate, q, seen = _stepped(plant, rate, q, acting, (end - start) / steps)
-            summed = summed + low_pass.step(seen, (end - start) / steps)
+            acting = np.concatenate([pushed, *(np.einsum("vw,vwk->vk", one, own.axis) for one in (along, driven))], 1)
+            rate, q, seen = _stepped(plant, rate, q, acting, h)
+            along = along + h * driven
+            summed = summed + low_pass.step(seen, h)
         while at < len(taken) and taken[at] <= end + 1e-10:
+            speed[at] = along / own.spin_inertia - np.einsum("vwk,vk->vw", own.axis, rate)
             found[at] = low_pass.out(seen[2]) if imu.measures == "sample" else (summed - previous) / lasting_s
             previous, first_q = summed, q if at == FIRST - 1 else first_q
             at += 1
     found = found + noise * rng.normal(size=found.shape) * np.repeat([imu.gyro_noise, imu.accel_noise], 3)
     made = found[FIRST:].transpose(1, 0, 2) * (lasting_s if imu.measures == "increment" else 1.0)
-    return Flown(labels[FIRST:], made[..., :3], made[..., 3:], command_s, on * tick, first_q)
+    return Flown(labels[FIRST:], made[..., :3], made[..., 3:], command_s, on * tick, first_q, told, speed[FIRST:].transpose(1, 0, 2))
 
 
 def vehicle_of(
-    own: Bodies, body: int, flown: Flown, imu: Imu, period_s: float, delay_s: float, auto: bool = False, stated: bool = False
+    own: Bodies,
+    body: int,
+    flown: Flown,
+    imu: Imu,
+    period_s: float,
+    delay_s: float,
+    auto: bool = False,
+    stated: bool = False,
+    wheels: str = "torque",
 ) -> Vehicle:
-    """The vehicle file of one of them; ``auto``: cutoffs are to be found; ``stated``: noise is."""
+    """The vehicle file of one of them; ``auto``: cutoffs are to be found; ``stated``: noise is; ``wheels`` by that column."""
     records = max(round(period_s * imu.rate_hz), 1)
     noise = {"gyro_noise_rad_s": imu.gyro_noise / records**0.5, "accel_noise_m_s2": imu.accel_noise / records**0.5} if stated else {}
     low_pass = {"order": imu.order, "cutoff_hz": "auto" if auto else imu.cutoff_hz, "latency_s": imu.latency_s}
@@ -265,8 +310,16 @@ def vehicle_of(
     else:
         environment = {"kind": "free"}
     places = zip(own.jet_position[body].tolist(), own.jet_force[body].tolist(), strict=True)
+    first_s = flown.command_s[_logged(flown, imu)][0] + delay_s
+    begun = [float(np.interp(first_s, flown.time_s, speed)) for speed in flown.speed[body].T] if own.axis.size else []
+    spun = [
+        {"name": f"w{n}", "column": wheels, "axis": axis, "spin_inertia_kg_m2": inertia, "locked_in_inertia": False}
+        | ({"start_rad_s": begun[n]} if wheels == "torque" else {})
+        for n, (axis, inertia) in enumerate(zip(own.axis[body].tolist(), own.spin_inertia[body].tolist(), strict=True) if begun else ())
+    ]
     data = {
         "schema": 1,
+        "wheels": spun,
         "cycle": {"period_s": period_s, "command_delay_cycles": delay_s / period_s},
         "imu": {"position_m": own.imu_position[body].tolist(), "measures": imu.measures, "clock_drift_ppm": imu.ppm, **noise, **filters},
         "environment": environment,
@@ -281,15 +334,26 @@ def unstated(used: Vehicle) -> Vehicle:
     return used.model_copy(update={"imu": Imu_.model_validate(left)})
 
 
+def _logged(flown: Flown, imu: Imu) -> BoolArray:
+    """(M,) commands within the record."""
+    found: BoolArray = (flown.command_s > flown.time_s[0] - 0.5 / imu.rate_hz) & (flown.command_s <= flown.time_s[-1])
+    return found
+
+
 def log_of(flown: Flown, body: int, imu: Imu, used: Vehicle) -> Log:
     """The log of one of them, as it is read from a table."""
     rates, increments = (columns.GYRO, columns.ACCEL), (columns.DELTA_THETA, columns.DELTA_V)
     made = {columns.TIME: flown.time_s}
     for names, values in zip(increments if imu.measures == "increment" else rates, (flown.gyro, flown.accel), strict=True):
         made |= dict(zip(names, values[body].T, strict=True))
-    own = (flown.command_s > flown.time_s[0] - 0.5 / imu.rate_hz) & (flown.command_s <= flown.time_s[-1])
+    own = _logged(flown, imu)
     rows = np.searchsorted(flown.time_s, flown.command_s[own])
     issued = {columns.COMMAND_TIME: flown.command_s[own]} | {columns.jet(f"j{n}"): on for n, on in enumerate(flown.on_s[body, own].T)}
+    for n, wheel in enumerate(used.wheels):
+        if wheel.column == "torque":
+            issued[f"wheel_{wheel.name}_n_m"] = flown.torque[body, own, n]
+        else:
+            made[f"wheel_{wheel.name}_rad_s"] = flown.speed[body, :, n]
     for name, values in issued.items():
         made[name] = np.full(len(flown.time_s), np.nan)
         made[name][rows] = values

@@ -178,7 +178,7 @@ def contradicted(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: Fo
     shortest = min(cycles_of(setup, name) for name in names)
     steps = [BY_NAME[names[0]].difference, *([FARTHER * shortest] if shortest < SHORT else [])]
     try:
-        longer = [(_samples(shifted(setup, names, [by] * len(names))), by) for by in steps]
+        longer = [(samples_of(shifted(setup, names, [by] * len(names))), by) for by in steps]
     except InputError:
         return False
     move = _move(setup, pieces, found.unknown, {}, longer)
@@ -297,7 +297,7 @@ def _move(
     assert isinstance(vehicle, Resolved)
     pairs = [tuple(shifted(setup, [name], [sign * BY_NAME[name].difference]) for sign in (-1, 1)) for name in unknown]
     try:
-        stated, sides = _samples(setup), [(_samples(low), _samples(high)) for low, high in pairs]
+        stated, sides = samples_of(setup), [(samples_of(low), samples_of(high)) for low, high in pairs]
     except InputError:
         return None
     apart = [cycles_of(high, name) - cycles_of(low, name) for name, (low, high) in zip(unknown, pairs, strict=True)]
@@ -308,7 +308,7 @@ def _move(
     rows = 0
     for number, piece in enumerate(pieces):
         cycles = slice(max(piece.start, first), piece.stop)
-        plain = _fitted(stated, cycles, references.get(number), vehicle)
+        plain = fitted(stated, cycles, references.get(number), vehicle)
         if plain is None:
             continue
         references[number] = plain.reference
@@ -333,7 +333,7 @@ def _move(
     return _Move(covariance @ moment, covariance, before / rows, after / rows)
 
 
-def _fitted(samples: Samples, cycles: slice, reference: Reference | None, vehicle: Resolved) -> Fit | None:
+def fitted(samples: Samples, cycles: slice, reference: Reference | None, vehicle: Resolved) -> Fit | None:
     """About a reference, or about the first one where that is none or fits badly; None where a response that runs away tells nothing."""
     plain = None if reference is None else fit(samples, cycles, reference, vehicle, passes=PASSES)
     if plain is not None and plain.chi_square <= BADLY:
@@ -343,7 +343,8 @@ def _fitted(samples: Samples, cycles: slice, reference: Reference | None, vehicl
     return min((one for one in (plain, again) if one is not None), key=lambda one: one.chi_square, default=None)
 
 
-def _samples(setup: Setup) -> Samples:
+def samples_of(setup: Setup) -> Samples:
+    """As its timing has the log read."""
     return setup.timing.of(setup.log, setup.vehicle)
 
 

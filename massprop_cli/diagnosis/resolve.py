@@ -13,6 +13,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError, UntoldError
 from massprop_cli.diagnosis import delay, segment
 from massprop_cli.diagnosis.delay import FoundTiming, Rated
+from massprop_cli.diagnosis.samplededges import beside_samples, gyro_alone, stepped
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME, TABLE
 from massprop_cli.estimate import noiselevels
@@ -145,7 +146,14 @@ def stated_timing(stated: Vehicle, found: Timing = Timing(0.0, 0.0)) -> Timing: 
 
 def found_timing(log: Log, source: VehicleSource, say: Progress) -> FoundTiming | None:
     """What the vehicle file leaves to be found ("auto"), or states to be uncertain; None where it is to be as stated."""
-    vehicle = source.vehicle
+    found = _found(log, source.vehicle, say)
+    if found is None or stepped(log, source.vehicle, found.at) is None:
+        return found
+    vehicle = source.vehicle if found.imu is None else source.vehicle.model_copy(update={"imu": found.imu})
+    return beside_samples(*_bounded(log, vehicle, found.at), found)
+
+
+def _found(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
     automatic = {"delay": vehicle.cycle.command_delay_cycles == "auto", "lag": vehicle.thrust.lag_s == "auto"}
     open_ = [sensor for sensor in delay.SENSORS if _open(getattr(vehicle.imu, f"{sensor}_filter"))]
     late = [sensor for sensor in delay.SENSORS if (one := getattr(vehicle.imu, f"{sensor}_filter")) and one.latency_s == "auto"]
@@ -223,11 +231,19 @@ def _open(low_pass: LowPass | None) -> bool:
 def _detected(
     log: Log, vehicle: Vehicle, start: Timing, unknown: Sequence[str], prior: Sequence[float] | None = None
 ) -> FoundTiming | None:
+    part, used, within = _bounded(log, vehicle, start)
+    if "accel_latency" not in unknown and stepped(log, vehicle, start) is not None:
+        part = gyro_alone(part)
+    return delay.detect(part, used, within, start, list(unknown), prior)
+
+
+def _bounded(log: Log, vehicle: Vehicle, start: Timing) -> tuple[Log, Resolved, Sequence[slice]]:
+    """A part of the log that is no longer than a search takes, the vehicle with noise levels, and the cycles of each phase in it."""
     samples = Stream.of(log, vehicle, start)
     pieces = [cycles for _, cycles in phases_of(log, vehicle, samples)]
     used, _ = noiselevels.with_noise_levels(samples, pieces, vehicle)
     part, within = segment.bounded(log, vehicle, start, pieces, LONGEST)
-    return delay.detect(part, used, within, start, list(unknown), prior)
+    return part, used, within
 
 
 def _beside_stated(log: Log, vehicle: Vehicle, start: Timing, automatic: Mapping[str, bool]) -> FoundTiming | None:

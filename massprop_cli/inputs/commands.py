@@ -10,7 +10,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.actuators.actuator import MomentumLog
-from massprop_cli.inputs.columns import COMMAND_TIME, PULSE_START, WRENCH, is_jet, jet
+from massprop_cli.inputs.columns import PULSE_START, WRENCH, is_jet, jet
 from massprop_cli.inputs.equipment import Cycle
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.pulses import Pulses
@@ -142,11 +142,10 @@ def momentum(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[
         stored = [one for one in own if one.device is not None]
         said = [one.read(source, records, n) for one in stored]
         summed = next((one.name for one, it in zip(stored, said, strict=True) if it.integrated), None)
-        timed = next((name for name in (COMMAND_TIME, PULSE_START) if source.has(name)), None)
-        if summed is not None and timed is not None:
+        if summed is not None and source.has(PULSE_START):
             raise InputError(
-                f"{source.table.path}: the speed of wheel {summed!r} follows from its torque in each control cycle, and commands have "
-                f"times of their own ({source.name(timed)}); log its speed instead"
+                f"{source.table.path}: the speed of wheel {summed!r} follows from its torque at all times, and the log lists pulses "
+                f"of jets ({source.name(PULSE_START)}); log its speed instead"
             )
         kind.check_together(source, stored, said)
         found += said

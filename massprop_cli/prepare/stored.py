@@ -13,7 +13,7 @@ from massprop_cli.base.rigidbody import cross, times
 from massprop_cli.inputs.actuators.actuator import LogTimes
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.prepare.clock import by_commands_clock, cycle_edges
+from massprop_cli.prepare.clock import by_commands_clock
 from massprop_cli.prepare.signal import Signal
 
 
@@ -81,13 +81,14 @@ def last_known_s(log: Log, vehicle: Vehicle) -> float:
 
 def _times(log: Log, vehicle: Vehicle, delay_s: float) -> LogTimes:
     edge_s = by_commands_clock(log, vehicle, np.append(log.time_s[0] - log.interval_s[0], log.time_s))
-    start, length = cycle_edges(log, slice(0, log.cycles))
+    begun = log.command_start_s
+    at_once = by_commands_clock(log, vehicle, begun) if log.command_s is None else begun
     mounting = np.array(vehicle.imu.body_from_imu)
 
     def turn(rows: slice) -> Array:
         return times(mounting, log.delta_theta_imu_rad[rows])
 
-    return LogTimes(edge_s, log.interval_s, start, length, by_commands_clock(log, vehicle, start), start + delay_s, turn)
+    return LogTimes(edge_s, log.interval_s, vehicle.cycle.period_s, at_once, begun + delay_s, turn)
 
 
 def _signals(time_s: Array, momentum: Array, begin_s: float, end_s: float) -> tuple[Signal, Signal]:

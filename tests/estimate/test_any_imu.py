@@ -28,14 +28,26 @@ QUIET = 1e-4
 
 
 def found_of(
-    seed: int, imu: anyimu.Imu, period_s: float, auto: bool = False, noise: float = 1.0, bare: bool = False, count: int = 2, **kind: bool
+    seed: int,
+    imu: anyimu.Imu,
+    period_s: float,
+    auto: bool = False,
+    noise: float = 1.0,
+    bare: bool = False,
+    count: int = 2,
+    wheels: str = "",
+    **kind: bool,
 ) -> list[tuple[Analysis, Array]]:
-    """Estimates of some bodies, and their deviations in sigmas; without noise, which is stated then, what is systematic of them."""
+    """Estimates of some bodies, and their deviations in sigmas; without noise, which is stated then, what is systematic of them.
+
+    With jets, and wheels by a column ``wheels`` where there is one.
+    """
     rng = np.random.default_rng(seed)
     own = anyimu.bodies(rng, count, **kind)
+    own = anyimu.wheeled(rng, own, jets=True) if wheels else own
     flown, found = anyimu.fly(rng, own, imu, period_s, 16.0, 2 * period_s, noise=noise), []
     for body in range(count):
-        used = anyimu.vehicle_of(own, body, flown, imu, period_s, 2 * period_s, auto, stated=noise == 0)
+        used = anyimu.vehicle_of(own, body, flown, imu, period_s, 2 * period_s, auto, stated=noise == 0, wheels=wheels)
         used = anyimu.unstated(used) if bare else used
         answer = flow.examine(anyimu.log_of(flown, body, imu, used), VehicleSource(used, "any-imu", ""))
         told = answer.conclusions[0].estimates
@@ -64,6 +76,45 @@ def test_without_noise_nothing_is_left(imu: anyimu.Imu, period_s: float, most: f
     for answer, deviation in found_of(3, imu, period_s, noise=0.0):
         assert not [notice.code for notice in answer.notices if not notice.code.startswith("noise")]
         assert np.abs(deviation).max() < most
+
+
+@pytest.mark.numerical
+@pytest.mark.parametrize(
+    ("imu", "column"),
+    [
+        (anyimu.Imu(measures="mean", order=1, rate_hz=97.0, ppm=50.0, offset_s=0.003, gyro_noise=QUIET), "torque"),
+        pytest.param(anyimu.Imu(measures="sample", order=2, cutoff_hz=30.0, gyro_noise=QUIET), "speed", marks=pytest.mark.thorough),
+    ],
+)
+def test_wheels_are_told_by_another_clock(imu: anyimu.Imu, column: str) -> None:
+    """By torques with times of their own, whose sum is their speed; or by speeds at the records."""
+    ((answer, deviation),) = found_of(3, imu, 0.05, count=1, wheels=column, noise=0.0)
+    assert not [notice.code for notice in answer.notices if not notice.code.startswith("noise")]
+    assert all(one.verdict == "converged" for one in answer.conclusions[0].estimates.values())
+    assert np.abs(deviation).max() < 0.3  # in turns of 0.25 rad in a control cycle
+
+
+@pytest.mark.parametrize(
+    ("seed", "imu", "period_s", "decimals"),
+    [
+        (23, anyimu.Imu(gyro_noise=5e-4, accel_noise=0.01), 0.05, 12),
+        pytest.param(26, anyimu.Imu(gyro_noise=5e-4, accel_noise=0.01), 0.05, 12, marks=pytest.mark.thorough),
+        (23, anyimu.Imu(rate_hz=150.0, gyro_noise=5e-4, accel_noise=0.01), 1 / 30, 6),
+    ],
+)
+@pytest.mark.parametrize("auto", [False, pytest.param(True, marks=pytest.mark.thorough)])
+def test_commands_at_samples_times_are_before_or_after_them(seed: int, imu: anyimu.Imu, period_s: float, decimals: int, auto: bool) -> None:
+    """Of one clock, where a delay that is off by a microsecond makes half of a pulse's samples another's; nothing rounds them."""
+    rng = np.random.default_rng(seed)
+    own = anyimu.bodies(rng, 1)
+    flown = anyimu.fly(rng, own, imu, period_s, 20.0, 2 * period_s)
+    flown = replace(flown, time_s=np.round(flown.time_s, decimals), command_s=np.round(flown.command_s, decimals))
+    used = anyimu.vehicle_of(own, 0, flown, imu, period_s, 2 * period_s)
+    used = used.model_copy(update={"cycle": used.cycle.model_copy(update={"command_delay_cycles": "auto"})}) if auto else used
+    answer = flow.examine(anyimu.log_of(flown, 0, imu, used), VehicleSource(used, "any-imu", ""))
+    assert not [notice.code for notice in answer.notices if not notice.code.startswith("noise")]
+    assert all(one.verdict == "converged" for one in answer.conclusions[0].estimates.values())
+    assert_within_four_sigmas(answer, anyimu.truth_of(own, 0))
 
 
 @pytest.mark.thorough

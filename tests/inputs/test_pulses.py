@@ -27,9 +27,7 @@ VEHICLE = Vehicle.model_validate(
 PULSES = [("b", 0.5132, 0.013), ("a", 0.212, 0.03), ("a", 0.7, 0.18), ("b", 0.7404, 0.02)]
 
 
-def log_of(
-    tmp_path: Path, pulses: Sequence[tuple[object, object, object]], header: str = "pulse_jet,pulse_start_s,pulse_duration_s"
-) -> Path:
+def log_of(tmp_path: Path, pulses: Sequence[tuple[object, ...]], header: str = "pulse_jet,pulse_start_s,pulse_duration_s") -> Path:
     names = [f"delta_theta_{a}_rad" for a in "xyz"] + [f"delta_v_{a}_m_s" for a in "xyz"]
     lines = [",".join(["time_s", *names, header])]
     for row in range(150):
@@ -84,3 +82,8 @@ def test_columns_that_contradict_pulses_are_refused(tmp_path: Path) -> None:
     late = VEHICLE.model_copy(update={"cycle": VEHICLE.cycle.model_copy(update={"pulse_at": "end"})})
     with pytest.raises(InputError, match=r'pulse_at is "end"; leave cycle\.pulse_at out'):
         read(log_of(tmp_path, PULSES), late)
+    wheel = {"name": "w", "axis": [1, 0, 0], "spin_inertia_kg_m2": 1e-3, "locked_in_inertia": False, "column": "torque", "start_rad_s": 0.0}
+    turned = Vehicle.model_validate(VEHICLE.model_dump(by_alias=True, exclude_unset=True) | {"wheels": [wheel]})
+    every = [(*one, 1e-3) for one in [*PULSES, *[("", "", "")] * 146]]
+    with pytest.raises(InputError, match=r"the speed of wheel 'w' follows from its torque at all times.*log its speed instead"):
+        read(log_of(tmp_path, every, "pulse_jet,pulse_start_s,pulse_duration_s,wheel_w_n_m"), turned)

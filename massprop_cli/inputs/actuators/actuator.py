@@ -185,20 +185,18 @@ class Grown(NamedTuple):
 
 @dataclass(frozen=True)
 class LogTimes:
-    """When a log's n records and K cycles are, and how the body turned."""
+    """When a log's n records and M rows of commands are, and how the body turned."""
 
     edge_s: Array
     """(n + 1,) start of the first record and end of each, by the commands' clock."""
     interval_s: Array
     """(n,) length of each record."""
-    start_s: Array
-    """(K,) start of each cycle, by the IMU's clock."""
-    length_s: Array
-    """(K,) its length."""
+    period_s: float
+    """Of a control cycle."""
     at_once_s: Array
-    """(K,) when what is measured in a cycle acts, by the commands' clock."""
+    """(M,) from when on what was measured acts, by the commands' clock."""
     delayed_s: Array
-    """(K,) when what is commanded in a cycle acts."""
+    """(M,) from when on what was commanded acts."""
     turn_rad: Callable[[slice], Array]
     """(…, 3) by which the body turned in some records, body axes."""
 

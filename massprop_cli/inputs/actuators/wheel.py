@@ -204,35 +204,34 @@ class Wheel(actuator.MomentumDevice):
             speed, begun = said.speed_rad_s, said.start_rad_s is not None
             return actuator.Grown(log.edge_s[1 - begun :], self.spin_inertia_kg_m2 * np.append([said.start_rad_s] * begun, speed)[None])
         at = log.delayed_s if self.torque_is == "commanded" else log.at_once_s
-        time_s = np.append(at, at[-1] + log.length_s[-1])
-        turned = log.turn_rad(slice(None)).reshape(len(log.length_s), -1, 3).sum(1)
-        about = turned @ self.direction / log.length_s
-        turning = np.append(self._turning_at(log, float(at[0])), np.interp(at[1:], log.start_s, about))
-        return actuator.Grown(time_s, self._driven(said, np.diff(time_s), turning)[None])
+        time_s = np.append(at, at[-1] + log.period_s)
+        return actuator.Grown(time_s, self._driven(said, time_s, log)[None])
 
     def _turning_at(self, log: actuator.LogTimes, moment_s: float) -> float:
         """The body's own rate about the axis when the first torque acts, by the records before: those after it have answered already.
 
         What a parabola (of few records a line) through those of two cycles comes to then; where there is none, that of the first.
         """
-        end_s, per_cycle = log.edge_s[1:], len(log.interval_s) // len(log.length_s)
+        end_s, cycle = log.edge_s[1:], round(log.period_s / log.interval_s[0])
         last = int(np.searchsorted(end_s, moment_s + 1e-6 * log.interval_s[0], "right"))
-        used = slice(max(last - 2 * per_cycle, 0), max(last, 1))
+        used = slice(max(last - 2 * cycle, 0), max(last, 1))
         interval = log.interval_s[used]
         rate = log.turn_rad(used) @ self.direction / interval
         since = end_s[used] - interval / 2 - moment_s
         degree = 2 if len(rate) >= FOR_A_PARABOLA else min(len(rate) - 1, 1)
         return float(np.linalg.lstsq(np.vander(since, degree + 1), rate, rcond=None)[0][-1])
 
-    def _driven(self, said: "WheelLog", length_s: Array, turning: Array) -> Array:
-        """(K + 1,) momentum by the torque, friction taken in the middle of each cycle."""
+    def _driven(self, said: "WheelLog", time_s: Array, log: actuator.LogTimes) -> Array:
+        """(M + 1,) momentum at times by the torque between them, friction taken in the middle of each."""
         assert said.torque_n_m is not None
         assert said.start_rad_s is not None
-        inertia = self.spin_inertia_kg_m2
-        begun = inertia * (said.start_rad_s + turning[0])
+        inertia, length_s = self.spin_inertia_kg_m2, np.diff(time_s)
+        begun = inertia * (said.start_rad_s + self._turning_at(log, float(time_s[0])))
         if self.coulomb_friction_n_m == 0 and self.viscous_friction_n_m_s == 0:
             return np.asarray(begun + np.append(0.0, np.cumsum(said.torque_n_m * length_s)))
-        found = [float(begun)]
+        turned = np.append(0.0, np.cumsum(log.turn_rad(slice(None)) @ self.direction))
+        turning = np.diff(np.interp(time_s, log.edge_s, turned)) / length_s
+        found = [begun]
         for torque, length, about in zip(said.torque_n_m.tolist(), length_s.tolist(), turning.tolist(), strict=True):
             speed = found[-1] / inertia - about
             middle = speed + (torque - self.friction(speed)) * length / 2 / inertia
@@ -251,7 +250,7 @@ class WheelLog:
     speed_rad_s: Array | None
     """(n,) relative to the body, at each record's ``time_s``."""
     torque_n_m: Array | None
-    """(K,) on the wheel, of each control cycle; None where the speed is known."""
+    """(M,) on the wheel, by each row of commands; None where the speed is known."""
     start_rad_s: float | None
     """Speed at the beginning of the log, or of a torque's log when its first torque acts; None: unknown."""
     corrected: bool = False

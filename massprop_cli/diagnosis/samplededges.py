@@ -1,0 +1,78 @@
+"""A command delay beside which samples show something else at once.
+
+A sample shows the thrust of its moment. Where all commands act at samples' times, as those of one clock do, what it shows has a step in the
+delay there, and a delay that is off by a microsecond makes half of a pulse's samples another's. No derivative tells of that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from massprop_cli.base.arrays import median
+from massprop_cli.base.errors import InputError
+from massprop_cli.diagnosis.delay import FoundTiming, fitted, samples_of
+from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.resolved import Resolved
+from massprop_cli.prepare.clock import by_commands_clock
+from massprop_cli.prepare.sensor import ROUNDED_S
+from massprop_cli.prepare.timing import Timing
+
+SAME = 0.01
+"""Part of a record within which commands come after samples by the same time, all of them: times are rounded."""
+NEAR = 6.0
+"""Sigmas of the delay within which a step is looked at."""
+
+
+def stepped(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[float, float] | None:
+    """S by which commands act after the accelerometer's samples, all by as much, and by how much these times scatter.
+
+    None where what the accelerometer shows has no such steps: it is no sample, a low-pass or a lag rounds it, or clocks are apart.
+    """
+    low_pass = vehicle.imu.accel_filter
+    if not log.sampled[1] or log.command_kind == "rotors" or timing.lag or (low_pass is not None and (low_pass.order or low_pass.open)):
+        return None
+    sampled_s = by_commands_clock(log, vehicle, log.time_s) - (0.0 if low_pass is None else low_pass.latency)
+    acting_s = log.command_start_s + timing.delay * vehicle.cycle.period_s
+    acting_s = acting_s[(acting_s > sampled_s[0]) & (acting_s < sampled_s[-1])]
+    place = np.searchsorted(sampled_s, acting_s)
+    before, after = acting_s - sampled_s[place - 1], acting_s - sampled_s[place]
+    late = np.where(before < -after, before, after)
+    if not late.size or np.ptp(late) > SAME * median(log.interval_s):
+        return None
+    return float(np.median(late)), float(np.ptp(late))
+
+
+def gyro_alone(log: Log) -> Log:
+    """Without the accelerometer, whose steps would be taken for slopes."""
+    return replace(log, axes=(*log.axes[:3], False, False, False))
+
+
+def beside_samples(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: FoundTiming) -> FoundTiming:
+    """As found, or with all commands just before or just after samples that are near, whichever is likeliest."""
+    begun, steps = Setup(log, vehicle, found.at), stepped(log, vehicle, found.at)
+    if steps is None or abs(steps[0]) > NEAR * found.sigma.delay * begun.period_s:
+        return found
+    late_s, scatter_s = steps
+    best, least = found, np.inf
+    for later_s in (0.0, scatter_s + 2 * ROUNDED_S - late_s, -scatter_s - 2 * ROUNDED_S - late_s):
+        at = found.at._replace(delay=found.at.delay + later_s / begun.period_s)
+        left = _left(begun._replace(timing=at), pieces)
+        best, least = (replace(found, at=at), left) if left < least else (best, least)
+    return best
+
+
+def _left(setup: Setup, pieces: Sequence[slice]) -> float:
+    """What fits of the pieces leave of chi-square, but for a factor."""
+    assert isinstance(setup.vehicle, Resolved)
+    try:
+        samples = samples_of(setup)
+    except InputError:
+        return np.inf
+    first = int(np.argmax(samples.executed.usable))
+    fits = [(fitted(samples, slice(max(piece.start, first), piece.stop), None, setup.vehicle), piece) for piece in pieces]
+    return float(sum((piece.stop - piece.start) * one.chi_square for one, piece in fits if one is not None)) or np.inf
