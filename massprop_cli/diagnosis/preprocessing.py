@@ -10,6 +10,7 @@ import numpy as np
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import outliers
+from massprop_cli.diagnosis.bins import with_bins
 from massprop_cli.diagnosis.delay import FoundTiming
 from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertain_timing, with_phase, with_timing
 from massprop_cli.errorparameters.setup import Setup, stating
@@ -60,6 +61,8 @@ class Ready(NamedTuple):
 def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
     """:class:`massprop_cli.base.errors.InputError` where a phase holds too little, or timing can't be told."""
     check_supply(log, source.vehicle, source.source)
+    estimator = source.vehicle.estimator
+    open_bins = estimator.method == "default" and "bins_per_cycle" not in estimator.model_fields_set
     vehicle, told = _with_attitude(log, with_phase(log, _undelayed(log, finer(log, source.vehicle))))
     source = replace(source, vehicle=vehicle)
     detected = found_timing(log, source, say)
@@ -67,6 +70,9 @@ def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
     stated = with_timing(source.vehicle, detected)
     samples = Stream.of(log, stated, timing)
     phases = phases_of(log, stated, samples)
+    if open_bins:
+        stated = with_bins(Setup(log, stated, timing), samples, [cycles for _, cycles in phases])
+        samples = Stream.of(log, stated, timing)
     read = log
     if stated.estimator.method == "default":
         stated, others = outliers.screened(log, stated, samples, [cycles for _, cycles in phases])
@@ -109,8 +115,8 @@ def finer(log: Log, vehicle: Vehicle) -> Vehicle:
     """With as many bins a cycle as its turns ask for, where the vehicle file states none."""
     if "bins_per_cycle" in vehicle.estimator.model_fields_set or vehicle.estimator.method != "default":
         return vehicle
-    turns = np.sort(np.linalg.norm(of_records(log.delta_theta_imu_rad, log.records_per_cycle), axis=1))
-    turn = float(turns[int(SELDOM * (len(turns) - 1))])
+    turns = of_records(log.delta_theta_imu_rad, log.records_per_cycle)
+    turn = float(np.quantile(np.linalg.norm(turns, axis=1), SELDOM))
     bins = next((bins for least, bins in FINER if turn > least), vehicle.estimator.bins_per_cycle)
     return vehicle.model_copy(update={"estimator": vehicle.estimator.model_copy(update={"bins_per_cycle": bins})})
 

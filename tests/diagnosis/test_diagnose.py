@@ -263,7 +263,7 @@ def test_a_log_without_noise_raises_no_cause() -> None:
     """A floor stands in for its noise, and against that no model fits."""
     flown = fly("preliminary")
     notices = faulty.examined(flown.log(0), flown.vehicle).notices
-    assert {notice.code for notice in notices} == {"noise-floor", "disturbance-torque"}
+    assert {notice.code for notice in notices} == {"noise-floor"}
 
 
 ANOTHERS = "another's commands"
