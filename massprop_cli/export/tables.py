@@ -19,7 +19,16 @@ VEHICLE = (
     *(("bearing", 0), ("gyro_bias", 0), ("accel_bias", 0), ("slow_torque", 0), ("tilt", 0), ("bins", 0), ("pulses", 0)),
     *(("imu", 3), ("gyro_noise", 1), ("accel_noise", 3), ("gyro_bias_sigma", 1), ("accel_bias_sigma", 1)),
     *(("torque_noise", 1), ("torque_walk", 1), ("gyro_bias_walk", 1), ("prior_scale", 1), ("reach", 1), ("known_mass", 1), ("centre", 3)),
-    *(("bearing_mass", 1), ("gravity", 1), ("filtered", 0), ("curvature", 1), ("later", 1), ("thrust_sigma", 1), ("wheels", 0)),
+    *(
+        ("bearing_mass", 1),
+        ("gravity", 1),
+        ("filtered", 0),
+        ("curvature", 1),
+        ("later", 1),
+        ("smearing", 1),
+        ("thrust_sigma", 1),
+        ("wheels", 0),
+    ),
 )
 """Members of mp_vehicle in the order of its table, before each wheel's, and how many numbers each has; 0: one whole number."""
 OF_WHEEL = (("axis", slice(0, 3)), ("spin_sigma", slice(3, 4)), ("spin_inertia", slice(4, 5)))

@@ -34,7 +34,7 @@ static const double *read_int(int *to, const double *from) {
 }
 
 /* Of these calls and what they are handed: another number where any of it is another (massprop_cli/kernel/__init__.py). */
-int mp_host_interface(void) { return 12; }
+int mp_host_interface(void) { return 13; }
 
 size_t mp_host_size(void) { return sizeof(mp_pass); }
 
@@ -65,6 +65,7 @@ mp_vehicle mp_vehicle_of(const double *table) {
     table = read_int(&vehicle.filtered, table);
     table = mp_copied(&vehicle.curvature, table, 1);
     table = mp_copied(&vehicle.later, table, 1);
+    table = mp_copied(&vehicle.smearing, table, 1);
     table = mp_copied(&vehicle.thrust_sigma, table, 1);
     table = read_int(&vehicle.wheels, table);
     for (w = 0; w < vehicle.wheels && w < MP_WHEELS; w++) {

@@ -96,6 +96,7 @@ typedef struct {
     int filtered;              /* whether the sensors are sampled or low-pass filtered, so that mean readings are not the mean motion */
     mp_real curvature;         /* s^2, mean reading less mean rate, over the growth of the angular acceleration that commands do not make */
     mp_real later;             /* s, by which the motion that the accelerometer shows is later than the gyro's */
+    mp_real smearing;          /* s^2, by so many times its second derivative the accelerometer shows the weight otherwise */
     mp_real thrust_sigma;      /* relative, of all thrust, beside wheels, where the estimate follows it */
     int wheels;                /* up to MP_WHEELS */
     mp_real axis[MP_SPUN][3]; /* of positive speed */

@@ -139,7 +139,7 @@ static void backed(const mp_preprocess *preprocess, mp_real out[4]) {
 
 /* The vertical at both ends of a cycle, and how the attitude is carried from one to the other. */
 static void attitudes(mp_preprocess *preprocess, mp_cycle *cycle) {
-    mp_real turn[3], coning[3], first[3][3], mean[3][3], back[4], then[4], step[4], mean_up[3], swung[3];
+    mp_real turn[3], coning[3], first[3][3], mean[3][3], back[4], then[4], step[4], mean_up[3], swung[3], bent[3];
     int biased = MP_ON_BEARING(&preprocess->vehicle) && preprocess->vehicle.gyro_bias, i, j;
     for (i = 0; i < 3; i++) cycle->carried[i] = cycle->rate[i];
     if (!MP_ON_BEARING(&preprocess->vehicle)) {
@@ -176,8 +176,10 @@ static void attitudes(mp_preprocess *preprocess, mp_cycle *cycle) {
         preprocess->turn[i] = turn[i];
         mean_up[i] = (cycle->up[0][i] + cycle->up[1][i]) / R(2);
     }
-    mp_cross(mean_up, cycle->rate, swung); /* the weight as it was when the gyro's motion was */
-    for (i = 0; i < 3; i++) cycle->force[i] -= preprocess->vehicle.later * preprocess->vehicle.gravity * swung[i];
+    mp_cross(mean_up, cycle->rate, swung); /* the weight as it was when the gyro's motion was, and not smeared */
+    mp_cross(swung, cycle->rate, bent);
+    for (i = 0; i < 3; i++)
+        cycle->force[i] -= preprocess->vehicle.gravity * (preprocess->vehicle.later * swung[i] + preprocess->vehicle.smearing * bent[i]);
     preprocess->squares_s2 += cycle->duration_s * cycle->duration_s;
 }
 

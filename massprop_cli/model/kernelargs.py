@@ -65,7 +65,7 @@ def vehicle_numbers(samples: Mounted, vehicle: Vehicle, noise: Sequence[float] =
         *(imu.gyro_bias_walk_rad_s_sqrt_s, vehicle.estimator.prior_scale),
         *(reach_m, mass_kg),
         *(*environment.bearing_position_m, vehicle.bearing_mass_kg, environment.gravity_m_s2),
-        *(samples.kernel_effect is not None, *(samples.kernel_effect or (0.0, 0.0))),
+        *(samples.kernel_effect is not None, *(samples.kernel_effect or (0.0, 0.0, 0.0))),
         *(vehicle.thrust.scale_sigma, len(wheels), *(number for wheel in wheels for number in wheel)),
     )
     return np.array(numbers, dtype=float)

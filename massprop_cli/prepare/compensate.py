@@ -202,9 +202,11 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None,
     elif vehicle.pivoted:
         carried, error, up = _carried(aligned, vehicle, rate, before)
     force = times(body_from_imu, aligned.specific_force_imu_m_s2) - _steady_force(aligned, vehicle)
-    apart_s = aligned.late_s[1] - aligned.late_s[0]
-    if apart_s and vehicle.pivoted:  # the weight as it was when the gyro's motion was
-        force = force - apart_s * vehicle.environment.gravity_m_s2 * cross((up[:-1] + up[1:]) / 2, rate)
+    effect = aligned.kernel_effect
+    if effect is not None and vehicle.pivoted:  # the weight as it was when the gyro's motion was, and not smeared
+        mean = (up[:-1] + up[1:]) / 2
+        swung = cross(mean, rate)
+        force = force - vehicle.environment.gravity_m_s2 * (effect.later_s * swung + effect.smearing_s2 * cross(swung, rate))
     return Samples(
         executed=aligned,
         rate_rad_s=frozen(rate),

@@ -107,6 +107,8 @@ class KernelEffect(NamedTuple):
     curvature_s2: float
     later_s: float
     """By how much the motion that the accelerometer shows is later than the gyro's."""
+    smearing_s2: float
+    """The same as ``curvature_s2`` of the accelerometer: by so many times its second derivative the weight is shown otherwise."""
 
 
 def kernel_effect(log: Recorder, vehicle: Vehicle) -> KernelEffect | None:
@@ -114,10 +116,10 @@ def kernel_effect(log: Recorder, vehicle: Vehicle) -> KernelEffect | None:
     own = sensors(log, vehicle)
     if all(each.plain for each in own):
         return None
-    gyro, _ = own
-    sampled_s = float(np.mean(log.interval_s)) * gyro.instant
+    sampled_s2 = float(np.mean(log.interval_s)) ** 2 / 24
+    gyro, accelerometer = (sensor.variance_s2 / 2 - sampled_s2 * sensor.instant for sensor in own)
     late = shown_late_s(log, vehicle)
-    return KernelEffect(gyro.variance_s2 / 2 - sampled_s**2 / 24, late[1] - late[0])
+    return KernelEffect(gyro, late[1] - late[0], accelerometer)
 
 
 def shown_late_s(log: Recorder, vehicle: Vehicle) -> tuple[float, float]:
