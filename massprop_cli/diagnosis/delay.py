@@ -24,7 +24,7 @@ from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.estimate.residualtest import REFUTED, deviate, threshold
-from massprop_cli.inputs.equipment import Imu
+from massprop_cli.inputs.equipment import LATEST_S, Imu
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.geometry import WrenchChanges, uncertain_jets
@@ -213,7 +213,8 @@ def low_passes(log: Log, vehicle: Vehicle, timing: Timing, cutoffs: Sequence[str
     """
     for place, sensor in enumerate(SENSORS):
         keys = [f"imu.{sensor}_filter.{key}" for key, own in (("cutoff_hz", cutoffs), ("latency_s", latencies)) if sensor in own]
-        late = LATENCIES_S if sensor in cutoffs else (*LATENCIES_S, *(cycles * vehicle.cycle.period_s for cycles in LATENCIES))
+        late = (*LATENCIES_S, *(cycles * vehicle.cycle.period_s for cycles in (() if sensor in cutoffs else LATENCIES)))
+        late = tuple(one for one in late if abs(one) <= LATEST_S)
         grid = [values for values, own in ((CUTOFFS_HZ, cutoffs), (late, latencies)) if sensor in own]
         best = (np.inf, vehicle)
         for values in itertools.product(*grid) if keys else ():

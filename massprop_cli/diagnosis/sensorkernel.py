@@ -24,7 +24,7 @@ from massprop_cli.diagnosis.resolve import PHASE
 from massprop_cli.errorparameters.sensor import WORDS
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V
-from massprop_cli.inputs.equipment import LowPass
+from massprop_cli.inputs.equipment import LATEST_S, LowPass
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -182,6 +182,8 @@ class _Tried(NamedTuple):
             return np.inf, np.inf
 
         def cost(later: float, shown: tuple[bool, bool]) -> float:
+            if abs(later) * self.vehicle.cycle.period_s > LATEST_S:
+                return np.inf
             if all(shown) or not self.vehicle.pivoted:
                 return costs(later * shown[0])[0] + costs(later * shown[1])[1]
             with suppress(InputError):

@@ -45,6 +45,10 @@ def _by_cutoff_or_preset(schema: dict[str, Any]) -> None:
     schema["anyOf"] = [{"required": ["cutoff_hz"]}, {"required": ["preset"]}, unfiltered]
 
 
+LATEST_S = 1.0
+"""Most of a sensor's latency, either way."""
+
+
 class LowPass(Section):
     """What a sensor's values went through before they were recorded: a Butterworth low-pass, and a dead time."""
 
@@ -58,7 +62,7 @@ class LowPass(Section):
         None, description='frequency at which it lets 0.707 through; "auto": estimated from the log; order 0 has none'
     )
     cutoff_sigma_hz: NonNegative = Field(0.0, description="one sigma of a stated cutoff; goes into every sigma")
-    latency_s: Annotated[Real, Field(ge=-1.0, le=1.0)] | Literal["auto"] = Field(
+    latency_s: Annotated[Real, Field(ge=-LATEST_S, le=LATEST_S)] | Literal["auto"] = Field(
         0.0, description='by which values are later than their time stamps beyond the low-pass; "auto": estimated from the log'
     )
     latency_sigma_s: NonNegative = Field(0.0, description="one sigma of latency_s; goes into every sigma")
