@@ -26,7 +26,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 EXACT = 1e-4
 """Part of the interval by which stamps may be off an even clock, and nothing is examined."""
 FAR = 0.1
-"""Part of the interval by which intervals must be off for the increments to be asked, where the stamps' resolution doesn't explain it."""
+"""Part of the interval by which intervals may be off where the increments don't tell whose fault it is: the stamps hold."""
 LEAP = 0.75
 """Records by which a clock's leap is more than scatter."""
 ROBUST = 1.4826
@@ -206,9 +206,11 @@ def _even(source: LogTable, vehicle: Vehicle, time_s: Array, usual_s: float, los
     away, usual_s = time_s - even, median(np.diff(even))
     off = np.diff(time_s, prepend=time_s[0] - usual_s) - usual_s
     off[[0, *leaps]] = 0.0
-    if np.abs(off).max() <= FAR * usual_s:
+    if np.abs(off).max() <= EXACT * usual_s:
         return time_s, ""
     follows = _follows(source, vehicle, off, usual_s, leaps)
+    if follows is None and np.abs(off).max() <= FAR * usual_s:
+        return time_s, ""  # too little for increments to tell, or to be told by
     scatter = float(np.std(off))
     if follows is None and float(np.std(away)) > 1.5 * scatter:
         return time_s, ""  # what each interval adds is not taken back: records of other lengths
