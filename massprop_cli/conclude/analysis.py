@@ -29,6 +29,8 @@ class MendedAnswer:
     settings: tuple[str, ...]
     """KEY=VALUE of the vehicle file that correct it, with how uncertain they are."""
     conclusions: tuple[Conclusion, ...]
+    vehicle: Vehicle
+    """As used then."""
     rivals: tuple[list[Array], ...] = ()
     """(10,) values of each phase, for each cause that can't be ruled out beside it."""
     whole: bool = True

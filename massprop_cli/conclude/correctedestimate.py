@@ -71,7 +71,7 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None
         rivals = tuple(_beside(found, again, rival, offline.SETTLINGS) for rival in fault.rivals)
     except InputError:
         return None
-    return MendedAnswer(fault, settings, judged(again, [], widen=False).conclusions, rivals, cure.by_keys)
+    return MendedAnswer(fault, settings, judged(again, [], widen=False).conclusions, again.vehicle, rivals, cure.by_keys)
 
 
 def _with_sigmas(found: Analysis, cure: Correction, others: Sequence[Correction]) -> tuple[str, ...]:

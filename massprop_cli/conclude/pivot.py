@@ -23,7 +23,7 @@ def with_pivot(found: Analysis) -> Analysis:
     swings = not len(found.samples.capability)
     conclusions = tuple(_with_pivot(one, found.vehicle.in_phase(one.phase), swings) for one in found.conclusions)
     mended = tuple(
-        replace(answer, conclusions=tuple(_with_pivot(one, found.vehicle.in_phase(one.phase), swings) for one in answer.conclusions))
+        replace(answer, conclusions=tuple(_with_pivot(one, answer.vehicle.in_phase(one.phase), swings) for one in answer.conclusions))
         for answer in found.mended
     )
     unweighed = {one.phase.name for one in conclusions if one.estimates["cg_x"].verdict == "unobservable"}

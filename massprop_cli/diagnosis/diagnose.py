@@ -261,7 +261,7 @@ def _changed(screening: Screening, whole: Screening, rest: Callable[[], Undistur
         f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release{_or_thrust(screening, sides)}; "
         "give the vehicle file [[phases]] that end and begin there "
         "(estimator.split_on_change = true does it): what is estimated over the change is no body's"
-    )
+    ) + ("; what [known] states is of neither part then: state it under [[phases]]" if vehicle.known else "")
     return Diagnosis((Explanation("mass-change", message, Correction(("estimator.split_on_change=true",)), time),))
 
 

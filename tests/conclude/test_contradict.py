@@ -239,7 +239,7 @@ def test_what_several_causes_agree_on_is_less_certain_where_none_of_them_is_sure
     def told(code: str) -> Analysis:
         fault = Fault(Notice(code, "the log fits if this, or if that"), Correction(()))
         # what corrects it gives the same values, and so do its rivals
-        answer = MendedAnswer(fault, (), clean.conclusions, ([clean.conclusions[0].values],))
+        answer = MendedAnswer(fault, (), clean.conclusions, clean.vehicle, ([clean.conclusions[0].values],))
         return judged(replace(clean, faults=(fault,)), [answer])
 
     named, unnamed = told("jet-sign"), told("cause-unknown")

@@ -7,15 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from massprop_cli import QUANTITIES
 from massprop_cli.base.configfile import literal, written
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import rotation
+from massprop_cli.conclude.analysis import MendedAnswer
+from massprop_cli.conclude.contradict import Fault
+from massprop_cli.conclude.pivot import with_pivot
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.logfile import read_table
+from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.telemetry import Log, read
 from massprop_cli.inputs.vehicle import Vehicle
 from tests import faulty
+from tests.flown import fly
 
 TRUTH = faulty.truth("free-flyer")
 PART_S = 20.0
@@ -119,3 +125,16 @@ def test_a_setting_of_what_is_uncertain_reads_as_it_was_written() -> None:
     assert literal(written([entry])) == [entry]
     used = vehiclefile.changed(faulty.sample("free-flyer")[1], [f"uncertain={written([entry])}"])
     assert used.uncertain == (entry,)
+
+
+def test_on_a_pedestal_a_remedy_that_drops_the_mass_leaves_the_cg_untold() -> None:
+    """What is known of a phase is of no part of it once it is split."""
+    flown = fly("pedestal", seeds=(1,))
+    weighed = faulty.stated(flown.vehicle, "known.mass={value=12.0, sigma=0.01}")
+    found = faulty.examined(flown.log(0), weighed)
+    assert found.conclusions[0].estimates["cg_x"].value is not None
+    fault = Fault(Notice("mass-change", "at once"), None)
+    split = MendedAnswer(fault, (), found.conclusions, found.vehicle.model_copy(update={"known": {}}))
+    (answer,) = with_pivot(replace(found, mended=(split,))).mended
+    assert {name for name, one in answer.conclusions[0].estimates.items() if one.verdict == "unobservable"} == {*QUANTITIES}
+    assert answer.conclusions[0].about_pivot["ixx"].value is not None
