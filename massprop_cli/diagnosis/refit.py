@@ -280,7 +280,7 @@ def _led(
     still, most = (ROUGHLY, ROUGH) if roughly else (STILL, AGAIN)
     for i in range(most):
         (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.hypothesis.moves], found.value("theta"))
-        found = replace(found, spread=more.spread * np.sqrt(max(mended.misfit, 1.0)))
+        found = replace(found, spread=_of_stated(found, more.spread) * np.sqrt(max(mended.misfit, 1.0)))
         promised = mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square)
         now = mended.cost + _by_units(mended, found, screening.case)
         if i >= STRAIGHT and float(more.chi_square.sum()) > NO_WAY * mended.freedom:
@@ -330,6 +330,14 @@ def _together(x: Array, more: Array, model: Model) -> Array:
     thrust = model.place("thrust")
     found[thrust] = x[thrust] * more[thrust]
     return found
+
+
+def _of_stated(found: Fitted, spread: Array) -> Array:
+    """(d,) sigmas of the unknowns as they change what is stated, of those (d,) by which they change it again: factors multiply."""
+    place = found.model.place("thrust")
+    free = np.abs(found.hypothesis.free[place])
+    before, after = free.max(0, initial=0.0), (np.abs(found.x[place])[:, None] * free).max(0, initial=0.0)
+    return spread * np.where(before > 0, after / np.where(before > 0, before, 1.0), 1.0)
 
 
 def _by_units(mended: Screening, found: Fitted, stated: Case) -> float:
