@@ -115,8 +115,8 @@ def finer(log: Log, vehicle: Vehicle) -> Vehicle:
     """With as many bins a cycle as its turns ask for, where the vehicle file states none."""
     if "bins_per_cycle" in vehicle.estimator.model_fields_set or vehicle.estimator.method != "default":
         return vehicle
-    turns = of_records(log.delta_theta_imu_rad, log.records_per_cycle)
-    turn = float(np.quantile(np.linalg.norm(turns, axis=1), SELDOM))
+    turns = np.sort(np.linalg.norm(of_records(log.delta_theta_imu_rad, log.records_per_cycle), axis=1))
+    turn = float(turns[int(SELDOM * (len(turns) - 1))])
     bins = next((bins for least, bins in FINER if turn > least), vehicle.estimator.bins_per_cycle)
     return vehicle.model_copy(update={"estimator": vehicle.estimator.model_copy(update={"bins_per_cycle": bins})})
 
