@@ -21,6 +21,12 @@ from massprop_cli.prepare.actuators import NOWHERE, lines_of
 AXES = "xyz"
 TWO = 9.2
 """−2 log of the odds, 1 : 100, that a unit is another as well."""
+DECIMATED = (2, 3, 4, 5, 10)
+"""Records of which a recorder may keep one."""
+UNITS_M = (1e-3, 1e-2, 0.0254)
+"""Lengths that drawings are in."""
+REACHED = 10.0
+"""Priors of the IMU's place within which it is found from where it is stated."""
 FEW = 8
 """Devices, of which three may be wired round that no exchange of two leads to."""
 
@@ -205,6 +211,9 @@ def other_units(record_s: float, increments: bool) -> list[OtherUnit]:
     found.append(OtherUnit("gyro-units", f"{gyro} are in degrees, not radians, and {accelerometer} in g", every / DEGREE, every / GRAVITY))
     for words, factor in (("are in milli-g", 1e3 / GRAVITY), ("are in mm/s^2", 1e3)):
         found.append(OtherUnit("accel-units", f"{accelerometer} {words}", every, factor * every, TWO))
+    for count in DECIMATED if increments else ():
+        dropped = f"gyro and accelerometer columns hold one increment of {count}, and the others were dropped, not summed"
+        found.append(OtherUnit("column-kind", dropped, every / count, every / count, TWO))
     return found + [
         OtherUnit("column-kind", f"{which} {held}{more}", g * every, a * every, TWO * bool(more))
         for which, more, g, a in (
@@ -258,8 +267,20 @@ def imu_position(model: Model) -> Hypothesis:
     return _free(model, "imu")
 
 
+def _in_another_unit(model: Model) -> Iterator[Hypothesis]:
+    """The IMU where it is by what is stated in another unit, further off than is looked for from where it is stated."""
+    place = model.place("imu")
+    for unit in UNITS_M:
+        away = (unit - 1) * model.imu
+        if np.abs(away).max() > REACHED * PRIORS["imu"]:
+            start = {place.start + i: float(part) for i, part in enumerate(away)}
+            column = along(model, ("imu", away / PRIORS["imu"]))
+            yield Hypothesis("imu-position", (), column, start=start)
+
+
 def _others(model: Model) -> Iterator[Hypothesis]:
     yield imu_position(model)
+    yield from _in_another_unit(model)
     on_bearing = ("bearing",) * (model.bearing is not None) + ("tilt",) * ("east" in model.places)
     yield from (_free(model, name) for name in (*on_bearing, "torque", "drag"))
     yield _free(model, "mass_rate", "inertia_rate")

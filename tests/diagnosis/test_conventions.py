@@ -90,3 +90,15 @@ def test_beside_a_unit_a_tilted_imu_is_named_by_its_own_angle_and_mended_by_its_
     (said,) = (setting for setting in cure.settings if setting.startswith("imu.body_from_imu="))
     np.testing.assert_allclose(json.loads(said.partition("=")[2]), true, atol=2e-3)
     np.testing.assert_allclose(cure.gyro, DEGREE * np.eye(3), atol=1e-9)
+
+
+@pytest.mark.parametrize("unit_m", [0.01, pytest.param(0.0254, marks=pytest.mark.thorough), pytest.param(1e-3, marks=pytest.mark.thorough)])
+def test_an_imus_position_in_another_unit_is_no_scale_of_its_sensors(unit_m: float) -> None:
+    """Centimetres in place of metres put it tens of metres away: far beyond what is looked for from there."""
+    true_m = np.array(flown().vehicle.imu.position_m)
+    stated = faulty.stated(flown().vehicle, f"imu.position_m={(true_m / unit_m).tolist()}")
+    found = faulty.examined(flown().log(0), stated)
+    assert {fault.notice.code for fault in found.faults} == {"imu-position"}
+    key, value = found.mended[0].settings[0].split("=")
+    assert key == "imu.position_m"
+    np.testing.assert_allclose(json.loads(value), true_m, atol=0.01)
