@@ -162,6 +162,11 @@ class Model:
         order, sign = list(does or range(len(self.force))), np.where(np.isin(np.arange(len(self.force)), spun), -1.0, 1.0)
         return replace(self, position=self.position[order], force=self.force[order], couple=sign[:, None] * self.couple[order])
 
+    @property
+    def turns(self) -> BoolArray:
+        """(3,) about which axes the body turns: on a table about Z alone."""
+        return self.plant.told[[0, 3, 5]]
+
     def wrench(self, x: Array) -> tuple[Array, Array]:
         """(..., C, 3) torque about O and force of each channel, which is as large in another direction."""
         shape = (*x.shape[:-1], -1, 3)
@@ -181,6 +186,7 @@ class Model:
         theta = get("theta")
         inverse, moment, mu = tensor(theta[..., J]), theta[..., MOMENT], theta[..., MU] * self.plant.translates
         inertia = np.linalg.inv(inverse)
+        inverse = inverse * np.outer(self.turns, self.turns)
         torque, force = self.wrench(x)
         centre = moment if self.bearing is None else self.bearing + get("bearing")
         about = torque - cross(centre[..., None, :], force)

@@ -153,7 +153,7 @@ def _beside(
     common = 10 + uncertain.shape[1]
     moves = np.zeros((len(supposed), x.shape[1], common + own))
     moves[:, :, 10:common] = uncertain
-    moves[:, range(10), range(10)] = sizes
+    moves[:, range(10), range(10)] = sizes * model.plant.told  # the others are in nothing, and stay
     for i, one in enumerate(supposed):
         moves[i, :, common : common + one.free.shape[1]] = one.free
     pulled = np.concatenate([np.full(10, PULL), np.ones(common + own - 10)])

@@ -57,7 +57,7 @@ class PackedTriangles:
             *(model.imu, model.mounting, [model.bearing is not None], bearing, [model.gravity], model.level, model.up, flat),
             *(
                 [model.lags["lag"], model.lags["gyro_lag"], model.lags["accel_lag"], RAMP],
-                [model.thrusting, model.plant.translates],
+                [model.thrusting, model.plant.translates, *model.turns],
                 model.position,
                 model.force,
                 model.couple,

@@ -117,7 +117,8 @@ void mp_hypotheses_of(const long *sizes, const long *places, const double *numbe
     out->ramp = numbers[38];
     out->thrusting = (long)numbers[39];
     out->translates = numbers[40] != 0.0;
-    out->position = numbers + 41;
+    out->turns = numbers + 41;
+    out->position = numbers + 44;
     out->force = out->position + 3 * out->channels;
     out->couple = out->force + 3 * out->channels;
 }
@@ -367,6 +368,8 @@ void mp_hypothesis_coefficients(const mp_hypotheses *about, const double *x, con
     memset(out, 0, (size_t)(6 * about->columns) * sizeof out[0]);
     mp_hypothesis_tensor(x, inverted);
     mp_hypothesis_inverse(inverted, inertia);
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) inverted[i][j] *= about->turns[i] * about->turns[j];
     for (i = 0; i < 3; i++) {
         centre[i] = about->pivoted ? about->bearing[i] + x[BEARING + i] : x[MOMENT + i];
         arm[i] = about->imu[i] + x[IMU + i] - centre[i];

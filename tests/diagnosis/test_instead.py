@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from massprop_cli.base.arrays import frozen
 from massprop_cli.diagnosis.comparison import _Rows
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.kernel import kernel
@@ -66,3 +69,16 @@ def test_a_fit_that_comes_to_no_number_leads_nowhere_and_refuses_nothing() -> No
     found = rows.posed.fitted(x, moves, np.ones(10), (1e-3, 100.0, 8))
     np.testing.assert_array_equal(found.x, x)
     assert not np.isfinite(found.spread).all()
+
+
+@pytest.mark.parametrize("raised_m", [pytest.param(0.0, marks=pytest.mark.thorough), 0.2])
+def test_on_a_table_it_does_not_matter_how_high_jets_are(raised_m: float) -> None:
+    """They turn the vehicle about Z alone; an accelerometer's bias of 0.12 degrees of weight is named as one."""
+    flown = fly("planar")
+    places = [(*jet.position_m[:2], jet.position_m[2] + raised_m) for jet in flown.vehicle.jets]
+    used = faulty.stated(flown.vehicle, *(f"jets.{i}.position_m={list(place)}" for i, place in enumerate(places)))
+    log = flown.log(0)
+    assert not [notice.code for notice in faulty.examined(log, used).notices]
+    biased = log.delta_v_imu_m_s + log.interval_s[:, None] * np.array([0.02, -0.015, 0.0])
+    found = faulty.examined(replace(log, delta_v_imu_m_s=frozen(biased)), used)
+    assert {fault.notice.code for fault in found.faults} == {"accel-bias"}
