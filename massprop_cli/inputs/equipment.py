@@ -96,7 +96,7 @@ class LowPass(Section):
 
 
 class Imu(Section):
-    """Where the IMU sits and how it is turned; noise is one sigma of a cycle's mean."""
+    """Where the IMU sits and how it is turned; noise is one sigma of a cycle's mean, or a group's (docs/log.md, two clocks)."""
 
     clock_drift_ppm: Real = Field(
         0.0,
