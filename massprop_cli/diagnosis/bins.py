@@ -31,23 +31,23 @@ def with_bins(setup: Setup, samples: Stream, pieces: Sequence[slice]) -> Vehicle
     used, _ = with_noise_levels(samples, pieces, setup.vehicle)
     log, parts = segment.bounded(setup.log, used, setup.timing, pieces, LONGEST)
     here = setup.timing.of(log, used)
+    fewest = setup.vehicle.estimator.bins_per_cycle
     begun = [(part, first_reference(here, part, used)) for part in parts]
     known = [(part, reference) for part, reference in begun if reference is not None]
     share = sum(part.stop - part.start for part, _ in known) / sum(piece.stop - piece.start for piece in pieces)
 
     def expected(bins: int) -> Array:
         vehicle = used.model_copy(update={"estimator": used.estimator.model_copy(update={"bins_per_cycle": bins})})
-        read = setup.timing.of(log, vehicle)
+        read = here if bins == fewest else setup.timing.of(log, vehicle)
         each = [response(read, part, reference, vehicle) for part, reference in known]
         return np.concatenate([(one / noise).ravel() for pair in each for one, noise in zip(pair, np.split(used.noise, 2), strict=True)])
 
-    fewest = setup.vehicle.estimator.bins_per_cycle
     if not known or not used.noise.all():
         return setup.vehicle
-    coarse = expected(fewest)
+    chosen, coarse = fewest, expected(fewest)
     for finer in [bins for bins in BINS if bins > fewest]:
         fine = expected(finer)
         if np.linalg.norm(fine - coarse) < MOVED * np.sqrt(share):
             break
-        coarse, fewest = fine, finer
-    return setup.vehicle.model_copy(update={"estimator": setup.vehicle.estimator.model_copy(update={"bins_per_cycle": fewest})})
+        chosen, coarse = finer, fine
+    return setup.vehicle.model_copy(update={"estimator": setup.vehicle.estimator.model_copy(update={"bins_per_cycle": chosen})})
