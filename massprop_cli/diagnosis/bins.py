@@ -16,6 +16,8 @@ from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.estimate.noiselevels import with_noise_levels
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.plant import Reference
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.stream import Stream
 
 BINS = (4, 16, 64)
@@ -29,16 +31,17 @@ LONGEST = 400
 def with_bins(setup: Setup, samples: Stream, pieces: Sequence[slice]) -> Vehicle:
     """The vehicle with as many bins a cycle as the log asks for; as it is where nothing tells how the body answers."""
     used, _ = with_noise_levels(samples, pieces, setup.vehicle)
-    log, parts = segment.bounded(setup.log, used, setup.timing, pieces, LONGEST)
-    here = setup.timing.of(log, used)
+    log, busy = segment.bounded(setup.log, used, setup.timing, pieces, LONGEST)
+    parts = [slice(part.start, min(part.stop, part.start + LONGEST)) for part in busy]
+    here = Stream.of(log, used, setup.timing)
     fewest = setup.vehicle.estimator.bins_per_cycle
-    begun = [(part, first_reference(here, part, used)) for part in parts]
+    begun = [(part, _first(here, part, used)) for part in parts]
     known = [(part, reference) for part, reference in begun if reference is not None]
     share = sum(part.stop - part.start for part, _ in known) / sum(piece.stop - piece.start for piece in pieces)
 
     def expected(bins: int) -> Array:
         vehicle = used.model_copy(update={"estimator": used.estimator.model_copy(update={"bins_per_cycle": bins})})
-        read = here if bins == fewest else setup.timing.of(log, vehicle)
+        read = here if bins == fewest else Stream.of(log, vehicle, setup.timing)
         each = [response(read, part, reference, vehicle) for part, reference in known]
         return np.concatenate([(one / noise).ravel() for pair in each for one, noise in zip(pair, np.split(used.noise, 2), strict=True)])
 
@@ -47,7 +50,14 @@ def with_bins(setup: Setup, samples: Stream, pieces: Sequence[slice]) -> Vehicle
     chosen, coarse = fewest, expected(fewest)
     for finer in [bins for bins in BINS if bins > fewest]:
         fine = expected(finer)
-        if np.linalg.norm(fine - coarse) < MOVED * np.sqrt(share):
-            break
+        if not np.linalg.norm(fine - coarse) >= MOVED * np.sqrt(share):
+            break  # or what runs away tells nothing
         chosen, coarse = finer, fine
     return setup.vehicle.model_copy(update={"estimator": setup.vehicle.estimator.model_copy(update={"bins_per_cycle": chosen})})
+
+
+def _first(samples: Stream, cycles: slice, vehicle: Resolved) -> Reference | None:
+    try:
+        return first_reference(samples, cycles, vehicle)
+    except np.linalg.LinAlgError:
+        return None
