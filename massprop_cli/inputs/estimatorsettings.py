@@ -41,7 +41,7 @@ class EstimatorSettings(Section):
         ge=2,
         le=200,
         description="resolution of motion within a control cycle; left out, the default method takes 8, 16, 32 or 64 where the log turns "
-        "by 0.15, 0.3, 0.6 or 1.2 rad in one",
+        "by 0.15, 0.3, 0.6 or 1.2 rad in one, and 16 or 64 where more could move a value by 0.3 sigma",
     )
     prior_scale: Positive = Field(100.0, le=1e6, description="prior sigma over the vehicle's natural size; larger pulls less")
     accel_noise_scale: tuple[Positive, Positive, Positive] = Field(
