@@ -28,12 +28,12 @@ LONGEST = 400
 """Cycles that are looked at."""
 
 
-def with_bins(setup: Setup, samples: Stream, pieces: Sequence[slice]) -> Vehicle:
+def with_bins(setup: Setup, pieces: Sequence[slice]) -> Vehicle:
     """The vehicle with as many bins a cycle as the log asks for; as it is where nothing tells how the body answers."""
-    used, _ = with_noise_levels(samples, pieces, setup.vehicle)
-    log, busy = segment.bounded(setup.log, used, setup.timing, pieces, LONGEST)
+    log, busy = segment.bounded(setup.log, setup.vehicle, setup.timing, pieces, LONGEST)
     parts = [slice(part.start, min(part.stop, part.start + LONGEST)) for part in busy]
-    here = Stream.of(log, used, setup.timing)
+    here = Stream.of(log, setup.vehicle, setup.timing)
+    used, _ = with_noise_levels(here, parts, setup.vehicle)
     fewest = setup.vehicle.estimator.bins_per_cycle
     begun = [(part, _first(here, part, used)) for part in parts]
     known = [(part, reference) for part, reference in begun if reference is not None]

@@ -184,9 +184,8 @@ class Model:
             return x[..., self.entries[name]]
 
         theta = get("theta")
-        inverse, moment, mu = tensor(theta[..., J]), theta[..., MOMENT], theta[..., MU] * self.plant.translates
-        inertia = np.linalg.inv(inverse)
-        inverse = inverse * np.outer(self.turns, self.turns)
+        inertia, moment, mu = np.linalg.inv(tensor(theta[..., J])), theta[..., MOMENT], theta[..., MU] * self.plant.translates
+        inverse = tensor(theta[..., J]) * np.outer(self.turns, self.turns)
         torque, force = self.wrench(x)
         centre = moment if self.bearing is None else self.bearing + get("bearing")
         about = torque - cross(centre[..., None, :], force)

@@ -71,7 +71,7 @@ def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
     samples = Stream.of(log, stated, timing)
     phases = phases_of(log, stated, samples)
     if open_bins:
-        stated = with_bins(Setup(log, stated, timing), samples, [cycles for _, cycles in phases])
+        stated = with_bins(Setup(log, stated, timing), [cycles for _, cycles in phases])
         samples = Stream.of(log, stated, timing)
     read = log
     if stated.estimator.method == "default":
