@@ -55,4 +55,5 @@ def _covariance(slopes: Array) -> Array:
     size = np.where(size > 0, size, 1.0)
     vectors, values, _ = np.linalg.svd(slopes / size[:, None], full_matrices=False)
     root = vectors / np.maximum(values, RESOLVED * values[0]) / size[:, None]
-    return root @ root.T
+    found: Array = root @ root.T
+    return found

@@ -29,7 +29,8 @@ def cubic(wanted: Array, at: Array, values: Array) -> Array:
 
     if len(at) < 2:
         return np.full(np.shape(wanted), values[0])
-    return CubicHermiteSpline(at, values, np.gradient(values, at))(np.clip(wanted, at[0], at[-1]))
+    found: Array = CubicHermiteSpline(at, values, np.gradient(values, at))(np.clip(wanted, at[0], at[-1]))
+    return found
 
 
 MUCH = 1e6
@@ -68,7 +69,8 @@ def root_beside_unit(ahead: Array) -> Array:
     """(K, n, n) lower-triangular root of ``1 + ahead aheadᵀ``, never squared: a prediction from hardly anything is huge."""
     count, rows, _ = ahead.shape
     upper = triangle_of(np.concatenate([ahead.transpose(0, 2, 1), np.broadcast_to(np.eye(rows), (count, rows, rows))], 1))
-    return (upper * np.sign(np.einsum("kii->ki", upper))[..., None]).transpose(0, 2, 1)
+    found: Array = (upper * np.sign(np.einsum("kii->ki", upper))[..., None]).transpose(0, 2, 1)
+    return found
 
 
 def grown(triangle: Array, rows: Array) -> Array:

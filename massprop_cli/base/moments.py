@@ -40,7 +40,8 @@ class Moments:
         """(c,) mean product of each row and the one before; two rows are the least."""
         pairs = self.count - 1
         ends = 2 * self._sum - self._first - self._last
-        return self._products / pairs - self._mean * ends / pairs + self._mean**2
+        found: Array = self._products / pairs - self._mean * ends / pairs + self._mean**2
+        return found
 
     @property
     def _mean(self) -> Array:

@@ -40,7 +40,8 @@ def matrices(attitude_wxyz: Array) -> Array:
 
 def inverse(unit_wxyz: Array) -> Array:
     """(..., 4) quaternions of the turns back."""
-    return unit_wxyz * np.array([1.0, -1.0, -1.0, -1.0])
+    found: Array = unit_wxyz * np.array([1.0, -1.0, -1.0, -1.0])
+    return found
 
 
 def turns_between(attitude_wxyz: Array) -> Array:

@@ -47,14 +47,16 @@ def inverse(matrix: Array) -> Array:
     """Of well-conditioned (K, 3, 3), by cofactors; numpy's own takes several times as long."""
     cofactors = cross(matrix[:, [1, 2, 0]], matrix[:, [2, 0, 1]])
     determinant = np.einsum("ki,ki->k", matrix[:, 0], cofactors[:, 0])
-    return cofactors.transpose(0, 2, 1) / determinant[:, None, None]
+    found: Array = cofactors.transpose(0, 2, 1) / determinant[:, None, None]
+    return found
 
 
 def rotation(vector: Array) -> Array:
     """(..., 3, 3) rotation by rotation vectors (..., 3) in rad (Rodrigues)."""
     angle = np.sqrt((vector**2).sum(-1))[..., None, None]
     turn = cross_matrix(vector)
-    return np.eye(3) + np.sinc(angle / np.pi) * turn + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (turn @ turn)
+    found: Array = np.eye(3) + np.sinc(angle / np.pi) * turn + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (turn @ turn)
+    return found
 
 
 def mean_rotation(vector: Array) -> Array:
@@ -64,12 +66,14 @@ def mean_rotation(vector: Array) -> Array:
     angle = np.sqrt(square)
     # (θ − sin θ) / θ³ where it doesn't cancel
     cubic = np.where(square > 0.01, (1 - np.sinc(angle / np.pi)) / np.maximum(square, 0.01), (1 - square / 20 * (1 - square / 42)) / 6)
-    return np.eye(3) + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * turn + cubic * (turn @ turn)
+    found: Array = np.eye(3) + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * turn + cubic * (turn @ turn)
+    return found
 
 
 def spread(arm: Array) -> Array:
     """S(d) = ``d·d 1 − d dᵀ``, (..., 3, 3) m², of arms d (..., 3)."""
-    return (arm**2).sum(-1)[..., None, None] * np.eye(3) - arm[..., :, None] * arm[..., None, :]
+    found: Array = (arm**2).sum(-1)[..., None, None] * np.eye(3) - arm[..., :, None] * arm[..., None, :]
+    return found
 
 
 def spread_by_arm(arm: Array) -> Array:
@@ -95,7 +99,8 @@ def inertia_regressor(v: Array) -> Array:
 
 def times(matrix: Array, v: Array) -> Array:
     """``matrix @ v`` for stacks of vectors, in an order of sums that does not depend on the size of the stack."""
-    return np.einsum("...ij,...j->...i", matrix, v)
+    found: Array = np.einsum("...ij,...j->...i", matrix, v)
+    return found
 
 
 def angular_acceleration(inertia: Array, cg: Array, rate: Array, torque: Array, force: Array) -> Array:

@@ -272,7 +272,8 @@ class ErrorParameter:
 
     def error(self, by: float, axis: int = 0) -> Array:
         """(size,) of one component."""
-        return by * np.eye(self.size)[axis]
+        found: Array = by * np.eye(self.size)[axis]
+        return found
 
     def ends(self, setup: Setup) -> tuple[float, float]:
         """Errors between which a derivative is taken, in ``unit``: both sides of what is stated where it is far from linear."""

@@ -92,7 +92,8 @@ def cross_validation(samples: Source, cycles: slice, reference: Reference, vehic
 
 def _scatter(values: Array) -> Array:
     """(n,) of values (1 + S, n): the estimate, and where each segment moves it."""
-    return np.sqrt(((values[1:] - values[0]) ** 2).sum(0))
+    found: Array = np.sqrt(((values[1:] - values[0]) ** 2).sum(0))
+    return found
 
 
 def _solved(rows: list[Array]) -> tuple[Array, Array]:

@@ -206,7 +206,8 @@ def each(rates: Driven, disturbances: Sequence[Disturbance], distinct: BoolArray
 
 def _distinct(triangle: Array) -> BoolArray:
     """(p,) which columns are no sum of those before them."""
-    return np.abs(np.diag(triangle)) > SAME * np.linalg.norm(triangle, axis=0)
+    found: BoolArray = np.abs(np.diag(triangle)) > SAME * np.linalg.norm(triangle, axis=0)
+    return found
 
 
 def _innovations(rates: Driven, disturbances: Sequence[Disturbance]) -> tuple[Array, Array]:

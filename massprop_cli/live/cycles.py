@@ -143,4 +143,5 @@ class Gatherer:
 
 def _summed(own: list[tuple[Record, float]], names: tuple[str, ...], rates: bool) -> Array:
     each = np.array([[record.numbers[name] * (interval if rates else 1.0) for name in names] for record, interval in own])
-    return each.sum(0)
+    found: Array = each.sum(0)
+    return found

@@ -57,7 +57,8 @@ def _weighed(rows: Array, vehicle: Vehicle) -> Array:
     if not vehicle.on_pedestal:
         return np.zeros((0, 10))
     index = [QUANTITIES.index(name) for name in vehicle.known if name in INERTIA]
-    return np.eye(10)[index] * np.sqrt((rows**2).sum((0, 1)))
+    found: Array = np.eye(10)[index] * np.sqrt((rows**2).sum((0, 1)))
+    return found
 
 
 def _in_row_space(rows: Array) -> BoolArray:
@@ -66,7 +67,8 @@ def _in_row_space(rows: Array) -> BoolArray:
     scaled = rows / np.where(seen, size, 1.0)
     _, values, right = singular(scaled)
     null = right[values < ROUNDING * max(values[0], TINY)]
-    return seen & ~(np.abs(null) > 1e-6).any(0)
+    found: BoolArray = seen & ~(np.abs(null) > 1e-6).any(0)
+    return found
 
 
 def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved) -> tuple[Array, BoolArray]:

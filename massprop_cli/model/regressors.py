@@ -310,7 +310,8 @@ def expected(samples: Source, cycles: slice, reference: Reference, vehicle: Vehi
 def _bounded(derivative: Array) -> Array:
     """(K, 3, 3) the derivative, made smaller where an error would turn by more than ``STEEP`` within a step: it says nothing there."""
     size = np.sqrt((derivative**2).sum((1, 2)))
-    return derivative * np.minimum(1.0, STEEP / np.maximum(size, STEEP))[:, None, None]
+    found: Array = derivative * np.minimum(1.0, STEEP / np.maximum(size, STEEP))[:, None, None]
+    return found
 
 
 def integrals_about(samples: Samples, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array, Array]:
@@ -328,4 +329,5 @@ def _by_axis(channels: Array, onto: Array) -> Array:
     """(K, 3, c) what Φ makes of channels (K, C) in combinations ``onto`` (N, c) of its coefficients."""
     count = 3 * channels.shape[1]
     by_channel = onto[:count].reshape(3, -1, onto.shape[1])
-    return np.einsum("kc,acm->kam", channels, by_channel)
+    found: Array = np.einsum("kc,acm->kam", channels, by_channel)
+    return found

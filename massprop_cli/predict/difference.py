@@ -125,7 +125,8 @@ def _covariance(sides: list[PredictionSide], slopes: list[Array], at: IntArray) 
     own = sum((side.scale_sigma**2 * np.outer(one, one) for side, one in zip(sides, scaled, strict=True)), np.zeros_like(slopes[0]))
     left = max(side.scale_sigma for side in sides) * (scaled[0] - scaled[1])
     across = slopes[0] @ sides[0].shared @ (slopes[1] @ sides[1].shared).T
-    return _apart(sides, slopes, at) + (np.outer(left, left) - own - across - across.T)[np.ix_(at, at)]
+    found: Array = _apart(sides, slopes, at) + (np.outer(left, left) - own - across - across.T)[np.ix_(at, at)]
+    return found
 
 
 def _distance(d: Array, covariance: Array, apart: Array) -> tuple[float, int]:

@@ -34,7 +34,8 @@ def capability(log: Log, vehicle: Vehicle) -> Array:
     wrench = channel_wrench(log, vehicle)
     if log.command_kind != "wrench":
         return wrench
-    return wrench[np.append((log.command != 0).any(0), np.ones(len(vehicle.momentum_wrench), dtype=bool))]
+    found: Array = wrench[np.append((log.command != 0).any(0), np.ones(len(vehicle.momentum_wrench), dtype=bool))]
+    return found
 
 
 def channel_wrench(log: Log, vehicle: Vehicle) -> Array:

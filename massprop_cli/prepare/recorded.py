@@ -49,7 +49,8 @@ def _undone(increments: Array, interval_s: Array, lag_s: float) -> Array:
     mean = increments / interval_s[:, None]
     kept = np.exp(-interval_s / lag_s)[:, None]
     before = np.concatenate([mean[:1], mean[:-1]])
-    return interval_s[:, None] * (mean - kept * before) / (1 - kept)
+    found: Array = interval_s[:, None] * (mean - kept * before) / (1 - kept)
+    return found
 
 
 def applied(values: Array, step_s: float, lag_s: float) -> Array:

@@ -115,7 +115,8 @@ def at_times(time_s: Array, readings: Array, latency_s: float, window_s: float, 
     banded[0, 1:] += 1.0
     banded[0, :-1] += 1.0
     banded[1, :-1] -= 1.0
-    return solveh_banded(banded, right, lower=True)[before:]
+    found: Array = solveh_banded(banded, right, lower=True)[before:]
+    return found
 
 
 def _weight(knot_s: Array, first: int, end_s: Array, window_s: float) -> Array:

@@ -31,7 +31,8 @@ def information(source: ScenarioSource, issued: Array, values: Array) -> Array:
     members, unknowns = slopes.shape[:2]
     by_cycle = np.moveaxis(slopes.reshape(members, unknowns, issued.shape[1], -1), 1, 2)
     sizes = np.concatenate([[natural_sizes(body) for body in values], np.ones((members, 3))], 1)
-    return by_cycle @ np.swapaxes(by_cycle, -1, -2) * (sizes[:, :, None] * sizes[:, None, :])[:, None]
+    found: Array = by_cycle @ np.swapaxes(by_cycle, -1, -2) * (sizes[:, :, None] * sizes[:, None, :])[:, None]
+    return found
 
 
 def noise_free(source: ScenarioSource) -> ScenarioSource:
@@ -66,7 +67,8 @@ def sensitivities(source: ScenarioSource, seeds: Sequence[int], issued: Array, v
         ],
         -1,
     ).reshape(members, 2, unknowns, -1, 6)[..., list(scenario.sensors.axes)] / (np.sqrt(records) * period / records)
-    return (whitened[:, 0] - whitened[:, 1]) / (2 * np.array(sizes)[:, :, None, None])
+    found: Array = (whitened[:, 0] - whitened[:, 1]) / (2 * np.array(sizes)[:, :, None, None])
+    return found
 
 
 def natural_sizes(values: Array) -> Array:

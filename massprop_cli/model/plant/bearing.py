@@ -207,4 +207,5 @@ class BearingBody(Plant):
 
 def level(up: Array, v: Array) -> Array:
     """The part of vectors that lies in the level plane, P v."""
-    return v - up * np.einsum("...i,...i->...", up, v)[..., None]
+    found: Array = v - up * np.einsum("...i,...i->...", up, v)[..., None]
+    return found

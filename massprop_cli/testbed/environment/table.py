@@ -34,7 +34,8 @@ class OnTable(Dynamics):
     @cached_property
     def inverse(self) -> Array:
         """(3, 3, S) of I_zz alone."""
-        return np.diag(YAW)[..., None] / self.bodies.inertia[2, 2]
+        found: Array = np.diag(YAW)[..., None] / self.bodies.inertia[2, 2]
+        return found
 
     def fixed(self, attitude: Array) -> Array:
         """(3, S) what holds it on the slope."""
