@@ -11,13 +11,11 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis import segment
+from massprop_cli.diagnosis.delay import first_of
 from massprop_cli.diagnosis.fit import response
 from massprop_cli.errorparameters.setup import Setup
-from massprop_cli.estimate.initial import first_reference
 from massprop_cli.estimate.noiselevels import with_noise_levels
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.plant import Reference
-from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.stream import Stream
 
 BINS = (4, 16, 64)
@@ -35,7 +33,7 @@ def with_bins(setup: Setup, pieces: Sequence[slice]) -> Vehicle:
     here = Stream.of(log, setup.vehicle, setup.timing)
     used, _ = with_noise_levels(here, parts, setup.vehicle)
     fewest = setup.vehicle.estimator.bins_per_cycle
-    begun = [(part, _first(here, part, used)) for part in parts]
+    begun = [(part, first_of(here, part, used)) for part in parts]
     known = [(part, reference) for part, reference in begun if reference is not None]
     share = sum(part.stop - part.start for part, _ in known) / sum(piece.stop - piece.start for piece in pieces)
 
@@ -53,11 +51,6 @@ def with_bins(setup: Setup, pieces: Sequence[slice]) -> Vehicle:
         if not np.linalg.norm(fine - coarse) >= MOVED * np.sqrt(share):
             break  # or what runs away tells nothing
         chosen, coarse = finer, fine
+    if chosen == fewest:
+        return setup.vehicle
     return setup.vehicle.model_copy(update={"estimator": setup.vehicle.estimator.model_copy(update={"bins_per_cycle": chosen})})
-
-
-def _first(samples: Stream, cycles: slice, vehicle: Resolved) -> Reference | None:
-    try:
-        return first_reference(samples, cycles, vehicle)
-    except np.linalg.LinAlgError:
-        return None

@@ -33,7 +33,7 @@ from massprop_cli.model.regressors import regressors
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import wrench_columns
 from massprop_cli.prepare.align import LAGS_FORGOTTEN, impulses
-from massprop_cli.prepare.compensate import Samples
+from massprop_cli.prepare.compensate import Samples, Source
 from massprop_cli.prepare.timing import Timing
 
 LONGEST = 20
@@ -275,7 +275,7 @@ class _Move(NamedTuple):
     after: float
 
 
-def _first(samples: Samples, cycles: slice, vehicle: Vehicle) -> Reference | None:
+def first_of(samples: Source, cycles: slice, vehicle: Vehicle) -> Reference | None:
     """What a fit may begin about; None where nothing tells, or what is told runs away."""
     try:
         return first_reference(samples, cycles, vehicle) if cycles.stop - cycles.start > 20 else None
@@ -339,7 +339,7 @@ def fitted(samples: Samples, cycles: slice, reference: Reference | None, vehicle
     plain = None if reference is None else fit(samples, cycles, reference, vehicle, passes=PASSES)
     if plain is not None and plain.chi_square <= BADLY:
         return plain
-    first = _first(samples, cycles, vehicle)
+    first = first_of(samples, cycles, vehicle)
     again = None if first is None else fit(samples, cycles, first, vehicle, passes=PASSES)
     return min((one for one in (plain, again) if one is not None), key=lambda one: one.chi_square, default=None)
 

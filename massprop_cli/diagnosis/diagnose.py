@@ -15,7 +15,6 @@ from itertools import chain, islice
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis import change, delay, hypotheses
 from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted, fitted
 from massprop_cli.diagnosis.corrections import Case, Correction, around, correction_of
@@ -165,15 +164,10 @@ def _alone(screening: Screening) -> list[Refit]:
     best += otherwise_filtered(screening)
     best += [] if any(map(_whole, best)) else otherwise(screening, best)
     likeliest = min((refit for refit in best if refit.fits), key=lambda refit: refit.score, default=None)
-    if likeliest is not None and _turns(likeliest.fitted.hypothesis.gyro):
+    if likeliest is not None and likeliest.fitted.hypothesis.turns:
         # actuators that are wired round may be a turn of the whole vehicle
         return [*best, *_wired(screening)]
     return best if screening.upset or likeliest is not None else [*best, *_turned(screening)]
-
-
-def _turns(gyro: Array) -> bool:
-    """Whether it turns or mirrors axes (3, 3); another unit does neither."""
-    return bool((gyro != np.diag(np.diag(gyro))).any() or (np.diag(gyro) < 0).any())
 
 
 def _different(each: Iterable[Fitted]) -> Iterator[Fitted]:

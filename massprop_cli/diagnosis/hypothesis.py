@@ -70,6 +70,12 @@ class Hypothesis:
         return Hypothesis(self.code, self.subject, self.free, self.start, self.gyro, self.accelerometer, (channel,), freed=channel)
 
     @property
+    def turns(self) -> bool:
+        """Whether it turns or mirrors the gyro's axes; another unit does neither."""
+        scale = np.diag(self.gyro)
+        return bool((self.gyro != np.diag(scale)).any() or (scale < 0).any())
+
+    @property
     def moves(self) -> Hypothesis:
         """What is left to be found once it is in place."""
         return Hypothesis(self.code, self.subject, self.free)

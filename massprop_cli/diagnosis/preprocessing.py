@@ -70,9 +70,9 @@ def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
     stated = with_timing(source.vehicle, detected)
     samples = Stream.of(log, stated, timing)
     phases = phases_of(log, stated, samples)
-    if open_bins:
-        stated = with_bins(Setup(log, stated, timing), [cycles for _, cycles in phases])
-        samples = Stream.of(log, stated, timing)
+    resolved = with_bins(Setup(log, stated, timing), [cycles for _, cycles in phases]) if open_bins else stated
+    if resolved is not stated:
+        stated, samples = resolved, Stream.of(log, resolved, timing)
     read = log
     if stated.estimator.method == "default":
         stated, others = outliers.screened(log, stated, samples, [cycles for _, cycles in phases])

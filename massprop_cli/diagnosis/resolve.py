@@ -147,10 +147,11 @@ def stated_timing(stated: Vehicle, found: Timing = Timing(0.0, 0.0)) -> Timing: 
 def found_timing(log: Log, source: VehicleSource, say: Progress) -> FoundTiming | None:
     """What the vehicle file leaves to be found ("auto"), or states to be uncertain; None where it is to be as stated."""
     found = _found(log, source.vehicle, say)
-    if found is None or stepped(log, source.vehicle, found.at) is None:
+    steps = None if found is None else stepped(log, source.vehicle, found.at)
+    if found is None or steps is None:
         return found
     vehicle = source.vehicle if found.imu is None else source.vehicle.model_copy(update={"imu": found.imu})
-    return beside_samples(*_bounded(log, vehicle, found.at), found)
+    return beside_samples(*_bounded(log, vehicle, found.at), found, *steps)
 
 
 def _found(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:

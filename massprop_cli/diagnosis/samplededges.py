@@ -29,7 +29,7 @@ NEAR = 6.0
 
 
 def stepped(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[float, float] | None:
-    """S by which commands act after the accelerometer's samples, all by as much, and by how much these times scatter.
+    """Seconds by which commands act after the accelerometer's samples, all by as much, and by how much these times scatter.
 
     None where what the accelerometer shows has no such steps: it is no sample, a low-pass or a lag rounds it, or clocks are apart.
     """
@@ -52,12 +52,16 @@ def gyro_alone(log: Log) -> Log:
     return replace(log, axes=(*log.axes[:3], False, False, False))
 
 
-def beside_samples(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: FoundTiming) -> FoundTiming:
-    """As found, or with all commands just before or just after samples that are near, whichever is likeliest."""
-    begun, steps = Setup(log, vehicle, found.at), stepped(log, vehicle, found.at)
-    if steps is None or abs(steps[0]) > NEAR * found.sigma.delay * begun.period_s:
+def beside_samples(
+    log: Log, vehicle: Resolved, pieces: Sequence[slice], found: FoundTiming, late_s: float, scatter_s: float
+) -> FoundTiming:
+    """As found, or with all commands just before or just after samples that are near, whichever is likeliest.
+
+    ``late_s`` and ``scatter_s`` as :func:`stepped` gives them.
+    """
+    begun = Setup(log, vehicle, found.at)
+    if abs(late_s) > NEAR * found.sigma.delay * begun.period_s:
         return found
-    late_s, scatter_s = steps
     best, least = found, np.inf
     for later_s in (0.0, scatter_s + 2 * ROUNDED_S - late_s, -scatter_s - 2 * ROUNDED_S - late_s):
         at = found.at._replace(delay=found.at.delay + later_s / begun.period_s)
@@ -67,7 +71,7 @@ def beside_samples(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: 
 
 
 def _left(setup: Setup, pieces: Sequence[slice]) -> float:
-    """What fits of the pieces leave of chi-square, but for a factor."""
+    """What fits of the pieces leave of chi-square, but for a factor; infinite where there is none."""
     assert isinstance(setup.vehicle, Resolved)
     try:
         samples = samples_of(setup)
@@ -75,4 +79,5 @@ def _left(setup: Setup, pieces: Sequence[slice]) -> float:
         return np.inf
     first = int(np.argmax(samples.executed.usable))
     fits = [(fitted(samples, slice(max(piece.start, first), piece.stop), None, setup.vehicle), piece) for piece in pieces]
-    return float(sum((piece.stop - piece.start) * one.chi_square for one, piece in fits if one is not None)) or np.inf
+    left = [(piece.stop - piece.start) * one.chi_square for one, piece in fits if one is not None]
+    return sum(left) if left else np.inf
