@@ -100,11 +100,7 @@ def changes(matrix: Array, room: Array, short: Array, weight: Array, cost: Array
 
 
 def moved(hanging: Hanging, ballast: Sequence[Ballast], change: Array) -> Hanging:
-    """The table after changes (n,): κ, the inertia about the pivot by the parallel-axis theorem, and the covariance of both kinds of error.
-
-    Of κ' = κ + Σ m a d + Σ Δm (p − b): errors of κ and of the sliding masses with their covariance, of the added weight, and of where each
-    was put.
-    """
+    """The table after changes (n,): κ + Σ m a d + Σ Δm (p − b), inertia by the parallel-axis theorem, covariance of masses and placing."""
     matrix, inertia = effects(hanging, ballast), hanging.inertia.copy()
     slope = np.eye(len(hanging.covariance))
     extra = np.zeros((3, 3))

@@ -48,10 +48,7 @@ def triangle_of(rows: Array) -> Array:
 
 
 def singular(matrix: Array) -> tuple[Array, Array, Array]:
-    """(N, r), (r,) and (r, n) of the thin singular value decomposition of (N, n).
-
-    LAPACK's fails on some matrices of low rank in one order of their columns, and then in hardly any other.
-    """
+    """(N, r), (r,), (r, n) of the thin SVD of (N, n). LAPACK's fails on some low ranks in one order of columns, and hardly in any other."""
     try:
         left, values, right = np.linalg.svd(matrix, full_matrices=False)
     except np.linalg.LinAlgError:
@@ -76,9 +73,8 @@ def root_beside_unit(ahead: Array) -> Array:
 def grown(triangle: Array, rows: Array) -> Array:
     """(K + 1, n, n + c) a triangle (n, n + c) on n unknowns and c columns beside, and the same with rows (K, …, n + c) added one by one.
 
-    In unknowns of which the triangle makes a unit matrix, rows that tell little beside what is known already are added by products; one
-    that tells far more, by an orthogonal factorisation, since products would lose the rest in their rounding. Which it is depends on no
-    later row.
+    In units of the triangle, rows that add little information are added by products, one that adds far more by an orthogonal factorisation,
+    since products would lose the rest in rounding. Which it is depends on no later row.
     """
     found = np.empty((len(rows) + 1, *triangle.shape))
     found[0] = triangle

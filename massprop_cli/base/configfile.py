@@ -80,10 +80,7 @@ def read_text(path: Path, what: str) -> str:
 
 
 def override(data: dict[str, Any], assignments: Iterable[str]) -> dict[str, Any]:
-    """Apply ``dotted.key=value`` assignments to parsed TOML; a value is a TOML literal or else a plain string.
-
-    Numbers in the path pick list items (``jets.0.rise_s=0.003``).
-    """
+    """Apply ``dotted.key=value`` (TOML literal or plain string) to parsed TOML; numbers pick list items (``jets.0.rise_s=0.003``)."""
     for assignment in assignments:
         key, equals, text = assignment.partition("=")
         if not equals or not key.strip():
@@ -145,11 +142,7 @@ def _assign(data: dict[str, Any], path: list[str], value: object, source: str) -
 
 
 def validate(model: type[Model], data: Mapping[str, Any], source: str, text: str = "", assignments: Sequence[str] = ()) -> Model:
-    """Check ``data`` against ``model``.
-
-    Raises :class:`InputError` with ``source`` and the line in ``text`` (or the assignment at fault), the dotted key, the
-    value, and for an unknown key the nearest known one.
-    """
+    """Check ``data``; :class:`InputError` names line or assignment, dotted key and value, and the known key nearest to an unknown one."""
     bounded(data, source)
     try:
         # as JSON, because only there does pydantic take lists for tuples while refusing true, "10" and the like for numbers

@@ -1,7 +1,4 @@
-"""Text from outside (names of files, vehicles, phases; messages that quote them) on its way out, made safe for each format.
-
-The one place for it: every terminal, page, table and file name gets foreign text through a function of this room.
-"""
+"""Text from outside (names, messages that quote them) made safe for terminal, page, table and file name: the one place for it."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Files that appear whole or not at all, in folders that one process at a time writes to.
-
-Everything is written under a temporary name and moved into place. The lock is the kernel's, so that a process that is killed leaves none
-behind; what it left half-written is cleared by the next that writes there.
-"""
+"""Files that appear whole or not at all, in folders that a lock of the kernel holds; what a killed process left, the next one clears."""
 
 import os
 import tempfile
@@ -135,10 +131,7 @@ def lock(file: Path, folder: Path, patience_s: float) -> Iterator[None]:
 
 
 def check_own(folder: Path, names: Iterable[str], mark: str) -> None:
-    """:class:`InputError` where files would be written over that are someone's own.
-
-    Massprop's have the ``mark`` among them, or the lock of a process that is at work there or was killed.
-    """
+    """:class:`InputError` where files are someone's own: massprop's have the ``mark`` beside them, or the lock of a process."""
     own = (folder / name for name in (_LOCK, mark, _LOCK))  # the lock again: its process may just have set to work
     foreign = [name for name in names if (folder / name).exists()]
     if foreign and not any(path.exists() for path in own):

@@ -1,8 +1,4 @@
-"""How large an input may be, and the one door through which files from outside come in.
-
-A limit is checked against what a file's own header, or the file system, says before anything of that size is allocated. The environment
-may raise or lower each (docs/limits.md).
-"""
+"""Limits of input (docs/limits.md), checked before anything of that size is allocated, and the one door for files from outside."""
 
 import os
 import stat
@@ -83,11 +79,7 @@ def is_folder(path: Path) -> bool:
 
 
 def content(path: Path, what: str) -> bytes:
-    """The bytes of a regular file; ``what`` it is decides how large it may be.
-
-    FileNotFoundError where there is none; :class:`InputError` where it is a folder or anything else (a pipe or a device may never end), too
-    large, or can't be read.
-    """
+    """The bytes of a regular file, whose kind ``what`` sets the limit; FileNotFoundError, or :class:`InputError` where it can't be read."""
     limit = of(what)
     with _opened(path, what) as (file, _):
         # a file may grow while it is read

@@ -1,8 +1,7 @@
 """Arrays and files as long as a log, of which memory holds no more than is worked on.
 
-A large one lies in a temporary file without a name that is mapped into memory: its numbers are read and written as those of any array, and
-go with it. What of them memory holds is given back after each part, so that it doesn't grow with the log. Where the platform or the disk
-allows no such file it is an array like any other.
+A large one is a mapped temporary file without a name, whose memory is given back part by part; where the system or the disk allows none, it
+is an array like any other.
 """
 
 from __future__ import annotations

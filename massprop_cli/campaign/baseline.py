@@ -43,10 +43,9 @@ def phases(earlier: Earlier) -> list[str]:
 
 
 def compare(rows: Sequence[CampaignRow], earlier: Earlier, gate: Gate) -> Baseline:
-    """What lies further from the baseline than the gate allows (4 sigma of the difference unless it says otherwise).
+    """What lies further from the baseline than the gate allows; the sigma of a difference is sqrt(s1² + s2²).
 
-    The sigma of a difference is sqrt(s1² + s2²): what both have in common is not taken into account. What the baseline told and this
-    campaign doesn't is beyond, whatever the reason; what it lacks itself is not, unless it lacks everything: nothing could be compared.
+    What the baseline estimated and this campaign doesn't is beyond; what it lacks itself is not, unless it lacks everything.
     """
     old = earlier.campaign
     now = {row.name: n for n, row in enumerate(rows)}

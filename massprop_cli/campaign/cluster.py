@@ -1,9 +1,7 @@
-"""Where jobs run: on a dask.distributed cluster (``pip install 'massprop[cluster]'``).
+"""Jobs on a dask.distributed cluster (``pip install 'massprop[cluster]'``): nothing is shared but the scheduler.
 
-Nothing is shared but the scheduler: files of this machine go with the task, workers read URLs themselves, and results come back as bytes.
-Each thread of a dask worker has a process of its own for the logs (:mod:`massprop_cli.campaign.runner`), as on one machine, so a log
-that kills its process doesn't take the worker along, and the result is the same. The logs of a worker that is lost as a whole are run
-again by the scheduler.
+Files of this machine go with the task, workers read URLs, results come back as bytes. Each thread of a worker has a process of its own for
+the logs (:mod:`massprop_cli.campaign.runner`); the scheduler runs the logs of a lost worker again.
 """
 
 import logging

@@ -20,10 +20,7 @@ _MAGIC = re.compile(r"[*?\[]")
 
 
 def plan(named: Sequence[str], over: Settings) -> tuple[str, list[Job]]:
-    """The campaign's name and its jobs. ``over`` goes over what campaign files say.
-
-    :class:`InputError` where something named is missing or holds no log.
-    """
+    """The campaign's name and jobs; ``over`` overrides campaign files. :class:`InputError` where something is missing or holds no log."""
     found: list[FoundLog] = []
     titles = []
     for text in named:
@@ -178,10 +175,7 @@ ANY = "**"
 
 
 def fitting(files: Sequence[str], pattern: str) -> list[str]:
-    """Of these paths those that fit a pattern, and those in folders that do.
-
-    "*" fits within one part of a path, "**" any number of folders, neither what begins with a dot.
-    """
+    """Paths that fit a pattern, and those in folders that do: "*" within one part, "**" any folders, neither what begins with a dot."""
     wanted = PurePosixPath(pattern).parts
     return [file for file in files if _fits(file.split("/"), wanted)]
 

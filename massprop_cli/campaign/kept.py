@@ -122,10 +122,7 @@ def shared(phase: PhaseItem, used: Vehicle) -> Array:
 
 
 def shared_about_pivot(phase: PhaseItem, used: Vehicle, alike: Array) -> tuple[Array, Array]:
-    """(9,) the same about the pivot, and what the logs may have ``alike`` beside that, carried over from the ten (10,).
-
-    Where the ten have no values, the nine are proportional to the thrust, and known inertia is about the pivot.
-    """
+    """(9,) the same about the pivot, and what logs may have ``alike`` (10,) there; without the ten, the nine scale with the thrust."""
     known, doubted = {name: sigma for name, (_, sigma) in phase.known.items()}, _doubted(phase, used)
     onto = incommon.by_ten_about_pivot(phase, used.bearing_mass_kg, np.array(used.environment.bearing_position_m))
     more = incommon.alike_about_pivot(alike, onto)
@@ -144,10 +141,7 @@ def _doubted(phase: PhaseItem, used: Vehicle) -> Vehicle:
 
 
 def _stated(found: Result, phase: PhaseItem, used: Vehicle, stated: Vehicle) -> Array:
-    """(10,) sigma of what all logs may have in common beside the scale and what is known.
-
-    A log that narrows a stated delay from s to V leaves V/s of it; of one that it found by itself nothing is stated.
-    """
+    """(10,) sigma that all logs may share beside scale and known values; of a stated delay's sigma s that a log narrows to V, V²/s."""
     given, left = stated.cycle.command_delay_sigma_cycles, used.cycle.command_delay_sigma_cycles
     delay = left**2 / given if given > 0 and stated.cycle.command_delay_cycles != "auto" else 0.0
     return incommon.alike(found, phase, delay)

@@ -1,8 +1,4 @@
-"""A campaign as Markdown, for the summary of a job; in GitHub Actions within what GitHub takes, with annotations.
-
-Limits: 1 MiB of summary for each step, and ten annotations of each kind for each step (docs.github.com, Workflow commands for GitHub
-Actions, "Step isolation and limits"; Annotations).
-"""
+"""A campaign as Markdown for a job's summary, within GitHub's limits for a step (docs.github.com, Workflow commands for GitHub Actions)."""
 
 from collections.abc import Iterator
 from pathlib import Path

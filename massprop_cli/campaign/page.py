@@ -1,7 +1,4 @@
-"""The page of a campaign: a row for each log, to sort and filter in the browser, and what each vehicle's logs say together.
-
-Without scripts it is a plain table. Same campaign, same bytes.
-"""
+"""The page of a campaign: logs to sort and filter (a plain table without scripts), and pooled values. Same campaign, same bytes."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

@@ -68,11 +68,9 @@ def jobs(found: Sequence[FoundLog]) -> list[Job]:
 
 
 def names(logs: Sequence[FoundLog]) -> list[str]:
-    """Names of result folders: stable, unique, readable.
+    """Names of result folders, unique whatever the case: paths below what was named, joined by "-"; log.parquet goes by its folder.
 
-    A log's path below what was named, without its suffix and joined by "-"; a file called log.parquet or log.csv goes by its folder. Logs
-    of one folder that would be called the same take their suffix, others one more folder in front, all of them, until they differ; then a
-    digest of their path. Names differ in more than upper and lower case. What a file system may refuse becomes "_".
+    Equal ones take their suffix in one folder, else one more folder in front, all of them, until they differ; then a digest of their path.
     """
     depth = [max(log.below, 1) for log in logs]
     stems = [(*log.parts[:-1], foldername.same(foldername.stem(log.parts[-1]))) for log in logs]

@@ -90,11 +90,7 @@ class Group:
 
 
 def grouped(rows: Iterable[CampaignRow]) -> dict[Key, Group]:
-    """Logs by vehicle and part.
-
-    A log that stands in the campaign twice, by its bytes or in another file format, counts once. The thesis's method claims no sigmas, so
-    nothing is pooled of it.
-    """
+    """Logs by vehicle and part; a log given twice, in whatever format, counts once, one of the thesis's method, without sigmas, never."""
     groups: dict[Key, Group] = {}
     seen = set()
     for number, one in enumerate(rows, 1):

@@ -32,8 +32,7 @@ def work(
 ) -> CompressedRows:
     """Work all jobs, in a place whose lock is held; a row for each in their order, without an outcome for those not tried.
 
-    A result in place whose fingerprint still holds is kept, unless ``force``. With ``fail_fast`` the first log whose exit code isn't 0 is
-    the last one. ``told`` hears of each log as it is done, in whatever order.
+    A result whose fingerprint holds is kept, unless ``force``; ``fail_fast``: the first exit code ends it; ``told`` hears of each log.
     """
     found = CompressedRows(row(job, None) for job in jobs)
     kept = {} if force else _kept(jobs, place)

@@ -1,7 +1,4 @@
-"""campaign.json: all logs of a campaign and what they say together. The models below are the schema (``massprop schema summary``).
-
-Rows are written one by one, so that a campaign takes hardly more memory for many logs than for few.
-"""
+"""campaign.json (``massprop schema summary``): all logs and what they say together, written row by row to save memory."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence

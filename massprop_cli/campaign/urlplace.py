@@ -1,10 +1,8 @@
 """Results at a URL. Stores have no rename, so a result folder counts only with the object that is written last, outcome.json.
 
-The lock is an object that its holder renews, so that a killed batch's lock is known by its silence. It says who holds it and how often
-it was renewed. A newcomer who finds one watches it for longer than a renewal takes: if it changes, another batch is at work; if not, its
-holder is gone and it is taken over. Clocks of two machines are never compared. Where the store creates an object only if there is none
-(S3 does), two newcomers can't both have it; where it doesn't, or where a takeover crosses another, the one that finds a token other than
-its own stops before it writes anything more.
+The lock is an object that its holder renews, with how often. A newcomer watches it for longer than a renewal takes; one that stands still
+is taken over, so that clocks are never compared. Who finds a token other than its own, as where a store creates over what is there,
+stops before it writes anything more.
 """
 
 import json

@@ -46,12 +46,10 @@ class Inputs:
 
 
 def process(job: Job, known: str | None = None, sent: Mapping[str, bytes] | None = None) -> Produced | None:
-    """Work a job; None where its fingerprint is ``known``: nothing has changed since.
+    """Work a job; None where its fingerprint is ``known``. ``sent`` holds files that came with it, by location (:func:`own_files`).
 
-    ``sent`` holds files that came with the job, by location (:func:`own_files`); None where all are read here.
-
-    Never raises for what a log may hold: unusable input is an outcome with exit code 3, a bug one with 1. A bug, a file that can't be
-    read, and what this machine doesn't take, have no fingerprint and are tried again.
+    Unusable input is an outcome with exit code 3, a bug one with 1. A bug, an unreadable file, and what this machine doesn't take, have no
+    fingerprint and are tried again.
     """
     mark = outcome.UNKEPT
     sha256 = None
@@ -76,10 +74,7 @@ def failed(job: Job, code: int, message: str, mark: str = outcome.UNKEPT, input_
 
 
 def _as_shown(job: Job, message: str) -> str:
-    """The message with the log's and its neighbours' places as the campaign shows them, the same on every machine.
-
-    A place counts where it stands as a path or the beginning of one, not as the end of another's part: "e/" is in "date/" too.
-    """
+    """The message with places as the campaign shows them, where one stands as a path or its beginning: "e/" is in "date/" too."""
     folder, shown = (f"{place.rpartition('/')[0]}/" * ("/" in place) for place in (job.log, job.shown))
     places = [rf"(?P<log>{re.escape(job.log)})(?![\w/\\-]|\.\w)", *([re.escape(folder)] if len(folder) > 1 else [])]
     return re.sub(rf"(?<![^\s'\"(\[{{<=:,;|])(?:{'|'.join(places)})", lambda found: job.shown if found["log"] else shown, message)

@@ -1,4 +1,1 @@
-"""Whether a recording is good, before the testbed is taken down: what table and signals show, and an estimate of it.
-
-Each room looks at one kind of fault and gives :class:`massprop_cli.check.finding.Finding`; what an estimate finds is taken as it is.
-"""
+"""Whether a recording is good: what table and signals show (a module for each kind of :class:`Finding`), and an estimate of it."""

@@ -57,10 +57,7 @@ def quiet(what: str) -> Any:
 
 
 def assignments(context: typer.Context, given: Mapping[str, object], assign: Sequence[str] | None) -> list[str]:
-    """``dotted.key=value`` in the order in which they count: environment, ``--set``, flags.
-
-    ``given`` holds the values of the options method, refine, delay and cross_validate, None or False where not given.
-    """
+    """``dotted.key=value`` in order of precedence: environment, ``--set``, flags; ``given`` by option, None or False where not given."""
     spelt: dict[str, Callable[[Any], str]] = {
         "method": 'estimator.method="{}"'.format,
         "refine": lambda _: "estimator.refine=true",

@@ -49,10 +49,7 @@ def together_docked(
     ready: Callable[[Recorded], Ready] = logs.of_result,
     added: str | None = None,
 ) -> Result:
-    """The vehicle alone, with the object, and the object itself, each of any number of results; ``ready`` has the log of each.
-
-    ``added`` states mass and place of the object (:mod:`massprop_cli.combine.added`): then it is the scale of all.
-    """
+    """The vehicle alone, with the object, and the object, each of several results; ``added`` states the object: it is the scale of all."""
     # a log may hold both: its phases are told apart
     sides = before, after
     for side in sides:

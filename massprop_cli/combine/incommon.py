@@ -1,8 +1,7 @@
 """What the errors of several logs of a vehicle may have in common, beside the thrust's scale and what is known.
 
-Where jets and IMU sit and how they act is one and the same in all logs, so an error of it moves all estimates alike, as far as the logs
-move alike. This holds for what the vehicle file states to be uncertain, and for the families of a model discrepancy that are about the
-vehicle file. Noise, what acts from outside or moves within the body, and what no error parameter explains is each log's own.
+Where jets and IMU sit and how they act is the vehicle file's: an error of it moves all estimates alike. Noise, and what acts from outside
+or moves within the body, is each log's own.
 """
 
 import numpy as np
@@ -19,10 +18,7 @@ STATED = ("mounting", "timing", "thrust", "sensor")
 
 
 def alike(found: Result, phase: PhaseItem, delay: float = 0.0) -> Array:
-    """(10,) sigma of what all logs may have in common; inf where it isn't told. ``delay``: of the command delay's, cycles.
-
-    Of a combined result as it states it: on a pedestal (9,), of the values about the pivot.
-    """
+    """(10,) sigma of what all logs may share, inf where unknown; on a combined pedestal (9,). ``delay``: sigma of the delay, cycles."""
     if phase.alike:
         return np.array(phase.alike)
     steps = {one.code: 1.0 for one in found.assumptions if one.code.startswith(("uncertain-jet-", "uncertain-imu-"))}

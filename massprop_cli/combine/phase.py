@@ -169,10 +169,7 @@ def _side(of: Gathered) -> added.Side:
 
 
 def _joint(name: str, parts: Sequence[Part]) -> tuple[Joint, list[WarningItem]]:
-    """Results added up; where one tells some axes alone, the logs are fitted at once, or it is left out of what it can't be added to.
-
-    No fit explains a log that its model does not: where one has a discrepancy, results are added as they are.
-    """
+    """Results added up; where one shows some axes alone, the logs are fitted at once, unless one has a discrepancy: no fit explains it."""
     pieces = [piece(part.label, part.vehicle, part.phase, incommon.alike(part.recorded.result, part.phase)) for part in parts]
     short = [fit.partial(one, part.vehicle.environment) for one, part in zip(pieces, parts, strict=True)]
     doubted = any(part.phase.discrepancy for part in parts)

@@ -125,10 +125,7 @@ def _leg(name: str, recorder: Recorder, vehicle: Resolved, cycles: slice) -> Leg
 
 
 def _exactly(stated: Vehicle, found: Vehicle) -> Vehicle:
-    """With a delay, a lag and low-passes as the log shows them, taken as exact but where they are stated with a sigma.
-
-    The kernel finds the gyro's bias itself.
-    """
+    """With delay, lag and low-passes as the log shows them, exact unless stated with a sigma. The kernel finds the gyro's bias itself."""
     delay, lag, imu = stated.cycle, stated.thrust, stated.imu
     cycle = {"command_delay_sigma_cycles": 0.0 if delay.command_delay_cycles == "auto" else delay.command_delay_sigma_cycles}
     thrust = {"lag_sigma_s": 0.0 if lag.lag_s == "auto" else lag.lag_sigma_s}

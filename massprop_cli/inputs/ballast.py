@@ -1,7 +1,4 @@
-"""What balances a table on a pedestal: weights that slide along an axis, and places where weight can be added.
-
-The models below are the schema (``massprop schema ballast``); a vehicle file holds the same [[ballast]] tables.
-"""
+"""Ballast of a table on a pedestal (``massprop schema ballast``): sliding weights, and places where weight can be added."""
 
 from typing import Annotated, Literal, Self
 

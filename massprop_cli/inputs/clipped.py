@@ -1,12 +1,7 @@
-"""Saturation that no stated range tells of, and sensors that stand still: readings that repeat.
+"""Saturation without a stated range, and sensors that stand still, by readings that repeat.
 
-A sensor that goes no further gives its last value again and again, where noise makes any two other readings differ. So readings are held
-against their own extreme, axis by axis and side by side: those that repeat it must be several, far more than any of the next few values
-(of which counts have one each) has, and readings must not repeat elsewhere, as they do in coarse counts, of a log without noise, of a
-sensor that is read more often than it measures.
-
-A sensor that stands still repeats all its axes at once while the other sensor moves. Counts and logs without noise do so at rest; then
-single axes repeat elsewhere, or the other sensor rests as well.
+A saturated sensor repeats its extreme far more often than any of the next values, and readings do not repeat elsewhere, as coarse counts
+and logs without noise do. A sensor that stands still repeats all its axes at once while the other sensor moves.
 """
 
 from dataclasses import replace

@@ -1,7 +1,4 @@
-"""Names of a telemetry log's columns. Units are in the names; body axes for commands, IMU axes for the rest.
-
-Those of actuators are each in its own module (:mod:`massprop_cli.inputs.actuators`).
-"""
+"""Names of a log's columns, with units; body axes for commands, IMU axes for the rest. Those of actuators are in their own modules."""
 
 from typing import Self
 

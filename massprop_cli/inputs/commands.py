@@ -30,10 +30,7 @@ IDLE = 0.5
 
 
 def commands(source: LogTable, vehicle: Vehicle, records: int, n: int, pulsed: Pulses | None = None) -> tuple[CommandKind, Array]:
-    """What was commanded: on-times of jets, ``pulsed`` where the log has pulses, torque about O and force, or what rotors are told.
-
-    Nothing, (K, 0), beside momentum alone, and where a vehicle swings freely on a pedestal.
-    """
+    """What was commanded: on-times of jets (``pulsed`` where the log has pulses), a wrench about O, or rotors; (K, 0) where nothing is."""
     if pulsed is not None:
         return "jets", pulsed.on_s
     path, logged = source.table.path, source.logged

@@ -1,7 +1,4 @@
-"""The expect file: what values are expected, and how far off they may be. It is tested against a result and never pulls an estimate.
-
-The models below are the schema (``massprop schema expect``); TOML or JSON. truth.json of ``massprop simulate`` is one too.
-"""
+"""The expect file (``massprop schema expect``; TOML, JSON, also truth.json): expected values and tolerances. It never pulls an estimate."""
 
 import hashlib
 import json

@@ -36,10 +36,7 @@ def table() -> dict[str, dict[str, Any]]:
 
 
 def resolved(sensor: str, stated: Mapping[str, Any]) -> dict[str, Any]:
-    """The keys of a sensor's low-pass (``gyro`` or ``accel``): those of its ``preset``, and over them those that are ``stated``.
-
-    ValueError for a name that is none, or has no such sensor.
-    """
+    """Keys of a sensor's low-pass (``gyro``, ``accel``): its ``preset``'s, and over them the ``stated``. ValueError for no such preset."""
     name = stated["preset"]
     known = [one for one, own in table().items() if sensor in own]
     if name not in known:

@@ -63,10 +63,7 @@ def read(source: LogTable, vehicle: Vehicle, interval_s: Array) -> ImuRecords:
 def _axes(
     source: LogTable, vehicle: Vehicle, names: Sequence[str], increments: tuple[Array, Array]
 ) -> tuple[tuple[bool, ...], tuple[str, ...]]:
-    """Which IMU axes were logged, and columns without a reading; :class:`InputError` where a rate is needed and absent.
-
-    On a table the rate about body Z alone is needed, and the other axes of a gyro may be empty; elsewhere one that shows no rate reads 0.
-    """
+    """Which IMU axes were logged, and (on a table) columns without a reading; :class:`InputError` where a rate is needed and absent."""
     planar = vehicle.environment.kind == "planar"
     yaw = np.array(vehicle.imu.body_from_imu)[2]
     may_be_empty = [*(planar and abs(part) < YAW for part in yaw), True, True, True]

@@ -19,10 +19,7 @@ _URL = re.compile(r"\w\w+:/")
 
 
 def read_table(path: Path, map_file: Path | None = None) -> Table:
-    """Read a file whole, by the map that is named or belongs to it where there is one.
-
-    :class:`InputError` for anything that is not a readable, non-empty recording.
-    """
+    """Read a file whole, by its map if it has one; :class:`InputError` for anything that is not a readable, non-empty recording."""
     if reading.is_bag(path):
         from massprop_cli.inputs.formats import mapfile, mapped
 

@@ -121,10 +121,7 @@ class LogTable:
         return between_known(values, none)
 
     def increments(self, columns: Sequence[str], rates: Sequence[str], interval_s: Array) -> tuple[Array, Marked]:
-        """(n, 3) increments: of each axis its column, times the interval where it is one of ``rates``; zeros where it is absent.
-
-        With them which records the recorder wrote no reading of.
-        """
+        """(n, 3) increments: columns, ``rates`` times the interval, zeros of an absent axis; and which records have no reading."""
         found, marked = spill.empty(self.table.rows, len(columns)), Marked(self.table.rows)
         for axis, column in enumerate(columns):
             values = self.readings(column, marked) if self.has(column) else None
@@ -133,10 +130,7 @@ class LogTable:
         return found, marked
 
     def sensed(self, names: Sequence[str], rates: Sequence[str]) -> tuple[str, ...]:
-        """(3,) the column of each axis, that of its rate where there is no increment; of an absent axis the first of them.
-
-        :class:`InputError` where another column looks like one that is absent.
-        """
+        """(3,) the column of each axis, of increments before rates; :class:`InputError` where another looks like one that is absent."""
         found = tuple(rate if self.has(rate) and not self.has(name) else name for name, rate in zip(names, rates, strict=True))
         absent = [column for column in found if not self.has(column)]
         like = next(((name, other) for name in absent for other in self._spare() if alike(name, other)), None)

@@ -47,10 +47,7 @@ def _alike(cells: Cells, rows: IntArray) -> bool:
 
 
 def put_back(source: LogTable, time_s: Array, vehicle: Vehicle) -> tuple[LogTable, Array]:
-    """The log with rows in the places of missing ones, and the times (N,) of all; as it is where more are missing, or not whole ones.
-
-    Where it begins within a control cycle, what that cycle lacks is missing, too.
-    """
+    """The log with rows in place of missing ones (at its start, too), and the times (N,) of all; as it is where too many are missing."""
     steps = np.diff(time_s)
     usual = median(steps) if len(steps) else 0.0
     if not usual > 0 or any(source.has(name) for name in (COMMAND_TIME, *PULSE)) or any(one.column == "torque" for one in vehicle.wheels):
@@ -123,10 +120,7 @@ class LeftOut(NamedTuple):
 
 
 def left_out(source: LogTable, imu: ImuRecords, command: Array, records: int, n: int) -> LeftOut:
-    """Cycles of n records whose readings, and whose commands (K, C), are not those of their time.
-
-    In the place of these readings the line between their neighbours goes into ``imu``.
-    """
+    """Cycles of n records whose readings or commands (K, C) are unknown; such readings in ``imu`` become interpolated."""
     lost = np.zeros(n, dtype=bool) if source.lost is None else source.lost[:n]
     both = (imu.theta[:n], imu.velocity[:n])
     empty, zero = (np.stack([part[:n] for part in each], 1) for each in zip(*((one.empty, zeros(one)) for one in imu.marked), strict=True))

@@ -77,10 +77,7 @@ class ParquetColumns:
 
 
 def checked(place: str, data: Content) -> list[str]:
-    """Paths of the file's columns of text, which are to be read as dictionaries.
-
-    :class:`InputError` where more would be unpacked than the limits allow, ValueError where a header can't be read.
-    """
+    """Paths of text columns, to be read as dictionaries; :class:`InputError` beyond the limits, ValueError for a damaged header."""
     length = int.from_bytes(data[-_TAIL:-4], "little")
     if len(data) < _TAIL + len(_MARK) or data[-4:] != _MARK or length > len(data) - _TAIL:
         raise ValueError("it does not end as one")

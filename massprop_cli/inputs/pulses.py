@@ -1,8 +1,4 @@
-"""Commands as a table of events: which jet begins to fire when, and for how long.
-
-Three columns of their own, which have nothing to do with the records in whose rows they stand: any rate, phase and order. A pulse that is
-longer than a control cycle becomes pulses that touch, which are one.
-"""
+"""Commands as pulses (jet, start, duration) in any rows and order; one longer than a control cycle becomes several that touch."""
 
 from __future__ import annotations
 
@@ -40,10 +36,7 @@ class Pulses(NamedTuple):
 
 
 def commands(source: LogTable, vehicle: Vehicle, begin_s: float, end_s: float) -> Pulses | None:
-    """The commands of a log from ``begin_s`` to ``end_s``; None without such columns.
-
-    :class:`InputError` names file, row, column, value and remedy.
-    """
+    """The commands of a log from ``begin_s`` to ``end_s``; None without such columns. :class:`InputError` names row, value and remedy."""
     present = [name for name in PULSE if source.has(name)]
     if not present:
         return None

@@ -60,12 +60,9 @@ class MisreadError(ValueError):
 
 
 def requirements(stated: str | Sequence[str] | None, option: str = "--require") -> tuple[Requirement, ...]:
-    """Requirements in the order of the quantities, from a text with commas between or a sequence of such texts.
+    """Requirements in the order of the quantities, from texts with commas: "all" is the ten; what is said of one quantity goes first.
 
-    Names are taken as tables and as reports spell them ("ixx", "Ixx", "CG x"), "about_pivot.ixx" and "moment_x" are about a pivot, "all" is
-    the ten without these; what is said of a quantity goes
-    before what is said of all, and a precision before none. :class:`UsageError` for what can't be understood, :class:`InputError` for a
-    precision that makes no sense.
+    :class:`UsageError` for what can't be understood, :class:`InputError` for a precision that makes no sense.
     """
     try:
         return read(stated)

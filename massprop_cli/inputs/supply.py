@@ -35,10 +35,7 @@ class SupplyLevel(NamedTuple):
 
 
 def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array, records: int) -> SupplyLevel | None:
-    """Of a log's records (n,), ``records`` to a cycle; None where the vehicle file states neither pressure nor voltage.
-
-    :class:`InputError` names row, column, value and remedy.
-    """
+    """Means over cycles of ``records``; None where neither pressure nor voltage is stated. :class:`InputError` names row and remedy."""
     if any(rotor.nominal_v for rotor in vehicle.rotors):
         return _level(time_s, interval_s, source.required(SUPPLY)[: len(time_s)], records)
     nominal_pa = vehicle.thrust.nominal_pa

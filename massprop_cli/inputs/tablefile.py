@@ -294,10 +294,7 @@ class Cells:
     """As a row below the header names it."""
 
     def counts(self) -> IntArray | Array:
-        """(rows,) dates and times as whole numbers, since 1970 or since midnight; where there are empty cells as float64, NaN for these.
-
-        :class:`InputError` names the first cell that is none.
-        """
+        """(rows,) dates and times as whole numbers, float64 beside empty cells; :class:`InputError` names the first cell that is none."""
         data = self.read()
         if not pa.types.is_temporal(data.type):
             data = instants.instants(data)

@@ -1,8 +1,4 @@
-"""A table of telemetry to a checked :class:`Log`.
-
-A log is one row per IMU record; a record covers ``(previous time_s, time_s]``. Everything is checked here, once;
-later stages trust the arrays.
-"""
+"""A table of telemetry to a checked :class:`Log`, whose arrays later stages trust. A record covers ``(previous time_s, time_s]``."""
 
 from __future__ import annotations
 
@@ -151,10 +147,7 @@ def jitter(interval_s: Array) -> float:
 
 
 def read(table: Table, vehicle: Vehicle) -> Log:
-    """Check a table against the vehicle and the contract.
-
-    Raises :class:`InputError` with file, row (Parquet, from 0) or line (CSV), column, value and remedy.
-    """
+    """Check a table: :class:`InputError` names file, row (Parquet, from 0) or line (CSV), column, value and remedy."""
     source, twice = lostrecords.once(LogTable(table, vehicle.columns))
     stamped = stamps.examined(source, vehicle, source.required("time_s"))
     source, time_s = lostrecords.put_back(source, stamped.time_s, vehicle)
@@ -204,10 +197,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
 def _grouped(
     source: LogTable, time_s: Array, interval_s: Array, command_s: Array | None, period_s: float
 ) -> tuple[int, Array | None, list[Notice]]:
-    """How many records are taken together: those of a control cycle, or of a group where commands have times of their own.
-
-    With them the times of commands but for those in the last rows that are no whole group, which :attr:`LogTable.issued` loses, too.
-    """
+    """Records of a control cycle, or of a group where commands have times of their own; and these, but for those in no whole group."""
     if command_s is None:
         records = _records_per_cycle(source, time_s, interval_s, period_s)
         notices = _pace(records * interval_s, period_s)
@@ -228,10 +218,7 @@ def _grouped(
 
 
 def _command_times(source: LogTable, time_s: Array, moved_s: Array | None) -> Array | None:
-    """(M,) when commands were issued, where they have times of their own; their rows are then :attr:`LogTable.issued`.
-
-    ``moved_s`` (n,) is what was taken off the clock at each row.
-    """
+    """(M,) when commands were issued, in the rows :attr:`LogTable.issued`; ``moved_s`` (n,) was taken off the clock at each row."""
     if not source.has(COMMAND_TIME):
         return None
     issued_s = source.optional(COMMAND_TIME)

@@ -15,10 +15,7 @@ _FIXED = {3: 1, 7: 8, 13: 16}
 
 
 def struct(data: Content, at: int, depth: int = 0) -> tuple[dict[int, Any], int]:
-    """Fields of the struct at a place by their numbers, and where it ends; ValueError where it is none.
-
-    Integers, bytes, structs and lists of these come out as such, anything else as None.
-    """
+    """Fields of a struct by number (integers, bytes, structs and their lists, else None), and where it ends; ValueError for none."""
     if depth > _DEEPEST:
         raise ValueError("a header is nested too deep")
     found: dict[int, Any] = {}

@@ -1,7 +1,4 @@
-"""How far a value may lie from another: absolute, a share of it, or in sigmas.
-
-A number is absolute in the quantity's unit; texts are ``"2 %"``, ``"4 sigma"`` and ``"0.05 kg m^2"``.
-"""
+"""How far a value may lie from another: a number in its unit, or a text ``"2 %"``, ``"4 sigma"`` or ``"0.05 kg m^2"``."""
 
 import re
 from collections.abc import Mapping

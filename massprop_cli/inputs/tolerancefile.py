@@ -1,8 +1,4 @@
-"""How far a result may lie from a baseline: so many sigmas, or as a tolerance file says, quantity by quantity.
-
-The models below are the schema (``massprop schema tolerance``). Tolerances are texts, "2 %", "4 sigma" or "0.05 kg m^2": a bare number
-would read as the value that an expect file has there.
-"""
+"""The tolerance file (``massprop schema tolerance``): how far a result may lie from a baseline, as texts: a number reads as a value."""
 
 from dataclasses import field
 from pathlib import Path

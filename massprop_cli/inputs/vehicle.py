@@ -1,7 +1,4 @@
-"""The vehicle file: what is known of the vehicle, its jets, its IMU and the test environment.
-
-The models below are the schema (``massprop schema vehicle``). Unknown keys are refused.
-"""
+"""The vehicle file (``massprop schema vehicle``): vehicle, jets, IMU, test environment and settings. Unknown keys are refused."""
 
 import math
 from functools import cached_property

@@ -87,10 +87,7 @@ FAR = 1e6
 
 @contextmanager
 def refused(place: object, source: VehicleSource) -> Iterator[None]:
-    """Where linear algebra fails in this block: :class:`InputError` that names the vehicle file's most extreme value.
-
-    Without an extreme value the failure is a bug, and stays what it was.
-    """
+    """Where linear algebra fails in this block: :class:`InputError` names the file's most extreme value; without one it stays a bug."""
     try:
         yield
     except (np.linalg.LinAlgError, OverflowError) as error:

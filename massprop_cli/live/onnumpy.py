@@ -1,7 +1,4 @@
-"""The causal pass cycle by cycle where there is no compiled kernel: that of :mod:`massprop_cli.estimate.causal` on a log that grows.
-
-Slow: with every cycle all commands before it are aligned anew.
-"""
+"""The causal pass without a compiled kernel: :mod:`massprop_cli.estimate.causal` on a growing log. Slow: each cycle aligns all anew."""
 
 from pathlib import Path
 

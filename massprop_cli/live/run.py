@@ -23,10 +23,7 @@ from massprop_cli.model.kernelargs import StatusError
 
 
 def follow(lines: Iterable[str], source: VehicleSource, keep: Callable[[str], object], warn: Callable[[str], None]) -> Iterator[str]:
-    """A line of JSON for each cycle as it is estimated; ``keep`` is given what came, as lines of CSV.
-
-    A record that must be left out is told by ``warn``. :class:`InputError` where what comes can't be used, or no more of it.
-    """
+    """A line of JSON for each estimated cycle; ``keep`` gets lines of CSV, ``warn`` what is left out. :class:`InputError` ends it."""
     if kernel().library is None:
         raise InputError(f"massprop live wants the compiled kernel, and here runs {kernel().name}; install a C compiler and massprop again")
     resolve.stated(source, records=1)
@@ -110,10 +107,7 @@ RECORDED = "record.csv"
 
 @contextmanager
 def recording(folder: Path) -> Iterator[Callable[[str], None]]:
-    """What keeps a line: it is in record.csv, whole, before this returns. Where nothing comes, neither file nor folder is made.
-
-    :class:`InputError` where there is a recording already, or no room for one.
-    """
+    """What keeps a line in record.csv, whole, or makes nothing; :class:`InputError` where a recording is there, or no room for one."""
     path = folder / RECORDED
     with ExitStack() as stack:
         with files.writing(path):

@@ -113,10 +113,7 @@ def choose(
     fits: Callable[[Sequence[int]], bool],
     start: Sequence[int] = (),
 ) -> list[int]:
-    """Blocks of motions by their number in ``tried``: one more, then exchanged, until no ratio is above ``enough`` or ``most`` are chosen.
-
-    ``fits`` says whether blocks keep together what limits their sum.
-    """
+    """Blocks by number in ``tried``, greedy, then exchanged, to ratios of ``enough`` or ``most`` blocks; ``fits`` limits their sum."""
     told = np.array([one.information for one in tried])
     chosen = [*start]
     while len(chosen) < most:

@@ -203,10 +203,7 @@ def uncounted(vehicle: Vehicle) -> list[str]:
 
 
 def beyond_bound(rehearsal: Rehearsal, segments: Sequence[Segment], cycles: int, bound: Array) -> Array:
-    """(10,) sigmas of an estimate by the log alone over those of the ``bound`` (10,), at least 1; 1 where it says nothing.
-
-    Root mean square over :data:`SEEDS`: what the log's own pulses and noise do to it differs.
-    """
+    """(10,) sigmas of estimates, rms over :data:`SEEDS`, over the ``bound`` (10,), at least 1; 1 where it says nothing."""
     source = rehearsal.scenario(segments, cycles)
     flight = fly(source, SEEDS)
     found = []

@@ -127,10 +127,7 @@ class AccuracyLimit:
 
 
 def limit(name: str, part: PhaseItem | DockedObject, result: Result) -> AccuracyLimit | None:
-    """Of one quantity; None where it has no value or no sigma to compare with, or none that holds.
-
-    The thrust scale's stated uncertainty is in the sigma already; it counts as the limit where it is more than the rest of it.
-    """
+    """Of one quantity; None without a value or a valid sigma. The thrust scale, which the sigma includes, counts where it dominates."""
     item = part.estimates[name]
     if item.value is None or item.sigma is None or item.verdict not in ("converged", "not_converged"):
         return None

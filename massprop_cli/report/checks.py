@@ -47,10 +47,7 @@ def cross_validation(found: CrossValidationItem) -> list[StatisticCheck]:
 
 
 def innovations(found: Innovations) -> list[StatisticCheck]:
-    """Scatter over N independent normal cycles: 6 ± √(12/N) for the sum of squares, 1 ± √(2/N) for variances, 0 ± 1/√N for lag one.
-
-    What commands and motion explain of a channel's innovations is 1 where it is no more than chance, so it has no allowance.
-    """
+    """Over N cycles 6 ± √(12/N) for the sum of squares, 1 ± √(2/N) for variances, 0 ± 1/√N for lag one; 1 for what motion explains."""
     n, columns = found.cycles, zip(CHANNELS, found.channel_variance, found.lack_of_fit, found.lag_one_correlation, strict=True)
     read = [(name, variance, factor, along) for name, variance, factor, along in columns if variance is not None and along is not None]
     count = "six" if len(read) == len(CHANNELS) else str(len(read))

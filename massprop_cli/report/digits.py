@@ -1,7 +1,4 @@
-"""Numbers as a person reads them: two significant figures of its sigma decide how many digits a value has.
-
-A value whose verdict is no use (not excited, contradicted, unobservable) has two significant figures at most, whatever its sigma claims.
-"""
+"""Numbers as a person reads them: two figures of sigma decide a value's digits; without a usable verdict it has two at most."""
 
 import re
 from decimal import Context, Decimal

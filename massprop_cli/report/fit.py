@@ -18,11 +18,7 @@ def titled(title: str, columns: Sequence[str], words: Sequence[str], style: str 
 
 
 def fitted(table: Table, console: Console, spare: Sequence[str] = ()) -> None:
-    """Print a table as the terminal has room for it.
-
-    Explanations in headings go below them first; then columns headed as in ``spare`` go, one after another, and a line names them; then the
-    table's lines; then it runs over the edge.
-    """
+    """Print a table in the terminal's width: headings wrap, then ``spare`` columns go, then the lines, then it runs over the edge."""
     terminal, gone = console.width, list[str]()
     needed = _needed(table, console)
     if needed.maximum > terminal:

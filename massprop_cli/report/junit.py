@@ -1,9 +1,7 @@
-"""Results as JUnit XML, which test dashboards read: a suite for each log, a test case for each quantity.
+"""Results as JUnit XML: a suite for each log, a test case for each expected quantity, or for each of the ten without expectations.
 
-With expectations a test case stands for each expected quantity and fails if the value is missing or outside its tolerance. Without, one
-stands for each of the ten and passes if it is converged; else it is skipped, with the reason. A contradicted quantity fails with the
-cause, expected or not, unless contradictions are allowed. Where quantities were required and are not converged, a test case of its own
-fails and names them. A log that could not be used is an error.
+A case fails that is not as expected, contradicted (unless allowed), or required and not converged; one not converged is skipped. A log
+that could not be used is an error.
 """
 
 from collections.abc import Iterable, Sequence

@@ -1,8 +1,4 @@
-"""Results as CSV (RFC 4180): a row for each result's phases and docked object, numbers in full precision.
-
-The columns are the same whatever the results: ``part`` is "phase" or "docked", units stand in the names, and where nothing can be said a
-cell is empty. Inertia is about the CG in body axes, products are tensor elements, the CG is from O.
-"""
+"""Results as CSV (RFC 4180): a row for each phase and docked object, always the same columns, with units, numbers in full precision."""
 
 import csv
 import io

@@ -49,10 +49,7 @@ def quoted(text: str) -> str:
 
 
 def gathered(page: str) -> str:
-    """The page with the styles of all its drawings as classes, whose rules stand where the sheet says ``/* drawings */``.
-
-    Only within tags: a name that looks like a style stays text.
-    """
+    """The page with its drawings' styles as classes, within tags alone; their rules stand where the sheet says ``/* drawings */``."""
     rules: dict[str, str] = {}
 
     def named(found: re.Match[str]) -> str:

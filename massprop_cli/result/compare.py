@@ -1,8 +1,4 @@
-"""A result against a baseline: differences in units and in sigmas, each within what is allowed or beyond.
-
-The sigma of a difference is ``sqrt(s1² + s2²)``: what both results have in common (one log, one thrust scale) is not taken into account.
-The models below are the schema (``massprop schema compare``).
-"""
+"""A result against a baseline (``massprop schema compare``), in units and in sigmas of the difference, ``sqrt(s1² + s2²)``."""
 
 import math
 from collections import Counter

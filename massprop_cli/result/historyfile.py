@@ -28,12 +28,10 @@ EXECUTED = "executed_"
 
 
 def write_history(analysis: Analysis, path: Path | BinaryIO) -> None:
-    """history.parquet: one row per cycle and phase, null where nothing can be said.
+    """history.parquet: a row per cycle and phase, body axes; null where nothing can be said, and of an axis that the log lacks.
 
-    Beside the estimates stand the executed mean torque about O and force, the mean rate, and the acceleration of O (of the bearing, on
-    one) with lever arm and gravity taken out; the specific force at the IMU; rate and specific force as the final values predict them
-    from the commands, with the sigma of measured less predicted; the whitened innovations that the fit is judged by; and what each jet
-    executed. All in body axes; null of an axis that the log lacks.
+    Estimates and innovations; executed torque about O and force, rate, acceleration of O (or the bearing), specific force; what the final
+    values predict, with the sigma of measured less predicted; whitened innovations; what each jet executed.
     """
     schema = pa.schema([("phase", pa.string()), *((name, pa.float64()) for name in _columns(analysis))])
     # numbers hardly repeat: a dictionary of them would take more room than they do, and as long to make

@@ -1,7 +1,4 @@
-"""Result folders: every file is written under a temporary name and moved into place whole.
-
-run.json names the log whose result a folder holds, so that no other log's takes its place unless it is told to.
-"""
+"""Result folders, whole or not at all. run.json names the log of each, so that no other log's result takes its place unasked."""
 
 import platform
 from collections.abc import Iterator
@@ -31,10 +28,7 @@ class StoredResult:
 
 
 def write(out: Path | None, analysis: Analysis, result_json: str) -> StoredResult:
-    """Write run.json, history.parquet and, last, result.json, into a default folder where ``out`` names none.
-
-    Pages that massprop rendered from another result in that folder are removed first.
-    """
+    """Write run.json, history.parquet and, last, result.json (``out`` None: a default folder); pages of another result are removed."""
     log = analysis.log.path
     with files.writing(out or BASE):
         if out is not None:
@@ -78,11 +72,7 @@ def plain(log: Path) -> Path:
 
 
 def _claimed(log: Path) -> Path:
-    """The log's default folder, made if it isn't there: never one that holds anything else than this log's result.
-
-    The one that has its result already; else the first that is not there of massprop-out/STEM, FOLDER-STEM, and that with a digest of the
-    log's path.
-    """
+    """The log's own default folder, else the first free of massprop-out/STEM, FOLDER-STEM, and that with a digest of its path."""
     own = [folder for folder in _candidates(log) if rendered.run(folder).get("log") == _identity(log)]
     if own:
         files.clear(BASE)

@@ -147,10 +147,7 @@ class MomentumDevice(Actuator):
         """What it holds in time."""
 
     def scatter(self, said: MomentumLog, weight: Array) -> float:  # noqa: ARG002
-        """By how much the momentum that a record says scatters from record to record, one sigma, N m s: not at all.
-
-        ``weight`` (n,) is what each record tells of the vehicle: its rate squared.
-        """
+        """One sigma [N m s] by which its momentum scatters from record to record, each of the ``weight`` (n,) of its rate squared: 0."""
         return 0.0
 
     @property
@@ -240,10 +237,7 @@ def own_column(source: LogTable, actuator: Actuator, key: str, otherwise: str = 
 def refuse_other_units(
     source: LogTable, what: str, key: str, factors: Mapping[float, str], pairs: Sequence[tuple[float | None, Array | None]]
 ) -> None:
-    """:class:`InputError` where all readings begin at what ``key`` states of them times one of ``factors``.
-
-    ``pairs`` are what is stated and the readings.
-    """
+    """:class:`InputError` where the readings of all ``pairs`` (stated, readings) begin at what ``key`` states times one of ``factors``."""
     known = [(stated, float(readings[0])) for stated, readings in pairs if stated and readings is not None]
     for factor, why in factors.items():
         if known and all(abs(first - factor * stated) < NEAR * abs(factor * stated) for stated, first in known):

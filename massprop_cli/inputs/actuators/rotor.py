@@ -1,8 +1,4 @@
-"""Rotors (propellers) as a vehicle file states them, and their thrust in time.
-
-Thrust is a polynomial of what is asked for, which a rotor follows with a lag, up and down of its own. A motor turns up and down towards
-the speed that it is told, so the lag is the speed's, and thrust is what that makes.
-"""
+"""Rotors (propellers) as a vehicle file states them, and their thrust: a polynomial of a speed that lags its command, up and down apart."""
 
 import json
 from collections.abc import Sequence

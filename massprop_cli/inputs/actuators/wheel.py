@@ -169,10 +169,7 @@ class Wheel(actuator.MomentumDevice):
 
     @classmethod
     def check_together(cls, source: LogTable, own: Sequence[Self], said: Sequence[actuator.MomentumLog]) -> None:
-        """:class:`InputError` where all speeds begin at what the vehicle file states of them in another unit, or the other way round.
-
-        Nothing in the motion tells the unit: inertia grows with the speeds.
-        """
+        """:class:`InputError` where all speeds begin at what is stated in another unit or sign, which no motion shows."""
         pairs = [(wheel.start_rad_s, one.speed_rad_s) for wheel, one in zip(own, said, strict=True) if isinstance(one, WheelLog)]
         actuator.refuse_other_units(source, "speed of each wheel", "start_rad_s", actuator.SPEEDS, pairs)
 
@@ -186,10 +183,7 @@ class Wheel(actuator.MomentumDevice):
         return step_of(speed) if self.speed_step_rad_s is None else self.speed_step_rad_s
 
     def scatter(self, said: actuator.MomentumLog, weight: Array) -> float:
-        """Of a speed by its tachometer: noise, and a twelfth of a step's square.
-
-        While a count stands still, so does its error: as one of so many times the variance, as far as the records weigh.
-        """
+        """By its tachometer: noise, and a twelfth of a step's square, which counts as often as a count stands still, by ``weight``."""
         if not isinstance(said, WheelLog) or said.speed_rad_s is None or self.speed_error_in_noise:
             return 0.0
         begins = np.flatnonzero(np.diff(said.speed_rad_s, prepend=np.nan))

@@ -1,8 +1,4 @@
-"""Whether a mapped log's axes and units agree with each other, where its attitude was logged too: a map may be wrong.
-
-The gyro must turn as the logged attitude does, and as far; on an air bearing the accelerometer must feel gravity along the attitude's
-vertical. Another order of the axes, or another unit, that makes them agree is named.
-"""
+"""Whether a mapped log's gyro and accelerometer agree with its logged attitude; names other axes, or a unit, that make them agree."""
 
 from itertools import permutations, product
 from pathlib import Path
@@ -104,10 +100,9 @@ def _check_scale(path: Path, made: Made, turned: Array, wanted: Array) -> None:
 
 
 def _scale(turned: Array, wanted: Array) -> tuple[float, float]:
-    """How many times as far as the attitude (m, 3) a gyro's integral (m, 3) turns in each segment, with its sigma.
+    """How many times as far as the attitude (m, 3) a gyro's integral (m, 3) turns, and its sigma, beside a steady drift and turned axes.
 
-    By least squares, beside a steady drift of either and a turn between their axes: of one on the other and the other on the one, between
-    which it lies whichever is noisy and whichever comes late. The nearer to 1 is told.
+    Least squares of the one on the other and of the other on the one enclose it; the nearer to 1 counts.
     """
     if len(turned) < _LEAST:
         return 1.0, np.inf

@@ -1,8 +1,4 @@
-"""Which vectors of a recording may be which quantity, by what their names say of them and then by their units.
-
-A name may say that they are something else: a reference, an estimate, a field. A unit beats no name: velocities stand beside an
-accelerometer whose unit nobody recorded.
-"""
+"""Which vectors of a recording may be which quantity, by their names and then by their units; a unit goes before any name."""
 
 import re
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,4 @@
-"""Increments beside a stream that says how long each covers: a logger that leaves some out leaves out what happened in them.
-
-PX4's ``vehicle_imu/delta_angle[0]`` stands beside ``vehicle_imu/delta_angle_dt``.
-"""
+"""Increments beside a stream of the time that each covers (PX4: ``delta_angle[0]``, ``delta_angle_dt``): whether any are left out."""
 
 import re
 from collections.abc import Mapping, Sequence

@@ -36,10 +36,7 @@ def utf8(path: Path, data: Content) -> Content:
 
 
 def body(data: Content) -> tuple[Content, int]:
-    """The text from its header on, without empty rows at its end; and how many lines come before.
-
-    A header may be a comment itself, as NumPy writes it: the last one, where a row of numbers follows.
-    """
+    """The text from its header (the last comment, where NumPy wrote it) to its last row, and how many lines come before."""
     before = _PREFACE.match(data[:_PREFACE_MOST])
     end = data[-_PREFACE_MOST:]
     blank = _BLANK_END.search(end)
@@ -80,10 +77,7 @@ def delimiter(header: str) -> str:
 
 
 def with_points(path: Path, table: Any, cut: str, place: Callable[[int], str]) -> Any:
-    """The table of texts with decimal commas as points, which commas between columns can't be.
-
-    :class:`InputError` where there are both: "1.234" may be either.
-    """
+    """The table of texts with decimal commas as points; :class:`InputError` where there are both: "1.234" may be either."""
     if cut == ",":
         return table
 

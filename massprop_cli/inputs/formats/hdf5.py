@@ -1,7 +1,4 @@
-"""HDF5 by h5py (BSD): datasets of one or two dimensions and fields of tables, with the attribute ``unit`` or ``units``.
-
-A table of numbers gives a stream for each column, or for each row where it is wider than long; its path says which, as numpy writes it.
-"""
+"""HDF5 by h5py (BSD): a stream for each column (row, where wider than long) or field of a table, with attribute ``unit`` or ``units``."""
 
 import io
 from collections.abc import Iterator

@@ -18,10 +18,7 @@ from massprop_cli.inputs.vehicle import ACTUATORS
 
 
 def of(read: Recording, source: MapSource | None) -> Table:
-    """The log's table of a recording that is none, or that a map is for.
-
-    Without a map, streams that are called as the contract calls them are taken as they are. :class:`InputError` names file, path, remedy.
-    """
+    """The log's table of a recording, by its map or by the contract's names of streams. :class:`InputError` names file, path, remedy."""
     if source is None:
         return replace(tablefile.at_hand(read.path, _by_contract(read)), sha256=read.sha256, embedded_vehicle=read.vehicle)
     signals = Signals(read, source)

@@ -1,7 +1,4 @@
-"""MATLAB files of versions 5 to 7.3 by mat-io (BSD): variables, structs, tables, timetables; paths as MATLAB spells them.
-
-``imu.gyro(:,1)`` is the first column of a field, ``runs(2).t`` a field of a struct array's second element.
-"""
+"""MATLAB files of versions 5 to 7.3 by mat-io (BSD), with MATLAB's own paths: ``imu.gyro(:,1)``, ``runs(2).t`` of a struct array."""
 
 import io
 import tempfile

@@ -1,7 +1,4 @@
-"""A draft of the map file. What names, recorded units and clocks settle is filled in, with the reason; all else is a question.
-
-A question is written "?", which no reader of the map takes, so that nothing is guessed.
-"""
+"""A draft of the map file: names, units and clocks fill it in, with the reason; all else is a question, "?", which no reader takes."""
 
 import json
 import re

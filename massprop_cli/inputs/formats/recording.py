@@ -1,8 +1,4 @@
-"""The seam between formats and the rest: a recording is named streams, and a reader is one function.
-
-A new format is one module with ``read(path: Path, data: bytes) -> Read`` and one line in :data:`KINDS`. ``path`` is for messages; what
-``read`` raises says that the file is damaged.
-"""
+"""The interface of formats: a module with ``read(path, data) -> Read`` and a line in :data:`KINDS`. What ``read`` raises means damage."""
 
 import re
 import warnings

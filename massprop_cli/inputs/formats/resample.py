@@ -1,8 +1,4 @@
-"""Streams with clocks of their own, put on the records and control cycles of a log.
-
-A rate is integrated and an increment summed, so that a record holds what happened in it, whatever the samples' times. A command holds until
-the next and its mean over each control cycle is taken, so that no impulse is lost.
-"""
+"""Streams on a log's records and cycles: rates are integrated and increments summed over records, commands averaged over cycles."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -20,10 +16,7 @@ WANDER = 50
 
 
 def even(stamps_s: Array) -> tuple[Array, float]:
-    """(n,) times at even intervals, along the line through stamps that scatter; and by how many intervals the stamps wander from it.
-
-    They wander by the largest mean of ``WANDER`` in a row, in which what only scatters nearly cancels, and a lost sample stays.
-    """
+    """(n,) even times along the line through stamps, and their wander: the largest mean offset of ``WANDER`` in a row, in intervals."""
     number = np.arange(len(stamps_s))
     slope, first = np.polyfit(number, stamps_s, 1)
     line: Array = first + slope * number
@@ -45,11 +38,7 @@ def all_at(knots_s: Array, times_s: Array, slack_s: float) -> bool:
 
 
 def increments(values: Array, times_s: Array, kind: Values, edges_s: Array) -> Array:
-    """(m, 3) increments between m + 1 edges within the :func:`knots`.
-
-    Their sum is read off at the edges; within one sample's interval it grows evenly (of a rate at single instants, by the mean of the two
-    around it).
-    """
+    """(m, 3) increments between m + 1 edges within the :func:`knots`; evenly within one sample's interval, of rates their trapezium."""
     known = knots(times_s, kind)
     steps = np.diff(known)[:, None]
     each = values if kind == "increment" else values * steps if kind == "mean" else (values[1:] + values[:-1]) / 2 * steps
@@ -77,10 +66,7 @@ def span(times_s: Array, holds: Holds) -> Array:
 
 
 def in_each(times_s: Array, edges_s: Array, early: float) -> tuple[IntArray, IntArray]:
-    """How many samples lie in each interval between edges, and the number of the first in it.
-
-    One that comes earlier than an interval by less than this part of it is counted in it.
-    """
+    """How many samples lie in each interval between edges, and the first one's number; one earlier by this part of an interval counts."""
     slack = early * float(np.median(np.diff(edges_s)))
     at = np.searchsorted(times_s, edges_s - slack)
     return np.diff(at), np.minimum(at[:-1], len(times_s) - 1)
@@ -98,10 +84,7 @@ def attitude_at(quaternions: Array, times_s: Array, wanted_s: Array) -> Array:
 
 
 def nearest_to_samples(times_s: Array, wanted_s: Array, longest_s: float) -> BoolArray:
-    """(m,) which wanted times are the nearest to a sample, and between two that are no more than ``longest_s`` apart.
-
-    Where samples are more seldom than wanted times, each sample is used once, so that its noise enters once.
-    """
+    """(m,) which wanted times are the nearest to a sample (each is used once), between two no more than ``longest_s`` apart."""
     before = np.clip(np.searchsorted(wanted_s, times_s), 1, len(wanted_s) - 1) - 1
     found = np.zeros(len(wanted_s), bool)
     found[before + (times_s - wanted_s[before] > wanted_s[before + 1] - times_s)] = True

@@ -38,10 +38,7 @@ class StreamCommand:
 
 
 def commands_of(signals: Signals, attitude: QuantitySignal | None) -> list[StreamCommand]:
-    """What the map names as commanded: wrenches, in body axes, jets, and devices whose commands are means.
-
-    :class:`massprop_cli.base.errors.InputError` where no valve ever opens.
-    """
+    """Wrenches in body axes, jets, and devices commanded by means; :class:`InputError` where no valve ever opens."""
     found = []
     for key, wrench, known, names in wrenches(signals):
         signal = signals.vector(key, wrench, known)
@@ -127,10 +124,7 @@ def _astray(count: int) -> str:
 
 
 def where_they_change(commands: Sequence[StreamCommand], least_s: float, cycle_s: float) -> float | None:
-    """When cycles begin of commands that stand in several records of each: as far into a cycle as most of their changes come together.
-
-    A valve's pulses begin there and end anywhere, so that of jets what rises counts alone. None where they come together nowhere.
-    """
+    """When cycles begin: as far into a cycle as most changes of commands (openings of valves) come together; None where they do not."""
     found, step = [], 0.0
     for command in commands:
         times, values = command.signal.times, command.signal.values
@@ -176,10 +170,7 @@ def begun_with(times_s: Array, least_s: float, cycle_s: float) -> float:
 
 
 def _in_step(times_s: Array, cycles: Array) -> tuple[Array, float]:
-    """When commands act of which there is one in each cycle, by their stamps: as far into each cycle as in the median; and the scatter.
-
-    As they are stamped, and 0, where there isn't one in each, or they scatter by too much. So little into a cycle as may be chance is none.
-    """
+    """Times of commands of which each cycle has one, at the median offset into it, and their scatter; else the stamps, and 0."""
     count, first = resample.in_each(times_s, cycles, _EARLY)
     if (count != 1).any():
         return times_s, 0.0

@@ -1,7 +1,4 @@
-"""Figures of a result, by name, as SVG or PNG.
-
-A picture is made of panels (:mod:`panel`), each of which says in words what it shows; :mod:`canvas` draws them.
-"""
+"""Figures of a result by name, as SVG or PNG: panels (:mod:`panel`), each of which says in words what it shows, drawn by :mod:`canvas`."""
 
 import difflib
 from collections.abc import Callable
@@ -58,10 +55,7 @@ TITLES = {name: title for name, (title, _) in _PICTURES.items()}
 
 
 def picture(name: str, recorded: Recorded, phase: str | None = None) -> Picture:
-    """The panels of a figure, of all phases or one.
-
-    :class:`UsageError` for an unknown name or phase; :class:`InputError` where a figure against time finds no history.parquet.
-    """
+    """Panels of a figure, of all phases or one; :class:`UsageError` for an unknown one, :class:`InputError` without history.parquet."""
     if name not in _PICTURES:
         nearest = difflib.get_close_matches(name, NAMES, n=1)
         meant = f" did you mean {nearest[0]}?" if nearest else ""

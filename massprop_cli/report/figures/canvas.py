@@ -1,8 +1,7 @@
 """Panels to SVG or PNG: same panels, same bytes.
 
-Every pair of axes in an SVG carries how to read its series back: ``data-x="a b"`` means x = a + b · (SVG's x), and so ``data-y``;
-with ``data-log`` that is the logarithm to base ten. Lines
-carry ids such as ``ixx-value-1``; the number is the phase's.
+In an SVG ``data-x="a b"`` of axes means x = a + b · (SVG's x), and so ``data-y``; with ``data-log`` that is the logarithm to base ten.
+Lines carry ids such as ``ixx-value-1``; the number is the phase's.
 """
 
 import io

@@ -1,7 +1,4 @@
-"""Colours that colour-blind eyes tell apart (Okabe and Ito), and grounds; a page gives them another tone in the dark.
-
-A colour never carries a meaning alone: line style, marker or label say the same.
-"""
+"""Colours that colour-blind eyes tell apart (Okabe and Ito), and their tones in the dark; a line style, marker or label says the same."""
 
 PAPER, INK, MUTED, GRID, SHADE = "#ffffff", "#1b1f24", "#5b646e", "#d8dde3", "#eef1f4"
 BLUE, ORANGE, GREEN, PURPLE, RED = "#0072b2", "#d55e00", "#00805e", "#a3507f", "#b3001b"

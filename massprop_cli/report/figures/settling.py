@@ -30,10 +30,7 @@ def picture(recorded: Recorded) -> Picture:
 
 
 def tolerance(name: str, phase: PhaseItem, result: Result) -> float | None:
-    """By how much a quantity may move and be called still, in its unit; None where its natural size isn't known.
-
-    As the settings state it, or relative to the body's own size: the inertia's trace, √(trace/mass), the mass.
-    """
+    """Tolerance of convergence in a quantity's unit, as set or relative to trace, √(trace/mass) or mass; None where that is not known."""
     settings = result.provenance.settings
     thesis = result.provenance.method == "thesis"
     kind = "inertia" if name in INERTIA else "cg" if name in CG else "mass"
