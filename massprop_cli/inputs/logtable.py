@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -86,6 +86,12 @@ class LogTable:
     def error(self, row: int, column: str, problem: str) -> InputError:
         """What is wrong with a cell."""
         return InputError(f"{self.table.path}, {self.place(row)}, column {self.name(column)}: {problem}")
+
+    def refuse(self, bad: BoolArray, column: str, problem: Callable[[int], str]) -> None:
+        """:class:`InputError` where any of a column's rows (n,) is ``bad``: that with the first."""
+        if bad.any():
+            row = int(np.argmax(bad))
+            raise self.error(row, column, problem(row))
 
     def optional(self, column: str) -> Array:
         """The column, scaled, with NaN for null."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,17 +33,12 @@ ENOUGH, MOSTLY = 4, 0.9
 def once(source: LogTable) -> tuple[LogTable, list[Notice]]:
     """The log without rows that stand twice: with stamp and all cells of the row before; as it is where a stamp alone stands twice."""
     again = np.flatnonzero(np.diff(source.required("time_s")) == 0) + 1
-    if not len(again) or not all(_alike(cells, again) for cells in source.table.columns.values()):
+    columns = (cells.read() for cells in source.table.columns.values())
+    if not len(again) or not all(column.take(again).equals(column.take(again - 1)) for column in columns):
         return source, []
     rows = np.delete(np.arange(source.table.rows), again)
     said = f"{source.name('time_s')}: {len(again)} row(s) are those before once more, the first at {source.place(int(again[0]))}: left out"
     return LogTable(_spread(source.table, rows, np.zeros(len(rows), dtype=bool)), source.columns), [Notice("clock-rebuilt", said)]
-
-
-def _alike(cells: Cells, rows: IntArray) -> bool:
-    """Whether a column's cells in these rows are those of the rows before."""
-    column: Any = cells.read()
-    return bool(column.take(rows).equals(column.take(rows - 1)))
 
 
 def put_back(source: LogTable, time_s: Array, vehicle: Vehicle) -> tuple[LogTable, Array]:

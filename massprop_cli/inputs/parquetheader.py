@@ -1,7 +1,8 @@
-"""How large a Parquet file is once it is unpacked, told from its headers alone (github.com/apache/parquet-format, parquet.thrift).
+"""How large a Parquet file is once it is unpacked, by its headers alone (github.com/apache/parquet-format, parquet.thrift).
 
-A few kilobytes may say that they are a billion rows, or truly be that. Arrow believes what the headers say and allocates it, so it is
-counted here before: cells by the footer, values and bytes by the header of every page, since the footer need not agree with those.
+Arrow believes what the headers say and allocates it, and some end the whole process in Arrow's own reader. So it is counted here before:
+cells by the footer, values and bytes by the header of every page, since the footer need not agree with those. Headers are in Thrift's
+compact protocol (github.com/apache/thrift, thrift-compact-protocol.md).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,7 +13,6 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.lazy import pa, pq
 from massprop_cli.base.spill import Content
-from massprop_cli.inputs import thrift
 
 _MARK = b"PAR1"
 _TAIL = 8
@@ -22,6 +22,11 @@ _TEXT = 6
 _DATA, _DICTIONARY, _DATA_2 = 0, 2, 3
 _BY_PREFIXES = 7
 """The encoding DELTA_BYTE_ARRAY."""
+_DEEPEST, _LISTED = 16, 2**14
+"""Levels of structs, and items of a list, that a header may have."""
+_BINARY, _LIST, _SET, _STRUCT = 8, 9, 10, 12
+_FIXED = {3: 1, 7: 8, 13: 16}
+"""Bytes of a byte, a double and a UUID."""
 _Fields = Mapping[int, Any]
 
 
@@ -57,7 +62,7 @@ class ParquetColumns:
         try:
             # pq.read_table() would import pyarrow.dataset and with it pandas, and its threads may abort the process at exit
             self._file = pq.ParquetFile(
-                pa.BufferReader(pa.py_buffer(data)), pre_buffer=False, thrift_container_size_limit=thrift.LISTED, read_dictionary=texts
+                pa.BufferReader(pa.py_buffer(data)), pre_buffer=False, thrift_container_size_limit=_LISTED, read_dictionary=texts
             )
         except KeyError as error:
             raise ValueError(f"column {error} can't be found") from None
@@ -82,7 +87,7 @@ def checked(place: str, data: Content) -> list[str]:
     if len(data) < _TAIL + len(_MARK) or data[-4:] != _MARK or length > len(data) - _TAIL:
         raise ValueError("it does not end as one")
     limits.FOOTER.check(place, length)
-    footer, _ = thrift.struct(data[len(data) - _TAIL - length : len(data) - _TAIL], 0)
+    footer, _ = _struct(data[len(data) - _TAIL - length : len(data) - _TAIL], 0)
     columns = list(_columns(_structs(footer, 2)))
     groups = _structs(footer, 4)
     limits.COLUMNS.check(place, len(columns))
@@ -151,7 +156,7 @@ def _pages(data: Content, chunk: _Fields) -> Iterator[_Page]:
 
 def _page(data: Content, at: int) -> tuple[_Page, int]:
     """A page's header, and where its content begins."""
-    fields, at = thrift.struct(data, at)
+    fields, at = _struct(data, at)
     kind = _count(fields, 1)
     said = fields.get({_DATA: 5, _DICTIONARY: 7, _DATA_2: 8}.get(kind, 0))
     of_kind: _Fields = said if isinstance(said, dict) else {}
@@ -173,3 +178,78 @@ def _structs(fields: _Fields, number: int) -> list[_Fields]:
     if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
         raise ValueError("a header can't be read")
     return found
+
+
+def _struct(data: Content, at: int, depth: int = 0) -> tuple[dict[int, Any], int]:
+    """Fields of a struct by number (integers, bytes, structs and their lists, else None), and where it ends; ValueError for none."""
+    if depth > _DEEPEST:
+        raise ValueError("a header is nested too deep")
+    found: dict[int, Any] = {}
+    number = 0
+    while True:
+        head, at = _byte(data, at)
+        kind = head & 15
+        if kind == 0:
+            return found, at
+        if head >> 4:
+            number += head >> 4
+        else:
+            number, at = _integer(data, at)
+        # a field's truth value is told by its kind
+        found[number], at = (None, at) if kind in (1, 2) else _value(data, at, kind, depth)
+
+
+def _value(data: Content, at: int, kind: int, depth: int) -> tuple[Any, int]:
+    if kind in (4, 5, 6):
+        return _integer(data, at)
+    if kind == _BINARY:
+        length, at = _unsigned(data, at)
+        if length > len(data) - at:
+            raise ValueError("a header is cut short")
+        return data[at : at + length], at + length
+    if kind == _STRUCT:
+        return _struct(data, at, depth + 1)
+    if kind in (_LIST, _SET):
+        return _list(data, at, depth)
+    if kind in (1, 2):
+        return None, at + 1
+    if kind in _FIXED:
+        return None, at + _FIXED[kind]
+    # Parquet has no maps
+    raise ValueError("a header has a field of unknown kind")
+
+
+def _list(data: Content, at: int, depth: int) -> tuple[list[Any], int]:
+    head, at = _byte(data, at)
+    length, at = _unsigned(data, at) if head >> 4 == 15 else (head >> 4, at)
+    if length > _LISTED:
+        raise ValueError(f"a header lists more than {_LISTED} items")
+    found = []
+    for _ in range(length):
+        item, at = _value(data, at, head & 15, depth + 1)
+        found.append(item)
+    return found, at
+
+
+def _byte(data: Content, at: int) -> tuple[int, int]:
+    if not 0 <= at < len(data):
+        raise ValueError("a header is cut short")
+    return data[at], at + 1
+
+
+def _unsigned(data: Content, at: int) -> tuple[int, int]:
+    value = shift = 0
+    while True:
+        byte, at = _byte(data, at)
+        value |= (byte & 127) << shift
+        shift += 7
+        if byte < 128:
+            return value, at
+        if shift > 63:
+            raise ValueError("a header has a number that is too long")
+
+
+def _integer(data: Content, at: int) -> tuple[int, int]:
+    """A signed number: 0, -1, 1, -2 are written as 0, 1, 2, 3."""
+    value, at = _unsigned(data, at)
+    return (value >> 1) ^ -(value & 1), at

@@ -267,7 +267,8 @@ def _follows(source: LogTable, vehicle: Vehicle, off_s: Array, usual_s: float, l
     uneven = np.diff(share, axis=0, prepend=share[:1])
     used = np.ones(len(share), dtype=bool)
     used[[0, *(row - part.start for row in leaps if part.start <= row < part.stop)]] = False
-    left = [_left(motion.by[used], one[used]) for one in (motion.growth, uneven)]
+    known = motion.by[used]
+    left = (one - known @ np.linalg.lstsq(known, one, rcond=1e-9)[0] for one in (motion.growth[used], uneven[used]))
     growth, by = (one.ravel() for one in left)
     size = float(by @ by)
     if size == 0:
@@ -275,11 +276,6 @@ def _follows(source: LogTable, vehicle: Vehicle, off_s: Array, usual_s: float, l
     beta = float(by @ growth) / size
     sigma = float(np.sqrt(((by * (growth - beta * by)) ** 2).sum())) / size
     return (beta, sigma) if abs(beta - 0.5) > SURE * sigma else None
-
-
-def _left(by: Array, of: Array) -> Array:
-    """What a regression leaves."""
-    return np.asarray(of - by @ np.linalg.lstsq(by, of, rcond=1e-9)[0])
 
 
 def _goes_on(source: LogTable, vehicle: Vehicle, leap: _Leap, usual_s: float) -> bool:
@@ -321,9 +317,10 @@ def _motion(source: LogTable, vehicle: Vehicle, usual_s: float, part: slice) -> 
     products = np.stack([rate[:, i] * rate[:, j] for i in range(3) for j in range(i + 1)], 1)
     before = [np.vstack([np.zeros((lag, pushed.shape[1])), pushed[: len(pushed) - lag]]) for lag in range(lags)]
     by = np.hstack([*before, products, np.roll(products, 1, 0), np.ones((len(rate), 1))])
-    felt = _felt(source, vehicle, part, usual_s)
-    if felt is not None:
-        by = np.hstack([by, felt])
+    if vehicle.environment.kind != "free" and all(source.has(name) for name in DELTA_V):
+        # the vertical in IMU axes, about which its weight turns what stands on the ground
+        felt = np.stack([source.optional(name)[part] for name in DELTA_V], 1) / usual_s
+        by = np.hstack([by, felt]) if np.isfinite(felt).all() else by
     size = np.sqrt((by**2).mean(0))
     by = by[:, size > 0] / size[size > 0]
     if 3 * by.shape[1] > len(by):
@@ -331,14 +328,6 @@ def _motion(source: LogTable, vehicle: Vehicle, usual_s: float, part: slice) -> 
     smooth = np.stack([np.convolve(column, np.ones(7) / 7, "same") for column in rate.T], 1) if increments else None
     growth = np.diff(rate, axis=0, prepend=rate[:1])
     return _RateGrowth(growth, by, smooth)
-
-
-def _felt(source: LogTable, vehicle: Vehicle, part: slice, usual_s: float) -> Array | None:
-    """(n, 3) the vertical in IMU axes where a vehicle stands on the ground: what its weight turns it by."""
-    if vehicle.environment.kind == "free" or not all(source.has(name) for name in DELTA_V):
-        return None
-    found: Array = np.stack([source.optional(name)[part] for name in DELTA_V], 1) / usual_s
-    return found if np.isfinite(found).all() else None
 
 
 def _pushed(source: LogTable, vehicle: Vehicle, part: slice) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -97,22 +98,15 @@ class Log:
 
     def part(self, first: int, stop: int) -> Log:
         """Of control cycles from ``first`` to before ``stop`` alone."""
-        rows = slice(first * self.records_per_cycle, stop * self.records_per_cycle)
-        issued = slice(first, stop) if self.command_s is None else self._issued(first, stop)
-        return replace(
-            self,
-            time_s=self.time_s[rows],
-            interval_s=self.interval_s[rows],
-            delta_theta_imu_rad=self.delta_theta_imu_rad[rows],
-            delta_v_imu_m_s=self.delta_v_imu_m_s[rows],
-            command=self.command[issued],
-            command_s=None if self.command_s is None else self.command_s[issued],
-            attitude_wxyz=None if self.attitude_wxyz is None else self.attitude_wxyz[rows],
-            ignored=None if self.ignored is None else self.ignored[first:stop],
-            uncommanded=None if self.uncommanded is None else self.uncommanded[first:stop],
-            spinning=tuple(one.part(rows) for one in self.spinning),
-            began_s=self.origin_s,
+        rows, cycles = slice(first * self.records_per_cycle, stop * self.records_per_cycle), slice(first, stop)
+        parts = (
+            (("time_s", "interval_s", "delta_theta_imu_rad", "delta_v_imu_m_s", "attitude_wxyz"), rows),
+            (("ignored", "uncommanded"), cycles),
+            (("command", "command_s"), cycles if self.command_s is None else self._issued(first, stop)),
         )
+        own: dict[str, Any] = {name: getattr(self, name) for names, _ in parts for name in names}
+        own = {name: own[name] if own[name] is None else own[name][at] for names, at in parts for name in names}
+        return replace(self, **own, spinning=tuple(one.part(rows) for one in self.spinning), began_s=self.origin_s)
 
     @property
     def origin_s(self) -> float:

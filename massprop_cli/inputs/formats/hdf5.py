@@ -32,7 +32,9 @@ def _is_own(item: Any) -> bool:
 
 def _streams(item: h5py.Dataset) -> Iterator[RecordedStream]:
     path = item.name.lstrip("/")
-    unit, clock = _text(item, "unit") or _text(item, "units") or "", _clock(item)
+    unit = _text(item, "unit") or _text(item, "units") or ""
+    # the scale of its first dimension, where one is attached
+    clock = str(item.dims[0][0].name).lstrip("/") if len(item.dims) and len(item.dims[0].keys()) else ""
     if item.dtype.names:
         if item.ndim == 1:
             for field in item.dtype.names:
@@ -50,12 +52,6 @@ def _streams(item: h5py.Dataset) -> Iterator[RecordedStream]:
 
 def _part(item: Any, at: tuple[Any, ...]) -> Numbers:
     return whole(np.asarray(item[at] if at else item[:]))
-
-
-def _clock(item: h5py.Dataset) -> str:
-    """The scale of a dataset's first dimension, where one is attached."""
-    scales = item.dims[0].keys() if len(item.dims) else []
-    return str(item.dims[0][0].name).lstrip("/") if len(scales) else ""
 
 
 def _text(item: Any, name: str) -> str | None:

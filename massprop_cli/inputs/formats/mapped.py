@@ -9,10 +9,10 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns, tablefile
-from massprop_cli.inputs.formats import oncycles, onrecords, onrows
+from massprop_cli.inputs.formats import oncycles, resample
 from massprop_cli.inputs.formats.mapfile import MapSource
 from massprop_cli.inputs.formats.recording import Recording
-from massprop_cli.inputs.formats.signals import Signals
+from massprop_cli.inputs.formats.signals import QuantitySignal, Signals
 from massprop_cli.inputs.tablefile import Made, Table
 from massprop_cli.inputs.vehicle import ACTUATORS
 
@@ -24,13 +24,52 @@ def of(read: Recording, source: MapSource | None) -> Table:
     signals = Signals(read, source)
     records = source.map.records
     if records is None:
-        made = onrows.columns_of(signals)
+        made = _on_rows(signals)
     else:
         streams, edges = oncycles.streams_of(signals, records)
-        made = onrecords.columns_of(streams, records, edges) or oncycles.columns_of(streams, records, edges)
+        made = oncycles.at_own_times(streams, records, edges) or oncycles.on_cycles_of(streams, records, edges)
     time_s, by = made[columns.TIME], Made(source.source, source.sha256, tuple(_together(signals.made)), signals.sampled)
     found = tablefile.at_hand(read.path, made, lambda row: f"record {row} as mapped (time_s = {time_s[row]:.9g})")
     return replace(found, sha256=read.sha256, embedded_vehicle=read.vehicle, made=by)
+
+
+def _on_rows(signals: Signals) -> dict[str, Array]:
+    """The log's columns of streams that share one clock: the file's rows."""
+    said = signals.map
+    imu = signals.imu()
+    gyro = imu[0][0]
+    for signal, _ in imu:
+        _beside(gyro, signal, signals)
+    made: dict[str, Array] = {columns.TIME: gyro.times.s} | signals.as_recorded(imu)
+    attitude = None
+    if said.attitude is not None:
+        attitude = _beside(gyro, signals.attitude(said.attitude), signals).values
+        made |= dict(zip(columns.QUATERNION, resample.z_up(attitude, said.attitude.world).T, strict=True))
+    for key, wrench, known, names in signals.wrenches():
+        values = _beside(gyro, signals.vector(key, wrench, known), signals).values
+        if wrench.frame == "world" and attitude is not None:
+            values = resample.into_body(values, attitude)
+            signals.made.append(f"{key}: turned from world into body axes with the logged attitude of the same row")
+        made |= dict(zip(names, values.T, strict=True))
+    for name, jet in said.jets.items():
+        on, share = signals.jet(name, jet)
+        if share:
+            raise signals.error(on.key, on.paths[0], "a valve's state wants control cycles to be summed over; state [records] in the map")
+        made[columns.jet(name)] = _beside(gyro, on, signals).values[:, 0]
+    for signal, column, _, _ in signals.spinners():
+        made[column] = _beside(gyro, signal, signals).values[:, 0]
+    return made
+
+
+def _beside(gyro: QuantitySignal, signal: QuantitySignal, signals: Signals) -> QuantitySignal:
+    """The signal, once it is seen to be on the gyro's clock."""
+    own, its = signal.times, gyro.times
+    if own is not its and (len(own.s) != len(its.s) or (own.s != its.s).any()):
+        path = signal.paths[0] if signal.paths else ""
+        raise signals.error(
+            signal.key, path, f"its clock {own.path!r} is not the gyro's, {its.path!r}; state [records] in the map, onto which both are put"
+        )
+    return signal
 
 
 def _together(said: Sequence[str]) -> list[str]:

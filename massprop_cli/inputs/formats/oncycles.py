@@ -1,4 +1,4 @@
-"""A recording whose streams have clocks of their own, put on records and control cycles as its map states."""
+"""A recording whose streams have clocks of their own: put on records and control cycles as its map states, or commands at their times."""
 
 import math
 from collections.abc import Sequence
@@ -6,15 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, median
+from massprop_cli.base.arrays import Array, IntArray, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats import resample
+from massprop_cli.inputs.formats import resample, streamcommands
 from massprop_cli.inputs.formats.clocks import GAP
 from massprop_cli.inputs.formats.mapfile import Records
-from massprop_cli.inputs.formats.onrows import wrenches
 from massprop_cli.inputs.formats.signals import QuantitySignal, Signals
-from massprop_cli.inputs.formats.streamcommands import LIKE, SAME, StreamCommand, begun_with, commands_of, on_cycles, where_they_change
+from massprop_cli.inputs.formats.streamcommands import LIKE, SAME, STAMPED, StreamCommand
 
 LOST = 1.5
 """Times the usual interval: more is told of as a lost sample, even where it is no gap."""
@@ -49,7 +48,7 @@ class Streams:
     @property
     def unbroken(self) -> list[QuantitySignal]:
         """Those of them that must be there all the time: a logged attitude only where commands are turned with it."""
-        turns = any(wrench.frame == "world" for _, wrench, _, _ in wrenches(self.signals))
+        turns = any(wrench.frame == "world" for _, wrench, _, _ in self.signals.wrenches())
         return self.slow if turns else [signal for signal, _ in self.instants]
 
     def zero(self, records: Records, edges: Array) -> float:
@@ -82,14 +81,14 @@ def streams_of(signals: Signals, records: Records) -> tuple[Streams, Array]:
     imu = signals.imu()
     attitude = None if said.attitude is None else signals.attitude(said.attitude)
     instants = [(signal, column) for signal, column, kind, _ in signals.spinners() if kind == "instant"]
-    found = Streams(imu, commands_of(signals, attitude), attitude, instants, signals)
+    found = Streams(imu, streamcommands.commands_of(signals, attitude), attitude, instants, signals)
     spans = [_Span(sensor, resample.knots(sensor.times.s, kind)) for sensor, kind in imu]
     spans += [_Span(signal, signal.times.s) for signal in found.slow]
     spans += [_Span(each.signal, resample.span(each.signal.times.s, each.holds)) for each in found.commands if each.signal.paths]
     return found, _edges(signals, records, spans, found.commands)
 
 
-def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Array]:
+def on_cycles_of(streams: Streams, records: Records, edges: Array) -> dict[str, Array]:
     """The log's columns by the contract's names, summed over records between ``edges``."""
     signals = streams.signals
     _check(signals, edges, [sensor for sensor, _ in streams.imu], streams.unbroken)
@@ -105,9 +104,77 @@ def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Ar
     made |= streams.beside(edges[1:], length * records.per_cycle)
     cycles = edges[:: records.per_cycle]
     for command in streams.commands:
-        values = on_cycles(signals, command, cycles)
+        values = streamcommands.on_cycles(signals, command, cycles)
         made |= dict(zip(command.names, np.repeat(values, records.per_cycle, 0).T, strict=True))
     return made
+
+
+def at_own_times(streams: Streams, records: Records, edges: Array) -> dict[str, Array] | None:
+    """The IMU's records as the log's, and commands at their own times, so that a step of thrust within a record stays where it was.
+
+    None where records fall on cycles of these ``edges``, or commands are not one row each; without any command records stand as they are.
+    """
+    signals, gyro, kinds = streams.signals, streams.gyro, [kind for _, kind in streams.imu]
+    together = all(one.times is gyro.times or np.array_equal(gyro.times.s, one.times.s) for one, _ in streams.imu)
+    if not together or ("sample" not in kinds and resample.all_at(resample.knots(gyro.times.s, kinds[0]), edges, SAME * gyro.times.step_s)):
+        return None
+    issued = _issued(streams.commands, records.interval_s or 0.0, records.per_cycle)
+    one_each = "sample" in kinds and abs(gyro.times.step_s / median(np.diff(edges)) - 1) < SAME
+    if issued is None and (not one_each or any(command.signal.paths for command in streams.commands)):
+        return None
+    issued_s, scatter_s = issued or (np.zeros(0), 0.0)
+    time_s = gyro.times.s
+    within = slice(*np.searchsorted(time_s, [edges[0] + SAME * gyro.times.step_s, edges[-1] + SAME * gyro.times.step_s]).tolist())
+    time_s = time_s[within]
+    own = (issued_s > time_s[0] - gyro.times.step_s) & (issued_s <= time_s[-1])
+    rows = np.searchsorted(time_s, issued_s[own])
+    if issued and (len(rows) < 2 or (np.diff(rows) < 1).any()):
+        return None
+    zero = streams.zero(records, edges)
+    made: dict[str, Array] = {columns.TIME: time_s - zero}
+    made |= signals.as_recorded(streams.imu, within)
+    for signal, kind in streams.imu:
+        signals.made.append(
+            f"{signal.key}: {len(time_s)} values ({kind}) every {gyro.times.step_s:.6g} s by {gyro.times.path!r}, as recorded"
+        )
+    if issued is None:
+        return made | streams.beside(time_s, records.per_cycle * gyro.times.step_s)
+    made[columns.COMMAND_TIME] = _in_rows(issued_s[own] - zero, rows, len(time_s))
+    for command in streams.commands:
+        values = command.signal.values
+        values = values[own] if command.signal.paths else np.repeat(values[:1], len(rows), 0)
+        made |= dict(zip(command.names, (_in_rows(column, rows, len(time_s)) for column in values.T), strict=True))
+    evened = f", whose stamps scatter by up to {scatter_s:.3g} s and are taken as evenly spaced" if scatter_s > 0 else ""
+    signals.made.append(f"commands: {len(rows)} every {median(np.diff(issued_s)):.6g} s, at their own times{evened}")
+    return made | streams.beside(time_s, median(np.diff(issued_s)))
+
+
+def _issued(commands: Sequence[StreamCommand], interval_s: float, per_cycle: int) -> tuple[Array, float] | None:
+    """When commands were issued, where all are one row each, and by how much their stamps scatter about even times, if these are taken."""
+    recorded: list[QuantitySignal] = []
+    for command in commands:
+        if not command.signal.paths:
+            continue
+        if command.kind == "share" or command.holds != "until_next":
+            return None
+        recorded.append(command.signal)
+    if not recorded or any(not np.array_equal(one.times.s, recorded[0].times.s) for one in recorded):
+        return None
+    stamps, step_s = recorded[0].times.s, recorded[0].times.step_s
+    if interval_s and abs(step_s / (interval_s * per_cycle) - 1) > LIKE:
+        return None
+    line, _ = resample.even(stamps)
+    scatter_s = float(np.abs(line - stamps).max())
+    if scatter_s > STAMPED * step_s:
+        return stamps, 0.0
+    return line, scatter_s if scatter_s > SAME * step_s else 0.0
+
+
+def _in_rows(values: Array, rows: IntArray, count: int) -> Array:
+    """(count,) values in these rows, and nothing in the others."""
+    found = np.full(count, np.nan)
+    found[rows] = values
+    return found
 
 
 def _read_off(signal: QuantitySignal, time_s: Array, cycle_s: float) -> str:
@@ -160,9 +227,9 @@ def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands:
     recorded = [one.signal.times for one in commands if one.signal.paths]
     driving = next((times for times in recorded if abs(times.step_s / cycle - 1) < LIKE), None)
     slack = SAME * gyro.times.step_s
-    begun = None if driving is not None else where_they_change(commands, start - slack, cycle)
+    begun = None if driving is not None else streamcommands.where_they_change(commands, start - slack, cycle)
     if driving is not None and (driving.s >= start - slack).any():
-        start = begun_with(driving.s[driving.s >= start - slack], start - slack, cycle)
+        start = streamcommands.begun_with(driving.s[driving.s >= start - slack], start - slack, cycle)
         signals.made.append(f"control cycles begin with the first command by {driving.path!r}, at {start + zero:.13g} s")
     elif begun is not None:
         start = begun

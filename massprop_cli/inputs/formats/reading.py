@@ -13,7 +13,6 @@ from massprop_cli.base.spill import Content
 from massprop_cli.inputs import tablefile
 from massprop_cli.inputs.formats import units
 from massprop_cli.inputs.formats.recording import TABLE, Numbers, Read, RecordedStream, Recording, counted, kind
-from massprop_cli.inputs.tablefile import Cells, Table
 
 
 def load(path: Path) -> Recording:
@@ -48,12 +47,12 @@ def read(path: Path, data: Content) -> Recording:
 def read_table(path: Path, data: Content) -> Read:
     """A stream for each column, whatever it holds; its numbers are read_table when they are asked for."""
     table = tablefile.columns_of(path, data)
-    return Read([_stream(table, *column) for column in table.columns.items()], vehicle=table.embedded_vehicle, map=table.embedded_map)
-
-
-def _stream(table: Table, name: str, cells: Cells) -> RecordedStream:
-    load: Callable[[], Numbers] = cells.counts if cells.instants else cells.numbers
-    return RecordedStream(name, table.rows, load, unit=cells.instants or cells.unit or units.behind(name)[1], place=cells.place)
+    streams = []
+    for name, cells in table.columns.items():
+        load: Callable[[], Numbers] = cells.counts if cells.instants else cells.numbers
+        unit = cells.instants or cells.unit or units.behind(name)[1]
+        streams.append(RecordedStream(name, table.rows, load, unit=unit, place=cells.place))
+    return Read(streams, vehicle=table.embedded_vehicle, map=table.embedded_map)
 
 
 METADATA = "metadata.yaml"

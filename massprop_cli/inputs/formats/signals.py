@@ -13,7 +13,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import clocks, covering, resample, units
 from massprop_cli.inputs.formats.clocks import Times
-from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Mapped, MappedJet, MappedSensor, MappedVector, MapSource
+from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Mapped, MappedJet, MappedSensor, MappedVector, MappedWrench, MapSource
 from massprop_cli.inputs.formats.pathpattern import fitting
 from massprop_cli.inputs.formats.recording import Numbers, RecordedStream, Recording
 from massprop_cli.inputs.vehicle import ACTUATORS
@@ -95,6 +95,12 @@ class Signals:
                 'what happened in between is lost. Log all of them, or map rates instead (values = "sample" or "mean"), or '
                 "correct the clock",
             )
+
+    def wrenches(self) -> list[tuple[str, MappedWrench, dict[str, float], tuple[str, ...]]]:
+        """Commanded torque and force where the map has them: key, entry, units, columns."""
+        torque, force = self.map.torque, self.map.force
+        both = (("torque", torque, units.TORQUE, columns.WRENCH[:3]), ("force", force, units.FORCE, columns.WRENCH[3:]))
+        return [(key, wrench, known, names) for key, wrench, known, names in both if wrench is not None]
 
     def jet(self, name: str, said: MappedJet) -> tuple[QuantitySignal, bool]:
         """On-times in s, or openings from 0 to 1; and whether it is these."""

@@ -9,7 +9,6 @@ from massprop_cli.base.arrays import Array, BoolArray, IntArray, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import resample
-from massprop_cli.inputs.formats.onrows import wrenches
 from massprop_cli.inputs.formats.signals import QuantitySignal, Signals
 
 LIKE = 0.2
@@ -40,7 +39,7 @@ class StreamCommand:
 def commands_of(signals: Signals, attitude: QuantitySignal | None) -> list[StreamCommand]:
     """Wrenches in body axes, jets, and devices commanded by means; :class:`InputError` where no valve ever opens."""
     found = []
-    for key, wrench, known, names in wrenches(signals):
+    for key, wrench, known, names in signals.wrenches():
         signal = signals.vector(key, wrench, known)
         if wrench.frame == "world" and attitude is not None:
             at = resample.attitude_at(attitude.values, attitude.times.s, signal.times.s)
