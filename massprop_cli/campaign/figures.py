@@ -7,7 +7,7 @@ from massprop_cli import ALL_UNITS
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.lazy import ticker
-from massprop_cli.campaign import pool
+from massprop_cli.campaign import pooled
 from massprop_cli.campaign.pooled import Group, Pool, Pooled
 from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
@@ -28,8 +28,8 @@ FAR = 6.0
 class Spread:
     """One quantity, log by log."""
 
-    samples: pool.LogValues
-    mean: pool.Mean
+    samples: pooled.LogValues
+    mean: pooled.Mean
     expected: float | None
     """What all logs expect alike."""
 
@@ -53,9 +53,9 @@ def spreads(group: Group) -> dict[str, Spread]:
     for i, name in enumerate(ALL_UNITS):
         told = np.isfinite(values[:, i, 0])
         if told.any():
-            samples = pool.LogValues(np.array(group.numbers, dtype=float)[told], *values[told, i].T)
+            samples = pooled.LogValues(np.array(group.numbers, dtype=float)[told], *values[told, i].T)
             alike = group.expected[i]
-            found[name] = Spread(samples, pool.mean(samples), next(iter(alike)) if len(alike) == 1 else None)
+            found[name] = Spread(samples, pooled.mean(samples), next(iter(alike)) if len(alike) == 1 else None)
     return found
 
 
