@@ -174,11 +174,8 @@ def attitude(source: LogTable, n: int) -> Array | None:
             int(partial[0]), lacking, "nan or an empty cell beside a number; an attitude is four numbers or four empty cells"
         )
     norm = np.sqrt(np.sum([component**2 for component in quaternion.T], 0))
-    bad = np.flatnonzero((empty == 0) & ~(np.abs(norm - 1) <= OFF_UNIT))
-    if bad.size:
-        raise source.error(
-            int(bad[0]), "quat_w", f"the quaternion's norm is {norm[bad[0]]:.4g}, not 1; quaternions are wxyz, world from body"
-        )
+    said = "the quaternion's norm is {:.4g}, not 1; quaternions are wxyz, world from body".format
+    source.refuse((empty == 0) & ~(np.abs(norm - 1) <= OFF_UNIT), "quat_w", lambda row: said(norm[row]))
     quaternion /= norm[:, None]
     return None if empty.all() else quaternion[:n]
 

@@ -111,10 +111,8 @@ class LogTable:
     def required(self, column: str) -> Array:
         """The column, scaled; every cell must be a finite number, and where a row is lost it is on the line between its neighbours."""
         values = between_known(self.optional(column), self.lost)
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            cell = "nan or an empty cell" if np.isnan(values[bad[0]]) else f"{values[bad[0]]}"
-            raise self.error(int(bad[0]), column, f"{cell} is not a finite number; correct or cut the record")
+        said = "is not a finite number; correct or cut the record"
+        self.refuse(~np.isfinite(values), column, lambda row: f"{values[row]} {said}".replace("nan", "nan or an empty cell", 1))
         return values
 
     def readings(self, column: str, marked: Marked) -> Array:
@@ -155,28 +153,19 @@ class LogTable:
         values = self.optional(column)[:n]
         if self.issued is not None:
             return self._of_issued(column, values)
-        bad = np.flatnonzero(np.isinf(values))
-        if bad.size:
-            raise self.error(int(bad[0]), column, f"{values[bad[0]]} is not a finite number; correct or cut the record")
+        self.refuse(np.isinf(values), column, lambda row: f"{values[row]} is not a finite number; correct or cut the record")
         grid = values.reshape(-1, records)
-        first = grid[:, :1] if self.lost is None else self._first(grid, self.lost[:n].reshape(-1, records))[:, None]
-        missing = np.flatnonzero(np.isnan(first[:, 0]))
-        if missing.size:
-            raise self.error(
-                int(missing[0]) * records,
-                column,
-                "no command in the first row of its control cycle; write one (0 for none)" + self._lost(int(missing[0]) * records),
-            )
-        differs = np.argwhere(~np.isnan(grid) & (grid != first))
-        if differs.size:
-            cycle, row = (int(i) for i in differs[0])
-            raise self.error(
-                cycle * records + row,
-                column,
-                f"{grid[cycle, row]:g} differs from {first[cycle, 0]:g} in the first row of its control cycle; "
-                "commands change at cycle starts only: check cycle.period_s and the first row" + self._lost(cycle * records + row),
-            )
-        return np.ascontiguousarray(first[:, 0])
+        first = grid[:, 0] if self.lost is None else self._first(grid, self.lost[:n].reshape(-1, records))
+        every = np.repeat(first, records)
+        missing = "no command in the first row of its control cycle; write one (0 for none)"
+        self.refuse(np.isnan(every), column, lambda row: missing + self._lost(row))
+        held = (
+            "differs from {:g} in the first row of its control cycle; commands change at cycle starts only: check cycle.period_s and the "
+            "first row"
+        )
+        differs = ~np.isnan(values) & (values != every)
+        self.refuse(differs, column, lambda row: f"{values[row]:g} {held.format(every[row])}{self._lost(row)}")
+        return np.ascontiguousarray(first)
 
     def _first(self, grid: Array, lost: BoolArray) -> Array:
         """(K,) the command of each cycle (K, records): where its first row is lost that of another row, or else of the cycle before."""
@@ -190,18 +179,11 @@ class LogTable:
     def _of_issued(self, column: str, values: Array) -> Array:
         """(M,) the cells of rows in which a command was issued; all others must be empty."""
         assert self.issued is not None
-        found = values[self.issued]
-        bad = np.flatnonzero(~np.isfinite(found))
-        if bad.size:
-            raise self.error(
-                int(self.issued[bad[0]]), column, f"no command in a row with {self.name(COMMAND_TIME)}; write one (0 for none)"
-            )
-        others = np.isfinite(values)
-        others[self.issued] = False
-        if others.any():
-            row = int(np.argmax(others))
-            raise self.error(row, column, f"{values[row]:g} has no {self.name(COMMAND_TIME)} in its row; state when it was issued")
-        return found
+        issued, own = np.zeros(len(values), dtype=bool), self.name(COMMAND_TIME)
+        issued[self.issued] = True
+        self.refuse(issued & ~np.isfinite(values), column, lambda _: f"no command in a row with {own}; write one (0 for none)")
+        self.refuse(~issued & np.isfinite(values), column, lambda row: f"{values[row]:g} has no {own} in its row; state when it was issued")
+        return values[self.issued]
 
     def _lost(self, row: int) -> str:
         """Where a record is missing before a row, from which on all cycles are others; empty where none is."""

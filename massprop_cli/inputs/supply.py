@@ -47,15 +47,10 @@ def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array, r
             "or leave thrust.nominal_pa out: each jet then gives the same throughout"
         )
     pressure = source.required(PRESSURE)[: len(time_s)]
-    bad = np.flatnonzero(~((pressure >= LEAST * nominal_pa) & (pressure <= MOST * nominal_pa)))
-    if bad.size:
-        raise source.error(
-            int(bad[0]),
-            PRESSURE,
-            f"{pressure[bad[0]]:.6g} Pa is {pressure[bad[0]] / nominal_pa:.2g} of thrust.nominal_pa = {nominal_pa:g}; are both absolute "
-            "pressures in pascals?",
-        )
-    return _level(time_s, interval_s, pressure / nominal_pa, records)
+    part = pressure / nominal_pa
+    said = f"of thrust.nominal_pa = {nominal_pa:g}; are both absolute pressures in pascals?"
+    source.refuse(~((part >= LEAST) & (part <= MOST)), PRESSURE, lambda row: f"{pressure[row]:.6g} Pa is {part[row]:.2g} {said}")
+    return _level(time_s, interval_s, part, records)
 
 
 def _level(time_s: Array, interval_s: Array, values: Array, records: int) -> SupplyLevel:

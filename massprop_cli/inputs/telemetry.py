@@ -220,15 +220,12 @@ def _command_times(source: LogTable, time_s: Array, moved_s: Array | None) -> Ar
     found = issued_s[rows] - (0.0 if moved_s is None else moved_s[rows])
     if len(rows) < 2:
         raise InputError(f"{source.table.path}, column {source.name(COMMAND_TIME)}: {len(rows)} command(s); a log needs at least two")
-    bad = np.flatnonzero(~np.isfinite(found))
-    if bad.size:
-        raise source.error(int(rows[bad[0]]), COMMAND_TIME, f"{found[bad[0]]} is not a finite number; correct or cut the record")
+    source.refuse(np.isinf(issued_s), COMMAND_TIME, lambda row: f"{issued_s[row]} is not a finite number; correct or cut the record")
     back = np.flatnonzero(np.diff(found) <= 0)
     if back.size:
-        row = int(rows[back[0] + 1])
-        raise source.error(
-            row, COMMAND_TIME, f"time goes back: {found[back[0] + 1]:.9g} s after {found[back[0]]:.9g} s; sort or cut the commands"
-        )
+        before_s, after_s = found[back[0] : back[0] + 2]
+        said = f"time goes back: {after_s:.9g} s after {before_s:.9g} s; sort or cut the commands"
+        raise source.error(int(rows[back[0] + 1]), COMMAND_TIME, said)
     if found[-1] <= time_s[0] or found[0] >= time_s[-1]:
         raise InputError(
             f"{source.table.path}, column {source.name(COMMAND_TIME)}: commands from {found[0]:.9g} to {found[-1]:.9g} s, and the IMU from "
@@ -251,11 +248,8 @@ def _intervals(source: LogTable, time_s: Array, remedy: str = "") -> tuple[Array
     gap = np.flatnonzero(steps > GAP * usual)
     if gap.size:
         row = int(gap[0]) + 1
-        raise source.error(
-            row,
-            "time_s",
-            f"a gap of {steps[gap[0]]:.6g} s after {time_s[row - 1]:.9g} s (median interval {usual:.6g} s); split the log there{remedy}",
-        )
+        said = f"a gap of {steps[gap[0]]:.6g} s after {time_s[row - 1]:.9g} s (median interval {usual:.6g} s); split the log there{remedy}"
+        raise source.error(row, "time_s", said)
     long = np.flatnonzero(steps > LONG * usual)
     notices = []
     if long.size:
