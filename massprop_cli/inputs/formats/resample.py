@@ -42,21 +42,20 @@ def increments(values: Array, times_s: Array, kind: Values, edges_s: Array) -> A
     known = knots(times_s, kind)
     steps = np.diff(known)[:, None]
     each = values if kind == "increment" else values * steps if kind == "mean" else (values[1:] + values[:-1]) / 2 * steps
-    total = np.vstack([np.zeros(values.shape[1]), np.cumsum(each, 0)])
-    return np.stack([np.diff(np.interp(edges_s, known, column)) for column in total.T], 1)
+    return _summed(each, known, edges_s)
+
+
+def _summed(each: Array, knots_s: Array, edges_s: Array) -> Array:
+    """(m, n) between m + 1 edges, of what comes evenly between knots."""
+    total = np.vstack([np.zeros(each.shape[1]), np.cumsum(each, 0)])
+    return np.stack([np.diff(np.interp(edges_s, knots_s, column)) for column in total.T], 1)
 
 
 def means(values: Array, times_s: Array, holds: Holds, edges_s: Array) -> Array:
     """(m, n) means between m + 1 edges of values that hold until the next, or since the last."""
-    steps = np.diff(times_s)
-    last = float(np.median(steps))
-    if holds == "until_next":
-        knots = np.append(times_s, max(times_s[-1] + last, edges_s[-1]))
-    else:
-        knots = np.insert(times_s, 0, min(times_s[0] - last, edges_s[0]))
-    total = np.vstack([np.zeros(values.shape[1]), np.cumsum(values * np.diff(knots)[:, None], 0)])
-    summed = np.stack([np.diff(np.interp(edges_s, knots, total[:, axis])) for axis in range(values.shape[1])], 1)
-    return summed / np.diff(edges_s)[:, None]
+    known = span(times_s, holds)
+    known[0], known[-1] = (known[0], max(known[-1], edges_s[-1])) if holds == "until_next" else (min(known[0], edges_s[0]), known[-1])
+    return _summed(values * np.diff(known)[:, None], known, edges_s) / np.diff(edges_s)[:, None]
 
 
 def span(times_s: Array, holds: Holds) -> Array:
