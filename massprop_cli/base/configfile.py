@@ -70,13 +70,18 @@ def _children(item: object) -> Iterable[object]:
 def read_text(path: Path, what: str) -> str:
     """The file's text; :class:`InputError` if it is missing, no file, too large, or not UTF-8."""
     try:
-        text = limits.content(path, what).decode("utf-8-sig")
-        return text.replace("\r\n", "\n").replace("\r", "\n")
+        return decoded(limits.content(path, what), str(path), what)
     except FileNotFoundError:
         raise InputError(f"{path}: no such {what}; check the path") from None
+
+
+def decoded(content: bytes, place: str, what: str) -> str:
+    """UTF-8 text; :class:`InputError` where it is none."""
+    try:
+        return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         kind = "JSON" if what.endswith(".json") else "TOML"
-        raise InputError(f"{path}: not a text file ({error.reason} at byte {error.start}); a {what} is UTF-8 {kind}") from None
+        raise InputError(f"{place}: not a text file ({error.reason} at byte {error.start}); a {what} is UTF-8 {kind}") from None
 
 
 def override(data: dict[str, Any], assignments: Iterable[str]) -> dict[str, Any]:

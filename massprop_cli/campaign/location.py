@@ -4,7 +4,7 @@ import os
 import posixpath
 from pathlib import Path, PurePosixPath
 
-from massprop_cli.base import foldername, limits
+from massprop_cli.base import configfile, foldername, limits
 from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import remote
 
@@ -31,17 +31,9 @@ def read(location: str, what: str) -> bytes:
         raise InputError(f"{path}: no such {what}; check the path") from None
 
 
-def text(content: bytes, location: str, what: str) -> str:
-    """UTF-8 text; :class:`InputError` where it is none."""
-    try:
-        return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{location}: not a text file ({error.reason} at byte {error.start}); a {what} is UTF-8 TOML") from None
-
-
 def read_text(location: str, what: str) -> str:
     """A file's text; :class:`InputError` names it and a remedy."""
-    return text(read(location, what), location, what)
+    return configfile.decoded(read(location, what), location, what)
 
 
 def path(location: str) -> Path:

@@ -7,9 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, ValidatorFunctionWrapHandler, WrapSerializer, WrapValidator
 
 from massprop_cli import ALL_UNITS, QUANTITIES, __version__
-from massprop_cli.base import escape, exits
+from massprop_cli.base import configfile, escape, exits
 from massprop_cli.base.errors import InputError
-from massprop_cli.campaign import location
 from massprop_cli.campaign.outcome import CampaignRow, CompressedRows, OutcomePart, contradicted
 from massprop_cli.campaign.pooled import Pool, pooled
 
@@ -109,7 +108,7 @@ def to_json(found: Summary) -> Iterator[str]:
 
 def parse(content: bytes, place: str) -> Summary:
     """A campaign.json's content; :class:`InputError` names what is wrong with it."""
-    text = location.text(content, place, "campaign.json")
+    text = configfile.decoded(content, place, "campaign.json")
     try:
         return Summary.model_validate_json(text)
     except ValidationError as error:

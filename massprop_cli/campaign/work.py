@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 
 from massprop_cli import __version__
-from massprop_cli.base import escape, exits, files
+from massprop_cli.base import configfile, escape, exits, files
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError, MachineError
 from massprop_cli.base.escape import line
@@ -204,7 +204,7 @@ def _expected(job: Job, inputs: Inputs) -> Expectations | None:
     if inputs.expect is None or job.settings.expect is None:
         return None
     place = job.settings.expect
-    return expect.parse(location.text(inputs.expect, place, "expect file"), location.path(place))
+    return expect.parse(configfile.decoded(inputs.expect, place, "expect file"), location.path(place))
 
 
 def table_of(job: Job, inputs: Inputs) -> Table:
@@ -212,7 +212,7 @@ def table_of(job: Job, inputs: Inputs) -> Table:
     if inputs.map is None:
         return logfile.parse(Path(job.shown), inputs.log)
     place, content = inputs.map
-    by = mapfile.parse(location.text(content, place, "map file"), place, named=job.settings.map is not None)
+    by = mapfile.parse(configfile.decoded(content, place, "map file"), place, named=job.settings.map is not None)
     return logfile.parse(Path(job.shown), inputs.log, by)
 
 
@@ -228,7 +228,7 @@ def vehicle_of(job: Job, inputs: Inputs, embedded: str | None) -> VehicleSource:
             option="vehicle",
         )
     place, content = inputs.vehicle
-    return vehiclefile.parse(location.text(content, place, "vehicle file"), place, stated)
+    return vehiclefile.parse(configfile.decoded(content, place, "vehicle file"), place, stated)
 
 
 def _report(job: Job, files: Mapping[str, bytes]) -> bytes:
