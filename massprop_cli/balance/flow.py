@@ -115,14 +115,9 @@ def _check_alike(before: Recorded, after: Recorded) -> None:
         raise InputError(
             f"{after.path}: is of the same log as {before.path}; name the result of a log that was taken after the moves", "after"
         )
-    both = {
-        "vehicle": (new.vehicle.name, old.vehicle.name),
-        "environment.bearing_position_m": (new.vehicle.bearing_position_m, old.vehicle.bearing_position_m),
-        "environment.gravity_m_s2": (new.vehicle.gravity_m_s2, old.vehicle.gravity_m_s2),
-        "thrust.scale_sigma": (new.vehicle.thrust_scale_sigma, old.vehicle.thrust_scale_sigma),
-    }
+    what = ("vehicle", "environment.bearing_position_m", "environment.gravity_m_s2", "thrust.scale_sigma")
     so = "their first moments cannot be compared. Estimate both logs with the same vehicle file"
-    check_same(after.path, str(before.path), both, so)
+    check_same(after.path, new, str(before.path), old, what, so)
 
 
 def _since(one: Ballast, by: float) -> Ballast:

@@ -91,20 +91,11 @@ def _chosen(one: Recorded, side: str) -> PhaseItem:
 def _check_alike(recorded: Sequence[Recorded], bearing: bool) -> None:
     pivot.refuse(recorded)
     first = recorded[0]
+    what = ["vehicle", "environment", "thrust.scale_sigma", "inertia about", "products of inertia", *["bearing mass [kg]"] * bearing]
     for one in recorded:
-        made, vehicle, old = one.result.provenance.method, one.result.vehicle, first.result.vehicle
-        if made == "thesis":
+        if one.result.provenance.method == "thesis":
             raise InputError(f"{one.path}: was made by --method thesis, whose sigmas are no errors; make it again by the default")
-        stated = {
-            "vehicle": (vehicle.name, old.name),
-            "environment": (vehicle.environment, old.environment),
-            "thrust.scale_sigma": (vehicle.thrust_scale_sigma, old.thrust_scale_sigma),
-            "inertia about": (one.result.conventions.inertia_about, first.result.conventions.inertia_about),
-            "products of inertia": (one.result.conventions.products_of_inertia, first.result.conventions.products_of_inertia),
-        }
-        if bearing:
-            stated["bearing mass [kg]"] = (vehicle.bearing_mass_kg, old.bearing_mass_kg)
-        check_same(one.path, str(first.path), stated, "they are not of one vehicle. Combine results of one")
+        check_same(one.path, one.result, str(first.path), first.result, what, "they are not of one vehicle. Combine results of one")
 
 
 def _result(recorded: Sequence[Recorded], names: Sequence[str], found: Sequence[Phased], docked: DockedObject | None) -> Result:

@@ -89,15 +89,8 @@ def _check_alike(recorded: Recorded, log: Path, own: Result) -> None:
     for path, one in ((recorded.path, told), (log, own)):
         if one.provenance.method == "thesis":
             raise InputError(f"{path}: estimator.method is thesis, whose sigmas are no errors; use the default method")
-    mine, theirs = own.vehicle, told.vehicle
-    stated = {
-        "vehicle": (mine.name, theirs.name),
-        "environment.kind": (mine.environment, theirs.environment),
-        "environment.bearing_position_m": (mine.bearing_position_m, theirs.bearing_position_m),
-        "environment.bearing_mass_kg": (mine.bearing_mass_kg, theirs.bearing_mass_kg),
-        "thrust.scale_sigma": (mine.thrust_scale_sigma, theirs.thrust_scale_sigma),
-    }
-    check_same(log, str(recorded.path), stated, f"they are not of one vehicle. {_REMEDY}")
+    what = ("vehicle", "environment", "environment.bearing_position_m", "bearing mass [kg]", "thrust.scale_sigma")
+    check_same(log, own, str(recorded.path), told, what, f"they are not of one vehicle. {_REMEDY}")
 
 
 def _check_told(path: Path, item: PhaseItem, pivoted: bool) -> None:

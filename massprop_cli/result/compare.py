@@ -114,22 +114,10 @@ def _side(recorded: Recorded) -> ComparedSide:
 def _check_alike(result: Recorded, baseline: Recorded) -> None:
     """Refuse results whose values mean different things. A changed vehicle file alone is what a comparison may be about."""
     new, old = result.result, baseline.result
-    stated = {
-        "vehicle": (new.vehicle.name, old.vehicle.name),
-        "environment": (new.vehicle.environment, old.vehicle.environment),
-        "bearing mass [kg]": (new.vehicle.bearing_mass_kg, old.vehicle.bearing_mass_kg),
-        "phases": (", ".join(p.name for p in new.phases), ", ".join(p.name for p in old.phases)),
-        "inertia about": (new.conventions.inertia_about, old.conventions.inertia_about),
-        "products of inertia": (new.conventions.products_of_inertia, old.conventions.products_of_inertia),
-    }
-    if new.docked_object and old.docked_object:
-        stated["docked object"] = (_docking(new), _docking(old))
+    what = ["vehicle", "environment", "bearing mass [kg]", "phases", "inertia about", "products of inertia"]
+    what += ["docked object"] if new.docked_object and old.docked_object else []
     so = "their values mean different things. Name a baseline of the same vehicle and phases"
-    check_same(result.path, f"the baseline {baseline.path}", stated, so)
-
-
-def _docking(found: Result) -> str:
-    return f"{found.docked_object.after} less {found.docked_object.before}" if found.docked_object else "none"
+    check_same(result.path, new, f"the baseline {baseline.path}", old, what, so)
 
 
 def _notes(new: Result, old: Result) -> list[str]:

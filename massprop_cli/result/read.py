@@ -3,7 +3,7 @@
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -64,11 +64,26 @@ def read(path: Path) -> Recorded:
     return Recorded(file, result, _history(file.with_name("history.parquet"), result), hashlib.sha256(file.read_bytes()).hexdigest())
 
 
-def check_same(path: Path, other: str, stated: Mapping[str, tuple[object, object]], so: str) -> None:
-    """:class:`InputError` where a result states something else than another; ``so`` is what follows, and what to do."""
-    for what, (mine, theirs) in stated.items():
-        if mine != theirs:
-            raise InputError(f"{path}: {what} is {mine!r}, and {theirs!r} in {other}; {so}")
+STATED: dict[str, Callable[[Result], object]] = {
+    "vehicle": lambda of: of.vehicle.name,
+    "environment": lambda of: of.vehicle.environment,
+    "environment.gravity_m_s2": lambda of: of.vehicle.gravity_m_s2,
+    "environment.bearing_position_m": lambda of: of.vehicle.bearing_position_m,
+    "bearing mass [kg]": lambda of: of.vehicle.bearing_mass_kg,
+    "thrust.scale_sigma": lambda of: of.vehicle.thrust_scale_sigma,
+    "phases": lambda of: ", ".join(phase.name for phase in of.phases),
+    "docked object": lambda of: f"{of.docked_object.after} less {of.docked_object.before}" if of.docked_object else "none",
+    "inertia about": lambda of: of.conventions.inertia_about,
+    "products of inertia": lambda of: of.conventions.products_of_inertia,
+}
+"""What a result's values mean, by the words for it."""
+
+
+def check_same(path: Path, own: Result, other: str, theirs: Result, what: Iterable[str], so: str) -> None:
+    """:class:`InputError` where a result states ``what`` otherwise than another; ``so`` is what follows, and what to do."""
+    for name in what:
+        if STATED[name](own) != STATED[name](theirs):
+            raise InputError(f"{path}: {name} is {STATED[name](own)!r}, and {STATED[name](theirs)!r} in {other}; {so}")
 
 
 def result_of(text: str, file: str) -> Result:

@@ -204,7 +204,7 @@ def copied(data: dict[str, Any]) -> None:
         ("free-flyer", copied, "free-flyer-1", "the same recording in another file, which proves nothing; name a log that"),
         ("free-flyer", nothing, "free-flyer-2", "gives no value in phase all"),
         ("free-flyer", lambda _: None, "pedestal-2", "vehicle is 'table on a pedestal', and 'free flyer' in"),
-        ("free-flyer", heavier, "free-flyer-2", "environment.bearing_mass_kg is 0.0, and 3.0 in"),
+        ("free-flyer", heavier, "free-flyer-2", "bearing mass [kg] is 0.0, and 3.0 in"),
         ("free-flyer", thesis, "free-flyer-2", "estimator.method is thesis, whose sigmas are no errors; use the default method"),
         ("free-flyer", twice, "free-flyer-2", "has phases all, other. Name one with --phase"),
         ("pedestal", without_pivot, "pedestal-2", "has no about_pivot with its covariance; name the result of one log"),
