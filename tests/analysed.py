@@ -1,7 +1,5 @@
 """Sample logs estimated once for all tests that look at the same result."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

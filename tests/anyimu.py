@@ -5,8 +5,6 @@ Runge-Kutta method; what a low-pass makes of it follows in closed form from a pa
 level plane without friction.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass, field, replace
 from pathlib import Path

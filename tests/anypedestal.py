@@ -5,8 +5,6 @@ half a cycle at most: tables turn by 3 mrad in that at most, and increments are 
 relative to the body with a constant acceleration within a cycle, and gimbals at a constant rate, so that what is logged of them is exact.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ Each rotor's command is lagged in closed form; rate, and the integrals of rate a
 record begins in mid-flight.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

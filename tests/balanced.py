@@ -1,7 +1,5 @@
 """Tables on a pedestal whose ballast is moved as massprop says, with motion, weights and first moments that are made apart from it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Campaigns small enough to be run many times: free flights of 120 cycles from the testbed in software."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

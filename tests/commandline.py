@@ -1,7 +1,5 @@
 """The command line in a process of its own, forked from one that has read the package already: quicker than a new interpreter."""
 
-from __future__ import annotations
-
 import marshal
 import os
 import resource

@@ -1,7 +1,5 @@
 """Results of sample logs that several reports are tested on, and one thread of linear algebra for each worker."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Generator
 

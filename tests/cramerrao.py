@@ -4,8 +4,6 @@ By the sensitivities of :mod:`massprop_cli.testbed.bound`. Body rates at the sta
 wheels, the scale of all thrust, as far as the vehicle file says.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array

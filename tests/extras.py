@@ -1,7 +1,5 @@
 """Packages that the extra dev-all brings: their tests skip where they are absent, and fail where MASSPROP_TESTS=all asks for all."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Sample logs with something wrong: the log, or what its vehicle file says."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

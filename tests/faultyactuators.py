@@ -3,8 +3,6 @@
 The simulators that fly them share no code with massprop.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from functools import partial

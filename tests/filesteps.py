@@ -1,7 +1,5 @@
 """A process that ends itself at one of its steps with files: opening to write, renaming, removing, making folders."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import sys

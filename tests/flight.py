@@ -1,7 +1,5 @@
 """A flight computed another way than the program does: RK4 on the equations of motion with pointwise thrust."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache

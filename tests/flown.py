@@ -1,7 +1,5 @@
 """Flights of the testbed in software, each flown once in a process for all tests that look at it."""
 
-from __future__ import annotations
-
 from functools import cache
 
 from massprop_cli import flow

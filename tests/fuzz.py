@@ -4,8 +4,6 @@ What is new goes into a folder of its own; what ends it (a traceback, more than 
 and belongs into tests/corpus once it is corrected.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Inputs that would hurt: by the name under which docs/limits.md has each, what makes it and the command line that is given it."""
 
-from __future__ import annotations
-
 import os
 import re
 import socket

@@ -1,7 +1,5 @@
 """Results made by hand, whose every number a test can know."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

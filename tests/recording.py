@@ -1,7 +1,5 @@
 """Results of sample logs as a report reads them, and figures read back from their SVG."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What tests of unusable input share: logs with one thing wrong, and what a refusal must be."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 from collections.abc import Callable, Iterable

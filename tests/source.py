@@ -1,7 +1,5 @@
 """The package's own source as Python parses it, each file once in a process."""
 
-from __future__ import annotations
-
 import ast
 from functools import cache
 from pathlib import Path

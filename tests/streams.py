@@ -1,7 +1,5 @@
 """Recordings in memory of streams with clocks of their own, and the map that names them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

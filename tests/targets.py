@@ -1,7 +1,5 @@
 """What fuzzers feed: bytes in, and nothing out but a value or :class:`InputError`. Anything else that is raised is a finding."""
 
-from __future__ import annotations
-
 import faulthandler
 import io
 import json

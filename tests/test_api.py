@@ -1,7 +1,5 @@
 """massprop from Python."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

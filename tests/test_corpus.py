@@ -1,7 +1,5 @@
 """Everything that fuzzers begin with, and what they found once, ends in a value or in :class:`InputError`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """What the composed flow says where one of its parts can't go on."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One log with the same demands ends in the same code and the same words: by the command, in a campaign, and from Python."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Which package may import which: the code flows from inputs to reports, and nothing turns back."""
 
-from __future__ import annotations
-
 import ast
 from graphlib import TopologicalSorter
 from pathlib import Path

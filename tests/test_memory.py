@@ -1,7 +1,5 @@
 """An estimate's memory doesn't grow with its log."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Flights of a real quadrotor, of which no model explains everything, beside what the literature knows of its type."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The schemas on disk are the code's, and hold its bounds."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """docs/where.md sends nobody to a file or a name that isn't there."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

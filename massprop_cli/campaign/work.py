@@ -1,7 +1,5 @@
 """One job: read its log, estimate, and hand back its result folder as bytes. Pure, so that it may run anywhere."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import tempfile

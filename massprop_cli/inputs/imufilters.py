@@ -8,8 +8,6 @@ A mean over N values that are T apart is late by (N − 1) T / 2, and its delay 
 the other add up. A first-order lag τ with a latency has both: τ² is the variance, and the latency is the rest.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping, Sequence
 from functools import cache

@@ -1,7 +1,5 @@
 """What a log's columns say of the IMU and of the attitude, checked: increments of each record, absent axes, ranges that were reached."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

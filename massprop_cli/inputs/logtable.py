@@ -1,7 +1,5 @@
 """A table of telemetry by the contract's names of its columns, under a log's own names and scales."""
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Callable, Mapping, Sequence

@@ -4,8 +4,6 @@ A lost record is put back in its place, so that each control cycle keeps its len
 unknown. So does its command, where no other record of its cycle has it: an impulse of any size up to the largest one of the log.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple

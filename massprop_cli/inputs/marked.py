@@ -1,7 +1,5 @@
 """Records of a sensor in whose place a recorder wrote nothing, zeros, or the reading before."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Commands as pulses (jet, start, duration) in any rows and order; one longer than a control cycle becomes several that touch."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

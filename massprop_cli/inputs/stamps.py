@@ -10,8 +10,6 @@ those before, whose coefficients are of no interest, and in products of the rate
 same regression tells whether the motion goes on as if no record were missing. A leap that it leaves open stays: such a log is refused.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

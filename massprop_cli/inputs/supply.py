@@ -5,8 +5,6 @@ the ambient pressure, does not change with p (Sutton and Biblarz, Rocket Propuls
 proportion to the voltage.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

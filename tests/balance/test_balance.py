@@ -1,7 +1,5 @@
 """``massprop balance``: log, estimate, move, log again; what it refuses, and how it ends."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import re

@@ -1,7 +1,5 @@
 """Moves, swings and refined masses, against sums over point masses, textbook pendulums and a least-squares fit that are made apart."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Frozen records: what the standard library's are, and never set twice."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Text from outside on its way to a terminal, a page, a table or a file name."""
 
-from __future__ import annotations
-
 import ast
 import json
 import unicodedata

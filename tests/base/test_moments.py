@@ -1,7 +1,5 @@
 """Moments of a signal in parts, against numpy's of all of it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Large arrays: the same numbers as any, in memory only while they are worked on."""
 
-from __future__ import annotations
-
 import gc
 import hashlib
 import mmap

@@ -1,7 +1,5 @@
 """massprop batch: results, restart, errors, exit codes."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """massprop batch --check: each log's check in place of its result, beside the results of a campaign that estimates."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

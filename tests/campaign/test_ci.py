@@ -1,7 +1,5 @@
 """Campaigns in CI: the ready-made jobs run as they stand, and GitHub is told within its limits."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

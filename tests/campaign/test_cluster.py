@@ -1,7 +1,5 @@
 """A campaign on a real dask scheduler with two worker processes, one of which is killed."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -1,7 +1,5 @@
 """Logs of a campaign made one result, as the campaign file says."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Killed at any moment, a campaign goes on to the same bytes; a worker that dies takes one log with it."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal

@@ -1,7 +1,5 @@
 """What many logs cost the process that runs a campaign."""
 
-from __future__ import annotations
-
 import gc
 import io
 import json

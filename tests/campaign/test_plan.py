@@ -1,7 +1,5 @@
 """Which logs are found, what they are called, and what a campaign file says of them."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

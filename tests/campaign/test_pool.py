@@ -1,7 +1,5 @@
 """Pooled statistics against simulated logs whose truth is known, over many seeds, and against other constructions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

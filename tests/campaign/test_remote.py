@@ -1,7 +1,5 @@
 """Campaigns whose logs and results are on a store, a real server of the S3 protocol on this machine."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """One job of a campaign: what its messages say of places, and what its result depends on."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A check says nothing of clean logs, names what is wrong with others and where, and gives the sigmas that an estimate gives."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """On a table the IMU feels gravity along the body's Z and turns about it: one that is mounted otherwise is told."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Settings and options that can't be used: exit 3 or 2, one line, nothing written."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Colour where the terminal has it, and nowhere else."""
 
-from __future__ import annotations
-
 import io
 import sys
 

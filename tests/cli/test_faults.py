@@ -1,7 +1,5 @@
 """Streams, disks and folders that fail while a command runs, two processes on one folder, terminals that lack letters."""
 
-from __future__ import annotations
-
 import os
 import py_compile
 import resource

@@ -1,7 +1,5 @@
 """What ``--help`` shows of each command: groups, examples, no type behind a flag; and what shells complete."""
 
-from __future__ import annotations
-
 import inspect
 import shlex
 from pathlib import Path

@@ -5,8 +5,6 @@ that it takes, half before a step with files (a file opened to write, renamed or
 that time. It says how many came before anything was written, among the writing, behind it, and when the command had ended.
 """
 
-from __future__ import annotations
-
 import atexit
 import json
 import os

@@ -1,7 +1,5 @@
 """Every row of docs/limits.md holds: within a gigabyte and ten seconds, one line, the exit code, nothing written."""
 
-from __future__ import annotations
-
 import re
 import time
 from pathlib import Path

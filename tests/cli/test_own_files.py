@@ -1,7 +1,5 @@
 """No command writes over what is someone's own: its inputs, and files that massprop did not write."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable

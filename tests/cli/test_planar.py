@@ -1,7 +1,5 @@
 """A log from a table through every command: what has no part in its motion is said so everywhere, and breaks nothing."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Wheels and gyros from end to end: every file of a result is written, with on-times of jets alone, and a report is drawn of it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

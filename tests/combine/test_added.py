@@ -1,7 +1,5 @@
 """A known object between two logs as the scale of all values, against bodies and motion that are made apart from massprop."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

@@ -1,7 +1,5 @@
 """Results of one vehicle added up: tested against a least-squares fit of all data at once that shares nothing with the estimator."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The docked object of results before and after docking."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Logs that each drive some axes alone, fitted at once, against a least-squares fit of all data that shares nothing with the estimator."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Sequence

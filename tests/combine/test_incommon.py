@@ -1,7 +1,5 @@
 """Eight results of one vehicle whose model does not fit: what they share does not average out, what is each one's own does."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Sequence

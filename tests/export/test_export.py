@@ -1,7 +1,5 @@
 """The exported folder builds under every warning, flies its vector bit for bit, and asks nothing of its machine but a square root."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Recordings are read in forks here, as importing a library anew for each file takes a second; tests of the process itself say so."""
 
-from __future__ import annotations
-
 import pytest
 
 from massprop_cli.inputs.formats import apart

@@ -1,7 +1,5 @@
 """The sample log in every format, each file written by its own library."""
 
-from __future__ import annotations
-
 import gzip
 import struct
 import warnings

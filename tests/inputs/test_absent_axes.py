@@ -1,7 +1,5 @@
 """Which IMU axes a log may lack, how a misspelt column is told from an absent one, and columns without a reading."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A mapped gyro beside the logged attitude: its scale is told to a part of a percent, and refused from three on."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tables and configuration of any content end in a result or in :class:`InputError`; ``-m slow`` tries seven times as many."""
 
-from __future__ import annotations
-
 import io
 import math
 import tomllib

@@ -1,7 +1,5 @@
 """What another's library does over a hostile file ends its own process alone, and is told in one line."""
 
-from __future__ import annotations
-
 import tempfile
 from importlib import import_module
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Wheels and rotors that the vehicle file or the log says too little of: exit 3, one line that says what to write where."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

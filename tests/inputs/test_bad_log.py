@@ -1,7 +1,5 @@
 """Unusable logs: exit 3, one line on stderr that says where and what to do, nothing on stdout, nothing written."""
 
-from __future__ import annotations
-
 import os
 import random
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Unusable vehicle files, and logs that don't fit theirs: exit 3, one line, nothing written."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The folder of a ROS 2 bag is a log like its file, in one piece or split as recorders split it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A sensor that saturates is told where no range is stated; twenty shapes that look like it are not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

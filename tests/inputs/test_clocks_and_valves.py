@@ -1,7 +1,5 @@
 """Clocks that count, scatter, wrap or are two sensors', and valves in bits, pulses and percents: the plain recording comes of them."""
 
-from __future__ import annotations
-
 from itertools import permutations, product
 from pathlib import Path
 

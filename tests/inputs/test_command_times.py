@@ -1,7 +1,5 @@
 """Commands with times of their own, in a table and in what refuses it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A file of each format, written by its own library, gives what the Parquet log gives."""
 
-from __future__ import annotations
-
 import gzip
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Low-passes of common IMUs by name."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

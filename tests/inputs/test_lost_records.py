@@ -1,7 +1,5 @@
 """Records that a recorder lost are put back as unknown: the values stay right, and their sigmas include the loss."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Clocks of a map's streams: their own, the map's, of the epoch, with a gap; and what an increment covers."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from pathlib import Path
 

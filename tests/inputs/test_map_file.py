@@ -1,7 +1,5 @@
 """Where a map is found, and that results tell of it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Names of columns as laboratories write them: a draft of the map reads the axis and the unit out of them."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a vehicle file may state of a fixed pedestal, and what is refused with its remedy."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Commands as a table of events, against the same commands in rows of their own."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What is wanted of quantities: one reading of it for options, campaign files and expect files."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

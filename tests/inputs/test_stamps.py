@@ -1,7 +1,5 @@
 """Uneven stamps are told from uneven records by the increments, and put right; true gaps stay."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

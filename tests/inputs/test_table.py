@@ -1,7 +1,5 @@
 """CSV and Parquet files to columns: what is read in another way for its size is read as the same numbers."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Tables as loggers, spreadsheets and pandas write them: the log that comes of them is that of the plain recording."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The estimator in the loop: what the control takes is what its own past records said, and nothing before that has converged."""
 
-from __future__ import annotations
-
 import io
 import json
 from functools import cache

@@ -1,7 +1,5 @@
 """Live beside wheels, on testbeds, and with sampled, filtered and late sensors and jets: NumPy says the same of the log."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Sequence

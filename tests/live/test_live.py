@@ -1,7 +1,5 @@
 """Records as they arrive: the estimate of each cycle is the replay's, and the recording's result is that of any log."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

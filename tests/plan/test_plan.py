@@ -1,7 +1,5 @@
 """A plan: information adds up, the best blocks are chosen, limits are kept, and what is predicted is what its logs give."""
 
-from __future__ import annotations
-
 import json
 import re
 from itertools import combinations_with_replacement

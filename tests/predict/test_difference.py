@@ -1,7 +1,5 @@
 """The test itself, on pairs of results that are drawn from known covariances."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """``massprop predict``: pairs of flights of one vehicle, results that are off, what it refuses, and how it ends."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 from collections.abc import Callable

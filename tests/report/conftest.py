@@ -1,7 +1,5 @@
 """Results that several tests of pages look at, and pages whose figures are left blank."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache

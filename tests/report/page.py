@@ -1,7 +1,5 @@
 """A page as a reader has it: its text, tables, figures and links."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
 

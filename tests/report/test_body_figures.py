@@ -1,7 +1,5 @@
 """Figures of a body: its ellipsoid, its principal axes, the correlations of its values."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

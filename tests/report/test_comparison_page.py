@@ -1,7 +1,5 @@
 """The page of several results."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

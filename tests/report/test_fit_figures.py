@@ -1,7 +1,5 @@
 """Figures of the fit, of how estimates settled, of expectations and of what jets did, read back from their SVG."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

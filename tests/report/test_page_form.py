@@ -1,7 +1,5 @@
 """What a page is made of: nothing from elsewhere, colours that can be read, text that stays text, the same bytes."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import re

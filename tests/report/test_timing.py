@@ -1,7 +1,5 @@
 """Low-passes that a log shows stand wherever its delay does."""
 
-from __future__ import annotations
-
 import csv
 import io
 

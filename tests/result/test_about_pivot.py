@@ -1,7 +1,5 @@
 """Values about a pivot are compared, tested against expectations and in a campaign's tables like the ten quantities."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

@@ -1,7 +1,5 @@
 """history.parquet as written, tested against the analysis and result.json."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A result that was edited such that nobody could believe its numbers is refused by every command that reads it."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

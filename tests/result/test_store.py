@@ -1,7 +1,5 @@
 """Where results go: no log's in the place of another's, nothing outside of the folder, no page beside a result that it doesn't tell of."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -4,8 +4,6 @@ A block of ``toml`` with a title is the file of that name. ``<!-- before: … --
 isn't.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Every code of a warning, and every verdict, has its page; every page its code."""
 
-from __future__ import annotations
-
 import ast
 import re
 import xml.etree.ElementTree as ET

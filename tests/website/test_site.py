@@ -1,7 +1,5 @@
 """The documentation builds as a site: without warnings, with links that hold, loading nothing, with all that the code has."""
 
-from __future__ import annotations
-
 import re
 from html.parser import HTMLParser
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The theory's page sends nobody to a file or a function that isn't there, and gives every equation one."""
 
-from __future__ import annotations
-
 import re
 
 from website.stage import ROOT
