@@ -60,11 +60,8 @@ def bounded(data: object, source: str) -> None:
             limits.TEXT.check(f"{source}: {text[:_SHOWN]!r}", len(text))
         for key in (key for item in level if isinstance(item, dict) for key in item):
             limits.NAME.check(f"{source}: key {key[:_SHOWN]!r}", len(key))
-        level = [child for item in level for child in _children(item)]
-
-
-def _children(item: object) -> Iterable[object]:
-    return item.values() if isinstance(item, dict) else item if isinstance(item, list) else ()
+        within = (item.values() if isinstance(item, dict) else item if isinstance(item, list) else () for item in level)
+        level = [child for children in within for child in children]
 
 
 def read_text(path: Path, what: str) -> str:
@@ -170,7 +167,8 @@ def _path(assignment: str) -> list[str]:
 def _explain(model: type[BaseModel], error: Any, path: list[str]) -> str:
     key = ".".join(path)
     if error["type"] == "extra_forbidden":
-        return f"unknown key {key!r}{nearest(path[-1], _known_keys(model, path[:-1]), 'the nearest known key is')}"
+        known = sorted({name for node in _nodes(model, path[:-1]) for name in node.get("properties", {})})
+        return f"unknown key {key!r}{nearest(path[-1], known, 'the nearest known key is')}"
     if error["type"] == "missing":
         return f"key {key!r} is missing; add it{_described(model, path)}"
     if error["type"] in ("model_type", "dict_type", "model_attributes_type"):
@@ -215,11 +213,6 @@ def _described(model: type[BaseModel], path: list[str]) -> str:
     """What a key is for, where its model says so."""
     said = [node["properties"].get(path[-1], {}).get("description") for node in _nodes(model, path[:-1]) if "properties" in node]
     return next((f": {text}" for text in said if text), "")
-
-
-def _known_keys(model: type[BaseModel], path: list[str]) -> list[str]:
-    """The keys allowed at ``path``."""
-    return sorted({key for node in _nodes(model, path) for key in node.get("properties", {})})
 
 
 def _nodes(model: type[BaseModel], path: list[str]) -> list[dict[str, Any]]:

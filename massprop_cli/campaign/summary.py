@@ -2,9 +2,9 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, ValidatorFunctionWrapHandler, WrapSerializer, WrapValidator
+from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, WrapSerializer, WrapValidator
 
 from massprop_cli import ALL_UNITS, QUANTITIES, __version__
 from massprop_cli.base import configfile, escape, exits
@@ -15,10 +15,6 @@ from massprop_cli.campaign.pooled import Pool, pooled
 
 def _held(value: object, validated: ValidatorFunctionWrapHandler) -> object:
     return value if isinstance(value, CompressedRows) else CompressedRows(validated(value))
-
-
-def _open(value: Sequence[CampaignRow], serialized: SerializerFunctionWrapHandler) -> Any:
-    return serialized(list(value))
 
 
 class Beyond(OutcomePart):
@@ -54,7 +50,7 @@ class Summary(OutcomePart):
     contradicted: int = Field(0, description="how many logs and their vehicle files contradict each other")
     warned: int = Field(0, description="how many logs have warnings")
     warnings: dict[str, int] = Field({}, description="how many logs have a warning of which code, the most frequent first")
-    logs: Annotated[Sequence[CampaignRow], WrapValidator(_held), WrapSerializer(_open)]
+    logs: Annotated[Sequence[CampaignRow], WrapValidator(_held), WrapSerializer(lambda rows, serialized: serialized(list(rows)))]
     pooled: list[Pool]
     combined: list[CampaignRow] = Field([], description="results of several logs, as the campaign file asks for")
     baseline: Baseline | None = None

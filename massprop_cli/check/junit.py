@@ -3,7 +3,7 @@
 from xml.etree import ElementTree as ET
 
 from massprop_cli.base.escape import line
-from massprop_cli.check.finding import SUBJECTS, Check, ExpectedQuantity
+from massprop_cli.check.finding import SUBJECTS, Check
 from massprop_cli.report import junit
 
 
@@ -15,7 +15,11 @@ def text(found: Check) -> str:
 def suite(found: Check, name: str) -> ET.Element:
     """The test suite of a check, by the name that its log goes by."""
     cases = [_subject(found, name, subject) for subject in SUBJECTS]
-    return junit.suite(name, cases + [_wanted(name, one) for one in found.expected if one.reached is not None])
+    for one in found.expected:
+        if one.reached is not None:
+            case = junit.case(name, "wanted", f"{one.phase}.{one.quantity}")
+            cases.append(case if one.reached else junit.said(case, "failure", one.reason, "not reached"))
+    return junit.suite(name, cases)
 
 
 def _subject(found: Check, name: str, subject: str) -> ET.Element:
@@ -29,8 +33,3 @@ def _subject(found: Check, name: str, subject: str) -> ET.Element:
         else:
             junit.said(case, "error" if one.grade == "unusable" else "failure", said, one.code)
     return case
-
-
-def _wanted(log: str, one: ExpectedQuantity) -> ET.Element:
-    case = junit.case(log, "wanted", f"{one.phase}.{one.quantity}")
-    return case if one.reached else junit.said(case, "failure", one.reason, "not reached")

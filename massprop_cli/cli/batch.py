@@ -185,14 +185,12 @@ def _check(planned: Sequence[Job]) -> None:
     for stated in dict.fromkeys(job.settings for job in planned):
         if stated.vehicle is not None:
             vehiclefile.parse(location.read_text(stated.vehicle, "vehicle file"), stated.vehicle, stated.assignments)
-    for place in dict.fromkeys(job.settings.map for job in planned):
-        if place is not None:
+        if stated.map is not None:
             from massprop_cli.inputs.formats import mapfile
 
-            mapfile.parse(location.read_text(place, "map file"), place)
-    for place in dict.fromkeys(job.settings.expect for job in planned):
-        if place is not None:
-            expect.parse(location.read_text(place, "expect file"), location.path(place))
+            mapfile.parse(location.read_text(stated.map, "map file"), stated.map)
+        if stated.expect is not None:
+            expect.parse(location.read_text(stated.expect, "expect file"), location.path(stated.expect))
 
 
 def _tell_github(found: Summary) -> None:

@@ -85,17 +85,17 @@ def _line(completed: Completed) -> str:
     """Of JSON."""
     found = completed.found
     estimates = {
-        name: {"value": _said(value), "sigma": _said(sigma), "verdict": _verdict(completed, float(value), int(verdict))}
+        name: {
+            "value": _said(value),
+            "sigma": _said(sigma),
+            "verdict": "contradicted" if completed.lacking and math.isfinite(value) else kernelflight.VERDICTS[int(verdict)],
+        }
         for name, value, sigma, verdict in zip(
             ABOUT_PIVOT if completed.about_pivot else QUANTITIES, found.values[-1], found.sigmas[-1], found.verdicts[-1], strict=False
         )
     }
     key = "about_pivot" if completed.about_pivot else "estimates"
     return json.dumps({"time_s": completed.end_s, "phase": completed.phase, key: estimates})
-
-
-def _verdict(completed: Completed, value: float, verdict: int) -> str:
-    return "contradicted" if completed.lacking and math.isfinite(value) else kernelflight.VERDICTS[verdict]
 
 
 def _said(value: float) -> float | None:

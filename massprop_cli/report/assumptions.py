@@ -135,8 +135,8 @@ def limit(name: str, part: PhaseItem | DockedObject, result: Result) -> Accuracy
         return AccuracyLimit(KNOWN, item.sigma, "", item.unit)
     stated, own = result.vehicle.thrust_scale_sigma, NOISE
     found = []
-    for one in _unnoticed(part, result):
-        change = abs(one.change.get(name, 0.0))
+    for one, changes in _unnoticed(part, result):
+        change = abs(changes.get(name, 0.0))
         if one.code != "thrust-scale" or not stated > 0:
             found.append(AccuracyLimit(KINDS.get(one.code, one.code), change, one.step, item.unit))
         elif 2 * (change * stated / 0.01) ** 2 > item.sigma**2:
@@ -144,28 +144,15 @@ def limit(name: str, part: PhaseItem | DockedObject, result: Result) -> Accuracy
     return max([AccuracyLimit(own, item.sigma, "", item.unit), *found], key=lambda each: each.size)
 
 
-@dataclass(frozen=True)
-class _Step:
-    """One step of an assumption in one phase."""
-
-    code: str
-    step: str
-    change: dict[str, float]
-
-
-def _unnoticed(part: PhaseItem | DockedObject, found: Result) -> list[_Step]:
-    """Those that the log itself would not tell; of the docked object what they make of its two phases."""
+def _unnoticed(part: PhaseItem | DockedObject, found: Result) -> list[tuple[Assumption, dict[str, float]]]:
+    """Those that the log itself would not tell, and what a step of each changes; of the docked object what they make of its two phases."""
     if isinstance(part, DockedObject):
         return _of_docked(part, found)
-    return [
-        _Step(one.code, one.step, effect.change)
-        for one in found.assumptions
-        for effect in one.effects
-        if effect.phase == part.name and not _told(effect)
-    ]
+    every = [(one, effect) for one in found.assumptions for effect in one.effects]
+    return [(one, effect.change) for one, effect in every if effect.phase == part.name and not _told(effect)]
 
 
-def _of_docked(part: DockedObject, found: Result) -> list[_Step]:
+def _of_docked(part: DockedObject, found: Result) -> list[tuple[Assumption, dict[str, float]]]:
     """To first order: the slope of the docked object's ten values, times what both phases' values move by."""
     ends = [phase for name in (part.before, part.after) for phase in found.phases if phase.name == name]
     if len(ends) != 2:
@@ -179,7 +166,7 @@ def _of_docked(part: DockedObject, found: Result) -> list[_Step]:
         effects = {effect.phase: effect for effect in one.effects}
         if not any(_told(effect) for effect in effects.values()):
             moved = [effects[end.name].change.get(name, 0.0) if end.name in effects else 0.0 for end in ends for name in QUANTITIES]
-            steps.append(_Step(one.code, one.step, dict(zip(QUANTITIES, (slope @ moved).tolist(), strict=True))))
+            steps.append((one, dict(zip(QUANTITIES, (slope @ moved).tolist(), strict=True))))
     return steps
 
 

@@ -140,14 +140,10 @@ def gaps(found: Result) -> list[str]:
         f"{name} in {part}: {gap(name, item, contradiction(body))}"
         for part, body in parts(found)
         if isinstance(body, PhaseItem)
-        for name, item in {**body.estimates, **_own(body)}.items()
+        # what is about the pivot alone, where the ten have no values to say it of
+        for name, item in {**body.estimates, **(body.about_pivot if body.estimates["izz"].verdict == "unobservable" else {})}.items()
         if item.verdict != "converged"
     ]
-
-
-def _own(phase: PhaseItem) -> dict[str, EstimateItem]:
-    """What is about the pivot alone, where the ten have no values to say it of."""
-    return phase.about_pivot if phase.estimates["izz"].verdict == "unobservable" else {}
 
 
 def gap(quantity: str, item: EstimateItem, contradicted: str = "") -> str:

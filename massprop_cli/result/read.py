@@ -57,7 +57,9 @@ def read(path: Path) -> Recorded:
     """Read a result folder or its result.json; :class:`InputError` names what is wrong with it."""
     file = path / "result.json" if path.is_dir() else path
     if path.is_dir() and not file.exists():
-        raise InputError(f"{path}: holds no result.json; name a folder that massprop estimate wrote{_below(path)}")
+        below = sorted((*path.glob("*/result.json"), *path.glob("results/*/result.json")))
+        hint = f", such as {below[0].parent}" if below else ""
+        raise InputError(f"{path}: holds no result.json; name a folder that massprop estimate wrote{hint}")
     if file.suffix.lower() in LOGS and file.exists():
         raise InputError(f"{path}: is a table, not a result; if it is a log, run massprop estimate {path}, and name the folder it writes")
     result = result_of(configfile.read_text(file, "result.json"), str(file))
@@ -146,12 +148,6 @@ def _contradiction(part: PhaseItem | DockedObject) -> str:
     if (apart | unmatched).any() or (np.diag(covariance) < 0).any():
         return "covariance is not symmetric, or has a variance below 0"
     return ""
-
-
-def _below(folder: Path) -> str:
-    """Where in a folder of results the first of them is."""
-    found = sorted((*folder.glob("*/result.json"), *folder.glob("results/*/result.json")))
-    return f", such as {found[0].parent}" if found else ""
 
 
 def _history(file: Path, result: Result) -> dict[str, dict[str, Array]]:

@@ -44,7 +44,9 @@ def _placed(stage: files.Staged, analysis: Analysis, result_json: str) -> Cleare
     for name in ("history.parquet", RUN, "result.json"):
         if _is(folder / name, analysis.log.path):
             raise InputError(f"{folder / name}: is the log itself; nothing was written. Choose another folder", option="out")
-    unchanged = _holds(folder / "result.json", result_json.encode())
+    there, content = folder / "result.json", result_json.encode()
+    # a pipe or a device may never end
+    unchanged = there.is_file() and there.stat().st_size == len(content) and there.read_bytes() == content
     told: dict[str, Any] = _run(analysis.log.path, analysis.source.source)
     if analysis.log.made is not None:
         told |= {"map": analysis.log.made.map, "mapped": list(analysis.log.made.said)}
@@ -61,11 +63,6 @@ def _is(file: Path, other: Path) -> bool:
     return file.exists() and other.exists() and file.samefile(other)
 
 
-def _holds(file: Path, content: bytes) -> bool:
-    """Whether it is a file, no pipe or device that may never end, with this content."""
-    return file.is_file() and file.stat().st_size == len(content) and file.read_bytes() == content
-
-
 def plain(log: Path) -> Path:
     """The default folder of a log where no other log has taken it."""
     return BASE / foldername.safe(foldername.stem(log.name))
@@ -79,18 +76,14 @@ def _claimed(log: Path) -> Path:
         return own[0]
     with files.held(BASE):
         for folder in _candidates(log):
-            if not _is_free(folder):
+            # what a process left that was killed before it could say whose the folder is counts as nothing
+            if folder.exists() and not (folder.is_dir() and all(map(files.is_left_over, folder.iterdir()))):
                 continue
             folder.mkdir(exist_ok=True)
             # named at once, so that a process that comes next finds whose it is
             rendered.write_run(folder, _run(log, ""), {})
             return folder
     raise InputError(f"{plain(log)}: is taken, and so is every other name for this log; choose a folder", option="out")
-
-
-def _is_free(folder: Path) -> bool:
-    """Whether nothing is there but what a process left that was killed before it could say whose the folder is."""
-    return not folder.exists() or (folder.is_dir() and all(map(files.is_left_over, folder.iterdir())))
 
 
 def _candidates(log: Path) -> Iterator[Path]:
