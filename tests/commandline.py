@@ -51,6 +51,13 @@ def massprop(folder: Path, *arguments: str | Path, **settings: str) -> Done:
     return ended(folder, arguments, settings)
 
 
+def succeeded(folder: Path, *arguments: str | Path, **settings: str) -> Done:
+    """The same of what must end with 0."""
+    done = massprop(folder, *arguments, **settings)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
 def ended(
     folder: Path, arguments: Sequence[str | Path], settings: dict[str, str] | None = None, first: Callable[[], None] | None = None
 ) -> Done:

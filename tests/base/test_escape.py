@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import massprop_cli
 from massprop_cli.base import escape, foldername
-from tests.commandline import massprop
+from tests.commandline import massprop, succeeded
 from tests.hostile import ESCAPES, SAMPLE, flight, vehicle
 from tests.refusal import save
 from tests.source import nodes
@@ -90,8 +90,7 @@ def test_hostile_names_reach_no_terminal(place: str, tmp_path: Path) -> None:
             ["compare", tmp_path / "out"],
             ["compare", "--json", tmp_path / "out"],
         ):
-            told = massprop(tmp_path, *arguments, tmp_path / "out")
-            assert told.returncode == 0, told.stderr
+            told = succeeded(tmp_path, *arguments, tmp_path / "out")
             assert not obeyed(told.stdout + told.stderr)
         for page in ("report.md", "report.csv", "report.html", "report.junit.xml"):
             assert not obeyed((tmp_path / "out" / page).read_text(encoding="utf-8").replace("\r\n", "\n"))

@@ -11,7 +11,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.formats import listing, mapfile, propose
 from massprop_cli.inputs.formats.recording import Numbers, Recording, stream
 from massprop_cli.inputs.logfile import read_table
-from tests.commandline import massprop
+from tests.commandline import massprop, succeeded
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 
@@ -240,8 +240,7 @@ def test_streams_are_listed_with_rate_range_and_unit(tmp_path: Path) -> None:
     assert (gyro.least, gyro.most) == (pytest.approx(-1, abs=1e-4), pytest.approx(1, abs=1e-4))
     assert told["imu/t"].note == "increasing"
     pq.write_table(pa.table({"t_ms": [0.0, 10.0, 20.0], "w [deg/s]": [1.0, 2.0, 1.0], "event": ["a", "", "b"]}), tmp_path / "own.parquet")
-    run = massprop(tmp_path, "columns", "own.parquet", "--json")
-    assert run.returncode == 0, run.stderr
+    run = succeeded(tmp_path, "columns", "own.parquet", "--json")
     streams = {one["path"]: one for one in json.loads(run.stdout)["streams"]}
     assert streams["w [deg/s]"]["unit"] == "deg/s"
     assert streams["w [deg/s]"]["rate_hz"] == pytest.approx(100)

@@ -17,7 +17,7 @@ import pytest
 from massprop_cli.base import files
 from tests import commandline, filesteps
 from tests.cli.test_kill import COMMANDS, PLAN, SETTINGS, THERE, contents
-from tests.commandline import STDIN, massprop
+from tests.commandline import STDIN, massprop, succeeded
 from tests.hostile import flight, vehicle
 from tests.refusal import save
 
@@ -285,8 +285,7 @@ def test_any_command_takes_files_and_folders_of_any_name(command: str, name: str
         source = f"{name[:120]}.toml"
         (folder / "vehicle.toml").rename(folder / source)
         line.append(f"--vehicle={source}")
-    done = massprop(folder, *line)
-    assert done.returncode == 0, done.stderr
+    done = succeeded(folder, *line)
     assert "\x1b" not in done.stdout + done.stderr
     assert command == "check" or list(out.iterdir())
 
@@ -316,8 +315,7 @@ def test_what_a_killed_process_left_is_cleared_and_its_folder_is_free(log: Path)
     folder.mkdir(parents=True)
     (folder / ".massprop.lock").touch()
     (folder / ".massprop-abc.partial").write_text("half", encoding="utf-8")
-    done = massprop(log.parent, "estimate", "log.parquet", "-q")
-    assert done.returncode == 0, done.stderr
+    succeeded(log.parent, "estimate", "log.parquet", "-q")
     assert sorted(contents(log.parent / "massprop-out")) == ["log/history.parquet", "log/result.json", "log/run.json"]
 
 

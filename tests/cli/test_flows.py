@@ -15,7 +15,7 @@ from massprop_cli import QUANTITIES, job, schemas
 from massprop_cli.base import escape
 from massprop_cli.result import build
 from massprop_cli.result.schema import Result
-from tests.commandline import massprop
+from tests.commandline import massprop, succeeded
 
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "sample_logs"
@@ -40,8 +40,7 @@ def load(folder: Path) -> dict[str, Any]:
 
 def test_estimate_writes_what_it_prints(tmp_path: Path) -> None:
     log, out = short(tmp_path), tmp_path / "out"
-    run = massprop(tmp_path, "estimate", log, "--out", out)
-    assert run.returncode == 0, run.stderr
+    run = succeeded(tmp_path, "estimate", log, "--out", out)
     assert run.stderr == ""
     assert sorted(p.name for p in out.iterdir()) == ["history.parquet", "result.json", "run.json"]
     found = load(out)

@@ -11,7 +11,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns, vehiclefile
 from massprop_cli.inputs.formats import draft, reading, traits
 from massprop_cli.inputs.logfile import read_table
-from tests.commandline import massprop
+from tests.commandline import massprop, succeeded
 from tests.inputs import everyformat as written
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
@@ -222,8 +222,7 @@ def test_an_on_time_longer_than_a_record_tells_the_cycle(tmp_path: Path) -> None
 
 def test_px4_states_its_rotors_as_comments(tmp_path: Path) -> None:
     path, map_file = written.written("ulog", tmp_path)
-    run = massprop(tmp_path, "init", path, "--map", str(map_file))
-    assert run.returncode == 0, run.stderr
+    run = succeeded(tmp_path, "init", path, "--map", str(map_file))
     assert "# CA_ROTOR0: position_m = [0, 0, 0], force_n = [0, 0, -1.5] at full (CT = 1.5), torque ratio KM = 0.05 m" in run.stdout
     assert reading.load(path).parameters["CA_ROTOR_COUNT"] == 1
     refused = massprop(tmp_path, "init", path)

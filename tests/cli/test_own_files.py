@@ -9,7 +9,7 @@ import pytest
 
 from massprop_cli.kernel import kernel
 from tests.cli.test_kill import PLAN, SETTINGS, contents
-from tests.commandline import massprop
+from tests.commandline import massprop, succeeded
 from tests.hostile import flight, vehicle
 from tests.refusal import save
 
@@ -102,8 +102,7 @@ def test_what_is_someones_own_stays(case: str, here: Path) -> None:
 @pytest.mark.parametrize("again", [("simulate", "free-flyer", *SETTINGS), ("export-flight", "--vehicle", "vehicle.toml")])
 def test_what_massprop_wrote_it_writes_again(again: tuple[str, ...], here: Path) -> None:
     for _ in range(2):
-        done = massprop(here, *again, "--out", "out")
-        assert done.returncode == 0, done.stderr
+        succeeded(here, *again, "--out", "out")
     # as after a process that was killed before the last file was in place
     (here / "out" / ".massprop.lock").touch()
     for mark in ("truth.json", "table.h"):

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from massprop_cli.base import exits
-from tests.commandline import massprop
+from tests.commandline import massprop, succeeded
 
 NO_PART = "it has no part in the motion of a vehicle that slides and yaws on a table"
 VEHICLE = """
@@ -54,8 +54,7 @@ def test_what_has_no_part_in_the_motion_is_unobservable_and_null(folder: Path) -
 
 
 def test_a_truth_asks_for_no_more_than_has_a_part_in_it(folder: Path) -> None:
-    done = massprop(folder, "estimate", "flown/log.parquet", "--expect", "flown/truth.json", "--out", "expected", "-q")
-    assert done.returncode == 0, done.stderr
+    done = succeeded(folder, "estimate", "flown/log.parquet", "--expect", "flown/truth.json", "--out", "expected", "-q")
     found = json.loads((folder / "expected/result.json").read_text(encoding="utf-8"))["phases"][0]["estimates"]
     assert {name for name, item in found.items() if item["expected"] is not None} == {"izz", "cg_x", "cg_y", "mass"}
     (folder / "wants.toml").write_text("[all]\nixx = 0.2\n")
@@ -68,8 +67,7 @@ def test_a_truth_asks_for_no_more_than_has_a_part_in_it(folder: Path) -> None:
     [("md,csv,junit", ("md", "csv", "junit.xml")), pytest.param("html,md", ("html", "md"), marks=pytest.mark.thorough)],
 )
 def test_every_report_says_so(formats: str, suffixes: Sequence[str], folder: Path) -> None:
-    done = massprop(folder, "report", "result", "--format", formats, "--out", "report", "-q")
-    assert done.returncode == 0, done.stderr
+    succeeded(folder, "report", "result", "--format", formats, "--out", "report", "-q")
     for suffix in suffixes:
         text = (folder / f"report/report.{suffix}").read_text(encoding="utf-8")
         assert NO_PART in text
@@ -86,8 +84,7 @@ def test_a_check_has_nothing_to_object_to(folder: Path) -> None:
 def test_what_the_plan_predicts_for_a_table_is_what_an_estimate_of_it_has(tmp_path: Path) -> None:
     (tmp_path / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
     wanted = "izz 1 %, cg_x 0.5 mm, mass 5 %"
-    done = massprop(tmp_path, "plan", "--vehicle", "vehicle.toml", "--want", wanted, "--max-time", "15", "--out", "plan")
-    assert done.returncode == 0, done.stderr
+    done = succeeded(tmp_path, "plan", "--vehicle", "vehicle.toml", "--want", wanted, "--max-time", "15", "--out", "plan")
     assert "No motion of this vehicle can show ixx, ixy, ixz, iyy, iyz, cg_z" in done.stdout.replace("\n", " ")
     assert massprop(tmp_path, "simulate", "plan/scenario.toml", "--out", "flown", "-q").returncode == 0
     required = "izz<1%,cg_x<0.5mm,mass<5%"

@@ -21,7 +21,7 @@ from massprop_cli.result import build, schema, store
 from massprop_cli.result.read import Recorded
 from massprop_cli.testbed import bound, output, scenario
 from tests import anypedestal
-from tests.commandline import massprop
+from tests.commandline import massprop, succeeded
 
 BODY = scenario.load("free-flyer").scenario.truth.values
 
@@ -227,8 +227,7 @@ def bearings(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_docked_object_that_is_known_calibrates_vehicle_and_both_together(bearings: Path) -> None:
-    done = massprop(bearings, "combine", "--before", "testbed", "--after", "testbed-joined", "--added", CUBE, "--out", "known", "--json")
-    assert done.returncode == 0, done.stderr
+    done = succeeded(bearings, "combine", "--before", "testbed", "--after", "testbed-joined", "--added", CUBE, "--out", "known", "--json")
     found = schema.Result.model_validate_json(done.stdout)
     for phase, name, at in zip(found.phases, ("testbed", "testbed-joined"), np.array([[0.0, 0, 0], [0.3, 0, 0]]), strict=True):
         truth = scenario.load(name).scenario.truth.values

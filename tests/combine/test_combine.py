@@ -25,7 +25,7 @@ from massprop_cli.result import schema, store
 from massprop_cli.result.read import read
 from massprop_cli.testbed import bound, output, scenario, simulate
 from tests.campaigns import simulate as fly
-from tests.commandline import massprop
+from tests.commandline import massprop, succeeded
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 PLAN = 'plan=[{motion="random",axes=["roll","pitch","yaw","x","y","z"],start_s=0.0,end_s=20.0}]'
@@ -239,14 +239,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         estimated(found / log / "log.parquet", found / name)
     flight = found / "flights" / "seed-0001"
     csv.write_csv(pq.read_table(flight / "log.parquet"), found / "log.csv")
-    done = massprop(found, "estimate", "log.csv", "--vehicle", flight / "vehicle.toml", "--out", "as-csv", "-q")
-    assert done.returncode == 0, done.stderr
+    succeeded(found, "estimate", "log.csv", "--vehicle", flight / "vehicle.toml", "--out", "as-csv", "-q")
     return found
 
 
 def test_two_logs_tell_more_than_one_and_their_result_is_a_result(folder: Path) -> None:
-    done = massprop(folder, "combine", "a", "b", "--out", "both", "--require", "ixx<1%", "--json")
-    assert done.returncode == 0, done.stderr
+    done = succeeded(folder, "combine", "a", "b", "--out", "both", "--require", "ixx<1%", "--json")
     told = schema.Result.model_validate(json.loads(done.stdout))
     one = [json.loads((folder / name / "result.json").read_text())["phases"][0]["estimates"] for name in "ab"]
     truth = dict(zip(QUANTITIES, BODY, strict=True))
@@ -257,8 +255,7 @@ def test_two_logs_tell_more_than_one_and_their_result_is_a_result(folder: Path) 
         assert 0.4 * min(sigmas) < item.sigma < min(sigmas)
         assert abs(item.value - truth[name]) < 4.5 * item.sigma
     assert told.warnings == []
-    again = massprop(folder, "report", "both", "--format", "md,csv")
-    assert again.returncode == 0, again.stderr
+    succeeded(folder, "report", "both", "--format", "md,csv")
     assert massprop(folder, "compare", "both", "a").returncode == 0
     short = massprop(folder, "combine", "a", "b", "--out", "both", "-q", "--require", "mass<0.1%")
     assert short.returncode == 4
@@ -267,8 +264,7 @@ def test_two_logs_tell_more_than_one_and_their_result_is_a_result(folder: Path) 
 
 def test_a_joint_result_is_drawn_as_far_as_it_goes_without_time(folder: Path) -> None:
     assert massprop(folder, "combine", "a", "b", "--out", "drawn", "-q").returncode == 0
-    done = massprop(folder, "report", "drawn", "--figure", "all", "--format", "svg,md", "-q")
-    assert done.returncode == 0, done.stderr
+    succeeded(folder, "report", "drawn", "--figure", "all", "--format", "svg,md", "-q")
     assert sorted(file.stem for file in (folder / "drawn").glob("*.svg")) == sorted(WITHOUT_TIME)
     assert (folder / "drawn" / "report.md").exists()
     recorded = read(folder / "drawn")

@@ -8,14 +8,13 @@ import pytest
 from massprop_cli import QUANTITIES
 from massprop_cli.testbed import output, scenario
 from tests.combine.test_combine import PULSES, SAMPLES, estimated
-from tests.commandline import massprop
+from tests.commandline import massprop, succeeded
 
 
 def test_a_docked_object_from_results_before_and_after_is_that_of_the_log(tmp_path: Path) -> None:
     estimated(SAMPLES / "docking" / "log.parquet", tmp_path / "r")
     own = json.loads((tmp_path / "r" / "result.json").read_text())["docked_object"]["estimates"]
-    done = massprop(tmp_path, "combine", "--before", "r", "--after", "r", "--out", "d", "-q")
-    assert done.returncode == 0, done.stderr
+    succeeded(tmp_path, "combine", "--before", "r", "--after", "r", "--out", "d", "-q")
     found = json.loads((tmp_path / "d" / "result.json").read_text())["docked_object"]["estimates"]
     for name in QUANTITIES:
         assert found[name]["value"] == pytest.approx(own[name]["value"], abs=1e-3 * own[name]["sigma"])
@@ -39,8 +38,7 @@ def test_the_two_body_experiment_gives_the_object_on_another_bearing(seconds: in
     for name in ("testbed", "testbed-joined"):
         output.simulate(scenario.load(name, short if seconds else ()), tmp_path / f"log-{name}", 5, None)
         estimated(tmp_path / f"log-{name}" / "log.parquet", tmp_path / name)
-    done = massprop(tmp_path, "combine", "--before", "testbed", "--after", "testbed-joined", "--out", "object", "-q")
-    assert done.returncode == 0, done.stderr
+    succeeded(tmp_path, "combine", "--before", "testbed", "--after", "testbed-joined", "--out", "object", "-q")
     told = json.loads((tmp_path / "object" / "result.json").read_text())["docked_object"]["estimates"]
     truth = dict(zip(QUANTITIES, (0.5, 0.0, 0.0, 0.5, 0.0, 0.5, 0.8, 0.0, 0.0, 12.0), strict=True))
     for name, item in told.items():

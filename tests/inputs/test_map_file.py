@@ -18,7 +18,7 @@ from massprop_cli.campaign.plan import Settings
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import mapfile
 from massprop_cli.inputs.logfile import read_table
-from tests.commandline import massprop
+from tests.commandline import succeeded
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 
@@ -73,8 +73,7 @@ def test_a_map_beside_the_log_is_found_and_told_of(tmp_path: Path) -> None:
     )
     assert mine.result.provenance.map_sha256 is not None
     assert plain.result.provenance.map_sha256 is None
-    run = massprop(tmp_path, "estimate", "own.parquet", "--out", "out")
-    assert run.returncode == 0, run.stderr
+    succeeded(tmp_path, "estimate", "own.parquet", "--out", "out")
     told = json.loads((tmp_path / "out" / "run.json").read_text())
     assert told["map"] == "map.toml"
     assert (tmp_path / "out" / "result.json").read_text() == escape.document(mine.result)

@@ -1,14 +1,13 @@
 """The test itself, on pairs of results that are drawn from known covariances."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
-from massprop_cli import QUANTITIES, UNITS
+from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.predict.difference import compared
 from massprop_cli.result.schema import PhaseItem, VehicleInfo
+from tests import recorded
 
 BODY = np.array([2.0, 0.05, -0.1, 3.0, 0.08, 2.5, 0.02, -0.01, 0.03, 40.0])
 NOISE = np.diag((np.abs(BODY) * 1e-4) ** 2) + 1e-9 * np.outer(BODY, BODY)
@@ -16,25 +15,18 @@ NOISE = np.diag((np.abs(BODY) * 1e-4) ** 2) + 1e-9 * np.outer(BODY, BODY)
 
 
 def vehicle(scale_sigma: float = 0.0) -> VehicleInfo:
-    return VehicleInfo.model_validate(
-        {"name": "", "environment": "free", "bearing_mass_kg": 0.0, "bearing_position_m": [0.0, 0.0, 0.0], "commands": "wrench", "jets": []}
-        | {"thrust_scale_sigma": scale_sigma}
-    )
+    return recorded.result().vehicle.model_copy(update={"thrust_scale_sigma": scale_sigma})
 
 
 def phase(values: Array, covariance: Array, known: dict[str, tuple[float, float]] | None = None) -> PhaseItem:
-    items: dict[str, Any] = {
-        name: {"value": value if np.isfinite(value) else None, "sigma": float(np.sqrt(variance)), "unit": UNITS[name]}
-        | {"verdict": "converged", "final_at_s": None, "reason": ""}
+    items = {
+        name: {"value": value if np.isfinite(value) else None, "sigma": float(np.sqrt(variance))}
         for name, value, variance in zip(QUANTITIES, values.tolist(), np.diag(covariance), strict=True)
     }
     told = np.isfinite(values)
     matrix = np.where(told[:, None] & told, covariance, np.nan).astype(object)
     matrix[~(told[:, None] & told)] = None
-    return PhaseItem.model_validate(
-        {"name": "all", "start_s": 0.0, "end_s": 1.0, "estimates": items, "covariance": matrix.tolist(), "inertia_about_origin": None}
-        | {"physical": {"consistent": None, "principal_moments": None, "note": ""}, "innovations": None, "known": known or {}}
-    )
+    return PhaseItem.model_validate(recorded.phase("all", **items) | {"covariance": matrix.tolist(), "known": known or {}})
 
 
 def weighed(values: Array, covariance: Array, mass: float, sigma: float) -> tuple[Array, Array]:

@@ -14,6 +14,7 @@ from massprop_cli.report.figures import (
 )
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import PhaseItem
+from tests import recorded
 from tests.recording import precision
 
 
@@ -46,16 +47,9 @@ def test_correlations_are_written_short(value: float, text: str) -> None:
 
 
 def phase(inertia: Array, cg: Array, mass: float | None, covariance: Array | None = None) -> PhaseItem:
-    values = [*elements(inertia), *cg, mass]
-    item = {"sigma": 0.01, "unit": "", "verdict": "converged", "final_at_s": 1.0, "reason": ""}
-    return PhaseItem.model_validate(
-        {
-            "name": "all", "start_s": 0, "end_s": 1, "inertia_about_origin": None, "innovations": None,
-            "estimates": {name: item | {"value": value} for name, value in zip(QUANTITIES, values, strict=True)},
-            "covariance": (np.eye(10) * 1e-4 if covariance is None else covariance).tolist(),
-            "physical": {"consistent": True, "principal_moments": None, "note": ""},
-        }
-    )  # fmt: skip
+    items = {name: {"value": value} for name, value in zip(QUANTITIES, [*elements(inertia), *cg, mass], strict=True)}
+    matrix = np.eye(10) * 1e-4 if covariance is None else covariance
+    return PhaseItem.model_validate(recorded.phase("all", **items) | {"covariance": matrix.tolist()})
 
 
 def turned(seed: int) -> Array:

@@ -18,7 +18,7 @@ from massprop_cli.cli.guard import folder_of_its_own
 from massprop_cli.flow import Analysis
 from massprop_cli.result import build, store
 from tests.campaigns import contents, simulate
-from tests.commandline import massprop
+from tests.commandline import massprop, succeeded
 
 BASE = Path("massprop-out")
 
@@ -164,8 +164,7 @@ def test_pages_of_an_earlier_result_go_with_it_and_what_massprop_did_not_write_s
     first = digest(out / "result.json")
     (out / "mass.svg").write_text("mine")
     (out / "notes.md").write_text("mine")
-    done = massprop(tmp_path, "report", out, "--format", "html,md,csv,svg", "--figure", "cg")
-    assert done.returncode == 0, done.stderr
+    succeeded(tmp_path, "report", out, "--format", "html,md,csv,svg", "--figure", "cg")
     assert f"Made from result.json, SHA-256 <code>{first}</code>.</footer>" in (out / "report.html").read_text()
     assert (out / "report.md").read_text().endswith(f"\nMade from result.json, SHA-256 `{first}`.\n")
     (out / "report.csv").write_text("changed")
