@@ -7,10 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats import called, covering, listing, units
-from massprop_cli.inputs.formats.called import COMMANDS, SENSORS, VectorName
+from massprop_cli.inputs.formats import covering, listing, units
 from massprop_cli.inputs.formats.recording import RecordedStream, Recording
-from massprop_cli.inputs.formats.vectors import Vector, vectors
+from massprop_cli.inputs.formats.vectors import COMMANDS, SENSORS, Vector, VectorName, attitudes, fitting, vectors
 
 _MANY = 8
 _RECORDS = 10
@@ -69,7 +68,7 @@ def questions(text: str) -> int:
 
 
 def _section(clocks: listing.Clocks, quantity: VectorName, found: Sequence[Vector], chosen: dict[str, Vector]) -> list[str]:
-    candidates, settled = called.candidates(quantity, found)
+    candidates, settled = fitting(quantity, found)
     partial = {tuple(v.paths): said for v in candidates if (said := _left_out(clocks, quantity, v))}
     if partial:
         candidates = [v for v in candidates if tuple(v.paths) not in partial]
@@ -229,7 +228,7 @@ def _clock(clocks: listing.Clocks, path: str) -> list[str]:
 def _attitude(clocks: listing.Clocks, found: Sequence[Vector]) -> list[str]:
     """Optional, so a comment."""
     lines = []
-    for vector in called.attitudes(found)[:_MANY]:
+    for vector in attitudes(found)[:_MANY]:
         px4 = vector.stem.startswith("vehicle_attitude")
         order = '"wxyz"' if vector.axes == "wxyz" or px4 else '"?"   # "wxyz" or "xyzw"'
         world = '"z_down"   # PX4: NED' if px4 else '"?"   # "z_up" or "z_down"'
