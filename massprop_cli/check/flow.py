@@ -24,7 +24,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.report import timing, vocabulary
 from massprop_cli.result import build, judge
-from massprop_cli.result.schema import PhaseItem, Result
+from massprop_cli.result.schema import Result
 
 IMU = ("gyro", "accel", "imu", "sensor", "outliers")
 """How codes of notices about the IMU begin."""
@@ -113,8 +113,12 @@ def seen(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
 
 
 def with_estimate(found: Sequence[Finding], estimated: Analysis, told: Result, vehicle: Vehicle) -> list[Finding]:
-    """The same with what the estimate of the log says, ``told`` being its result."""
-    every = [*found, *_noticed(estimated, {one.code for one in found})]
+    """The same with what the estimate of the log says, ``told`` being its result, but for what is told with its rows already."""
+    said = {one.code for one in found}
+    # of a log without commands there is no cause to look for but that
+    said |= {"cause-unknown"} if "nothing-commanded" in said else set()
+    named = {fault.notice.code for fault in estimated.faults if fault.cure is not None}
+    every = [*found, *(_of_notice(notice, notice.code in named) for notice in estimated.notices if notice.code not in said)]
     return every if any(one.grade == "fault" for one in every) else [*every, *_too_quiet(told, vehicle)]
 
 
@@ -128,14 +132,6 @@ def _times(table: Table, vehicle: Vehicle) -> Array:
         return table.columns[name].numbers() * scale
     except InputError:
         return np.zeros(0)
-
-
-def _noticed(estimated: Analysis, said: set[str]) -> list[Finding]:
-    """Warnings of the estimate, but for what is told with its rows already."""
-    named = {fault.notice.code for fault in estimated.faults if fault.cure is not None}
-    # of a log without commands there is no cause to look for but that
-    told = said | ({"cause-unknown"} if "nothing-commanded" in said else set())
-    return [_of_notice(notice, notice.code in named) for notice in estimated.notices if notice.code not in told]
 
 
 def _of_notice(notice: Notice, named: bool) -> Finding:
@@ -181,11 +177,12 @@ def _expected(told: Result, wants: Sequence[Requirement]) -> list[ExpectedQuanti
     asked = {item.quantity: item for item in wants}
     found = []
     for phase in told.phases:
+        alone = told.model_copy(update={"phases": [phase], "docked_object": None})
         for name, item in judge.items(phase).items():
             want = asked.get(name)
             precision = want.precision if want is not None else None
             limit = precision.sigma(item.value) if precision is not None and item.value is not None else None
-            short = [] if want is None else _short(told, phase, want)
+            short = [] if want is None else job.unmet(alone, job.Demands((want,), allow_contradicted=True)).phrases
             found.append(
                 ExpectedQuantity(
                     phase=phase.name,
@@ -200,12 +197,6 @@ def _expected(told: Result, wants: Sequence[Requirement]) -> list[ExpectedQuanti
                 )
             )
     return found
-
-
-def _short(told: Result, phase: PhaseItem, want: Requirement) -> list[str]:
-    """Why a phase does not meet a requirement; empty where it does."""
-    alone = told.model_copy(update={"phases": [phase], "docked_object": None})
-    return job.unmet(alone, job.Demands((want,), allow_contradicted=True)).phrases
 
 
 def _idle(log: Log, vehicle: Vehicle, expected: Sequence[ExpectedQuantity]) -> list[Finding]:

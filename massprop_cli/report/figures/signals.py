@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.equipment import PIVOTED
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
@@ -47,13 +46,6 @@ def picture(recorded: Recorded, kind: str) -> Picture:
     return Picture(caption.format(point=point) + drawn, panels)
 
 
-def _commanded(axes: Axes, gid: str, time_s: Array, mean: Array, low: Array, high: Array) -> None:
-    """Jets go on and off from cycle to cycle: the mean of many cycles, within their least and largest."""
-    there, back = np.concatenate([time_s, time_s[::-1]]), np.concatenate([low, high[::-1]])
-    axes.fill(there, back, color=palette.BLUE, alpha=0.2, linewidth=0, gid=gid.format("band"))
-    axes.plot(time_s, mean, color=palette.BLUE, linewidth=0.9, gid=gid.format("value"))
-
-
 def _panel(kind: str, letter: str, heading: str, parts: list[Covered], limits: AxisRange, power: int) -> Panel:
     column = f"{kind}_{letter}_{SIGNALS[kind]}"
     values = np.concatenate([columns[column] for *_, columns in parts])
@@ -64,7 +56,11 @@ def _panel(kind: str, letter: str, heading: str, parts: list[Covered], limits: A
         for number, _, columns in parts:
             gid = f"{kind}_{letter}-{{}}-{number}"
             if kind in COMMANDED:
-                _commanded(axes, gid, *gathered(columns["time_s"], columns[column], parts_of(len(parts))))
+                # jets go on and off from cycle to cycle: the mean of many cycles, within their least and largest
+                time_s, mean, low, high = gathered(columns["time_s"], columns[column], parts_of(len(parts)))
+                there, back = np.concatenate([time_s, time_s[::-1]]), np.concatenate([low, high[::-1]])
+                axes.fill(there, back, color=palette.BLUE, alpha=0.2, linewidth=0, gid=gid.format("band"))
+                axes.plot(time_s, mean, color=palette.BLUE, linewidth=0.9, gid=gid.format("value"))
             else:
                 rows = thin(columns[column], buckets=parts_of(len(parts)))
                 axes.plot(columns["time_s"][rows], columns[column][rows], color=palette.BLUE, linewidth=0.8, gid=gid.format("value"))
