@@ -108,6 +108,14 @@ def _steady(s: Subject, rng: Random) -> Drawn:
     return Drawn(s.flown(f"disturbance.constant_n_m={torque.tolist()}"), due("steady-torque"), f"steady torque {torque.tolist()} N m")
 
 
+def _room(s: Subject, rng: Random) -> Drawn | None:
+    if not s.vehicle.pivoted:
+        return None
+    torque = rng.uniform(0.002, 0.03) * s.full_torque.min() * unit(rng)
+    what = f"torque {torque.tolist()} N m, fixed in the room"
+    return Drawn(s.flown(f"disturbance.room_n_m={torque.tolist()}"), due("room-torque"), what)
+
+
 def _walk(s: Subject, _: Random, part: float) -> Drawn | None:
     size = part * float(s.full_torque.min())
     if s.source.scenario.disturbance.walk_n_m is not None:
@@ -176,6 +184,7 @@ BODY = (
     Fault("glued", "two logs glued together", _glued),
     Fault("fuel", "5 % of the mass burnt, unstated", _fuel),
     Fault("steady-torque", "steady torque of 1 to 3 % of full", _steady),
+    Fault("room-torque", "torque of 0.2 to 3 % of full, fixed in the room", _room),
     Fault("walk-small", "torque walks 0.02 % of full per cycle", partial(_walk, part=2e-4)),
     Fault("walk-large", "torque walks 0.2 % of full per cycle", partial(_walk, part=2e-3)),
     Fault("periodic", "periodic torque of 2 to 5 % of full", _periodic),

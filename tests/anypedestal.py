@@ -139,9 +139,16 @@ def _up(q: Array) -> Array:
     return np.array([2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z]).T
 
 
+def _to_body(q: Array, world: Array) -> Array:
+    """(V, 3) by attitudes that are not of unit length."""
+    w, v = q[:, :1], q[:, 1:]
+    twice = 2 * cross(v, world)
+    return world + (cross(v, twice) - w * twice) / (q**2).sum(1, keepdims=True)
+
+
 class _Motion:
-    def __init__(self, own: Tables, gravity: float) -> None:
-        self.gravity = gravity
+    def __init__(self, own: Tables, gravity: float, room: Array) -> None:
+        self.gravity, self.room = gravity, room
         self.inertia, self.inverse = own.about_pivot, np.linalg.inv(own.about_pivot)
         self.moment, self.arm = own.mass[:, None] * own.arm, own.imu - own.pivot
 
@@ -150,6 +157,7 @@ class _Motion:
         q, rate = y[:, :4], y[:, 4:7]
         h, grown = momentum(at_s)
         up = _up(q) / (q**2).sum(1, keepdims=True)
+        torque = torque + _to_body(q, self.room) if self.room.any() else torque
         inner = np.einsum("vij,vj->vi", self.inertia, rate) + h
         turned = np.einsum("vij,vj->vi", self.inverse, torque - self.gravity * cross(self.moment, up) - grown - cross(rate, inner))
         felt = self.gravity * up + cross(turned, self.arm) + cross(rate, cross(rate, self.arm))
@@ -173,14 +181,16 @@ def fly(
     duration_s: float,
     gravity: float = GRAVITY,
     acting: Array | None = None,
+    room: Array | None = None,
 ) -> Flown:
     """From a small tilt on; what acts is drawn at random, of several draws the one that brings the table back best.
 
+    With a steady torque (V, 3) along the ``room``'s axes beside it.
     Without ``gravity`` and with the pivot at its CG a body that wheels turn is free. Of each of four wheels or gyros a part ``acting`` of
     its momentum is there, all of it by default.
     """
     count, cycles = len(own.mass), round(duration_s / period_s)
-    motion = _Motion(own, gravity)
+    motion = _Motion(own, gravity, np.zeros((count, 3)) if room is None else room)
     y: Array = np.zeros((count, 13))
     y[:, 0], y[:, 1:4] = 1.0, rng.normal(0, 0.03 if kind == "swing" else 0.005, (count, 3))
     y[:, :4] /= np.linalg.norm(y[:, :4], axis=1, keepdims=True)

@@ -229,6 +229,7 @@ WARNINGS: dict[str, Example] = {
         ("phase-border", "dock-off", "docking", RATE),
         ("steady-torque", "steady-torque", "jets", RATE),
         ("rate-torque", "friction", "jets", RATE),
+        ("room-torque", "room-torque", "bearing", RATE),
         ("attitude-start", "attitude-start", "bearing", RATE),
         ("bearing-position", "bearing-1mm", "bearing", RATE),
         ("disturbance-torque", "walk-large", "jets", RATE),

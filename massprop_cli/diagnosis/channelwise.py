@@ -18,7 +18,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import TINY, Array, IntArray, triangle_of
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.diagnosis.design import Design, Designs
+from massprop_cli.diagnosis.design import INTEGRATED, Design, Designs
 from massprop_cli.estimate.whitening import LEVELS, TORQUES, Disturbance, ReducedLeastSquares, each, reduced, whitened
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.model.resolved import Resolved
@@ -141,7 +141,7 @@ def beside_torques(
 
 def _free(design: Design, turning: ReducedLeastSquares, beside: tuple[Disturbance, ...]) -> Free:
     count = len(design.mean)
-    slow = waves(count, SLOW if "east" in design.places else 0)
+    slow = waves(count, SLOW if INTEGRATED in design.places else 0)
     weight = design.heard[design.used[:, 1], None]
     columns, force = (weight * part[design.used[:, 1]] for part in (np.hstack([slow, design.mean]), design.force))
     felt = reduced(columns, force, slow.shape[1])._replace(volume=-6 * float(np.log(weight).sum()))

@@ -7,19 +7,21 @@ time. A :class:`Hypothesis` names a few entries that may differ from what is sta
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.quaternion import matrices
 from massprop_cli.base.rigidbody import cross, cross_matrix, rotation, tensor
 from massprop_cli.diagnosis.channelwise import Free
-from massprop_cli.diagnosis.design import PER_AXIS, SWUNG
+from massprop_cli.diagnosis.design import INTEGRATED, PER_AXIS, SWUNG
 from massprop_cli.diagnosis.hypothesis import STRAIGHT, Hypothesis
-from massprop_cli.errorparameters.environment import level_of
+from massprop_cli.diagnosis.verticals import walking
+from massprop_cli.errorparameters.environment import LEVEL
 from massprop_cli.errorparameters.table import BY_COLUMN, BY_NAME, ENTRIES, TABLE
 from massprop_cli.inputs.actuators.actuator import Actuator
 from massprop_cli.inputs.commands import CommandKind
@@ -28,7 +30,6 @@ from massprop_cli.model.gyroscopic import gamma, products, products_by_rate
 from massprop_cli.model.plant import Plant, plant_of
 from massprop_cli.model.plant.free import FreeBody
 from massprop_cli.model.plant.plant import MOMENT, MU, J
-from massprop_cli.prepare.attitude import world_up_b
 
 _UNIT = np.eye(3)
 RAMP = 2 / 3
@@ -66,8 +67,12 @@ class Model:
     """Channels that always fire together, two or more each."""
     biases: Mapping[str, float] = field(default_factory=dict)
     """Entries that the vehicle file says to be uncertain, with their sigma: unknown beside every hypothesis, and no fault."""
-    up: Array = field(default_factory=lambda: np.zeros(3))
-    """(3,) at the start of the log, body axes; on a bearing."""
+    walking: Mapping[str, float] = field(default_factory=dict)
+    """The same of what the attitude walks by, as the gyro's noise makes it, but beside hypotheses of others alone."""
+    world: Array = field(default_factory=lambda: np.eye(3))
+    """(3, 3) the world's axes at the start of the log, in rows, body axes; on a bearing."""
+    room_torque: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) that is stated, along these, N m."""
     plant: Plant = field(default_factory=FreeBody)
     """On a pedestal forces do not move the vehicle, which is as if no force could move the mass, mu = 0."""
     kind: CommandKind = "jets"
@@ -86,12 +91,13 @@ class Model:
         biases = {one.name: sigma for one in TABLE if one.estimated and (sigma := one.sigma(vehicle)) > 0}
         period = vehicle.cycle.period_s
         lags = {"lag": lag, "gyro_lag": vehicle.imu.gyro_lag_s / period, "accel_lag": vehicle.imu.accel_lag_s / period}
-        up = world_up_b(np.array(vehicle.environment.initial_attitude_wxyz))
+        (world,) = matrices(np.array([vehicle.environment.initial_attitude_wxyz]))
+        around = world, np.array(vehicle.environment.room_torque_n_m)
         stated = position, force, couple, imu, mounting, bearing
         thrusting = len(free.fired) - len(vehicle.momentum_wrench)
         commands = kind, thrusting, _devices(vehicle, thrusting)
-        told = free.level, lags, free.clock_s, _together(free), biases
-        return Model(free.places, *stated, gravity, *told, up, plant_of(vehicle), *commands)
+        told = free.level, lags, free.clock_s, _together(free), biases, walking(free.places, free.clock_s, vehicle, biases)
+        return Model(free.places, *stated, gravity, *told, *around, plant_of(vehicle), *commands)
 
     @cached_property
     def entries(self) -> dict[str, slice]:
@@ -123,7 +129,7 @@ class Model:
     def uncertain(self) -> Array:
         """(nx, n) directions that x may move in whatever is supposed, each scaled to its stated sigma."""
         unit = np.eye(len(self.stated))
-        return np.hstack([unit[:, :0], *(sigma * unit[:, self.place(name)] for name, sigma in self.biases.items())])
+        return np.hstack([unit[:, :0], *(sigma * unit[:, self.place(name)] for name, sigma in (self.biases | self.walking).items())])
 
     @cached_property
     def _columns(self) -> dict[bytes, int]:
@@ -138,9 +144,10 @@ class Model:
 
     def _counted(self, moved: BoolArray) -> int:
         before = np.concatenate([[0], np.cumsum(moved)])
-        away = {name for name, place in self.entries.items() if before[place.stop] > before[place.start]} | self.biases.keys()
+        away = {name for name, place in self.entries.items() if before[place.stop] > before[place.start]}
+        away |= {*self.biases, *self.walking, *["room_torque"] * bool(self.room_torque.any())}
         most = max(place.stop for name, place in self.places.items() if name not in BY_COLUMN or away & BY_COLUMN[name])
-        late = max(place.stop for name, place in self.places.items() if not name.startswith((*SWUNG, "east", "north")))
+        late = max(place.stop for name, place in self.places.items() if not name.startswith((*SWUNG, *LEVEL)))
         return int(late if self.places["rates"].start < most < late else most)
 
     def channel(self, supposed: Hypothesis) -> int | None:
@@ -190,7 +197,7 @@ class Model:
         centre = moment if self.bearing is None else self.bearing + get("bearing")
         about = torque - cross(centre[..., None, :], force)
         by_product = -inverse @ gamma(inertia)
-        arm = self.imu + get("imu") - centre
+        felt = partial(self._felt, arm=self.imu + get("imu") - centre, moment=moment, mu=mu)
         spin: dict[str, Array] = {
             "channels": np.einsum("...ij,...cj->...ic", inverse, about),
             "products": by_product,
@@ -198,19 +205,19 @@ class Model:
         }
         if "rates" in self.places:
             spin["rates"] = inverse * get("drag")[..., None, :]
-        push: dict[str, Array] = {name: self._felt(part, arm, moment, mu) for name, part in spin.items()}
+        push: dict[str, Array] = {name: felt(part) for name, part in spin.items()}
         push["channels"] = push["channels"] + mu[..., None, None] * np.swapaxes(force, -1, -2)
-        push["products"] = push["products"] + self._centripetal(arm, moment, mu)
+        push["products"] = push["products"] + self._centripetal(self.imu + get("imu") - centre, moment, mu)
         push["constant"] = push["constant"] + get("accel_bias")[..., None]
         if "precession" in self.places:
             spin["precession"] = inverse @ _precession(torque[..., self.thrusting :, :], get("gyro_bias"))
-            push["precession"] = self._felt(spin["precession"], arm, moment, mu)
+            push["precession"] = felt(spin["precession"])
         if "rates" in self.places:
             for parts in (spin, push):
                 _less_bias(parts, get("gyro_bias"))
         if "later" in self.places:
             response = np.concatenate([inverse, -inverse @ cross_matrix(centre)], -1)
-            through = self._felt(response, arm, moment, mu)
+            through = felt(response)
             thrust = through.copy()
             thrust[..., 3:] += mu[..., None, None] * _UNIT
             self._add_times(spin, push, x, response, thrust)
@@ -218,12 +225,9 @@ class Model:
             spin["aging"] = -age * response
             push["aging"] = -age * through - lighter * (thrust - through)
         if self.bearing is not None:
-            turning = inverse @ cross_matrix(moment) * mu[..., None, None]
-            spin["channels"] = spin["channels"] - np.einsum("...ij,...cj->...ic", turning, force)
-            spin |= {"up": -self.gravity * inverse @ cross_matrix(moment), "level": -turning}
-            push["up"] = self.gravity * _UNIT + self._felt(spin["up"], arm, moment, mu)
-            push["level"] = mu[..., None, None] * _UNIT + self._felt(-turning, arm, moment, mu)
-            self._add_swings(spin, push, x)
+            spin["level"] = -inverse @ cross_matrix(moment) * mu[..., None, None]
+            spin["channels"] = spin["channels"] + np.einsum("...ij,...cj->...ic", spin["level"], force)
+            self._add_weight(spin, push, x, inverse, felt)
         for name in sorted({"slope 0", "slope 1"} & self.places.keys()):
             spin[name], push[name] = np.zeros((3, 3)), get("slope")[..., int(name[-1]), None, None] * _UNIT
         return self._measured(spin, push, x, gyro, accelerometer)
@@ -249,22 +253,33 @@ class Model:
             parts["sagging"] = x[..., self.entries["droop"]][..., None] * own
             parts["ebbing"] = x[..., self.entries["cycle_droop"]][..., None] * own
 
+    def _add_weight(self, spin: dict[str, Array], push: dict[str, Array], x: Array, inverse: Array, felt: Callable[[Array], Array]) -> None:
+        """On a bearing: what the weight and level forces do to the body, and a torque that stands still in the room."""
+        spin["up"] = -self.gravity * inverse @ cross_matrix(x[..., MOMENT])
+        push["up"] = self.gravity * _UNIT + felt(spin["up"])
+        push["level"] = (x[..., MU] * self.plant.translates)[..., None, None] * _UNIT + felt(spin["level"])
+        self._add_swings(spin, push, x)
+        for one, torque in zip((*LEVEL, "up"), np.moveaxis(self.room_torque + x[..., self.entries["room_torque"]], -1, 0), strict=True):
+            spun = inverse * torque[..., None, None]
+            spin[one], push[one] = spin[one] + spun, push[one] + felt(spun)
+
     def _add_swings(self, spin: dict[str, Array], push: dict[str, Array], x: Array) -> None:
         """On a bearing: what a wrong vertical does, tilted from the beginning or turned with what the gyro gets wrong.
 
-        Rates in axes that are turned by δ carry a vertical that is turned by −δ, and began turned by δ.
+        Rates in axes that are turned by δ carry a vertical that is turned by −δ, and began turned by δ. A body that is turned about the
+        world's X has its vertical moved along Y, and one about Y against X.
         """
-        turn = x[..., self.entries["gyro_turn"]]
-        tilt = x[..., self.entries["tilt"]] + cross(turn, self.up) @ level_of(self.up).T
-        for i, name in enumerate(("east", "north")):
-            if name in self.places:
-                spin[name], push[name] = tilt[..., i, None, None] * spin["up"], tilt[..., i, None, None] * push["up"]
+        turn, tilt = x[..., self.entries["gyro_turn"]], x[..., self.entries["tilt"]]
+        integrated = INTEGRATED in self.places
+        away = integrated * (np.stack([-tilt[..., 1], tilt[..., 0]], -1) + cross(turn, self.world[2]) @ self.world[:2].T)
+        for i, name in enumerate(LEVEL):
+            spin[name], push[name] = away[..., i, None, None] * spin["up"], away[..., i, None, None] * push["up"]
         for name in SWUNG:
             for i in range(3):
                 if f"{name} {i}" in self.places:
                     by = x[..., self.entries[name]][..., i, None, None]
                     spin[f"{name} {i}"], push[f"{name} {i}"] = by * spin["up"], by * push["up"]
-        if "east" in self.places:
+        if integrated:
             spin["up"], push["up"] = (part - part @ cross_matrix(turn) for part in (spin["up"], push["up"]))
 
     def _felt(self, spin: Array, arm: Array, moment: Array, mu: Array) -> Array:

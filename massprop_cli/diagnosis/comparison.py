@@ -33,7 +33,7 @@ PULL = 0.01
 """Of a body's own size, the inverse of one sigma that holds it near where plain regression puts it."""
 STILL, ROUGHLY = 1e-3, 0.1
 """A change of −2 log likelihood that ends it; where hypotheses are but to be ranked."""
-SHOWN = {"gyro_bias": slice(0, 3), "drag": slice(0, 3), "accel_bias": slice(3, 6), "slope": slice(3, 5)}
+SHOWN = {"gyro_bias": slice(0, 3), "drag": slice(0, 3), "accel_bias": slice(3, 6), "slope": slice(3, 5), "tilt": slice(3, 5)}
 """The channels that show each error whose sigma a vehicle file states."""
 USUAL = 9.0
 """Square, over that of its sigma, up to which such an error costs nothing."""
@@ -152,22 +152,25 @@ def _beside(
     uncertain = model.uncertain
     common = 10 + uncertain.shape[1]
     moves = np.zeros((len(supposed), x.shape[1], common + own))
-    moves[:, :, 10:common] = uncertain
+    others = uncertain * ~np.array([one.moved for one in supposed])[..., None]
+    moves[:, :, 10:common] = others
     moves[:, range(10), range(10)] = sizes * model.plant.told  # the others are in nothing, and stay
     for i, one in enumerate(supposed):
         moves[i, :, common : common + one.free.shape[1]] = one.free
     pulled = np.concatenate([np.full(10, PULL), np.ones(common + own - 10)])
     ended = rows.posed.fitted(x, moves, pulled, (still, rows.spare, STEPS)) if compiled() else _descended(rows, moves, pulled, x, still)
-    spread, per_channel = ended.spread[:, common:], (ended.left**2).sum(1) + rows.rest + _taken(model, ended.x - x)
+    spread, per_channel = ended.spread[:, common:], (ended.left**2).sum(1) + rows.rest
     # what is uncertain anyway is no part of what is supposed
-    found = np.where(uncertain.any(1), x, ended.x)
+    beside = others.any(2)
+    per_channel = per_channel + _taken(model, np.where(beside, ended.x - x, 0.0))
+    found = np.where(beside, x, ended.x)
     return [Fitted(one, model, found[i], per_channel[i], spread[i, : one.free.shape[1]]) for i, one in enumerate(supposed)]
 
 
 def _taken(model: Model, moved: Array) -> Array:
     """(H, 6) squares beyond chance of what fits that moved x so (H, nx) take for errors whose sigmas are stated, over these."""
     found = np.zeros((len(moved), 6))
-    for name, sigma in model.biases.items():
+    for name, sigma in (model.biases | model.walking).items():
         found[:, SHOWN[name]] += np.maximum((moved[:, model.place(name)] / sigma) ** 2 - USUAL, 0.0)
     return found
 

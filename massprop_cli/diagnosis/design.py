@@ -14,7 +14,7 @@ from massprop_cli.base.arrays import Array, BoolArray, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.scatter import StatedScatter, scatter_of
-from massprop_cli.diagnosis.verticals import verticals, verticals_by_errors
+from massprop_cli.diagnosis.verticals import by_log, verticals, verticals_by_errors
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_COLUMN, BY_NAME
 from massprop_cli.estimate.whitening import Driven
@@ -40,6 +40,8 @@ SHIFT = 0.25
 SWUNG = ("gyro_scale", "gyro_bias")
 """Errors of a gyro that the attitude is integrated from: each axis of each moves the vertical. A turned gyro needs no columns of its own:
 with it the vertical is turned, and begins elsewhere."""
+INTEGRATED = f"{SWUNG[0]} 0"
+"""A column that is there where the gyro alone carries the attitude."""
 COUPLING = 0.5
 """Noise in the rates that the products are made of moves the rate by so much of its square, times (rate × cycle)²: half of the moments of
 inertia's differences over one of them, squared, as it is of a slab."""
@@ -152,9 +154,7 @@ class Designs:
             _Otherwise(name, self._window(log, other, timing.delay, lag_s), by) for name, other, by in _otherwise(log, vehicle, timing)
         ]
         parts = list(_columns(samples, moved, (timing.delay - earliest) / SHIFT, thrusts, vehicle, cycles))
-        if vehicle.pivoted and not samples.attitude_logged:
-            lasting = (samples.executed.duration_s[cycles][:-1] + samples.executed.duration_s[cycles][1:])[:, None] / 2
-            parts += [_turning_with(name, turned, cycles, lasting) for name, turned in self._verticals(samples, vehicle)]
+        parts += self._turned_columns(samples, vehicle, cycles) if vehicle.pivoted else []
         count, places = len(parts[0].mean), _places(parts)
         for further in (SUPPLY, RAMPS):
             if count < ENOUGH * _wide(places):
@@ -192,6 +192,13 @@ class Designs:
         wrench = channel_wrench(log, vehicle)
         made = self._impulses(log, vehicle, delay, lag_s)
         return _Window(*(net(part, wrench) for part in (made.rising, made.falling, made.whole)))
+
+    def _turned_columns(self, samples: Samples, vehicle: Vehicle, cycles: slice) -> list[_Part]:
+        """The world's X and Y, and by how much the vertical moves with what a gyro that carries it has wrong."""
+        duration_s = samples.executed.duration_s[cycles]
+        lasting = (duration_s[:-1] + duration_s[1:])[:, None] / 2
+        found = self._verticals(samples, vehicle) if samples.measured is None else by_log(samples.measured.attitude_wxyz)
+        return [_turning_with(name, turned, cycles, lasting) for name, turned in found]
 
     def _verticals(self, samples: Samples, vehicle: Vehicle) -> list[tuple[str, Array]]:
         """What a wrong gyro does to the vertical, as before where rates and the first vertical are the same."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, Array
 from massprop_cli.diagnosis.coefficients import Model
-from massprop_cli.diagnosis.design import RAMPS, SUPPLY
+from massprop_cli.diagnosis.design import INTEGRATED, RAMPS, SUPPLY
 from massprop_cli.diagnosis.hypothesis import STRAIGHT, Hypothesis
 from massprop_cli.errorparameters.sensor import DEGREE, GRAVITY, WORDS
 from massprop_cli.errorparameters.table import BY_NAME, PRIORS
@@ -281,7 +281,7 @@ def _in_another_unit(model: Model) -> Iterator[Hypothesis]:
 def _others(model: Model) -> Iterator[Hypothesis]:
     yield imu_position(model)
     yield from _in_another_unit(model)
-    on_bearing = ("bearing",) * (model.bearing is not None) + ("tilt",) * ("east" in model.places)
+    on_bearing = ("bearing", "room_torque") * (model.bearing is not None) + ("tilt",) * (INTEGRATED in model.places)
     yield from (_free(model, name) for name in (*on_bearing, "torque", "drag"))
     yield _free(model, "mass_rate", "inertia_rate")
 

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis.coefficients import RAMP, Model
 from massprop_cli.diagnosis.design import SWUNG
-from massprop_cli.errorparameters.environment import level_of
+from massprop_cli.errorparameters.environment import LEVEL
 from massprop_cli.estimate.whitening import ReducedLeastSquares
 from massprop_cli.kernel import kernel, pointer
 
 BLOCKS = (
     *("channels", "products", "constant", "rates", "later", "lagging", "smeared", "drifting", "rising", "falling"),
     *("sagging", "ebbing", "aging", "up", "level"),
-    *("east", "north", *(f"{name} {axis}" for name in SWUNG for axis in range(3)), "slope 0", "slope 1", "precession"),
+    *(*LEVEL, *(f"{name} {axis}" for name in SWUNG for axis in range(3)), "slope 0", "slope 1", "precession"),
 )
 """Blocks of columns in the kernel's order."""
 
@@ -52,9 +52,9 @@ class PackedTriangles:
         self._sizes = len(gyro), len(model.force), self.columns, self._entries, *(len(one.triangle) for one in told)
         self._places = np.array([model.places[name].start if name in model.places else -1 for name in BLOCKS], ctypes.c_long)
         bearing = np.zeros(3) if model.bearing is None else model.bearing
-        flat = np.zeros((2, 3)) if model.bearing is None else level_of(model.up)
         parts = (
-            *(model.imu, model.mounting, [model.bearing is not None], bearing, [model.gravity], model.level, model.up, flat),
+            *(model.imu, model.mounting, [model.bearing is not None], bearing, [model.gravity], model.level, model.world),
+            model.room_torque,
             *(
                 [model.lags["lag"], model.lags["gyro_lag"], model.lags["accel_lag"], RAMP],
                 [model.thrusting, model.plant.translates, *model.turns],

@@ -12,30 +12,18 @@ from massprop_cli.errorparameters.parameter import ErrorParameter, Step, Unit, W
 from massprop_cli.errorparameters.sensor import DEGREE
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.inputs.equipment import PIVOTED
-from massprop_cli.prepare.attitude import world_up_b
 
 WALK = 1e-3
 """Of a steady torque, what a correction lets it change per cycle: over 1,000 cycles it wanders by 3 % of itself, so it stays steady."""
 
 
+LEVEL = ("east", "north")
+"""Columns of the world's X and Y, as a gyro carries them."""
 _BY_GRAVITY = "massprop reports what one degree of it does"
 
 
-def level_of(up: Array) -> Array:
-    """(2, 3) what is level where this (3,) is up, called east and north."""
-    return np.linalg.svd(up[None])[2][1:]
-
-
 def _tilted(setup: Setup, error: Array) -> Setup:
-    """The attitude at the start with its vertical moved by so much of what was level then (:mod:`massprop_cli.diagnosis.channelwise`)."""
-    key = "environment.initial_attitude_wxyz"
-    first = setup.value(key)
-    up = world_up_b(first)
-    # u + δ = u turned by u × δ, so the body turns by the opposite
-    return setup.having(key, np.array(quaternion_product(first, quaternion_of(-np.cross(up, error @ level_of(up))))))
-
-
-def _tilted_in_world(setup: Setup, error: Array) -> Setup:
+    """The attitude at the start turned about the world's X and Y."""
     key = "environment.initial_attitude_wxyz"
     return setup.having(key, np.array(quaternion_product(quaternion_of(np.append(error, 0.0)), setup.value(key))))
 
@@ -106,14 +94,15 @@ PARAMETERS = (
     ErrorParameter(
         "tilt",
         "attitude-start",
-        "tilt at the start",
+        "tilt at the start about the world's X and Y",
         "rad",
         prior=0.1,  # what a ball's cup lets a vehicle lean, 6 degrees
+        usual=0.2 * DEGREE,
         key="environment.initial_attitude_wxyz",
         no_sigma=_BY_GRAVITY,
         size=2,
         change=_tilted,
-        columns=("east", "north"),
+        columns=LEVEL,
         bends="with gravity",
         environments=PIVOTED,
         redone="motion",
@@ -121,20 +110,6 @@ PARAMETERS = (
         wording=Wording(
             "the vehicle began tilted by {angle:.3g} degrees from environment.initial_attitude_wxyz", "correct it, or level the table"
         ),
-    ),
-    ErrorParameter(
-        "attitude",
-        "initial-attitude",
-        "tilt at the start about the world's axes",
-        "rad",
-        usual=0.2 * DEGREE,
-        key="environment.initial_attitude_wxyz",
-        no_sigma=_BY_GRAVITY,
-        size=2,
-        change=_tilted_in_world,
-        environments=PIVOTED,
-        redone="motion",
-        difference=0.1 * DEGREE,
         step=Step(
             "initial-attitude",
             DEGREE,
@@ -145,6 +120,33 @@ PARAMETERS = (
             ),
             lambda setup: _on_bearing(setup) and setup.log.attitude_wxyz is None,
             axes="XY",
+        ),
+    ),
+    ErrorParameter(
+        "room_torque",
+        "room-torque",
+        "steady torque that stands still in the room",
+        "N m",
+        prior=1.0,  # as of a torque that turns with the vehicle
+        key="environment.room_torque_n_m",
+        no_sigma="a correction is repeated with it one sigma further on",
+        size=3,
+        columns=LEVEL,
+        environments=PIVOTED,
+        redone="motion",
+        difference=1e-3,
+        wording=Wording(
+            "a steady torque of {error} N m along the room's axes acts beside the commands: of a cable, a draught, a magnet",
+            "remove what makes it, or state environment.room_torque_n_m",
+        ),
+        step=Step(
+            "room-torque",
+            1e-3,
+            "1 mN m about the room's {axis}",
+            lambda setup: (
+                f"environment.room_torque_n_m is {_listed(setup.vehicle.environment.room_torque_n_m)} N m; more about the room's {{axis}}"
+            ),
+            _on_bearing,
         ),
     ),
     ErrorParameter(

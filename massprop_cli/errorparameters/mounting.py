@@ -9,6 +9,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import rotation
+from massprop_cli.errorparameters.environment import LEVEL
 from massprop_cli.errorparameters.parameter import ErrorParameter, FittedHypothesis, SpecialCase, Step, Wording, matrix
 from massprop_cli.errorparameters.sensor import DEGREE, WORDS
 from massprop_cli.errorparameters.setup import Setup
@@ -53,7 +54,7 @@ def _turn(sensor: Literal["gyro", "accel"]) -> ErrorParameter:
         size=3,
         sensor=sensor,
         shown=_seen_turned,
-        columns=("east", "north") if sensor == "gyro" else (),
+        columns=LEVEL if sensor == "gyro" else (),
         bends="with gravity" if sensor == "gyro" else "never",
         redone="motion",
         wording=Wording(f"the {WORDS[sensor]}'s axes alone are tilted by {{angle:.3g}} degrees", "calibrate it"),

@@ -11,7 +11,7 @@ SPECIAL_CASES = (*timing.SPECIAL_CASES, *thrust.SPECIAL_CASES, *sensor.SPECIAL_C
 ENTRIES = (
     *("gyro_turn", "accel_turn", "gyro_scale", "accel_scale", "imu", "bearing", "gyro_bias", "accel_bias", "torque", "drag"),
     *("delay", "rise", "fall", "droop", "cycle_droop", "lag", "gyro_lag", "accel_lag", "drift", "mass_rate", "inertia_rate"),
-    *("tilt", "slope", "thrust", "position", "direction"),
+    *("tilt", "slope", "room_torque", "thrust", "position", "direction"),
 )
 """Parameters that are entries of x, in the order that massprop_cli/kernel/hypothesis.c has them."""
 

@@ -208,6 +208,9 @@ class Environment(Section):
         0.01, le=0.2, description="one sigma of each of a table's two tilts, which stand still in the world; 0: level"
     )
     initial_attitude_wxyz: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat] = (1.0, 0.0, 0.0, 0.0)
+    room_torque_n_m: Vector = Field(
+        ZERO, description="a steady torque that stands still in the room, along its axes, on a bearing or a pedestal: of a cable, a draught"
+    )
     disturbance_torque_n_m: NonNegative = Field(0.0, description="one sigma per cycle, white, each axis")
     disturbance_walk_n_m: NonNegative = Field(0.0, description="a slowly varying torque on each axis: one sigma of its change per cycle")
 
@@ -234,6 +237,10 @@ class Environment(Section):
             raise ValueError(
                 f"bearing_mass_kg = {self.bearing_mass_kg:g} has no part in the motion on a pedestal, which stands still; leave it out, or "
                 'state kind = "air_bearing" if the base slides'
+            )
+        if self.kind not in PIVOTED and any(self.room_torque_n_m):
+            raise ValueError(
+                f'room_torque_n_m needs the attitude, which kind = "{self.kind}" does without; leave it out, or state a disturbance'
             )
         if self.kind == "planar" and max(map(abs, self.initial_attitude_wxyz[1:3])) > 1e-6:
             raise ValueError("initial_attitude_wxyz turns the vehicle out of the table; give a turn about Z, or leave it out")

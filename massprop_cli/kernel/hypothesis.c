@@ -32,7 +32,8 @@ enum {
     INERTIA_RATE,
     TILT,
     SLOPE = 53,
-    THRUST = 55
+    ROOM_TORQUE = 55,
+    THRUST = 58
 };
 /* Blocks of columns; a block begins at a place, or is not there. */
 enum {
@@ -111,14 +112,14 @@ void mp_hypotheses_of(const long *sizes, const long *places, const double *numbe
     out->bearing = numbers + 13;
     out->gravity = numbers[16];
     out->level = numbers + 17;
-    out->up = numbers + 26;
-    out->flat = numbers + 29;
-    out->lags = numbers + 35;
-    out->ramp = numbers[38];
-    out->thrusting = (long)numbers[39];
-    out->translates = numbers[40] != 0.0;
-    out->turns = numbers + 41;
-    out->position = numbers + 44;
+    out->world = numbers + 26;
+    out->room_torque = numbers + 35;
+    out->lags = numbers + 38;
+    out->ramp = numbers[41];
+    out->thrusting = (long)numbers[42];
+    out->translates = numbers[43] != 0.0;
+    out->turns = numbers + 44;
+    out->position = numbers + 47;
     out->force = out->position + 3 * out->channels;
     out->couple = out->force + 3 * out->channels;
 }
@@ -212,11 +213,26 @@ static void put_late(const mp_hypotheses *about, const double *x, const double *
     put(about, AGING, aging, aged, 6, out);
 }
 
-/* What the vertical does, and a wrong one. */
+/* A block of the vertical, or of what is level (3, 3), and the torque along it that stands still in the room. */
+static void put_with_torque(const mp_hypotheses *about, int block, double by, matrix spin, matrix push, double torque, matrix inverted,
+                            matrix seen, double *out) {
+    matrix parts[2], felt;
+    int i, j;
+    mp_hypothesis_product(seen, inverted[0], 3, felt[0]);
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) {
+            parts[0][i][j] = by * spin[i][j] + torque * inverted[i][j];
+            parts[1][i][j] = by * push[i][j] + torque * felt[i][j];
+        }
+    put(about, block, parts[0][0], parts[1][0], 3, out);
+}
+
+/* What the vertical does, and a wrong one; and what stands still in the room. */
 static void put_vertical(const mp_hypotheses *about, const double *x, matrix inverted, matrix seen, matrix turning, double *out) {
     matrix across, up[2], level[2], turn, own;
-    double turned[3];
-    int i, j, k;
+    double turned[3], torque[3];
+    int i, j, k, integrated = about->places[BY_SCALE] >= 0; /* whether the gyro carries the attitude */
+    for (i = 0; i < 3; i++) torque[i] = about->room_torque[i] + x[ROOM_TORQUE + i];
     cross_matrix(x + MOMENT, across);
     mp_hypothesis_product(inverted, across[0], 3, up[0][0]);
     for (i = 0; i < 3; i++)
@@ -231,17 +247,17 @@ static void put_vertical(const mp_hypotheses *about, const double *x, matrix inv
         level[1][i][i] += mass_inverse(about, x);
     }
     put(about, LEVEL, level[0][0], level[1][0], 3, out);
-    cross(x + GYRO_TURN, about->up, turned);
+    cross(x + GYRO_TURN, about->world + 6, turned);
     for (i = 0; i < 2; i++) {
-        const double *flat = about->flat + 3 * i;
-        double tilt = x[TILT + i] + flat[0] * turned[0] + flat[1] * turned[1] + flat[2] * turned[2];
-        put_times(about, EAST + i, tilt, up[0][0], tilt, up[1][0], 3, out);
+        const double *flat = about->world + 3 * i;
+        double away = (i ? x[TILT] : -x[TILT + 1]) + flat[0] * turned[0] + flat[1] * turned[1] + flat[2] * turned[2];
+        put_with_torque(about, EAST + i, integrated ? away : 0.0, up[0], up[1], torque[i], inverted, seen, out);
     }
     for (i = 0; i < 3; i++) {
         put_times(about, BY_SCALE + i, x[GYRO_SCALE + i], up[0][0], x[GYRO_SCALE + i], up[1][0], 3, out);
         put_times(about, BY_BIAS + i, x[GYRO_BIAS + i], up[0][0], x[GYRO_BIAS + i], up[1][0], 3, out);
     }
-    if (about->places[EAST] >= 0) {
+    if (integrated) {
         cross_matrix(x + GYRO_TURN, turn);
         for (k = 0; k < 2; k++) {
             mp_hypothesis_product(up[k], turn[0], 3, own[0]);
@@ -249,7 +265,7 @@ static void put_vertical(const mp_hypotheses *about, const double *x, matrix inv
                 for (j = 0; j < 3; j++) up[k][i][j] -= own[i][j];
         }
     }
-    put(about, UP, up[0][0], up[1][0], 3, out);
+    put_with_torque(about, UP, 1.0, up[0], up[1], torque[2], inverted, seen, out);
 }
 
 /* (6, 6) matrix of the products of turn omega in those of omega. */

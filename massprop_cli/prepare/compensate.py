@@ -25,6 +25,7 @@ from massprop_cli.prepare.attitude import (
     world_up_b,
 )
 from massprop_cli.prepare.attitudefilter import Measured
+from massprop_cli.prepare.roomtorque import with_torque
 from massprop_cli.prepare.sensor import KernelEffect
 
 
@@ -196,11 +197,14 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None,
     rate = times(body_from_imu, aligned.rate_imu_rad_s)
     before = before or Before.begun(rate[0], vehicle, aligned.late_s[0])
     up: Array = np.zeros((len(rate) + 1, 3))
-    carried, error = rate, np.broadcast_to(0.0, (len(rate), 3, 5))
+    carried, error, attitude = rate, np.broadcast_to(0.0, (len(rate), 3, 5)), None
     if measured is not None:
-        carried, up = rate + measured.drawn_rad / aligned.duration_s[:, None], world_up_b(measured.attitude_wxyz)
+        carried, attitude = rate + measured.drawn_rad / aligned.duration_s[:, None], measured.attitude_wxyz
     elif vehicle.pivoted:
-        carried, error, up = _carried(aligned, vehicle, rate, before)
+        carried, error, attitude = _carried(aligned, vehicle, rate, before)
+    if attitude is not None:
+        up, torque = world_up_b(attitude), np.array(vehicle.environment.room_torque_n_m)
+        aligned = with_torque(aligned, attitude, torque) if torque.any() else aligned
     force = times(body_from_imu, aligned.specific_force_imu_m_s2) - _steady_force(aligned, vehicle)
     effect = aligned.kernel_effect
     if effect is not None and vehicle.pivoted:  # the weight as it was when the gyro's motion was, and not smeared
@@ -226,7 +230,7 @@ def _steady_force(aligned: Aligned, vehicle: Vehicle) -> Array:
 
 
 def _carried(aligned: Aligned, vehicle: Vehicle, rate: Array, before: Before) -> tuple[Array, Array, Array]:
-    """Mean rates (K, 3) that carry the attitude, what of it is uncertain (K, 3, 5), and the vertical (K + 1, 3): by the gyro alone."""
+    """Mean rates (K, 3) that carry the attitude, what of it is uncertain (K, 3, 5), and that (K + 1, 4): by the gyro alone."""
     turns: Array = rate * aligned.duration_s[:, None]
     attitude, carried = integrate_attitude(before.attitude_wxyz, turns, before.turn_rad), rate
     error = np.zeros((len(rate), 3, 5))
@@ -242,7 +246,7 @@ def _carried(aligned: Aligned, vehicle: Vehicle, rate: Array, before: Before) ->
         error[..., :4] = attitude_error(attitude, off, found)[:-1]
         attitude, turns = freed(attitude, turns, off)
         carried = turns / aligned.duration_s[:, None]
-    return carried, error, world_up_b(attitude)
+    return carried, error, attitude
 
 
 def felt(specific_force_imu_m_s2: Array, ignored: BoolArray, vehicle: Vehicle) -> Array:

@@ -128,6 +128,9 @@ class TrueDisturbance(Section):
         None, description="one sigma of a slow torque's change per cycle; absent: as the vehicle file states"
     )
     constant_n_m: Vector = ZERO
+    room_n_m: Vector | None = Field(
+        None, description="a steady torque that stands still in the room, along its axes; absent: as the vehicle file states"
+    )
     periodic_n_m: Vector = Field(ZERO, description="amplitude of a sine that begins with the log")
     periodic_s: Positive = Field(10.0, description="its period")
     rate_n_m_s: Vector = Field(ZERO, description="friction or drag: torque against the body rate about each axis, over it")

@@ -11,7 +11,7 @@ from massprop_cli.testbed import exchange, imu, mission, truth
 from massprop_cli.testbed.actuators import Actuators
 from massprop_cli.testbed.environment import dynamics_in
 from massprop_cli.testbed.exchanger import Setting
-from massprop_cli.testbed.motion import Bodies, CycleMotion, Dynamics, Wrench, compose, compose_all, quaternions, rotation_vectors
+from massprop_cli.testbed.motion import Bodies, CycleMotion, Dynamics, Wrench, compose, compose_all, quaternions, rotation_vectors, to_world
 from massprop_cli.testbed.onboard import Onboard, RunningOf, nominal
 from massprop_cli.testbed.rotors import Rotors
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
@@ -90,7 +90,7 @@ class Cycles:
         initial = np.array(scenario.vehicle.environment.initial_attitude_wxyz)
         self.attitude[:, 0], self.rate[:, 0] = initial, scenario.initial.rate_rad_s
         alone = not self.open_loop or scenario.vehicle.spinning or scenario.fuel or (scenario.modelled and issued is None)
-        self.together = 1 if alone else TOGETHER
+        self.together = 1 if alone or scenario.room_torque.any() else TOGETHER
         self.onboard = _onboard(source, np.repeat(initial[:, None], self.members, 1), running) if alone and issued is None else None
         self.modelled = np.zeros((self.members, scenario.cycles if scenario.modelled and issued is None else 0, 10))
         """(S, K, 10) what the control took the body to be in each cycle; none without a model."""
@@ -108,7 +108,7 @@ class Cycles:
         breaks = self.scenario.cycles, *self.events, *self.changes
         until = min(k - k % self.together + self.together, *(cycle for cycle in breaks if cycle > k))
         mean, gathered, burn_s = self._execute(k, until)
-        disturbing = np.repeat(self.torque[:, :, k:until], self.bins, -1)
+        disturbing = np.repeat(self.torque[:, :, k:until] + self._room_torque(k)[..., None], self.bins, -1)
         mean[:3] += disturbing
         gathered[:3] += disturbing * (self.width / 2)
         spin = self.exchange.spin(k, self.rate[:, k].T, mean.shape[-1], self.actuators.spun(k))
@@ -126,6 +126,15 @@ class Cycles:
         self._burn(k, burn_s)
         self._check_motion(k, until)
         return until
+
+    def _room_torque(self, k: int) -> Array:
+        """(3, S) along the body's axes, as they are in the middle of cycle ``k`` at the rate of its start."""
+        world = self.scenario.room_torque
+        if not world.any():
+            return np.zeros((3, self.members))
+        middle = compose(self.attitude[:, k * self.records].T, quaternions(self.rate[:, k].T * (self.period / 2)))
+        back = middle * np.array([[1.0], [-1.0], [-1.0], [-1.0]])
+        return to_world(back, np.repeat(world[:, None], self.members, 1))
 
     def _dynamics(self) -> Dynamics:
         """Of the bodies as they are now."""

@@ -262,6 +262,12 @@ class Scenario(Timed):
         return None if self.control is None else self.control.model
 
     @property
+    def room_torque(self) -> Array:
+        """(3,) that really acts, world axes, N m."""
+        real = self.disturbance.room_n_m
+        return np.array(self.vehicle.environment.room_torque_n_m if real is None else real)
+
+    @property
     def tick_s(self) -> float | None:
         """What on-times are rounded to."""
         return self.actuators.pwm_tick_s or self.vehicle.cycle.pwm_tick_s
