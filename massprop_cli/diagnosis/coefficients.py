@@ -73,6 +73,8 @@ class Model:
     """(3, 3) the world's axes at the start of the log, in rows, body axes; on a bearing."""
     room_torque: Array = field(default_factory=lambda: np.zeros(3))
     """(3,) that is stated, along these, N m."""
+    steady: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) specific force of what carries the weight on a table, which was taken off."""
     plant: Plant = field(default_factory=FreeBody)
     """On a pedestal forces do not move the vehicle, which is as if no force could move the mass, mu = 0."""
     kind: CommandKind = "jets"
@@ -92,7 +94,7 @@ class Model:
         period = vehicle.cycle.period_s
         lags = {"lag": lag, "gyro_lag": vehicle.imu.gyro_lag_s / period, "accel_lag": vehicle.imu.accel_lag_s / period}
         (world,) = matrices(np.array([vehicle.environment.initial_attitude_wxyz]))
-        around = world, np.array(vehicle.environment.room_torque_n_m)
+        around = world, np.array(vehicle.environment.room_torque_n_m), vehicle.environment.steady_force_m_s2
         stated = position, force, couple, imu, mounting, bearing
         thrusting = len(free.fired) - len(vehicle.momentum_wrench)
         commands = kind, thrusting, _devices(vehicle, thrusting)
@@ -191,8 +193,8 @@ class Model:
             return x[..., self.entries[name]]
 
         theta = get("theta")
-        inertia, moment, mu = np.linalg.inv(tensor(theta[..., J])), theta[..., MOMENT], theta[..., MU] * self.plant.translates
-        inverse = tensor(theta[..., J]) * np.outer(self.turns, self.turns)
+        moment, mu, turns = theta[..., MOMENT], theta[..., MU] * self.plant.translates, np.outer(self.turns, self.turns)
+        inverse, inertia = (each * turns for each in (tensor(theta[..., J]), np.linalg.inv(tensor(theta[..., J]))))
         torque, force = self.wrench(x)
         centre = moment if self.bearing is None else self.bearing + get("bearing")
         about = torque - cross(centre[..., None, :], force)
@@ -317,6 +319,7 @@ class Model:
             turns.append(along @ rotation(x[:, self.place(f"{name}_turn")]) @ base)
         back = np.linalg.inv(turns[0])
         turned = np.concatenate([found[..., axes] @ turn.swapaxes(1, 2) for turn, axes in zip(turns, _SENSORS, strict=True)], -1)
+        turned[:, self.places["constant"], 3:] += ((turns[1] - _UNIT) @ self.steady)[:, None]
         for name, columns in (("products", _of_products(back)), ("rates", back)):
             if name in self.places:
                 turned[:, self.places[name]] = columns.swapaxes(1, 2) @ turned[:, self.places[name]]
@@ -342,7 +345,7 @@ def _stating(vehicle: Vehicle) -> list[Actuator]:
 
 
 def _acting(vehicle: Vehicle, kind: CommandKind) -> tuple[Array, Array, Array]:
-    """(C, 3) place, force at full, and torque beside that of the force, of each channel."""
+    """(C, 3) place, force at full as far as that moves the vehicle, and torque beside that of the force, of each channel."""
     if kind == "jets":
         position, force = np.array([jet.position_m for jet in vehicle.jets]).reshape(-1, 3), vehicle.jet_wrench[:, 3:]
         couple = np.zeros_like(force)
@@ -353,7 +356,7 @@ def _acting(vehicle: Vehicle, kind: CommandKind) -> tuple[Array, Array, Array]:
         position, couple, force = np.tile(vehicle.thrust.wrench_point_m, (6, 1)), np.eye(6)[:, :3], np.eye(6)[:, 3:]
     stored = vehicle.momentum_wrench[:, :3] * vehicle.environment.moving[:3]
     none = np.zeros_like(stored)
-    return np.vstack([position, none]), np.vstack([force, none]), np.vstack([couple, stored])
+    return np.vstack([position, none]), np.vstack([force * vehicle.environment.moving[3:], none]), np.vstack([couple, stored])
 
 
 def _precession(torque: Array, bias: Array) -> Array:

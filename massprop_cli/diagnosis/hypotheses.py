@@ -88,6 +88,8 @@ def _devices(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
             yield Hypothesis("thrust-scale", subject, column, start={thrust + i: begin for i in group})
         for i in group if len(group) > 1 else ():
             yield Hypothesis("thrust-scale", (names[i],), np.zeros((len(model.stated), 0)), start={thrust + i: -1.0})
+    if 0 < model.thrusting < count - 1:  # against what pushes: which of both is off nothing tells
+        yield scaled(model, names, range(model.thrusting, count))
 
 
 def two_channels(model: Model, names: Sequence[str]) -> list[Hypothesis]:
@@ -181,7 +183,9 @@ def _sensors(model: Model) -> Iterator[Hypothesis]:
 def _tilts(model: Model) -> Iterator[Hypothesis]:
     both = [along(model, *((name, unit) for name in BY_NAME["mounting"].moved)) for unit in np.eye(3)]
     yield Hypothesis("imu-mounting", (), np.hstack(both))
-    yield from (_free(model, f"{sensor}_turn", subject=(word,)) for sensor, word in WORDS.items())
+    # on a table a turn of the accelerometer about Z is one of the whole IMU, and one about X or Y, which feels some of the weight, a bias
+    alone = {sensor: word for sensor, word in WORDS.items() if sensor == "gyro" or model.turns.all()}
+    yield from (_free(model, f"{sensor}_turn", subject=(word,)) for sensor, word in alone.items())
 
 
 class OtherUnit(NamedTuple):

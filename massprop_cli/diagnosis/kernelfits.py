@@ -54,7 +54,7 @@ class PackedTriangles:
         bearing = np.zeros(3) if model.bearing is None else model.bearing
         parts = (
             *(model.imu, model.mounting, [model.bearing is not None], bearing, [model.gravity], model.level, model.world),
-            model.room_torque,
+            *(model.room_torque, model.steady),
             *(
                 [model.lags["lag"], model.lags["gyro_lag"], model.lags["accel_lag"], RAMP],
                 [model.thrusting, model.plant.translates, *model.turns],

@@ -263,6 +263,11 @@ class Screening:
         Of k times the force the CG c and the mass m look like k c and m / k, with the IMU (k − 1) c away from its place. So where that
         explains the log this does too, and a small step leads from the one to the other no more than along a curved valley.
         """
+        stored = range(self.model.thrusting, len(self.names))
+        if self.model.thrusting and stored:  # as much less of what stores momentum is the same motion, and may be nearer
+            (other,) = fitted(self.model, self.free, self.free.variance, [hypotheses.scaled(self.model, self.names, stored)], still=ROUGHLY)
+            part = float(other.factors[0])
+            return [hypotheses.scaled(self.model, self.names, range(self.model.thrusting), 1 / part)] if part > 0 else []
         group = pushing(self.model.wrench(self.model.stated)[1], self.model.together)
         if self.model.bearing is not None or not group:
             return []

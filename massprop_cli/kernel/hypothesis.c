@@ -114,12 +114,13 @@ void mp_hypotheses_of(const long *sizes, const long *places, const double *numbe
     out->level = numbers + 17;
     out->world = numbers + 26;
     out->room_torque = numbers + 35;
-    out->lags = numbers + 38;
-    out->ramp = numbers[41];
-    out->thrusting = (long)numbers[42];
-    out->translates = numbers[43] != 0.0;
-    out->turns = numbers + 44;
-    out->position = numbers + 47;
+    out->steady = numbers + 38;
+    out->lags = numbers + 41;
+    out->ramp = numbers[44];
+    out->thrusting = (long)numbers[45];
+    out->translates = numbers[46] != 0.0;
+    out->turns = numbers + 47;
+    out->position = numbers + 50;
     out->force = out->position + 3 * out->channels;
     out->couple = out->force + 3 * out->channels;
 }
@@ -308,6 +309,10 @@ static void put_turned(const mp_hypotheses *about, const double *x, const mp_hyp
             double *own = out + c * 6 + 3 * s, was[3] = {own[0], own[1], own[2]};
             for (i = 0; i < 3; i++) own[i] = turns[s][i][0] * was[0] + turns[s][i][1] * was[1] + turns[s][i][2] * was[2];
         }
+    for (i = 0; i < 3; i++) { /* what carries the weight on a table was taken off as it is without a turn */
+        const double *turn = turns[1][i], *steady = about->steady;
+        out[about->places[CONSTANT] * 6 + 3 + i] += turn[0] * steady[0] + turn[1] * steady[1] + turn[2] * steady[2] - steady[i];
+    }
     mp_hypothesis_inverse(turns[0], back);
     of_products(back, squares);
     mixed(squares[0], 6, out + about->places[PRODUCTS] * 6);
@@ -385,7 +390,10 @@ void mp_hypothesis_coefficients(const mp_hypotheses *about, const double *x, con
     mp_hypothesis_tensor(x, inverted);
     mp_hypothesis_inverse(inverted, inertia);
     for (i = 0; i < 3; i++)
-        for (j = 0; j < 3; j++) inverted[i][j] *= about->turns[i] * about->turns[j];
+        for (j = 0; j < 3; j++) {
+            inverted[i][j] *= about->turns[i] * about->turns[j];
+            inertia[i][j] *= about->turns[i] * about->turns[j];
+        }
     for (i = 0; i < 3; i++) {
         centre[i] = about->pivoted ? about->bearing[i] + x[BEARING + i] : x[MOMENT + i];
         arm[i] = about->imu[i] + x[IMU + i] - centre[i];

@@ -14,7 +14,7 @@
 typedef struct {
     long channels, columns, entries, thrusting; /* those of channels come first; the others store momentum */
     const long *places;
-    const double *imu, *mounting, *bearing, *level, *world, *room_torque, *lags, *turns, *position, *force, *couple;
+    const double *imu, *mounting, *bearing, *level, *world, *room_torque, *steady, *lags, *turns, *position, *force, *couple;
     double gravity, ramp;
     int pivoted, translates;
 } mp_hypotheses;

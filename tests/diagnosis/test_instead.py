@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from massprop_cli.base.arrays import frozen
+from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis.comparison import _Rows
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.kernel import kernel
@@ -82,3 +83,19 @@ def test_on_a_table_it_does_not_matter_how_high_jets_are(raised_m: float) -> Non
     biased = log.delta_v_imu_m_s + log.interval_s[:, None] * np.array([0.02, -0.015, 0.0])
     found = faulty.examined(replace(log, delta_v_imu_m_s=frozen(biased)), used)
     assert {fault.notice.code for fault in found.faults} == {"accel-bias"}
+
+
+@pytest.mark.parametrize("raised_n", [0.0, 0.3])
+def test_on_a_table_it_does_not_matter_how_hard_jets_push_up(raised_n: float) -> None:
+    """The table takes it up; an IMU that leans feels a part of the weight along X and Y, and is named as one."""
+    flown = fly("planar")
+    forces = [(*jet.force_n[:2], raised_n) for jet in flown.vehicle.jets]
+    used = faulty.stated(flown.vehicle, *(f"jets.{i}.force_n={list(force)}" for i, force in enumerate(forces)))
+    log = flown.log(0)
+    assert not [notice.code for notice in faulty.examined(log, used).notices]
+    leans = rotation(np.radians([1.2, -0.8, 0.0]))
+    turned = replace(log, delta_theta_imu_rad=frozen(log.delta_theta_imu_rad @ leans), delta_v_imu_m_s=frozen(log.delta_v_imu_m_s @ leans))
+    found = faulty.examined(turned, used)
+    (fault,) = found.faults
+    assert fault.notice.code == "imu-mounting"
+    assert "1.4" in fault.notice.message.split("degrees")[0]
