@@ -30,6 +30,8 @@ INFORMED = 0.5
 """Part of the natural size above which a sigma says nothing."""
 SETTLED = 0.01
 """Part of the natural size that is the tolerance of convergence: a quarter of it is settled without a history."""
+MANY = 2
+"""Results of which none is the odd one out, whichever differs."""
 CHANCE, RARE = 1e-3, 6e-5
 """Chance of as much disagreement as there is, below which it is told of all together, and of one: four sigma."""
 
@@ -170,7 +172,7 @@ def _side(of: Gathered) -> added.Side:
 
 def _joint(name: str, parts: Sequence[Part]) -> tuple[Joint, list[WarningItem]]:
     """Results added up; where one shows some axes alone, the logs are fitted at once, unless one has a discrepancy: no fit explains it."""
-    pieces = [piece(part.label, part.vehicle, part.phase, incommon.alike(part.recorded.result, part.phase)) for part in parts]
+    pieces = _pieces(parts)
     short = [fit.partial(one, part.vehicle.environment) for one, part in zip(pieces, parts, strict=True)]
     doubted = any(part.phase.discrepancy for part in parts)
     if len(parts) == 1 or doubted or not any(short):
@@ -188,6 +190,20 @@ def _joint(name: str, parts: Sequence[Part]) -> tuple[Joint, list[WarningItem]]:
     return found or joint(pieces), []
 
 
+def _pieces(parts: Sequence[Part]) -> list[Piece]:
+    return [piece(part.label, part.vehicle, part.phase, incommon.alike(part.recorded.result, part.phase)) for part in parts]
+
+
+def _odd_one(parts: Sequence[Part]) -> str:
+    """Which one of several differs, where all others agree without it and with no other one left out; else empty."""
+    pieces, odd = _pieces(parts), []
+    for i, part in enumerate(parts if len(parts) > MANY else ()):
+        rest = joint([*pieces[:i], *pieces[i + 1 :]])
+        agree = chance(rest.chi_square, rest.freedom) >= RARE and not any((np.abs(one) > BEYOND).any() for one in rest.apart)
+        odd += [part.label] if agree else []
+    return odd[0] if len(odd) == 1 else ""
+
+
 def _contradictions(parts: Sequence[Part], found: Joint) -> list[str]:
     notes = []
     for part, apart, pulled in zip(parts, found.apart, found.pulled, strict=True):
@@ -198,6 +214,8 @@ def _contradictions(parts: Sequence[Part], found: Joint) -> list[str]:
             said = f"{part.label} differs from the others together: {', '.join(strange) or 'in no quantity alone'}"
             said += f", which pulls {', '.join(along)} away from it" if along else ""
             notes.append(f"{said}; was the vehicle the same?")
+    if notes and (odd := _odd_one(parts)):
+        notes = [f"{note} Without it all others agree." for note in notes if note.startswith(f"{odd} ")] or notes
     for part, (chi_square, freedom) in zip(parts, found.alone, strict=False):
         if chance(chi_square, freedom) < RARE:
             notes.append(

@@ -277,6 +277,8 @@ def test_logs_of_two_bodies_contradict_each_other(folder: Path) -> None:
     done = massprop(folder, "combine", "a", "b", "c", "--out", "three")
     assert done.returncode == 6
     assert "c differs from the others together: ixx by " in done.stderr
+    assert "was the vehicle the same? Without it all others agree." in " ".join(done.stderr.split())
+    assert "a differs from the others" not in done.stderr
     told = json.loads((folder / "three" / "result.json").read_text())
     assert told["phases"][0]["estimates"]["ixx"]["verdict"] == "contradicted"
     assert told["warnings"][0]["code"] == "results-disagree"
