@@ -24,15 +24,21 @@ SHARE = 0.25
 """Part of the records that may be lost."""
 HELD = 0.9
 """Part of the rows from which on a command stands in each of its cycle's."""
+SOON = 0.1
+"""Part of a record by which the stamp of one that stands twice may be later."""
 ENOUGH, MOSTLY = 4, 0.9
 """Commands that must show where cycles begin, and the part of them that must agree: a first row may be lost."""
 
 
 def once(source: LogTable) -> tuple[LogTable, list[Notice]]:
-    """The log without rows that stand twice: with stamp and all cells of the row before; as it is where a stamp alone stands twice."""
-    again = np.flatnonzero(np.diff(source.required("time_s")) == 0) + 1
-    columns = (cells.read() for cells in source.table.columns.values())
-    if not len(again) or not all(column.take(again).equals(column.take(again - 1)) for column in columns):
+    """The log without rows that stand twice: with all cells of the row before, and its stamp or one hardly later.
+
+    As it is where a stamp alone stands twice.
+    """
+    steps = np.diff(source.required("time_s"))
+    again = np.flatnonzero((steps >= 0) & (steps <= SOON * (median(steps) if len(steps) else 0.0))) + 1
+    others = (cells.read() for name, cells in source.table.columns.items() if name != source.name("time_s"))
+    if not len(again) or not all(column.take(again).equals(column.take(again - 1)) for column in others):
         return source, []
     rows = np.delete(np.arange(source.table.rows), again)
     said = f"{source.name('time_s')}: {len(again)} row(s) are those before once more, the first at {source.place(int(again[0]))}: left out"

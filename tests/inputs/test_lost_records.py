@@ -234,13 +234,16 @@ def test_rows_that_are_missing_regularly_are_no_clock_of_another_rate(each: int)
     np.testing.assert_array_equal(np.flatnonzero(found.uncommanded), rows)
 
 
-def test_rows_that_stand_twice_are_left_out_and_stamps_that_do_are_refused() -> None:
+@pytest.mark.parametrize("later_s", [0.0, 1e-4])
+def test_rows_that_stand_twice_are_left_out_and_stamps_that_do_are_refused(later_s: float) -> None:
     whole, vehicle = columns("free-flyer"), flight("free-flyer").vehicle
     twice = rows(whole, np.sort(np.append(np.arange(len(whole[TIME])), [50, 51, 51, 300])))
+    twice[TIME] = twice[TIME] + later_s * np.append(0.0, np.diff(twice[TIME]) == 0)
     found, log = log_of(twice, vehicle), log_of(whole, vehicle)
     assert [notice.code for notice in found.notices] == ["clock-rebuilt"]
     for name in ("time_s", "delta_theta_imu_rad", "delta_v_imu_m_s", "command"):
         np.testing.assert_array_equal(getattr(found, name), getattr(log, name))
     twice["delta_v_x_m_s"] = twice["delta_v_x_m_s"] + np.arange(len(twice[TIME])) * 1e-9
+    twice[TIME] = whole[TIME][np.searchsorted(whole[TIME], twice[TIME] - later_s)]
     with pytest.raises(InputError, match="time stands still"):
         log_of(twice, vehicle)
