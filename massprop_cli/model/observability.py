@@ -91,12 +91,14 @@ def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Re
         turning, pushing = system.transition[:, RATE, PARAMETERS], system.observation[own, 3:, PARAMETERS]
         told[:3] += (turning**2).sum(0) / gyro**2
         told[3:] += (pushing**2).sum(0) / accel[:, None] ** 2
-        growth = np.diff(samples.part(part).rate_rad_s, axis=0)
+        here = samples.part(part)
+        used = ~here.executed.ignored.reshape(-1, 2, 3).any(2)
+        beyond = (np.diff(here.rate_rad_s, axis=0) - system.steps) * (used[1:, :1] & used[:-1, :1])
         left: Array = system.felt - times(system.observation[:, 3:, PARAMETERS], theta)
         left = less_tilt(system, left, tilt) if sloping else left
-        felt.add(left[own])
+        felt.add((left * used[:, 1:])[own])
         pushed.add(times(pushing, commanded))
-        steps = np.concatenate([before, [system.steps, growth - system.steps]], 1)
+        steps = np.concatenate([before, [system.steps, beyond]], 1)
         before = steps[:, -1:] if slow else before
         turned, rest = np.diff(steps, axis=1) if slow else steps
         stepped.add(turned)
