@@ -143,7 +143,8 @@ def _to_body(q: Array, world: Array) -> Array:
     """(V, 3) by attitudes that are not of unit length."""
     w, v = q[:, :1], q[:, 1:]
     twice = 2 * cross(v, world)
-    return world + (cross(v, twice) - w * twice) / (q**2).sum(1, keepdims=True)
+    found: Array = world + (cross(v, twice) - w * twice) / (q**2).sum(1, keepdims=True)
+    return found
 
 
 class _Motion:

@@ -116,6 +116,11 @@ class Model:
         return self.entries[name]
 
     @property
+    def nuisances(self) -> dict[str, float]:
+        """Entries that are unknown whatever is supposed of others, with their sigma."""
+        return {**self.biases, **self.walking}
+
+    @property
     def stated(self) -> Array:
         """(nx,) x with everything as stated, and no mass properties yet."""
         x = np.zeros(self.place("direction").stop)
@@ -131,7 +136,7 @@ class Model:
     def uncertain(self) -> Array:
         """(nx, n) directions that x may move in whatever is supposed, each scaled to its stated sigma."""
         unit = np.eye(len(self.stated))
-        return np.hstack([unit[:, :0], *(sigma * unit[:, self.place(name)] for name, sigma in (self.biases | self.walking).items())])
+        return np.hstack([unit[:, :0], *(sigma * unit[:, self.place(name)] for name, sigma in self.nuisances.items())])
 
     @cached_property
     def _columns(self) -> dict[bytes, int]:
@@ -147,7 +152,7 @@ class Model:
     def _counted(self, moved: BoolArray) -> int:
         before = np.concatenate([[0], np.cumsum(moved)])
         away = {name for name, place in self.entries.items() if before[place.stop] > before[place.start]}
-        away |= {*self.biases, *self.walking, *["room_torque"] * bool(self.room_torque.any())}
+        away |= {*self.nuisances, *["room_torque"] * bool(self.room_torque.any())}
         most = max(place.stop for name, place in self.places.items() if name not in BY_COLUMN or away & BY_COLUMN[name])
         late = max(place.stop for name, place in self.places.items() if not name.startswith((*SWUNG, *LEVEL)))
         return int(late if self.places["rates"].start < most < late else most)

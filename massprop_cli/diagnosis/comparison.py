@@ -170,7 +170,7 @@ def _beside(
 def _taken(model: Model, moved: Array) -> Array:
     """(H, 6) squares beyond chance of what fits that moved x so (H, nx) take for errors whose sigmas are stated, over these."""
     found = np.zeros((len(moved), 6))
-    for name, sigma in (model.biases | model.walking).items():
+    for name, sigma in model.nuisances.items():
         found[:, SHOWN[name]] += np.maximum((moved[:, model.place(name)] / sigma) ** 2 - USUAL, 0.0)
     return found
 

@@ -92,7 +92,7 @@ def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Re
         told[:3] += (turning**2).sum(0) / gyro**2
         told[3:] += (pushing**2).sum(0) / accel[:, None] ** 2
         here = samples.part(part)
-        used = ~here.executed.ignored.reshape(-1, 2, 3).any(2)
+        used = np.asarray(~here.executed.ignored.reshape(-1, 2, 3).any(2))
         beyond = (np.diff(here.rate_rad_s, axis=0) - system.steps) * (used[1:, :1] & used[:-1, :1])
         left: Array = system.felt - times(system.observation[:, 3:, PARAMETERS], theta)
         left = less_tilt(system, left, tilt) if sloping else left

@@ -5,6 +5,7 @@ import pytest
 
 from massprop_cli import ABOUT_PIVOT, flow
 from massprop_cli.base.arrays import Array
+from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -29,12 +30,11 @@ def _examined(own: anypedestal.Tables, body: int, flown: anypedestal.Flown, room
     return flow.examine(log, VehicleSource(used, "", ""))
 
 
-def _deviations(own: anypedestal.Tables, body: int, found: Analysis) -> Array:
-    conclusion = found.conclusions[0]
+def _deviations(own: anypedestal.Tables, body: int, conclusion: Conclusion) -> Array:
     about = conclusion.about_pivot
-    assert about is not None
     values, sigmas = (np.array([getattr(about[name], part) for name in ABOUT_PIVOT]) for part in ("value", "sigma"))
-    return (values - own.nine[body]) / sigmas
+    found: Array = (values - own.nine[body]) / sigmas
+    return found
 
 
 @pytest.mark.parametrize("kind", ["jets", "wheels"])
@@ -42,7 +42,7 @@ def test_without_noise_a_stated_torque_leaves_nothing(kind: anypedestal.Kind) ->
     own, flown, room = _flown(3, kind, 0.003)
     for body in range(2):
         found = _examined(own, body, flown, room, 0.0)
-        assert np.abs(_deviations(own, body, found)).max() < 0.1
+        assert np.abs(_deviations(own, body, found.conclusions[0])).max() < 0.1
         assert not found.faults
 
 
@@ -53,4 +53,4 @@ def test_an_unstated_torque_is_named_and_its_remedy_is_right(kind: anypedestal.K
         found = _examined(own, body, flown, None, 1.0)
         assert [fault.notice.code for fault in found.faults] == ["room-torque"]
         (answer,) = found.mended
-        assert np.abs(_deviations(own, body, answer)).max() < 4
+        assert np.abs(_deviations(own, body, answer.conclusions[0])).max() < 4
