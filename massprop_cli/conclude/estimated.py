@@ -136,7 +136,10 @@ def _found_in_quiet(diagnosis: Diagnosis, plain: AsStated) -> bool:
 def _doubted(examination: Examined, begun: Ready, answer: Estimates[Resolved]) -> list[Doubt]:
     names = channel_names(begun.log, answer.used)
     push = pushing(channel_wrench(begun.log, answer.used)[:, 3:], always_together(begun.log))
-    found = doubts(examination, names, along_one_line(begun.log, answer.used), push)
+    first = len(names) - len(answer.used.momentum_wrench)
+    stored = range(first, len(names))
+    apart = [range(first), stored] if first and stored else [push] if push else []
+    found = doubts(examination, names, along_one_line(begun.log, answer.used), apart)
     return found + followed(answer.settled, begun.samples, names, examination.scatter)
 
 

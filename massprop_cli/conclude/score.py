@@ -29,6 +29,7 @@ FAR, PART = 2.0, 0.005
 """Of its sigma and of its size, the change of a value that hangs on an assumption in doubt: its most likely change is uncertain itself."""
 SCALES = (GYRO, ACCELEROMETER)
 """Of a sensor's three axes, each of which is tested by itself too."""
+APART = "scale of one kind of actuators"
 MOVES = 1.0
 """Of its sigma, the least change of a value that touches it."""
 
@@ -59,10 +60,12 @@ class Doubt:
         return found
 
 
-def doubts(found: Examined, names: Sequence[str], groups: Sequence[Sequence[int]] = (), pushing: Sequence[int] = ()) -> list[Doubt]:
+def doubts(
+    found: Examined, names: Sequence[str], groups: Sequence[Sequence[int]] = (), kinds_apart: Sequence[Sequence[int]] = ()
+) -> list[Doubt]:
     """Those that are in doubt, the surest first; ``names`` of the command channels, of which ``groups`` may be wrong together.
 
-    So may those that are ``pushing`` beside others that only turn: by the unit of their forces.
+    So may ``kinds_apart``: those that push beside others that only turn, by the unit of their forces, and all that store momentum.
     """
     told = [(response, noise) for response, noise in zip(found.responses, found.noise, strict=True) if response is not None]
     if not told:
@@ -72,11 +75,12 @@ def doubts(found: Examined, names: Sequence[str], groups: Sequence[Sequence[int]
     unit, first = np.eye(len(kinds)), len(kinds) - len(names)
     # the scale of all three axes at once is a direction of its own, and so is the thrust of jets along one line
     scales = [[i for i, whole in enumerate(wholes) if whole == name] for name in SCALES]
-    every = [*([pushing] if pushing else []), *groups]
+    every = [*kinds_apart, *groups]
     along = np.column_stack([unit, *(unit[:, group].sum(1) for group in (*scales, *([first + i for i in group] for group in every)))])
     several = [f"thrust of {', '.join(names[i] for i in group)}" for group in every]
-    told_apart = len(kinds) + len(SCALES) + bool(pushing)
-    whats, kind = [*kinds, *SCALES, *several], np.array([*wholes, *SCALES, *several])
+    told_apart = len(kinds) + len(SCALES) + len(kinds_apart)
+    # of two kinds that are apart either may be off
+    whats, kind = [*kinds, *SCALES, *several], np.array([*wholes, *SCALES, *[APART] * len(kinds_apart), *several[len(kinds_apart) :]])
     gram = np.sum([response.gram for response, _ in told], 0)
     cross, own = gram[0, 1:].copy(), np.einsum("ei,ef,fi->i", along, gram[1:, 1:], along)
     # a factor on what was measured is one on its noise too, and of that an innovation is proof of nothing
