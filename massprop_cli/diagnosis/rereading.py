@@ -44,6 +44,8 @@ from massprop_cli.prepare.timing import Timing
 
 FITS, CHANCE = 1.5, 6.0
 """Mean square of normalised innovations up to which a channel fits, and sigmas of chance more."""
+MOVED = 5.0
+"""Times its noise, what a sensor must show of a motion: anything fits readings that are smaller."""
 FINALISTS = 3
 """How many are fitted until they stand."""
 LONGEST = 400
@@ -118,7 +120,9 @@ class _Case(NamedTuple):
         # as densely as what was measured lies
         sizes = [float(np.abs(np.linalg.det(np.array(one)))) for one in (correction.gyro, correction.accelerometer) if one]
         cost = float((left.count * np.log(variance + TINY)).sum()) - 2 * left.count * float(np.log(sizes).sum())
-        return _Look(cost, bool((variance < FITS + CHANCE * np.sqrt(2 / left.count)).all()))
+        shown = [float((part**2).sum(1).mean()) for part in (samples.rate_rad_s, samples.specific_force_m_s2)]
+        moved = max(np.sqrt(shown) / (self.vehicle.imu.gyro_noise_rad_s, self.vehicle.imu.accel_noise_m_s2)) > MOVED
+        return _Look(cost, bool(moved and (variance < FITS + CHANCE * np.sqrt(2 / left.count)).all()))
 
 
 def _readings(case: _Case) -> Iterator[ColumnReading]:
