@@ -30,7 +30,9 @@ class Docked:
 
 
 def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Docked | None:
-    """The docked object of the phases that ``[docking]`` names, or of the only two if their masses differ; None where there is none.
+    """The docked object of the phases that ``[docking]`` names; else of the only two if their masses differ, docked or released.
+
+    None where there is none.
 
     The phases' errors are independent but for a common thrust scale, which enters both alike; what is known of a phase calibrates it.
     """
@@ -132,7 +134,7 @@ def _pair(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> tuple[Conclu
     if apart is None or abs(apart[0]) <= SIGNIFICANT * apart[1]:
         return None
     first, second = sorted(conclusions, key=lambda conclusion: conclusion.phase.start_s)
-    return first, second
+    return (first, second) if apart[0] > 0 else (second, first)
 
 
 def masses_apart(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> tuple[float, float] | None:

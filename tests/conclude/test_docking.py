@@ -75,6 +75,23 @@ def test_an_object_that_weighs_less_than_nothing_is_contradicted() -> None:
     assert "contradicted" not in {item.verdict for one in found.conclusions for item in one.estimates.values()}
 
 
+def test_an_object_that_is_released_is_found_as_one_that_docks() -> None:
+    """The same two phases with their times exchanged, and no [docking] stated."""
+    analysis = analysed("docking")
+    single, combined = analysis.conclusions
+    first, last = (
+        replace(a, phase=a.phase.model_copy(update={"start_s": b.phase.start_s, "end_s": b.phase.end_s}))
+        for a, b in ((combined, single), (single, combined))
+    )
+    found = docking.docked_object((first, last), analysis.vehicle.model_copy(update={"docking": None}))
+    assert found is not None
+    assert (found.before, found.after) == ("single", "combined")
+    assert analysis.docked is not None
+    assert {name: one.value for name, one in found.estimates.items()} == {
+        name: one.value for name, one in analysis.docked.estimates.items()
+    }
+
+
 def test_what_may_be_nothing_at_all_is_no_contradiction() -> None:
     for mass, said in ((-0.2, False), (-0.4, True), (np.nan, False)):
         assert docking.backwards(np.full(10, mass), 0.01 * np.eye(10)) == said
