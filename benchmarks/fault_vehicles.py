@@ -72,6 +72,8 @@ VEHICLES = {
     "noisy": Kind("free-flyer", (*SHORT, "vehicle.imu.gyro_noise_rad_s = 1e-3", "vehicle.imu.accel_noise_m_s2 = 0.2"), noisy=True),
     "disturbed": Kind("free-flyer", (*SHORT, "disturbance.walk_n_m = 3e-4"), noisy=True, said=frozenset({"disturbance-torque"})),
     "canted": Kind(str(OWN / "canted.toml"), (EACH_THEN_ALL,)),
+    "planar": Kind("planar"),
+    "pedestal": Kind("pedestal"),
     "heavy": Kind(str(OWN / "heavy.toml"), (EACH_THEN_ALL,)),
 }
 """The disturbed one's slow torque isn't stated: it comes to 0.007 N m, jets give 0.33 to 0.57."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.quaternion import quaternion_of, quaternion_product
-from massprop_cli.errorparameters.parameter import ErrorParameter, Step, Unit, Wording
+from massprop_cli.errorparameters.parameter import ErrorParameter, Step, Unit, Wording, vector
 from massprop_cli.errorparameters.sensor import DEGREE
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.inputs.equipment import PIVOTED
@@ -136,8 +136,9 @@ PARAMETERS = (
         redone="motion",
         difference=1e-3,
         wording=Wording(
-            "a steady torque of {error} N m along the room's axes acts beside the commands: of a cable, a draught, a magnet",
+            "a steady torque of {torque} N m along the room's axes acts beside the commands: of a cable, a draught, a magnet",
             "remove what makes it, or state environment.room_torque_n_m",
+            lambda finding: {"torque": vector(finding.corrected.value("environment.room_torque_n_m"))},
         ),
         step=Step(
             "room-torque",
