@@ -43,6 +43,8 @@ class AssumedValue:
     """Units by which it may be off at most: of a log that tells it no better than that, it is not tested."""
     part_of: str = ""
     """Code of that which it is a part of, whose effect is told: it is but tested by itself."""
+    rare: bool = False
+    """Whether few vehicle files are wrong in it."""
 
     @property
     def whole(self) -> str:
@@ -72,7 +74,8 @@ def _steps(one: ErrorParameter, step: Step, setup: Setup, samples: Stream) -> It
             yield AssumedValue(f"{step.code} {axis}", said, step.words, stated, changed, step.size, part_of=step.code)
         else:
             said = message.format(axis=axis)
-            yield AssumedValue(step.code, said, step.words.format(axis=axis), stated, changed, step.size, sigma, step.most, step.part_of)
+            words = step.words.format(axis=axis)
+            yield AssumedValue(step.code, said, words, stated, changed, step.size, sigma, step.most, step.part_of, step.rare)
     if step.by_axis != "alone":
         yield AssumedValue(step.code, message.format(along=""), step.words, stated, None, step.size)
 

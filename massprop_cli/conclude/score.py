@@ -25,8 +25,12 @@ WARY = 2.5
 """Sigmas from which on it is in doubt: so little, by chance, in one of 80 of each. Then what hangs on it is not called converged: seven of
 a thousand values of clean logs. Of faults that a log tells by five sigma one in 160 shows less than this by chance, one in two less than
 what refutes it. docs/faults.md moves."""
+RARELY = 3.5
+"""The same of what is rarely wrong: one in 2,000 of each."""
 FAR, PART = 2.0, 0.005
 """Of its sigma and of its size, the change of a value that hangs on an assumption in doubt: its most likely change is uncertain itself."""
+HARDLY = 4.0
+"""Sigmas beyond which chance hardly makes any doubt of a log, so that no part of a value is too small to hang on it."""
 SCALES = (GYRO, ACCELEROMETER)
 """Of a sensor's three axes, each of which is tested by itself too."""
 APART = "scale of one kind of actuators"
@@ -100,7 +104,8 @@ def doubts(
         kin, faint = kind == kind[i], i >= told_apart
         return Doubt(whats[i], float(sigmas[i]), limit, tuple(None if by is None else sizes[i] * by[:, kin] for by in shifts), faint)
 
-    return [doubt(int(i)) for i in np.argsort(-sigmas, kind="stable") if sigmas[i] > WARY]
+    wary = np.array([RARELY if t.rare else WARY for t in found.varied] + [WARY] * (len(whats) - len(found.varied)))
+    return [doubt(int(i)) for i in np.argsort(-sigmas, kind="stable") if sigmas[i] > wary[i]]
 
 
 def by_doubts(conclusion: Conclusion, at: int, found: Sequence[Doubt]) -> Contradiction | None:
@@ -127,7 +132,8 @@ def hanging(conclusion: Conclusion, at: int, found: Sequence[Doubt], sizes: Arra
     sizes = sizes.copy()
     sizes[POSITIVE] = np.fmin(sizes[POSITIVE], np.abs(conclusion.values[POSITIVE]))
     for doubt, change, sigma in _changes(conclusion, at, [doubt for doubt in found if not (doubt.sure or doubt.faint)]):
-        for name, hit, by in zip(QUANTITIES, change > np.maximum(FAR * sigma, PART * sizes), change / sigma, strict=True):
+        least = np.maximum(FAR * sigma, PART * sizes * (doubt.sigmas < HARDLY))
+        for name, hit, by in zip(QUANTITIES, change > least, change / sigma, strict=True):
             if hit and name not in reasons:
                 assumption = doubt.what.replace("-", " ")
                 reasons[name] = Reason.of("assumption-in-doubt", sigmas=doubt.sigmas, assumption=assumption, quantity=name, moved=float(by))

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, IntArray
+from massprop_cli.base.arrays import Array, BoolArray, IntArray, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.scatter import StatedScatter, scatter_of
@@ -35,6 +35,8 @@ from massprop_cli.prepare.stored import Stored
 from massprop_cli.prepare.sums import net
 from massprop_cli.prepare.timing import Timing
 
+SETTLED = 4.0
+"""Times the variance that it has most of the time, up to which a reference attitude is as good as it becomes."""
 SHIFT = 0.25
 """Cycles by which commands are moved to see what a delay would do."""
 SWUNG = ("gyro_scale", "gyro_bias")
@@ -142,7 +144,8 @@ class Designs:
     def _design(self, log: Log, vehicle: Resolved, timing: Timing, piece: slice, theta: Array | None) -> Design:
         lag_s = timing.lag_s(vehicle)
         samples = timing.of(log, vehicle, self._impulses(log, vehicle, timing.delay, lag_s))
-        cycles = slice(max(piece.start, int(np.argmax(samples.executed.usable)) + 1), min(piece.stop, len(samples) - 1))
+        begun = max(int(np.argmax(samples.executed.usable)) + 1, 0 if samples.measured is None else _settled(samples.measured.covariance))
+        cycles = slice(max(piece.start, begun), min(piece.stop, len(samples) - 1))
         if cycles.stop - cycles.start < 2:
             raise InputError(
                 f"{log.path}: {max(cycles.stop - cycles.start, 0)} cycles are too few to say how the motion follows the commands"
@@ -221,6 +224,12 @@ class Designs:
                 del self._made[next(iter(self._made))]
             self._made[key] = log.command, impulses(log, vehicle, delay, lag_s)  # the array held, no other has its id
         return self._made[key][1]
+
+
+def _settled(covariance: Array) -> int:
+    """From which cycle on a reference attitude, of such a covariance (K + 1, 10, 10) at the cycles' edges, is drawn to the logged ones."""
+    spread = np.trace(covariance[:, :3, :3], axis1=1, axis2=2)
+    return int(np.argmax(spread <= SETTLED * median(spread)))
 
 
 def _by_body(samples: Samples, vehicle: Vehicle, theta: Array, places: Mapping[str, slice], growth: Array, mean: Array) -> Array:

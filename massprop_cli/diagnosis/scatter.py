@@ -37,7 +37,7 @@ def scatter_of(
     """
     executed, duration, environment = samples.executed, samples.executed.duration_s, vehicle.environment
     torque, walk, drift = environment.disturbance_torque_n_m, environment.disturbance_walk_n_m, vehicle.imu.gyro_bias_walk_rad_s_sqrt_s
-    swung = vehicle.pivoted and not samples.attitude_logged
+    swung = vehicle.pivoted
     if executed.pulse_covariance is None and torque == walk == drift == 0 and not swung:
         return None
     wrench = executed.rising[:-1] + executed.falling[1:], executed.whole / duration[:, None]
@@ -56,7 +56,9 @@ def scatter_of(
     walking = float((rates[:3] ** 2).sum()) * (walk * cycle_s / noise[0]) ** 2
     if swung:
         first = 6 + sum(places[name].stop - places[name].start for name in names[: names.index("up")])
-        walking += float((np.cross(samples.up_b[:-1].mean(0), rates[first : first + 3].T) ** 2).sum()) * cycle_s**4
+        # logged attitudes draw the vertical to them by as much as the gyro's noise carries it off
+        by = 1.0 if samples.measured is None else 2.0
+        walking += by * float((np.cross(samples.up_b[:-1].mean(0), rates[first : first + 3].T) ** 2).sum()) * cycle_s**4
     turned = (turned + np.append(0.0, turned[:-1])) / 2 + (drift / noise[0]) ** 2 * duration
     return StatedScatter(turned, felt / duration**2, walking / 3)
 

@@ -148,6 +148,7 @@ PARAMETERS = (
                 f"environment.room_torque_n_m is {_listed(setup.vehicle.environment.room_torque_n_m)} N m; more about the room's {{axis}}"
             ),
             _on_bearing,
+            rare=True,
         ),
     ),
     ErrorParameter(

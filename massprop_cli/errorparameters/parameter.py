@@ -121,6 +121,8 @@ class Step:
     """Whether each axis is an assumption, or a part of one; or the filter carries columns of its own for them."""
     most: float = np.inf
     """In the parameter's unit: by which it may be off at most. Of a log that tells it no better than that it is not tested."""
+    rare: bool = False
+    """Whether so few vehicle files are wrong in it that chance makes most small misfits by it."""
 
 
 @dataclass(frozen=True)

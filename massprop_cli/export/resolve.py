@@ -157,8 +157,6 @@ def _checked(source: VehicleSource, recorder: Recorder, vehicle: Vehicle, timing
             "speed_sigma_rad_s or speed_step_rad_s of a wheel is stated, and what they make of the noise is not: give a log, or state "
             "imu.gyro_noise_rad_s and environment.disturbance_torque_n_m with them and speed_error_in_noise = true"
         )
-    if any(vehicle.environment.room_torque_n_m):
-        problem = problem or "environment.room_torque_n_m is stated, and the kernel takes no torque beside the commands"
     low_passes = [getattr(vehicle.imu, name) for name in FILTERS]
     if any(one is not None and (one.cutoff_sigma_hz > 0 or one.latency_sigma_s > 0) for one in low_passes):
         problem = problem or "cutoff_sigma_hz or latency_sigma_s of a filter is not 0, and the kernel takes them as exact; set them to 0"

@@ -24,7 +24,7 @@ SHARE = 0.25
 """Part of the records that may be lost."""
 HELD = 0.9
 """Part of the rows from which on a command stands in each of its cycle's."""
-SOON = 0.1
+SOON = 0.5
 """Part of a record by which the stamp of one that stands twice may be later."""
 ENOUGH, MOSTLY = 4, 0.9
 """Commands that must show where cycles begin, and the part of them that must agree: a first row may be lost."""

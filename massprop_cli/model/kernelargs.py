@@ -31,6 +31,8 @@ def unknown(vehicle: Vehicle) -> str:
         return "[drift] is stated, and the kernel knows none"
     if vehicle.environment.damping_sigma_n_m_s > 0:
         return "environment.damping_sigma_n_m_s is stated, and the kernel knows no damping"
+    if any(vehicle.environment.room_torque_n_m):
+        return "environment.room_torque_n_m is stated, and the kernel knows no torque beside the commands"
     if vehicle.imu.attitude_misalignment_sigma_rad > 0:
         return "imu.attitude_misalignment_sigma_rad is stated, and the kernel takes no logged attitude"
     if vehicle.uncertain_geometry:

@@ -157,8 +157,14 @@ class _Equations:
         """(K, 3, t) of an error of the attitude to the moment under both halves of the triangular window."""
         up, executed = windows(self.within.motion.up, self.bin_s), self.here.executed
         pairs = (up.rising, executed.rising), (up.falling, executed.falling)
-        rising, falling = (self.plant.moment_by_tilt(self.reference, part, push[:, 3:]) for part, push in pairs)
+        steady = self._room_torque_by_tilt() * (self.duration[:, None, None] / 2)
+        rising, falling = (self.plant.moment_by_tilt(self.reference, part, push[:, 3:]) + steady for part, push in pairs)
         return rising, falling
+
+    def _room_torque_by_tilt(self) -> Array:
+        """(K, 3, 3) the moment by an error of the attitude in which a torque that stands still in the room is known; or nothing."""
+        torque = self.here.room_torque_n_m
+        return np.zeros((1, 1, 1)) if torque is None else cross_matrix(torque)
 
     def _acting(self) -> dict[str, Windows]:
         """(K, 3, n) impulses of angular acceleration under a cycle's windows by the n states of each block that turn the body."""
@@ -184,7 +190,8 @@ class _Equations:
         """(K, 3, t) the mean moment, and (K, 3, t) the mean specific force of the centre, by an error of the attitude in the middle."""
         up = windows(self.within.motion.up, self.bin_s).whole / self.duration[:, None]
         push = self.here.executed.whole[:, 3:] / self.duration[:, None]
-        return self.plant.moment_by_tilt(self.reference, up, push), self.plant.force_by_tilt(self.reference, up, push)
+        moment = self.plant.moment_by_tilt(self.reference, up, push) + self._room_torque_by_tilt()
+        return moment, self.plant.force_by_tilt(self.reference, up, push)
 
     def rotation(self, step: Array, known: Array, onto: Array | None) -> tuple[Array, Array]:
         """(K − 1, n, n) transition and (K − 1, n, 1 + c) drive of the states."""

@@ -90,6 +90,8 @@ class Samples:
     """(K + 1, 3) world vertical in body axes at the start of each cycle and the end of the last; zeros in free flight."""
     measured: Measured | None = None
     """What logged attitudes measure of the attitude as carried, where there are any."""
+    room_torque_n_m: Array | None = None
+    """(K, 3) mean of the stated torque that stands still in the room, body axes; None where none is stated."""
 
     def __len__(self) -> int:
         return len(self.rate_rad_s)
@@ -140,6 +142,7 @@ class Samples:
             specific_force_m_s2=self.specific_force_m_s2[cycles],
             up_b=self.up_b[cycles.start : cycles.stop + 1],
             measured=None if self.measured is None else self.measured.part(cycles),
+            room_torque_n_m=None if self.room_torque_n_m is None else self.room_torque_n_m[cycles],
         )
 
 
@@ -202,9 +205,10 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None,
         carried, attitude = rate + measured.drawn_rad / aligned.duration_s[:, None], measured.attitude_wxyz
     elif vehicle.pivoted:
         carried, error, attitude = _carried(aligned, vehicle, rate, before)
+    steady = None
     if attitude is not None:
         up, torque = world_up_b(attitude), np.array(vehicle.environment.room_torque_n_m)
-        aligned = with_torque(aligned, attitude, torque) if torque.any() else aligned
+        aligned, steady = with_torque(aligned, attitude, torque) if torque.any() else (aligned, None)
     force = times(body_from_imu, aligned.specific_force_imu_m_s2) - _steady_force(aligned, vehicle)
     effect = aligned.kernel_effect
     if effect is not None and vehicle.pivoted:  # the weight as it was when the gyro's motion was, and not smeared
@@ -220,6 +224,7 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None,
         specific_force_m_s2=frozen(force),
         up_b=frozen(up),
         measured=measured,
+        room_torque_n_m=steady,
     )
 
 

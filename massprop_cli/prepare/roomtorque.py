@@ -12,8 +12,8 @@ from massprop_cli.base.rigidbody import times
 from massprop_cli.prepare.align import Aligned
 
 
-def with_torque(aligned: Aligned, attitude_wxyz: Array, torque_n_m: Array) -> Aligned:
-    """What acts, and the torque (3,), world axes, of a body with the attitudes (K + 1, 4) at the edges of the cycles.
+def with_torque(aligned: Aligned, attitude_wxyz: Array, torque_n_m: Array) -> tuple[Aligned, Array]:
+    """What acts with the torque (3,), world axes, of a body with the attitudes (K + 1, 4) at the cycles' edges; and (K, 3) its mean.
 
     Within a cycle it is a parabola through both edges, bent as it is from edge to edge: off by a part of ``(ωT)³/100``.
     """
@@ -35,7 +35,7 @@ def with_torque(aligned: Aligned, attitude_wxyz: Array, torque_n_m: Array) -> Al
     def added(acting: Array, by: Array) -> Array:
         return frozen(np.concatenate([acting[..., :3] + by, acting[..., 3:]], -1))
 
-    return replace(
+    acting = replace(
         aligned,
         impulse_bins=added(aligned.impulse_bins, impulse),
         skew_bins=added(aligned.skew_bins, skew),
@@ -43,3 +43,4 @@ def with_torque(aligned: Aligned, attitude_wxyz: Array, torque_n_m: Array) -> Al
         falling=added(aligned.falling, whole - rising),
         whole=added(aligned.whole, whole),
     )
+    return acting, frozen(whole / aligned.duration_s[:, None])
