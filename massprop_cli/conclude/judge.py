@@ -91,9 +91,7 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer], widen: bool) -
     if unnamed:
         conclusion = in_doubt(conclusion, unheld(conclusion, found.vehicle))
     elif not own:
-        conclusion = in_doubt(
-            conclusion, unlike | biased | hanging(conclusion, i, found.doubts, _sizes(settled, conclusion, found.vehicle))
-        )
+        conclusion = in_doubt(conclusion, unlike | biased | hanging(conclusion, i, found.doubts, settled.natural_sizes))
     refuted = together([named, *nameless])
     if told is not None and refuted is not None:
         conclusion = with_touched(conclusion, told, refuted.touched, settled, vehicle)
@@ -141,15 +139,6 @@ def _judgeable(found: Analysis, settled: History) -> Resolved | None:
     """
     floor = any(one.code == "noise-floor" for one in found.notices)
     return None if floor or not isinstance(found.vehicle, Resolved) or settled.silent else found.vehicle
-
-
-def _sizes(settled: History, conclusion: Conclusion, vehicle: Vehicle) -> Array:
-    """(10,) natural sizes; of a CG on a bearing its distance from that, which the weight shows and balancing takes away."""
-    sizes = settled.natural_sizes.copy()
-    if vehicle.pivoted:
-        own = [QUANTITIES.index(name) for name in CG]
-        sizes[own] = np.fmin(sizes[own], np.linalg.norm(conclusion.values[own] - np.array(vehicle.environment.bearing_position_m)))
-    return sizes
 
 
 def _unlike_noise(found: Analysis, settled: History) -> dict[str, Reason]:
