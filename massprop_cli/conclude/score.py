@@ -51,6 +51,8 @@ class Doubt:
     of its kind, along another axis."""
     faint: bool = False
     """Whether it shows in several channels together alone: too little for its cause to be found."""
+    of_scale: bool = False
+    """Whether it is of the scale of all that pushes or stores momentum, to which all that follows it is in proportion, however small."""
 
     @property
     def sure(self) -> bool:
@@ -102,7 +104,8 @@ def doubts(
 
     def doubt(i: int) -> Doubt:
         kin, faint = kind == kind[i], i >= told_apart
-        return Doubt(whats[i], float(sigmas[i]), limit, tuple(None if by is None else sizes[i] * by[:, kin] for by in shifts), faint)
+        moves = tuple(None if by is None else sizes[i] * by[:, kin] for by in shifts)
+        return Doubt(whats[i], float(sigmas[i]), limit, moves, faint, kind[i] == APART)
 
     wary = np.array([RARELY if t.rare else WARY for t in found.varied] + [WARY] * (len(whats) - len(found.varied)))
     return [doubt(int(i)) for i in np.argsort(-sigmas, kind="stable") if sigmas[i] > wary[i]]
@@ -132,7 +135,8 @@ def hanging(conclusion: Conclusion, at: int, found: Sequence[Doubt], sizes: Arra
     sizes = sizes.copy()
     sizes[POSITIVE] = np.fmin(sizes[POSITIVE], np.abs(conclusion.values[POSITIVE]))
     for doubt, change, sigma in _changes(conclusion, at, [doubt for doubt in found if not (doubt.sure or doubt.faint)]):
-        least = np.maximum(FAR * sigma, PART * sizes * (doubt.sigmas < HARDLY))
+        part = 0.0 if doubt.of_scale or doubt.sigmas > HARDLY else PART
+        least = np.maximum(FAR * sigma, part * sizes)
         for name, hit, by in zip(QUANTITIES, change > least, change / sigma, strict=True):
             if hit and name not in reasons:
                 assumption = doubt.what.replace("-", " ")

@@ -16,6 +16,8 @@ from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.verdict import Conclusion
+from massprop_cli.diagnosis import diagnose
+from massprop_cli.diagnosis.explanation import Diagnosis
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from tests import anyimu
 
@@ -113,9 +115,24 @@ def test_stated_low_passes_that_are_right_are_not_doubted_beside_a_delay_that_is
 
 
 @pytest.mark.thorough
-def test_a_cutoff_that_is_refuted_and_not_named_is_in_the_sigmas() -> None:
-    """40 Hz for 80 Hz on a bearing: the fit says so by seven sigma, the first reduction of the log hardly."""
+def test_a_cutoff_on_a_bearing_is_named_though_the_vertical_walks() -> None:
+    """40 Hz for 80 Hz: the fit says so by seven sigma, and so does the reduction in which the gyro's noise carries the vertical off."""
     imu, wrong = replace(CUTOFF, cutoff_hz=40.0, gyro_noise=3e-4, accel_noise=0.01), {"cutoff_hz": 80.0}
+    answer, truth = examined(imu, {"gyro": wrong, "accel": wrong}, "auto", bearing=True)
+    assert codes(answer) == ["gyro-filter", "accel-filter"]
+    (mended,) = answer.mended
+    said: dict[str, Any] = {name: configfile.literal(text) for name, _, text in (setting.partition("=") for setting in mended.settings)}
+    for sensor in ("gyro", "accel"):
+        off = abs(said[f"imu.{sensor}_filter.cutoff_hz"] - imu.cutoff_hz)
+        assert off < 2 * said[f"imu.{sensor}_filter.cutoff_sigma_hz"] < 20.0
+    assert_within_four_sigmas(mended.conclusions[0], truth)
+
+
+@pytest.mark.thorough
+def test_a_cutoff_that_is_refuted_and_not_named_is_in_the_sigmas(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same log, of which no hypothesis is found."""
+    imu, wrong = replace(CUTOFF, cutoff_hz=40.0, gyro_noise=3e-4, accel_noise=0.01), {"cutoff_hz": 80.0}
+    monkeypatch.setattr(diagnose, "diagnose", lambda *_: Diagnosis())
     answer, truth = examined(imu, {"gyro": wrong, "accel": wrong}, "auto", bearing=True)
     assert set(codes(answer)) == {"cause-unknown", "model-discrepancy"}
     assert "another cutoff" in answer.unknown
