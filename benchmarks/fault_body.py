@@ -111,7 +111,8 @@ def _steady(s: Subject, rng: Random) -> Drawn:
 def _room(s: Subject, rng: Random) -> Drawn | None:
     if not s.vehicle.pivoted:
         return None
-    torque = rng.uniform(0.002, 0.03) * s.full_torque.min() * unit(rng)
+    full = float(s.full_torque.min()) or s.source.scenario.actuators.max_wheel_torque_n_m or 0.0
+    torque = rng.uniform(0.002, 0.03) * full * unit(rng)
     what = f"torque {torque.tolist()} N m, fixed in the room"
     return Drawn(s.flown(f"disturbance.room_n_m={torque.tolist()}"), due("room-torque"), what)
 
