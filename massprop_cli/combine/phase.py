@@ -30,8 +30,6 @@ INFORMED = 0.5
 """Part of the natural size above which a sigma says nothing."""
 SETTLED = 0.01
 """Part of the natural size that is the tolerance of convergence: a quarter of it is settled without a history."""
-MANY = 2
-"""Results of which none is the odd one out, whichever differs."""
 CHANCE, RARE = 1e-3, 6e-5
 """Chance of as much disagreement as there is, below which it is told of all together, and of one: four sigma."""
 
@@ -195,9 +193,9 @@ def _pieces(parts: Sequence[Part]) -> list[Piece]:
 
 
 def _odd_one(parts: Sequence[Part]) -> str:
-    """Which one of several differs, where all others agree without it and with no other one left out; else empty."""
+    """Which one of several differs, where all others agree without it and with no other one left out, as of two; else empty."""
     pieces, odd = _pieces(parts), []
-    for i, part in enumerate(parts if len(parts) > MANY else ()):
+    for i, part in enumerate(parts):
         rest = joint([*pieces[:i], *pieces[i + 1 :]])
         agree = chance(rest.chi_square, rest.freedom) >= RARE and not any((np.abs(one) > BEYOND).any() for one in rest.apart)
         odd += [part.label] if agree else []

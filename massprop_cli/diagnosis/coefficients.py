@@ -18,15 +18,16 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.quaternion import matrices
 from massprop_cli.base.rigidbody import cross, cross_matrix, rotation, tensor
 from massprop_cli.diagnosis.channelwise import Free
-from massprop_cli.diagnosis.design import INTEGRATED, PER_AXIS, SWUNG
+from massprop_cli.diagnosis.design import INTEGRATED, SWUNG
 from massprop_cli.diagnosis.hypothesis import STRAIGHT, Hypothesis
+from massprop_cli.diagnosis.precession import PER_AXIS
 from massprop_cli.diagnosis.verticals import walking
 from massprop_cli.errorparameters.environment import LEVEL
 from massprop_cli.errorparameters.table import BY_COLUMN, BY_NAME, ENTRIES, TABLE
 from massprop_cli.inputs.actuators.actuator import Actuator
 from massprop_cli.inputs.commands import CommandKind
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.gyroscopic import gamma, products, products_by_rate
+from massprop_cli.model.gyroscopic import centripetal, gamma, products, products_by_rate, products_turned
 from massprop_cli.model.plant import Plant, plant_of
 from massprop_cli.model.plant.free import FreeBody
 from massprop_cli.model.plant.plant import MOMENT, MU, J
@@ -34,8 +35,6 @@ from massprop_cli.model.plant.plant import MOMENT, MU, J
 _UNIT = np.eye(3)
 RAMP = 2 / 3
 """Half the mean square of what thrust is late by, over the square of its mean, that rises and falls along a straight line."""
-_SECOND = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
-_PAIRS = np.array(_SECOND).T
 _SENSORS = (slice(0, 3), slice(3, 6))
 THETA = 10
 """Entries of x that are mass properties; those of the error parameters come after them, and the channels' own last."""
@@ -298,9 +297,9 @@ class Model:
 
     def _centripetal(self, arm: Array, moment: Array, mu: Array) -> Array:
         """(..., 3, 6) specific force by products of rates."""
-        found = _by_products(arm)
+        found = centripetal(arm)
         if self.bearing is not None:
-            found = found - self.level @ _by_products(moment * mu[..., None])
+            found = found - self.level @ centripetal(moment * mu[..., None])
         return found
 
     def _measured(self, spin: Mapping[str, Array], push: Mapping[str, Array], x: Array, gyro: Array, accelerometer: Array) -> Array:
@@ -325,7 +324,7 @@ class Model:
         back = np.linalg.inv(turns[0])
         turned = np.concatenate([found[..., axes] @ turn.swapaxes(1, 2) for turn, axes in zip(turns, _SENSORS, strict=True)], -1)
         turned[:, self.places["constant"], 3:] += ((turns[1] - _UNIT) @ self.steady)[:, None]
-        for name, columns in (("products", _of_products(back)), ("rates", back)):
+        for name, columns in (("products", products_turned(back)), ("rates", back)):
             if name in self.places:
                 turned[:, self.places[name]] = columns.swapaxes(1, 2) @ turned[:, self.places[name]]
         if "precession" in self.places:
@@ -384,22 +383,3 @@ def _together(free: Free) -> tuple[tuple[int, ...], ...]:
     alike = np.abs((columns / size).T @ (columns / size)) > 1 - ROUNDING
     groups = dict.fromkeys(tuple(int(i) for i in np.flatnonzero(row)) for row in alike)
     return tuple(group for group in groups if len(group) > 1)
-
-
-def _by_products(arm: Array) -> Array:
-    """(..., 3, 6) matrix that takes the products of rates to ω × (ω × arm)."""
-    found = np.zeros((*arm.shape, 6))
-    for k, (i, j) in enumerate(_SECOND):
-        found[..., i, k] += arm[..., j]
-        if i != j:
-            found[..., j, k] += arm[..., i]
-        else:
-            found[..., :, k] -= arm
-    return found
-
-
-def _of_products(turn: Array) -> Array:
-    """(..., 6, 6) matrix of the products of ``turn @ ω`` in those of ω."""
-    (i, j), (k, m) = _PAIRS[:, :, None], _PAIRS[:, None]
-    found: Array = turn[..., i, k] * turn[..., j, m] + (k != m) * turn[..., i, m] * turn[..., j, k]
-    return found

@@ -10,9 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, IntArray, median
+from massprop_cli.base.arrays import Array, BoolArray, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
+from massprop_cli.diagnosis.precession import PER_AXIS, nutation, precessing, precessing_within
 from massprop_cli.diagnosis.scatter import StatedScatter, scatter_of
 from massprop_cli.diagnosis.verticals import by_log, verticals, verticals_by_errors
 from massprop_cli.errorparameters.setup import Setup
@@ -22,21 +23,17 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.intracycle import motion_within
-from massprop_cli.model.plant import Motion, plant_of
+from massprop_cli.model.plant import plant_of
 from massprop_cli.model.regressors import integrals_about
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.responsemap import ResponseMap
-from massprop_cli.model.windows import windows
 from massprop_cli.prepare import recorded
 from massprop_cli.prepare.actuators import channel_wrench, together
 from massprop_cli.prepare.align import Channels, Impulses, impulses
 from massprop_cli.prepare.compensate import Samples
-from massprop_cli.prepare.stored import Stored
 from massprop_cli.prepare.sums import net
 from massprop_cli.prepare.timing import Timing
 
-SETTLED = 4.0
-"""Times the variance that it has most of the time, up to which a reference attitude is as good as it becomes."""
 SHIFT = 0.25
 """Cycles by which commands are moved to see what a delay would do."""
 SWUNG = ("gyro_scale", "gyro_bias")
@@ -51,8 +48,6 @@ RAMPS, SUPPLY = ("rising", "falling"), ("sagging", "ebbing")
 """Columns of thrust that rises, and that falls, more slowly; and that is less beside other jets. A short log does without."""
 ENOUGH = 2
 """Cycles that there must be for each column."""
-PER_AXIS = 4
-"""Columns of an axis of what stores momentum: the rates times the momentum, and the momentum."""
 KEPT = 16
 """Timings of commands that are remembered."""
 
@@ -144,7 +139,7 @@ class Designs:
     def _design(self, log: Log, vehicle: Resolved, timing: Timing, piece: slice, theta: Array | None) -> Design:
         lag_s = timing.lag_s(vehicle)
         samples = timing.of(log, vehicle, self._impulses(log, vehicle, timing.delay, lag_s))
-        begun = max(int(np.argmax(samples.executed.usable)) + 1, 0 if samples.measured is None else _settled(samples.measured.covariance))
+        begun = max(int(np.argmax(samples.executed.usable)) + 1, 0 if samples.measured is None else samples.measured.settled)
         cycles = slice(max(piece.start, begun), min(piece.stop, len(samples) - 1))
         if cycles.stop - cycles.start < 2:
             raise InputError(
@@ -187,7 +182,7 @@ class Designs:
             (acted.rising[cycles][:, fired], acted.falling[cycles][:, fired], acted.whole[cycles][:, fired]),
             samples.executed.start_s[cycles],
             samples.executed.duration_s[cycles],
-            _nutation(samples.executed.stored, cycles, rate),
+            nutation(samples.executed.stored, cycles, rate),
             scatter_of(samples.part(cycles), vehicle, places, growth, mean, rate),
         )
 
@@ -226,12 +221,6 @@ class Designs:
         return self._made[key][1]
 
 
-def _settled(covariance: Array) -> int:
-    """From which cycle on a reference attitude, of such a covariance (K + 1, 10, 10) at the cycles' edges, is drawn to the logged ones."""
-    spread = np.trace(covariance[:, :3, :3], axis1=1, axis2=2)
-    return int(np.argmax(spread <= SETTLED * median(spread)))
-
-
 def _by_body(samples: Samples, vehicle: Vehicle, theta: Array, places: Mapping[str, slice], growth: Array, mean: Array) -> Array:
     """(K, 3) rate by the swing of a body's CG. Products of rates and the mean vertical are set to what they are in the motion that it has.
 
@@ -255,7 +244,7 @@ def _by_body(samples: Samples, vehicle: Vehicle, theta: Array, places: Mapping[s
         mean[:, places["level"]] -= samples.executed.whole[:, force] / duration_s
     if samples.executed.stored is not None:
         motion = motion_within(samples, phi_map.reference(theta), phi_map).motion
-        within = _precession_within(samples.executed.stored, motion, samples.executed.duration_s)
+        within = precessing_within(samples.executed.stored, motion, samples.executed.duration_s)
         for part, products_of in zip((growth, mean), within, strict=True):
             columns = np.arange(places["precession"].start, places["precession"].stop).reshape(-1, PER_AXIS)[:, :3]
             part[:, columns.ravel()] = products_of.reshape(len(part), -1)
@@ -307,7 +296,7 @@ def _columns(
         rising, falling, whole = (part[cycles] for part in one)
         return rising[:-1] + falling[1:], whole / duration
 
-    wrench = by_window(_Window(executed.rising, executed.falling, executed.whole))
+    wrench = by_window(_Window(*(net(part, channels.wrench) for part in channels.windows)))  # of the commands alone
     of_channels = by_window(_Window(*channels.windows))
     later, smeared = _parabola([by_window(one) for one in moved], at)
     middle_s = executed.start_s[cycles] + executed.duration_s[cycles] / 2
@@ -319,7 +308,7 @@ def _columns(
         _Part("products", product, products(rate) + products(inner) / 12),
         _Part("constant", lasting, np.ones_like(duration)),
         *(_by_gravity(samples, cycles, lasting) if vehicle.pivoted else []),
-        *(_precessing(executed.stored.part(cycles), rate, duration, lasting) if executed.stored is not None else []),
+        *([] if executed.stored is None else [_Part("precession", *precessing(executed.stored.part(cycles), rate, duration, lasting))]),
     ]
     if plant_of(vehicle).tilt_sigma > 0:
         turning = np.broadcast_to(samples.rate_rad_s, (2, *samples.rate_rad_s.shape))
@@ -340,39 +329,6 @@ def _acting(channels: Channels, cycles: slice) -> BoolArray:
     """(C,) which channels have a column: those that acted, and all that store momentum, which turns with the body."""
     found: BoolArray = (channels.whole[cycles] != 0).any(0) | (np.arange(len(channels.wrench)) >= channels.thrusting)
     return found
-
-
-def _precessing(stored: Stored, rate: Array, duration: Array, lasting: Array) -> list[_Part]:
-    """For each axis along which momentum is stored, the rates times that; and it alone, of which a gyro's bias makes a torque.
-
-    Of rates that are linear from each cycle's middle to the next.
-    """
-    held = windows(stored.mean, duration[:, 0] / stored.mean.shape[1], stored.skew.sum(1))
-    mean, step = held.whole / duration, held.step
-    bent = np.diff(rate, axis=0)[:, None] * np.diff(mean, axis=0)[..., None] * lasting[..., None] / 6
-    inner = np.gradient(rate, axis=0)[:, None] * np.gradient(mean, axis=0)[..., None] / 12
-    by_rate = (rate[1:] + rate[:-1])[:, None] / 2 * step[..., None] + bent, rate[:, None] * mean[..., None] + inner
-    growth, means = (np.concatenate([a, b[..., None]], -1).reshape(len(b), -1) for a, b in zip(by_rate, (step, mean), strict=True))
-    return [_Part("precession", growth, means)]
-
-
-def _nutation(stored: Stored | None, cycles: slice, rate: Array) -> float:
-    """(J h)² of the momentum h, two thirds of it across an axis; J by how much the rates grew while the momentum did."""
-    if stored is None:
-        return 0.0
-    held = stored.mean[cycles].mean(1) @ stored.axis
-    grown, turned = ((np.diff(one, axis=0) ** 2).sum() for one in (held, rate))
-    return float((held**2).sum(1).mean() * turned / grown * 2 / 3) if grown > 0 else 0.0
-
-
-def _precession_within(stored: Stored, motion: Motion, duration: Array) -> tuple[Array, Array]:
-    """(K − 1, A, 3) under the triangular window and (K, A, 3) mean of the rates times momentum, with the motion within the cycles."""
-    bin_s = duration / motion.rate.shape[1]
-    held, skew = stored.mean[..., None], stored.skew[..., None]
-    rate, growth = motion.rate[..., None, :], motion.rate_dot[..., None, :]
-    late = (rate * skew + growth * held * bin_s[:, None, None, None] ** 2 / 12).sum(1)
-    found = windows(rate * held + growth * skew, bin_s, late)
-    return found.step, found.whole / duration[:, None, None]
 
 
 def _parabola(moved: Sequence[tuple[Array, Array]], at: float) -> tuple[list[Array], list[Array]]:

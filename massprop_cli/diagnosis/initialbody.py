@@ -9,9 +9,9 @@ import numpy as np
 from massprop_cli.base.arrays import ROUNDING, Array, BoolArray
 from massprop_cli.base.rigidbody import cross_matrix
 from massprop_cli.diagnosis.coefficients import Model
-from massprop_cli.diagnosis.design import PER_AXIS
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.kernelfits import PackedTriangles
+from massprop_cli.diagnosis.precession import PER_AXIS
 from massprop_cli.estimate.whitening import ReducedLeastSquares
 
 LEAST, FARTHEST = 0.03, 0.3

@@ -42,3 +42,22 @@ def products_by_rate(rate: Array) -> Array:
         found[..., k, i] += rate[..., j]
         found[..., k, j] += rate[..., i]
     return found
+
+
+def products_turned(turn: Array) -> Array:
+    """(..., 6, 6) matrix of the products of ``turn @ ω`` in those of ω."""
+    (i, k), (j, m) = (np.meshgrid(own, own, indexing="ij") for own in (ROWS, COLUMNS))
+    found: Array = turn[..., i, k] * turn[..., j, m] + (k != m) * turn[..., i, m] * turn[..., j, k]
+    return found
+
+
+def centripetal(arm: Array) -> Array:
+    """(..., 3, 6) matrix that takes the products of rates to ``ω × (ω × arm)``, of arms (..., 3)."""
+    found = np.zeros((*arm.shape, 6))
+    for k, (i, j) in enumerate(zip(ROWS, COLUMNS, strict=True)):
+        found[..., i, k] += arm[..., j]
+        if i != j:
+            found[..., j, k] += arm[..., i]
+        else:
+            found[..., :, k] -= arm
+    return found

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base import spill
-from massprop_cli.base.arrays import Array, IntArray
+from massprop_cli.base.arrays import Array, IntArray, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.quaternion import inverse, quaternion_of, quaternion_product, rotation_vector
 from massprop_cli.base.rigidbody import mean_rotation, rotation, times
@@ -25,6 +25,8 @@ from massprop_cli.kernel import call, kernel
 
 STATES = 10
 """Of :class:`LinearFilter`."""
+SETTLED = 4.0
+"""Times the variance that it has most of the time, up to which a reference counts as drawn to the logged attitudes."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,12 @@ class Measured:
     """(K + 1, 10) the states of :class:`LinearFilter`, by the attitudes logged before each edge, ..."""
     covariance: Array
     """(K + 1, 10, 10) ... and their covariance."""
+
+    @property
+    def settled(self) -> int:
+        """The cycle from which on the reference is drawn to the logged attitudes as closely as it becomes."""
+        spread = np.trace(self.covariance[:, :3, :3], axis1=1, axis2=2)
+        return int(np.argmax(spread <= SETTLED * median(spread)))
 
     def part(self, cycles: slice) -> Measured:
         """Of these cycles."""

@@ -7,24 +7,21 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.arrays import Array, frozen
-from massprop_cli.base.quaternion import inverse, matrices
-from massprop_cli.base.rigidbody import times
+from massprop_cli.base.quaternion import inverse, matrices, rotation_vector, turns_between
+from massprop_cli.base.rigidbody import cross, times
 from massprop_cli.prepare.align import Aligned
 
 
 def with_torque(aligned: Aligned, attitude_wxyz: Array, torque_n_m: Array) -> tuple[Aligned, Array]:
     """What acts with the torque (3,), world axes, of a body with the attitudes (K + 1, 4) at the cycles' edges; and (K, 3) its mean.
 
-    Within a cycle it is a parabola through both edges, bent as it is from edge to edge: off by a part of ``(ωT)³/100``.
+    Within a cycle it is the parabola through both edges with the curvature ``θ × (θ × τ)`` of an even turn θ from one to the other.
     """
-    edges = times(matrices(inverse(attitude_wxyz)), torque_n_m)
-    bent = np.zeros_like(edges)
-    if len(edges) > 2:
-        bent[1:-1] = edges[2:] - 2 * edges[1:-1] + edges[:-2]
-        bent[[0, -1]] = bent[[1, -2]]
+    edges, turn = times(matrices(inverse(attitude_wxyz)), torque_n_m), rotation_vector(turns_between(attitude_wxyz))
+    bent = cross(turn, cross(turn, (edges[:-1] + edges[1:]) / 2))
     bins = aligned.impulse_bins.shape[1]
     at = ((np.arange(bins) + 0.5) / bins)[:, None]
-    first, step, curve = (part[:, None] for part in (edges[:-1], np.diff(edges, axis=0), (bent[:-1] + bent[1:]) / 2))
+    first, step, curve = (part[:, None] for part in (edges[:-1], np.diff(edges, axis=0), bent))
     duration = aligned.duration_s[:, None, None]
     mean = first + at * step - curve / 2 * (at * (1 - at) - 1 / (12 * bins**2))
     late = (step - curve * (0.5 - at)) / (12 * bins**2)

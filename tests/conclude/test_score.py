@@ -173,3 +173,18 @@ def test_a_response_that_grew_without_end_says_nothing(part: str) -> None:
     assert assumptions.sound(found, sound(SEED).settled[:1]).responses == (response,)
     endless = replace(response, **{part: np.nan * getattr(response, part)})
     assert assumptions.sound(replace(found, responses=(endless,)), sound(SEED).settled[:1]).responses == (None,)
+
+
+@pytest.mark.parametrize(("scale", "named"), [(1.0, False), (1.12, False), (1.3, True)])
+def test_wheels_and_jets_that_contradict_each_other_beyond_the_thrusts_sigma_give_no_scale(scale: float, named: bool) -> None:
+    """Speeds make the momentum with the stated spin inertia, and 3 % of the thrust are 3.6 and 7.7 sigma off."""
+    speeds = [f'vehicle.wheels.{i}.column="speed"' for i in range(3)]
+    flight = fly("wheels-and-jets", f"actuators.wheel_scale={scale}", "vehicle.thrust.scale_sigma=0.03", *speeds)
+    found = examined(flight.log(0), flight.vehicle)
+    verdicts = {found.conclusions[0].estimates[name].verdict for name in ("ixx", "iyy", "izz", "mass")}
+    assert verdicts == ({"contradicted"} if named else {"converged"} if scale == 1 else {"not_converged"})
+    said = [fault.notice.message for fault in found.faults]
+    assert len(said) == named
+    if named:
+        assert "jets roll_p1" in said[0]
+        assert "wheels x, y, skew (+1.3)" in said[0]

@@ -23,7 +23,6 @@ from massprop_cli.result import build
 from massprop_cli.testbed import bound, scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
 from tests import anypedestal, cramerrao, faulty
-from tests.flown import fly
 
 TRUTH = np.array([0.6, 0.05, -0.06, 2.7, 0.1, 2.4, -0.02, 0.025, 0.01, 22.0])
 
@@ -399,18 +398,3 @@ def test_wheels_alone_tell_a_docked_object_of_known_mass(seeds: int) -> None:
         z.append((values - flight.docked) / np.sqrt(np.diag(told.covariance)))
         assert told.covariance[9, 9] == pytest.approx(2e-4)
     assert abs(np.sqrt(np.mean(np.square(z)[:, :9])) - 1) < 3 / np.sqrt(2 * 3 * seeds)
-
-
-@pytest.mark.parametrize(("scale", "named"), [(1.0, False), (1.12, False), (1.3, True)])
-def test_wheels_and_jets_that_contradict_each_other_beyond_the_thrusts_sigma_give_no_scale(scale: float, named: bool) -> None:
-    """Speeds make the momentum with the stated spin inertia, and 3 % of the thrust are 3.6 and 7.7 sigma off."""
-    speeds = [f'vehicle.wheels.{i}.column="speed"' for i in range(3)]
-    flight = fly("wheels-and-jets", f"actuators.wheel_scale={scale}", "vehicle.thrust.scale_sigma=0.03", *speeds)
-    found = faulty.examined(flight.log(0), flight.vehicle)
-    verdicts = {found.conclusions[0].estimates[name].verdict for name in ("ixx", "iyy", "izz", "mass")}
-    assert verdicts == ({"contradicted"} if named else {"converged"} if scale == 1 else {"not_converged"})
-    said = [fault.notice.message for fault in found.faults]
-    assert len(said) == named
-    if named:
-        assert "jets roll_p1" in said[0]
-        assert "wheels x, y, skew (+1.3)" in said[0]
