@@ -202,3 +202,26 @@ def test_speeds_of_wheels_on_a_clock_of_their_own_give_what_those_at_the_records
     for name, item in by_own.items():
         if item.value is not None and item.sigma:
             assert abs(item.value - (at_ends[name].value or 0.0)) < item.sigma
+
+
+@pytest.mark.parametrize("records", ["samples = 1\nper_cycle = 10", "interval_s = 0.005\nper_cycle = 10", "samples = 5\nper_cycle = 2"])
+def test_commands_repeated_in_each_row_are_those_that_stand_once_in_a_cycle(records: str) -> None:
+    """One table of samples, whose loop writes what it commands into every row: a pulse is one, not ten."""
+    t = np.arange(4000) / 200
+    issued = t[3::10]
+    on_times = 1e-3 * np.random.default_rng(5).integers(0, 50, (len(issued), 2))
+    at = np.maximum(np.searchsorted(issued, t, side="right") - 1, 0)
+    map_ = 'schema = 1\n[gyro]\npaths = "w?"\nvalues = "sample"\n[accelerometer]\npaths = "a?"\nvalues = "sample"\n'
+    map_ += f'[jets.one]\npath = "one"\n[jets.two]\npath = "two"\n[records]\n{records}\n'
+    imu: dict[str, tuple[Numbers, str, str]] = {"t": (t, "", "s")}
+    imu |= {f"w{axis}": (np.sin((n + 1) * t), "t", "rad/s") for n, axis in enumerate("xyz")}
+    imu |= {f"a{axis}": (np.cos((n + 1) * t), "t", "m/s^2") for n, axis in enumerate("xyz")}
+    once: dict[str, tuple[Numbers, str, str]] = {"c/t": (issued, "", "s")}
+    once |= {name: (on_times[:, n], "c/t", "s") for n, name in enumerate(("one", "two"))}
+    each: dict[str, tuple[Numbers, str, str]] = {name: (on_times[at, n], "t", "s") for n, name in enumerate(("one", "two"))}
+    stated, found = made(imu | once, map_), made(imu | each, map_)
+    names = (columns.COMMAND_TIME, "jet_one_s", "jet_two_s")
+    whole, again = ({round(float(row[0]), 9): row for row in values(table, names) if np.isfinite(row[0])} for table in (stated, found))
+    assert len(again) >= len(issued) - 3
+    for at_s, row in again.items():
+        np.testing.assert_allclose(row, whole[at_s], atol=1e-12)

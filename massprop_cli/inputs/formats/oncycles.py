@@ -118,11 +118,11 @@ def at_own_times(streams: Streams, records: Records, edges: Array) -> dict[str, 
     together = all(one.times is gyro.times or np.array_equal(gyro.times.s, one.times.s) for one, _ in streams.imu)
     if not together or ("sample" not in kinds and resample.all_at(resample.knots(gyro.times.s, kinds[0]), edges, SAME * gyro.times.step_s)):
         return None
-    issued = _issued(streams.commands, records.interval_s or 0.0, records.per_cycle)
+    issued = _issued(streams.commands, edges[:: records.per_cycle])
     one_each = "sample" in kinds and abs(gyro.times.step_s / median(np.diff(edges)) - 1) < SAME
     if issued is None and (not one_each or any(command.signal.paths for command in streams.commands)):
         return None
-    issued_s, scatter_s = issued or (np.zeros(0), 0.0)
+    issued_s, scatter_s, of_them = issued or (np.zeros(0), 0.0, np.zeros(0, int))
     time_s = gyro.times.s
     within = slice(*np.searchsorted(time_s, [edges[0] + SAME * gyro.times.step_s, edges[-1] + SAME * gyro.times.step_s]).tolist())
     time_s = time_s[within]
@@ -142,15 +142,18 @@ def at_own_times(streams: Streams, records: Records, edges: Array) -> dict[str, 
     made[columns.COMMAND_TIME] = _in_rows(issued_s[own] - zero, rows, len(time_s))
     for command in streams.commands:
         values = command.signal.values
-        values = values[own] if command.signal.paths else np.repeat(values[:1], len(rows), 0)
+        values = values[of_them[own]] if command.signal.paths else np.repeat(values[:1], len(rows), 0)
         made |= dict(zip(command.names, (_in_rows(column, rows, len(time_s)) for column in values.T), strict=True))
     evened = f", whose stamps scatter by up to {scatter_s:.3g} s and are taken as evenly spaced" if scatter_s > 0 else ""
     signals.made.append(f"commands: {len(rows)} every {median(np.diff(issued_s)):.6g} s, at their own times{evened}")
     return made | streams.beside(time_s, median(np.diff(issued_s)))
 
 
-def _issued(commands: Sequence[StreamCommand], interval_s: float, per_cycle: int) -> tuple[Array, float] | None:
-    """When commands were issued, where all are one row each, and by how much their stamps scatter about even times, if these are taken."""
+def _issued(commands: Sequence[StreamCommand], cycles_s: Array) -> tuple[Array, float, IntArray] | None:
+    """When commands were issued, by how much their stamps scatter about even times, if these are taken, and their rows.
+
+    None where they are not one row for each of the cycles between ``cycles_s``, or as many as are alike.
+    """
     recorded: list[QuantitySignal] = []
     for command in commands:
         if not command.signal.paths:
@@ -160,14 +163,22 @@ def _issued(commands: Sequence[StreamCommand], interval_s: float, per_cycle: int
         recorded.append(command.signal)
     if not recorded or any(not np.array_equal(one.times.s, recorded[0].times.s) for one in recorded):
         return None
-    stamps, step_s = recorded[0].times.s, recorded[0].times.step_s
-    if interval_s and abs(step_s / (interval_s * per_cycle) - 1) > LIKE:
+    stamps, step_s, cycle_s = recorded[0].times.s, recorded[0].times.step_s, median(np.diff(cycles_s))
+    if step_s < (1 - LIKE) * cycle_s:
+        first: IntArray = np.searchsorted(stamps, cycles_s - SAME * step_s)
+        follow = np.arange(first[0], first[-1])
+        leading = np.repeat(first[:-1], np.diff(first))
+        if (np.diff(first) < 1).any() or any((one.values[follow] != one.values[leading]).any() for one in recorded):
+            return None
+        return stamps[first[:-1]], 0.0, first[:-1]
+    if abs(step_s / cycle_s - 1) > LIKE:
         return None
     line, _ = resample.even(stamps)
     scatter_s = float(np.abs(line - stamps).max())
+    rows = np.arange(len(stamps))
     if scatter_s > STAMPED * step_s:
-        return stamps, 0.0
-    return line, scatter_s if scatter_s > SAME * step_s else 0.0
+        return stamps, 0.0, rows
+    return line, scatter_s if scatter_s > SAME * step_s else 0.0, rows
 
 
 def _in_rows(values: Array, rows: IntArray, count: int) -> Array:
