@@ -1,7 +1,7 @@
 """Saturation without a stated range, and sensors that stand still, by readings that repeat.
 
 A saturated sensor repeats its extreme far more often than any of the next values, and readings do not repeat elsewhere, as coarse counts
-and logs without noise do. A sensor that stands still repeats all its axes at once while the other sensor moves.
+and logs without noise do. A sensor that stands still repeats all its axes at once while the other sensor moves, or commands push in vain.
 """
 
 from dataclasses import replace
@@ -33,6 +33,8 @@ FINE = 0.01
 """Part of the readings elsewhere that may repeat on any axis of a sensor that is seen to stand still."""
 MOSTLY = 0.5
 """Part of the records in which a sensor that measures may stand still: one that has no noise does so most of the time."""
+LATE = 5
+"""Cycles after a command, by which it has moved something."""
 LISTED = 8
 UNITS = ("rad/s", "m/s^2")
 
@@ -40,7 +42,8 @@ UNITS = ("rad/s", "m/s^2")
 def with_unstated(log: Log) -> Log:
     """The log with a notice of each sensor that saturates at a range that the vehicle file doesn't state, or stands still."""
     both = (log.delta_theta_imu_rad, log.delta_v_imu_m_s)
-    still = [standing(one, other, log.interval_s) for one, other in (both, both[::-1])]
+    driven, late = _commanded(log), LATE * log.records_per_cycle
+    still = [standing(one, other, log.interval_s, driven, late) for one, other in (both, both[::-1])]
     found = [*log.notices, *(_stands(log, name, rows) for name, rows in zip(("gyro", "accelerometer"), still, strict=True) if rows.any())]
     for code, increments, unit, stands in zip(SATURATED, both, UNITS, still, strict=True):
         if any(notice.code == code for notice in found):
@@ -70,13 +73,23 @@ def _stands(log: Log, sensor: str, rows: BoolArray) -> Notice:
     where = f"{len(at)} record(s), rows (from 0) {first} to {last} ({log.time_s[first]:.6g} to {log.time_s[last]:.6g} s)"
     return Notice(
         "sensor-frozen",
-        f"the {sensor} repeats one reading in {where}, while the other sensor moves: it stands still there. Cut these records, or leave "
-        "them out by [[phases]]",
+        f"the {sensor} repeats one reading in {where}, as it does nowhere else: it stands still there. Cut these records, or leave them "
+        "out by [[phases]]",
     )
 
 
-def standing(increments: Array, others: Array, interval_s: Array) -> BoolArray:
-    """(n,) records in which a sensor repeats its reading on all axes, run by run, while the other one (n, 3) moves."""
+def _commanded(log: Log) -> BoolArray:
+    """(n,) records in which something is commanded that acts by ``LATE`` cycles later."""
+    found: BoolArray = np.zeros(len(log.time_s), dtype=bool)
+    found[np.minimum(np.searchsorted(log.time_s, log.command_start_s[log.command.any(1)]), len(found) - 1)] = True
+    return found
+
+
+def standing(increments: Array, others: Array, interval_s: Array, commanded: BoolArray, late: int) -> BoolArray:
+    """(n,) records in which a sensor repeats its reading on all axes, run by run, while the other one (n, 3) moves.
+
+    Or where what was ``commanded`` (n,), ``late`` records before the run's end or earlier, moved neither.
+    """
     axes = [_repeats(axis, interval_s) for axis in increments.T if np.ptp(axis) > 0]
     none = np.zeros(len(interval_s), dtype=bool)
     if len(axes) < 2:
@@ -89,7 +102,7 @@ def standing(increments: Array, others: Array, interval_s: Array) -> BoolArray:
     found = none.copy()
     moves = ~np.logical_and.reduce([_repeats(axis, interval_s) for axis in others.T])
     for start, stop in runs.tolist():
-        found[start - 1 : stop] = moves[start:stop].all()
+        found[start - 1 : stop] = moves[start:stop].all() or commanded[start : max(stop - late, start)].any()
     if found.mean() > MOSTLY or any(float(axis[~found].mean()) > FINE for axis in axes):
         return none
     return found

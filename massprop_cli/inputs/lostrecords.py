@@ -49,7 +49,7 @@ def put_back(source: LogTable, time_s: Array, vehicle: Vehicle) -> tuple[LogTabl
     """The log with rows in place of missing ones (at its start, too), and the times (N,) of all; as it is where too many are missing."""
     steps = np.diff(time_s)
     usual = median(steps) if len(steps) else 0.0
-    if not usual > 0 or any(source.has(name) for name in (COMMAND_TIME, *PULSE)) or any(one.column == "torque" for one in vehicle.wheels):
+    if not usual > 0 or _told_at_own_times(source) or any(one.column == "torque" for one in vehicle.wheels):
         return source, time_s
     count = np.where(steps > LONG * usual, np.round(steps / usual) - 1, 0)
     off = np.abs(steps / usual - count - 1) > WHOLE
@@ -57,7 +57,7 @@ def put_back(source: LogTable, time_s: Array, vehicle: Vehicle) -> tuple[LogTabl
     if (off & (count > 0)).any() or count.max() > MISSING * per_cycle or count.sum() > SHARE * len(time_s):
         return source, time_s
     place = np.append(0, np.cumsum(count + 1)).astype(int)
-    ahead = -_begins(source, place, per_cycle) % per_cycle
+    ahead = 0 if source.has(COMMAND_TIME) else -_begins(source, place, per_cycle) % per_cycle
     if (not count.any() and not ahead) or (count.any() and _made_of_times(source, np.flatnonzero(count) + 1)):
         return source, time_s
     rows = np.append(np.zeros(ahead, dtype=int), np.repeat(np.arange(len(time_s)), np.append(0, count).astype(int) + 1))
@@ -66,6 +66,15 @@ def put_back(source: LogTable, time_s: Array, vehicle: Vehicle) -> tuple[LogTabl
     times = np.interp(np.arange(len(rows)) - ahead, place, time_s)
     times[:ahead] -= usual * np.arange(ahead, 0, -1)
     return LogTable(_spread(source.table, rows, lost), source.columns, lost), times
+
+
+def _told_at_own_times(source: LogTable) -> bool:
+    """Whether a lost row may have held commands that no other tells of: those with times of their own, but for such as come all along."""
+    if not source.has(COMMAND_TIME):
+        return any(source.has(name) for name in PULSE)
+    stamps = source.optional(COMMAND_TIME)
+    steps = np.diff(stamps[np.isfinite(stamps)])
+    return not len(steps) or bool(steps.max() > LONG * median(steps))
 
 
 def _made_of_times(source: LogTable, rows: IntArray) -> bool:
@@ -127,6 +136,11 @@ def left_out(source: LogTable, imu: ImuRecords, command: Array, records: int, n:
     for own in [[0, 1]] if (zero[:, 0] == zero[:, 1]).all() else [[0], [1]]:
         if holds_both([both[i] for i in own], np.flatnonzero(zero[:, own[0]]) + 1, 2):
             zero[:, own] = False
+    few = MISSING * records
+    if n > few:
+        blind: BoolArray = np.asarray(np.lib.stride_tricks.sliding_window_view(empty[:, 0], few + 1).all(1))
+        said = f"more than {few} records in a row without a reading of the gyro: how it turned is not known; split the log there"
+        source.refuse(blind, (imu.rates or DELTA_THETA)[0], lambda _: said)
     kinds = (("missing", lost[:, None]), ("with empty cells", empty), ("that repeat the one before", same), ("of zeros", zero))
     found = [f"{int(rows.any(1).sum())} {what}" for what, rows in kinds if rows.any()]
     if not found:

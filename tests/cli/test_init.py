@@ -53,6 +53,23 @@ def test_cycle_noise_and_bias_are_those_the_log_was_made_with(tmp_path: Path) ->
     assert np.std(found.interval_s) == pytest.approx(1e-5, rel=0.1)
 
 
+def test_a_cycle_is_as_long_as_commands_with_times_of_their_own_are_apart(tmp_path: Path) -> None:
+    """In rows that tell nothing of it: 10, 9, 10, ... of a sensor that is not in step with them, the first one late."""
+    rng, issued_s = np.random.default_rng(4), 0.0937 + 0.0333 * np.arange(400)
+    time_s = np.arange(1, 4500) / 300
+    held: dict[str, Any] = {"time_s": time_s}
+    held |= {name: rng.normal(size=len(time_s)) for name in (*columns.GYRO, *columns.ACCEL)}
+    for name, values in ((columns.COMMAND_TIME, issued_s), ("jet_a_s", 0.004 * rng.integers(0, 8, 400))):
+        held[name] = np.full(len(time_s), np.nan)
+        held[name][np.searchsorted(time_s, issued_s)] = values
+    pq.write_table(pa.table(held), tmp_path / "own.parquet")
+    found = traits.traits(read_table(tmp_path / "own.parquet"))
+    assert found.period_s == pytest.approx(0.0333)
+    assert found.choices == (10,)
+    assert len(found.commands["jet_a_s"]) == 400
+    assert "period_s = 0.0333   # from command to command" in draft.draft("x", found, {})
+
+
 def test_a_few_empty_cells_of_a_sensor_change_nothing_and_many_are_refused(tmp_path: Path) -> None:
     """An estimate takes a part of a sensor's cells as lost, so a draft does, too."""
     table = pq.read_table(log(tmp_path))

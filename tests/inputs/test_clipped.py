@@ -1,6 +1,7 @@
 """A sensor that saturates is told where no range is stated; twenty shapes that look like it are not."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from tests import faulty
 
 RNG = np.random.default_rng(5)
 COUNT = 600
+COAST = np.zeros(COUNT, dtype=bool)
 NOISE = 1e-3 * RNG.standard_normal((COUNT, 3))
 SLOW = np.cumsum(np.where(RNG.random((COUNT, 3)) < 0.5, 1, -1), 0) * 0.005
 WAVES = 0.1 * np.sin(np.outer(np.arange(COUNT), [0.02, 0.03, 0.05]))
@@ -92,16 +94,20 @@ def test_a_pause_at_the_fastest_in_counts_as_coarse_as_the_noise_is_no_saturatio
 
 @pytest.mark.parametrize("name", CLEAN)
 def test_what_measures_does_not_stand_still(name: str) -> None:
-    assert not standing(CLEAN[name], NOISE, np.ones(COUNT)).any()
+    assert not standing(CLEAN[name], NOISE, np.ones(COUNT), COAST, 20).any()
 
 
 @pytest.mark.parametrize("first", [0, 200])
 def test_a_sensor_that_stands_still_is_told_row_by_row(first: int) -> None:
     values = WAVES + NOISE
     values[first : first + 30] = values[first + 30]
-    told = np.flatnonzero(standing(values, NOISE, np.ones(COUNT)))
+    told = np.flatnonzero(standing(values, NOISE, np.ones(COUNT), COAST, 20))
     np.testing.assert_array_equal(told, np.arange(first, first + 31))
-    assert not standing(values, np.zeros((COUNT, 3)), np.ones(COUNT)).any()  # nothing moves: a rest without noise
+    still = partial(standing, values, np.zeros((COUNT, 3)), np.ones(COUNT))
+    assert not still(COAST, 20).any()  # nothing moves: a rest without noise
+    commanded = np.isin(np.arange(COUNT), told[3])
+    assert not still(commanded, len(told)).any()
+    np.testing.assert_array_equal(np.flatnonzero(still(commanded, len(told) - 8)), told)
 
 
 @pytest.mark.parametrize("first", [0, 150])
@@ -133,8 +139,12 @@ def test_a_body_that_coasts_at_its_fastest_does_not_saturate(noise: float) -> No
     pushed = np.cumsum(np.random.default_rng(1).uniform(0.0, 1e-3, (log.rows, 3)), 0)
     pushed[-40:] = pushed[-41]
     other = noise * np.random.default_rng(2).normal(size=(log.rows, 3))
+    command = log.command * (np.arange(log.cycles) < log.cycles - 40)[:, None]
     fast = replace(
-        log, delta_theta_imu_rad=pushed, delta_v_imu_m_s=np.where(np.arange(log.rows)[:, None] < log.rows - 40, pushed, 0) + other
+        log,
+        command=command,
+        delta_theta_imu_rad=pushed,
+        delta_v_imu_m_s=np.where(np.arange(log.rows)[:, None] < log.rows - 40, pushed, 0) + other,
     )
     told = [notice.code for notice in with_unstated(replace(fast, notices=())).notices]
     assert told == ([] if noise == 0 else ["sensor-frozen"])

@@ -61,6 +61,21 @@ def test_records_stay_and_commands_keep_their_times() -> None:
     np.testing.assert_array_equal(part.command_s, log.command_s[(log.command_s >= begin) & (log.command_s < end)])
 
 
+def test_records_that_are_lost_beside_them_are_put_back_where_no_command_is() -> None:
+    made = recorded()
+    whole = log_of(made, measures="sample")
+    between = np.setdiff1d(np.arange(60, 65), ISSUED)[:3]
+    kept = log_of({name: np.delete(values, between) for name, values in made.items()}, measures="sample")
+    assert ["records-lost" in notice.code for notice in kept.notices] == [True]
+    for name in ("time_s", "interval_s", "command_s", "command"):
+        np.testing.assert_allclose(getattr(kept, name), getattr(whole, name), atol=1e-12)
+    assert kept.ignored is not None
+    assert np.flatnonzero(kept.ignored.any(1)).tolist() == np.unique(between // whole.records_per_cycle).tolist()
+    # what was issued in a lost row is not known
+    with pytest.raises(InputError, match=r"a gap of 0\.03 s"):
+        log_of({name: np.delete(values, [ISSUED[8] - 1, ISSUED[8]]) for name, values in made.items()}, measures="sample")
+
+
 def test_wheels_take_the_torque_of_each_command() -> None:
     """Its momentum grows between commands' times, 0.07 s each, once it acts."""
     made = recorded()

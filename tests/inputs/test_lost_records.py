@@ -174,6 +174,22 @@ def test_more_than_five_cycles_in_a_row_are_a_gap(gone: IntArray, said: str) -> 
         log_of(without(columns("free-flyer"), gone), flight("free-flyer").vehicle)
 
 
+def test_more_than_five_cycles_in_a_row_without_a_reading_of_the_gyro_are_one_too() -> None:
+    """What turned meanwhile is in no record; the accelerometer's readings carry nothing on."""
+
+    def blind(sensor: tuple[str, ...]) -> Log:
+        made = columns("free-flyer")
+        for name in sensor:
+            made[name][200:206] = np.nan
+        return log_of(made, flight("free-flyer").vehicle)
+
+    with pytest.raises(InputError, match="column delta_theta_x_rad: more than 5 records in a row without a reading of the gyro"):
+        blind(DELTA_THETA)
+    ignored = blind(DELTA_V).ignored
+    assert ignored is not None
+    assert np.flatnonzero(ignored[:, 1]).tolist() == list(range(200, 206))
+
+
 def test_a_sensor_that_repeats_often_has_lost_nothing() -> None:
     """It resolves no more: every other reading is the one before."""
     found = columns("free-flyer")

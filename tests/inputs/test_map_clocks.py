@@ -63,6 +63,26 @@ def test_streams_with_clocks_of_their_own_give_the_log_they_are_of() -> None:
             np.testing.assert_allclose(found, stated, atol=1e-12, err_msg=one.name)
 
 
+def test_a_cell_that_is_empty_is_a_lost_reading() -> None:
+    """In a table with one clock its row stays, and telemetry takes it as unknown; in streams that are summed it is a lost sample."""
+    streams = motion()
+    t = streams["imu/t"][0]
+    one: dict[str, tuple[Numbers, str, str]] = {"t": (t, "", "s")}
+    one |= {f"w{axis}": (np.sin((n + 1) * t), "t", "rad/s") for n, axis in enumerate("xyz")}
+    one |= {f"a{axis}": (np.cos((n + 1) * t), "t", "m/s^2") for n, axis in enumerate("xyz")}
+    empty = np.sin(2 * t)
+    empty[500] = np.nan
+    one |= {"f": (np.zeros(len(t)), "t", "s")}
+    text = 'schema = 1\n[gyro]\npaths = "w?"\nvalues = "mean"\n[accelerometer]\npaths = "a?"\nvalues = "mean"\n[jets.f]\npath = "f"\n'
+    found = values(made(one | {"wy": (empty, "t", "rad/s")}, text), columns.GYRO)
+    assert np.flatnonzero(np.isnan(found).any(1)).tolist() == [500]
+    lost = streams["imu/wy"][0].copy()
+    lost[500] = np.nan
+    bridged = made(streams | {"imu/wy": (lost, "imu/t", "rad/s")}, WRENCH_MAP + RECORDS)
+    assert bridged.made is not None
+    assert "gyro: 1 of 4000 rows of the file hold none of its samples" in bridged.made.said
+
+
 def test_the_maps_own_clock_is_of_the_streams_that_have_none() -> None:
     streams = motion()
     plain = made(streams, WRENCH_MAP + RECORDS)

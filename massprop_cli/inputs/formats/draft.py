@@ -40,7 +40,10 @@ def _cycle(found: Traits) -> list[str]:
             "# and each counts once a control cycle, so that mass and inertia are proportional to it: ask who made the controller",
         ]
     else:
-        lines = [f"# {jitter}", f"period_s = {found.period_s:.6g}   # {found.records} record(s): commands change at multiples of that only"]
+        only = (
+            f"{found.records} record(s): commands change at multiples of that only" if found.issued_s is None else "from command to command"
+        )
+        lines = [f"# {jitter}", f"period_s = {found.period_s:.6g}   # {only}"]
     ticks = [tick for column, values in found.commands.items() if column.startswith("jet_") and (tick := tick_s(values)) is not None]
     if ticks:
         lines.append(f"pwm_tick_s = {min(ticks):.6g}   # all on-times are multiples of it")

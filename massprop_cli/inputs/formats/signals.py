@@ -16,6 +16,7 @@ from massprop_cli.inputs.formats.clocks import Times
 from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Mapped, MappedJet, MappedSensor, MappedVector, MappedWrench, MapSource
 from massprop_cli.inputs.formats.pathpattern import fitting
 from massprop_cli.inputs.formats.recording import Numbers, RecordedStream, Recording
+from massprop_cli.inputs.logtable import EMPTY
 from massprop_cli.inputs.vehicle import ACTUATORS
 
 _SHOWN = 5
@@ -174,7 +175,7 @@ class Signals:
                 columns.append(np.array([float(path)]))
                 continue
             factor, _ = self._factor(key, stream, said, known)
-            columns.append(self._numbers(key, stream, empty=self._apart or key in ("torque", "force")) * (factor * said.scale))
+            columns.append(self._numbers(key, stream, empty=self._apart or key in ("torque", "force", *_SENSORS)) * (factor * said.scale))
         named = [path for path in paths if isinstance(path, str)]
         rows = max(map(len, columns)) if named else 1
         columns = [np.full(rows, column[0]) if stream is None else column for column, stream in zip(columns, streams, strict=True)]
@@ -208,6 +209,9 @@ class Signals:
         # an axis that the map states as a number has one in every row
         recorded = empty.any(0) | (values != values[0]).any(0)
         none: BoolArray = empty[:, recorded].all(axis=1) & recorded.any()
+        part = empty.any(1) & ~none
+        if key in _SENSORS and part.sum() <= EMPTY * (~none).sum():
+            none = none | part  # a reading without one of its axes is lost
         some = np.flatnonzero(empty.any(1) & ~none)
         if none.all() or some.size:
             row = int(some[0]) if some.size else 0

@@ -33,6 +33,8 @@ class Traits:
 
     interval_s: Array
     """(n - 1,) from record to record."""
+    issued_s: float | None
+    """From command to command of those that have times of their own."""
     choices: tuple[int, ...]
     """How many records a control cycle may be, the fewest first: on-times that change together say no more than what it is a divisor of."""
     commands: Mapping[str, Array]
@@ -63,7 +65,7 @@ class Traits:
     @property
     def period_s(self) -> float:
         """Of a control cycle; of a record where cycles aren't known."""
-        return median(self.interval_s) * (self.records or 1)
+        return self.issued_s or median(self.interval_s) * (self.records or 1)
 
 
 def traits(table: Table) -> Traits:
@@ -79,15 +81,17 @@ def traits(table: Table) -> Traits:
     told = {has.of(name) for kind, own in actuators.items() for name, has in own.items() if kind.THRUSTS and not has.instant}
     names = [name for name in table.columns if name in columns.WRENCH or name in told or columns.is_jet(name)]
     raw = {name: table.columns[name].numbers() for name in names}
-    choices = _records(raw, median(steps))
+    issued_s = _apart_s(table)
+    choices = _records(raw, median(steps)) if issued_s is None else (max(round(issued_s / median(steps)), 1),)
     count = choices[0] if choices else 1
     whole = len(time_s) // count * count
     weight = interval[:whole].reshape(-1, count, 1)
     mean_rate, mean_force = ((v[:whole].reshape(-1, count, 3) * weight).sum(1) / weight.sum(1) for v in (rate, force))
-    commands = {name: values[:whole:count] for name, values in raw.items()}
-    quiet = _quiet(commands, len(mean_rate)) & np.isfinite(mean_rate).all(1) & np.isfinite(mean_force).all(1)
+    commands = {name: values[:whole:count] if issued_s is None else values[~np.isnan(values)] for name, values in raw.items()}
+    quiet = _quiet(raw, count, len(mean_rate)) & np.isfinite(mean_rate).all(1) & np.isfinite(mean_force).all(1)
     return Traits(
         interval_s=steps,
+        issued_s=issued_s,
         choices=choices,
         commands=commands,
         actuators=actuators,
@@ -100,6 +104,15 @@ def traits(table: Table) -> Traits:
         gyro_clipped=_clipped(rate),
         accel_clipped=_clipped(force),
     )
+
+
+def _apart_s(table: Table) -> float | None:
+    """From command to command of those that have times of their own; None where they stand in records."""
+    if columns.COMMAND_TIME not in table.columns:
+        return None
+    stamps = table.columns[columns.COMMAND_TIME].numbers()
+    steps = np.diff(stamps[np.isfinite(stamps)])
+    return median(steps) if len(steps) else None
 
 
 def _named(table: Table, kind: type[Actuator]) -> dict[str, LogColumn]:
@@ -164,14 +177,14 @@ def _records(raw: Mapping[str, Array], record_s: float) -> tuple[int, ...]:
     return tuple(n for n in range(1, found + 1) if found % n == 0 and (n == found or longest <= n * record_s * (1 + _ROUNDED)))
 
 
-def _quiet(commands: Mapping[str, Array], count: int) -> BoolArray:
-    """Cycles without any command, nor in those before."""
-    still = np.ones(count, bool)
-    for values in commands.values():
-        still &= np.nan_to_num(values) == 0.0
+def _quiet(raw: Mapping[str, Array], records: int, cycles: int) -> BoolArray:
+    """Cycles, of so many records each, without any command, nor in those before."""
+    still = np.ones(cycles, bool)
+    for values in raw.values():
+        still &= (np.nan_to_num(values[: cycles * records]) == 0.0).reshape(-1, records).all(1)
     ahead = np.concatenate([np.zeros(SETTLE, bool), still])
-    quiet: BoolArray = np.logical_and.reduce([ahead[n : n + count] for n in range(SETTLE + 1)])
-    return quiet if commands else np.zeros(count, bool)
+    quiet: BoolArray = np.logical_and.reduce([ahead[n : n + cycles] for n in range(SETTLE + 1)])
+    return quiet if raw else np.zeros(cycles, bool)
 
 
 def _noise(means: Array, quiet: BoolArray) -> Array | None:
