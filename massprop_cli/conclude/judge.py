@@ -19,7 +19,7 @@ from massprop_cli.conclude.lostcommands import unexecuted
 from massprop_cli.conclude.oscillation import swinging
 from massprop_cli.conclude.physical import breach
 from massprop_cli.conclude.reason import REPORTED, Reason
-from massprop_cli.conclude.score import by_doubts, hanging
+from massprop_cli.conclude.score import by_doubts, hanging, unseen
 from massprop_cli.conclude.verdict import Conclusion, contradicted, in_doubt
 from massprop_cli.conclude.whiteness import unlike_noise
 from massprop_cli.diagnosis import UNKNOWN
@@ -87,6 +87,7 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer], widen: bool) -
         doubts = _slow(biased, found.stated) if misfit else unlike | biased
         told = told.covering([*(answer.values for answer in answers if answer is not None), *rivals])
         conclusion = with_discrepancy(in_doubt(conclusion, doubts), told, settled, vehicle)
+        conclusion = in_doubt(conclusion, unseen(conclusion, i, found.doubts, settled.natural_sizes))
         return _Judged(_against(conclusion, known), factor, told)
     if unnamed:
         conclusion = in_doubt(conclusion, unheld(conclusion, found.vehicle))

@@ -8,6 +8,7 @@ test of what is left in all, which drowns one direction among thousands of cycle
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -51,6 +52,8 @@ class Doubt:
     of its kind, along another axis."""
     faint: bool = False
     """Whether it shows in several channels together alone: too little for its cause to be found."""
+    hidden: tuple[Array | None, ...] = ()
+    """The same along axes alone along which the log would not show as much: there it may be larger."""
     of_scale: bool = False
     """Whether it is of the scale of all that pushes or stores momentum, to which all that follows it is in proportion, however small."""
 
@@ -62,7 +65,7 @@ class Doubt:
     def moved(self, at: int) -> Array | None:
         """(10,) by how much at most the state parameters of phase number ``at`` would move; None where it came to nothing."""
         moved = self.moves[at]
-        found: Array | None = None if moved is None else np.abs(moved).max(1)
+        found: Array | None = None if moved is None else np.abs(moved).max(1, initial=0.0)
         return found
 
 
@@ -104,8 +107,9 @@ def doubts(
 
     def doubt(i: int) -> Doubt:
         kin, faint = kind == kind[i], i >= told_apart
-        moves = tuple(None if by is None else sizes[i] * by[:, kin] for by in shifts)
-        return Doubt(whats[i], float(sigmas[i]), limit, moves, faint, kind[i] == APART)
+        unseen = kin & (own * sizes[i] ** 2 < WARY**2)
+        moves, hidden = (tuple(None if by is None else sizes[i] * by[:, those] for by in shifts) for those in (kin, unseen))
+        return Doubt(whats[i], float(sigmas[i]), limit, moves, faint, hidden, kind[i] == APART)
 
     wary = np.array([RARELY if t.rare else WARY for t in found.varied] + [WARY] * (len(whats) - len(found.varied)))
     return [doubt(int(i)) for i in np.argsort(-sigmas, kind="stable") if sigmas[i] > wary[i]]
@@ -126,17 +130,23 @@ def by_doubts(conclusion: Conclusion, at: int, found: Sequence[Doubt]) -> Contra
     return Contradiction((cause,), touched)
 
 
-def hanging(conclusion: Conclusion, at: int, found: Sequence[Doubt], sizes: Array) -> dict[str, Reason]:
+def unseen(conclusion: Conclusion, at: int, found: Sequence[Doubt], sizes: Array) -> dict[str, Reason]:
+    """The same of sigmas that include what was refuted: as much along another axis, of which the log shows nothing."""
+    sure = [doubt for doubt in found if doubt.sure and doubt.hidden]
+    return hanging(conclusion, at, [replace(doubt, moves=doubt.hidden, limit=np.inf) for doubt in sure], sizes, MOVES)
+
+
+def hanging(conclusion: Conclusion, at: int, found: Sequence[Doubt], sizes: Array, far: float = FAR) -> dict[str, Reason]:
     """Why values of phase number ``at`` are not to be called converged: each hangs much on an assumption that is in doubt.
 
-    ``sizes`` (10,) are their natural ones.
+    ``sizes`` (10,) are their natural ones; what moves one by ``far`` sigmas is much.
     """
     reasons: dict[str, Reason] = {}
     sizes = sizes.copy()
     sizes[POSITIVE] = np.fmin(sizes[POSITIVE], np.abs(conclusion.values[POSITIVE]))
     for doubt, change, sigma in _changes(conclusion, at, [doubt for doubt in found if not (doubt.sure or doubt.faint)]):
         part = 0.0 if doubt.of_scale or doubt.sigmas > HARDLY else PART
-        least = np.maximum(FAR * sigma, part * sizes)
+        least = np.maximum(far * sigma, part * sizes)
         for name, hit, by in zip(QUANTITIES, change > least, change / sigma, strict=True):
             if hit and name not in reasons:
                 assumption = doubt.what.replace("-", " ")

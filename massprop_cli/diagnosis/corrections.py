@@ -187,12 +187,19 @@ def _printed(value: float) -> float:
 
 
 def applied(case: Case, found: Fitted, fired: IntArray) -> Case | None:
-    """The case with the hypothesis's values in place; None where that takes more than factors and the vehicle file's keys."""
+    """The case with the hypothesis's values in place; None where that takes more than factors and the vehicle file's keys.
+
+    Or where an axis of a sensor would show nothing.
+    """
     moved = [one for one in TABLE if one.name in ENTRIES and found.error(one.name).any()]
     if any(one.by_hand for one in moved):
         return None
+    try:
+        columns = _on_columns(found)
+    except np.linalg.LinAlgError:
+        return None
     vehicle = stating(case.vehicle, found.hypothesis.states)
-    setup = Setup(_on_columns(found).log(case.log), vehicle, case.timing, tuple(fired), found.model.clock_s)
+    setup = Setup(columns.log(case.log), vehicle, case.timing, tuple(fired), found.model.clock_s)
     setup = wired(setup, found.hypothesis.does) if found.hypothesis.does else setup
     setup = spun(setup, found.hypothesis.spun) if found.hypothesis.spun else setup
     for one in moved:
