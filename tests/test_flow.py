@@ -12,6 +12,7 @@ from tests import faulty
 from tests.flown import fly
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_delay_that_is_sought_is_found_beside_what_hides_it() -> None:
     """In degrees, as a new log often comes, commands explain nothing of the motion; the delay is no fault of its own beside that."""

@@ -66,6 +66,7 @@ def test_nominal_values_never_enter_anything() -> None:
         np.testing.assert_array_equal(one.sigmas, other.sigmas)
 
 
+@pytest.mark.seeds
 def test_all_together_are_no_better_than_the_thrust() -> None:
     """Each tells its own axes, and doubts its thrust by 3 to 8 %; what it shows of its jets is the same in all.
 

@@ -70,7 +70,8 @@ def name(function: ast.expr) -> str:
 
 
 @pytest.mark.parametrize(
-    "place", ["vehicle", *(pytest.param(one, marks=pytest.mark.thorough) for one in ("phase", "jet", "file", "column"))]
+    "place",
+    ["vehicle", *(pytest.param(one, marks=[pytest.mark.thorough, pytest.mark.seeds]) for one in ("phase", "jet", "file", "column"))],
 )
 def test_hostile_names_reach_no_terminal(place: str, tmp_path: Path) -> None:
     said = json.dumps(ESCAPES)

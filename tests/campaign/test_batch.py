@@ -79,6 +79,7 @@ def test_bytes_and_order_do_not_depend_on_the_number_of_processes(here: Path) ->
     assert (here / "1.xml").read_bytes() == (here / "3.xml").read_bytes()
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_rerun_does_only_what_is_missing_or_changed(here: Path) -> None:
     batch(here, "logs", "--jobs", "1")

@@ -117,6 +117,7 @@ def test_a_worker_killed_midway_costs_nothing_but_time(
     assert campaigns.contents(tmp_path / "out") == local
 
 
+@pytest.mark.seeds
 def test_the_command_line_runs_on_a_cluster_and_keeps_what_is_unchanged(
     logs: Path, local: dict[str, bytes], two_workers: tuple[str, list[subprocess.Popen[bytes]]]
 ) -> None:
@@ -129,6 +130,7 @@ def test_the_command_line_runs_on_a_cluster_and_keeps_what_is_unchanged(
     assert campaigns.contents(logs.parent / "there") == local
 
 
+@pytest.mark.seeds
 def test_a_log_that_takes_its_workers_along_is_a_row_and_the_rest_goes_on(logs: Path, local: dict[str, bytes], tmp_path: Path) -> None:
     name = sorted(path.name for path in logs.iterdir() if path.is_dir())[1]
     preload = tmp_path / "deadly.py"

@@ -18,7 +18,7 @@ SHORT = {"wheels": [(TURNS, 0, 12)], "wheels-and-jets": [(TURNS, 0, 6), (PUSHES,
     ("name", "jets", "whole"),
     [
         *(("wheels", 0, False), ("control-moment-gyros", 0, False)),
-        pytest.param("wheels-and-jets", 18, True, marks=pytest.mark.thorough),
+        pytest.param("wheels-and-jets", 18, True, marks=[pytest.mark.thorough, pytest.mark.seeds]),
     ],
 )
 def test_a_flight_with_wheels_is_estimated_and_reported(name: str, jets: int, whole: bool, tmp_path: Path) -> None:

@@ -94,7 +94,7 @@ def levelled(flight: simulate.SimulatedFlight, cycle: int) -> Vehicle:
     [
         ("free-flyer", ("duration_s=10.0", PLAN), (in_halves(0, 200),), 1),
         *(
-            pytest.param(*one, marks=pytest.mark.thorough)
+            pytest.param(*one, marks=[pytest.mark.thorough, pytest.mark.seeds])
             for one in (
                 ("testbed", ("duration_s=20.0", f"plan=[{PULSES.format(0, 400)}]"), (in_halves(0, 400),), 1),
                 ("docking", DOCKING, (in_halves(0, 180), in_halves(240, 640)), 1),

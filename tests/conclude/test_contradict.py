@@ -68,6 +68,7 @@ def test_the_settings_of_a_mended_answer_give_it_when_set(late: Analysis) -> Non
         assert estimate.sigma == pytest.approx(late.mended[0].conclusions[0].estimates[name].sigma, rel=1e-9)
 
 
+@pytest.mark.seeds
 @pytest.mark.slow
 def test_two_strong_jets_contradict_what_they_turn_and_not_what_the_others_push() -> None:
     log, used = faulty.sample("free-flyer")

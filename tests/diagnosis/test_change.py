@@ -43,6 +43,7 @@ def test_the_docking_of_the_sample_is_where_the_change_is_found() -> None:
     assert abs(found - at) <= 3
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_the_docking_is_where_the_change_is_found() -> None:
     flown = fly("docking", seeds=tuple(range(1, 11)))

@@ -170,6 +170,7 @@ def test_a_lag_that_is_not_stated_is_pointed_at() -> None:
     assert "thrust.lag_s" in said
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_real_flight_that_cannot_tell_delay_from_lag_has_a_mass_by_the_likeliest() -> None:
     """Of a vehicle whose type weighs 31.9 g."""

@@ -35,6 +35,7 @@ EACH_THEN_ALL = ", ".join(
 )
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_of_a_noisy_log_a_delay_of_cycles_is_no_turned_gyro() -> None:
     """Beside a torque that nobody stated a gyro that is mounted the other way round leaves little more; the delay alone leaves nothing."""
@@ -47,6 +48,7 @@ JOINING = "docked={ixx=0.072, iyy=0.48, izz=0.44, mass=5.0, cg_x=-0.0015, cg_y=0
 """A fifth of the vehicle, nearly balanced on its bearing."""
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_an_object_that_docks_is_no_fuel_that_burns() -> None:
     """A body that changes all along the log leaves little more of it than one that changes at once; two bodies leave nothing."""

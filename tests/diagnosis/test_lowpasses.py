@@ -58,7 +58,7 @@ def assert_within_four_sigmas(conclusion: Conclusion, truth: Array) -> None:
         (LATENCY, ("gyro",), "latency_s", 0.0, False),
         pytest.param(LATENCY, ("accel",), "latency_s", 0.0, True, marks=[pytest.mark.thorough, pytest.mark.seeds]),
         pytest.param(CUTOFF, ("accel",), "cutoff_hz", 98.0, False, marks=[pytest.mark.thorough, pytest.mark.seeds]),
-        pytest.param(CUTOFF, ("gyro", "accel"), "cutoff_hz", 98.0, False, marks=pytest.mark.thorough),
+        pytest.param(CUTOFF, ("gyro", "accel"), "cutoff_hz", 98.0, False, marks=[pytest.mark.thorough, pytest.mark.seeds]),
         pytest.param(CUTOFF, ("gyro", "accel"), "cutoff_hz", 98.0, True, marks=[pytest.mark.thorough, pytest.mark.seeds]),
     ],
 )
@@ -81,10 +81,10 @@ def test_another_cutoff_or_latency_is_named_with_its_value(
 @pytest.mark.parametrize(
     ("stated", "delay", "sigma", "bearing"),
     [
-        (40.0, "auto", None, True),
-        pytest.param(98.0, "auto", None, False, marks=pytest.mark.thorough),
+        pytest.param(40.0, "auto", None, True, marks=[pytest.mark.thorough, pytest.mark.seeds]),
+        (98.0, "auto", None, False),
         pytest.param(10.0, "auto", None, True, marks=[pytest.mark.thorough, pytest.mark.seeds]),
-        pytest.param(40.0, DELAY, 0.1, False, marks=pytest.mark.thorough),
+        pytest.param(40.0, DELAY, 0.1, False, marks=[pytest.mark.thorough, pytest.mark.seeds]),
     ],
 )
 def test_another_cutoff_is_named_beside_a_delay_that_takes_its_delay(
@@ -114,6 +114,7 @@ def test_stated_low_passes_that_are_right_are_not_doubted_beside_a_delay_that_is
     assert_within_four_sigmas(answer.conclusions[0], truth)
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_cutoff_on_a_bearing_is_named_though_the_vertical_walks() -> None:
     """40 Hz for 80 Hz: the fit says so by seven sigma, and so does the reduction in which the gyro's noise carries the vertical off."""
@@ -128,6 +129,7 @@ def test_a_cutoff_on_a_bearing_is_named_though_the_vertical_walks() -> None:
     assert_within_four_sigmas(mended.conclusions[0], truth)
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_cutoff_that_is_refuted_and_not_named_is_in_the_sigmas(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same log, of which no hypothesis is found."""

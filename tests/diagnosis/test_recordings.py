@@ -263,10 +263,10 @@ def test_a_jet_that_is_later_than_the_others_is_named_with_its_delay(jet: str, l
 @pytest.mark.parametrize(
     ("scenario", "key", "older_s"),
     [
-        ("pedestal", "speed_latency_s", 0.02),
+        pytest.param("pedestal", "speed_latency_s", 0.02, marks=[pytest.mark.thorough, pytest.mark.seeds]),
         ("wheels", "speed_window_s", 0.03),
-        pytest.param("wheels", "speed_latency_s", 0.005, marks=pytest.mark.thorough),
-        pytest.param("wheels-and-jets", "speed_latency_s", 0.05, marks=pytest.mark.thorough),
+        pytest.param("wheels", "speed_latency_s", 0.005, marks=[pytest.mark.thorough, pytest.mark.seeds]),
+        pytest.param("wheels-and-jets", "speed_latency_s", 0.05, marks=[pytest.mark.thorough, pytest.mark.seeds]),
     ],
 )
 def test_speeds_of_wheels_that_are_older_than_stated_are_named_with_their_age(scenario: str, key: str, older_s: float) -> None:

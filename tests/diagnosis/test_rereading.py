@@ -81,6 +81,7 @@ def test_no_unit_of_a_sensor_that_is_absent_is_supposed() -> None:
     assert {words.partition(";")[0] for words in yaw} == {"its gyro columns of z are in degrees, not radians"}
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_rotors_that_are_permuted_are_named() -> None:
     log, vehicle = logged(3, 600)

@@ -63,6 +63,7 @@ def test_a_drift_of_the_clocks_is_followed_where_it_explains_more_than_a_delay(k
     assert drifts_no_more(trial, of(screening, "clock-drift")[1]) is no_more
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_what_would_leave_a_multiple_of_what_another_leaves_is_not_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of two jets that fail on a bearing, where a low-pass is curved, so that one screening doesn't rule it out."""

@@ -33,7 +33,7 @@ LEANING = np.array([[1.0, 0.01, 0.0], [0.0, 1.0, 0.01], [0.01, 0.0, 1.0]])
 
 @pytest.mark.thorough
 @pytest.mark.numerical
-@pytest.mark.parametrize("seed", [1, pytest.param(3, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("seed", [1, pytest.param(3, marks=pytest.mark.seeds)])
 def test_what_a_shear_moves_is_not_called_good(seed: int) -> None:
     """Before, moments had been converged 45 sigma off on other vehicles, stated and corrected alike."""
     flown = fly("free-flyer", "duration_s=25.0", f"plan=[{TURNS}, {ALL}]", seeds=(1, 3))
@@ -51,7 +51,7 @@ def test_what_a_shear_moves_is_not_called_good(seed: int) -> None:
 
 @pytest.mark.thorough
 @pytest.mark.numerical
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.seeds)])
 def test_where_a_turn_is_named_the_mended_values_hold_a_shear(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without it a moment is many sigma off once corrected, whatever is made of it."""
     flown = fly("free-flyer", "duration_s=30.0", f"plan=[{STEERED}]", seeds=(1, 2))

@@ -70,6 +70,7 @@ def test_valves_that_are_shut_for_a_time_are_named_and_corrected() -> None:
     assert_right(found, flown.truth[0, 0])
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_vehicle_that_is_held_at_both_ends_is_named_and_corrected() -> None:
     flown = fly("free-flyer", *RANDOM)
@@ -110,6 +111,7 @@ def test_of_a_long_log_nothing_is_cut_off_that_was_not_looked_at() -> None:
     assert undisturbed(there, end_s + 60.0) is None
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_change_of_all_thrust_is_said_beside_a_change_of_the_body() -> None:
     """Nothing tells them apart; another body seldom answers in one proportion."""

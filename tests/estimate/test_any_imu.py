@@ -60,14 +60,14 @@ def found_of(
 @pytest.mark.parametrize(
     ("imu", "period_s", "most"),
     [
-        pytest.param(anyimu.Imu(measures="mean", gyro_noise=QUIET), 1 / 30, 0.05, marks=pytest.mark.thorough),
+        pytest.param(anyimu.Imu(measures="mean", gyro_noise=QUIET), 1 / 30, 0.05, marks=[pytest.mark.thorough, pytest.mark.seeds]),
         pytest.param(anyimu.Imu(measures="sample", offset_s=0.0037, ppm=50.0, gyro_noise=QUIET), 0.05, 0.05, marks=pytest.mark.thorough),
         (anyimu.Imu(measures="sample", order=1, rate_hz=97.0, gyro_noise=QUIET), 0.05, 0.02),
         pytest.param(
             anyimu.Imu(measures="mean", order=2, cutoff_hz=25.0, latency_s=0.003, gyro_noise=QUIET),
             0.025,
             0.1,
-            marks=pytest.mark.thorough,
+            marks=[pytest.mark.thorough, pytest.mark.seeds],
         ),
     ],
 )
@@ -117,6 +117,7 @@ def test_commands_at_samples_times_are_before_or_after_them(seed: int, imu: anyi
     assert_within_four_sigmas(answer, anyimu.truth_of(own, 0))
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_on_a_bearing_the_weight_is_where_the_sensors_show_it() -> None:
     """Gyro and accelerometer are a few milliseconds late; so is the attitude that the gyro carries."""
@@ -199,6 +200,7 @@ def test_what_the_imu_records_is_found_where_nobody_states_it(imu: anyimu.Imu) -
         assert np.abs(deviation).max() < 4.5
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_low_pass_behind_increments_is_found_where_the_log_does_not_fit() -> None:
     """Of the second order, which no fault of the table is: it had been "cause unknown"."""
@@ -207,6 +209,7 @@ def test_a_low_pass_behind_increments_is_found_where_the_log_does_not_fit() -> N
         assert np.abs(deviation).max() < 4.5
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.parametrize(("columns", "bearing"), [("delta_theta_imu_rad", False), ("delta_v_imu_m_s", True)])
 def test_a_sensor_that_is_later_than_the_other_is_found_and_its_latency_estimated(columns: str, bearing: bool) -> None:
@@ -231,6 +234,7 @@ def test_a_sensor_that_is_later_than_the_other_is_found_and_its_latency_estimate
     assert {one.verdict for one in answer.conclusions[0].estimates.values()} == {"converged"}
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_no_cause_is_named_in_the_little_that_a_late_gyro_leaves() -> None:
     """Two records of 20 ms, quiet sensors on a bearing: of fast turns the latency is known to first order, and no scale was wrong."""
@@ -248,6 +252,7 @@ def test_no_cause_is_named_in_the_little_that_a_late_gyro_leaves() -> None:
     assert not any(one.verdict == "converged" for one in answer.conclusions[0].estimates.values())
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_wrong_delay_is_no_low_pass() -> None:
     """Where the vehicle file states neither the low-passes nor the right delay: 0 cycles for 1."""

@@ -95,6 +95,7 @@ def test_an_uncertain_momentum_is_in_every_sigma() -> None:
     assert np.abs((values - TRUTH) / sigma)[:TOLD].max() < 3.5
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_an_error_of_all_gimbal_angles_is_covered_where_it_is_stated_and_seen_where_it_is_not() -> None:
     _, flight = flown(4)

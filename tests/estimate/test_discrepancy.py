@@ -119,6 +119,7 @@ def growing(log: Log, vehicle: Vehicle) -> tuple[Log, Vehicle]:
     return replace(log, command=frozen(log.command * part)), faulty.stated(vehicle, *keys)
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_thrust_that_grows_is_what_the_log_behaves_like() -> None:
     found = examined(*growing(*flown()))

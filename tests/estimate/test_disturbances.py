@@ -92,6 +92,7 @@ def test_an_unstated_slow_torque_is_found_and_kept_out_of_the_inertia(seeds: int
     assert np.sum(np.square(z)) < chi2.ppf(0.999, 3 * seeds)
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_an_unstated_white_torque_is_found_at_its_size() -> None:
     plan = 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]'

@@ -55,6 +55,7 @@ def peak(log: Path) -> int:
     return 1024 * int(done.stdout)
 
 
+@pytest.mark.seeds
 @pytest.mark.slow
 def test_a_log_two_and_a_half_times_as_long_takes_little_more_memory(tmp_path: Path) -> None:
     short, long = (peak(drifting(cycles, tmp_path / str(cycles))) for cycles in (8_000, 20_000))

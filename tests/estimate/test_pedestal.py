@@ -83,7 +83,10 @@ def test_without_noise_nothing_is_left(kind: anypedestal.Kind, biases: bool, ine
 
 @pytest.mark.parametrize(
     ("kind", "count", "inertia"),
-    [("jets", 1, 0.0), *(pytest.param(*one, marks=pytest.mark.thorough) for one in (("wheels", 2, 0.0), ("swing", 2, 0.01)))],
+    [
+        ("jets", 1, 0.0),
+        *(pytest.param(*one, marks=[pytest.mark.thorough, pytest.mark.seeds]) for one in (("wheels", 2, 0.0), ("swing", 2, 0.01))),
+    ],
 )
 def test_inertia_and_first_moment_about_the_pivot_converge_within_their_sigmas(kind: anypedestal.Kind, count: int, inertia: float) -> None:
     own, answers = found_of(3, kind, count, inertia=inertia)
@@ -142,6 +145,7 @@ def test_a_free_swing_with_nothing_known_tells_ratios_alone_and_says_so() -> Non
     assert all(told.estimates[name].value is None for name in (*INERTIA, *CG))
 
 
+@pytest.mark.thorough
 def test_a_free_swing_logged_as_mean_rates_gives_what_its_increments_give() -> None:
     """Nothing is commanded, so no sensor shows a command late; a low-pass of 4 ms moves a swing of seconds by less than noise."""
     own, flown, rng = moved(5, "swing", 1)

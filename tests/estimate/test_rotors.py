@@ -111,7 +111,9 @@ def test_a_delay_is_found_where_the_first_fit_runs_away() -> None:
         ((), 2),
         pytest.param((), 20, marks=[pytest.mark.thorough, pytest.mark.seeds]),
         pytest.param(
-            (*(f"vehicle.rotors.{i}.nominal_v=12.0" for i in range(4)), "actuators.supply_v=[12.6, 10.5]"), 6, marks=pytest.mark.thorough
+            (*(f"vehicle.rotors.{i}.nominal_v=12.0" for i in range(4)), "actuators.supply_v=[12.6, 10.5]"),
+            6,
+            marks=[pytest.mark.thorough, pytest.mark.seeds],
         ),
     ],
     ids=["two", "twenty", "sagging supply"],
@@ -150,6 +152,7 @@ def test_the_compiled_kernel_does_not_know_what_rotors_store() -> None:
     assert kernelargs.unknown(used).startswith("[[rotors]] store momentum")
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.numerical
 def test_simulated_speeds_at_an_eighth_of_the_lag_give_values_within_their_sigmas() -> None:

@@ -38,7 +38,7 @@ def pushed() -> simulate.SimulatedFlight:
     ("fly", "members"),
     [
         (lambda: flown(NAME, None), range(1, 3)),
-        (pushed, range(3)),
+        pytest.param(pushed, range(3), marks=pytest.mark.seeds),
     ],
     ids=["alone", "beside a steady one"],
 )

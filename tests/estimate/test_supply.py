@@ -20,6 +20,7 @@ FALLING = ("vehicle.thrust.nominal_pa=2e6", "actuators.supply_pa=[2.1e6, 1.4e6]"
 """By a third of it within a log."""
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_pressure_that_falls_is_in_the_thrust() -> None:
     """Of two logs no value is off by chance of 1 in 10,000, and nothing is named; as if the thrust stayed the same its fall is."""

@@ -270,7 +270,7 @@ SMALL = [
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("settings", [pytest.param([], marks=pytest.mark.thorough), SMALL], ids=["scenario", "small"])
+@pytest.mark.parametrize("settings", [pytest.param([], marks=pytest.mark.seeds), SMALL], ids=["scenario", "small"])
 def test_speeds_in_whole_rpm_are_counted_with_their_steps(settings: list[str]) -> None:
     """While a count stands still, so does its error: values had been 2.6 sigma off in the root mean square.
 

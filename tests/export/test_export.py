@@ -112,8 +112,11 @@ SENSED = (
 @pytest.mark.parametrize(
     ("scenario", "chosen"),
     [
-        ("pedestal", flown.BY_SPEED),
-        *(pytest.param(*one, marks=pytest.mark.thorough) for one in (("wheels-and-jets", flown.BY_SPEED), ("free-flyer", SENSED))),
+        pytest.param("pedestal", flown.BY_SPEED, marks=pytest.mark.thorough),
+        *(
+            pytest.param(*one, marks=[pytest.mark.thorough, pytest.mark.seeds])
+            for one in (("wheels-and-jets", flown.BY_SPEED), ("free-flyer", SENSED))
+        ),
     ],
 )
 def test_what_no_sample_log_has_flies_its_vector_under_the_sanitizers(scenario: str, chosen: tuple[str, ...], tmp_path: Path) -> None:

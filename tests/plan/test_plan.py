@@ -155,6 +155,7 @@ def test_what_is_predicted_is_what_the_plans_own_logs_give(made: WrittenPlan) ->
     assert most["travel_m"] <= 1.0
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_what_no_bound_counts_is_in_what_is_predicted(folder: Path) -> None:
     settings = ("thrust.pulse_sigma=0.03", "environment.disturbance_torque_n_m=0.002", "thrust.scale_sigma=0.01")
@@ -330,7 +331,7 @@ def test_the_limit_that_keeps_a_precision_from_being_reached_is_named(asked: Ask
     assert all(item.allowed is None or item.used <= item.allowed for item in made.plan.limits.values())
 
 
-@pytest.mark.parametrize("cg_x", [0.003, 0.0005])
+@pytest.mark.parametrize("cg_x", [0.003, pytest.param(0.0005, marks=[pytest.mark.thorough, pytest.mark.seeds])])
 def test_a_table_that_its_wheels_can_not_hold_level_is_to_be_balanced_first(cg_x: float, tmp_path: Path) -> None:
     """Its weight of 12 kg at that arm against 0.02 N m; and what the gentlest motion takes is above the limit."""
     (tmp_path / "vehicle.toml").write_text(output.vehicle_toml(scenario.load("pedestal").scenario.vehicle))

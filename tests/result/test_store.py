@@ -156,6 +156,7 @@ def digest(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_pages_of_an_earlier_result_go_with_it_and_what_massprop_did_not_write_stays(tmp_path: Path) -> None:
     log = simulate(tmp_path / "flights", 1) / "seed-0001" / "log.parquet"

@@ -354,6 +354,7 @@ def test_a_campaign_folder_holds_the_same_bytes_as_single_runs(tmp_path: Path) -
         assert (tmp_path / "all" / "seed-0009" / name).read_bytes() == (tmp_path / "one" / name).read_bytes()
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_csv_and_parquet_hold_the_same_log(tmp_path: Path) -> None:
     runner = CliRunner()

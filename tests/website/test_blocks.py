@@ -27,8 +27,8 @@ from website.stage import ROOT
 
 QUICK = ("README.md", "docs/log.md", "docs/vehicle.md", "docs/contributing.md")
 """Pages that take a few seconds; the others are run by name."""
-LONG = ("commands",)
-"""Every command with every option: before a release."""
+LONG = ("commands", "docs/plan.md", "docs/reports.md", "docs/campaigns.md", "docs/balance.md", "docs/predict.md", "docs/simulate.md")
+"""Every command with every option, and pages that take many seconds: before a release."""
 PARTS = re.compile(
     r"<!-- (?P<note>before|not run): (?P<said>.*?) -->|^```(?P<language>\w+)(?: title=\"(?P<title>[^\"]+)\")?\n(?P<text>.*?)^```$",
     re.DOTALL | re.MULTILINE,
