@@ -45,6 +45,8 @@ SHIFTS = (-2.0, -1.0, 1.0, 2.0)
 """Sigmas of a phase that is not stated, by which means or samples without a low-pass may be early or late."""
 LATER, FINEST = (-2.0, -1.0, 0.0, 1.0, 2.0), 1 / 256
 """Cycles by which one sensor may be later than the commands and the other sensor, and the step at which the search for it ends."""
+NEAR = (-0.5, -0.25, 0.0, 0.25, 0.5)
+"""Cycles by which commands may be later than the delay that explains most for a kernel of another kind."""
 LONGEST, FEW = 4800, 1200
 """Cycles that are looked at; for which of both sensors is later."""
 
@@ -164,6 +166,13 @@ class _Tried(NamedTuple):
         vehicle = self.vehicle.model_copy(update={"imu": imu})
         return unexplained_by(replace(self.log, sampled=(sampled, sampled)), vehicle, timing, self.first)
 
+    def sooner(self, sampled: bool) -> float:
+        """Cycles by which commands come later if sensors have no low-pass, which would make up for a delay that is still to be found."""
+        if self.vehicle.cycle.command_delay_cycles != "auto":
+            return 0.0
+        short = self._replace(log=_begun(self.log, FEW))
+        return line_minimum(lambda shift: sum(short.cost(sampled, {}, shift)), NEAR, NEAR[-1] / 2, FINEST)
+
     def later(self, sampled: bool) -> dict[tuple[_Kernel, _Kernel], float]:
         """−2 log likelihood where either sensor is later than the other by what explains most, or the commands are later for both.
 
@@ -206,7 +215,9 @@ def _costs(tried: _Tried, kinds: tuple[bool, ...], orders: tuple[Order, ...]) ->
 
     def add(one: _Kernel) -> None:
         low_passes = dict.fromkeys(delay.SENSORS, one.low_pass(tried.vehicle) if one.order else None)
-        each = [tried.cost(one.sampled, low_passes, by * phase) for by in ((0.0,) if one.order else (0.0, *SHIFTS))]
+        by = 0.0 if one.order else tried.sooner(one.sampled)
+        shifts = (0.0,) if one.order else (0.0, by, *(by + own * phase for own in SHIFTS))
+        each = [tried.cost(one.sampled, low_passes, by) for by in shifts]
         costs[one] = min(gyro for gyro, _ in each), min(accelerometer for _, accelerometer in each)
 
     try:

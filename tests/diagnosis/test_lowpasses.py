@@ -16,10 +16,10 @@ from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.verdict import Conclusion
-from massprop_cli.diagnosis import diagnose
+from massprop_cli.diagnosis import diagnose, sensorkernel
 from massprop_cli.diagnosis.explanation import Diagnosis
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from tests import anyimu
+from tests import anyimu, flown
 
 PERIOD_S, DELAY = 0.05, 2.0
 CUTOFF = anyimu.Imu(rate_hz=200.0, order=2, cutoff_hz=20.0, latency_s=0.002)
@@ -159,3 +159,12 @@ def test_latencies_of_both_sensors_with_their_sigmas_are_estimated_with_the_dela
         assert low_pass is not None
         assert abs(low_pass.latency - 0.008) < 4 * low_pass.latency_sigma_s < 0.006
     assert_within_four_sigmas(answer.conclusions[0], truth)
+
+
+def test_a_delay_that_is_to_be_found_between_samples_is_no_low_pass() -> None:
+    """Commands come a third of a sample later than a step of the search for the delay; a low-pass would make up for that."""
+    settings = ('vehicle.imu.measures="sample"', "sensors.records_per_cycle=5", "vehicle.cycle.command_delay_cycles=2.066")
+    flight = flown.fly("free-flyer", *flown.RANDOM, *settings, seeds=(1,))
+    cycle = flight.vehicle.cycle.model_copy(update={"command_delay_cycles": "auto"})
+    source = VehicleSource(flight.vehicle.model_copy(update={"cycle": cycle}), "t", "")
+    assert sensorkernel.found(flight.log(0), source, lambda *_: None).source is source
