@@ -205,8 +205,9 @@ def repeated(names: Iterable[str]) -> str | None:
 def nearest(name: str, known: Iterable[str], words: str) -> str:
     """``; the nearest … is 'x'`` for a message, empty where nothing is known."""
     # what is longer is no slip of the pen, and takes a time that grows as its square
-    near = difflib.get_close_matches(name[: limits.NAME.default], list(known), n=1, cutoff=0.0)
-    return f"; {words} {near[0]!r}" if near else ""
+    lower = {one.casefold(): one for one in known}
+    near = difflib.get_close_matches(name[: limits.NAME.default].casefold(), lower, n=1, cutoff=0.0)
+    return f"; {words} {lower[near[0]]!r}" if near else ""
 
 
 def _described(model: type[BaseModel], path: list[str]) -> str:

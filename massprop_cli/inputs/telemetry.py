@@ -142,13 +142,14 @@ def jitter(interval_s: Array) -> float:
 
 def read(table: Table, vehicle: Vehicle) -> Log:
     """Check a table: :class:`InputError` names file, row (Parquet, from 0) or line (CSV), column, value and remedy."""
-    source, twice = lostrecords.once(LogTable(table, vehicle.columns))
+    whole = LogTable(table, vehicle.columns)
+    source, twice = lostrecords.once(lostrecords.records(whole))
     stamped = stamps.examined(source, vehicle, source.required("time_s"))
     source, time_s = lostrecords.put_back(source, stamped.time_s, vehicle)
     interval_s, notices = _intervals(source, time_s, stamped.remedy)
     notices += twice
     notices += [Notice("clock-rebuilt", f"{source.name('time_s')}: {stamped.message}")] if stamped.message else []
-    pulsed = pulses.commands(source, vehicle, float(time_s[0] - interval_s[0]), float(time_s[-1]))
+    pulsed = pulses.commands(whole, vehicle, float(time_s[0] - interval_s[0]), float(time_s[-1]))
     command_s = _command_times(source, time_s, stamped.moved_s) if pulsed is None else pulsed.issued_s
     records, command_s, paced = _grouped(source, time_s, interval_s, command_s, vehicle.cycle.period_s)
     n = source.table.rows // records * records

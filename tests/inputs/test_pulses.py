@@ -28,9 +28,10 @@ PULSES = [("b", 0.5132, 0.013), ("a", 0.212, 0.03), ("a", 0.7, 0.18), ("b", 0.74
 def log_of(tmp_path: Path, pulses: Sequence[tuple[object, ...]], header: str = "pulse_jet,pulse_start_s,pulse_duration_s") -> Path:
     names = [f"delta_theta_{a}_rad" for a in "xyz"] + [f"delta_v_{a}_m_s" for a in "xyz"]
     lines = [",".join(["time_s", *names, header])]
-    for row in range(150):
+    for row in range(max(150, len(pulses))):
         own = pulses[row] if row < len(pulses) else ("", "", "")
-        lines.append(",".join([f"{0.01 * (row + 1):.2f}", *["1e-5"] * 6, *map(str, own)]))
+        imu = [f"{0.01 * (row + 1):.2f}", *["1e-5"] * 6] if row < 150 else [""] * 7
+        lines.append(",".join([*imu, *map(str, own)]))
     path = tmp_path / "log.csv"
     path.write_text("\n".join(lines) + "\n")
     return path
@@ -53,6 +54,13 @@ def test_pulses_act_when_and_as_long_as_they_are_stated(tmp_path: Path) -> None:
     # from the log's beginning on, all is known
     assert aligned.usable[2:].all()
     assert log.notices == ()
+
+
+def test_there_may_be_more_pulses_than_records(tmp_path: Path) -> None:
+    many = [("a", round(0.005 * n, 6), 0.001) for n in range(200)]
+    log = read(log_of(tmp_path, many))
+    assert len(log.time_s) == 150
+    np.testing.assert_allclose(log.command.sum(0), [0.2, 0.0], atol=1e-12)
 
 
 @pytest.mark.parametrize(
