@@ -26,6 +26,7 @@ def flight(name: str, *assignments: str) -> Analysis:
     return job.of_file(SAMPLES / "crazyflie" / f"{name}.parquet", None, assignments).analysis
 
 
+@pytest.mark.seeds
 def test_settings_given_back_reproduce_the_fit() -> None:
     """Also where a first pass found disturbances: what it found stands in the settings, and is then no discrepancy any more."""
     first = build.result(flight("yaw"))

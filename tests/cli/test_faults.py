@@ -238,7 +238,10 @@ FULL, GONE = (">/dev/full", (3,)), (("| true", (141, 0)), (">&-", (0,)), ("2>&-"
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "end", "codes"),
-    [*((command, *FULL) for command in SAYING), *((command, *GONE[n % 3]) for n, command in enumerate(SAYING) if command != "plan")],
+    [
+        *(pytest.param(command, *FULL, marks=[pytest.mark.seeds] * (command == "plan")) for command in SAYING),
+        *((command, *GONE[n % 3]) for n, command in enumerate(SAYING) if command != "plan"),
+    ],
 )
 def test_a_stream_that_fails_under_any_command_is_no_bug(
     command: str, end: str, codes: tuple[int, ...], asked: Path, tmp_path: Path
@@ -253,7 +256,7 @@ def test_a_stream_that_fails_under_any_command_is_no_bug(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", SAYING)
+@pytest.mark.parametrize("command", [pytest.param(command, marks=[pytest.mark.seeds] * (command == "plan")) for command in SAYING])
 def test_any_command_speaks_to_a_terminal_of_any_encoding(command: str, asked: Path, tmp_path: Path) -> None:
     folder = tmp_path / "here"
     shutil.copytree(asked, folder)

@@ -161,6 +161,16 @@ def test_what_hangs_on_an_assumption_in_doubt_is_not_called_converged(sigmas: fl
         assert told.estimates["ixx"].final_at_s is None
 
 
+def test_what_a_refuted_error_may_move_unseen_hangs_on_it() -> None:
+    """As much along an axis that the log does not show; what it does show is in the sigmas, and what is in doubt alone is not meant."""
+    conclusion, sizes = sound(SEED).conclusions[0], sound(SEED).settled[0].natural_sizes
+    shown, hidden = np.zeros((10, 2)), np.zeros((10, 1))
+    shown[6] = hidden[7] = 1.5 * conclusion.sigmas[7] + 0.006 * sizes[7]
+    for sigmas, named in ((5.5, {"cg_y"}), (4.5, set[str]())):
+        doubt = score.Doubt("imu-position", sigmas, 5.0, (np.hstack([shown, hidden]),), hidden=(hidden,))
+        assert set(score.unseen(conclusion, 0, [doubt], sizes)) == named
+
+
 def test_of_clean_logs_nothing_hangs_on_chance() -> None:
     assert all(estimate.reason.code != "assumption-in-doubt" for estimate in sound(SEED).conclusions[0].estimates.values())
 
