@@ -1,7 +1,7 @@
 """A command delay beside which samples show something else at once.
 
-A sample shows the thrust of its moment. Where all commands act at samples' times, as those of one clock do, what it shows has a step in the
-delay there, and a delay that is off by a microsecond makes half of a pulse's samples another's. No derivative tells of that.
+A sample shows the thrust of its moment. Where commands act or end at samples' times, as those of one clock do, what it shows has a step in
+the delay there, and a delay that is off by a microsecond makes half of a pulse's samples another's. No derivative tells of that.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from massprop_cli.prepare.clock import by_commands_clock
 from massprop_cli.prepare.sensor import ROUNDED_S
 from massprop_cli.prepare.timing import Timing
 
-SAME = 0.01
-"""Part of a record within which commands come after samples by the same time, all of them: times are rounded."""
+SAME, MANY = 0.01, 0.1
+"""Part of a record within which thrust steps at a sample: times are rounded. And part of the steps: a fiftieth does so by chance."""
 NEAR = 6.0
 """Sigmas of the delay within which a step is looked at."""
 
 
 def stepped(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[float, float] | None:
-    """Seconds by which commands act after the accelerometer's samples, all by as much, and by how much these times scatter.
+    """Seconds by which thrust begins or ends after the accelerometer's samples, where it does at many, and by how much these times scatter.
 
     None where what the accelerometer shows has no such steps: it is no sample, a low-pass or a lag rounds it, or clocks are apart.
     """
@@ -38,13 +38,14 @@ def stepped(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[float, float] |
         return None
     sampled_s = by_commands_clock(log, vehicle, log.time_s) - (0.0 if low_pass is None else low_pass.latency)
     acting_s = log.command_start_s + timing.delay * vehicle.cycle.period_s
+    if log.command_kind == "jets":
+        acting_s = np.concatenate([acting_s, (acting_s[:, None] + log.command)[log.command > 0]])
     acting_s = acting_s[(acting_s > sampled_s[0]) & (acting_s < sampled_s[-1])]
     place = np.searchsorted(sampled_s, acting_s)
     before, after = acting_s - sampled_s[place - 1], acting_s - sampled_s[place]
     late = np.where(before < -after, before, after)
-    if not late.size or np.ptp(late) > SAME * median(log.interval_s):
-        return None
-    return float(np.median(late)), float(np.ptp(late))
+    late = late[np.abs(late) < SAME * median(log.interval_s)]
+    return (float(np.median(late)), float(np.ptp(late))) if late.size > MANY * acting_s.size else None
 
 
 def gyro_alone(log: Log) -> Log:
