@@ -354,9 +354,9 @@ def certain(found: Fitted) -> bool:
 def _command(case: Case, found: Fitted) -> tuple[float, ...]:
     if case.log.command_kind != "wrench":
         return ()
-    command = np.ones(6)
-    wrench = np.concatenate([found.model.couple, found.model.force], 1)
-    command[np.abs(wrench).argmax(1)] = found.value("thrust")
+    command, pushing = np.ones(6), slice(found.model.thrusting)
+    wrench = np.concatenate([found.model.couple, found.model.force], 1)[pushing]
+    command[np.abs(wrench).argmax(1)] = found.value("thrust")[pushing]
     return tuple(_printed(f) for f in command) if (command != 1).any() else ()
 
 

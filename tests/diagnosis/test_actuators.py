@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from massprop_cli import flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis import comparison
@@ -15,9 +16,11 @@ from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import _Rows
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.kernel import kernel
 from massprop_cli.prepare.timing import Timing
 from tests import anypedestal, flight
+from tests import flown as packaged
 from tests.faultyactuators import FAULTS, Subject, examination, flown
 
 NOISE = np.repeat([1e-4, 0.02], 3) ** 2
@@ -85,3 +88,33 @@ def named(platform: str, name: str, seed: int, cycles: int) -> None:
     assert now.max(initial=0.0) < 4
     assert len(corrected) > 5
     assert corrected.max() < 4.5
+
+
+WRENCH = ("vehicle.jets=[]", "actuators.max_torque_n_m=[0.3,0.3,0.3]", "actuators.max_force_n=[1.3,1.3,1.3]")
+"""Of the scenario wheels-and-jets: torque and force are commanded in place of jets."""
+
+
+def test_a_wheel_beside_a_commanded_wrench_is_corrected_by_itself() -> None:
+    """The torque's column about its axis had been scaled along with it, and all ten values were up to 700 sigma off."""
+    of_wrench = packaged.fly("wheels-and-jets", *WRENCH, seeds=(3,))
+    wheels = [
+        wheel.model_copy(update={"spin_inertia_kg_m2": part * wheel.spin_inertia_kg_m2})
+        for wheel, part in zip(of_wrench.vehicle.wheels, (1.0, 0.9, 1.0), strict=True)
+    ]
+    answer = flow.examine(of_wrench.log(0), VehicleSource(of_wrench.vehicle.model_copy(update={"wheels": tuple(wheels)}), "t", ""))
+    (mended,) = answer.mended
+    assert [setting.split("=")[0] for setting in mended.settings] == ["wheels.1.spin_inertia_kg_m2", "uncertain"]
+    told = mended.conclusions[0]
+    assert np.abs((told.values - of_wrench.truth[0, 0]) / told.sigmas).max() < 4.0
+
+
+def test_torques_about_another_point_are_a_rival_beside_wheels_too() -> None:
+    """An IMU out of place does nearly the same; named alone it left the CG converged thousands of sigmas off."""
+    of_wrench = packaged.fly("wheels-and-jets", *WRENCH, "vehicle.imu.accel_noise_m_s2=2e-3", seeds=(3,))
+    log = of_wrench.log(0)
+    about = np.concatenate([log.command[:, :3] - np.cross([0.02, -0.01, 0.015], log.command[:, 3:]), log.command[:, 3:]], 1)
+    answer = flow.examine(replace(log, command=about), VehicleSource(of_wrench.vehicle, "t", ""))
+    assert "commanded torques are about" in " ".join([answer.unknown, *(fault.notice.message for fault in answer.faults)])
+    told = answer.conclusions[0]
+    wrong = np.abs((told.values - of_wrench.truth[0, 0]) / told.sigmas) > 4.0
+    assert not any(one.verdict == "converged" for one, off in zip(told.estimates.values(), wrong, strict=True) if off)
