@@ -23,6 +23,8 @@ NEARLY = 4.6
 EVEN = 6.0
 """−2 log of the odds (1 : 20) below which two of a kind are named side by side."""
 
+ALIKE = 1e-9
+"""Between factors that are one."""
 UNIT = float(np.log(2.0))
 """Log of a factor from which on it is a unit's, of torques or of forces: a smaller one is a scale, and may be stated as uncertain."""
 
@@ -108,7 +110,8 @@ def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = ())
         else:
             beside.append(f"{_joined(its)} (odds {np.exp((refit.score - rival.score) / 2):.2g} to 1)")
             sure = [code for code in sure if code in dict(its) or rival.score > refit.score + NEARLY]
-    message = f"the log fits if {message}"
+    turned, heavier = _of_what_turns(refit)
+    message = f"the log fits if {message}{turned}"
     if beside:
         message += "; rivals that the log can't rule out: " + "; or ".join(beside[:2])
     if not sure:
@@ -116,7 +119,7 @@ def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = ())
     others = (correction_of(screening.case, rival.case, rival.fitted) for rival in rivals)
     correction = correction_of(screening.case, refit.case, refit.fitted)
     near = (*around(screening.case, refit.fitted, screening.free.fired), *skewed(correction, refit.fitted))
-    instead = (*(other for other in others if other is not None), *_of_the_others(correction))
+    instead = (*(other for other in others if other is not None), *_of_the_others(correction), *heavier)
     return tuple(Explanation(code, message, correction, around=near, rivals=instead) for code in sure or [UNKNOWN])
 
 
@@ -131,6 +134,18 @@ def _of_the_others(correction: Correction | None) -> Iterator[Correction]:
             parts = [1.0] * 6
             parts[others] = [1.0 / factor] * 3
             yield replace(correction, command=tuple(parts))
+
+
+def _of_what_turns(refit: Refit) -> tuple[str, tuple[Correction, ...]]:
+    """Where all rotors that store momentum give one part of their thrust: as well they store that much more, and the body is another."""
+    rotors, part = refit.case.vehicle.rotors, refit.fitted.parts[-1]
+    group, factors = part.hypothesis.subject, refit.fitted.factors
+    all_of_them = len(rotors) > 1 and group == tuple(rotor.name for rotor in rotors) and float(np.ptp(factors)) < ALIKE
+    inertia = [rotor.spin_inertia_kg_m2 for rotor in rotors if rotor.spin_inertia_kg_m2 is not None]
+    if not all_of_them or part.hypothesis.code != "thrust-scale" or len(inertia) < len(rotors) or not factors[0] > 0:
+        return "", ()
+    keys = tuple(f"rotors.{i}.spin_inertia_kg_m2={own / factors[0]:.9g}" for i, own in enumerate(inertia))
+    return f", or else they have {1 / factors[0]:.4g} of the stated spin_inertia_kg_m2", (Correction(keys),)
 
 
 def _said(screening: Screening, refit: Refit) -> list[tuple[str, str]]:

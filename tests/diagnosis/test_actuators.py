@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -10,15 +12,17 @@ import pytest
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import rotation
-from massprop_cli.diagnosis import comparison
+from massprop_cli.diagnosis import comparison, explanation
 from massprop_cli.diagnosis.channelwise import free_response
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import _Rows
 from massprop_cli.diagnosis.hypothesis import Hypothesis
+from massprop_cli.diagnosis.refit import Refit
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.kernel import kernel
 from massprop_cli.prepare.timing import Timing
+from massprop_cli.testbed import scenario
 from tests import anypedestal, flight
 from tests import flown as packaged
 from tests.faultyactuators import FAULTS, Subject, examination, flown
@@ -118,3 +122,17 @@ def test_torques_about_another_point_are_a_rival_beside_wheels_too() -> None:
     told = answer.conclusions[0]
     wrong = np.abs((told.values - of_wrench.truth[0, 0]) / told.sigmas) > 4.0
     assert not any(one.verdict == "converged" for one, off in zip(told.estimates.values(), wrong, strict=True) if off)
+
+
+@pytest.mark.parametrize(("factors", "told"), [((0.7, 0.7, 0.7, 0.7), True), ((0.7, 1.0, 1.0, 1.0), False)])
+def test_all_rotors_may_store_more_where_they_may_give_less(factors: tuple[float, ...], told: bool) -> None:
+    """A body with a part of its inertia turns alike: the thrust alone had been corrected, and all values were 900 sigma off."""
+    begun = scenario.load("multicopter", ()).scenario.vehicle
+    rotors = tuple(one.model_copy(update={"column": "speed", "spin_inertia_kg_m2": 1e-5 * (i + 1)}) for i, one in enumerate(begun.rotors))
+    names = tuple(one.name for one, factor in zip(rotors, factors, strict=True) if factor != 1)
+    part = SimpleNamespace(hypothesis=Hypothesis("thrust-scale", names, np.zeros((1, 0))))
+    fitted, case = SimpleNamespace(parts=(part,), factors=np.array(factors)), SimpleNamespace(vehicle=SimpleNamespace(rotors=rotors))
+    words, rivals = explanation._of_what_turns(cast("Refit", SimpleNamespace(fitted=fitted, case=case)))
+    assert words == (", or else they have 1.429 of the stated spin_inertia_kg_m2" if told else "")
+    values = [setting for one in rivals for setting in one.settings]
+    assert values == ([f"rotors.{i}.spin_inertia_kg_m2={1e-5 * (i + 1) / 0.7:.9g}" for i in range(4)] if told else [])
