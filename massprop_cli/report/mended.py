@@ -22,9 +22,10 @@ def beyond(found: Mended) -> str:
 
 def rows(phase: MendedPhase) -> list[tuple[str, str, str, str, Verdict]]:
     """Quantity, value, sigma, unit, verdict."""
+    about = {f"{name} about the pivot": item for name, item in phase.about_pivot.items()}
     return [
         (name, *digits.numbers(item.value, item.sigma, item.verdict), vocabulary.unit(item.unit), item.verdict)
-        for name, item in phase.estimates.items()
+        for name, item in {**phase.estimates, **about}.items()
     ]
 
 

@@ -215,11 +215,16 @@ def _implied(conclusion: Conclusion, known: Known | None) -> schema.ImpliedScale
     )
 
 
+def _mended_items(found: Mapping[str, Estimate]) -> dict[str, schema.MendedEstimate]:
+    return {name: schema.MendedEstimate.model_validate(one, from_attributes=True) for name, one in found.items()}
+
+
 def _mended(answer: MendedAnswer) -> schema.Mended:
     phases = [
         schema.MendedPhase(
             name=conclusion.phase.name,
-            estimates={n: schema.MendedEstimate.model_validate(e, from_attributes=True) for n, e in conclusion.estimates.items()},
+            estimates=_mended_items(conclusion.estimates),
+            about_pivot=_mended_items(conclusion.about_pivot),
             contradiction=conclusion.contradiction,
         )
         for conclusion in answer.conclusions

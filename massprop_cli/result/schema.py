@@ -281,11 +281,14 @@ class MendedEstimate(Item):
     verdict: Verdict
 
 
-class MendedPhase(Item):
+class MendedPhase(SparseItem):
     """One phase as the corrected log gives it."""
+
+    ABSENT = ("about_pivot",)
 
     name: str
     estimates: dict[str, MendedEstimate]
+    about_pivot: dict[str, MendedEstimate] = Field({}, description="as that of a phase; absent where there is none")
     contradiction: str = Field("", description="what is still contradicted once it is corrected; empty where nothing is")
 
 

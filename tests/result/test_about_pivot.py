@@ -45,6 +45,22 @@ def test_a_truth_is_that_of_the_motion_about_the_pivot(folder: Path) -> None:
     assert {name: item["expected"]["met"] for name, item in result.items()} == dict.fromkeys(ABOUT_PIVOT, True)
 
 
+def test_a_corrected_estimate_is_about_the_pivot_too(folder: Path) -> None:
+    """A wheel that is stated to be lighter is named, and the moments of inertia about the pivot are those of the motion again."""
+    vehicle = (folder / "log-1" / "vehicle.toml").read_text()
+    stated = re.search(r"^spin_inertia_kg_m2 = (\S+)$", vehicle, re.MULTILINE)
+    assert stated is not None
+    lighter = vehicle.replace(stated[0], f"spin_inertia_kg_m2 = {0.9 * float(stated[1])}", 1)
+    (folder / "lighter.toml").write_text(lighter)
+    done = massprop(folder, "estimate", "log-1/log.parquet", "--vehicle", "lighter.toml", "--out", "lighter")
+    assert done.returncode == 6, done.stderr
+    truth = json.loads((folder / "log-1" / "truth.json").read_text())["phases"][0]["about_pivot"]
+    (mended,) = json.loads((folder / "lighter" / "result.json").read_text())["mended"]
+    found = mended["phases"][0]["about_pivot"]
+    assert all(abs(found[name]["value"] - truth[name]) < 4.5 * found[name]["sigma"] for name in ABOUT_PIVOT)
+    assert "moment_z about the pivot" in done.stdout
+
+
 def test_an_expectation_of_the_moment_that_is_not_met_is_named(folder: Path) -> None:
     moment = json.loads((folder / "run-1" / "result.json").read_text())["phases"][0]["about_pivot"]["moment_z"]
     (folder / "expect.toml").write_text(f'[all.about_pivot]\nmoment_z = {{ value = {moment["value"] + 1e-3}, tolerance = "2e-4 kg m" }}\n')
