@@ -1,5 +1,6 @@
 """Clocks of a map's streams: their own, the map's, of the epoch, with a gap; and what an increment covers."""
 
+import re
 from dataclasses import fields
 from pathlib import Path
 
@@ -245,3 +246,9 @@ def test_commands_repeated_in_each_row_are_those_that_stand_once_in_a_cycle(reco
     assert len(again) >= len(issued) - 3
     for at_s, row in again.items():
         np.testing.assert_allclose(row, whole[at_s], atol=1e-12)
+    fewer: dict[str, tuple[Numbers, str, str]] = {path: (np.delete(once[path][0], 100), *once[path][1:]) for path in once}
+    said = made(imu | fewer, map_).made
+    assert said is not None
+    assert re.search(
+        r"commands: \d+ every 0.05 s.*; 1 gap\(s\), the first after 4.9\d* s: a command that was lost there", "\n".join(said.said)
+    )

@@ -145,7 +145,11 @@ def at_own_times(streams: Streams, records: Records, edges: Array) -> dict[str, 
         values = values[of_them[own]] if command.signal.paths else np.repeat(values[:1], len(rows), 0)
         made |= dict(zip(command.names, (_in_rows(column, rows, len(time_s)) for column in values.T), strict=True))
     evened = f", whose stamps scatter by up to {scatter_s:.3g} s and are taken as evenly spaced" if scatter_s > 0 else ""
-    signals.made.append(f"commands: {len(rows)} every {median(np.diff(issued_s)):.6g} s, at their own times{evened}")
+    usual_s, lost = median(np.diff(issued_s)), np.flatnonzero(np.diff(issued_s) > LOST * median(np.diff(issued_s)))
+    gaps = ""
+    if lost.size:
+        gaps = f"; {lost.size} gap(s), the first after {issued_s[lost[0]] - zero:.9g} s: a command that was lost there moves every value"
+    signals.made.append(f"commands: {len(rows)} every {usual_s:.6g} s, at their own times{evened}{gaps}")
     return made | streams.beside(time_s, median(np.diff(issued_s)))
 
 
