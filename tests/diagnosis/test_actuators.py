@@ -81,6 +81,7 @@ def test_a_fault_of_each_code_is_named(platform: str, name: str) -> None:
     named(platform, name, 0, 400)
 
 
+@pytest.mark.thorough
 def test_gimbal_angles_in_degrees_are_named() -> None:
     """Those that turn so slowly that the log can be read."""
     named("gyros", "degrees", 1, 300)

@@ -142,6 +142,7 @@ def test_a_cutoff_that_is_refuted_and_not_named_is_in_the_sigmas(monkeypatch: py
     assert answer.discrepancies[0] is not None
 
 
+@pytest.mark.thorough
 def test_a_wrong_delay_behind_stated_low_passes_is_named_as_such() -> None:
     answer, truth = examined(LATENCY, {}, delay=1.7)
     assert codes(answer) == ["delay-mismatch"]

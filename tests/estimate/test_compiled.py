@@ -120,7 +120,12 @@ SCALES = {"thrust": {"scale_sigma": 0.02}}
 
 @pytest.mark.parametrize(
     ("scenario", "kind"),
-    [("pedestal", "pedestal"), ("wheels-and-jets", "free"), ("wheels-and-jets", "air_bearing"), ("wheels-and-jets", "pedestal")],
+    [
+        ("pedestal", "pedestal"),
+        pytest.param("wheels-and-jets", "free", marks=pytest.mark.thorough),
+        ("wheels-and-jets", "air_bearing"),
+        pytest.param("wheels-and-jets", "pedestal", marks=[pytest.mark.thorough, pytest.mark.seeds]),
+    ],
 )
 def test_wheels_agree_in_every_environment(scenario: str, kind: str) -> None:
     """Whether or not the motion is that of this environment: both are to say the same of any log."""
