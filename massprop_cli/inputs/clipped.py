@@ -79,9 +79,10 @@ def _stands(log: Log, sensor: str, rows: BoolArray) -> Notice:
 
 
 def _commanded(log: Log) -> BoolArray:
-    """(n,) records in which something is commanded that acts by ``LATE`` cycles later."""
+    """(n,) records in which what is commanded changes, which acts by ``LATE`` cycles later; rotors that hover move nothing."""
     found: BoolArray = np.zeros(len(log.time_s), dtype=bool)
-    found[np.minimum(np.searchsorted(log.time_s, log.command_start_s[log.command.any(1)]), len(found) - 1)] = True
+    changed = (np.diff(log.command, axis=0, prepend=log.command[:1]) != 0).any(1)
+    found[np.minimum(np.searchsorted(log.time_s, log.command_start_s[changed]), len(found) - 1)] = True
     return found
 
 
