@@ -32,8 +32,18 @@ def pytest_runtest_call() -> Generator[None, None, None]:
         return (yield)
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """A page whose blocks all run takes as long as hundreds of other tests: at the end one worker would wait for it."""
+    """What is thorough beside a quick case of the same test is run before a release, as what counts over many seeds is.
+
+    A page whose blocks all run takes as long as hundreds of other tests: at the end one worker would wait for it.
+    """
+    thorough = [item.get_closest_marker("thorough") is not None for item in items]
+    tests = [item.nodeid.partition("[")[0] for item in items]
+    quick = {test for test, further in zip(tests, thorough, strict=True) if not further}
+    for item, test, further in zip(items, tests, thorough, strict=True):
+        if further and test in quick:
+            item.add_marker(pytest.mark.seeds)
     items.sort(key=lambda item: "website" not in item.nodeid)
 
 

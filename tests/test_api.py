@@ -101,6 +101,7 @@ def test_the_package_itself_stays_light() -> None:
         _ = massprop_cli.nothing
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_script_without_a_guard_may_run_a_campaign(logs: Path, tmp_path: Path) -> None:
     script = tmp_path / "script.py"

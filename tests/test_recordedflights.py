@@ -58,6 +58,7 @@ def test_each_agrees_with_what_is_known_of_the_vehicle() -> None:
     assert "disturbance-torque" in [notice.code for notice in flight("roll-pitch").notices]
 
 
+@pytest.mark.seeds
 def test_nominal_values_never_enter_anything() -> None:
     without, beside = flight("yaw"), flight("yaw", "nominal.mass=1.0", "nominal.ixx=1.0", "nominal.izz=3e-6")
     assert without.vehicle.nominal.ixx is None

@@ -190,6 +190,7 @@ def test_a_second_batch_on_one_folder_says_so_and_stops(here: Path) -> None:
     assert not (out / ".lock").exists()
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_campaign_is_held_against_an_earlier_one(here: Path) -> None:
     batch(here, "logs", "--out", "before", "-q")

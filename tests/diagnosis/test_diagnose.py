@@ -178,6 +178,7 @@ def test_a_misfit_that_nothing_supposed_explains_is_not_given_a_name() -> None:
     assert codes == {"disturbance-torque"}
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_an_undeclared_docking_is_reported_with_its_time() -> None:
     flown = fly("free-flyer", *LONGER, *DOCKED)

@@ -44,6 +44,7 @@ def test_docking_that_is_stated_early_or_late_is_named_and_mended(cycles: int) -
         assert abs((one.value or 0.0) - expected) < 4.5 * (one.sigma or 0.0)
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_vehicle_that_is_held_as_its_log_begins_is_named() -> None:
     """Nothing moves for the first 22 cycles though jets fire: somebody has it in his hands. The clock counts from 1970."""

@@ -124,6 +124,7 @@ def test_a_clean_sample_leaves_no_more_than_chance_about_its_own_body(name: str)
     by_chance(look_of(log, vehicle), faulty.truth(name)[9])
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["free-flyer", "testbed"])
 def test_a_clean_log_leaves_no_more_than_chance_about_its_own_body(name: str) -> None:

@@ -145,6 +145,7 @@ def test_a_free_swing_with_nothing_known_tells_ratios_alone_and_says_so() -> Non
     assert all(told.estimates[name].value is None for name in (*INERTIA, *CG))
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_free_swing_logged_as_mean_rates_gives_what_its_increments_give() -> None:
     """Nothing is commanded, so no sensor shows a command late; a low-pass of 4 ms moves a swing of seconds by less than noise."""

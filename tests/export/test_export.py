@@ -89,6 +89,7 @@ def test_other_vehicles_fly_their_vectors(name: str, built: Path, tmp_path: Path
     assert flies_its_vector(linked(exported(name, tmp_path / "out"), built), "replay")
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_on_a_bearing_it_flies_its_vector_under_the_sanitizers(tmp_path: Path) -> None:
     """Not optimised, which is built sooner."""

@@ -313,6 +313,7 @@ def test_without_a_history_only_figures_against_time_are_refused(flyer: Recorded
                 figures.draw(name, bare, "svg")
 
 
+@pytest.mark.seeds
 @pytest.mark.slow
 def test_names_with_markup_mathematics_or_control_signs_are_only_text(docking: Recorded) -> None:
     hostile = "<b>&\"'$x^2$\x1b\x00\ud800 ]]> 航"
