@@ -107,8 +107,8 @@ def doubts(
 
     def doubt(i: int) -> Doubt:
         kin, faint = kind == kind[i], i >= told_apart
-        unseen = kin & (own * sizes[i] ** 2 < WARY**2)
-        moves, hidden = (tuple(None if by is None else sizes[i] * by[:, those] for by in shifts) for those in (kin, unseen))
+        untold = kin & (own * sizes[i] ** 2 < WARY**2)
+        moves, hidden = (tuple(None if by is None else sizes[i] * by[:, those] for by in shifts) for those in (kin, untold))
         return Doubt(whats[i], float(sigmas[i]), limit, moves, faint, hidden, kind[i] == APART)
 
     wary = np.array([RARELY if t.rare else WARY for t in found.varied] + [WARY] * (len(whats) - len(found.varied)))
@@ -130,12 +130,6 @@ def by_doubts(conclusion: Conclusion, at: int, found: Sequence[Doubt]) -> Contra
     return Contradiction((cause,), touched)
 
 
-def unseen(conclusion: Conclusion, at: int, found: Sequence[Doubt], sizes: Array) -> dict[str, Reason]:
-    """The same of sigmas that include what was refuted: as much along another axis, of which the log shows nothing."""
-    sure = [doubt for doubt in found if doubt.sure and doubt.hidden]
-    return hanging(conclusion, at, [replace(doubt, moves=doubt.hidden, limit=np.inf) for doubt in sure], sizes, MOVES)
-
-
 def hanging(conclusion: Conclusion, at: int, found: Sequence[Doubt], sizes: Array, far: float = FAR) -> dict[str, Reason]:
     """Why values of phase number ``at`` are not to be called converged: each hangs much on an assumption that is in doubt.
 
@@ -152,6 +146,12 @@ def hanging(conclusion: Conclusion, at: int, found: Sequence[Doubt], sizes: Arra
                 assumption = doubt.what.replace("-", " ")
                 reasons[name] = Reason.of("assumption-in-doubt", sigmas=doubt.sigmas, assumption=assumption, quantity=name, moved=float(by))
     return reasons
+
+
+def unseen(conclusion: Conclusion, at: int, found: Sequence[Doubt], sizes: Array) -> dict[str, Reason]:
+    """The same where sigmas include what was refuted: of as much along another axis, of which the log shows nothing."""
+    sure = [doubt for doubt in found if doubt.sure and doubt.hidden]
+    return hanging(conclusion, at, [replace(doubt, moves=doubt.hidden, limit=np.inf) for doubt in sure], sizes, MOVES)
 
 
 def _changes(conclusion: Conclusion, at: int, found: Sequence[Doubt]) -> Iterator[tuple[Doubt, Array, Array]]:

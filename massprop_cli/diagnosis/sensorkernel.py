@@ -166,7 +166,7 @@ class _Tried(NamedTuple):
         vehicle = self.vehicle.model_copy(update={"imu": imu})
         return unexplained_by(replace(self.log, sampled=(sampled, sampled)), vehicle, timing, self.first)
 
-    def sooner(self, sampled: bool) -> float:
+    def bare_shift(self, sampled: bool) -> float:
         """Cycles by which commands come later if sensors have no low-pass, which would make up for a delay that is still to be found."""
         if self.vehicle.cycle.command_delay_cycles != "auto":
             return 0.0
@@ -215,9 +215,9 @@ def _costs(tried: _Tried, kinds: tuple[bool, ...], orders: tuple[Order, ...]) ->
 
     def add(one: _Kernel) -> None:
         low_passes = dict.fromkeys(delay.SENSORS, one.low_pass(tried.vehicle) if one.order else None)
-        by = 0.0 if one.order else tried.sooner(one.sampled)
-        shifts = (0.0,) if one.order else (0.0, by, *(by + own * phase for own in SHIFTS))
-        each = [tried.cost(one.sampled, low_passes, by) for by in shifts]
+        likeliest, around = (0.0, ()) if one.order else (tried.bare_shift(one.sampled), SHIFTS)
+        shifts = dict.fromkeys([0.0, likeliest, *(likeliest + by * phase for by in around)])
+        each = [tried.cost(one.sampled, low_passes, shift) for shift in shifts]
         costs[one] = min(gyro for gyro, _ in each), min(accelerometer for _, accelerometer in each)
 
     try:

@@ -12,7 +12,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, median
 from massprop_cli.base.lazy import pa
-from massprop_cli.inputs.columns import COMMAND_TIME, DELTA_THETA, DELTA_V, PULSE, TIME, WRENCH, is_jet
+from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_V, GYRO, PULSE, TIME, WRENCH, is_jet
 from massprop_cli.inputs.imurecords import ImuRecords
 from massprop_cli.inputs.logtable import LONG, MISSING, WHOLE, LogTable, between_known
 from massprop_cli.inputs.marked import holds_both, repeated, zeros
@@ -30,16 +30,13 @@ ENOUGH, MOSTLY = 4, 0.9
 """Commands that must show where cycles begin, and the part of them that must agree: a first row may be lost."""
 
 
-def records(source: LogTable) -> LogTable:
-    """The log without rows that hold a pulse alone: there may be more pulses than records."""
+def without_lone_pulses(source: LogTable) -> LogTable:
+    """The log without rows that hold a pulse and no record: there may be more pulses than records."""
     if not any(source.has(name) for name in PULSE) or not source.has(TIME):
         return source
-    empty = np.isnan(source.optional(TIME))
-    others = [name for name in source.table.columns if name not in [source.name(pulse) for pulse in PULSE]] if empty.any() else []
-    for name in others:
-        empty &= ~np.asarray(source.table.columns[name].read().is_valid()) | np.isnan(source.table.columns[name].numbers())
-    rows = np.flatnonzero(~empty)
-    return LogTable(_spread(source.table, rows, np.zeros(len(rows), dtype=bool)), source.columns) if empty.any() else source
+    own = [source.optional(name) for name in (TIME, *DELTA_THETA, *DELTA_V, *GYRO, *ACCEL) if source.has(name)]
+    rows = np.flatnonzero(~np.isnan(own).all(0))
+    return source if len(rows) == source.table.rows else LogTable(_spread(source.table, rows, np.zeros(len(rows), bool)), source.columns)
 
 
 def once(source: LogTable) -> tuple[LogTable, list[Notice]]:

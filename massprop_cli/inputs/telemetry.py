@@ -143,7 +143,7 @@ def jitter(interval_s: Array) -> float:
 def read(table: Table, vehicle: Vehicle) -> Log:
     """Check a table: :class:`InputError` names file, row (Parquet, from 0) or line (CSV), column, value and remedy."""
     whole = LogTable(table, vehicle.columns)
-    source, twice = lostrecords.once(lostrecords.records(whole))
+    source, twice = lostrecords.once(lostrecords.without_lone_pulses(whole))
     stamped = stamps.examined(source, vehicle, source.required("time_s"))
     source, time_s = lostrecords.put_back(source, stamped.time_s, vehicle)
     interval_s, notices = _intervals(source, time_s, stamped.remedy)
