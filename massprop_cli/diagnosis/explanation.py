@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.diagnosis import UNKNOWN
-from massprop_cli.diagnosis.corrections import Correction, around, correction_of, skewed
+from massprop_cli.diagnosis import UNKNOWN, hypotheses
+from massprop_cli.diagnosis.corrections import Correction, applied, around, correction_of, skewed
 from massprop_cli.diagnosis.delay import FoundTiming, near
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import Refit
@@ -70,6 +70,9 @@ def chosen(screening: Screening, refits: Sequence[Refit]) -> Diagnosis | None:
         return None
     rivals = [refit for refit in fitting[1:] if refit.score < fitting[0].score + CLEAR]
     first = fitting[0]
+    as_well = _in_proportion(screening, first)
+    if as_well is not None and all(_subjects(refit) != _subjects(as_well) for refit in rivals):
+        rivals.insert(0, as_well)
     detected = None
     if first.fitted.hypothesis.code == "delay-mismatch":
         before, after = screening.misfit, float(first.fitted.chi_square.sum() / screening.freedom)
@@ -134,6 +137,29 @@ def _of_the_others(correction: Correction | None) -> Iterator[Correction]:
             parts = [1.0] * 6
             parts[others] = [1.0 / factor] * 3
             yield replace(correction, command=tuple(parts))
+
+
+def _in_proportion(screening: Screening, refit: Refit) -> Refit | None:
+    """Where all that pushes gives one part of what is stated beside what stores momentum, or the other way round: the other one instead.
+
+    Forces, momentum, inertia and mass in one proportion make the same motion, so the log tells nothing of which it is.
+    """
+    found, model, names = refit.fitted, refit.fitted.model, screening.names
+    sides = [range(model.thrusting), range(model.thrusting, len(names))]
+    for one, other in (sides, sides[::-1]):
+        whole = tuple(names[i] for i in one)
+        part = next((part for part in found.parts if part.hypothesis.code == "thrust-scale" and part.hypothesis.subject == whole), None)
+        if part is None or not whole or not other or not (factor := float(np.median(part.factors))) > 0:
+            continue
+        instead = hypotheses.scaled(model, names, other, 1 / factor)
+        rest = [own.hypothesis for own in found.parts if own is not part]
+        x = found.x.copy()
+        x[model.place("theta")] /= factor
+        x[model.place("thrust")] /= factor
+        as_well = replace(found, hypothesis=instead.beside(*rest) if rest else instead, x=x)
+        case = applied(screening.case, as_well, screening.free.fired)
+        return None if case is None else replace(refit, fitted=as_well, case=case)
+    return None
 
 
 def _of_what_turns(refit: Refit) -> tuple[str, tuple[Correction, ...]]:

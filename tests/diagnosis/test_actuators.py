@@ -113,6 +113,24 @@ def test_a_wheel_beside_a_commanded_wrench_is_corrected_by_itself() -> None:
     assert np.abs((told.values - of_wrench.truth[0, 0]) / told.sigmas).max() < 4.0
 
 
+@pytest.mark.seeds
+@pytest.mark.thorough
+def test_stored_momentum_in_proportion_is_a_rival_of_all_thrust_beside_a_weak_jet_too() -> None:
+    """Of wheels that are stated too light; inertia had been corrected by the thrust alone, and converged 3000 sigma off."""
+    of_jets = packaged.fly("wheels-and-jets", seeds=(3,))
+    wheels = [wheel.model_copy(update={"spin_inertia_kg_m2": 0.9 * wheel.spin_inertia_kg_m2}) for wheel in of_jets.vehicle.wheels]
+    jets = list(of_jets.vehicle.jets)
+    jets[3] = jets[3].model_copy(update={"force_n": tuple(part / 0.8 for part in jets[3].force_n)})
+    stated = of_jets.vehicle.model_copy(update={"wheels": tuple(wheels), "jets": tuple(jets)})
+    answer = flow.examine(of_jets.log(0), VehicleSource(stated, "t", ""))
+    said = " ".join(fault.notice.message for fault in answer.faults)
+    assert "(+1.111) give another part of the stated momentum" in said
+    assert f"{jets[3].name} (+0.7199)" in said
+    (mended,) = answer.mended
+    told = mended.conclusions[0]
+    assert np.abs((told.values - of_jets.truth[0, 0]) / told.sigmas).max() < 4.0
+
+
 def test_torques_about_another_point_are_a_rival_beside_wheels_too() -> None:
     """An IMU out of place does nearly the same; named alone it left the CG converged thousands of sigmas off."""
     of_wrench = packaged.fly("wheels-and-jets", *WRENCH, "vehicle.imu.accel_noise_m_s2=2e-3", seeds=(3,))
