@@ -95,7 +95,10 @@ PARAMETERS = (
         size=3,
         difference=1e-3,
         uncertain=("imu-position", "the IMU sits where it is stated to within imu.position_sigma_m"),
-        wording=Wording("the IMU sits {mm} mm away from imu.position_m", "correct it"),
+        wording=Wording(
+            "the IMU sits {mm} mm away from imu.position_m",
+            "correct it; or, where actuators were measured from another point, correct theirs, with which the CG moves",
+        ),
         step=Step("imu-position", 1e-3, "1 mm along {axis}", _stated_place, lambda setup: any(setup.log.axes[3:])),
     ),
     _turn("gyro"),
