@@ -228,10 +228,10 @@ def truth_of(flight: SimulatedFlight, member: int, scenario: Scenario) -> dict[s
 
 
 def _about_pivot(values: Any, scenario: Scenario) -> dict[str, dict[str, float]]:
-    """The nine values about the pivot, if the vehicle turns about one."""
+    """The nine values about the pivot, of the body that turns, if the vehicle turns about one."""
     if not scenario.vehicle.pivoted:
         return {}
-    mass, arm = float(values[9]), np.array(values[6:9]) - scenario.vehicle.environment.bearing_position_m
+    mass, arm = float(values[9]) - scenario.vehicle.bearing_mass_kg, np.array(values[6:9]) - scenario.vehicle.environment.bearing_position_m
     inertia = np.array(values[:6]) + elements(parallel_axis(mass, arm))
     return {"about_pivot": dict(zip(ABOUT_PIVOT, [*inertia.tolist(), *(mass * arm).tolist()], strict=True))}
 

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from massprop_cli import ABOUT_PIVOT, PIVOT, PIVOT_UNITS, QUANTITIES
+from massprop_cli import ABOUT_PIVOT, PIVOT, PIVOT_UNITS, QUANTITIES, estimate_log
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import kept, markdown
@@ -43,6 +43,14 @@ def test_a_truth_is_that_of_the_motion_about_the_pivot(folder: Path) -> None:
     result = json.loads((folder / "run-1" / "result.json").read_text())["phases"][0]["about_pivot"]
     assert all(abs(result[name]["value"] - truth["about_pivot"][name]) < 4.5 * result[name]["sigma"] for name in ABOUT_PIVOT)
     assert {name: item["expected"]["met"] for name, item in result.items()} == dict.fromkeys(ABOUT_PIVOT, True)
+
+
+def test_what_moves_without_turning_has_no_part_in_it() -> None:
+    """A bearing that carries 5 of 25 kg."""
+    sample = SAMPLES / "scenarios" / "testbed"
+    found = estimate_log(sample / "log.parquet", expected=sample / "truth.json")
+    about = found.result.phases[0].about_pivot
+    assert {name: item.expected.met for name, item in about.items() if item.expected} == dict.fromkeys(ABOUT_PIVOT, True)
 
 
 def test_a_corrected_estimate_is_about_the_pivot_too(folder: Path) -> None:
