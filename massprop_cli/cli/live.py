@@ -1,17 +1,22 @@
 """``massprop live``."""
 
+from __future__ import annotations
+
 import io
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from massprop_cli.base import escape, exits
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import say, show, told_of, warn
+
+if TYPE_CHECKING:
+    from massprop_cli.job import Judged
 
 
 @guarded
@@ -19,15 +24,17 @@ def live(
     vehicle: options.NeededVehicle,
     out: Annotated[Path, options.out("Folder for the recording and its result.")],
     assign: options.Assign = None,
+    allow_contradicted: options.AllowContradicted = False,
     quiet: Annotated[bool, options.quiet("No table, no warnings.")] = False,
     no_color: options.NoColor = False,
 ) -> None:
     """Estimate while records arrive on standard input (CSV or a JSON object on each line): a JSON line on standard output for each cycle.
 
     What comes is kept in record.csv, and in the end estimated as `massprop estimate` would: result.json, history.parquet, run.json.
-    An interrupt (Ctrl-C) ends the recording, and where nobody reads the answers any more it goes on, so the result is there, too. A record
-    that must be left out is told on one line of stderr. On a pedestal each line has inertia and first moment about it. Exit 3 where what
-    comes can't be used, or no more of it.
+    An interrupt (Ctrl-C, or SIGTERM) ends the recording, and where nobody reads the answers any more it goes on, so the result is there,
+    too. A record that must be left out is told on one line of stderr, and so is a gap after which no values can come; the recording goes
+    on. On a pedestal each line has inertia and first moment about it. Exit 3 where what comes can't be used, 6 where the recording
+    contradicts the vehicle file.
 
     Examples:
         massprop live --vehicle vehicle.toml --out flight < log.csv
@@ -44,10 +51,12 @@ def live(
     with _until_interrupted(records.lines_of(sys.stdin)) as (lines, interrupted), recording(out) as keep:
         for line in run.follow(lines, source, keep, say):
             answers.put(line)
-    _concluded(out / RECORDED, vehicle, assign or [], quiet, no_color)
-    if interrupted():
-        fail("interrupted; the result is that of what had come", exits.INTERRUPTED)
+    judged = _concluded(out / RECORDED, vehicle, assign or [], allow_contradicted, quiet, no_color)
+    if number := interrupted():
+        fail("interrupted; the result is that of what had come", exits.SIGNALLED + number)
     answers.check()
+    if judged.exit_code:
+        fail(judged.message, judged.exit_code)
 
 
 class _Answers:
@@ -72,18 +81,21 @@ class _Answers:
 
 
 class _Interrupt(Exception):  # noqa: N818
-    """SIGINT while a line is waited for."""
+    """A signal while a line is waited for."""
 
 
 @contextmanager
-def _until_interrupted(lines: Iterable[str]) -> Iterator[tuple[Iterator[str], Callable[[], bool]]]:
-    """Lines until an interrupt, which comes between two of them, and whether one came; a second one ends the command at once."""
-    reading = asked = False
+def _until_interrupted(lines: Iterable[str]) -> Iterator[tuple[Iterator[str], Callable[[], int]]]:
+    """Lines until an interrupt, which comes between two of them, and the number of the signal that came, or 0.
 
-    def interrupt(*_: object) -> None:
+    A second one ends the command at once.
+    """
+    reading, asked = False, 0
+
+    def interrupt(number: int, *_: object) -> None:
         nonlocal asked
-        asked = True
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        asked = number
+        signal.signal(number, signal.SIG_DFL)
         if reading:
             raise _Interrupt
 
@@ -101,21 +113,23 @@ def _until_interrupted(lines: Iterable[str]) -> Iterator[tuple[Iterator[str], Ca
                     return
                 yield line
 
-    before = signal.signal(signal.SIGINT, interrupt)
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield each(), lambda: asked
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, own in before.items():
+            signal.signal(number, own)
 
 
-def _concluded(record: Path, vehicle: Path, assign: Sequence[str], quiet: bool, no_color: bool) -> None:
+def _concluded(record: Path, vehicle: Path, assign: Sequence[str], allow_contradicted: bool, quiet: bool, no_color: bool) -> Judged:
     """The recording's result; its table is for a terminal alone, since stdout is another program's."""
     from massprop_cli import job
     from massprop_cli.result import store
 
-    judged = job.of_file(record, vehicle, assign)
+    judged = job.of_file(record, vehicle, assign, job.Demands(allow_contradicted=allow_contradicted))
     stored = store.write(record.parent, judged.analysis, escape.document(judged.result))
     told_of(stored, None, quiet)
     warn(judged.analysis.notices, quiet)
     if not quiet and sys.stdout.isatty():
         show(judged.result, record.parent, no_color)
+    return judged

@@ -36,6 +36,8 @@ class Gatherer:
         self.usual_s = 0.0
         self.records = 0
         """Of a cycle; 0 until the first have come."""
+        self.ended = False
+        """Whether no cycle follows any more, whatever comes."""
         self._begun: list[Record] = []
         self._last_s = -math.inf
         self._own: list[tuple[Record, float]] = []
@@ -46,6 +48,8 @@ class Gatherer:
         interval = record.time_s - self._last_s
         if not interval > 0:
             raise RecordError(f"time {record.time_s:.9g} s does not come after {self._last_s:.9g} s")
+        if self.ended:
+            return self.end(record)
         if self._begun or self.records:
             absurd = self._absurd(record, interval)
             if absurd:
@@ -60,6 +64,11 @@ class Gatherer:
         self._last_s = record.time_s
         told = len(self._begun) > STARTS and record.time_s - self._begun[0].time_s > SPAN * self.period_s
         return self.started() if told else []
+
+    def end(self, record: Record) -> list[RecordedCycle]:
+        """No more cycles."""
+        self.ended, self._last_s = True, record.time_s
+        return []
 
     def started(self) -> list[RecordedCycle]:
         """Cycles of the first records, which waited for one another; nothing of a single one."""
@@ -89,7 +98,7 @@ class Gatherer:
         """Which increment is more than any vehicle moves in that time; empty where none is."""
         increments = (*(() if self.columns.rates else DELTA_THETA), *(() if self.columns.accelerations else DELTA_V))
         for name in increments:
-            if abs(record.numbers[name]) > ABSURD * interval:
+            if abs(record.numbers[name]) > ABSURD[name] * interval:
                 return f"column {name}: {record.numbers[name] / interval:.3g} per second is no motion of a vehicle"
         return ""
 
@@ -108,7 +117,7 @@ class Gatherer:
             lost = "" if self.records == 1 else f", and a cycle of {self.records} records would lack one"
             raise InputError(
                 f"standard input: {interval:.6g} s without a record before {record.time_s:.9g} s (the usual interval is "
-                f"{self.usual_s:.6g} s{lost}); begin a new recording"
+                f"{self.usual_s:.6g} s{lost})"
             )
 
     def _added(self, record: Record, interval: float) -> list[RecordedCycle]:

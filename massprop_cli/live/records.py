@@ -16,7 +16,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands
 from massprop_cli.inputs.actuators.wheel import SPEED
-from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_V, GYRO, PULSE_START, QUATERNION, TIME, WRENCH, jet
+from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_V, EVENT, GYRO, PULSE_START, QUATERNION, TIME, WRENCH, jet
 from massprop_cli.inputs.equipment import OFF_UNIT
 from massprop_cli.inputs.imurecords import ABSURD
 from massprop_cli.inputs.logtable import LogTable
@@ -90,6 +90,8 @@ class StreamReader:
         self.vehicle, self.is_json = vehicle, first.lstrip().startswith("{")
         self.names = list(_object(first)) if self.is_json else [name.strip() for name in _fields(first)]
         self.own = {name: column.from_ for name, column in vehicle.columns.items()}
+        if self.is_json and not self._has((EVENT,)):
+            self.names.append(self._own(EVENT))  # an object names what happened where it did
         self.columns = self._columns()
 
     @property
@@ -108,7 +110,7 @@ class StreamReader:
         for name in (*DELTA_THETA, *DELTA_V, *GYRO, *ACCEL):
             # an increment is over a cycle at most
             longest_s = self.vehicle.cycle.period_s if name in (*DELTA_THETA, *DELTA_V) else 1.0
-            if abs(numbers.get(name, 0.0)) > ABSURD * longest_s:
+            if abs(numbers.get(name, 0.0)) > ABSURD[name] * longest_s:
                 raise RecordError(f"column {self._own(name)}: {numbers[name]:g} is no motion of a vehicle")
         for name in self.columns.commands if self.columns.jets else ():
             if numbers[name] < 0 or numbers[name] > self.vehicle.cycle.period_s * (1 + 1e-6):
@@ -176,7 +178,7 @@ class StreamReader:
         if self.is_json:
             found = _object(line)
             strange = [name for name in found if name not in self.names]
-            if strange:
+            if strange and len(found) - len(strange) < len(self.names) - 1:  # another name for what it had
                 raise RecordError(f"names {strange[0]!r}, which the first record lacks")
             return {name: _text(found.get(name)) for name in self.names}
         fields = _fields(line)

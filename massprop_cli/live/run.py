@@ -21,9 +21,14 @@ from massprop_cli.live.legs import Completed, Legs
 from massprop_cli.live.records import RecordError, StreamReader
 from massprop_cli.model.kernelargs import StatusError
 
+KEPT = "no values from here on, but what comes is recorded, and estimated in the end"
+
 
 def follow(lines: Iterable[str], source: VehicleSource, keep: Callable[[str], object], warn: Callable[[str], None]) -> Iterator[str]:
-    """A line of JSON for each estimated cycle; ``keep`` gets lines of CSV, ``warn`` what is left out. :class:`InputError` ends it."""
+    """A line of JSON for each estimated cycle; ``keep`` gets lines of CSV, ``warn`` what is left out.
+
+    :class:`InputError` where nothing can begin, or be kept. Where values can't go on, what comes is kept all the same.
+    """
     if kernel().library is None:
         raise InputError(f"massprop live wants the compiled kernel, and here runs {kernel().name}; install a C compiler and massprop again")
     resolve.stated(source, records=1)
@@ -45,8 +50,8 @@ def follow(lines: Iterable[str], source: VehicleSource, keep: Callable[[str], ob
     keep(reader.header)
     for at, line in chain([(number, first)] if reader.is_json else [], numbered):
         yield from _one(at, line, reader, gatherer, live, keep, warn)
-    yield from _flown(gatherer.started(), live, "standard input", warn)
-    yield from map(_line, live().last() if gatherer.records else [])
+    yield from _flown(gatherer.started(), live, warn)
+    yield from map(_line, live().last() if gatherer.records and not gatherer.ended else [])
 
 
 def _one(
@@ -64,21 +69,27 @@ def _one(
     except RecordError as error:
         warn(f"standard input, line {number}: left out: {error}")
         return
+    except InputError as error:
+        if not gatherer.records:
+            raise
+        cycles = gatherer.end(found)
+        warn(f"{error}; {KEPT}")
     keep(found.row)
-    yield from _flown(cycles, live, f"standard input, line {number}", warn)
+    try:
+        yield from _flown(cycles, live, warn)
+    except StatusError as error:
+        gatherer.end(found)
+        warn(f"standard input, line {number}: the cycle to {found.time_s:.9g} s can't be used ({error}); {KEPT}")
 
 
-def _flown(cycles: Iterable[RecordedCycle], live: Callable[[], Legs], where: str, warn: Callable[[str], None]) -> Iterator[str]:
+def _flown(cycles: Iterable[RecordedCycle], live: Callable[[], Legs], warn: Callable[[str], None]) -> Iterator[str]:
     for cycle in cycles:
         if cycle.lacking:
             warn(
                 f"standard input: a record is lacking before {cycle.end_s:.9g} s, and what was commanded then; values of this phase are "
                 "contradicted from here on, since they would be taken from a wrong command"
             )
-        try:
-            yield from map(_line, live().add(cycle))
-        except StatusError as error:
-            raise InputError(f"{where}: the cycle to {cycle.end_s:.9g} s can't be used ({error})") from None
+        yield from map(_line, live().add(cycle))
 
 
 def _line(completed: Completed) -> str:

@@ -77,6 +77,14 @@ def test_objects_say_what_lines_of_csv_say() -> None:
     assert followed("high-rate", as_objects(lines))[0] == followed("high-rate", lines)[0]
 
 
+def test_an_object_may_name_an_event_where_it_was() -> None:
+    lines = as_objects(recorded("free-flyer")[:201])
+    named = [*lines[:100], lines[100].replace("{", '{"event": "thruster test", ', 1), *lines[101:]]
+    said, kept, warned = followed("free-flyer", named)
+    assert (said, warned) == (followed("free-flyer", lines)[0], [])
+    assert [row.rpartition(",")[2] for row in kept.splitlines()[99:103]] == ["", "", "thruster test", ""]
+
+
 def test_the_recording_is_estimated_as_any_log(tmp_path: Path) -> None:
     """Answers come before more is sent; the result is the one of the recording."""
     vehicle = str(SAMPLES / "free-flyer" / "vehicle.toml")
@@ -198,7 +206,7 @@ def test_the_second_record_may_be_lost_or_stamped_late() -> None:
     assert abs(len(followed("free-flyer", late)[0]) - len(followed("free-flyer", lines)[0])) <= 1
 
 
-@pytest.mark.parametrize("end", ["reader", "disk", "interrupt"])
+@pytest.mark.parametrize("end", ["reader", "disk", "interrupt", "termination"])
 def test_the_result_is_there_however_the_answers_end(end: str, tmp_path: Path) -> None:
     """Where nobody reads them, where they can't be written, and at Ctrl-C."""
     lines = recorded("free-flyer")[:400]
@@ -216,8 +224,9 @@ def test_the_result_is_there_however_the_answers_end(end: str, tmp_path: Path) -
             assert process.stdout.readline()
     if end == "reader" and process.stdout is not None:
         process.stdout.close()
-    if end == "interrupt":
-        process.send_signal(signal.SIGINT)
+    ended_by = {"interrupt": signal.SIGINT, "termination": signal.SIGTERM}.get(end)
+    if ended_by is not None:
+        process.send_signal(ended_by)
     else:
         process.stdin.writelines(lines[300:])
         process.stdin.close()
@@ -227,22 +236,26 @@ def test_the_result_is_there_however_the_answers_end(end: str, tmp_path: Path) -
     for stream in (process.stdin, process.stdout, process.stderr):
         if stream is not None:
             stream.close()
-    assert process.returncode == {"reader": 141, "disk": 3, "interrupt": 130}[end], said
-    assert len((tmp_path / "live" / "record.csv").read_text().splitlines()) == (300 if end == "interrupt" else 400)
+    assert process.returncode == {"reader": 141, "disk": 3, "interrupt": 130, "termination": 143}[end], said
+    assert len((tmp_path / "live" / "record.csv").read_text().splitlines()) == (400 if ended_by is None else 300)
     assert json.loads((tmp_path / "live" / "result.json").read_text())["phases"]
-    assert ("interrupted; the result is that of what had come" in said) == (end == "interrupt")
+    assert ("interrupted; the result is that of what had come" in said) == (ended_by is not None)
 
 
-def test_a_lost_record_ends_what_cannot_do_without() -> None:
+def test_a_lost_record_ends_what_cannot_do_without_and_the_recording_goes_on() -> None:
     """Of twenty records a cycle one is missing; of one a cycle the rest goes on."""
     lines = recorded("high-rate")[:1001]
-    with pytest.raises(InputError, match="a cycle of 20 records would lack one"):
-        followed("high-rate", [*lines[:500], *lines[501:]])
+    said, kept, warned = followed("high-rate", [*lines[:500], *lines[501:]])
+    assert (said, kept.count("\n")) == (followed("high-rate", lines)[0][: len(said)], 1000)
+    assert len(said) == 500 // 20 - 2
+    assert len(warned) == 1
+    assert "a cycle of 20 records would lack one); no values from here on, but what comes is recorded" in warned[0]
     lines = recorded("free-flyer")[:301]
     said, kept, _ = followed("free-flyer", [*lines[:100], *lines[101:]])
     assert (len(said), kept.count("\n")) == (300 - 2 - 1, 300)
-    with pytest.raises(InputError, match="without a record"):
-        followed("free-flyer", [*lines[:100], *lines[103:]])
+    said, kept, warned = followed("free-flyer", [*lines[:100], *lines[103:]])
+    assert (len(said), kept.count("\n")) == (99 - 2, 298)
+    assert "0.2 s without a record before 5.15 s" in warned[0]
 
 
 @pytest.mark.parametrize(
@@ -364,6 +377,17 @@ def test_what_never_began_leaves_no_folder(given: str, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == [STDIN]
 
 
+def test_a_recording_that_contradicts_its_vehicle_file_exits_with_6(tmp_path: Path) -> None:
+    """A gyro in degrees."""
+    header, *rows = recorded("free-flyer")[:401]
+    at = [i for i, name in enumerate(header.replace('"', "").split(",")) if name.startswith("delta_theta")]
+    cells = [row.rstrip("\n").split(",") for row in rows]
+    turned = [",".join(f"{np.rad2deg(float(cell)):.9g}" if i in at else cell for i, cell in enumerate(row)) + "\n" for row in cells]
+    given = "".join([header, *turned])
+    assert live(tmp_path, given, "--out", "live", "-q").returncode == 6
+    assert live(tmp_path, given, "--out", "allowed", "-q", "--allow-contradicted").returncode == 0
+
+
 def test_a_recording_is_not_written_over(tmp_path: Path) -> None:
     (tmp_path / "record.csv").write_text("precious")
     with pytest.raises(InputError, match="not written over"), recording(tmp_path):
@@ -371,10 +395,13 @@ def test_a_recording_is_not_written_over(tmp_path: Path) -> None:
     assert (tmp_path / "record.csv").read_text() == "precious"
 
 
-def test_a_refusal_is_one_line_and_exit_3(tmp_path: Path) -> None:
+def test_a_recording_that_no_estimate_is_made_of_is_whole_and_exits_with_3(tmp_path: Path) -> None:
+    """Half a second without records."""
     lines = recorded("free-flyer")[:301]
     ended = live(tmp_path, "".join([*lines[:100], *lines[110:]]), "--out", "live")
     assert ended.returncode == 3
-    assert len(ended.stderr.splitlines()) == 1
-    assert (tmp_path / "live" / "record.csv").read_text().count("\n") == 100
+    end, refused = ended.stderr.splitlines()
+    assert end.endswith("no values from here on, but what comes is recorded, and estimated in the end")
+    assert "split the log there" in refused
+    assert (tmp_path / "live" / "record.csv").read_text().count("\n") == 291
     assert not (tmp_path / "live" / "result.json").exists()
