@@ -11,6 +11,7 @@ import pytest
 from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import vehiclefile
+from massprop_cli.inputs.actuators.actuator import LogTimes
 from massprop_cli.inputs.actuators.control_moment_gyro import GyroLog
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model import kernelargs
@@ -52,6 +53,25 @@ def errors(seeds: int, whole: bool = False) -> Array:
     _, flight = flown(seeds, whole=whole)
     each = (found(estimated(flight, member)) for member in range(seeds))
     return np.array([(values - TRUTH)[:TOLD] / sigmas[:TOLD] for values, sigmas in each])
+
+
+def test_the_momentum_in_a_record_is_that_of_a_gimbal_that_turns_evenly() -> None:
+    """Its mean, h ∫ cos δ dt / T = h (sin δ₂ − sin δ₁) / (δ₂ − δ₁), to a millionth of h.
+
+    By chords of 0.02 rad values of a quiet gyro had been 6 sigma off.
+    """
+    source, _ = flown(4)
+    gyro = source.scenario.vehicle.control_moment_gyros[0]
+    angle = np.cumsum(np.tile([0.0375, -0.011, 0.0025], 20))
+    edges = 0.05 * np.arange(len(angle) + 1.0)
+    said = GyroLog(angle, None, (0.0, 0.0))
+    grown = gyro.momentum(said, LogTimes(edges, np.diff(edges), 0.05, edges[:-1], edges[:-1], lambda _: np.zeros((0, 3))))
+    along = [np.cumsum(np.append(0.0, np.diff(grown.time_s) * (each[1:] + each[:-1]) / 2)) for each in grown.momentum]
+    means = [np.diff(np.interp(edges, grown.time_s, each)) / 0.05 for each in along]
+    before = np.append(0.0, angle[:-1])
+    exact = [(np.sin(angle) - np.sin(before)) / (angle - before), (np.cos(before) - np.cos(angle)) / (angle - before)]
+    assert gyro.h_n_m_s is not None
+    np.testing.assert_allclose(means, gyro.h_n_m_s * np.array(exact), atol=1e-6 * gyro.h_n_m_s)
 
 
 @pytest.mark.numerical
