@@ -16,6 +16,8 @@ from massprop_cli.diagnosis.fit import response
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.estimate.noiselevels import with_noise_levels
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.gyroscopic import products
+from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.stream import Stream
 
 BINS = (4, 16, 64)
@@ -37,20 +39,42 @@ def with_bins(setup: Setup, pieces: Sequence[slice]) -> Vehicle:
     known = [(part, reference) for part, reference in begun if reference is not None]
     share = sum(part.stop - part.start for part, _ in known) / sum(piece.stop - piece.start for piece in pieces)
 
-    def expected(bins: int) -> Array:
+    def expected(bins: int) -> list[tuple[Array, Array]]:
         vehicle = used.model_copy(update={"estimator": used.estimator.model_copy(update={"bins_per_cycle": bins})})
         read = here if bins == fewest else Stream.of(log, vehicle, setup.timing)
-        each = [response(read, part, reference, vehicle) for part, reference in known]
-        return np.concatenate([(one / noise).ravel() for pair in each for one, noise in zip(pair, np.split(used.noise, 2), strict=True)])
+        return [response(read, part, reference, vehicle) for part, reference in known]
 
     if not known or not used.noise.all():
         return setup.vehicle
+    acted = [_acted(here.part(part)) for part, _ in known]
     chosen, coarse = fewest, expected(fewest)
     for finer in [bins for bins in BINS if bins > fewest]:
         fine = expected(finer)
-        if not np.linalg.norm(fine - coarse) >= MOVED * np.sqrt(share):
+        if not _moved(fine, coarse, acted, used.noise) >= MOVED * share:
             break  # or what runs away tells nothing
         chosen, coarse = finer, fine
     if chosen == fewest:
         return setup.vehicle
     return setup.vehicle.model_copy(update={"estimator": setup.vehicle.estimator.model_copy(update={"bins_per_cycle": chosen})})
+
+
+def _acted(samples: Samples) -> Array:
+    """(K, 12) orthonormal: how the rate would have grown by each component of the commands and each product of rates alone."""
+    executed, rate = samples.executed, samples.rate_rad_s
+    impulse = np.concatenate([executed.whole, products(rate) * executed.duration_s[:, None]], 1)
+    grown = np.cumsum(impulse, axis=0)
+    grown -= grown.mean(0)
+    size = np.linalg.norm(grown, axis=0)
+    return np.linalg.qr(grown[:, size > 0] / size[size > 0])[0]
+
+
+def _moved(fine: Sequence[tuple[Array, Array]], coarse: Sequence[tuple[Array, Array]], acted: Sequence[Array], noise: Array) -> float:
+    """Sigmas by which what commands and rates do may move at most.
+
+    The gyro's noise is each rate's: errors of the rate's growth add up, but for what the unknown rate at the beginning takes.
+    """
+    squares = 0.0
+    for (steps, force), (other_steps, other_force), basis in zip(fine, coarse, acted, strict=True):
+        off = np.cumsum(np.concatenate([np.zeros((1, 3)), steps - other_steps]), axis=0) / noise[:3]
+        squares += float(((basis.T @ (off - off.mean(0))) ** 2).sum() + (((force - other_force) / noise[3:]) ** 2).sum())
+    return float(np.sqrt(squares))
