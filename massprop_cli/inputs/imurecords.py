@@ -15,8 +15,8 @@ from massprop_cli.inputs.marked import Marked
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 
-ABSURD = 1e6
-"""No vehicle turns at 1e6 rad/s or accelerates at 1e6 m/s²."""
+ABSURD = dict.fromkeys((*DELTA_THETA, *GYRO), 1e3) | dict.fromkeys((*DELTA_V, *ACCEL), 1e6)
+"""By column: no vehicle turns at 1e3 rad/s or accelerates at 1e6 m/s²."""
 AT_ONCE = 1e-3
 """Part of the usual interval below which two records are of one moment."""
 YAW = 0.01
@@ -101,7 +101,7 @@ def _by_yaw(theta: Array, vehicle: Vehicle, logged: Sequence[bool]) -> None:
 
 
 def _check_magnitude(source: LogTable, names: Sequence[str], increments: Array, interval_s: Array) -> None:
-    bad = np.argwhere(_beyond(increments, interval_s, ABSURD))
+    bad = np.argwhere(_beyond(increments, interval_s, ABSURD[names[0]]))
     if bad.size:
         row, axis = (int(i) for i in bad[0])
         usual = median(interval_s)

@@ -20,7 +20,7 @@ typedef struct {
 int mp_flight_begin(mp_flight *flight, const mp_commands *commands, const mp_vehicle *vehicle, const mp_rule *rule);
 
 /* One control cycle on, at its end. `made` is 1 where `out` says something new: see mp_preprocess_step for when it comes one call later.
- * On any status but MP_OK nothing has changed and `made` is 0. */
+ * A reading that no vehicle moves by is not used. On any status but MP_OK nothing has changed and `made` is 0. */
 int mp_flight_step(mp_flight *flight, const mp_flown *flown, mp_values *out, int *made);
 
 /* After the last cycle. */

@@ -6,7 +6,12 @@
 #include "executed.h"
 #include "linalg.h"
 
-#define FARTHEST R(3) /* sigmas of the gyro's bias beyond which it is none */
+#define FARTHEST R(3)     /* sigmas of the gyro's bias beyond which it is none */
+#define MOST_TURN R(3)    /* rad that a vehicle turns in a cycle, at most, */
+#define MOST_JUMP R(0.3)  /* and beyond what it turned in the one before, */
+#define BELIEVED 2        /* unless as many cycles in a row say so; */
+#define MOST_FORCE R(1e4) /* m/s^2 of specific force */
+#define MOST R(1e9)       /* of any command or speed */
 
 int mp_preprocess_begin(mp_preprocess *preprocess, const mp_commands *table, const mp_vehicle *vehicle) {
     mp_real ramps = R(0), latest = R(0);
@@ -183,24 +188,40 @@ static void attitudes(mp_preprocess *preprocess, mp_cycle *cycle) {
     preprocess->squares_s2 += cycle->duration_s * cycle->duration_s;
 }
 
+static int beyond(const mp_real v[3], mp_real most) { return !(mp_dot(v, v) < most * most); }
+
+/* Whether the gyro shows more than a vehicle turns in a cycle: a spike, which the estimate would not forget. */
+static int spiked(mp_preprocess *preprocess, const mp_real rate[3], mp_real duration_s) {
+    mp_real jump[3];
+    int i;
+    for (i = 0; i < 3; i++) jump[i] = rate[i] - preprocess->rate[i];
+    if (beyond(rate, MOST_TURN / duration_s)) return 1;
+    preprocess->jumped = preprocess->cycles > 0 && beyond(jump, MOST_JUMP / duration_s) ? preprocess->jumped + 1 : 0;
+    if (preprocess->jumped > BELIEVED) preprocess->jumped = 0;
+    return preprocess->jumped > 0;
+}
+
 /* A cycle whose executed commands are known. */
 static void completed(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle *cycle, int *usable) {
     const mp_vehicle *vehicle = &preprocess->vehicle;
     mp_real theta[3], v[3], rounding;
-    int i;
+    int i, spike[2];
     cycle->end_s = flown->end_s;
     cycle->duration_s = flown->duration_s;
+    spike[1] = beyond(flown->delta_v, MOST_FORCE * flown->duration_s);
     for (i = 0; i < 3; i++) {
         theta[i] = flown->delta_theta[i] / flown->duration_s;
-        v[i] = flown->delta_v[i] / flown->duration_s;
+        v[i] = spike[1] ? R(0) : flown->delta_v[i] / flown->duration_s;
     }
     mp_times((const mp_real(*)[3])preprocess->table.body_from_imu, theta, cycle->rate);
     mp_times((const mp_real(*)[3])preprocess->table.body_from_imu, v, cycle->force);
+    spike[0] = spiked(preprocess, cycle->rate, flown->duration_s);
     for (i = 0; i < 3; i++) {
+        if (spike[0]) cycle->rate[i] = preprocess->rate[i];
         cycle->rate_step[i] = preprocess->cycles > 0 ? cycle->rate[i] - preprocess->rate[i] : R(0);
         preprocess->rate[i] = cycle->rate[i];
     }
-    for (i = 0; i < 2; i++) cycle->deaf[i] = flown->deaf[i];
+    for (i = 0; i < 2; i++) cycle->deaf[i] = flown->deaf[i] || spike[i];
     attitudes(preprocess, cycle);
     mp_executed(preprocess, cycle);
     *usable = !flown->unused && (preprocess->spun || vehicle->wheels == 0);
@@ -213,9 +234,10 @@ static void completed(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle
 }
 
 static int is_finite(const mp_preprocess *preprocess, const mp_flown *flown) {
-    int fine = mp_finite(&flown->end_s, 1) && mp_finite(&flown->duration_s, 1);
-    fine = fine && mp_finite(flown->delta_theta, 3) && mp_finite(flown->delta_v, 3);
-    return fine && mp_finite(flown->command, preprocess->table.commands) && mp_finite(flown->speed, preprocess->vehicle.wheels);
+    int fine = mp_finite(&flown->end_s, 1) && mp_finite(&flown->duration_s, 1), i;
+    for (i = 0; i < preprocess->table.commands; i++) fine = fine && mp_abs(flown->command[i]) < MOST;
+    for (i = 0; i < preprocess->vehicle.wheels; i++) fine = fine && mp_abs(flown->speed[i]) < MOST;
+    return fine && mp_finite(flown->delta_theta, 3) && mp_finite(flown->delta_v, 3);
 }
 
 int mp_preprocess_step(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle *cycle, int *made, int *usable) {

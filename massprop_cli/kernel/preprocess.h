@@ -75,6 +75,7 @@ typedef struct {
     int told; /* whether there was a cycle, */
     mp_real end_s; /* and when it ended */
     long cycles;
+    int jumped; /* cycles in a row whose gyro showed another motion than the one before */
     mp_real since_s; /* from the first cycle's start to the present one's */
     mp_real rate[3];
     int spun; /* whether wheels' speeds at the present cycle's start are known */

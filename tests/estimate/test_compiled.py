@@ -244,16 +244,35 @@ def test_what_is_no_cycle_leaves_the_state_as_it_was(column: int, value: float, 
     assert run._room.tobytes() != before
 
 
+def begun(name: str) -> tuple[kernelflight.Flight, Array]:
+    """A sample log's flight before its first cycle, and its cycles."""
+    found = analysed(name)
+    vehicle, history = found.vehicle, found.histories[0]
+    commands = kernelflight.commands_of(found.log, True, vehicle, found.timing, found.log.records_per_cycle)
+    rule = kernelflight.rule_of(vehicle, (0.01, 0.01, 0.01))
+    flight = kernelflight.Flight(commands, compiled.table(found.samples, resolved(vehicle)), rule)
+    return flight, kernelflight.cycles_of(found.log, slice(0, found.log.cycles), history.cycles)
+
+
+@pytest.mark.parametrize("name", ["free-flyer", "air-bearing"])
+@pytest.mark.parametrize(("column", "by"), [(2, 0.5), (2, 10.0), (4, -1e300), (5, 1e4), (7, 1e155)])
+def test_a_spike_that_no_vehicle_moves_by_is_no_reading(name: str, column: int, by: float) -> None:
+    """Of one cycle, in the gyro's or the accelerometer's increment: not a sigma of the values at the end, where it had ended them all."""
+    flight, fed = begun(name)
+    untouched = flight.step(fed, last=True)
+    flight, fed = begun(name)
+    fed[len(fed) // 3, column] += by
+    found = flight.step(fed, last=True)
+    assert (np.isfinite(found.values) == np.isfinite(found.sigmas)).all()
+    assert (np.abs(found.values[-1] - untouched.values[-1]) < untouched.sigmas[-1]).all()
+    assert (found.verdicts[-1] == untouched.verdicts[-1]).all()
+
+
 @pytest.mark.parametrize("name", ["free-flyer", "air-bearing"])
 def test_what_is_flown_is_what_is_reported_to_the_last_bit(name: str) -> None:
     """The kernel's own quantities, cycle after cycle handed over alone, against the history that an estimate has."""
     found = analysed(name)
-    vehicle, history = found.vehicle, found.histories[0]
-    commands = kernelflight.commands_of(found.log, True, vehicle, found.timing, found.log.records_per_cycle)
-    flight = kernelflight.Flight(
-        commands, compiled.table(found.samples, resolved(vehicle)), kernelflight.rule_of(vehicle, (0.01, 0.01, 0.01))
-    )
-    fed = kernelflight.cycles_of(found.log, slice(0, found.log.cycles), history.cycles)
+    history, (flight, fed) = found.histories[0], begun(name)
     parts = [flight.step(fed[k : k + 1], k + 1 == len(fed)) for k in range(len(fed))]
     assert np.array_equal(np.concatenate([part.values for part in parts]), history.values, equal_nan=True)
     assert np.array_equal(np.concatenate([part.sigmas for part in parts]), history.sigmas, equal_nan=True)
