@@ -256,13 +256,12 @@ def _estimate(i: int, quantity: str, of: Gathered) -> Estimate:
 
 def _sizes(parts: Sequence[Part], values: Array) -> Array:
     """(10,) natural sizes; a moment of inertia that nothing told, as on a table, adds nothing to the body's size."""
-    known = np.concatenate([np.nan_to_num(values[:6]), values[6:]])
-    if parts[0].vehicle.environment != "pedestal":
-        return natural_sizes(known)
-    weighed, nominal = pivot.weighed([part.phase for part in parts]), parts[0].phase.estimates["mass"].nominal
-    known[9] = weighed[0] if weighed else nominal or ASSUMED_KG
+    known, pedestal = np.concatenate([np.nan_to_num(values[:6]), values[6:]]), parts[0].vehicle.environment == "pedestal"
+    if pedestal or not np.isfinite(known[9]):  # a mass that nothing tells
+        weighed, nominal = pivot.weighed([part.phase for part in parts]), parts[0].phase.estimates["mass"].nominal
+        known[9] = weighed[0] if weighed else nominal or ASSUMED_KG
     sizes = natural_sizes(known)
-    sizes[6:9] *= known[9]
+    sizes[6:9] *= known[9] if pedestal else 1.0
     return sizes
 
 

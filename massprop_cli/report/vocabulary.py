@@ -85,6 +85,8 @@ def _thrust_scale(result: Result) -> str:
     vehicle = result.vehicle
     if result.provenance.method == "thesis":
         return "Sigmas of the thesis's filters are its “precision”: they shrink with noise alone and are no errors."
+    if vehicle.wheels and all(phase.estimates["mass"].verdict == "unobservable" for phase in result.phases):
+        return "Inertia has its scale from stored momentum, as the vehicle file states it."
     if vehicle.wheels:
         return "Inertia and mass have their scale from stored momentum and from the thrust; what the log shows of both is in every sigma."
     said = (

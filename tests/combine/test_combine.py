@@ -201,6 +201,22 @@ def test_a_thrust_scale_common_to_logs_on_a_bearing_enters_once(tmp_path: Path) 
     np.testing.assert_allclose(np.sqrt(np.diag(wide)), np.sqrt(np.diag(covariance) + (0.02 * slope) ** 2), rtol=0.01)
 
 
+def test_a_cg_is_combined_where_nothing_tells_the_mass(tmp_path: Path) -> None:
+    """Gyros alone turn the vehicle: the CG is told by the rotation that the accelerometer feels; it had been called not excited."""
+    settings = ("duration_s=40", 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], start_s=0, end_s=40}]')
+    output.simulate(scenario.load("control-moment-gyros", settings), tmp_path / "logs", 1, 2)
+    folders = [tmp_path / f"run-{seed}" for seed in (1, 2)]
+    for seed, folder in zip((1, 2), folders, strict=True):
+        estimated(tmp_path / "logs" / f"seed-000{seed}" / "log.parquet", folder)
+    each = list(map(read, folders))
+    (phase,) = combine.together(each).phases
+    for name in ("cg_x", "cg_y", "cg_z"):
+        own = [one.result.phases[0].estimates[name] for one in each]
+        assert {one.verdict for one in own} <= {"converged", "not_converged"}
+        assert phase.estimates[name].verdict in {one.verdict for one in own}
+        assert (phase.estimates[name].sigma or 1.0) < min(one.sigma or 0.0 for one in own)
+
+
 def test_what_makes_one_log_doubt_the_thrust_holds_for_all() -> None:
     rows, data = gaussians(2, 2)
     (one, sharp), (other, blunt) = solved(rows[0], data[0]), solved(rows[1], data[1])
