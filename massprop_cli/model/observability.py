@@ -18,6 +18,8 @@ DROWNED = 1 / 3
 """A channel tells nothing where disturbances exceed this part of the power that commands and mass properties explain in it."""
 NONE: BoolArray = np.zeros(6, dtype=bool)
 _MOTIONS = 60
+GENERIC = Reference(np.array([[0.8, 0.05, -0.07], [0.05, 1.0, 0.06], [-0.07, 0.06, 1.2]]), np.array([0.03, -0.05, 0.07]), 0.1)
+"""A body without symmetries."""
 
 
 def observable(capability: Array, reference: Reference, vehicle: Vehicle, unread: BoolArray = NONE) -> BoolArray:
@@ -26,8 +28,13 @@ def observable(capability: Array, reference: Reference, vehicle: Vehicle, unread
     ``unread`` (6,): channels that the log doesn't have.
 
     Motions without a pattern, with commands from the span of ``capability`` (r, 6), stand for all motions; a quantity is observable if it
-    does not enter the null space of what they show.
+    does not enter the null space of what they show, of the ``reference`` or of a body without symmetries: an estimate that went astray is
+    none.
     """
+    return _shown(capability, reference, vehicle, unread) | _shown(capability, GENERIC, vehicle, unread)
+
+
+def _shown(capability: Array, reference: Reference, vehicle: Vehicle, unread: BoolArray) -> BoolArray:
     # incommensurate waves: no column follows from others
     drawn = np.cos(np.outer(np.arange(1, _MOTIONS + 1), np.sqrt(np.arange(len(capability) + 6) + 0.5)))
     wrench = drawn[:, 6:] @ capability if len(capability) else np.zeros((_MOTIONS, 6))
