@@ -15,7 +15,7 @@ def balance(
     result: options.Made,
     ballast: Annotated[
         Path | None,
-        options.option("Ballast or vehicle file with [[ballast]] (default: what RESULT carries).", options.INPUT, metavar="FILE"),
+        options.option("Ballast or vehicle file with [\\[ballast]] (default: what RESULT carries).", options.INPUT, metavar="FILE"),
     ] = None,
     after: Annotated[Path | None, options.option("Of a log after the moves, to check them.", options.INPUT, metavar="RESULT")] = None,
     moved: Annotated[
