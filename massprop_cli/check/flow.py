@@ -240,5 +240,8 @@ def message(found: Check) -> str:
         more = f"; and {len(bad) - 1} more" if len(bad) > 1 else ""
         said = first.what if first.code == "unusable" else f"{found.log}: {first.what}{where}; {first.remedy}"
         return f"{said}{more}"
+    if found.exit_code == exits.CONTRADICTED:
+        faults = ["; ".join(filter(None, (one.what, one.remedy))) for one in found.findings if one.grade == "fault"]
+        return f"{found.log}: log and vehicle file contradict each other: {next(iter(faults), 'no cause has a name')}"
     short = [one.reason for one in found.expected if one.reached is False]
     return f"wanted but not reached: {'; '.join(short)}" if short else ""

@@ -23,12 +23,12 @@ def sampling(time_s: Array, place: Place) -> list[Finding]:
     for code, which, what, remedy in (
         ("duplicate-time", steps == 0, "records with the time of the one before", "drop the copies, or let the recorder write finer times"),
         ("time-back", steps < 0, "steps of the clock back", "sort the log, or cut it where the clock was set"),
-        ("gap", steps > GAP * usual, f"gaps of more than {GAP:g} usual intervals", "split the log there ([[phases]] or a file each)"),
+        ("gap", steps > GAP * usual, f"gaps of more than {GAP:g} usual intervals", "split the log there, a file each"),
     ):
         if which.any():
             worst = float(np.max(np.abs(steps[which])))
             size = "" if code == "duplicate-time" else f", the largest of {worst:.6g} s"
-            said = f"{int(which.sum())} {what} (usual interval {usual:.6g} s{size})"
+            said = f"{what}: {int(which.sum())} (usual interval {usual:.6g} s{size})"
             found.append(finding("sampling", code, "unusable", said, remedy, rows(which, place)))
     if found:
         return found
