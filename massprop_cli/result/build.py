@@ -146,7 +146,7 @@ def _phase(analysis: Analysis, i: int, factors: Array, told: Discrepancy | None)
         innovations=_innovations(settled, factors),
         contradiction=conclusion.contradiction,
         known=_known(used.in_phase(conclusion.phase).known),
-        implied_thrust_scale=_implied(conclusion, used.in_phase(conclusion.phase).known.get("mass")),
+        implied_thrust_scale=_implied(conclusion, used.in_phase(conclusion.phase)),
         discrepancy=None if told is None else _discrepancy(told, conclusion.thrust_scale_sigma),
         cross_validation=None if validated is None else _cross_validation(analysis, validated),
     )
@@ -204,8 +204,9 @@ def _known(known: Mapping[Quantity, Known]) -> dict[str, tuple[float, float]]:
     return {name: (quantity.value, quantity.sigma) for name, quantity in known.items()}
 
 
-def _implied(conclusion: Conclusion, known: Known | None) -> schema.ImpliedScale | None:
-    """A known mass over the one that the log gives by itself."""
+def _implied(conclusion: Conclusion, vehicle: Vehicle) -> schema.ImpliedScale | None:
+    """A known mass over the one that the log gives by itself; on a pedestal no motion gives one."""
+    known = None if vehicle.on_pedestal else vehicle.known.get("mass")
     mass, variance = float(conclusion.bare[0][9]), float(conclusion.bare[1][9, 9])
     if known is None or variance <= 0 or not np.isfinite(mass + variance) or mass <= 0:
         return None
