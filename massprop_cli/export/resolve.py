@@ -88,7 +88,7 @@ def stated(source: VehicleSource, jets: bool | None = None, records: int = 0) ->
     if missing:
         raise InputError(
             f"{source.source}: {', '.join(missing)} must be stated for a flight, above 0 where it is a noise; massprop estimate on a log "
-            "shows them, export-flight takes them from one"
+            "shows delay, noise and filters, and export-flight takes all of them from one (--log)"
         )
     timing = stated_timing(vehicle)
     recorded = FlownRecords((sampled, sampled), np.array([vehicle.cycle.period_s / max(records, 1)]))

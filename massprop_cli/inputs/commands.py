@@ -50,7 +50,10 @@ def commands(source: LogTable, vehicle: Vehicle, records: int, n: int, pulsed: P
     if not known and (vehicle.spinning or vehicle.on_pedestal):
         return "jets", np.zeros((n // records if source.issued is None else len(source.issued), 0))
     if not known:
-        raise InputError(f"{path}: no commands: neither jet_*_s nor cmd_torque_*/cmd_force_* columns, and the vehicle file has no [[jets]]")
+        raise InputError(
+            f"{path}: no commands: neither jet_*_s nor cmd_torque_*/cmd_force_* columns, and the vehicle file has no "
+            "[[jets]], [[wheels]], [[control_moment_gyros]] or [[rotors]]; state what moves the vehicle, or map its columns under [columns]"
+        )
     command = _each(source, [jet(name) for name in known], records, n)
     _check_on_times(source, known, command, records, vehicle.cycle.period_s)
     for part in spill.parts(len(command)):
