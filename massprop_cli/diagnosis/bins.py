@@ -46,11 +46,11 @@ def with_bins(setup: Setup, pieces: Sequence[slice]) -> Vehicle:
 
     if not known or not used.noise.all():
         return setup.vehicle
-    acted = [_acted(here.part(part)) for part, _ in known]
+    acted = [_acted(here.part(part))[:, : 0 if setup.vehicle.pivoted else None] for part, _ in known]  # the weight shows the turn, too
     chosen, coarse = fewest, expected(fewest)
     for finer in [bins for bins in BINS if bins > fewest]:
         fine = expected(finer)
-        if not _moved(fine, coarse, acted, used.noise) >= MOVED * share:
+        if not _moved(fine, coarse, acted, used.noise, share) >= MOVED:
             break  # or what runs away tells nothing
         chosen, coarse = finer, fine
     if chosen == fewest:
@@ -68,13 +68,18 @@ def _acted(samples: Samples) -> Array:
     return np.linalg.qr(grown[:, size > 0] / size[size > 0])[0]
 
 
-def _moved(fine: Sequence[tuple[Array, Array]], coarse: Sequence[tuple[Array, Array]], acted: Sequence[Array], noise: Array) -> float:
-    """Sigmas by which what commands and rates do may move at most.
+def _moved(
+    fine: Sequence[tuple[Array, Array]], coarse: Sequence[tuple[Array, Array]], acted: Sequence[Array], noise: Array, share: float
+) -> float:
+    """Sigmas by which a value may move at most, in a log of which so large a ``share`` is looked at.
 
-    The gyro's noise is each rate's: errors of the rate's growth add up, but for what the unknown rate at the beginning takes.
+    By errors of the growth of the rate and of the specific force, each alone; and by what of the former adds up, but for what the unknown
+    rate at the beginning takes, as commands and rates do: the gyro's noise is each rate's.
     """
-    squares = 0.0
+    alone = together = 0.0
     for (steps, force), (other_steps, other_force), basis in zip(fine, coarse, acted, strict=True):
-        off = np.cumsum(np.concatenate([np.zeros((1, 3)), steps - other_steps]), axis=0) / noise[:3]
-        squares += float(((basis.T @ (off - off.mean(0))) ** 2).sum() + (((force - other_force) / noise[3:]) ** 2).sum())
-    return float(np.sqrt(squares))
+        off = (steps - other_steps) / noise[:3]
+        alone += float((off**2).sum() + (((force - other_force) / noise[3:]) ** 2).sum())
+        grown = np.cumsum(np.concatenate([np.zeros((1, 3)), off]), axis=0)
+        together += float(((basis.T @ (grown - grown.mean(0))) ** 2).sum())
+    return float(np.sqrt(max(alone, together) / share))
