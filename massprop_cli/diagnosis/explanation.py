@@ -123,7 +123,7 @@ def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = ())
     correction = correction_of(screening.case, refit.case, refit.fitted)
     near = (*around(screening.case, refit.fitted, screening.free.fired), *skewed(correction, refit.fitted))
     instead = (*(other for other in others if other is not None), *_of_the_others(correction), *heavier)
-    return tuple(Explanation(code, message, correction, around=near, rivals=instead) for code in sure or [UNKNOWN])
+    return tuple(Explanation(code, message, correction, around=near, rivals=instead) for code in dict.fromkeys(sure or [UNKNOWN]))
 
 
 def _of_the_others(correction: Correction | None) -> Iterator[Correction]:
