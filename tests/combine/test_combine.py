@@ -201,6 +201,8 @@ def test_a_thrust_scale_common_to_logs_on_a_bearing_enters_once(tmp_path: Path) 
     np.testing.assert_allclose(np.sqrt(np.diag(wide)), np.sqrt(np.diag(covariance) + (0.02 * slope) ** 2), rtol=0.01)
 
 
+@pytest.mark.seeds
+@pytest.mark.thorough
 def test_a_cg_is_combined_where_nothing_tells_the_mass(tmp_path: Path) -> None:
     """Gyros alone turn the vehicle: the CG is told by the rotation that the accelerometer feels; it had been called not excited."""
     settings = ("duration_s=40", 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], start_s=0, end_s=40}]')
