@@ -1,53 +1,21 @@
 """Records as they arrive: the estimate of each cycle is the replay's, and the recording's result is that of any log."""
 
 import io
-import json
-import os
-import resource
-import signal
-import subprocess
-import sys
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 
 import numpy as np
-import pyarrow.csv
-import pyarrow.parquet
 import pytest
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs import vehiclefile
 from massprop_cli.kernel import kernel
-from massprop_cli.live import records, run
-from massprop_cli.live.run import recording
+from massprop_cli.live import records
 from tests.analysed import SAMPLES, analysed
-from tests.commandline import STDIN, Done, massprop
+from tests.commandline import massprop
+from tests.live.streams import as_objects, followed, recorded
 
 pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"the causal pass runs on {kernel().name}")
-
-
-@cache
-def recorded(name: str) -> tuple[str, ...]:
-    """A sample log as lines of CSV."""
-    text = io.BytesIO()
-    pyarrow.csv.write_csv(pyarrow.parquet.read_table(SAMPLES / name / "log.parquet"), text)
-    return tuple(text.getvalue().decode().splitlines(keepends=True))
-
-
-def as_objects(lines: Sequence[str]) -> list[str]:
-    names = [name.strip('"\n') for name in lines[0].split(",")]
-    rows = (line.strip().split(",") for line in lines[1:])
-    return [json.dumps({name: float(cell) if cell else None for name, cell in zip(names, row, strict=True)}) + "\n" for row in rows]
-
-
-def followed(name: str, lines: Sequence[str], *assignments: str) -> tuple[list[dict[str, object]], str, list[str]]:
-    """What is said, what is kept and what is warned of."""
-    record, warned = io.StringIO(), list[str]()
-    source = vehiclefile.load(SAMPLES / name / "vehicle.toml", assignments)
-    said = [json.loads(line) for line in run.follow(lines, source, record.write, warned.append)]
-    return said, record.getvalue(), warned
 
 
 @pytest.mark.parametrize("name", ["free-flyer", "docking", "air-bearing", pytest.param("high-rate", marks=pytest.mark.thorough)])
@@ -83,29 +51,6 @@ def test_an_object_may_name_an_event_where_it_was() -> None:
     said, kept, warned = followed("free-flyer", named)
     assert (said, warned) == (followed("free-flyer", lines)[0], [])
     assert [row.rpartition(",")[2] for row in kept.splitlines()[99:103]] == ["", "", "thruster test", ""]
-
-
-def test_the_recording_is_estimated_as_any_log(tmp_path: Path) -> None:
-    """Answers come before more is sent; the result is the one of the recording."""
-    vehicle = str(SAMPLES / "free-flyer" / "vehicle.toml")
-    lines = recorded("free-flyer")
-    command = [sys.executable, "-m", "massprop_cli", "live", "--vehicle", vehicle, "--out", "live"]
-    process = subprocess.Popen(command, cwd=tmp_path, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert process.stdin is not None
-    assert process.stdout is not None
-    process.stdin.writelines(lines[:101])
-    process.stdin.flush()
-    early = [json.loads(process.stdout.readline()) for _ in range(98)]  # two cycles of delay
-    assert early[-1]["time_s"] == pytest.approx(5.0)
-    late, said = process.communicate("".join(lines[101:]), timeout=60)
-    assert process.returncode == 0, said
-    assert len(late.splitlines()) == 1198 - 98
-    again = massprop(tmp_path, "estimate", "live/record.csv", "--vehicle", vehicle, "--out", "again", "-q")
-    assert again.returncode == 0
-    assert (tmp_path / "live" / "result.json").read_bytes() == (tmp_path / "again" / "result.json").read_bytes()
-    last = json.loads(late.splitlines()[-1])["estimates"]
-    result = json.loads((tmp_path / "live" / "result.json").read_text())["phases"][0]["estimates"]
-    assert {name: (e["value"], e["sigma"]) for name, e in last.items()} == {name: (e["value"], e["sigma"]) for name, e in result.items()}
 
 
 def in_column(line: str, name: str, value: str) -> str:
@@ -206,42 +151,6 @@ def test_the_second_record_may_be_lost_or_stamped_late() -> None:
     assert abs(len(followed("free-flyer", late)[0]) - len(followed("free-flyer", lines)[0])) <= 1
 
 
-@pytest.mark.parametrize("end", ["reader", "disk", "interrupt", "termination"])
-def test_the_result_is_there_however_the_answers_end(end: str, tmp_path: Path) -> None:
-    """Where nobody reads them, where they can't be written, and at Ctrl-C."""
-    lines = recorded("free-flyer")[:400]
-    vehicle = str(SAMPLES / "free-flyer" / "vehicle.toml")
-    command = [sys.executable, "-m", "massprop_cli", "live", "--vehicle", vehicle, "--out", "live", "-q"]
-    pipe = subprocess.PIPE
-    with Path("/dev/full").open("w") as full:
-        out = full if end == "disk" else pipe
-        process = subprocess.Popen(command, cwd=tmp_path, stdin=pipe, stdout=out, stderr=pipe, text=True)
-    assert process.stdin is not None
-    process.stdin.writelines(lines[:300])
-    process.stdin.flush()
-    if process.stdout is not None:
-        for _ in range(297):  # of 299 records, with a delay of two
-            assert process.stdout.readline()
-    if end == "reader" and process.stdout is not None:
-        process.stdout.close()
-    ended_by = {"interrupt": signal.SIGINT, "termination": signal.SIGTERM}.get(end)
-    if ended_by is not None:
-        process.send_signal(ended_by)
-    else:
-        process.stdin.writelines(lines[300:])
-        process.stdin.close()
-    process.wait(60)
-    assert process.stderr is not None
-    said = process.stderr.read()
-    for stream in (process.stdin, process.stdout, process.stderr):
-        if stream is not None:
-            stream.close()
-    assert process.returncode == {"reader": 141, "disk": 3, "interrupt": 130, "termination": 143}[end], said
-    assert len((tmp_path / "live" / "record.csv").read_text().splitlines()) == (400 if ended_by is None else 300)
-    assert json.loads((tmp_path / "live" / "result.json").read_text())["phases"]
-    assert ("interrupted; the result is that of what had come" in said) == (ended_by is not None)
-
-
 def test_a_lost_record_ends_what_cannot_do_without_and_the_recording_goes_on() -> None:
     """Of twenty records a cycle one is missing; of one a cycle the rest goes on."""
     lines = recorded("high-rate")[:1001]
@@ -338,70 +247,3 @@ def test_a_line_of_a_gigabyte_is_never_held() -> None:
     stream = Endless()
     assert len(next(records.lines_of(stream))) == records.LONGEST + 1
     assert stream.left == 0
-
-
-def live(folder: Path, given: str, *arguments: str | Path) -> Done:
-    """``massprop live`` of the free flyer, with this as its standard input."""
-    (folder / STDIN).write_text(given, encoding="utf-8")
-    return massprop(folder, "live", "--vehicle", SAMPLES / "free-flyer" / "vehicle.toml", *arguments)
-
-
-def test_a_disk_that_is_full_keeps_whole_records_alone(tmp_path: Path) -> None:
-    """No file may grow beyond 20 kB, as on a disk that is full then."""
-    text = "".join(recorded("free-flyer")[:301])
-    line = [sys.executable, "-m", "massprop_cli", "live", "--vehicle", str(SAMPLES / "free-flyer" / "vehicle.toml"), "--out", "live"]
-    ended = subprocess.run(
-        line,
-        cwd=tmp_path,
-        input=text,
-        capture_output=True,
-        text=True,
-        env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1"},
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
-        check=False,
-    )
-    assert ended.returncode == 3
-    assert (
-        ended.stderr
-        == "massprop: live/record.csv: cannot be written (File too large); it holds what came before. Make room, and begin anew\n"
-    )
-    kept = (tmp_path / "live" / "record.csv").read_text()
-    assert kept.endswith("\n")
-    assert len(kept.splitlines()) > 50
-    assert text.replace('"', "").startswith(kept.replace('"', ""))
-
-
-@pytest.mark.parametrize("given", ["", "time_s\n"])
-def test_what_never_began_leaves_no_folder(given: str, tmp_path: Path) -> None:
-    assert live(tmp_path, given, "--out", "a/live").returncode == 3
-    assert [path.name for path in tmp_path.iterdir()] == [STDIN]
-
-
-def test_a_recording_that_contradicts_its_vehicle_file_exits_with_6(tmp_path: Path) -> None:
-    """A gyro in degrees."""
-    header, *rows = recorded("free-flyer")[:401]
-    at = [i for i, name in enumerate(header.replace('"', "").split(",")) if name.startswith("delta_theta")]
-    cells = [row.rstrip("\n").split(",") for row in rows]
-    turned = [",".join(f"{np.rad2deg(float(cell)):.9g}" if i in at else cell for i, cell in enumerate(row)) + "\n" for row in cells]
-    given = "".join([header, *turned])
-    assert live(tmp_path, given, "--out", "live", "-q").returncode == 6
-    assert live(tmp_path, given, "--out", "allowed", "-q", "--allow-contradicted").returncode == 0
-
-
-def test_a_recording_is_not_written_over(tmp_path: Path) -> None:
-    (tmp_path / "record.csv").write_text("precious")
-    with pytest.raises(InputError, match="not written over"), recording(tmp_path):
-        pass
-    assert (tmp_path / "record.csv").read_text() == "precious"
-
-
-def test_a_recording_that_no_estimate_is_made_of_is_whole_and_exits_with_3(tmp_path: Path) -> None:
-    """Half a second without records."""
-    lines = recorded("free-flyer")[:301]
-    ended = live(tmp_path, "".join([*lines[:100], *lines[110:]]), "--out", "live")
-    assert ended.returncode == 3
-    end, refused = ended.stderr.splitlines()
-    assert end.endswith("no values from here on, but what comes is recorded, and estimated in the end")
-    assert "split the log there" in refused
-    assert (tmp_path / "live" / "record.csv").read_text().count("\n") == 291
-    assert not (tmp_path / "live" / "result.json").exists()
