@@ -49,7 +49,7 @@ class Gatherer:
         if not interval > 0:
             raise RecordError(f"time {record.time_s:.9g} s does not come after {self._last_s:.9g} s")
         if self.ended:
-            return self.end(record)
+            return self.end(record.time_s)
         if self._begun or self.records:
             absurd = self._absurd(record, interval)
             if absurd:
@@ -65,9 +65,9 @@ class Gatherer:
         told = len(self._begun) > STARTS and record.time_s - self._begun[0].time_s > SPAN * self.period_s
         return self.started() if told else []
 
-    def end(self, record: Record) -> list[RecordedCycle]:
-        """No more cycles."""
-        self.ended, self._last_s = True, record.time_s
+    def end(self, time_s: float) -> list[RecordedCycle]:
+        """No more cycles; records that come have times after ``time_s``."""
+        self.ended, self._last_s = True, time_s
         return []
 
     def started(self) -> list[RecordedCycle]:

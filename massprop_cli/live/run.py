@@ -50,7 +50,7 @@ def follow(lines: Iterable[str], source: VehicleSource, keep: Callable[[str], ob
     keep(reader.header)
     for at, line in chain([(number, first)] if reader.is_json else [], numbered):
         yield from _one(at, line, reader, gatherer, live, keep, warn)
-    yield from _flown(gatherer.started(), live, warn)
+    yield from _flown(gatherer.started(), gatherer, live, warn)
     yield from map(_line, live().last() if gatherer.records and not gatherer.ended else [])
 
 
@@ -72,24 +72,25 @@ def _one(
     except InputError as error:
         if not gatherer.records:
             raise
-        cycles = gatherer.end(found)
+        cycles = gatherer.end(found.time_s)
         warn(f"{error}; {KEPT}")
     keep(found.row)
-    try:
-        yield from _flown(cycles, live, warn)
-    except StatusError as error:
-        gatherer.end(found)
-        warn(f"standard input, line {number}: the cycle to {found.time_s:.9g} s can't be used ({error}); {KEPT}")
+    yield from _flown(cycles, gatherer, live, warn)
 
 
-def _flown(cycles: Iterable[RecordedCycle], live: Callable[[], Legs], warn: Callable[[str], None]) -> Iterator[str]:
+def _flown(cycles: Iterable[RecordedCycle], gatherer: Gatherer, live: Callable[[], Legs], warn: Callable[[str], None]) -> Iterator[str]:
     for cycle in cycles:
         if cycle.lacking:
             warn(
                 f"standard input: a record is lacking before {cycle.end_s:.9g} s, and what was commanded then; values of this phase are "
                 "contradicted from here on, since they would be taken from a wrong command"
             )
-        yield from map(_line, live().add(cycle))
+        try:
+            yield from map(_line, live().add(cycle))
+        except StatusError as error:
+            warn(f"standard input: the cycle to {cycle.end_s:.9g} s can't be used ({error}); {KEPT}")
+            gatherer.end(cycle.end_s)
+            return
 
 
 def _line(completed: Completed) -> str:
