@@ -1,11 +1,12 @@
 """As many bins a cycle as its motion asks for: so many that more of them move no value by a good part of its sigma.
 
-An estimate moves by no more sigmas than the norm of what its model is off by, over noise (Cauchy and Schwarz).
+An estimate moves by no more sigmas than the norm of what its model is off by, over noise (Cauchy and Schwarz): each error by itself, or
+what adds up of them as commands do.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -46,11 +47,15 @@ def with_bins(setup: Setup, pieces: Sequence[slice]) -> Vehicle:
 
     if not known or not used.noise.all():
         return setup.vehicle
-    acted = [_acted(here.part(part))[:, : 0 if setup.vehicle.pivoted else None] for part, _ in known]  # the weight shows the turn, too
+    # on a bearing the weight shows the turn, too, and errors of the rate's growth are not all that adds up
+    acted = None if setup.vehicle.pivoted else [_acted(here.part(part)) for part, _ in known]
     chosen, coarse = fewest, expected(fewest)
     for finer in [bins for bins in BINS if bins > fewest]:
         fine = expected(finer)
-        if not _moved(fine, coarse, acted, used.noise, share) >= MOVED:
+        off = [(one - other) / used.noise[:3] for (one, _), (other, _) in zip(fine, coarse, strict=True)]
+        felt = [(one - other) / used.noise[3:] for (_, one), (_, other) in zip(fine, coarse, strict=True)]
+        moved = max(_squares([*off, *felt]), 0.0 if acted is None else _squares(map(_as_acted, off, acted)))
+        if not np.sqrt(moved / share) >= MOVED:
             break  # or what runs away tells nothing
         chosen, coarse = finer, fine
     if chosen == fewest:
@@ -58,8 +63,12 @@ def with_bins(setup: Setup, pieces: Sequence[slice]) -> Vehicle:
     return setup.vehicle.model_copy(update={"estimator": setup.vehicle.estimator.model_copy(update={"bins_per_cycle": chosen})})
 
 
+def _squares(parts: Iterable[Array]) -> float:
+    return float(sum((part**2).sum() for part in parts))
+
+
 def _acted(samples: Samples) -> Array:
-    """(K, 12) orthonormal: how the rate would have grown by each component of the commands and each product of rates alone."""
+    """(K, up to 12) orthonormal: how the rate would have grown by each component of the commands and each product of rates alone."""
     executed, rate = samples.executed, samples.rate_rad_s
     impulse = np.concatenate([executed.whole, products(rate) * executed.duration_s[:, None]], 1)
     grown = np.cumsum(impulse, axis=0)
@@ -68,18 +77,11 @@ def _acted(samples: Samples) -> Array:
     return np.linalg.qr(grown[:, size > 0] / size[size > 0])[0]
 
 
-def _moved(
-    fine: Sequence[tuple[Array, Array]], coarse: Sequence[tuple[Array, Array]], acted: Sequence[Array], noise: Array, share: float
-) -> float:
-    """Sigmas by which a value may move at most, in a log of which so large a ``share`` is looked at.
+def _as_acted(off: Array, acted: Array) -> Array:
+    """(up to 12, 3) what of errors (K − 1, 3) of the rate's growth adds up as commands and rates do.
 
-    By errors of the growth of the rate and of the specific force, each alone; and by what of the former adds up, but for what the unknown
-    rate at the beginning takes, as commands and rates do: the gyro's noise is each rate's.
+    The gyro's noise is each rate's, not each growth's; the unknown rate at the beginning takes the mean.
     """
-    alone = together = 0.0
-    for (steps, force), (other_steps, other_force), basis in zip(fine, coarse, acted, strict=True):
-        off = (steps - other_steps) / noise[:3]
-        alone += float((off**2).sum() + (((force - other_force) / noise[3:]) ** 2).sum())
-        grown = np.cumsum(np.concatenate([np.zeros((1, 3)), off]), axis=0)
-        together += float(((basis.T @ (grown - grown.mean(0))) ** 2).sum())
-    return float(np.sqrt(max(alone, together) / share))
+    grown = np.cumsum(np.concatenate([np.zeros((1, 3)), off]), axis=0)
+    found: Array = acted.T @ (grown - grown.mean(0))
+    return found

@@ -154,8 +154,7 @@ def _in_proportion(screening: Screening, refit: Refit) -> Refit | None:
         instead = hypotheses.scaled(model, names, other, 1 / factor)
         rest = [own.hypothesis for own in found.parts if own is not part]
         x = found.x.copy()
-        x[model.place("theta")] /= factor
-        x[model.place("thrust")] /= factor
+        x[model.place("thrust")] /= factor  # and the body, of which nothing is said
         as_well = replace(found, hypothesis=instead.beside(*rest) if rest else instead, x=x)
         case = applied(screening.case, as_well, screening.free.fired)
         return None if case is None else replace(refit, fitted=as_well, case=case)
