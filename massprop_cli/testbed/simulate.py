@@ -11,7 +11,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands, supply
 from massprop_cli.inputs.columns import ACCEL, GYRO, TIME
-from massprop_cli.inputs.imurecords import saturation
+from massprop_cli.inputs.imurecords import ABSURD, saturation
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.tablefile import at_hand
 from massprop_cli.inputs.telemetry import Log
@@ -22,8 +22,6 @@ from massprop_cli.testbed.imu import Sensor
 from massprop_cli.testbed.onboard import RunningOf
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
 
-ABSURD = 1e6
-"""No IMU logs more than this, per second."""
 Progress = Callable[[float], None]
 
 
@@ -167,8 +165,9 @@ def fly(
 
 
 def _check_sensor(source: ScenarioSource, name: str, sensor: Sensor) -> None:
-    if not np.abs(sensor.increments).max() / sensor.record_s < ABSURD:
-        raise InputError(f"{source.source}: the {name} would log more than {ABSURD:g} per second; check noise, bias, IMU position, forces")
+    most = ABSURD[GYRO[0] if name == "gyro" else ACCEL[0]]
+    if not np.abs(sensor.increments).max() / sensor.record_s < most:
+        raise InputError(f"{source.source}: the {name} would log more than {most:g} per second; check noise, bias, IMU position, forces")
 
 
 def _record_ends(scenario: Scenario) -> Array:
