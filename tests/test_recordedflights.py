@@ -15,7 +15,7 @@ from massprop_cli.result.read import Recorded
 from tests.combine.test_incommon import campaign
 from tests.recording import SAMPLES
 
-pytestmark = pytest.mark.thorough
+pytestmark = [pytest.mark.thorough, pytest.mark.seeds]
 LITERATURE = {"ixx": 1.66e-5, "iyy": 1.67e-5, "izz": 2.93e-5, "mass": 0.0319}
 """kg m², kg."""
 
@@ -26,7 +26,6 @@ def flight(name: str, *assignments: str) -> Analysis:
     return job.of_file(SAMPLES / "crazyflie" / f"{name}.parquet", None, assignments).analysis
 
 
-@pytest.mark.seeds
 def test_settings_given_back_reproduce_the_fit() -> None:
     """Also where a first pass found disturbances: what it found stands in the settings, and is then no discrepancy any more."""
     first = build.result(flight("yaw"))
@@ -58,7 +57,6 @@ def test_each_agrees_with_what_is_known_of_the_vehicle() -> None:
     assert "disturbance-torque" in [notice.code for notice in flight("roll-pitch").notices]
 
 
-@pytest.mark.seeds
 def test_nominal_values_never_enter_anything() -> None:
     without, beside = flight("yaw"), flight("yaw", "nominal.mass=1.0", "nominal.ixx=1.0", "nominal.izz=3e-6")
     assert without.vehicle.nominal.ixx is None
@@ -68,7 +66,6 @@ def test_nominal_values_never_enter_anything() -> None:
         np.testing.assert_array_equal(one.sigmas, other.sigmas)
 
 
-@pytest.mark.seeds
 def test_all_together_are_no_better_than_the_thrust() -> None:
     """Each tells its own axes, and doubts its thrust by 3 to 8 %; what it shows of its jets is the same in all.
 
