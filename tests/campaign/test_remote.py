@@ -132,6 +132,7 @@ def test_workers_read_a_store_by_themselves(logs: Path, local: dict[str, bytes],
     }
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_campaign_from_python_may_be_at_urls_and_be_held_against_one(
     local: dict[str, bytes], s3: Any, monkeypatch: pytest.MonkeyPatch

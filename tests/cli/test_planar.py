@@ -79,6 +79,7 @@ def test_a_check_has_nothing_to_object_to(folder: Path) -> None:
     assert "nothing to object to" in massprop(folder, "check", "flown/log.parquet").stdout
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.xfail(reason="a droop of the thrust, in doubt by chance, holds the mass back on this log", strict=True)
 def test_what_the_plan_predicts_for_a_table_is_what_an_estimate_of_it_has(tmp_path: Path) -> None:

@@ -32,6 +32,7 @@ def turned(used: Vehicle, jet: int, angle: float) -> Vehicle:
     return changed(used, [f"jets.{jet}.force_n={[float(x) for x in stated]}"])
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_what_chance_leaves_along_a_channel_is_six_squares() -> None:
     """Of twenty seeds and eighteen channels: on average six, within a quarter or a half, and none beyond one chance in a million."""

@@ -79,6 +79,7 @@ def test_two_strong_jets_contradict_what_they_turn_and_not_what_the_others_push(
     assert faulty.looks_good_and_is_wrong(found, TRUTH) == []
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_disturbance_beyond_the_commands_is_doubt_of_the_data() -> None:
     """Two gyro axes in units that nobody uses: what they show would need newton metres where jets give a tenth of one."""

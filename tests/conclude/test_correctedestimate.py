@@ -127,6 +127,8 @@ def test_a_setting_of_what_is_uncertain_reads_as_it_was_written() -> None:
     assert used.uncertain == (entry,)
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_on_a_pedestal_a_remedy_that_drops_the_mass_leaves_the_cg_untold() -> None:
     """What is known of a phase is of no part of it once it is split."""
     flown = fly("pedestal", seeds=(1,))

@@ -185,6 +185,8 @@ def test_a_response_that_grew_without_end_says_nothing(part: str) -> None:
     assert assumptions.sound(replace(found, responses=(endless,)), sound(SEED).settled[:1]).responses == (None,)
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.parametrize(
     ("scale", "named"),
     [

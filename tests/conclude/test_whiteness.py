@@ -152,7 +152,6 @@ def test_counts_that_are_coarser_than_the_noise_leave_no_mass_converged() -> Non
     assert not whiteness.unlike_noise(examined(log, vehicle).settled[0], found.vehicle)
 
 
-@pytest.mark.numerical
 @pytest.mark.parametrize("kind", ["torque_n_m=0.02", pytest.param("walk_n_m=0.001", marks=pytest.mark.thorough)])
 def test_a_disturbance_that_is_noise_leaves_values_converged(kind: str) -> None:
     disturbed = fly("free-flyer", *RANDOM, f"disturbance.{kind}", seeds=(4,))

@@ -81,6 +81,7 @@ def test_a_fault_of_each_code_is_named(platform: str, name: str) -> None:
     named(platform, name, 0, 400)
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_gimbal_angles_in_degrees_are_named() -> None:
     """Those that turn so slowly that the log can be read."""
@@ -131,6 +132,8 @@ def test_stored_momentum_in_proportion_is_a_rival_of_all_thrust_beside_a_weak_je
     assert np.abs((told.values - of_jets.truth[0, 0]) / told.sigmas).max() < 4.0
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_torques_about_another_point_are_a_rival_beside_wheels_too() -> None:
     """An IMU out of place does nearly the same; named alone it left the CG converged thousands of sigmas off."""
     of_wrench = packaged.fly("wheels-and-jets", *WRENCH, "vehicle.imu.accel_noise_m_s2=2e-3", seeds=(3,))

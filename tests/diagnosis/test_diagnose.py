@@ -135,7 +135,7 @@ def examined(mistake: Mistake = nothing, *keys: str, seed: int = 3) -> flow.Anal
         (nothing, dead("roll_p1"), "jet-dead", "roll_p1"),
         (giving(0.8, "divert_xp", "divert_xn"), "", "thrust-scale", "divert_xp, divert_xn (+0.8"),
         (later, "", "delay-mismatch", "shows 4"),
-        pytest.param(nothing, LAG, "thrust-lag", "follows commands with a lag of 0.0", marks=pytest.mark.numerical),
+        pytest.param(nothing, LAG, "thrust-lag", "follows commands with a lag of 0.0"),
         pytest.param(later_thrust, "", "thrust-rise", "10 ms", marks=pytest.mark.thorough),
         pytest.param(tilted, "", "imu-mounting", "3 degrees away", marks=pytest.mark.thorough),
         pytest.param(mirrored, "", "imu-mounting", "the gyro's axes alone", marks=pytest.mark.thorough),

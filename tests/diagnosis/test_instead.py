@@ -87,6 +87,8 @@ def test_on_a_table_it_does_not_matter_how_high_jets_are(raised_m: float) -> Non
     assert {fault.notice.code for fault in found.faults} == {"accel-bias"}
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.parametrize("raised_n", [pytest.param(0.0, marks=[pytest.mark.thorough, pytest.mark.seeds]), 0.3])
 def test_on_a_table_it_does_not_matter_how_hard_jets_push_up(raised_n: float) -> None:
     """The table takes it up; an IMU that leans feels a part of the weight along X and Y, and is named as one."""

@@ -109,6 +109,8 @@ def test_stated_pulse_errors_are_noise_and_hide_nothing() -> None:
         assert [c.contradiction for c in found.conclusions] == [""]
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.numerical
 def test_noise_in_the_rate_of_a_steady_spin_of_the_sample_is_no_misfit() -> None:
     fits(*faulty.sample("docking"), faulty.truth("docking", 1))

@@ -42,7 +42,6 @@ def test_valves_that_open_or_close_late_are_named_and_mended(ramp: str, by_s: fl
         assert abs(item.value - true) < 4 * item.sigma, name
 
 
-@pytest.mark.numerical
 def test_a_delay_is_as_certain_as_it_is_said_to_be() -> None:
     """With a delay above 4 a log holds a cycle less of which the commands are known, whose likelihood was missed: 7 sigma below 4."""
     found = examined(later, seed=3).detected

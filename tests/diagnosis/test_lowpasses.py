@@ -55,7 +55,7 @@ def assert_within_four_sigmas(conclusion: Conclusion, truth: Array) -> None:
 @pytest.mark.parametrize(
     ("imu", "sensors", "key", "stated", "bearing"),
     [
-        (LATENCY, ("gyro",), "latency_s", 0.0, False),
+        pytest.param(LATENCY, ("gyro",), "latency_s", 0.0, False, marks=[pytest.mark.thorough, pytest.mark.seeds]),
         pytest.param(LATENCY, ("accel",), "latency_s", 0.0, True, marks=[pytest.mark.thorough, pytest.mark.seeds]),
         pytest.param(CUTOFF, ("accel",), "cutoff_hz", 98.0, False, marks=[pytest.mark.thorough, pytest.mark.seeds]),
         pytest.param(CUTOFF, ("gyro", "accel"), "cutoff_hz", 98.0, False, marks=[pytest.mark.thorough, pytest.mark.seeds]),
@@ -142,6 +142,7 @@ def test_a_cutoff_that_is_refuted_and_not_named_is_in_the_sigmas(monkeypatch: py
     assert answer.discrepancies[0] is not None
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_wrong_delay_behind_stated_low_passes_is_named_as_such() -> None:
     answer, truth = examined(LATENCY, {}, delay=1.7)
@@ -151,6 +152,8 @@ def test_a_wrong_delay_behind_stated_low_passes_is_named_as_such() -> None:
     assert_within_four_sigmas(mended.conclusions[0], truth)
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_latencies_of_both_sensors_with_their_sigmas_are_estimated_with_the_delay() -> None:
     """All three are one shift in time, and what is stated of each parts them: it was a delay that differs from the stated one."""
     uncertain = {"latency_s": 0.0, "latency_sigma_s": 0.008}

@@ -81,7 +81,7 @@ def examined(mistake: Mistake) -> tuple[Analysis, Array]:
         pytest.param(about_its_cg, "wrench-point", "thrust.wrench_point_m", marks=pytest.mark.thorough),
         (saturated, "commands-limited", "thrust.wrench_limits"),
         (far_beyond, "commands-limited", "thrust.wrench_limits"),
-        (saturated_late, "commands-limited", "thrust.wrench_limits"),
+        pytest.param(saturated_late, "commands-limited", "thrust.wrench_limits", marks=pytest.mark.thorough),
         (normalised, "commands-normalised", ""),
     ],
 )
@@ -264,7 +264,7 @@ def test_a_jet_that_is_later_than_the_others_is_named_with_its_delay(jet: str, l
     ("scenario", "key", "older_s"),
     [
         pytest.param("pedestal", "speed_latency_s", 0.02, marks=[pytest.mark.thorough, pytest.mark.seeds]),
-        ("wheels", "speed_window_s", 0.03),
+        pytest.param("wheels", "speed_window_s", 0.03, marks=[pytest.mark.thorough, pytest.mark.seeds]),
         pytest.param("wheels", "speed_latency_s", 0.005, marks=[pytest.mark.thorough, pytest.mark.seeds]),
         pytest.param("wheels-and-jets", "speed_latency_s", 0.05, marks=[pytest.mark.thorough, pytest.mark.seeds]),
     ],

@@ -19,6 +19,8 @@ def found_thrust(stated_n: float) -> tuple[float, float]:
     return value, abs(further - value)
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_a_factors_sigma_is_of_what_it_multiplies() -> None:
     """Stated at a quarter or at twice what it gives, a jet's thrust is found with the same sigma, and within four of it."""
     quarter, twice = found_thrust(0.25), found_thrust(2.0)

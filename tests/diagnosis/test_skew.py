@@ -49,6 +49,7 @@ def test_what_a_shear_moves_is_not_called_good(seed: int) -> None:
                 assert abs(item.value - true) < 4 * item.sigma
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.numerical
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.seeds)])

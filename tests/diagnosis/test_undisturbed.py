@@ -58,6 +58,8 @@ def assert_right(found: Analysis, truth: np.ndarray) -> None:
             assert abs((one.value or 0.0) - expected) < 4.5 * (one.sigma or 0.0), name
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_valves_that_are_shut_for_a_time_are_named_and_corrected() -> None:
     flown = fly("free-flyer", *RANDOM, shut(8.0, 11.0))
     found = faulty.examined(flown.log(0), fly("free-flyer", *RANDOM).vehicle)

@@ -39,7 +39,6 @@ def test_what_a_clean_log_leaves_of_the_free_coefficients_is_chance(name: str) -
     assert screening.misfit < 1 + 6 * np.sqrt(2 / screening.freedom)
 
 
-@pytest.mark.numerical
 @each("unbalanced", "untold")
 def test_no_cause_is_named(name: str) -> None:
     assert faulty.examined(flown(name).log(0), flown(name).vehicle).notices == ()

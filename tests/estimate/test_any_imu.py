@@ -78,6 +78,8 @@ def test_without_noise_nothing_is_left(imu: anyimu.Imu, period_s: float, most: f
         assert np.abs(deviation).max() < most
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.numerical
 @pytest.mark.parametrize(
     ("imu", "column"),
@@ -97,7 +99,7 @@ def test_wheels_are_told_by_another_clock(imu: anyimu.Imu, column: str) -> None:
 @pytest.mark.parametrize(
     ("seed", "imu", "period_s", "decimals"),
     [
-        (23, anyimu.Imu(gyro_noise=5e-4, accel_noise=0.01), 0.05, 12),
+        pytest.param(23, anyimu.Imu(gyro_noise=5e-4, accel_noise=0.01), 0.05, 12, marks=pytest.mark.thorough),
         pytest.param(26, anyimu.Imu(gyro_noise=5e-4, accel_noise=0.01), 0.05, 12, marks=pytest.mark.thorough),
         (23, anyimu.Imu(rate_hz=150.0, gyro_noise=5e-4, accel_noise=0.01), 1 / 30, 6),
     ],
@@ -117,7 +119,7 @@ def test_commands_at_samples_times_are_before_or_after_them(seed: int, imu: anyi
     assert_within_four_sigmas(answer, anyimu.truth_of(own, 0))
 
 
-@pytest.mark.parametrize("auto", [False, True])
+@pytest.mark.parametrize("auto", [pytest.param(False, marks=pytest.mark.thorough), True])
 def test_pulses_that_end_at_samples_times_do_so_before_or_after_them(auto: bool) -> None:
     """Cycles begin half-way between samples: a delay off by 0.001 cycles had been named, by eight sigma, and all was contradicted."""
     rng, imu = np.random.default_rng(23), anyimu.Imu(rate_hz=100.0, gyro_noise=1e-4, accel_noise=0.01)
@@ -194,13 +196,13 @@ def test_latencies_are_estimated_and_not_apart_from_an_unknown_delay() -> None:
 @pytest.mark.parametrize(
     "imu",
     [
-        pytest.param(anyimu.Imu(measures="sample"), id="no low-pass", marks=pytest.mark.thorough),
+        pytest.param(anyimu.Imu(measures="sample"), id="no low-pass", marks=[pytest.mark.thorough, pytest.mark.seeds]),
         pytest.param(
             anyimu.Imu(measures="sample", order=2, cutoff_hz=25.0, gyro_noise=3e-4, accel_noise=5e-3),
             id="25 Hz",
             marks=pytest.mark.thorough,
         ),
-        pytest.param(anyimu.Imu(measures="mean"), id="means", marks=pytest.mark.thorough),
+        pytest.param(anyimu.Imu(measures="mean"), id="means", marks=[pytest.mark.thorough, pytest.mark.seeds]),
     ],
 )
 def test_what_the_imu_records_is_found_where_nobody_states_it(imu: anyimu.Imu) -> None:

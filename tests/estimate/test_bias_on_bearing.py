@@ -65,6 +65,7 @@ def test_errors_are_within_their_sigmas_and_nothing_is_warned_of(bias: float, se
 QUIET = ("duration_s=60.0", "sensors.gyro_noise_rad_s=1e-5", "vehicle.imu.gyro_noise_rad_s=1e-5", "vehicle.imu.gyro_bias_sigma_rad_s=1e-3")
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     "bias", [(2e-3, -2.6e-3, 4e-4), *(pytest.param(one, marks=pytest.mark.seeds) for one in ((-6e-4, -1e-4, 1.6e-3), (0.0, 0.0, 0.0)))]

@@ -121,7 +121,7 @@ SCALES = {"thrust": {"scale_sigma": 0.02}}
 @pytest.mark.parametrize(
     ("scenario", "kind"),
     [
-        ("pedestal", "pedestal"),
+        pytest.param("pedestal", "pedestal", marks=pytest.mark.thorough),
         pytest.param("wheels-and-jets", "free", marks=pytest.mark.thorough),
         ("wheels-and-jets", "air_bearing"),
         pytest.param("wheels-and-jets", "pedestal", marks=[pytest.mark.thorough, pytest.mark.seeds]),

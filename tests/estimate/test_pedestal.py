@@ -167,6 +167,8 @@ def test_a_free_swing_logged_as_mean_rates_gives_what_its_increments_give() -> N
         np.testing.assert_allclose(found.sigmas[:9], expected.sigmas[:9], rtol=0.02)
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_a_pendulum_far_from_its_joint_swings_by_the_inertia_that_is_known() -> None:
     """κ / (I + κ² / m) has two solutions, and I is of second order in κ: a linear update was 130 sigma off, and converged."""
     rng = np.random.default_rng(4)
@@ -187,6 +189,8 @@ def test_a_pendulum_far_from_its_joint_swings_by_the_inertia_that_is_known() -> 
         assert found.sigmas[8] < 0.02 * np.linalg.norm(own.arm[body])
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_known_inertias_that_the_ratios_of_a_swing_deny_are_contradicted() -> None:
     """Each by itself may be right, since the log's scale is open; together they are not."""
     own, flown, rng = moved(5, "swing", 1)
@@ -228,7 +232,10 @@ def test_where_second_orders_lead_the_causal_estimate_astray_it_is_led_by_the_fi
 
 
 @pytest.mark.skipif(kernel().library is None, reason=f"the causal pass runs on {kernel().name}")
-@pytest.mark.parametrize(("kind", "biases", "noise"), [("wheels", True, 1.0), ("jets", False, 1.0), ("wheels", False, 0.0)])
+@pytest.mark.parametrize(
+    ("kind", "biases", "noise"),
+    [("wheels", True, 1.0), pytest.param("jets", False, 1.0, marks=pytest.mark.thorough), ("wheels", False, 0.0)],
+)
 def test_on_board_it_says_the_nine_cycle_by_cycle(kind: anypedestal.Kind, biases: bool, noise: float) -> None:
     """Of 30 tables: 95 % intervals cover, within what these values scatter by; without noise the values are the truth's."""
     own, flown, rng = moved(9104, kind, 30)

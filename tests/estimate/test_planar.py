@@ -60,6 +60,7 @@ def test_what_is_felt_of_the_slope_makes_no_difference() -> None:
     assert (np.abs(estimated(1.0)[0][:2] - error) < 0.02 * sigma).all()
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_slope_that_is_felt_and_not_reckoned_with_is_not_passed_over() -> None:
     """The accelerometer's noise is widened, and the mass is no better than what that leaves of it."""

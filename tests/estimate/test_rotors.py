@@ -78,7 +78,7 @@ def analysed(seed: int, period_s: float, seldom: int = 1, held: bool = False, me
     return found, (conclusion.values - own.ten[0]) / conclusion.sigmas
 
 
-@pytest.mark.parametrize("seed", [3, 5])
+@pytest.mark.parametrize("seed", [3, pytest.param(5, marks=pytest.mark.thorough)])
 def test_measured_speeds_need_no_delay_and_converge(seed: int) -> None:
     found, z = analysed(seed, 0.005)
     assert not found.notices
@@ -86,7 +86,7 @@ def test_measured_speeds_need_no_delay_and_converge(seed: int) -> None:
     assert np.abs(z).max() < 3.5
 
 
-@pytest.mark.parametrize(("seed", "held"), [(6, True), (7, False)], ids=["held", "empty between"])
+@pytest.mark.parametrize(("seed", "held"), [pytest.param(6, True, marks=pytest.mark.thorough), (7, False)], ids=["held", "empty between"])
 def test_speeds_logged_in_one_cycle_of_four_give_values_within_their_sigmas(seed: int, held: bool) -> None:
     """50 Hz beside an IMU of 200 Hz: what rotors do in between widens the sigmas, and no cause is named."""
     found, z = analysed(seed, 0.005, 4, held)
@@ -95,6 +95,8 @@ def test_speeds_logged_in_one_cycle_of_four_give_values_within_their_sigmas(seed
     assert np.median(found.conclusions[0].sigmas[:1] / found.conclusions[0].values[:1]) < 0.05
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.numerical
 def test_a_delay_is_found_where_the_first_fit_runs_away() -> None:
     found, z = analysed(1, 0.0125, measured=False)
@@ -108,7 +110,7 @@ def test_a_delay_is_found_where_the_first_fit_runs_away() -> None:
 @pytest.mark.parametrize(
     ("settings", "seeds"),
     [
-        ((), 2),
+        pytest.param((), 2, marks=[pytest.mark.thorough, pytest.mark.seeds]),
         pytest.param((), 20, marks=[pytest.mark.thorough, pytest.mark.seeds]),
         pytest.param(
             (*(f"vehicle.rotors.{i}.nominal_v=12.0" for i in range(4)), "actuators.supply_v=[12.6, 10.5]"),

@@ -33,6 +33,7 @@ def pushed() -> simulate.SimulatedFlight:
     return simulate.fly(scenario.ScenarioSource(scenario.Scenario.model_validate(data), "vehicle-40"), range(1, 4))
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("fly", "members"),
@@ -67,6 +68,8 @@ def sigmas_about(member: int, offset: Array) -> Array:
     return found
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_what_is_told_of_the_cg_is_the_same_about_any_reference_that_the_log_can_t_tell_apart() -> None:
     """The CG's height was told to 1.5 mm instead of 3.3 about a CG 16 mm off: by a swing of 3e-1 rad/s² that nothing made."""
     member = flown(NAME, None).seeds.index(14)

@@ -85,6 +85,8 @@ def test_errors_within_what_is_stated_are_no_fault_and_within_the_sigmas() -> No
     assert low < (np.array(z) ** 2).sum() < high
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_the_same_errors_unstated_are_pointed_out() -> None:
     analysis, _ = found(1, uncertain=False)
     assert analysis.notices != ()

@@ -269,6 +269,7 @@ SMALL = [
 """A vehicle whose momentum turns by more than a thousandth of itself in each cycle."""
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.parametrize("settings", [pytest.param([], marks=pytest.mark.seeds), SMALL], ids=["scenario", "small"])
 def test_speeds_in_whole_rpm_are_counted_with_their_steps(settings: list[str]) -> None:
@@ -346,6 +347,8 @@ def docking_at(seconds: int, dock: str) -> list[str]:
     ]
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.numerical
 @pytest.mark.parametrize(
     ("column", "seeds"),

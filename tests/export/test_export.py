@@ -110,6 +110,8 @@ SENSED = (
 )
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.parametrize(
     ("scenario", "chosen"),
     [

@@ -127,6 +127,8 @@ def test_a_vehicle_of_any_content_ends_in_a_result_or_is_refused(data: dict[str,
     estimates(data)
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.slow
 @long
 @given(tables())
@@ -134,6 +136,8 @@ def test_seven_times_as_many_tables(table: Any) -> None:
     takes(table)
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.slow
 @long
 @given(vehicles())

@@ -193,6 +193,7 @@ def test_times_that_are_none_have_a_cure_each_and_a_pause_is_no_second_sensor(ti
     assert bool(told) == bool(said)
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_speeds_of_wheels_on_a_clock_of_their_own_give_what_those_at_the_records_ends_give() -> None:
     """97 readings a second by a clock that is 4.2 s and 50 ppm off, beside an IMU at 100 Hz: within a sigma."""

@@ -61,6 +61,7 @@ def first_change(flight: SimulatedFlight, member: int) -> int:
     return int(np.argmax((used != used[0]).any(1)))
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @compiled
 @pytest.mark.parametrize("member", range(len(SEEDS)))
@@ -84,6 +85,8 @@ def test_the_control_takes_what_live_says_of_its_log_once_that_has_converged(mem
     assert (np.abs(flight.modelled[member, -1] - flight.truth[member, -1]) < 4 * sigmas).all()
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @compiled
 def test_before_a_value_has_converged_the_flight_is_the_frozen_one_to_the_last_bit() -> None:
     (_, frozen), (_, running) = flown("nominal"), flown("estimate")
@@ -115,6 +118,7 @@ def test_a_flight_that_ends_sooner_begins_the_same() -> None:
     assert np.array_equal(cut.modelled[0], flown("estimate")[1].modelled[2, : cut.modelled.shape[1]])
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @compiled
 def test_following_the_estimate_points_better_than_the_frozen_gains() -> None:

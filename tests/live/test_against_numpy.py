@@ -53,7 +53,13 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, marks=pytest.mark.thorough if "filtered" in case or "means behind" in case or "bearing" in case else ())
+        for case in CASES
+    ],
+)
 def test_the_last_cycle_says_what_numpy_says_of_the_log(case: str) -> None:
     """On a pedestal: inertia and first moment about the pivot, which alone the motion depends on. The gyro is without bias there."""
     (scenario, *settings), stated = CASES[case]

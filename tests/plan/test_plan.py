@@ -331,6 +331,8 @@ def test_the_limit_that_keeps_a_precision_from_being_reached_is_named(asked: Ask
     assert all(item.allowed is None or item.used <= item.allowed for item in made.plan.limits.values())
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.parametrize("cg_x", [0.003, pytest.param(0.0005, marks=[pytest.mark.thorough, pytest.mark.seeds])])
 def test_a_table_that_its_wheels_can_not_hold_level_is_to_be_balanced_first(cg_x: float, tmp_path: Path) -> None:
     """Its weight of 12 kg at that arm against 0.02 N m; and what the gentlest motion takes is above the limit."""

@@ -86,7 +86,7 @@ def off(name: str, sigmas: float, about: str = "estimates") -> Callable[[dict[st
 
 
 @pytest.mark.parametrize(
-    "kind", ["free-flyer", "pedestal", *(pytest.param(kind, marks=pytest.mark.thorough) for kind in ("testbed", "wheels", "planar"))]
+    "kind", ["free-flyer", *(pytest.param(kind, marks=pytest.mark.thorough) for kind in ("pedestal", "testbed", "wheels", "planar"))]
 )
 def test_a_result_predicts_another_log_of_its_vehicle(lab: Path, kind: str) -> None:
     found = told(ran(lab, kind, f"{kind}-2/log.parquet", "--json"))

@@ -180,6 +180,8 @@ def test_values_under_the_pointer_are_those_of_the_history(browser: Browser, pag
     assert page.locator(".live").count() == 0, "the drawing is back when the pointer has gone"
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_figures_of_the_fit_say_what_the_history_gives(browser: Browser, pages: dict[str, Path], recorded: Recorded) -> None:
     page, columns = opened(browser, pages["refined"]), recorded.history["all"]
     z = np.column_stack([columns[f"whitened_rate_{letter}"] for letter in "xyz"])
@@ -201,6 +203,8 @@ def test_figures_of_the_fit_say_what_the_history_gives(browser: Browser, pages: 
     assert left == pytest.approx(nearest.left, abs=0.3 * nearest.sigma)
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_expectations_and_the_raster_stand_where_their_values_are(browser: Browser, tmp_path: Path, recorded: Recorded) -> None:
     wanted = {"value": 1.0, "tolerance": 0.5, "stated": "0.5", "met": True, "difference": 0.2, "sigmas": 3.0}
     file = tmp_path / "expected.html"

@@ -89,6 +89,8 @@ def test_two_results_are_compared_about_the_pivot(folder: Path) -> None:
     assert "about_pivot.moment_x in phase all" in done.stderr
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_a_campaigns_tables_have_values_about_the_pivot(folder: Path) -> None:
     massprop(folder, "batch", "log-1/log.parquet", "log-2/log.parquet", "--out", "batch", "--jobs", "1", "-q")
     rows = list(csv.DictReader((folder / "batch" / "campaign.csv").read_text(encoding="utf-8").splitlines()))
