@@ -80,6 +80,7 @@ KINDS = {
     "records-dropped-cycles": Kind("2 to 5 control cycles in a row are missing", _in_a_row, LOST),
     "begun-within": Kind("begins within a control cycle", _within, LOST),
     "records-empty": Kind("empty cells of both sensors", partial(_rewritten, value=np.nan, names=SENSED), LOST),
+    "records-filled": Kind("-9999 in the place of readings", partial(_rewritten, value=-9999.0, names=SENSED), LOST),
     "records-zero": Kind("zeros in the place of readings", partial(_rewritten, value=0.0, names=SENSED), LOST),
     "gyro-zero": Kind("the gyro's alone", partial(_rewritten, value=0.0, names=DELTA_THETA), LOST),
     "readings-held": Kind("1 to 4 records repeat the reading before", partial(_rewritten, value=None, names=SENSED), LOST),

@@ -11,7 +11,7 @@ from massprop_cli.base.arrays import Array, BoolArray, IntArray, cubic, median
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.columns import COMMAND_TIME, FIXED, TIME, Column
-from massprop_cli.inputs.marked import Marked
+from massprop_cli.inputs.marked import Marked, fills
 from massprop_cli.inputs.section import LEAST
 from massprop_cli.inputs.tablefile import Table
 
@@ -116,10 +116,12 @@ class LogTable:
     def readings(self, column: str, marked: Marked) -> Array:
         """The column of a sensor, in which a few cells may be empty: they are on the line between their neighbours, and marked."""
         values = self.optional(column)
+        filled = fills(values, self.columns[column].scale if column in self.columns else 1.0)
+        values[filled] = np.nan
         none = np.isnan(values)
         if np.isinf(values).any() or np.sum(none if self.lost is None else none & ~self.lost) > EMPTY * len(values):
             return self.required(column)
-        marked.add(values, self.lost)
+        marked.add(values, self.lost, filled)
         return between_known(values, none)
 
     def increments(self, columns: Sequence[str], rates: Sequence[str], interval_s: Array) -> tuple[Array, Marked]:

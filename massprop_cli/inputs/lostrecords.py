@@ -140,7 +140,8 @@ def left_out(source: LogTable, imu: ImuRecords, command: Array, records: int, n:
     """Cycles of n records whose readings or commands (K, C) are unknown; such readings in ``imu`` become interpolated."""
     lost = np.zeros(n, dtype=bool) if source.lost is None else source.lost[:n]
     both = (imu.theta[:n], imu.velocity[:n])
-    empty, zero = (np.stack([part[:n] for part in each], 1) for each in zip(*((one.empty, zeros(one)) for one in imu.marked), strict=True))
+    each = zip(*((one.empty, one.filled, zeros(one)) for one in imu.marked), strict=True)
+    empty, filled, zero = (np.stack([part[:n] for part in parts], 1) for parts in each)
     same = np.stack([(repeated([one]) | repeated(imu.marked))[:n] for one in imu.marked], 1)
     for own in [[0, 1]] if (zero[:, 0] == zero[:, 1]).all() else [[0], [1]]:
         if holds_both([both[i] for i in own], np.flatnonzero(zero[:, own[0]]) + 1, 2):
@@ -150,7 +151,13 @@ def left_out(source: LogTable, imu: ImuRecords, command: Array, records: int, n:
         blind: BoolArray = np.asarray(np.lib.stride_tricks.sliding_window_view(empty[:, 0], few + 1).all(1))
         said = f"more than {few} records in a row without a reading of the gyro: how it turned is not known; split the log there"
         source.refuse(blind, (imu.rates or DELTA_THETA)[0], lambda _: said)
-    kinds = (("missing", lost[:, None]), ("with empty cells", empty), ("that repeat the one before", same), ("of zeros", zero))
+    kinds = (
+        ("missing", lost[:, None]),
+        ("with empty cells", empty & ~filled),
+        ("with a fill value", filled),
+        ("that repeat the one before", same),
+        ("of zeros", zero),
+    )
     found = [f"{int(rows.any(1).sum())} {what}" for what, rows in kinds if rows.any()]
     if not found:
         return LeftOut(None, None, [])

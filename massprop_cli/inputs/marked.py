@@ -12,6 +12,12 @@ ENOUGH = 2
 """Axes that must repeat at once: one may well show the same twice."""
 BY_CHANCE = 0.25
 """Records in which all axes but one repeat over those in which all do, from which on these do by chance."""
+FILLS = (999.0, 9999.0, 99999.0, 32767.0, 32768.0, 1e20, 1e30, 9.969209968386869e36)
+"""What recorders write where there is no reading, of either sign: the last is NetCDF's, and counts overflow into 2^15."""
+ROUNDED = 1e-6
+"""Part of one that its digits may leave out."""
+APART = 10.0
+"""Times the largest reading from which on one of these is none."""
 BOTH = 1.5
 """Times a usual reading from which on the record after a lost one holds that of both."""
 
@@ -21,20 +27,34 @@ class Marked:
 
     def __init__(self, count: int) -> None:
         self.empty = np.zeros(count, dtype=bool)
+        self.filled = np.zeros(count, dtype=bool)
+        """(n,) those with a fill value, empty, too."""
         self.axes = 0
         self.same: IntArray = np.zeros(count, dtype=np.int8)
         """(n,) axes that repeat the record before, ..."""
         self.zero: IntArray = np.zeros(count, dtype=np.int8)
         """... and that are 0."""
 
-    def add(self, values: Array, lost: BoolArray | None) -> None:
-        """One axis's column (n,), NaN where a cell is empty."""
+    def add(self, values: Array, lost: BoolArray | None, filled: BoolArray) -> None:
+        """One axis's column (n,), NaN where a cell is empty or ``filled``."""
         none = np.isnan(values)
+        self.filled |= filled
         self.empty |= none if lost is None else none & ~lost
         if np.nanmax(values, initial=-np.inf) > np.nanmin(values, initial=np.inf):
             self.same[1:] += values[1:] == values[:-1]
             self.zero += values == 0
             self.axes += 1
+
+
+def fills(values: Array, scale: float) -> BoolArray:
+    """(n,) readings that are a fill value of the log, there in a unit ``scale`` times theirs, and far beyond all others."""
+    own = np.array(FILLS) * abs(scale)
+    farthest = max(np.nanmax(values, initial=0.0), -np.nanmin(values, initial=0.0))
+    if not np.isclose(farthest, own, rtol=ROUNDED, atol=0).any():
+        return np.zeros(len(values), dtype=bool)
+    sizes = np.abs(values)
+    found = np.asarray(np.isclose(sizes[:, None], own, rtol=ROUNDED, atol=0).any(1))
+    return np.asarray(found & (sizes > APART * np.nanmax(sizes[~found], initial=0.0)))
 
 
 def repeated(sensors: Sequence[Marked]) -> BoolArray:

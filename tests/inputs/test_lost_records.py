@@ -14,7 +14,7 @@ from massprop_cli.base.arrays import IntArray, frozen
 from massprop_cli.base.errors import InputError
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import telemetry, vehiclefile
-from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V, TIME
+from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V, TIME, Column
 from massprop_cli.inputs.marked import holds_both
 from massprop_cli.inputs.tablefile import columns_of
 from massprop_cli.inputs.telemetry import Log
@@ -83,10 +83,10 @@ def lost(kind: str, found: Columns, places: IntArray) -> Columns:
         return held(found, places, tuple(name for name in found if name != TIME))
     if kind == "readings repeated":
         return held(found, places, SENSED)
-    return filled(found, places, 0.0 if kind == "zeros" else np.nan)
+    return filled(found, places, {"zeros": 0.0, "empty cells": np.nan, "fill values": -9999.0}[kind])
 
 
-KINDS = ["single rows", "five cycles in a row", "rows repeated", "readings repeated", "zeros", "empty cells"]
+KINDS = ["single rows", "five cycles in a row", "rows repeated", "readings repeated", "zeros", "empty cells", "fill values"]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -224,6 +224,17 @@ def test_readings_that_a_coarse_sensor_repeats_by_chance_are_not_lost(step: floa
         coarse[name][rows] = coarse[name][rows - 1]
     (said,) = [notice.message for notice in log_of(coarse, vehicle).notices if notice.code == "records-lost"]
     assert f"{len(rows)} that repeat the one before" in said
+
+
+def test_a_reading_that_is_like_a_fill_value_and_not_far_from_the_others_is_one() -> None:
+    """In mm/s, where the largest others are 9.999 m/s; a fill value, too, where the largest of these are a tenth."""
+    whole, vehicle = columns("free-flyer"), flight("free-flyer").vehicle
+    vehicle = vehicle.model_copy(update={"columns": {"delta_v_x_m_s": Column(**{"from": "delta_v_x_m_s", "scale": 1e-3})}})
+    for largest, filled in ((1100.0, False), (900.0, True)):
+        speeds = whole["delta_v_x_m_s"] / np.abs(whole["delta_v_x_m_s"]).max() * largest
+        speeds[[100, 300]] = -9999.0, 9999.0
+        found = log_of(whole | {"delta_v_x_m_s": speeds}, vehicle)
+        assert any("2 with a fill value" in notice.message for notice in found.notices) == filled
 
 
 def test_increments_over_the_time_since_the_record_before_hold_what_was_lost() -> None:
