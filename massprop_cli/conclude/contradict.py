@@ -88,23 +88,25 @@ def by_faults(
     if not faults:
         return None
     touched = np.ones(10, dtype=bool)
-    for found in mended:
-        if found is not None and all(fault.cure is not None for fault in faults) and _settles(conclusion, found):
-            touched &= ~_agree(conclusion, found)
+    apart = np.zeros(10, dtype=bool)
     for values in rivals:
-        touched |= ~(np.abs(values - conclusion.values) <= AGREES * conclusion.sigmas)
+        apart |= ~(np.abs(values - conclusion.values) <= AGREES * conclusion.sigmas)
+    for found in mended:
+        if found is not None and all(fault.cure is not None for fault in faults) and _settles(conclusion, found, apart):
+            touched &= ~_agree(conclusion, found)
+    touched |= apart
     return Contradiction(tuple(dict.fromkeys(Reason.of("named-fault", message=fault.notice.message) for fault in faults)), touched)
 
 
-def _settles(stated: Conclusion, mended: Conclusion) -> bool:
-    """Whether the log, corrected, contradicts nothing and tells most of what it seemed to as sharply.
+def _settles(stated: Conclusion, mended: Conclusion, apart: BoolArray) -> bool:
+    """Whether the log, corrected, contradicts nothing and tells most of what it seemed to as sharply, but for what rivals put ``apart``.
 
     Else there is more, or a torque stands for what is left.
     """
     if mended.contradiction:
         return False
     with np.errstate(divide="ignore", invalid="ignore"):
-        wider = mended.sigmas / stated.sigmas
+        wider = (mended.sigmas / stated.sigmas)[~apart]
     wider = wider[np.isfinite(wider)]
     return not wider.size or median(wider) < STRAINED
 

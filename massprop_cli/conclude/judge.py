@@ -82,10 +82,11 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer], widen: bool) -
     biased = {} if own and not unnamed else _biased(found, settled) | changing(settled, found.samples.end_s, settled.values[-1])
     misfit = unnamed or bool(nameless)
     told = _told(found, i) if widen and (own or misfit or (unlike and sized(found.vehicle, found.stated))) else None
+    if told is not None and (unnamed or not own or rivals):
+        told = told.covering([*(answer.values for answer in answers if answer is not None), *rivals])
     known, vehicle = by_known(found.histories[i], found.vehicle), found.vehicle.in_phase(conclusion.phase)
     if told is not None and not told.refuted and (unnamed or not own):
         doubts = _slow(biased, found.stated) if misfit else unlike | biased
-        told = told.covering([*(answer.values for answer in answers if answer is not None), *rivals])
         conclusion = with_discrepancy(in_doubt(conclusion, doubts), told, settled, vehicle)
         conclusion = in_doubt(conclusion, unseen(conclusion, i, found.doubts, settled.natural_sizes))
         return _Judged(_against(conclusion, known), factor, told)

@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis import UNKNOWN, hypotheses
-from massprop_cli.diagnosis.corrections import Correction, applied, around, correction_of, skewed
+from massprop_cli.diagnosis.corrections import Correction, applied, around, certain, correction_of, skewed
 from massprop_cli.diagnosis.delay import FoundTiming, near
+from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import Refit
 from massprop_cli.diagnosis.screening import Screening
@@ -70,15 +72,14 @@ def chosen(screening: Screening, refits: Sequence[Refit]) -> Diagnosis | None:
         return None
     rivals = [refit for refit in fitting[1:] if refit.score < fitting[0].score + CLEAR]
     first = fitting[0]
-    as_well = _in_proportion(screening, first)
-    if as_well is not None and all(_subjects(refit) != _subjects(as_well) for refit in rivals):
-        rivals.insert(0, as_well)
+    alike = [refit for refit in (_in_proportion(screening, first), _about_another_point(screening, first)) if refit is not None]
+    rivals = [*alike, *(rival for rival in rivals if all(_about(rival) != _about(own) for own in alike))]
     detected = None
     if first.fitted.hypothesis.code == "delay-mismatch":
         before, after = screening.misfit, float(first.fitted.chi_square.sum() / screening.freedom)
         by = first.case.timing.delay - screening.case.timing.delay
         detected = near(screening.case.timing, by, float(first.fitted.spread[0]), before, after)
-    return Diagnosis(_explained(screening, first, rivals), detected, score=first.score)
+    return Diagnosis(_explained(screening, first, rivals, len(alike)), detected, score=first.score)
 
 
 def fitting_causes(screening: Screening, refits: Sequence[Refit]) -> list[Refit]:
@@ -97,18 +98,18 @@ def by_wander(refit: Refit, screening: Screening) -> bool:
     return bool(codes(refit) & {"gyro-bias", "accel-bias", "steady-torque", "rate-torque"}) and any(one.walk > 0 for one in beside)
 
 
-def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = ()) -> tuple[Explanation, ...]:
+def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = (), alike: int = 0) -> tuple[Explanation, ...]:
     """In words, with the settings that correct it: one for each of two causes at once.
 
-    What a rival that is nearly as likely has not got is not named.
+    What a rival that is nearly as likely has not got is not named; the first ``alike`` of them make the same motion.
     """
     said = _said(screening, refit)
     message, beside, sure = _joined(said), [], [code for code, _ in said]
-    for rival in rivals:
+    for i, rival in enumerate(rivals):
         its = _said(screening, rival)
-        if _subjects(rival) == _subjects(refit) and sorted(code for code, _ in its) == sorted(code for code, _ in said):
+        if _about(rival) == _about(refit):
             continue  # the same, found from elsewhere
-        if [code for code, _ in its] == [code for code, _ in said] and rival.score < refit.score + EVEN:
+        if i < alike or ([code for code, _ in its] == [code for code, _ in said] and rival.score < refit.score + EVEN):
             message += f", or else {_joined(its)}"
         else:
             beside.append(f"{_joined(its)} (odds {np.exp((refit.score - rival.score) / 2):.2g} to 1)")
@@ -155,9 +156,33 @@ def _in_proportion(screening: Screening, refit: Refit) -> Refit | None:
         rest = [own.hypothesis for own in found.parts if own is not part]
         x = found.x.copy()
         x[model.place("thrust")] /= factor  # and the body, of which nothing is said
-        as_well = replace(found, hypothesis=instead.beside(*rest) if rest else instead, x=x)
-        case = applied(screening.case, as_well, screening.free.fired)
-        return None if case is None else replace(refit, fitted=as_well, case=case)
+        return _instead(screening, refit, instead.beside(*rest) if rest else instead, x)
+    return None
+
+
+def _instead(screening: Screening, refit: Refit, supposed: Hypothesis, x: Array) -> Refit | None:
+    """The same motion by another cause."""
+    found = replace(refit.fitted, hypothesis=supposed, x=x)
+    case = applied(screening.case, found, screening.free.fired)
+    return None if case is None else replace(refit, fitted=found, case=case)
+
+
+def _about_another_point(screening: Screening, refit: Refit) -> Refit | None:
+    """Where the IMU is elsewhere: as well commanded torques are about another point, and IMU and CG as far from where they are held to be.
+
+    Or the other way round, unless that point is the CG, or the IMU's place is in another unit, which is no coincidence.
+    """
+    found, model = refit.fitted, refit.fitted.model
+    if model.kind != "wrench" or not model.thrusting or model.bearing is not None:
+        return None  # under gravity the CG shows where it is
+    place, point = hypotheses.imu_position(model), hypotheses.wrench_point(model, len(screening.names))
+    for one, other, error in ((place, point, found.error("imu")), (point, place, found.error("position")[:3])):
+        part = next((part for part in found.parts if part.hypothesis.code == one.code), None)
+        if part is None or part.hypothesis.start or (one is point and certain(part)):
+            continue
+        rest = [own.hypothesis for own in found.parts if own is not part]
+        x = np.where(one.moved, model.stated, found.x) - other.free @ error / np.abs(other.free).max()
+        return _instead(screening, refit, other.beside(*rest) if rest else other, x)
     return None
 
 
@@ -184,5 +209,5 @@ def _joined(said: Sequence[tuple[str, str]]) -> str:
     return ", and ".join(words for _, words in said) + " as well" * (len(said) > 1)
 
 
-def _subjects(refit: Refit) -> list[tuple[str, ...]]:
-    return sorted(part.hypothesis.subject for part in refit.fitted.parts)
+def _about(refit: Refit) -> list[tuple[str, tuple[str, ...]]]:
+    return sorted((part.hypothesis.code, part.hypothesis.subject) for part in refit.fitted.parts)

@@ -33,7 +33,7 @@ FEW = 8
 
 def listed(model: Model, names: Sequence[str]) -> list[Hypothesis]:
     """All that move x by a little at a time, for a log whose channels that fired have ``names``."""
-    point = [_wrench_point(model, len(names))] if model.kind == "wrench" and model.thrusting else []
+    point = [wrench_point(model, len(names))] if model.kind == "wrench" and model.thrusting else []
     of_channels = [*_channels(model, names), *_devices(model, names), *_groups(model, names), *point]
     return [*of_channels, *timing(model), *_sensors(model), *_tilts(model), *_others(model)]
 
@@ -52,7 +52,7 @@ def _free(model: Model, *names: str, subject: tuple[str, ...] = ()) -> Hypothesi
     return Hypothesis(BY_NAME[names[-1]].code, subject, np.hstack(units))
 
 
-def _wrench_point(model: Model, count: int) -> Hypothesis:
+def wrench_point(model: Model, count: int) -> Hypothesis:
     """Commanded torques about another point, as if all forces acted there."""
     pushes = (np.arange(count) < model.thrusting)[:, None]
     return Hypothesis("wrench-point", (), np.hstack([along(model, ("position", (unit * pushes).ravel())) for unit in np.eye(3)]))
