@@ -192,7 +192,10 @@ def _own_variance(conclusion: Conclusion, vehicle: Vehicle) -> Array:
 
 
 def by_lost(causal: History, settled: History) -> Contradiction | None:
-    """Of a causal estimate that lost its way where no fit stands that could lead it."""
+    """Of a causal estimate that lost its way where no fit stands that could lead it, or that no fit tests."""
+    if np.isnan(settled.bare[0]).all():
+        told = np.isfinite(causal.bare[0])
+        return Contradiction((Reason.of("fit-lost"),), told) if told.any() else None
     away = astray(causal, settled)
     touched = away > LOST
     if not touched.any():

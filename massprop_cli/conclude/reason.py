@@ -61,6 +61,7 @@ Cause = Literal[
     "residuals-follow",
     "assumption-contradicted",
     "causal-estimate-lost",
+    "fit-lost",
     "no-body",
 ]
 """Of a contradiction between log and vehicle file."""
@@ -180,6 +181,7 @@ SENTENCES: dict[Code, str] = {
         "the causal estimate lost its way on this log: its {worst} lies {sigmas:.3g} sigmas from that of the fit of the whole phase, which "
         "--refine gives"
     ),
+    "fit-lost": "no fit of the whole phase stands, so nothing tests these values; check units of IMU and commands, and noise levels",
     "no-body": "{breach}: no body has it",
 }
 """Of each code, with its data in braces."""

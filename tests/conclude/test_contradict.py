@@ -318,6 +318,10 @@ def test_a_causal_estimate_that_lost_its_way_is_contradicted_by_the_fit_of_the_s
     assert against is not None
     assert [name for name, hit in zip(QUANTITIES, against.touched, strict=True) if hit] == ["iyy"]
     assert [cause.code for cause in against.causes] == ["causal-estimate-lost"]
+    broken = by_lost(causal, replace(settled, bare=(np.full(10, np.nan), np.full((10, 10), np.nan))))
+    assert broken is not None
+    assert broken.touched.all()
+    assert [cause.code for cause in broken.causes] == ["fit-lost"]
 
 
 def test_a_gyros_scale_beside_a_fault_of_the_accelerometer_leaves_no_inertia_converged() -> None:
