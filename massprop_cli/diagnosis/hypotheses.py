@@ -220,7 +220,8 @@ def other_units(record_s: float, increments: bool) -> list[OtherUnit]:
         dropped = f"gyro and accelerometer columns hold one increment of {count}, and the others were dropped, not summed"
         found.append(OtherUnit("column-kind", dropped, every / count, every / count, TWO))
     return found + [
-        OtherUnit("column-kind", f"{which} {held}{more}", g * every, a * every, TWO * bool(more))
+        # of both in one proportion the log shows nothing but what is quadratic in the rates, as of a bias
+        OtherUnit("column-kind", f"{which} {held}{more}", g * every, a * every, TWO * (bool(more) or g == a))
         for which, more, g, a in (
             ("gyro and accelerometer columns", "", kind, kind),
             ("gyro and accelerometer columns", ", the gyro's in degrees", kind / DEGREE, kind),

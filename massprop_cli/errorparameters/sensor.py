@@ -192,7 +192,7 @@ PARAMETERS = (
     _scale("gyro"),
     _scale("accel"),
     # turn-on biases of small MEMS sensors: 3 °/s and 50 mg at worst
-    _bias("gyro", "rad/s", 0.05, 1e-3, ("rates", *(f"gyro_bias {i}" for i in range(3)))),
+    _bias("gyro", "rad/s", 0.02, 1e-3, ("rates", *(f"gyro_bias {i}" for i in range(3)))),
     _bias("accel", "m/s²", 0.5, 0.01, ()),
     _lowpass("gyro"),
     _lowpass("accel"),
