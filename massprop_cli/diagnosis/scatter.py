@@ -72,5 +72,7 @@ def _answer(wrench: Array, besides: Array, arm_m: float, moved: Array) -> Array:
     size = float(np.linalg.norm(torques, 2)) or 1.0
     weights = size / np.maximum(np.linalg.norm(besides, axis=0), TINY)
     columns = np.vstack([np.hstack([torques, besides * weights]), HARDLY * size * np.eye(6 + besides.shape[1])])
+    if not (np.isfinite(columns).all() and np.isfinite(moved).all()):
+        raise np.linalg.LinAlgError("the motion is no number")  # which LAPACK writes on stdout
     found: Array = np.linalg.lstsq(columns, np.vstack([moved, np.zeros((columns.shape[1], 3))]), rcond=None)[0]
     return np.concatenate([found[:3], arm_m * found[3:6], weights[:, None] * found[6:]])
