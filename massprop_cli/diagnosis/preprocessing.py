@@ -13,6 +13,7 @@ from massprop_cli.diagnosis import outliers
 from massprop_cli.diagnosis.bins import with_bins
 from massprop_cli.diagnosis.delay import FoundTiming
 from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertain_timing, with_phase, with_timing
+from massprop_cli.diagnosis.wheelsteps import with_steps
 from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.estimate.history import phases_of
 from massprop_cli.estimate.phases import Progress
@@ -67,7 +68,9 @@ def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
     source = replace(source, vehicle=vehicle)
     detected = found_timing(log, source, say)
     timing = stated_timing(source.vehicle) if detected is None else detected.at
-    stated = with_timing(source.vehicle, detected)
+    stated, bent = with_timing(source.vehicle, detected), list[Notice]()
+    if estimator.method == "default":
+        stated, bent = with_steps(log, stated, timing)
     samples = Stream.of(log, stated, timing)
     phases = phases_of(log, stated, samples)
     resolved = with_bins(Setup(log, stated, timing), [cycles for _, cycles in phases]) if open_bins else stated
@@ -76,7 +79,7 @@ def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
     read = log
     if stated.estimator.method == "default":
         stated, others = outliers.screened(log, stated, samples, [cycles for _, cycles in phases])
-        log, told = outliers.without(log, stated), [*told, *others]
+        log, told = outliers.without(log, stated), [*told, *bent, *others]
     if log is not read:
         samples = Stream.of(log, stated, timing)
     setup = Setup(log, stated, timing)

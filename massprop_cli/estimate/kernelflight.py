@@ -69,8 +69,9 @@ def beyond(log: Recorder, vehicle: Vehicle, timing: Timing, shortest_s: float) -
         return "thrust.failures is not empty, and the kernel takes each jet's thrust as the same throughout"
     if vehicle.thrust.nominal_pa is not None:
         return "thrust.nominal_pa is stated, and the kernel takes each jet's thrust as the same at any pressure"
-    if any(wheel.speed_latency_s or wheel.speed_window_s for wheel in vehicle.wheels):
-        return "speed_latency_s or speed_window_s of a wheel is not 0, and the kernel takes speeds as those at each cycle's end"
+    if any(wheel.speed_latency_s or wheel.speed_window_s or wheel.torque_steps_s for wheel in vehicle.wheels):
+        keys = "speed_latency_s, speed_window_s or torque_steps_s"
+        return f"{keys} of a wheel is not 0, and the kernel takes speeds as those at each cycle's end, between which they are linear"
     if vehicle.rotors:
         return "[[rotors]] are stated, and the kernel takes commands of jets or a wrench alone"
     if len(vehicle.jets) > COMMANDS:

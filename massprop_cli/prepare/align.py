@@ -28,7 +28,7 @@ from massprop_cli.prepare.sensor import KernelEffect, Recorder, SensorKernel, ke
 from massprop_cli.prepare.signal import Signal, window_integrals
 from massprop_cli.prepare.stored import Stored, first_known_s, turned
 from massprop_cli.prepare.sums import of_records, windows, wrenches
-from massprop_cli.prepare.tachometer import at_records_ends
+from massprop_cli.prepare.tachometer import at_bends
 
 LAGS_FORGOTTEN = 10.0
 """After this many time constants a lagging actuator has forgotten what it did before the log began: less than noise is left of it."""
@@ -152,7 +152,7 @@ class Impulses(NamedTuple):
 
 def impulses(log: Log, vehicle: Vehicle, delay_cycles: float, lag_s: float, cycles: slice | None = None) -> Impulses:
     """Commands as executed in each cycle. Of the vehicle its actuators' times count, and not where they are or how strong."""
-    log, of = at_records_ends(log, vehicle), slice(0, log.cycles) if cycles is None else cycles
+    log, of = at_bends(log, vehicle), slice(0, log.cycles) if cycles is None else cycles
     delay_s = delay_cycles * vehicle.cycle.period_s
     usable_s = first_usable_s(log, vehicle, delay_s, lag_s)
     labelled, length = cycle_edges(log, of)

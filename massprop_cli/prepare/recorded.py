@@ -27,7 +27,7 @@ def undone(log: Log, vehicle: Vehicle) -> Log:
     Without the bias that ``imu.gyro_bias_rad_s`` states. With the speeds of wheels at the records' ends. With velocity increments in the
     IMU's own axes where ``imu.accel_axes`` says that they are in those of each record's start.
     """
-    log = tachometer.at_records_ends(log, vehicle)
+    log = tachometer.at_bends(log, vehicle)
     gyro, accelerometer = vehicle.imu.gyro_lag_s, vehicle.imu.accel_lag_s
     if gyro == 0 and accelerometer == 0 and vehicle.imu.accel_axes == "imu" and not any(vehicle.imu.gyro_bias_rad_s):
         return log

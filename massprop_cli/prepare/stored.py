@@ -66,11 +66,14 @@ def turned(
 
 
 def first_known_s(log: Log, vehicle: Vehicle) -> float:
-    """From when on the torque of every device is known: a reading at records' ends tells it from the first one on."""
-    if all(said.known_before for said in log.spinning):
+    """From when on the torque of every device is known: a reading at a record's end tells it from then on, or from its next step."""
+    after_s = max((wheel.torque_steps_s or 0.0 for wheel in vehicle.wheels), default=0.0)
+    known_before = all(said.known_before for said in log.spinning)
+    if known_before and after_s == 0:
         return -np.inf
     window_s = max((wheel.speed_window_s for wheel in vehicle.wheels), default=0.0)
-    return float(by_commands_clock(log, vehicle, log.time_s[:1] + window_s)[0])
+    first_s = log.time_s[:1] - log.interval_s[0] * known_before
+    return float(by_commands_clock(log, vehicle, first_s + window_s * (not known_before) + after_s)[0])
 
 
 def last_known_s(log: Log, vehicle: Vehicle) -> float:

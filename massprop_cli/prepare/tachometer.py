@@ -1,7 +1,8 @@
-"""Speeds of wheels at the records' ends, of what their tachometers show: late, a mean over a window, rounded or noisy.
+"""Speeds of wheels where they bend, of what their tachometers show: late, a mean over a window, rounded or noisy.
 
 A reading is the mean of the speed over a window that ends a latency before its time. With the speed linear from each record's end to the
-next, Ω, readings r = H Ω, and Ω a random walk of the readings' own steps q, the estimate is the conditional mean (in information form)
+next, or so long after them as the torque on the wheel steps, Ω there, readings r = H Ω, and Ω a random walk of the readings' own steps q,
+the estimate is the conditional mean (in information form)
 ``(Hᵀ H / s² + Dᵀ D / q) Ω = Hᵀ r / s²``, D the differences. s is small: this undoes H, and what of the errors comes with it is known.
 
 An error e of a speed is in the regressors, too, so it biases inertia and lever arm by its variance over that of the motion, about each
@@ -39,13 +40,15 @@ class _Speeds(NamedTuple):
     """Among all that stores momentum."""
     said: WheelLog
     values: Array
-    """(n,) at the records' ends, or with the one before the log."""
+    """(n,) where they bend, or with the one before the log."""
     covariance: Array
     """(L,) of their errors, by records apart, (rad/s)²."""
+    after_s: float
+    """So long after each record's end."""
 
 
-def at_records_ends(log: Log, vehicle: Vehicle) -> Log:
-    """The log with the speed of each wheel at each record's end."""
+def at_bends(log: Log, vehicle: Vehicle) -> Log:
+    """The log with the speed of each wheel at each record's end, or so long after it as its torque steps."""
     own = _undelayed(log, vehicle)
     if not own:
         return log
@@ -54,7 +57,8 @@ def at_records_ends(log: Log, vehicle: Vehicle) -> Log:
     for one, speed in zip(own, values, strict=True):
         begun = one.said.start_rad_s is not None
         start = float(speed[0]) if begun else None
-        spinning[one.place] = replace(one.said, speed_rad_s=frozen(speed[int(begun) :]), start_rad_s=start, corrected=True)
+        bent = replace(one.said, speed_rad_s=frozen(speed[int(begun) :]), start_rad_s=start)
+        spinning[one.place] = replace(bent, corrected=True, after_s=one.after_s)
     return replace(log, spinning=tuple(spinning))
 
 
@@ -69,21 +73,22 @@ def change_sigmas(log: Log, vehicle: Vehicle) -> Array:
 
 
 def _undelayed(log: Log, vehicle: Vehicle) -> list[_Speeds]:
-    """Of each wheel whose logged speeds are not those at the records' ends."""
+    """Of each wheel whose logged speeds are not those at which they bend."""
     found, time_s = [], np.append(log.time_s[0] - log.interval_s[0], log.time_s)
     for place, (wheel, said) in enumerate(zip(vehicle.spinning, log.spinning, strict=True)):
         if not (isinstance(wheel, Wheel) and isinstance(said, WheelLog)) or said.speed_rad_s is None or said.corrected:
             continue
-        sigma, late = wheel.reading_sigma(said), (wheel.speed_latency_s, wheel.speed_window_s)
+        sigma, after_s = wheel.reading_sigma(said), wheel.torque_steps_s or 0.0
+        late = (wheel.speed_latency_s + after_s, wheel.speed_window_s)
         if sigma == 0 and not any(late):
             continue
         begun = said.start_rad_s is not None
         readings = np.append([said.start_rad_s] * begun, said.speed_rad_s).astype(float)
         walk = float(np.mean(np.diff(readings) ** 2)) if len(readings) > 1 else 0.0
         noise = max(TRUSTED**2, (FINER * sigma) ** 2 / walk) if walk else 1.0
-        values = at_times(time_s, readings, *late, noise)[int(not begun) :] if any(late) and walk else readings
+        values = at_times(time_s + after_s, readings, *late, noise)[int(not begun) :] if any(late) and walk else readings
         lags = 2 * (NEARBY + 1) * log.records_per_cycle
-        found.append(_Speeds(place, said, values, sigma**2 * _passed(float(np.median(log.interval_s)), *late, noise, lags)))
+        found.append(_Speeds(place, said, values, sigma**2 * _passed(float(np.median(log.interval_s)), *late, noise, lags), after_s))
     return found
 
 

@@ -76,6 +76,11 @@ class Wheel(actuator.MomentumDevice):
     speed_latency_s: NonNegative = Field(
         0.0, description="by which the end of that window, or the instant, is before time_s. For a speed column"
     )
+    torque_steps_s: NonNegative | None = Field(
+        None,
+        description="from a record's end until the torque on the wheel steps, so that its speed bends there; absent: found in a log of "
+        "one record in each control cycle. For a speed column",
+    )
     speed_error_in_noise: bool = Field(
         False,
         description="whether imu.gyro_noise_rad_s and environment.disturbance_torque_n_m have in them what speed_sigma_rad_s and "
@@ -192,11 +197,12 @@ class Wheel(actuator.MomentumDevice):
         return self.spin_inertia_kg_m2 * float(np.sqrt(self.speed_sigma_rad_s**2 + held * self._step(said.speed_rad_s) ** 2 / 12))
 
     def momentum(self, said: actuator.MomentumLog, log: actuator.LogTimes) -> actuator.Grown:
-        """By its speed at the records' ends, relative to the body; or all of it, by the torque on it over each cycle, less friction."""
+        """By its speed where that bends, relative to the body; or all of it, by the torque on it over each cycle, less friction."""
         assert isinstance(said, WheelLog)
         if said.speed_rad_s is not None:
             speed, begun = said.speed_rad_s, said.start_rad_s is not None
-            return actuator.Grown(log.edge_s[1 - begun :], self.spin_inertia_kg_m2 * np.append([said.start_rad_s] * begun, speed)[None])
+            at = log.edge_s[1 - begun :] + said.after_s
+            return actuator.Grown(at, self.spin_inertia_kg_m2 * np.append([said.start_rad_s] * begun, speed)[None])
         at = log.delayed_s if self.torque_is == "commanded" else log.at_once_s
         time_s = np.append(at, at[-1] + log.period_s)
         return actuator.Grown(time_s, self._driven(said, time_s, log)[None])
@@ -248,7 +254,9 @@ class WheelLog:
     start_rad_s: float | None
     """Speed at the beginning of the log, or of a torque's log when its first torque acts; None: unknown."""
     corrected: bool = False
-    """Whether speeds are those at the records' ends, not what the tachometer shows (:mod:`massprop_cli.prepare.tachometer`)."""
+    """Whether speeds are those at which they bend, not what the tachometer shows (:mod:`massprop_cli.prepare.tachometer`), ..."""
+    after_s: float = 0.0
+    """... so long after each record's end."""
 
     @property
     def integrated(self) -> bool:

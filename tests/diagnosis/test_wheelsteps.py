@@ -1,0 +1,51 @@
+"""When within a record the torque on wheels steps, by an independent simulator whose torques act after any delay."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from massprop_cli import QUANTITIES, flow
+from massprop_cli.flow import Analysis
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from tests import anyimu
+
+PERIOD_S = 0.05
+
+
+def estimated(seed: int, part: float, jets: bool = False, noise: float = 1.0) -> tuple[Analysis, float]:
+    """A vehicle whose wheels' torques step after so much of a record; the largest deviation of a value, in sigmas."""
+    rng, imu = np.random.default_rng(seed), anyimu.Imu(measures="increment", rate_hz=1 / PERIOD_S, gyro_noise=1e-4, accel_noise=3e-3)
+    own = anyimu.wheeled(rng, anyimu.bodies(rng, 1), jets=jets)
+    delay_s = (2 + part) * PERIOD_S
+    flown = anyimu.fly(rng, own, imu, PERIOD_S, 20.0, delay_s, noise=noise)
+    used = anyimu.vehicle_of(own, 0, flown, imu, PERIOD_S, delay_s, stated=True, wheels="speed")
+    answer = flow.examine(anyimu.log_of(flown, 0, imu, used), VehicleSource(used, "", ""))
+    told = answer.conclusions[0].estimates
+    off = [
+        (told[name].value - true) / told[name].sigma
+        for name, true in zip(QUANTITIES, anyimu.truth_of(own, 0), strict=True)
+        if told[name].sigma
+    ]
+    return answer, float(np.abs(off).max())
+
+
+@pytest.mark.parametrize(
+    ("part", "jets"),
+    [(0.3, False), (0.5, False), *(pytest.param(*one, marks=pytest.mark.thorough) for one in ((0.8, False), (0.25, True), (0.6, True)))],
+)
+def test_it_is_found_and_values_are_within_their_sigmas(part: float, jets: bool) -> None:
+    """With speeds that are linear from end to end of records inertia was 10 sigma off, and a delay or a low-pass was named."""
+    answer, off = estimated(3, part, jets)
+    assert [notice.code for notice in answer.notices] == ["noise-estimated"]
+    for wheel in answer.vehicle.wheels:
+        assert wheel.torque_steps_s == pytest.approx(part * PERIOD_S, abs=0.02 * PERIOD_S)
+    assert {answer.conclusions[0].estimates[name].verdict for name in QUANTITIES[:6]} == {"converged"}
+    assert off < 4
+
+
+def test_nothing_is_found_where_it_steps_as_records_end() -> None:
+    answer, off = estimated(4, 0.0)
+    assert not answer.notices
+    assert {wheel.torque_steps_s for wheel in answer.vehicle.wheels} == {None}
+    assert off < 4
