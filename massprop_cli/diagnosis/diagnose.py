@@ -25,12 +25,12 @@ from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.inspection import lost, seen, sparse
 from massprop_cli.diagnosis.phaseboundary import border
 from massprop_cli.diagnosis.ranking import CLEAR
-from massprop_cli.diagnosis.recordings import by_noise, otherwise, otherwise_filtered
+from massprop_cli.diagnosis.recordings import by_noise, logged_after, otherwise, otherwise_filtered
 from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, helped, hopeless, refined, tried
 from massprop_cli.diagnosis.screening import Screening, about_its_body, beside_a_torque, busiest, screened
 from massprop_cli.diagnosis.search import codes, same, searched
 from massprop_cli.diagnosis.undisturbed import Undisturbed, undisturbed
-from massprop_cli.diagnosis.wording import ABSENT, DEAD, UNANSWERED, alone, words_of
+from massprop_cli.diagnosis.wording import ABSENT, DEAD, LOGGED_AFTER, UNANSWERED, alone, words_of
 from massprop_cli.errorparameters.table import PRIORS
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.telemetry import JITTER, Log, jitter
@@ -108,9 +108,15 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
         return Diagnosis((Explanation("phase-border", kept.words, kept.correction(vehicle)),))
     if screening.fits and (units := chosen(screening, by_noise(screening))) is not None:
         return units
-    if not moved and screening.loud:
-        return Diagnosis(unknown=UNANSWERED)
-    return Diagnosis() if wandering.close or with_it else Diagnosis(unknown=_in_vain(screening))
+    unanswered = not moved and screening.loud
+    explained = not unanswered and (wandering.close or with_it)
+    return Diagnosis() if explained else _unexplained(screening, UNANSWERED if unanswered else _in_vain(screening))
+
+
+def _unexplained(screening: Screening, unknown: str) -> Diagnosis:
+    """Where no cause was found: that commands are logged after they act, which no log corrected by its vehicle file shows; else none."""
+    late = logged_after(screening.case)
+    return Diagnosis((Explanation("delay-mismatch", LOGGED_AFTER.format(late), None),)) if late else Diagnosis(unknown=unknown)
 
 
 def _further(

@@ -12,7 +12,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from massprop_cli.base.arrays import ROUNDING, TINY, Array, median
+from massprop_cli.base.arrays import ROUNDING, TINY, Array, frozen, median
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Case
@@ -35,7 +35,7 @@ PARTS = np.geomspace(1.0, 0.05, 16)
 FINEST = 1e-5
 """Step at which the search for them ends."""
 EARLIER = (1, 2, 3)
-"""Cycles by which commands of one jet may be logged before those of another one that fires with it."""
+"""Cycles by which commands of one jet may be logged before those of another one that fires with it, or all of them after they act."""
 SHARPENED, FARTHEST = 2, 3.0
 """Rounds in which values are moved to the greatest likelihood; sigmas by which one may be moved in each."""
 ALIKE_TO, MORE = 3, 0.1
@@ -242,6 +242,20 @@ def _likeliest_later(case: Case) -> list[int]:
         explained = (later.T @ rest) ** 2 / np.maximum(np.outer((later**2).sum(0), (rest**2).sum(0)), TINY)
         gained -= len(rest) * np.log1p(-np.minimum(explained, 1 - ROUNDING)).sum(1)
     return np.flatnonzero(gained > max(gained.max(initial=0.0) - MORE, CLEAR)).tolist()
+
+
+def logged_after(case: Case) -> int:
+    """Control cycles by which commands act before the row that they are logged in, if they explain far more by that; else 0."""
+    if case.log.command_kind not in ("jets", "wrench") or case.log.command_s is not None:
+        return 0
+    motion = motion_of(case.timing.of(case.log, case.vehicle))
+
+    def left(cycles: int) -> float:
+        sooner = np.vstack([case.log.command[cycles:], np.zeros((cycles, case.log.command.shape[1]))])
+        return _left(case._replace(log=replace(case.log, command=frozen(sooner))), motion, {})
+
+    best = min((0, *EARLIER), key=left)
+    return best if left(best) < left(0) - case.log.cycles else 0
 
 
 def _left(case: Case, motion: MeasuredMotion | None, states: States, later: float = 0.0) -> float:

@@ -30,7 +30,11 @@ PARTS = tuple(part / 10 for part in range(1, 10))
 
 def with_steps(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[Vehicle, list[Notice]]:
     """The vehicle with ``torque_steps_s`` of wheels as the log shows it where it is not stated, and what to tell of it."""
-    if log.sampled[0] or log.records_per_cycle > 1 or any(wheel.column == "speed" and wheel.torque_steps_s is not None for wheel in vehicle.wheels):
+    if (
+        log.sampled[0]
+        or log.records_per_cycle > 1
+        or any(wheel.column == "speed" and wheel.torque_steps_s is not None for wheel in vehicle.wheels)
+    ):
         return vehicle, []
     # a sample shows what speeds at the records' ends do, however they came there
     own = [n for n, wheel in enumerate(vehicle.wheels) if wheel.column == "speed"]

@@ -15,6 +15,10 @@ UNANSWERED = (
     "log and vehicle file don't fit, cause unknown: the motion is no noise, and hardly follows the commands; are they this recording's, on "
     "its clock, and were they executed?"
 )
+LOGGED_AFTER = (
+    "the motion follows commands that are logged {} control cycle(s) after they acted: no delay is below 0; log them as they are issued, "
+    "or move their columns up by as many control cycles"
+)
 IN_VEHICLE_FILE, IN_MAP = "under [columns]", "in the map (unit, scale, axes)"
 """Where the columns of a plain log are corrected, and those of a recording."""
 

@@ -296,6 +296,17 @@ def test_a_motion_that_follows_no_commands_is_not_passed_over(name: str, kind: s
     assert "converged" not in faulty.verdicts(found).values()
 
 
+@pytest.mark.parametrize(("name", "cycles"), [("free-flyer", 1), pytest.param("air-bearing", 3, marks=pytest.mark.thorough)])
+def test_commands_that_are_logged_after_they_acted_are_told_with_their_cycles(name: str, cycles: int) -> None:
+    log, used = faulty.sample(name, 60.0)
+    late = int(used.cycle.command_delay_cycles) + cycles
+    logged = np.concatenate([0 * log.command[:late], log.command[:-late]])
+    found = faulty.examined(replace(log, command=logged), faulty.stated(used, "cycle.command_delay_cycles=0.0"))
+    (said,) = [notice.message for notice in found.notices if notice.code == "delay-mismatch"]
+    assert f"logged {cycles} control cycle(s) after they acted" in said
+    assert "converged" not in faulty.verdicts(found).values()
+
+
 def pulses(cycles: int) -> tuple[str, str]:
     axes = '"roll","pitch","yaw","x","y","z"'
     plan = f'plan=[{{motion="random",axes=[{axes}],level=0.6,closed_loop=true,start_cycle=0,end_cycle={cycles}}}]'

@@ -1,7 +1,5 @@
 """When within a record the torque on wheels steps, by an independent simulator whose torques act after any delay."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
