@@ -289,7 +289,8 @@ def _others(model: Model) -> Iterator[Hypothesis]:
     yield from _in_another_unit(model)
     on_bearing = ("bearing", "room_torque") * (model.bearing is not None) + ("tilt",) * (INTEGRATED in model.places)
     yield from (_free(model, name) for name in (*on_bearing, "torque", "drag"))
-    yield _free(model, "mass_rate", "inertia_rate")
+    if model.thrusting:  # what stores momentum uses none
+        yield _free(model, "mass_rate", "inertia_rate")
 
 
 @cache
