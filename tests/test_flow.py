@@ -38,6 +38,8 @@ def test_a_reading_that_is_none_of_the_motion_is_named_where_it_hides_the_delay(
     assert [notice.code for notice in found.notices][:2] == ["timing-untold", "outliers"]
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_wheels_that_are_logged_backwards_are_named_where_nothing_is_told() -> None:
     """A lab had been asked for more of the torque that it had commanded already."""
     turns = 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], every_cycles=5, max_cycles=4, start_s=0.0, end_s=20.0}]'

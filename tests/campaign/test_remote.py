@@ -182,6 +182,8 @@ def test_a_put_that_ends_midway_leaves_no_whole_result(s3: Any, monkeypatch: pyt
     assert stored(s3, "flights/halfway") == {f"results/a/{name}": b"2" for name in ("history.parquet", outcome.FILE, "result.json")}
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_one_batch_at_a_time_and_a_killed_ones_lock_is_taken_over(s3: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(urlplace, "RENEWED_S", 0.1)
     monkeypatch.setattr(urlplace, "SILENT_S", 3.0)

@@ -175,6 +175,8 @@ def estimated(log: Path, out: Path, *assignments: str) -> None:
     store.write(out, found.analysis, escape.document(found.result))
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_a_thrust_scale_common_to_logs_on_a_bearing_enters_once(tmp_path: Path) -> None:
     """Oracle: what the joint values do if every jet pushes half a per cent more or less, beside their sigmas at exact thrust."""
     output.simulate(scenario.load("testbed", ("duration_s=10.0", f"plan=[{PULSES.format(0, 200)}]")), tmp_path / "logs", 1, 2)

@@ -100,6 +100,8 @@ WRENCH = ("vehicle.jets=[]", "actuators.max_torque_n_m=[0.3,0.3,0.3]", "actuator
 """Of the scenario wheels-and-jets: torque and force are commanded in place of jets."""
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_a_wheel_beside_a_commanded_wrench_is_corrected_by_itself() -> None:
     """The torque's column about its axis had been scaled along with it, and all ten values were up to 700 sigma off."""
     of_wrench = packaged.fly("wheels-and-jets", *WRENCH, seeds=(3,))

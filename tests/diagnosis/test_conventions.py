@@ -77,6 +77,8 @@ def test_only_another_unit_may_as_well_be_that_of_the_others(factor: float, othe
     assert [one.command for one in instead] == [(1.0, 1.0, 1.0, *[other] * 3) for other in others]
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_beside_a_unit_a_tilted_imu_is_named_by_its_own_angle_and_mended_by_its_key() -> None:
     log, used = flown().log(0), flown().vehicle
     tilt, true = np.radians(12.0), np.array(used.imu.body_from_imu)

@@ -296,9 +296,11 @@ def test_a_motion_that_follows_no_commands_is_not_passed_over(name: str, kind: s
     assert "converged" not in faulty.verdicts(found).values()
 
 
-@pytest.mark.parametrize(("name", "cycles"), [("free-flyer", 1), pytest.param("air-bearing", 3, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize(
+    ("name", "cycles"), [pytest.param("free-flyer", 1, marks=[pytest.mark.thorough, pytest.mark.seeds]), ("air-bearing", 3)]
+)
 def test_commands_that_are_logged_after_they_acted_are_told_with_their_cycles(name: str, cycles: int) -> None:
-    log, used = faulty.sample(name, 60.0)
+    log, used = faulty.sample(name, 30.0)
     late = int(used.cycle.command_delay_cycles) + cycles
     logged = np.concatenate([0 * log.command[:late], log.command[:-late]])
     found = faulty.examined(replace(log, command=logged), faulty.stated(used, "cycle.command_delay_cycles=0.0"))
@@ -313,6 +315,8 @@ def pulses(cycles: int) -> tuple[str, str]:
     return f"duration_s={cycles / 20}", plan
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.parametrize(
     ("key", "part", "words"),
     [

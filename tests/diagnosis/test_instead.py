@@ -74,6 +74,8 @@ def test_a_fit_that_comes_to_no_number_leads_nowhere_and_refuses_nothing() -> No
     assert not np.isfinite(found.spread).all()
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.parametrize("raised_m", [pytest.param(0.0, marks=pytest.mark.thorough), 0.2])
 def test_on_a_table_it_does_not_matter_how_high_jets_are(raised_m: float) -> None:
     """They turn the vehicle about Z alone; an accelerometer's bias of 0.12 degrees of weight is named as one."""

@@ -78,6 +78,8 @@ def test_another_cutoff_or_latency_is_named_with_its_value(
     assert_within_four_sigmas(mended.conclusions[0], truth)
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.parametrize(
     ("stated", "delay", "sigma", "bearing"),
     [

@@ -80,7 +80,7 @@ def examined(mistake: Mistake) -> tuple[Analysis, Array]:
     [
         pytest.param(about_its_cg, "wrench-point", "thrust.wrench_point_m", marks=pytest.mark.thorough),
         (saturated, "commands-limited", "thrust.wrench_limits"),
-        (far_beyond, "commands-limited", "thrust.wrench_limits"),
+        pytest.param(far_beyond, "commands-limited", "thrust.wrench_limits", marks=pytest.mark.thorough),
         pytest.param(saturated_late, "commands-limited", "thrust.wrench_limits", marks=pytest.mark.thorough),
         (normalised, "commands-normalised", ""),
     ],
@@ -93,7 +93,7 @@ def test_what_a_commanded_wrench_may_be_otherwise_is_named(mistake: Mistake, cod
         assert found.mended[0].settings[0].startswith(f"{key}=")
 
 
-@pytest.mark.parametrize("mistake", [about_its_cg, saturated, far_beyond, saturated_late])
+@pytest.mark.parametrize("mistake", [about_its_cg, saturated, far_beyond, pytest.param(saturated_late, marks=pytest.mark.thorough)])
 def test_mended_by_its_key_values_are_within_their_sigmas(mistake: Mistake) -> None:
     found, true = examined(mistake)
     estimates = found.mended[0].conclusions[0].estimates
@@ -244,7 +244,12 @@ def test_pulses_elsewhere_in_their_cycles_are_named_and_mended(at: str, delay: s
 
 
 @pytest.mark.parametrize(
-    ("jet", "later_s"), [("roll_n2", 0.05), pytest.param("roll_p1", 0.02, marks=pytest.mark.thorough), ("pitch_p2", 0.013)]
+    ("jet", "later_s"),
+    [
+        ("roll_n2", 0.05),
+        pytest.param("roll_p1", 0.02, marks=pytest.mark.thorough),
+        pytest.param("pitch_p2", 0.013, marks=pytest.mark.thorough),
+    ],
 )
 def test_a_jet_that_is_later_than_the_others_is_named_with_its_delay(jet: str, later_s: float) -> None:
     """Though it is always commanded together with another one. Stated, its delay leaves nothing to be said."""

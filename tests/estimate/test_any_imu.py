@@ -119,6 +119,8 @@ def test_commands_at_samples_times_are_before_or_after_them(seed: int, imu: anyi
     assert_within_four_sigmas(answer, anyimu.truth_of(own, 0))
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.parametrize("auto", [pytest.param(False, marks=pytest.mark.thorough), True])
 def test_pulses_that_end_at_samples_times_do_so_before_or_after_them(auto: bool) -> None:
     """Cycles begin half-way between samples: a delay off by 0.001 cycles had been named, by eight sigma, and all was contradicted."""
@@ -171,6 +173,8 @@ def assert_within_four_sigmas(answer: Analysis, truth: Array) -> None:
         assert abs(one.value - value) < 4 * one.sigma
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_latencies_are_estimated_and_not_apart_from_an_unknown_delay() -> None:
     """Both sensors are 4 ms late beyond their low-pass; a shift of the commands looks the same as one of both sensors."""
     imu, rng = anyimu.Imu(measures="sample", order=2, cutoff_hz=45.0, latency_s=0.004), np.random.default_rng(7)

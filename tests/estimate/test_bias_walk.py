@@ -38,6 +38,8 @@ def test_intervals_cover_the_truth_while_a_bias_walks(name: str, settings: tuple
     assert without.notices
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_a_walk_without_a_sigma_is_a_bias_that_is_unknown_from_then_on() -> None:
     """What is stated of the walk alone widens sigmas as much as it moves values."""
     flight = simulate.fly(scenario.load("free-flyer", (f"vehicle.imu.gyro_bias_walk_rad_s_sqrt_s={WALK}",)), [1])

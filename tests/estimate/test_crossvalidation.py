@@ -72,6 +72,8 @@ def test_chances_of_clean_segments_are_uniform_and_segment_sigmas_hold(name: str
     assert ((rms > 0.6) & (rms < 1.5)).all(), rms
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_a_body_that_is_another_in_the_second_half_is_not_predicted() -> None:
     """Commands of the first half are logged 1 % too small, as if the body were lighter there."""
     flight = fly("free-flyer", *RANDOM)

@@ -156,6 +156,8 @@ def test_what_is_stated_of_the_locked_wheel_moves_the_inertia_by_just_that(name:
     assert locked[others] == pytest.approx(bare[others], rel=1e-9)
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_no_momentum_that_is_held_may_be_left_out() -> None:
     """The same log with the wheels' momentum at the start misstated: the log contradicts it."""
     _, flight = flown("wheels-and-jets")
@@ -212,7 +214,9 @@ def on_table(column: str, *settings: str) -> tuple[ScenarioSource, simulate.Simu
 
 
 @pytest.mark.numerical
-@pytest.mark.parametrize(("column", "thrust"), [("torque", 1.0), ("speed", 0.95), pytest.param("speed", 1.0, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize(
+    ("column", "thrust"), [("speed", 0.95), *(pytest.param(*one, marks=pytest.mark.thorough) for one in (("torque", 1.0), ("speed", 1.0)))]
+)
 def test_a_table_tells_the_same_four_beside_wheels_which_tell_the_thrust_as_well(column: str, thrust: float) -> None:
     """Errors within 4 sigma, sigmas 0.9 to 1.2 of the bound with thrust known, whether it is or is 5 % weaker than stated ± 5 %."""
     weak = () if thrust == 1 else (f"actuators.scale={thrust}", "vehicle.thrust.scale_sigma=0.05")
@@ -380,6 +384,8 @@ def test_an_object_that_docks_with_a_vehicle_with_wheels_is_told_within_its_sigm
     assert np.abs((values - flight.docked) / np.sqrt(np.diag(perfect.covariance))).max() < 0.1
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.numerical
 @pytest.mark.parametrize("seeds", [1, pytest.param(12, marks=[pytest.mark.thorough, pytest.mark.seeds])])
 def test_wheels_alone_tell_a_docked_object_of_known_mass(seeds: int) -> None:

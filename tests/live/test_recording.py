@@ -117,6 +117,8 @@ def test_what_never_began_leaves_no_folder(given: str, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == [STDIN]
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_a_recording_that_contradicts_its_vehicle_file_exits_with_6(tmp_path: Path) -> None:
     """A gyro in degrees."""
     header, *rows = recorded("free-flyer")[:401]

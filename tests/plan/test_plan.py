@@ -194,6 +194,8 @@ def by_momentum(folder: Path, name: str, asked: Asked) -> tuple[WrittenPlan, sim
     return made, simulate.fly(scenario.parse(made.scenario, "scenario.toml", ()), (1, 2))
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.parametrize("name", ["wheels", pytest.param("control-moment-gyros", marks=pytest.mark.thorough)])
 def test_motions_by_what_stores_momentum_are_planned_and_give_what_is_predicted(name: str, tmp_path: Path) -> None:
     """Wheels begin with up to 200 rad/s, and are not to pass 260."""

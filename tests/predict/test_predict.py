@@ -119,6 +119,8 @@ def test_a_result_that_is_off_does_not(lab: Path, kind: str, name: str) -> None:
     assert f"{kind}-edited/result.json does not predict {kind}-2/log.parquet: chi-square " in done.stderr
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_a_first_moment_that_is_off_does_not(lab: Path) -> None:
     found = told(ran(lab, edited(lab, "pedestal", off("moment_x", 8, "about_pivot")), "pedestal-2/log.parquet", "--json"), 5)
     one = found["quantities"]["moment_x"]

@@ -117,6 +117,8 @@ def found_in_summary(out: Path) -> set[str]:
     return {name for name in ABOUT_PIVOT if f"| {vocabulary.SYMBOLS[f'{PIVOT}{name}']} |" in text}
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_values_about_the_pivot_may_be_required(folder: Path) -> None:
     """Without a known mass none of the ten is observable, and a contradiction is one of the nine alone."""
     vehicle = (folder / "log-1" / "vehicle.toml").read_text()

@@ -27,7 +27,7 @@ def rotors(**keys: str) -> str:
     "of",
     [
         {"lag_up_s": "0.03", "lag_down_s": "0.06", "nominal_v": "12.0"},
-        {"column": '"speed"', "spin_inertia_kg_m2": "4e-5", "locked_in_inertia": "false"},
+        pytest.param({"column": '"speed"', "spin_inertia_kg_m2": "4e-5", "locked_in_inertia": "false"}, marks=pytest.mark.thorough),
     ],
     ids=["commands and a supply that sags", "speeds and their momentum"],
 )

@@ -306,6 +306,8 @@ def test_a_packaged_scenario_comes_back_out_of_the_estimator(name: str) -> None:
             assert abs((estimate.value or 0.0) - recorded["docked"][quantity]) < 4.5 * (estimate.sigma or 0.0)
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_a_docked_object_that_the_motion_cannot_tell_is_a_missing_value(tmp_path: Path) -> None:
     plan = [
         '{motion="hold", start_s=0.0, end_s=7.0}',
