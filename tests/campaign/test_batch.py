@@ -68,6 +68,7 @@ def test_a_result_is_the_one_that_estimate_writes(here: Path) -> None:
         assert (here / "massprop-out" / "results" / "seed-0002" / name).read_bytes() == (here / "one" / name).read_bytes()
 
 
+@pytest.mark.seeds
 @pytest.mark.slow
 def test_bytes_and_order_do_not_depend_on_the_number_of_processes(here: Path) -> None:
     outs = {}

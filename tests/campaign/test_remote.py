@@ -122,6 +122,7 @@ def test_logs_and_results_on_s3_give_the_same_bytes_as_on_disk(batch: Callable[.
     assert same == {path: when for path, when in written.items() if not _any(good[:2], path)}
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_workers_read_a_store_by_themselves(logs: Path, local: dict[str, bytes], s3: Any, endpoint: dict[str, str]) -> None:
     done = campaigns.batch(logs.parent, "s3://flights/campaign.toml", "--out", "s3://flights/workers", first=None, settings=endpoint)

@@ -301,6 +301,8 @@ def test_the_refined_fit_agrees_with_the_causal_one_and_says_so_in_its_settings(
     assert max(abs(c) for c in innovations["lag_one_correlation"]) < 4.5 / innovations["cycles"] ** 0.5
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_a_delay_that_nobody_stated_is_called_a_default(tmp_path: Path) -> None:
     log = short(tmp_path)
     vehicle = tmp_path / "unstated.toml"

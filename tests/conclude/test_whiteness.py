@@ -140,6 +140,8 @@ def test_commands_that_were_not_executed_leave_no_value_wrong_and_converged() ->
     assert sum(estimates[name].verdict != "converged" for name in QUANTITIES[:6]) >= 4
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_counts_that_are_coarser_than_the_noise_leave_no_mass_converged() -> None:
     """An accelerometer that counts in steps of five times its noise shows what it feels in a few cycles; nothing need be widened."""
     log, vehicle = flown(5)

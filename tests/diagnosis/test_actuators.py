@@ -75,6 +75,7 @@ def test_a_fault_is_named_and_its_correction_gives_the_truth(platform: str, name
     named(platform, name, 0, 300)
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.parametrize(("platform", "name"), KINDS)
 def test_a_fault_of_each_code_is_named(platform: str, name: str) -> None:

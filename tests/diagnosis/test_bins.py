@@ -12,6 +12,7 @@ from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from tests import anyimu
 
 
+@pytest.mark.seeds
 @pytest.mark.parametrize(
     ("noise_rad_s", "least", "most"),
     [pytest.param(1e-3, 4, 4, marks=pytest.mark.thorough), pytest.param(1e-5, 16, 64, marks=[pytest.mark.thorough, pytest.mark.seeds])],

@@ -92,6 +92,8 @@ def test_a_low_passed_sensor_is_named_with_its_time_constant_and_mended(sensor: 
         assert abs((e.value or 0.0) - true) < 4.5 * (e.sigma or 0.0)
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_a_jet_that_fires_at_the_end_alone_and_not_under_the_right_delay_hides_it_not() -> None:
     """Its column is there under the stated delay of one cycle, and not under that of two."""
     command = fly("free-flyer", *PLAN).log(0).command.copy()

@@ -76,6 +76,7 @@ def test_its_own_test_passes(built: Path) -> None:
     assert flies_its_vector(built, "replay")
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_its_own_test_passes_under_the_sanitizers_and_with_other_limits(tmp_path: Path) -> None:
     where = exported("free-flyer", tmp_path / "out")

@@ -127,6 +127,8 @@ def test_a_first_moment_that_is_off_does_not(lab: Path) -> None:
     assert one["difference"] > 3 * one["difference_sigma"]
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_a_body_that_has_changed_is_not_predicted(lab: Path) -> None:
     """Half a per cent of the inertia, thirty of its sigmas: the rate is off by as much of the motion, and by many times the noise."""
     stocked(lab, "free-flyer")

@@ -58,6 +58,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory, recorded: Recorded) -> dict[
 FIGURES = {"docking": 2 * 26 + 1 + 43, "refined": 26 + 43, "comparison": 20}
 
 
+@pytest.mark.seeds
 @pytest.mark.parametrize("name", FIGURES)
 @pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1280, "dark")])
 def test_a_page_is_whole_quiet_and_as_wide_as_its_screen(

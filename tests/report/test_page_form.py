@@ -130,6 +130,7 @@ def test_the_same_result_gives_the_same_bytes_without_where_and_when(flyer: Reco
     assert str(flyer.path.parent) not in flyer_page.text
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["bearing", pytest.param("thesis", marks=pytest.mark.seeds)])
 def test_every_figure_of_any_log_can_be_drawn(name: str, request: pytest.FixtureRequest) -> None:
