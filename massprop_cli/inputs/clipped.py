@@ -28,7 +28,7 @@ FAR = 0.5
 """Times the middle distance of readings from the middle one that an extreme must be from it at least: rest is no extreme, nor is what is
 the same but for rounding."""
 STANDS = 8
-"""Records in a row in which all axes repeat."""
+"""Records in a row in which all axes repeat, or one of three does."""
 FINE = 0.01
 """Part of the readings elsewhere that may repeat on any axis of a sensor that is seen to stand still."""
 MOSTLY = 0.5
@@ -44,7 +44,8 @@ def with_unstated(log: Log) -> Log:
     both = (log.delta_theta_imu_rad, log.delta_v_imu_m_s)
     driven, late = _commanded(log), LATE * log.records_per_cycle
     still = [standing(one, other, log.interval_s, driven, late) for one, other in (both, both[::-1])]
-    found = [*log.notices, *(_stands(log, name, rows) for name, rows in zip(("gyro", "accelerometer"), still, strict=True) if rows.any())]
+    told = zip(("gyro", "accelerometer"), both, still, strict=True)
+    found = [*log.notices, *(_stands(log, name, increments, rows) for name, increments, rows in told if rows.any())]
     for code, increments, unit, stands in zip(SATURATED, both, UNITS, still, strict=True):
         if any(notice.code == code for notice in found):
             continue
@@ -67,14 +68,16 @@ def with_unstated(log: Log) -> Log:
     return replace(log, notices=tuple(found)) if len(found) > len(log.notices) else log
 
 
-def _stands(log: Log, sensor: str, rows: BoolArray) -> Notice:
+def _stands(log: Log, sensor: str, increments: Array, rows: BoolArray) -> Notice:
     at = np.flatnonzero(rows)
+    whole = all(_repeats(axis, log.interval_s)[at[1:]].mean() > MOSTLY for axis in increments.T)
+    who = f"the {sensor}" if whole else f"one axis of the {sensor}"
     first, last = int(at[0]), int(at[-1])
     where = f"{len(at)} record(s), rows (from 0) {first} to {last} ({log.time_s[first]:.6g} to {log.time_s[last]:.6g} s)"
     return Notice(
         "sensor-frozen",
-        f"the {sensor} repeats one reading in {where}, as it does nowhere else: it stands still there. Cut these records, or leave them "
-        "out by [[phases]]",
+        f"{who} repeats one reading in {where}, as it does nowhere else: it stands still there. Cut these "
+        "records, or leave them out by [[phases]]",
     )
 
 
@@ -86,23 +89,34 @@ def _commanded(log: Log) -> BoolArray:
     return found
 
 
+def _runs(rows: BoolArray) -> list[tuple[int, int]]:
+    """Of ``STANDS`` and more in a row, where they begin and end."""
+    edges = np.flatnonzero(np.diff(rows.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    return [(int(start), int(stop)) for start, stop in edges if stop - start >= STANDS]
+
+
 def standing(increments: Array, others: Array, interval_s: Array, commanded: BoolArray, late: int) -> BoolArray:
     """(n,) records in which a sensor repeats its reading on all axes, run by run, while the other one (n, 3) moves.
 
-    Or where what was ``commanded`` (n,), ``late`` records before the run's end or earlier, moved neither.
+    Or where what was ``commanded`` (n,), ``late`` records before the run's end or earlier, moved neither. Or on one axis while its others
+    move.
     """
-    axes = [_repeats(axis, interval_s) for axis in increments.T if np.ptp(axis) > 0]
+    moving = [axis for axis in increments.T if np.ptp(axis) > 0]
+    axes = [_repeats(axis, interval_s) for axis in moving]
     none = np.zeros(len(interval_s), dtype=bool)
     if len(axes) < 2:
         return none
-    together = np.logical_and.reduce(axes)
-    edges = np.flatnonzero(np.diff(together.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-    runs = edges[np.diff(edges, axis=1)[:, 0] >= STANDS]
-    if not len(runs):
+    repeats = np.sum(axes, 0)
+    runs, found = _runs(repeats == len(axes)), none.copy()
+    for axis, values in zip(axes, moving, strict=True):
+        for start, stop in _runs(axis & (repeats == 1)) if len(axes) > 2 else ():
+            rate = values / interval_s  # at its extreme it saturates
+            same = SAME * abs(rate[start])
+            found[start - 1 : stop] |= rate.min() < rate[start] - same and rate[start] + same < rate.max()
+    if not runs and not found.any():
         return none
-    found = none.copy()
     moves = ~np.logical_and.reduce([_repeats(axis, interval_s) for axis in others.T])
-    for start, stop in runs.tolist():
+    for start, stop in runs:
         found[start - 1 : stop] = moves[start:stop].all() or commanded[start : max(stop - late, start)].any()
     if found.mean() > MOSTLY or any(float(axis[~found].mean()) > FINE for axis in axes):
         return none

@@ -110,6 +110,16 @@ def test_a_sensor_that_stands_still_is_told_row_by_row(first: int) -> None:
     np.testing.assert_array_equal(np.flatnonzero(still(commanded, len(told) - 8)), told)
 
 
+@pytest.mark.parametrize("first", [0, 200])
+def test_an_axis_that_stands_still_is_told_row_by_row_but_at_its_extreme(first: int) -> None:
+    values = WAVES + NOISE
+    values[first : first + 30, 1] = values[first + 30, 1]
+    told = np.flatnonzero(standing(values, NOISE, np.ones(COUNT), COAST, 20))
+    np.testing.assert_array_equal(told, np.arange(first, first + 31))
+    values[:, 1] = np.clip(values[:, 1], *np.sort([values[first, 1], -np.inf if values[first, 1] > 0 else np.inf]))
+    assert not standing(values, NOISE, np.ones(COUNT), COAST, 20).any()
+
+
 @pytest.mark.parametrize("first", [0, 150])
 def test_a_sensor_that_stands_still_leaves_nothing_converged(first: int) -> None:
     log, used = faulty.sample("free-flyer", 20.0)
