@@ -30,15 +30,10 @@ PARTS = tuple(part / 10 for part in range(1, 10))
 
 def with_steps(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[Vehicle, list[Notice]]:
     """The vehicle with ``torque_steps_s`` of wheels as the log shows it where it is not stated, and what to tell of it."""
-    if (
-        log.sampled[0]
-        or log.records_per_cycle > 1
-        or any(wheel.column == "speed" and wheel.torque_steps_s is not None for wheel in vehicle.wheels)
-    ):
-        return vehicle, []
-    # a sample shows what speeds at the records' ends do, however they came there
     own = [n for n, wheel in enumerate(vehicle.wheels) if wheel.column == "speed"]
-    if not own:
+    known = any(vehicle.wheels[n].torque_steps_s is not None for n in own)
+    # a sample of the rate shows what speeds at the records' ends do, however they came there
+    if not own or known or log.sampled[0] or log.records_per_cycle > 1:
         return vehicle, []
     log, record_s = bounded(log, vehicle, timing, [slice(0, log.cycles)], LONGEST)[0], float(np.median(log.interval_s))
     motion = motion_of(timing.of(log, vehicle))
