@@ -16,8 +16,9 @@ from itertools import chain, islice
 import numpy as np
 
 from massprop_cli.diagnosis import change, delay, hypotheses
-from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted, fitted
-from massprop_cli.diagnosis.corrections import Case, Correction, around, correction_of
+from massprop_cli.diagnosis.channelpairs import swapped, two_channels, wired
+from massprop_cli.diagnosis.comparison import Fitted
+from massprop_cli.diagnosis.corrections import Case, Correction
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.episode import episodes
 from massprop_cli.diagnosis.explanation import Diagnosis, Explanation, by_wander, chosen, fitting_causes
@@ -26,11 +27,11 @@ from massprop_cli.diagnosis.inspection import lost, seen, sparse
 from massprop_cli.diagnosis.phaseboundary import border
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.recordings import by_noise, logged_after, otherwise, otherwise_filtered
-from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, helped, hopeless, refined, tried
+from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, helped, refined, tried
 from massprop_cli.diagnosis.screening import Screening, about_its_body, beside_a_torque, busiest, screened
 from massprop_cli.diagnosis.search import codes, same, searched
 from massprop_cli.diagnosis.undisturbed import Undisturbed, undisturbed
-from massprop_cli.diagnosis.wording import ABSENT, DEAD, LOGGED_AFTER, UNANSWERED, alone, words_of
+from massprop_cli.diagnosis.wording import ABSENT, DEAD, LOGGED_AFTER, UNANSWERED, words_of
 from massprop_cli.errorparameters.table import PRIORS
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.telemetry import JITTER, Log, jitter
@@ -43,12 +44,6 @@ FINALISTS = (6, 12)
 FIRST, SECOND = (2, 3), 2
 """How many are tried with a second one, in free flight and on a bearing, where gravity tells several mountings apart from the stated but
 not from one another; and how many of these each time if none makes the log fit. docs/faults.md moves, dead-turned."""
-SLIGHT = 0.01
-"""Part of its thrust below which a second channel is no cause beside one with which the log fits."""
-EXCHANGES = 4
-"""Most pairs of jets that are exchanged one after another."""
-CHANNELS = 3
-"""How many pairs of channels are tried."""
 LEFT = 0.5
 """Part of what one body leaves beyond chance that two may leave in all: of a change that happened it is a tenth. docs/faults.md moves."""
 WITH_IT = 0.5
@@ -115,8 +110,9 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
 
 def _unexplained(screening: Screening, unknown: str) -> Diagnosis:
     """Where no cause was found: that commands are logged after they act, which no log corrected by its vehicle file shows; else none."""
-    late = logged_after(screening.case)
-    return Diagnosis((Explanation("delay-mismatch", LOGGED_AFTER.format(late), None),)) if late else Diagnosis(unknown=unknown)
+    up = logged_after(screening.case)
+    said = LOGGED_AFTER.format(up - screening.case.timing.delay, up)
+    return Diagnosis((Explanation("delay-mismatch", said, None),)) if up else Diagnosis(unknown=unknown)
 
 
 def _further(
@@ -125,7 +121,7 @@ def _further(
     """What else to look for, the most likely first, that explains more than the ``least`` score: all along in pairs, or in time."""
     pair = partial(_pair, alone=alone, worst=min([least, *(refit.score for refit in alone)]))
     changed = partial(_changed, whole=whole, rest=rest)
-    two: list[Callable[[Screening], Diagnosis | None]] = [_swapped, pair]
+    two: list[Callable[[Screening], Diagnosis | None]] = [swapped, pair]
     best = min(alone, key=lambda refit: refit.score, default=None)
     if best is not None and "fuel-use" in codes(best):
         return [changed, _much_later, _lowpassed, *two]
@@ -172,7 +168,7 @@ def _alone(screening: Screening) -> list[Refit]:
     likeliest = min((refit for refit in best if refit.fits), key=lambda refit: refit.score, default=None)
     if likeliest is not None and likeliest.fitted.hypothesis.turns:
         # actuators that are wired round may be a turn of the whole vehicle
-        return [*best, *_wired(screening)]
+        return [*best, *wired(screening)]
     return best if screening.upset or likeliest is not None else [*best, *_turned(screening)]
 
 
@@ -279,7 +275,7 @@ def _or_thrust(screening: Screening, sides: Sequence[Screening | None]) -> str:
 
 def _pair(screening: Screening, alone: Sequence[Refit], worst: float) -> Diagnosis | None:
     """Two causes at once that beat the ``worst`` score: two channels; or the most likely few, each with what explains the rest."""
-    if (channels := _two_channels(screening, any(refit.fits for refit in alone))) is not None:
+    if (channels := two_channels(screening, any(refit.fits for refit in alone))) is not None:
         return channels
     upright = [found.hypothesis for found in screening.upright]
     likeliest = sorted((refit for refit in alone if any(refit.fitted.hypothesis is one for one in upright)), key=lambda refit: refit.score)
@@ -333,61 +329,6 @@ def _beside_a_torque(first: Refit) -> Refit | None:
         return None
     excess = found.score(found.stated.chi_square, first.fitted)
     return replace(first, excess=excess, score=found.free_cost + excess + first.units, fits=True, screening=found)
-
-
-def _swapped(screening: Screening) -> Diagnosis | None:
-    """Actuators of a kind, each of which does what is stated of another."""
-    return chosen(screening, _wired(screening))
-
-
-def _wired(screening: Screening) -> list[Refit]:
-    """Two of them, or more of which two after two are exchanged, or of few any three."""
-    refits, does, least = list[Refit](), tuple[int, ...](), np.inf
-    for _ in range(EXCHANGES):
-        found = fitted(
-            screening.model,
-            screening.free,
-            screening.free.variance,
-            hypotheses.swapped(screening.model, screening.names, does),
-            still=ROUGHLY,
-        )
-        likeliest = sorted(found, key=lambda one: (screening.likelihood(one.chi_square), one.hypothesis.subject))[:CHANNELS]
-        if not likeliest or screening.likelihood(likeliest[0].chi_square) > least - CLEAR:
-            break
-        least, does = screening.likelihood(likeliest[0].chi_square), likeliest[0].hypothesis.does
-        hopeful = (tried(screening, one) for one in likeliest if not hopeless(screening, one, beyond(screening)))
-        refits += [refit for refit in hopeful if refit is not None]
-        if any(refit.fits for refit in refits):
-            break
-    return refits
-
-
-def _two_channels(screening: Screening, one_fits: bool) -> Diagnosis | None:
-    """The thrust of any two channels at once; where one cause fits already, only if both are off by more than :data:`SLIGHT`."""
-    supposed = hypotheses.two_channels(screening.model, screening.names)
-    if not supposed:
-        return None
-    found = fitted(screening.model, screening.free, screening.free.variance, supposed, still=ROUGHLY)
-    likeliest = sorted(found, key=lambda one: (screening.likelihood(one.chi_square), one.hypothesis.subject))[:CHANNELS]
-    refits = [tried(screening, one) for one in likeliest if not hopeless(screening, one, beyond(screening))]
-    fitting = (one for one in refits if one is not None and one.fits and not (one_fits and _has_slight(one.fitted)))
-    refit = min(fitting, key=lambda one: one.score, default=None)
-    if refit is None:
-        return None
-    both, near = correction_of(screening.case, refit.case, refit.fitted), around(screening.case, refit.fitted, screening.free.fired)
-    return Diagnosis(
-        tuple(
-            Explanation(code, f"the log fits if {words}", both, around=near)
-            for name in refit.fitted.hypothesis.subject
-            for code, words in [words_of(alone(refit.fitted, name), screening.names, screening.case, refit.case)]
-        ),
-        score=refit.score,
-    )
-
-
-def _has_slight(found: Fitted) -> bool:
-    """Whether a channel is hardly off: it stands for a misfit of another kind."""
-    return bool((np.abs(found.factors - 1) < SLIGHT).any())
 
 
 def _in_vain(screening: Screening) -> str:

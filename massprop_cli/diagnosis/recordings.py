@@ -245,16 +245,17 @@ def _likeliest_later(case: Case) -> list[int]:
 
 
 def logged_after(case: Case) -> int:
-    """Control cycles by which commands act before the row that they are logged in, if they explain far more by that; else 0."""
+    """Control cycles that commands are to be moved up by, as they explain far more if they acted before they were logged; else 0."""
     if case.log.command_kind not in ("jets", "wrench") or case.log.command_s is not None:
         return 0
+    delay = int(case.timing.delay)  # which undoes fewer
     motion = motion_of(case.timing.of(case.log, case.vehicle))
 
     def left(cycles: int) -> float:
         sooner = np.vstack([case.log.command[cycles:], np.zeros((cycles, case.log.command.shape[1]))])
         return _left(case._replace(log=replace(case.log, command=frozen(sooner))), motion, {})
 
-    best = min((0, *EARLIER), key=left)
+    best = min((0, *(delay + cycles for cycles in EARLIER)), key=left)
     return best if left(best) < left(0) - case.log.cycles else 0
 
 

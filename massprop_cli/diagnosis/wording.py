@@ -16,8 +16,8 @@ UNANSWERED = (
     "its clock, and were they executed?"
 )
 LOGGED_AFTER = (
-    "the motion follows commands that are logged {} control cycle(s) after they acted: no delay is below 0; log them as they are issued, "
-    "or move their columns up by as many control cycles"
+    "the motion follows commands that are logged {:g} control cycle(s) after they acted: no delay is below 0; log them as they are "
+    "issued, or move their columns up by {} control cycle(s)"
 )
 IN_VEHICLE_FILE, IN_MAP = "under [columns]", "in the map (unit, scale, axes)"
 """Where the columns of a plain log are corrected, and those of a recording."""

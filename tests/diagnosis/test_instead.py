@@ -76,7 +76,7 @@ def test_a_fit_that_comes_to_no_number_leads_nowhere_and_refuses_nothing() -> No
 
 @pytest.mark.thorough
 @pytest.mark.seeds
-@pytest.mark.parametrize("raised_m", [pytest.param(0.0, marks=pytest.mark.thorough), 0.2])
+@pytest.mark.parametrize("raised_m", [0.0, 0.2])
 def test_on_a_table_it_does_not_matter_how_high_jets_are(raised_m: float) -> None:
     """They turn the vehicle about Z alone; an accelerometer's bias of 0.12 degrees of weight is named as one."""
     flown = fly("planar")
@@ -91,7 +91,7 @@ def test_on_a_table_it_does_not_matter_how_high_jets_are(raised_m: float) -> Non
 
 @pytest.mark.thorough
 @pytest.mark.seeds
-@pytest.mark.parametrize("raised_n", [pytest.param(0.0, marks=[pytest.mark.thorough, pytest.mark.seeds]), 0.3])
+@pytest.mark.parametrize("raised_n", [0.0, 0.3])
 def test_on_a_table_it_does_not_matter_how_hard_jets_push_up(raised_n: float) -> None:
     """The table takes it up; an IMU that leans feels a part of the weight along X and Y, and is named as one."""
     flown = fly("planar")

@@ -82,12 +82,7 @@ def test_another_cutoff_or_latency_is_named_with_its_value(
 @pytest.mark.seeds
 @pytest.mark.parametrize(
     ("stated", "delay", "sigma", "bearing"),
-    [
-        pytest.param(40.0, "auto", None, True, marks=[pytest.mark.thorough, pytest.mark.seeds]),
-        (98.0, "auto", None, False),
-        pytest.param(10.0, "auto", None, True, marks=[pytest.mark.thorough, pytest.mark.seeds]),
-        pytest.param(40.0, DELAY, 0.1, False, marks=[pytest.mark.thorough, pytest.mark.seeds]),
-    ],
+    [(40.0, "auto", None, True), (98.0, "auto", None, False), (10.0, "auto", None, True), (40.0, DELAY, 0.1, False)],
 )
 def test_another_cutoff_is_named_beside_a_delay_that_takes_its_delay(
     stated: float, delay: float | str, sigma: float | None, bearing: bool

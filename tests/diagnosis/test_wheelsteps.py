@@ -33,7 +33,7 @@ def estimated(seed: int, part: float, jets: bool = False, noise: float = 1.0) ->
     [(0.3, False), (0.5, False), *(pytest.param(*one, marks=pytest.mark.thorough) for one in ((0.8, False), (0.25, True), (0.6, True)))],
 )
 def test_it_is_found_and_values_are_within_their_sigmas(part: float, jets: bool) -> None:
-    """With speeds that are linear from end to end of records inertia was 10 sigma off, and a delay or a low-pass was named."""
+    """With speeds that are linear from end to end of records the log was contradicted, or the gyro's noise widened."""
     answer, off = estimated(3, part, jets)
     assert [notice.code for notice in answer.notices] == ["noise-estimated"]
     for wheel in answer.vehicle.wheels:

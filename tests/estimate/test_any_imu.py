@@ -85,7 +85,7 @@ def test_without_noise_nothing_is_left(imu: anyimu.Imu, period_s: float, most: f
     ("imu", "column"),
     [
         (anyimu.Imu(measures="mean", order=1, rate_hz=97.0, ppm=50.0, offset_s=0.003, gyro_noise=QUIET), "torque"),
-        pytest.param(anyimu.Imu(measures="sample", order=2, cutoff_hz=30.0, gyro_noise=QUIET), "speed", marks=pytest.mark.thorough),
+        (anyimu.Imu(measures="sample", order=2, cutoff_hz=30.0, gyro_noise=QUIET), "speed"),
     ],
 )
 def test_wheels_are_told_by_another_clock(imu: anyimu.Imu, column: str) -> None:
@@ -121,7 +121,7 @@ def test_commands_at_samples_times_are_before_or_after_them(seed: int, imu: anyi
 
 @pytest.mark.thorough
 @pytest.mark.seeds
-@pytest.mark.parametrize("auto", [pytest.param(False, marks=pytest.mark.thorough), True])
+@pytest.mark.parametrize("auto", [False, True])
 def test_pulses_that_end_at_samples_times_do_so_before_or_after_them(auto: bool) -> None:
     """Cycles begin half-way between samples: a delay off by 0.001 cycles had been named, by eight sigma, and all was contradicted."""
     rng, imu = np.random.default_rng(23), anyimu.Imu(rate_hz=100.0, gyro_noise=1e-4, accel_noise=0.01)

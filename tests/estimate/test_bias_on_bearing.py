@@ -67,9 +67,7 @@ QUIET = ("duration_s=60.0", "sensors.gyro_noise_rad_s=1e-5", "vehicle.imu.gyro_n
 
 @pytest.mark.seeds
 @pytest.mark.thorough
-@pytest.mark.parametrize(
-    "bias", [(2e-3, -2.6e-3, 4e-4), *(pytest.param(one, marks=pytest.mark.seeds) for one in ((-6e-4, -1e-4, 1.6e-3), (0.0, 0.0, 0.0)))]
-)
+@pytest.mark.parametrize("bias", [(0.002, -0.0026, 0.0004), (-0.0006, -0.0001, 0.0016), (0.0, 0.0, 0.0)])
 def test_a_quiet_gyro_shows_nothing_of_how_the_attitude_was_carried(bias: tuple[float, ...]) -> None:
     """For a minute: what levelling took for the bias had left 5 of 10 such logs a torque, or no cause that explains them."""
     truth, flight = flown(1, *QUIET, f"sensors.gyro_bias_rad_s={list(bias)}")

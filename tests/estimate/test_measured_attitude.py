@@ -181,7 +181,7 @@ GAPPED = {"free-flyer": 10, "testbed": 10, "pedestal": 25}
 
 @pytest.mark.thorough
 @pytest.mark.seeds
-@pytest.mark.parametrize("name", [*list(GAPPED)[:1], *(pytest.param(name, marks=pytest.mark.thorough) for name in list(GAPPED)[1:])])
+@pytest.mark.parametrize("name", list(GAPPED))
 def test_gaps_of_many_seconds_name_no_cause(name: str) -> None:
     """Half the log to most of it has no attitude; read by a map, its gyro is compared with what is left."""
     flight = simulate.fly(scenario.load(name, MILLIRADIAN), [3])

@@ -48,7 +48,7 @@ def test_without_noise_a_stated_torque_leaves_nothing(kind: anypedestal.Kind) ->
 
 @pytest.mark.thorough
 @pytest.mark.seeds
-@pytest.mark.parametrize("kind", ["jets", pytest.param("wheels", marks=[pytest.mark.thorough, pytest.mark.seeds])])
+@pytest.mark.parametrize("kind", ["jets", "wheels"])
 def test_an_unstated_torque_is_named_and_its_remedy_is_right(kind: anypedestal.Kind) -> None:
     own, flown, _ = _flown(5, kind, 0.01)
     for body in range(2):

@@ -114,14 +114,7 @@ SENSED = (
 @pytest.mark.thorough
 @pytest.mark.seeds
 @pytest.mark.parametrize(
-    ("scenario", "chosen"),
-    [
-        pytest.param("pedestal", flown.BY_SPEED, marks=pytest.mark.thorough),
-        *(
-            pytest.param(*one, marks=[pytest.mark.thorough, pytest.mark.seeds])
-            for one in (("wheels-and-jets", flown.BY_SPEED), ("free-flyer", SENSED))
-        ),
-    ],
+    ("scenario", "chosen"), [("pedestal", flown.BY_SPEED), ("wheels-and-jets", flown.BY_SPEED), ("free-flyer", SENSED)]
 )
 def test_what_no_sample_log_has_flies_its_vector_under_the_sanitizers(scenario: str, chosen: tuple[str, ...], tmp_path: Path) -> None:
     """Wheels; samples behind low-passes of different orders, of thrust that lags."""

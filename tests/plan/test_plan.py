@@ -196,7 +196,7 @@ def by_momentum(folder: Path, name: str, asked: Asked) -> tuple[WrittenPlan, sim
 
 @pytest.mark.thorough
 @pytest.mark.seeds
-@pytest.mark.parametrize("name", ["wheels", pytest.param("control-moment-gyros", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("name", ["wheels", "control-moment-gyros"])
 def test_motions_by_what_stores_momentum_are_planned_and_give_what_is_predicted(name: str, tmp_path: Path) -> None:
     """Wheels begin with up to 200 rad/s, and are not to pass 260."""
     made, flight = by_momentum(
@@ -335,7 +335,7 @@ def test_the_limit_that_keeps_a_precision_from_being_reached_is_named(asked: Ask
 
 @pytest.mark.thorough
 @pytest.mark.seeds
-@pytest.mark.parametrize("cg_x", [0.003, pytest.param(0.0005, marks=[pytest.mark.thorough, pytest.mark.seeds])])
+@pytest.mark.parametrize("cg_x", [0.003, 0.0005])
 def test_a_table_that_its_wheels_can_not_hold_level_is_to_be_balanced_first(cg_x: float, tmp_path: Path) -> None:
     """Its weight of 12 kg at that arm against 0.02 N m; and what the gentlest motion takes is above the limit."""
     (tmp_path / "vehicle.toml").write_text(output.vehicle_toml(scenario.load("pedestal").scenario.vehicle))

@@ -132,7 +132,7 @@ def test_the_same_result_gives_the_same_bytes_without_where_and_when(flyer: Reco
 
 @pytest.mark.seeds
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["bearing", pytest.param("thesis", marks=pytest.mark.seeds)])
+@pytest.mark.parametrize("name", ["bearing", "thesis"])
 def test_every_figure_of_any_log_can_be_drawn(name: str, request: pytest.FixtureRequest) -> None:
     found = Page(html.page([request.getfixturevalue(name)]))
     assert sum(tag == "svg" for tag, _ in found.tags) == 69
