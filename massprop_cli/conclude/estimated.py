@@ -171,7 +171,7 @@ def _unexplained(diagnosis: Diagnosis | None, others: Sequence[Notice]) -> str:
 def _baffled(told: Checked, used: Vehicle, begun: Ready) -> str:
     """That a disturbance was sized for what is none: beside it the log contradicts an assumption, and no named cause explains that."""
     first = next((doubt for doubt in told.doubts if doubt.sure and not doubt.faint), None)
-    if first is None or (told.diagnosis and told.diagnosis.explanations) or not sized(used, begun.stated):
+    if first is None or _unread(begun.log) or (told.diagnosis and told.diagnosis.explanations) or not sized(used, begun.stated):
         return ""
     what = first.what.replace("-", " ")
     return (

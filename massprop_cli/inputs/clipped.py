@@ -46,6 +46,9 @@ def with_unstated(log: Log) -> Log:
     still = [standing(one, other, log.interval_s, driven, late) for one, other in (both, both[::-1])]
     told = zip(("gyro", "accelerometer"), both, still, strict=True)
     found = [*log.notices, *(_stands(log, name, increments, rows) for name, increments, rows in told if rows.any())]
+    if _constant(log):
+        said = "one axis of the gyro reads the same in every record, and its others never repeat: it measures nothing. Correct its logging"
+        found.append(Notice("sensor-frozen", said))
     for code, increments, unit, stands in zip(SATURATED, both, UNITS, still, strict=True):
         if any(notice.code == code for notice in found):
             continue
@@ -79,6 +82,13 @@ def _stands(log: Log, sensor: str, increments: Array, rows: BoolArray) -> Notice
         f"{who} repeats one reading in {where}, as it does nowhere else: it stands still there. Cut these "
         "records, or leave them out by [[phases]]",
     )
+
+
+def _constant(log: Log) -> bool:
+    """Whether a gyro's axis that was logged never changes; an accelerometer may rest, and what is 0 on it counts as absent."""
+    axes = log.delta_theta_imu_rad.T[list(log.axes[:3])]
+    repeated = {float(_repeats(axis, log.interval_s)[1:].mean()) for axis in axes}
+    return 1.0 in repeated and len(repeated) > 1 and max(repeated - {1.0}) <= FINE
 
 
 def _commanded(log: Log) -> BoolArray:

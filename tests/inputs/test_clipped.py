@@ -132,6 +132,17 @@ def test_a_sensor_that_stands_still_leaves_nothing_converged(first: int) -> None
     assert set(faulty.verdicts(found).values()) == {"contradicted"}
 
 
+@pytest.mark.parametrize("reading", [0.0, 3e-4])
+def test_a_gyro_axis_that_never_changes_leaves_nothing_converged(reading: float) -> None:
+    log, used = faulty.sample("free-flyer", 20.0)
+    theta = log.delta_theta_imu_rad * [1, 1, 0] + [0, 0, reading]
+    found = flow.examine(replace(log, delta_theta_imu_rad=theta), VehicleSource(used, "", ""))
+    assert [n.code for n in found.notices if n.code in ("sensor-frozen", "cause-unknown")] == ["sensor-frozen"]
+    assert "converged" not in set(faulty.verdicts(found).values())
+    absent = replace(log, delta_theta_imu_rad=theta, axes=(True, True, False, True, True, True), notices=())
+    assert not with_unstated(absent).notices
+
+
 def test_a_sensor_that_saturates_leaves_nothing_converged() -> None:
     log, used = faulty.sample("free-flyer", 20.0)
     top = 0.5 * np.abs(log.delta_theta_imu_rad).max()
