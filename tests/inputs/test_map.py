@@ -185,6 +185,24 @@ def test_speeds_of_wheels_that_come_slower_than_control_cycles_are_told_of(hz: f
     np.testing.assert_allclose(pressed.columns["supply_pa"].numbers(), 2e6)
 
 
+@pytest.mark.parametrize(
+    ("recorded", "stated", "factor"), [("mN m", "", 1e-3), ("Nm", 'unit = "N m"', 1.0), ("A", 'unit = "N m"\nscale = 0.025', 0.025)]
+)
+def test_torques_on_wheels_are_columns_of_torque_in_any_unit_and_currents_with_their_scale(
+    recorded: str, stated: str, factor: float
+) -> None:
+    streams = motion()
+    t = 0.05 * np.arange(400)
+    text = WRENCH_MAP.split("[torque]", maxsplit=1)[0] + '[wheels.x]\npath = "rw/i"\nholds = "until_next"\n'
+    one, other = (
+        made(streams | {"rw/t": (t, "", "s"), "rw/i": (np.sin(t), "rw/t", unit)}, text + said + "\n" + RECORDS)
+        for unit, said in (("N m", ""), (recorded, stated))
+    )
+    torque = one.columns["wheel_x_n_m"].numbers()
+    assert np.nanstd(torque) > 0.5
+    np.testing.assert_allclose(other.columns["wheel_x_n_m"].numbers(), factor * torque, atol=1e-12)
+
+
 REFUSED = {
     "no such path": (
         WRENCH_MAP.replace('"imu/w?"', '["imu/wx", "imu/wy", "imu/zz"]'),
@@ -222,7 +240,7 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("unit", "taken"), [("rev/s", False), ("ft/s", False), ("LSB", False), ("body", True), ("", True)])
+@pytest.mark.parametrize(("unit", "taken"), [("rev/s", False), ("ft/s", False), ("LSB", False), ("us", False), ("body", True), ("", True)])
 def test_a_unit_that_none_here_is_wants_a_factor_beside_the_one_that_is_stated(unit: str, taken: bool) -> None:
     """A gyro in revolutions had been taken for one in rad/s since the map said so; a label says nothing of a unit."""
     streams = motion() | {f"imu/w{axis}": (motion()[f"imu/w{axis}"][0], "imu/t", unit) for axis in "xyz"}

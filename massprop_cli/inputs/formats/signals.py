@@ -70,7 +70,7 @@ class Signals:
 
     def imu(self) -> list[tuple[QuantitySignal, resample.Values]]:
         """Gyro, and the accelerometer where the map has one; each with what its numbers are."""
-        found = [(self.sensor("gyro", self.map.gyro, units.RATE, units.ANGLE), self.map.gyro.values)]
+        found = [(self.sensor("gyro", self.map.gyro, units.SPIN, units.ANGLE), self.map.gyro.values)]
         said = self.map.accelerometer
         if said is not None:
             found.append((self.sensor("accelerometer", said, units.ACCELERATION, units.SPEED), said.values))
@@ -133,7 +133,7 @@ class Signals:
             known = {unit: factor for column in kind.COLUMNS for unit, factor in column.units.items()}
             for name, said in getattr(self.map, table).items():
                 signal, unit = self._number(f"{table}.{name}", said, said.path, known)
-                column = next(column for column in kind.COLUMNS if unit in column.units)
+                column = next(column for column in kind.COLUMNS if units.factor(unit, column.units) is not None)
                 yield signal, column.of(name), "instant" if column.instant else "mean", said.holds
         if self.map.supply is not None:
             signal, unit = self._number("supply", self.map.supply, self.map.supply.path, units.VOLTAGE | units.PRESSURE)
@@ -268,12 +268,14 @@ class Signals:
             raise self.error(key, stream.path, f"the file records no unit; state unit = one of {choices}")
         factor = units.factor(text, known)
         if factor is None:
-            raise self.error(key, stream.path, f"unit {text!r} is none of this quantity; it is one of {choices}")
+            way = "" if said else f"; or state one of these as unit, and scale, what one {text} is in it"
+            raise self.error(key, stream.path, f"unit {text!r} is none of this quantity; it is one of {choices}{way}")
         if said and recorded and recorded != units.plain(said):
-            problem = f"the map says unit {said!r}, the file {stream.unit!r}; drop unit from the map, or correct it"
-            if units.is_any(recorded):
+            if units.factor(recorded, known) is not None:
+                problem = f"the map says unit {said!r}, the file {stream.unit!r}; drop unit from the map, or correct it"
                 raise self.error(key, stream.path, problem)
-            if units.is_foreign(stream.unit) and "scale" not in stated.model_fields_set:
+            known_or_not = units.is_any(recorded) or units.is_foreign(stream.unit)
+            if known_or_not and "scale" not in stated.model_fields_set:
                 cure = f"state scale beside it, what one {stream.unit} is in {said}; 1.0 where the file is wrong"
                 raise self.error(key, stream.path, f"the map says unit {said!r}, and the file {stream.unit!r}, which is none here: {cure}")
         return factor, units.plain(text)

@@ -120,7 +120,7 @@ SENSORS = (
     VectorName(
         "gyro",
         re.compile(r"gyro?|ang(ular)?_?(vel|rate)|omega|d(elta)?_?(theta|ang)|body_?rate|/xyz$|(?<![a-z])[wg]_?\*|^\*$", re.IGNORECASE),
-        units.RATE,
+        units.SPIN,
         units.ANGLE,
         _NO_SENSOR,
     ),
