@@ -90,6 +90,7 @@ def test_following_a_remedy_reproduces_the_corrected_estimate(kind: str) -> None
     assert max(abs(off[name]) for name, verdict in faulty.verdicts(corrected).items() if verdict == "converged") < 4
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_sigma_of_what_was_found_is_in_every_sigma() -> None:
     """A jet's thrust that is a tenth uncertain, stated as another value of its key, makes sigmas wider by what it moves the values."""

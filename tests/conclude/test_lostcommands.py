@@ -79,6 +79,7 @@ def test_lost_commands_are_told_of_beside_a_disturbance_that_stands_for_them(sec
     assert all(lost.conclusions[0].estimates[name].verdict != "converged" for name in found)
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_pulses_that_scatter_are_not_lost() -> None:
     """They leave squares that grow with the command as well, and no bias."""

@@ -165,7 +165,7 @@ def test_clean_samples_raise_no_warning(name: str) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["free-flyer", "testbed"])
+@pytest.mark.parametrize("name", [pytest.param("free-flyer", marks=pytest.mark.seeds), "testbed"])
 def test_clean_logs_raise_no_warning(name: str) -> None:
     flown = fly(name, seeds=(1, 2))
     for member in range(2):
@@ -209,7 +209,7 @@ def quarter(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
 @pytest.mark.parametrize(
     ("mistakes", "key", "codes", "words"),
     [
-        ((degrees, giving(-1.0, "pitch_p1")), "", {"gyro-units", "jet-sign"}, ("pitch_p1", "degrees")),
+        pytest.param((degrees, giving(-1.0, "pitch_p1")), "", {"gyro-units", "jet-sign"}, ("pitch_p1", "degrees"), marks=pytest.mark.seeds),
         pytest.param((askew, quarter), dead("roll_p1"), {"imu-mounting", "jet-dead"}, ("roll_p1", "90 degrees"), marks=pytest.mark.seeds),
         ((tilted, giving(0.8, "yaw_n2")), "", {"imu-mounting", "thrust-scale"}, ("yaw_n2 (+0.8", "3 degrees")),
     ],

@@ -86,6 +86,7 @@ def test_a_vehicle_that_is_held_at_both_ends_is_named_and_corrected() -> None:
     assert_right(found, flown.truth[0, 0])
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_jets_that_are_armed_late_are_no_change_of_the_body() -> None:
     """For a quarter of the log, longer than any time that is left out at one end alone."""

@@ -61,6 +61,8 @@ def moved(found: flow.Analysis, other: flow.Analysis) -> Array:
     return apart
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.parametrize("logs", [pytest.param(6, marks=pytest.mark.thorough)])
 def test_an_unexcited_first_half_minute_changes_nothing_but_what_it_tells(logs: int) -> None:
     """Drifting tells the rate at which the motion begins, and by nothing more than that information may the values differ.

@@ -137,7 +137,8 @@ SIMULATED = {
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    "settings", [pytest.param(one, id=name, marks=pytest.mark.seeds if "late" in name else ()) for name, one in SIMULATED.items()]
+    "settings",
+    [pytest.param(one, id=name, marks=pytest.mark.seeds if name != "between the cycles' ends" else ()) for name, one in SIMULATED.items()],
 )
 def test_what_is_stated_of_the_attitude_is_followed(settings: tuple[str, ...]) -> None:
     """Beside none at all; a log of four records a cycle has its own noise."""
@@ -197,6 +198,7 @@ def test_gaps_of_many_seconds_name_no_cause(name: str) -> None:
     assert np.abs(found.z).max() < 3.5
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_later_phase_knows_what_the_attitudes_before_it_told() -> None:
     """Half a second of attitudes, 12 s before: what is known of bias and attitude goes on to where the phase begins."""
@@ -231,6 +233,7 @@ def test_an_attitude_that_does_not_fit_is_left_out_with_what_to_state(unstated: 
     assert found.log.attitude_wxyz is None
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_vehicle_that_did_not_begin_level_is_found_where_it_stood() -> None:
     """By the attitude alone: the vehicle file says level, and the log one degree."""

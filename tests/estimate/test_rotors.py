@@ -24,6 +24,7 @@ from tests import anypedestal, anyrotors, cramerrao, faulty
 from tests.testbed.test_rotors import rotors
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.numerical
 def test_every_quantity_converges_within_its_sigma() -> None:

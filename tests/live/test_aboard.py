@@ -109,6 +109,7 @@ def same_so_far(cut: SimulatedFlight, member: int) -> bool:
     return all(np.array_equal(getattr(whole, name)[member, :count], getattr(cut, name)[0]) for name in names)
 
 
+@pytest.mark.seeds
 @compiled
 @pytest.mark.thorough
 def test_a_flight_that_ends_sooner_begins_the_same() -> None:
