@@ -145,11 +145,11 @@ def _flown(name: str, *settings: str) -> Told:
         return _told(job.of_file(Path(folder) / "log.parquet").analysis)
 
 
-def _older() -> Told:
-    """Speeds of wheels that are 20 ms old, beside a vehicle file that does not say so."""
-    keys = [f"wheels.{number}.speed_latency_s" for number in range(3)]
+def _wheels(scenario: str, name: str, value: float) -> Told:
+    """Wheels of which a key has a value, beside a vehicle file in which it is 0."""
+    keys = [f"wheels.{number}.{name}" for number in range(3)]
     with tempfile.TemporaryDirectory() as folder, np.errstate(all="ignore"):
-        _massprop("simulate", "wheels", "-q", "--out", folder, *(word for key in keys for word in ("--set", f"vehicle.{key}=0.02")))
+        _massprop("simulate", scenario, "-q", "--out", folder, *(word for key in keys for word in ("--set", f"vehicle.{key}={value}")))
         return _told(job.of_file(Path(folder) / "log.parquet", None, [f"{key}=0.0" for key in keys]).analysis)
 
 
@@ -277,7 +277,8 @@ WARNINGS: dict[str, Example] = {
     "noise-estimated": Example(partial(_unstated, "free-flyer/log.parquet"), *RATE),
     "jet-late": Example(partial(_flown, "free-flyer", *CENTRED[:2], "actuators.jet_delays_s={roll_n2=0.02}"), *RATE),
     "pulse-position": Example(partial(_flown, "free-flyer", *CENTRED), *RATE),
-    "speed-late": Example(_older, *RATE),
+    "speed-late": Example(partial(_wheels, "wheels", "speed_latency_s", 0.02), *RATE),
+    "wheel-friction": Example(partial(_wheels, "wheels-and-jets", "coulomb_friction_n_m", 5e-4), *RATE),
     "attitude-misfit": Example(partial(_flown, "testbed", *LATE), *RATE),
     "imu-kernel": Example(_sampled, *FORCE),
     "model-misfit": Example(partial(_flown, "free-flyer", *VIBRATING), *WHITE),

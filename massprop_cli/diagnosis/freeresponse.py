@@ -43,12 +43,17 @@ def unexplained_by(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0, m
     By cycles from ``first`` on whose commands are known; of a ``motion`` that is the same whatever the commands do, where it is at hand.
     :class:`massprop_cli.base.errors.InputError` where that leaves too little of the log.
     """
+    made, cycles = commanded(log, vehicle, timing, first)
+    return unexplained(motion or motion_of(timing.of(log, vehicle, made)), made, cycles)
+
+
+def commanded(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0) -> tuple[Impulses, slice]:
+    """What commands do, and the cycles from ``first`` on in which they are known; :class:`InputError` of too few."""
     made = impulses(log, vehicle, timing.delay, timing.lag_s(vehicle))
-    motion = motion or motion_of(timing.of(log, vehicle, made))
     cycles = slice(max(first, int(np.argmax(made.usable)) + 1), log.cycles)
     if cycles.stop - cycles.start < LEAST + 3 * made.whole.shape[1]:
         raise InputError(f"{log.path}: {cycles.stop - cycles.start} cycles are too few to show what the IMU records; record longer")
-    return unexplained(motion, made, cycles)
+    return made, cycles
 
 
 def motion_of(samples: Samples) -> MeasuredMotion:
@@ -58,6 +63,12 @@ def motion_of(samples: Samples) -> MeasuredMotion:
 
 def unexplained(motion: MeasuredMotion, made: Impulses, piece: slice) -> tuple[float, float]:
     """Log of what is left of rate growth, and of specific force, when regressed on impulses, with nothing known of the body."""
+    rates, force = (len(left) * float(np.log((left**2).mean(0) + TINY).sum()) for left in residuals(motion, made, piece))
+    return rates, force
+
+
+def residuals(motion: MeasuredMotion, made: Impulses, piece: slice, summed: bool = False) -> tuple[Array, Array]:
+    """(n − 1, 3) of rate growth, or ``summed`` of the rate itself, and (n, 3) of specific force."""
     rate, up = motion.rate[piece], motion.up[piece]
     turned = products(rate)
     if made.stored is not None:
@@ -65,14 +76,15 @@ def unexplained(motion: MeasuredMotion, made: Impulses, piece: slice) -> tuple[f
     rising, falling, whole = (part[piece] for part in (made.rising, made.falling, made.whole))
     impulse = rising[:-1] + falling[1:]
     load = (turned[1:] + turned[:-1]) / 2
-    cost = []
-    for moved, causes in (
-        (np.diff(rate, axis=0), np.hstack([impulse, load, (up[1:] + up[:-1]) / 2, np.ones((len(load), 1))])),
-        (motion.force[piece], np.hstack([whole, turned, up, np.ones((len(rate), 1))])),
-    ):
-        size = np.sqrt((causes**2).sum(0))
-        told = causes[:, size > 0] / size[size > 0]
-        # jets that always fire together are one: a factorisation would take a direction of rounding for the other
-        left = moved - told @ np.linalg.lstsq(told, moved, rcond=ROUNDING)[0]
-        cost.append(len(moved) * float(np.log((left**2).mean(0) + TINY).sum()))
-    return cost[0], cost[1]
+    growth, causes = np.diff(rate, axis=0), np.hstack([impulse, load, (up[1:] + up[:-1]) / 2, np.ones((len(load), 1))])
+    if summed:
+        growth, causes = np.cumsum(growth, 0), np.hstack([np.cumsum(causes, 0), np.ones((len(load), 1))])
+    return _left(growth, causes), _left(motion.force[piece], np.hstack([whole, turned, up, np.ones((len(rate), 1))]))
+
+
+def _left(moved: Array, causes: Array) -> Array:
+    size = np.sqrt((causes**2).sum(0))
+    told = causes[:, size > 0] / size[size > 0]
+    # jets that always fire together are one: a factorisation would take a direction of rounding for the other
+    left: Array = moved - told @ np.linalg.lstsq(told, moved, rcond=ROUNDING)[0]
+    return left

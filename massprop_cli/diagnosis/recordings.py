@@ -14,6 +14,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, TINY, Array, frozen, median
 from massprop_cli.base.errors import InputError
+from massprop_cli.diagnosis import wheelfriction
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Case
 from massprop_cli.diagnosis.freeresponse import MeasuredMotion, motion_of, unexplained_by
@@ -36,8 +37,8 @@ FINEST = 1e-5
 """Step at which the search for them ends."""
 EARLIER = (1, 2, 3)
 """Cycles by which commands of one jet may be logged before those of another one that fires with it, or all of them after they act."""
-SHARPENED, FARTHEST = 2, 3.0
-"""Rounds in which values are moved to the greatest likelihood; sigmas by which one may be moved in each."""
+SHARPENED, FARTHEST = 4, 3.0
+"""Rounds at most in which values are moved to the greatest likelihood; sigmas by which one may be moved in each."""
 ALIKE_TO, MORE = 3, 0.1
 """Digits of −2 log likelihood behind the point to which scales are alike; by how much values that are moved must explain more."""
 NEARLY, LEFT = 0.5, 0.01
@@ -60,7 +61,8 @@ def otherwise(screening: Screening, alone: Sequence[Refit]) -> list[Refit]:
     seen_alike = (one for one in fitting if one.log is case.log and one.vehicle.imu == case.vehicle.imu)
     least = min(_left(one, motion, {}) for one in (case, *seen_alike))
     found = []
-    every = [(one, least - CLEAR) for one in _supposed(case, motion)] + [(one, np.inf) for one in _before_its_twin(case)]
+    every = [(one, least - CLEAR) for one in _supposed(case, motion)]
+    every += [(one, np.inf) for one in (*_before_its_twin(case), *wheelfriction.supposed(case, motion))]
     for one, most in every:
         if _left(case, None if one.codes == ("accel-axes",) else motion, one.states, one.later) < most:
             refit = _sharpened(screening, one.fitted(screening))
@@ -101,20 +103,24 @@ def _sharpened(screening: Screening, found: Fitted) -> Refit | None:
     if best is None or best.score > NEARLY * screening.cost:
         return best
     directions = [{key: np.array(further[key]) - np.array(begun[key]) for key in further} for further in found.hypothesis.further]
-    for steps in directions * SHARPENED:
-        moved = partial(_moved, screening, best.fitted, steps)
-        left = [np.inf if one is None else one.score for one in (moved(-1.0), best, moved(1.0))]
-        bent = left[0] - 2 * left[1] + left[2]
-        if not np.isfinite(bent) or bent <= 0:
-            continue
-        tip = moved(float(np.clip((left[0] - left[2]) / (2 * bent), -FARTHEST, FARTHEST)))
-        if tip is not None and tip.score < left[1] - MORE:
-            best = tip
+    for _ in range(SHARPENED):
+        before = best.score
+        for steps in directions:
+            moved = partial(_moved, screening, best.fitted, steps)
+            left = [np.inf if one is None else one.score for one in (moved(-1.0), best, moved(1.0))]
+            bent = left[0] - 2 * left[1] + left[2]
+            if not np.isfinite(bent) or bent <= 0:
+                continue
+            tip = moved(float(np.clip((left[0] - left[2]) / (2 * bent), -FARTHEST, FARTHEST)))
+            if tip is not None and tip.score < left[1] - MORE:
+                best = tip
+        if best.score > before - CLEAR:
+            break
     return best
 
 
 def _moved(screening: Screening, found: Fitted, steps: Mapping[str, Array], by: float) -> Refit | None:
-    values = {key: (np.array(found.hypothesis.states[key]) + by * step).tolist() for key, step in steps.items()}
+    values = {key: np.maximum(np.array(found.hypothesis.states[key]) + by * step, 0).tolist() for key, step in steps.items()}
     states = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
     return tried(screening, replace(found, hypothesis=replace(found.hypothesis, states={**found.hypothesis.states, **states})))
 

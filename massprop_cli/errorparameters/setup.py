@@ -103,10 +103,10 @@ def has_table(vehicle: Vehicle, key: str) -> bool:
 
 
 def _of(vehicle: Vehicle, key: str) -> Any:
-    """The value of a dotted key; 0 in a table that is not stated."""
+    """The value of a dotted key, in which a number is that of an entry in a list; 0 in a table that is not stated."""
     found: Any = vehicle
     for name in key.split("."):
-        found = getattr(found, name)
+        found = found[int(name)] if isinstance(found, tuple) else getattr(found, name)
         if found is None:
             return 0.0
     return found

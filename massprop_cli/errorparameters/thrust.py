@@ -11,6 +11,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.errorparameters import channels
 from massprop_cli.errorparameters.parameter import ErrorParameter, FittedHypothesis, SpecialCase, Step, Wording, vector
 from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.inputs.actuators.wheel import Wheel
 from massprop_cli.inputs.equipment import MOST_DROOP
 from massprop_cli.inputs.vehicle import ACTUATORS
 from massprop_cli.prepare.actuators import together
@@ -127,6 +128,14 @@ def _one_later(finding: FittedHypothesis) -> Mapping[str, object]:
 def _speeds_later(finding: FittedHypothesis) -> Mapping[str, object]:
     pairs = zip(finding.corrected.vehicle.wheels, finding.stated.vehicle.wheels, strict=True)
     return {"later": next(wheel.speed_latency_s - other.speed_latency_s for wheel, other in pairs if wheel != other)}
+
+
+def _rubbing(finding: FittedHypothesis) -> Mapping[str, object]:
+    def said(wheel: Wheel) -> str:
+        parts = (wheel.coulomb_friction_n_m, "N m"), (wheel.viscous_friction_n_m_s, "N m s")
+        return f"{' and '.join(f'{part:.3g} {unit}' for part, unit in parts if part) or 'none'} of wheel {wheel.name}"
+
+    return {"friction": ", ".join(said(wheel) for wheel in finding.corrected.vehicle.wheels if wheel.column == "torque")}
 
 
 def _ramps(finding: FittedHypothesis) -> Mapping[str, object]:
@@ -323,6 +332,7 @@ _ABOUT_CG = "commanded torques are about the CG, {point} mm from O, and not abou
 _LIMITED = "of commanded wrenches no more acts than {limits}, as of an allocation that saturates"
 _LATER = "pulses of jet {jet} begin {later:.3g} s later than stated of all"
 _SPEEDS_LATER = "speeds of wheels are {later:.3g} s older than stated"
+_RUBBING = "wheels rub otherwise than stated: {friction}"
 _SWAPPED = "{jets} are {how}"
 SPECIAL_CASES = (
     SpecialCase(
@@ -348,6 +358,12 @@ SPECIAL_CASES = (
     ),
     SpecialCase("jet-late", "jet-late", lambda _: True, Wording(_LATER, "state its delay_s, or look at its driver and valve", _one_later)),
     SpecialCase("speed-late", "speed-late", lambda _: True, Wording(_SPEEDS_LATER, "state speed_latency_s of each wheel", _speeds_later)),
+    SpecialCase(
+        "wheel-friction",
+        "wheel-friction",
+        lambda _: True,
+        Wording(_RUBBING, "state coulomb_friction_n_m and viscous_friction_n_m_s of each wheel", _rubbing),
+    ),
     SpecialCase("commands-limited", "commands-limited", lambda _: True, Wording(_LIMITED, "state thrust.wrench_limits", _limits)),
     SpecialCase("rotor-spin", "rotor-spin", lambda _: True, Wording(_SPUN, "correct its spin, or swap two of its motor's wires", _who)),
     *(
