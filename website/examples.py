@@ -274,6 +274,7 @@ WARNINGS: dict[str, Example] = {
     "commands-normalised": Example(partial(_recorded, "normalised", 9004), *RATE),
     "gravity-felt": Example(partial(_recorded, "grounded", 9003), *FORCE),
     "cycle-period": Example(partial(_sample, "free-flyer/log.parquet", "cycle.period_s=0.0505"), *RATE),
+    "cycle-pace": Example(partial(_sample, "free-flyer/log.parquet", "cycle.period_s=0.05005"), *RATE),
     "noise-estimated": Example(partial(_unstated, "free-flyer/log.parquet"), *RATE),
     "jet-late": Example(partial(_flown, "free-flyer", *CENTRED[:2], "actuators.jet_delays_s={roll_n2=0.02}"), *RATE),
     "pulse-position": Example(partial(_flown, "free-flyer", *CENTRED), *RATE),

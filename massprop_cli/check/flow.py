@@ -35,6 +35,7 @@ TIMING = (
     "thrust-rise",
     "long-interval",
     "cycle-period",
+    "cycle-pace",
     "clock-rebuilt",
     "records-doubled",
     "records-lost",
@@ -43,6 +44,7 @@ TIMING = (
 """Codes of notices that are about time."""
 NOTES = (
     "noise-floor",
+    "cycle-pace",
     "long-interval",
     "clock-rebuilt",
     "records-doubled",

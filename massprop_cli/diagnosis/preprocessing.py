@@ -12,7 +12,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import outliers
 from massprop_cli.diagnosis.bins import with_bins
 from massprop_cli.diagnosis.delay import FoundTiming
-from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertain_timing, with_phase, with_timing
+from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertain_timing, with_pace, with_phase, with_timing
 from massprop_cli.diagnosis.wheelsteps import with_steps
 from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.estimate.history import phases_of
@@ -64,7 +64,7 @@ def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
     check_supply(log, source.vehicle, source.source)
     estimator = source.vehicle.estimator
     open_bins = estimator.method == "default" and "bins_per_cycle" not in estimator.model_fields_set
-    vehicle, told = _with_attitude(log, with_phase(log, _undelayed(log, finer(log, source.vehicle))))
+    vehicle, told = _with_attitude(log, with_pace(log, with_phase(log, _undelayed(log, finer(log, source.vehicle)))))
     source = replace(source, vehicle=vehicle)
     detected = found_timing(log, source, say)
     timing = stated_timing(source.vehicle) if detected is None else detected.at

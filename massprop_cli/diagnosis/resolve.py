@@ -14,7 +14,7 @@ from massprop_cli.base.errors import InputError, UntoldError
 from massprop_cli.diagnosis import delay, segment
 from massprop_cli.diagnosis.delay import FoundTiming, Rated
 from massprop_cli.diagnosis.samplededges import beside_samples, gyro_alone, stepped
-from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.errorparameters.setup import Setup, rebuilt
 from massprop_cli.errorparameters.table import BY_NAME, TABLE
 from massprop_cli.estimate import noiselevels
 from massprop_cli.estimate.history import phases_of
@@ -89,6 +89,22 @@ def with_phase(log: Log, vehicle: Vehicle) -> Vehicle:
         return vehicle
     sigma = PHASE * float(np.mean(log.interval_s)) / vehicle.cycle.period_s
     return vehicle.model_copy(update={"cycle": vehicle.cycle.model_copy(update={"command_delay_sigma_cycles": sigma})})
+
+
+def with_pace(log: Log, vehicle: Vehicle) -> Vehicle:
+    """With uncertain thrust, momentum and delay where cycles don't last as long as stated: inertia follows time, or its square."""
+    sigma, thrust, cycle = 2 * abs(log.pace), vehicle.thrust, vehicle.cycle
+    if sigma == 0:
+        return vehicle
+    if cycle.command_delay_cycles != "auto":
+        later = abs(log.pace) * max(cycle.command_delay_cycles, 1.0)
+        cycle = cycle.model_copy(update={"command_delay_sigma_cycles": max(cycle.command_delay_sigma_cycles, later)})
+    wheels = [
+        wheel.model_copy(update={"spin_inertia_sigma_kg_m2": max(wheel.spin_inertia_sigma_kg_m2, sigma * wheel.spin_inertia_kg_m2)})
+        for wheel in vehicle.wheels
+    ]
+    thrust = thrust.model_copy(update={"scale_sigma": max(thrust.scale_sigma, sigma)})
+    return rebuilt(vehicle, cycle=cycle, thrust=thrust, wheels=tuple(wheels))
 
 
 def with_timing(stated: Vehicle, detected: FoundTiming | None) -> Vehicle:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,8 +34,9 @@ VOID = (*UNREAD, "cycle-period")
 """Codes of notices beside which no value holds, and which nothing corrects."""
 LONGEST_S = 0.06
 """s that are taken together where commands have times of their own: a body turns by little in them, and a pulse still stands out."""
-PACE = 0.0025
-"""Part by which recorded cycles may be longer or shorter than stated: with increments and a wrench, inertia follows its square."""
+PACE, CRYSTALS = 0.0025, 1e-4
+"""Part by which recorded cycles may be longer or shorter than stated, by other clocks than crystals and by crystals: with increments and a
+wrench, inertia follows its square."""
 JITTER = 0.02
 """Part of the usual interval that intervals may scatter by: each counts with its own length, commands do not."""
 ROBUST = 1.4826
@@ -88,6 +89,8 @@ class Log:
     """Cycles from one logged speed of each rotor to the next, 0 of one whose command is logged."""
     supply: SupplyLevel | None = None
     """The pressure of the jets' supply, or the voltage of the rotors'; None: it is as stated throughout."""
+    pace: float = 0.0
+    """Part by which cycles last longer by the log's times than stated, where crystals and chance don't explain it."""
     began_s: float | None = None
     """When the log began that this is a part of; None: it is the whole."""
 
@@ -151,10 +154,14 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     notices += [Notice("clock-rebuilt", f"{source.name('time_s')}: {stamped.message}")] if stamped.message else []
     pulsed = pulses.commands(whole, vehicle, float(time_s[0] - interval_s[0]), float(time_s[-1]))
     command_s = _command_times(source, time_s, stamped.moved_s) if pulsed is None else pulsed.issued_s
-    records, command_s, paced = _grouped(source, time_s, interval_s, command_s, vehicle.cycle.period_s)
+    records, command_s, pace = _grouped(source, time_s, interval_s, command_s, vehicle.cycle.period_s)
     n = source.table.rows // records * records
     imu = imurecords.read(source, vehicle, interval_s)
-    notices += [*paced, *imurecords.emptiness(source, imu.empty), *imurecords.saturation(vehicle, imu.theta, imu.velocity, interval_s)]
+    notices += [
+        *pace.notices,
+        *imurecords.emptiness(source, imu.empty),
+        *imurecords.saturation(vehicle, imu.theta, imu.velocity, interval_s),
+    ]
     kind, command = commands.commands(source, vehicle, records, n, pulsed)
     lost = lostrecords.left_out(source, imu, command, records, n)
     attitude = imurecords.attitude(source, n)
@@ -186,21 +193,22 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         spinning=commands.momentum(source, vehicle, records, n),
         cycles_apart=tuple(rotor.cycles_apart(source, records, n) for rotor in vehicle.rotors),
         supply=supply.read(source, vehicle, time_s[:n], interval_s[:n], records) if kind != "wrench" else None,
+        pace=pace.part,
     )
 
 
 def _grouped(
     source: LogTable, time_s: Array, interval_s: Array, command_s: Array | None, period_s: float
-) -> tuple[int, Array | None, list[Notice]]:
-    """Records of a control cycle, or of a group where commands have times of their own; and these, but for those in no whole group."""
+) -> tuple[int, Array | None, _Pace]:
+    """Records of a control cycle, or of a group where commands have times of their own; these, but those in no whole group; the pace."""
     if command_s is None:
         records = _records_per_cycle(source, time_s, interval_s, period_s)
-        notices = _pace(records * interval_s, period_s)
+        pace = _pace(records * interval_s, period_s)
     else:
         # those of a control cycle, or of an equal part of a long one
         usual_s = median(interval_s)
         records = max(round(period_s / usual_s / math.ceil(period_s / LONGEST_S)), 1)
-        notices = [] if source.has(PULSE_JET) else _pace(np.diff(command_s), period_s)
+        pace = _Pace(0.0, []) if source.has(PULSE_JET) else _pace(np.diff(command_s), period_s)
     if len(time_s) < 2 * records:
         raise InputError(
             f"{source.table.path}: {len(time_s)} rows of {median(interval_s):g} s are not two control cycles of {period_s:g} s; record "
@@ -209,7 +217,7 @@ def _grouped(
     if command_s is not None and source.issued is not None:
         source.issued = source.issued[source.issued < len(time_s) // records * records]
         command_s = command_s[: len(source.issued)]
-    return records, command_s, notices
+    return records, command_s, pace
 
 
 def _command_times(source: LogTable, time_s: Array, moved_s: Array | None) -> Array | None:
@@ -286,16 +294,23 @@ def _records_per_cycle(source: LogTable, time_s: Array, interval_s: Array, perio
     return records
 
 
-def _pace(cycle_s: Array, period_s: float) -> list[Notice]:
-    """Whether cycles last as long by the recorded times (n,) as the vehicle file says, but for chance; long ones lost a record."""
+class _Pace(NamedTuple):
+    part: float
+    """By which cycles last longer by the log's times than stated, where crystals and chance don't explain it; else 0."""
+    notices: list[Notice]
+
+
+def _pace(cycle_s: Array, period_s: float) -> _Pace:
+    """Of cycles by the recorded times (n,); long ones lost a record."""
     usual = cycle_s[cycle_s <= LONG * median(cycle_s)]
-    lasts, chance = float(usual.mean()), 4 * float(usual.std()) / len(usual) ** 0.5
-    if abs(lasts - period_s) <= PACE * period_s + chance:
-        return []
-    part = f"{100 * abs(lasts / period_s - 1):.2g} % {'longer' if lasts > period_s else 'shorter'}"
+    lasts, chance = float(usual.mean()), 4 * float(usual.std()) / len(usual) ** 0.5 / period_s
+    longer = lasts / period_s - 1
+    if abs(longer) <= CRYSTALS + chance:
+        return _Pace(0.0, [])
+    void = abs(longer) > PACE + chance
     message = (
-        f"cycles last {lasts:.6g} s by the log's times, {part} than cycle.period_s = {period_s:g} s: inertia or mass may be off by as "
-        f"much, or twice that; if the times are right, state cycle.period_s = {lasts:.6g}, else scale them by "
-        f"{period_s / lasts:.6g} (columns.time_s.scale)"
+        f"cycles last {lasts:.6g} s by the log's times, {100 * abs(longer):.2g} % {'longer' if longer > 0 else 'shorter'} than "
+        f"cycle.period_s = {period_s:g} s: inertia or mass may be off by as much, or twice that{'' if void else ', which sigmas include'}; "
+        f"if the times are right, state cycle.period_s = {lasts:.6g}, else scale them by {period_s / lasts:.6g} (columns.time_s.scale)"
     )
-    return [Notice("cycle-period", message)]
+    return _Pace(longer, [Notice("cycle-period" if void else "cycle-pace", message)])

@@ -161,7 +161,7 @@ def test_cycles_that_last_otherwise_than_stated_leave_nothing_converged(clean: P
     assert "state cycle.period_s = 0.0505, else scale them by 0.990099" in one.what
     assert {item.verdict for item in found.expected} == {"contradicted"}
     assert found.exit_code == 6
-    assert flow.message(found).startswith(f"{found.log}: log and vehicle file contradict each other: log and vehicle file don't fit")
+    assert flow.message(found).startswith(f"{found.log}: log and vehicle file contradict each other: cycles last 0.0505 s")
     assert {item.verdict for item in spoiled(clean, tmp_path, slow, **{"cycle.period_s": 0.0505}).expected} != {"contradicted"}
 
 
