@@ -10,6 +10,7 @@ from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION
 from massprop_cli.inputs.equipment import OFF_UNIT
+from massprop_cli.inputs.held import repeated
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.marked import Marked
 from massprop_cli.inputs.notice import Notice
@@ -51,8 +52,9 @@ def read(source: LogTable, vehicle: Vehicle, interval_s: Array) -> ImuRecords:
             f'{source.table.path}: estimator.method = "thesis" needs all three axes of gyro and accelerometer; take the default method'
         )
     _by_yaw(theta, vehicle, axes[:3])
-    for names, increments in ((rates, theta), (forces, velocity)):
+    for names, increments, own in ((rates, theta, axes[:3]), (forces, velocity, axes[3:])):
         _check_magnitude(source, names, increments, interval_s)
+        _check_held(source, names, increments[:, own] / interval_s[:, None])
     if all(axes[3:]):
         _check_gravity(source, vehicle, velocity, interval_s)
     return ImuRecords(theta, velocity, rates, forces, axes, empty, (gyro, accelerometer))
@@ -110,6 +112,17 @@ def _check_magnitude(source: LogTable, names: Sequence[str], increments: Array, 
             raise source.error(row, "time_s", said)
         value = f"{increments[row, axis] / interval_s[row]:.3g} per second"
         raise source.error(row, names[axis], f"{value} is no motion of a vehicle; is the unit right, is it a spike?")
+
+
+def _check_held(source: LogTable, names: Sequence[str], readings: Array) -> None:
+    again = repeated(readings)
+    if again.any():
+        raise source.error(
+            int(np.argmax(again)),
+            names[0],
+            f"the sensor repeats each reading {len(again) / (~again).sum():.3g} times: it is read more often than it measures. Write "
+            "records as long as its own, or read the file by a map, whose [records] take each reading once",
+        )
 
 
 def _check_gravity(source: LogTable, vehicle: Vehicle, velocity: Array, interval_s: Array) -> None:

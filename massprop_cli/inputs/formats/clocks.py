@@ -8,6 +8,8 @@ from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.formats import units
 
+NEAR, MOSTLY, SHORT = 0.1, 0.9, 1.5
+"""Part of the median interval within which intervals are even; part of them that are; times the median that none of these is as long as."""
 GAP = 2.5
 """Times the median interval, as in a log: more is a gap. None may be longer than a record, or that would be made up."""
 LEAPT = 0.75
@@ -45,9 +47,14 @@ class Times:
 
     @property
     def step_s(self) -> float:
-        """The usual interval: the mean of those that are no gaps, as the median of times that are rounded is off."""
+        """The usual interval: the mean of those that are no gaps, as the median of times that are rounded is off.
+
+        Of a clock that is even but for lost rows, even one of them is a gap.
+        """
         steps = np.diff(self.s)
-        return float(steps[steps <= GAP * median(steps)].mean())
+        usual = median(steps)
+        even = (np.abs(steps / usual - 1) < NEAR).mean() > MOSTLY
+        return float(steps[steps <= (SHORT if even else GAP) * usual].mean())
 
     def span(self) -> str:
         """From when to when, by the clock itself."""

@@ -276,7 +276,8 @@ def _check(signals: Signals, edges: Array, sensors: Sequence[QuantitySignal], sl
             raise signals.error(
                 signal.key,
                 signal.paths[0],
-                f"comes every {signal.times.step_s:.6g} s; records of {length:.6g} s would be made up. Make records at least as long",
+                f"{signals.again.get(signal.key, 'comes')} every {signal.times.step_s:.6g} s; records of {length:.6g} s would be made up. "
+                "Make records at least as long",
             )
     for signal in (*sensors, *slow):
         times = signal.times

@@ -16,6 +16,7 @@ from massprop_cli.inputs.formats.clocks import Times
 from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Mapped, MappedJet, MappedSensor, MappedVector, MappedWrench, MapSource
 from massprop_cli.inputs.formats.pathpattern import fitting
 from massprop_cli.inputs.formats.recording import Numbers, RecordedStream, Recording
+from massprop_cli.inputs.held import repeated
 from massprop_cli.inputs.logtable import EMPTY
 from massprop_cli.inputs.vehicle import ACTUATORS
 
@@ -44,6 +45,8 @@ class Signals:
         self.recording, self.map, self.source = recording, source.map, source.source
         self.made: list[str] = []
         """What was done, for whoever reads the result."""
+        self.again = dict[str, str]()
+        """Of sensors whose readings are repeated, that they are."""
         self.sampled = False, False
         """Whether what is handed on of gyro and accelerometer are samples at their times."""
         self._clocks: dict[tuple[Clock, bytes], Times] = {}
@@ -64,6 +67,14 @@ class Signals:
         """Gyro or accelerometer, the sensor's axes turned as the map says."""
         found = self.vector(key, said, increments if said.values == "increment" else rates)
         self._gyro = found.times if key == "gyro" else self._gyro
+        if not self._apart and (again := repeated(found.values)).any():
+            usual = len(again) / (~again).sum()
+            every = usual * found.times.step_s
+            problem = (
+                f"repeats each reading {usual:.3g} times: the sensor measures every {every:.6g} s, and the file holds its last reading "
+                f"in between; state [records], interval_s = {every:.6g}, by which each counts once"
+            )
+            raise self.error(key, found.paths[0], problem)
         if said.values == "increment" and found.paths:
             self._check_covering(found)
         return found
@@ -209,6 +220,11 @@ class Signals:
         # an axis that the map states as a number has one in every row
         recorded = empty.any(0) | (values != values[0]).any(0)
         none: BoolArray = empty[:, recorded].all(axis=1) & recorded.any()
+        if key in _SENSORS and (again := repeated(values[~none])).any():
+            usual = len(again) / (~again).sum()
+            self.again[key] = f"repeats each reading {usual:.3g} times, so that it measures"
+            self.made.append(f"{key}: each reading is repeated {usual:.3g} times, and counts once")
+            none[~none] = again
         part = empty.any(1) & ~none
         if key in _SENSORS and part.sum() <= EMPTY * (~none).sum():
             none = none | part  # a reading without one of its axes is lost

@@ -1,0 +1,43 @@
+"""A sensor that is read more often than it measures: its readings count once, or the log is refused."""
+
+import numpy as np
+import pytest
+
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.held import repeated
+from tests.streams import RECORDS, WRENCH_MAP, made, motion, values
+
+RNG = np.random.default_rng(5)
+NOISE = RNG.normal(size=(600, 3))
+FORCE = np.repeat(RNG.normal(size=(150, 3)) * RNG.integers(0, 2, (150, 1)), 4, 0)
+NOT_HELD = {
+    "noise": NOISE,
+    "counts": np.round(NOISE),
+    "force by cycles, and none in half of them": FORCE,
+    "one axis alone": np.repeat(NOISE[:150], 4, 0) * [1, 0, 0],
+    "rows lost and repeated": np.where((np.arange(600) % 37 == 1)[:, None], np.roll(NOISE, 1, 0), NOISE),
+    "rest": np.ones((600, 3)),
+}
+
+
+@pytest.mark.parametrize("name", NOT_HELD)
+def test_what_repeats_off_a_beat_or_on_some_axes_is_not_held(name: str) -> None:
+    assert not repeated(NOT_HELD[name]).any()
+
+
+@pytest.mark.parametrize("times", [2, 2.5, 4, 10])
+def test_readings_on_a_beat_of_their_own_are_found_row_by_row(times: float) -> None:
+    at = (np.arange(600) / times).astype(int)
+    np.testing.assert_array_equal(repeated(NOISE[at]), np.diff(at, prepend=-1) == 0)
+
+
+def test_a_map_takes_each_reading_once_and_refuses_records_that_would_be_made_up() -> None:
+    streams = motion()
+    for axis in "xyz":
+        force, clock, unit = streams[f"imu/a{axis}"]
+        streams[f"imu/a{axis}"] = force[np.arange(len(force)) // 4 * 4], clock, unit
+    with pytest.raises(InputError, match=r"'imu/ax': repeats each reading 4 times, so that it measures every 0.04 s; records of 0.01 s"):
+        made(streams, WRENCH_MAP + RECORDS)
+    longer = "[records]\ninterval_s = 0.05\nper_cycle = 1\n"
+    once, plain = (values(made(one, WRENCH_MAP + longer), ("delta_v_x_m_s",))[:, 0] for one in (streams, motion()))
+    np.testing.assert_allclose(once, plain[: len(once)], atol=2e-4)
