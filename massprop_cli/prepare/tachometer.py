@@ -27,6 +27,8 @@ from massprop_cli.inputs.vehicle import Vehicle
 
 NEARBY = 8
 """Cycles before and after, whose changes tell of an error: in so many a control loop brings the vehicle's rate back."""
+MOST = 4.0
+"""Sigmas, beyond which what is taken for an error is none."""
 MIDST = 200
 """Readings, in the midst of which a log's ends do not count."""
 TRUSTED, FINER = 1e-5, 0.2
@@ -161,6 +163,7 @@ def calibrated(speeds: Sequence[Array], covariances: Sequence[Array], together: 
     own, correlation = _together(scaled)
     gain, _ = _gain(own, correlation)
     errors = np.concatenate([part @ gain for part in _windows(own)])
+    errors[np.abs(errors) > MOST] = 0.0  # a motion as there is nowhere else in the log, as at its ends
     for error, (_, size, _), n in zip(errors.T, scaled, kept, strict=True):
         cycle = (np.arange(len(speeds[n])) - len(speeds[n])) // together + len(own)
         found[n] = speeds[n] - size * error[np.maximum(cycle, 0)]

@@ -97,3 +97,14 @@ def test_ten_records_to_a_cycle_are_calibrated_by_their_means() -> None:
     change, before, after = (np.diff(one)[10:-10] for one in means)
     assert before @ change / (before @ before) == pytest.approx(1 / 1.225, abs=0.05)
     assert after @ change / (after @ after) == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("cycles", [60, 400])
+def test_a_motion_as_nowhere_else_in_the_log_is_no_error_of_the_tachometers(cycles: int) -> None:
+    """Speeds of smooth torques that begin at once: what the log's middle never showed was taken for errors of a thousand sigma."""
+    rng, sigma = np.random.default_rng(3), 3e-5
+    time = np.arange(cycles)
+    true = [100 + 5 * np.sin(0.05 * time + n) + np.cumsum(np.where(time < 6, rng.normal(size=cycles), 0)) for n in range(3)]
+    read = [one + sigma * rng.normal(size=cycles) for one in true]
+    found = tachometer.calibrated(read, [np.eye(1, 40)[0] * sigma**2] * 3)
+    assert max(np.abs(one - other).max() for one, other in zip(found, read, strict=True)) < 5 * sigma
