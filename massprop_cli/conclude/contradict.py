@@ -129,7 +129,9 @@ def by_known(history: History, vehicle: Vehicle) -> Contradiction | None:
     if not history.belied:
         return None
     turned = vehicle.pivoted or any(name in CG for name in history.belied)  # gravity gives mass times offset
-    touched = np.array([turned or name in PROPORTIONAL for name in QUANTITIES])
+    with np.errstate(invalid="ignore"):
+        moved = np.abs(history.values[-1] - history.bare[0]) > history.sigmas[-1]
+    touched = moved | np.array([turned or name in PROPORTIONAL for name in QUANTITIES])
     return Contradiction(tuple(Reason.of("known-mismatch", message=message) for message in history.belied.values()), touched)
 
 

@@ -12,7 +12,7 @@ import pytest
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.conclude import contradict
 from massprop_cli.conclude.analysis import MendedAnswer
-from massprop_cli.conclude.contradict import Fault, by_lost
+from massprop_cli.conclude.contradict import Fault, by_known, by_lost
 from massprop_cli.conclude.judge import judged
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.diagnosis.corrections import Correction
@@ -345,3 +345,13 @@ def test_on_times_of_another_scale_leave_no_mass_converged() -> None:
     found = faulty.examined(replace(log, command=0.8 * log.command), used)
     assert faulty.verdicts(found)["mass"] == "contradicted"
     assert faulty.looks_good_and_is_wrong(found, TRUTH) == []
+
+
+def test_a_known_mass_that_the_log_belies_takes_what_it_moves_with_it() -> None:
+    """What goes with the thrust in any case; a CG where it is correlated with the mass, as beneath rotors."""
+    found = analysed("free-flyer")
+    history, place = found.histories[0], QUANTITIES.index("cg_z")
+    alone = history.values[-1] + 3 * history.sigmas[-1] * (np.arange(10) == place)
+    belied = by_known(replace(history, belied={"mass": "known.mass"}, bare=(alone, history.bare[1])), found.vehicle)
+    assert belied is not None
+    assert [name for name, hit in zip(QUANTITIES, belied.touched, strict=True) if not hit] == ["cg_x", "cg_y"]
