@@ -92,6 +92,13 @@ def _frozen(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
     return Made(changed, vehicle, f"{names[0]} until row {until} of {count}")
 
 
+def _held(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
+    """A logger that writes the latest reading of a slower sensor."""
+    names, times = DELTA_THETA if rng.random() < 0.5 else DELTA_V, int(rng.integers(2, 5))
+    changed = {name: values[np.arange(len(values)) // times * times] if name in names else values for name, values in columns.items()}
+    return Made(changed, vehicle, f"{names[0]}, each reading {times} times")
+
+
 def _grounded(columns: Columns, vehicle: Vehicle, _: Random) -> Made | None:
     """Made on the ground, and stated to be free."""
     if vehicle.environment.kind == "free":
@@ -203,6 +210,7 @@ KINDS = {
     "unit-changes": Kind("another unit from some moment on", _unit_changes, (*UNITS, "mass-change", "cause-unknown", "outliers")),
     "delta-v-start": Kind("velocity increments in the axes of each record's start", _by_records, ("accel-axes",)),
     "other-imu": Kind("another IMU, some way off, from some moment on", _other_imu, ("imu-position", "mass-change", "cause-unknown")),
+    "held": Kind("a slower sensor's latest reading in every record", _held, ("readings-held",)),
     "frozen": Kind("a sensor repeats a reading while it starts", _frozen, ("sensor-frozen", "phase-border")),
     "grounded": Kind("on the ground, stated to be free", _grounded, ("gravity-felt",)),
     "afloat": Kind("free, stated to be on a bearing", _afloat, (), ("gravity",)),

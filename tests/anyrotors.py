@@ -77,8 +77,11 @@ def multicopters(rng: np.random.Generator, count: int) -> Multicopters:
     )
 
 
-def fly(rng: np.random.Generator, own: Multicopters, period_s: float, cycles: int, measured: bool = False) -> Flown:
-    """Rates of up to 10 rad/s, asked for anew every few cycles, with commands that act after one cycle; or speeds that are ``measured``."""
+def fly(rng: np.random.Generator, own: Multicopters, period_s: float, cycles: int, measured: bool = False, late: int = 0) -> Flown:
+    """Rates of up to 10 rad/s, asked for anew every few cycles, with commands that act after one cycle; or speeds that are ``measured``.
+
+    Commands act ``late`` of a cycle's eight steps.
+    """
     count, step = len(own.mass), period_s / STEPS
     inverse, wrench, lever = np.linalg.inv(own.inertia), own.wrench, own.imu - own.cg
     mixer = np.linalg.pinv(wrench[..., :3].transpose(0, 2, 1))
@@ -104,8 +107,8 @@ def fly(rng: np.random.Generator, own: Multicopters, period_s: float, cycles: in
             asked = fastest * rng.normal(0, 0.5, (count, 3))
         thrust = np.einsum("vri,vij,vj->vr", mixer, gain, asked - rate)
         issued[k + 1] = np.clip(HOVER + thrust / steeper[:, None] + 0.06 * rng.normal(size=(count, ROTORS)) * (k % 5 == 0), 0.05, 1.0)
-        acts = issued[k]
-        for _ in range(STEPS):
+        for n in range(STEPS):
+            acts = issued[k if n >= late else max(k - 1, 0)]
             ends = x, acts + (x - acts) * halfway, acts + (x - acts) * whole
             begun, middle, ended = (acted(one) for one in ends)
             first, felt = slope(rate, begun)

@@ -115,10 +115,14 @@ def _in_degrees(of: Subject, draw: np.random.Generator, every: bool = True) -> S
     return _logged(of, lambda columns: columns * np.where(every | (np.arange(columns.shape[1]) == one), 180 / np.pi, 1.0))
 
 
-def _spin(of: Subject, draw: np.random.Generator) -> Subject:
+def _in_percent(of: Subject, _: np.random.Generator) -> Subject:
+    return _logged(of, lambda columns: 100 * columns)
+
+
+def _spin(of: Subject, draw: np.random.Generator, every: bool = False) -> Subject:
     def change(own: list[Data]) -> list[Data]:
         one = own[draw.integers(len(own))]
-        return [each | {"spin": -each["spin"]} if each is one else each for each in own]
+        return [each | {"spin": -each["spin"]} if every or each is one else each for each in own]
 
     return _stated(of, change)
 
@@ -166,6 +170,8 @@ FAULTS = {
     "none": Fault("nothing", ()),
     "sign": Fault("one stated the other way round", SIGN, _reversed),
     "spin": Fault("one propeller that is stated to turn the other way", ("rotor-spin",), _spin, platforms=("rotors",)),
+    "spins": Fault("all propellers turn the other way", ("rotor-spin",), partial(_spin, every=True), platforms=("rotors",)),
+    "percent": Fault("commands in percent", ("command-units",), _in_percent, platforms=("rotors",)),
     "swapped": Fault("two swapped", SWAPPED, lambda of, draw: _permuted(of, draw, 2)),
     "round": Fault("three wired round", SWAPPED, lambda of, draw: _permuted(of, draw, 3)),
     "rpm": Fault("one speed in rpm", ("speed-units",), _in_rpm, platforms=("wheels", "pedestal, wheels")),

@@ -259,6 +259,7 @@ WARNINGS: dict[str, Example] = {
 } | {
     "actuator-dead": Example(partial(_actuator, "wheels", "dead"), *RATE),
     "actuators-swapped": Example(partial(_actuator, "wheels", "swapped"), *RATE),
+    "command-units": Example(partial(_actuator, "rotors", "percent"), *RATE),
     "rotor-spin": Example(partial(_actuator, "rotors", "spin"), *RATE),
     "speed-units": Example(partial(_actuator, "wheels", "rpm"), *RATE),
     "gimbal-units": Example(partial(_actuator, "gyros", "one in degrees"), *RATE),
@@ -266,6 +267,7 @@ WARNINGS: dict[str, Example] = {
     "records-lost": Example(partial(_recorded, "records-dropped", 9000), *RATE),
     "long-interval": Example(_uneven, *RATE),
     "records-doubled": Example(partial(_recorded, "records-late", 9000), *RATE),
+    "readings-held": Example(partial(_recorded, "held", 9001), *SEEN),
     "sensor-frozen": Example(partial(_recorded, "frozen", 9008), *SEEN),
     "column-kind": Example(partial(_recorded, "rates-in-increments", 9000), *SEEN),
     "accel-axes": Example(partial(_recorded, "delta-v-start", 9006), *FORCE),

@@ -22,6 +22,7 @@ from massprop_cli.diagnosis.preprocessing import Ready
 from massprop_cli.diagnosis.resolve import other_cutoffs
 from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History
+from massprop_cli.estimate.known import of_no_matter
 from massprop_cli.estimate.phases import AsStated, Estimates, Progress, by_thesis, estimates
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.telemetry import UNREAD, VOID, Log
@@ -103,9 +104,11 @@ def estimated(
 def _by_default(begun: Ready, plain: AsStated, check: bool, say: Progress) -> tuple[Estimates[Resolved], Checked]:
     """By the default method, and what the values rest on is examined; with ``check`` the causes of a misfit are looked for."""
     refuted = check and not plain.dubious and other_cutoffs(begun.log, plain.used, begun.pieces, begun.detected)
-    diagnosis = _diagnosis(begun, plain.used, say, refuted) if check and (plain.dubious or plain.quiet or refuted) else None
-    if diagnosis is not None and not (plain.dubious or refuted) and not _found_in_quiet(diagnosis, plain):
-        diagnosis = None  # noise that was stated too large is no fault
+    diagnosis = _of_matter(begun, plain) if check else None
+    if diagnosis is None and check and (plain.dubious or plain.quiet or refuted):
+        diagnosis = _diagnosis(begun, plain.used, say, refuted)
+        if diagnosis is not None and not (plain.dubious or refuted) and not _found_in_quiet(diagnosis, plain):
+            diagnosis = None  # noise that was stated too large is no fault
     size = begun.stated.estimator.adapt_noise and not (diagnosis and diagnosis.explanations)
     # what a wrong model leaves is a torque: noise would take half of it, and tell the sigmas nothing of the other
     noisier = diagnosis is not None and not diagnosis.unknown
@@ -141,6 +144,16 @@ def _doubted(examination: Examined, begun: Ready, answer: Estimates[Resolved]) -
     apart = [range(first), stored] if first and stored else [push] if push else []
     found = doubts(examination, names, along_one_line(begun.log, answer.used), apart)
     return found + followed(answer.settled, begun.samples, names, examination.scatter)
+
+
+def _of_matter(begun: Ready, plain: AsStated) -> Diagnosis | None:
+    """By which rotors' columns are read as of a body of matter, where no matter is so dense as that of the stated reading."""
+    ends = [(fit.history.values[-1], fit.history.sigmas[-1]) for fit in plain.fits if fit is not None]
+    if not plain.used.rotors or not any(of_no_matter(*end) for end in ends):
+        return None
+    from massprop_cli.diagnosis import rereading
+
+    return rereading.reread(begun.log, plain.used, begun.timing, begun.phases, no_matter=True)
 
 
 def _diagnosis(begun: Ready, used: Resolved, say: Progress, refuted: bool = False) -> Diagnosis | None:

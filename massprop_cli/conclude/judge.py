@@ -89,7 +89,7 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer], widen: bool) -
         doubts = _slow(biased, found.stated) if misfit else unlike | biased
         conclusion = with_discrepancy(in_doubt(conclusion, doubts), told, settled, vehicle)
         conclusion = in_doubt(conclusion, unseen(conclusion, i, found.doubts, settled.natural_sizes))
-        return _Judged(_against(conclusion, known), factor, told)
+        return _Judged(_against(conclusion, together([known, by_no_body(conclusion)])), factor, told)
     if unnamed:
         conclusion = in_doubt(conclusion, unheld(conclusion, found.vehicle))
     elif not own:

@@ -11,7 +11,7 @@ import numpy as np
 from massprop_cli.base.arrays import ROUNDING, Array
 from massprop_cli.base.rigidbody import elements
 from massprop_cli.conclude.verdict import Conclusion
-from massprop_cli.estimate.known import DENSEST
+from massprop_cli.estimate.known import DENSEST, density
 
 BEYOND = 4.0
 """Sigmas by which a law is broken, as everywhere."""
@@ -58,27 +58,23 @@ def breach(conclusion: Conclusion) -> Breach | None:
 
 
 def _of_ball(conclusion: Conclusion) -> Breach | None:
-    """Of the ball that has mass and moments, ΣI = 6/5 m R², the density: no body of less radius of gyration is less dense."""
+    """Of the ball that has mass and moments."""
     mass, trace = conclusion.estimates["mass"], float(conclusion.principal_moments.sum())
     if not conclusion.rotating_mass > 0 or mass.sigma is None:
         return None
     away = BEYOND * np.array([mass.sigma, _sigma(conclusion, np.ones(3))])
     least, most = ((conclusion.rotating_mass + part * away[0], trace - part * away[1]) for part in (1, -1))
-    if least[1] > 0 and _density(*least) < THINNEST:
-        said = f"mass and inertia are those of a ball of {_radius(*least):.3g} m and {_density(*least):.2g} kg/m^3, thinner than air"
+    if least[1] > 0 and density(*least) < THINNEST:
+        said = f"mass and inertia are those of a ball of {_radius(*least):.3g} m and {density(*least):.2g} kg/m^3, thinner than air"
         return Breach(f"{said}: unless most of it is far out, check the units of torques and forces", True, False)
-    if most[0] > 0 and _density(*most) > DENSEST:
-        said = f"mass and inertia are those of a ball of {_density(*most):.2g} kg/m^3, denser than any matter"
+    if most[0] > 0 and density(*most) > DENSEST:
+        said = f"mass and inertia are those of a ball of {density(*most):.2g} kg/m^3, denser than any matter"
         return Breach(f"{said}: check the units of the gyro, of torques and of forces", True, False, True)
     return None
 
 
 def _radius(mass: float, trace: float) -> float:
     return float(np.sqrt(trace / mass / 1.2))
-
-
-def _density(mass: float, trace: float) -> float:
-    return mass / (4 / 3 * np.pi * _radius(mass, trace) ** 3)
 
 
 def _not_positive(conclusion: Conclusion, low: float) -> Breach:

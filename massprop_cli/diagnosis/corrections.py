@@ -55,17 +55,19 @@ class Case(NamedTuple):
 
 
 class RotorColumns(NamedTuple):
-    """Columns of rotors that are one another's."""
+    """Columns of rotors that are one another's, or in another unit."""
 
     names: tuple[str, ...]
     """The contract's, of all of them."""
     order: tuple[int, ...]
     """Of which column each rotor is read."""
+    factor: float = 1.0
+    """On all of them."""
 
     @property
     def rows(self) -> Matrix:
         """Factors on columns, a row each."""
-        return tuple(tuple(float(i == at) for i in range(len(self.order))) for at in self.order)
+        return tuple(tuple(self.factor * (i == at) for i in range(len(self.order))) for at in self.order)
 
 
 class GimbalColumns(NamedTuple):
@@ -135,7 +137,7 @@ class Correction:
 
     def log(self, log: Log) -> Log:
         """The log as it is after the correction's factors."""
-        log = log if self.rotors is None else replace(log, command=log.command[:, list(self.rotors.order)])
+        log = log if self.rotors is None else replace(log, command=self.rotors.factor * log.command[:, list(self.rotors.order)])
         log = log if self.gimbals is None else self.gimbals.turned(log)
         if not (self.gyro or self.accelerometer or self.command):
             return log

@@ -190,9 +190,9 @@ def _of_what_turns(refit: Refit) -> tuple[str, tuple[Correction, ...]]:
     """Where all rotors that store momentum give one part of their thrust: as well they store that much more, and the body is another."""
     rotors, part = refit.case.vehicle.rotors, refit.fitted.parts[-1]
     group, factors = part.hypothesis.subject, refit.fitted.factors
-    all_of_them = len(rotors) > 1 and group == tuple(rotor.name for rotor in rotors) and float(np.ptp(factors)) < ALIKE
+    all_of_them = part.hypothesis.code == "thrust-scale" and len(rotors) > 1 and group == tuple(rotor.name for rotor in rotors)
     inertia = [rotor.spin_inertia_kg_m2 for rotor in rotors if rotor.spin_inertia_kg_m2 is not None]
-    if not all_of_them or part.hypothesis.code != "thrust-scale" or len(inertia) < len(rotors) or not factors[0] > 0:
+    if not all_of_them or not float(np.ptp(factors)) < ALIKE or len(inertia) < len(rotors) or not factors[0] > 0:
         return "", ()
     keys = tuple(f"rotors.{i}.spin_inertia_kg_m2={own / factors[0]:.9g}" for i, own in enumerate(inertia))
     return f", or else they have {1 / factors[0]:.4g} of the stated spin_inertia_kg_m2", (Correction(keys),)

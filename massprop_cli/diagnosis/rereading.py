@@ -30,7 +30,9 @@ from massprop_cli.diagnosis.hypotheses import other_units
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.wording import IN_MAP, IN_VEHICLE_FILE
 from massprop_cli.errorparameters.sensor import DEGREE
+from massprop_cli.errorparameters.thrust import RPM
 from massprop_cli.estimate import phases
+from massprop_cli.estimate.known import of_no_matter
 from massprop_cli.inputs.actuators.control_moment_gyro import GIMBAL, GyroLog
 from massprop_cli.inputs.columns import DELTA_THETA
 from massprop_cli.inputs.telemetry import Log
@@ -54,6 +56,11 @@ ORDERS, EVERY = 4, 7
 """Orders of rotors that are fitted; rotors up to which every order is compared, of more only two or three that are exchanged."""
 
 
+SPEEDS = {"in rpm": RPM, "in revolutions a second": 2 * np.pi}
+COMMANDS = {"in percent": 0.01, "counted to 255": 1 / 255, "counted to 1000": 1e-3, "counted to 65535": 1 / 65535}
+"""Units of rotors' columns, and their factors to rad/s, or to commands from 0 to 1."""
+
+
 class ColumnReading(NamedTuple):
     """How a log may have to be read."""
 
@@ -65,8 +72,11 @@ class ColumnReading(NamedTuple):
     """−2 log of its odds against others."""
 
 
-def reread(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[tuple[Phase, slice]]) -> Diagnosis | None:
-    """The reading with which the log fits, beside those that are nearly as likely; None where it fits with none."""
+def reread(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[tuple[Phase, slice]], no_matter: bool = False) -> Diagnosis | None:
+    """The reading with which the log fits, beside those that are nearly as likely; None where it fits with none.
+
+    It must fit better than as stated, or be of a body of matter where that is of ``no_matter``.
+    """
     phase, whole = max(pieces, key=lambda one: one[1].stop - one[1].start)
     part, (cycles,) = segment.bounded(log, vehicle, timing, [whole], LONGEST)
     some, case = (
@@ -77,8 +87,8 @@ def reread(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[tuple[P
     each = [(some.look(one.correction, roughly=True).cost + one.rare, i, one) for i, one in enumerate(_readings(case))]
     likely: list[tuple[float, int, ColumnReading]] = []
     for cost, i, reading in sorted(each)[:FINALISTS]:
-        look = case.look(reading.correction) if cost < stated - CLEAR else NOTHING
-        likely += [(look.cost + reading.rare, i, reading)] if look.fits else []
+        look = case.look(reading.correction) if cost < (np.inf if no_matter else stated - CLEAR) else NOTHING
+        likely += [(look.cost + reading.rare, i, reading)] if look.fits and not (no_matter and look.no_matter) else []
     near = [reading for cost, _, reading in sorted(likely) if cost < min(likely)[0] + EVEN]
     if not near:
         return None
@@ -90,6 +100,7 @@ class _Look(NamedTuple):
     cost: float
     """−2 log likelihood of free noise levels, of what was measured."""
     fits: bool
+    no_matter: bool = False
 
 
 NOTHING = _Look(np.inf, False)
@@ -122,13 +133,15 @@ class _Case(NamedTuple):
         cost = float((left.count * np.log(variance + TINY)).sum()) - 2 * left.count * float(np.log(sizes).sum())
         shown = [float((part**2).sum(1).mean()) for part in (samples.rate_rad_s, samples.specific_force_m_s2)]
         moved = max(np.sqrt(shown) / (self.vehicle.imu.gyro_noise_rad_s, self.vehicle.imu.accel_noise_m_s2)) > MOVED
-        return _Look(cost, bool(moved and (variance < FITS + CHANCE * np.sqrt(2 / left.count)).all()))
+        fits = bool(moved and (variance < FITS + CHANCE * np.sqrt(2 / left.count)).all())
+        return _Look(cost, fits, of_no_matter(fit.history.values[-1], fit.history.sigmas[-1]))
 
 
 def _readings(case: _Case) -> Iterator[ColumnReading]:
     if case.vehicle.rotors:
         yield from _other_units(case.log)
         yield from _other_orders(case)
+        yield from _of_rotors(case)
     yield from _gimbals_in_degrees(case)
 
 
@@ -142,6 +155,21 @@ def _gimbals_in_degrees(case: _Case) -> Iterator[ColumnReading]:
         said = ", ".join(name for name, one in zip(names, own, strict=True) if one)
         words = f"gimbal angles are in degrees, not radians ({said}); correct the log, or scale the columns {where} ({DEGREE:.6g})"
         yield ColumnReading("gimbal-units", words, Correction(gimbals=GimbalColumns(names, tuple(np.where(own, DEGREE, 1.0).tolist()))))
+
+
+def _of_rotors(case: _Case) -> Iterator[ColumnReading]:
+    """All speeds or commands of rotors in another unit, where all are of one kind."""
+    kinds = {rotor.column for rotor in case.vehicle.rotors}
+    if len(kinds) > 1:
+        return
+    (kind,) = kinds
+    names = tuple(next(c for c in one.COLUMNS if c.key == kind).of(one.name) for one in case.vehicle.rotors)
+    where, same = IN_VEHICLE_FILE if case.log.made is None else IN_MAP, tuple(range(len(names)))
+    for unit, factor in (SPEEDS if kind == "speed" else COMMANDS).items():
+        who = f"{'speeds' if kind == 'speed' else 'commands'} of rotors are {unit} ({', '.join(names)})"
+        words = f"{who}; correct the log, or scale the columns {where} ({factor:.6g})"
+        correction = Correction(rotors=RotorColumns(names, same, factor))
+        yield ColumnReading("speed-units" if kind == "speed" else "command-units", words, correction)
 
 
 def _other_units(log: Log) -> Iterator[ColumnReading]:

@@ -19,6 +19,7 @@ from massprop_cli.errorparameters.table import BY_NAME, TABLE
 from massprop_cli.estimate import noiselevels
 from massprop_cli.estimate.history import phases_of
 from massprop_cli.estimate.phases import Progress
+from massprop_cli.inputs.actuators.actuator import MomentumDevice
 from massprop_cli.inputs.equipment import LowPass
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -99,12 +100,18 @@ def with_pace(log: Log, vehicle: Vehicle) -> Vehicle:
     if cycle.command_delay_cycles != "auto":
         later = abs(log.pace) * max(cycle.command_delay_cycles, 1.0)
         cycle = cycle.model_copy(update={"command_delay_sigma_cycles": max(cycle.command_delay_sigma_cycles, later)})
-    wheels = [
-        wheel.model_copy(update={"spin_inertia_sigma_kg_m2": max(wheel.spin_inertia_sigma_kg_m2, sigma * wheel.spin_inertia_kg_m2)})
-        for wheel in vehicle.wheels
-    ]
     thrust = thrust.model_copy(update={"scale_sigma": max(thrust.scale_sigma, sigma)})
-    return rebuilt(vehicle, cycle=cycle, thrust=thrust, wheels=tuple(wheels))
+    spinning = {table: tuple(_less_known(one, sigma) for one in getattr(vehicle, table)) for table in ("wheels", "control_moment_gyros")}
+    return rebuilt(vehicle, cycle=cycle, thrust=thrust, **spinning)
+
+
+def _less_known(device: MomentumDevice, sigma: float) -> MomentumDevice:
+    """With at least so much relative uncertainty of its momentum."""
+    found = {}
+    for key, own in (("h_n_m_s", "h_sigma_n_m_s"), ("spin_inertia_kg_m2", "spin_inertia_sigma_kg_m2")):
+        if getattr(device, key, None):
+            found[own] = max(getattr(device, own), sigma * getattr(device, key))
+    return device.model_copy(update=found)
 
 
 def with_timing(stated: Vehicle, detected: FoundTiming | None) -> Vehicle:

@@ -77,7 +77,7 @@ def _who(finding: FittedHypothesis) -> Mapping[str, object]:
     entries, table, (one, many) = _entries(finding), _of(finding), _nouns(finding)
     several, listed = len(entries) > 1, ", ".join(entries)
     scale = "correct the unit or scale of these, or of the others, under [columns]" if several else "correct the scale under [columns]"
-    verbs = {"push": "push", "give": "give", "do": "do"} if several else {"push": "pushes", "give": "gives", "do": "does"}
+    verbs = {verb: verb if several else f"{verb}{'es' if verb in ('push', 'do') else 's'}" for verb in ("push", "give", "do", "turn")}
     if table not in ("", "jets", "rotors"):
         verbs["push"] = "turn the vehicle" if several else "turns the vehicle"
     turned = "" if abs(finding.factor + 1) < NEAR else f", with {-finding.factor:.3g} of the thrust"
@@ -323,7 +323,7 @@ def _gimbal_reversed(finding: FittedHypothesis) -> bool:
 
 _NOTHING = "{who} {do} not push at all"
 _RPM = "the speed of {who} is logged in rpm"
-_SPUN = "{who} turns the other way round than its spin says"
+_SPUN = "{who} {turn} the other way round than stated by spin"
 _GIMBAL = "{who} turns its gimbal the other way than stated"
 _ALL_JETS = "all jets push the other way: force_n is what pushes the vehicle, not the plume"
 _ALL_COMMANDS = "all commands act the other way: commands are what acts on the vehicle, not what it reacts to"
@@ -365,7 +365,7 @@ SPECIAL_CASES = (
         Wording(_RUBBING, "state coulomb_friction_n_m and viscous_friction_n_m_s of each wheel", _rubbing),
     ),
     SpecialCase("commands-limited", "commands-limited", lambda _: True, Wording(_LIMITED, "state thrust.wrench_limits", _limits)),
-    SpecialCase("rotor-spin", "rotor-spin", lambda _: True, Wording(_SPUN, "correct its spin, or swap two of its motor's wires", _who)),
+    SpecialCase("rotor-spin", "rotor-spin", lambda _: True, Wording(_SPUN, "correct it, or swap two of a motor's wires", _who)),
     *(
         SpecialCase(code, code, lambda _: True, Wording(_SWAPPED, "swap wires, columns or entries", _swapped))
         for code in ("jets-swapped", "actuators-swapped")

@@ -17,6 +17,23 @@ DENSEST = 22590.0
 """kg/m³, osmium: of a given mass no body has less inertia than a ball of it."""
 
 
+TOLD = 0.1
+"""Relative sigma up to which mass and inertia tell of what they may be."""
+
+
+def density(mass: float, trace: float) -> float:
+    """kg/m³ of the ball of this mass and sum of principal moments, ΣI = 6/5 m R²: no body of less radius of gyration is less dense."""
+    return float(mass / (4 / 3 * np.pi * (trace / mass / 1.2) ** 1.5))
+
+
+def of_no_matter(values: Array, sigmas: Array) -> bool:
+    """Whether no matter is as dense as a body of these quantities (10,) and their sigmas."""
+    own = [QUANTITIES.index(name) for name in ("ixx", "iyy", "izz", "mass")]
+    if not (values[own] > 0).all() or not (sigmas[own] < TOLD * values[own]).all():
+        return False
+    return density(float(values[own[-1]]), float(values[own[:-1]].sum())) > DENSEST
+
+
 def belied(told: Parameters, vehicle: Vehicle, phase: str) -> tuple[dict[str, str], tuple[Notice, ...]]:
     """Known quantities that the log does not bear out, each with why, and what is said; ``told`` is what the log alone says, one row."""
     said: dict[Quantity, str] = {}

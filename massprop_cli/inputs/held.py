@@ -19,7 +19,7 @@ def repeated(readings: Array) -> BoolArray:
     """
     same = np.abs(np.diff(readings, axis=0, prepend=np.nan)) <= SAME * np.abs(readings)
     axes = ~same[1:].all(0)  # the others stand still, or are stated by a number
-    whole, some = same[:, axes].all(1), same[:, axes].any(1)
+    whole, some = np.asarray(same[:, axes].all(1)), same[:, axes].any(1)
     none = np.zeros(len(readings), dtype=bool)
     if axes.sum() < 2 or whole.mean() < OFTEN or (some & ~whole).mean() > SELDOM:
         return none

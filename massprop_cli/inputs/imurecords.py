@@ -42,7 +42,7 @@ class ImuRecords(NamedTuple):
     """Records that the recorder wrote no reading of: of the gyro, of the accelerometer."""
 
 
-def read(source: LogTable, vehicle: Vehicle, interval_s: Array) -> ImuRecords:
+def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array) -> ImuRecords:
     """Read gyro and accelerometer, and check them; zeros of axes that are absent."""
     rates, forces = source.sensed(DELTA_THETA, GYRO), source.sensed(DELTA_V, ACCEL)
     (theta, gyro), (velocity, accelerometer) = source.increments(rates, GYRO, interval_s), source.increments(forces, ACCEL, interval_s)
@@ -52,11 +52,11 @@ def read(source: LogTable, vehicle: Vehicle, interval_s: Array) -> ImuRecords:
             f'{source.table.path}: estimator.method = "thesis" needs all three axes of gyro and accelerometer; take the default method'
         )
     _by_yaw(theta, vehicle, axes[:3])
-    for names, increments, own in ((rates, theta, axes[:3]), (forces, velocity, axes[3:])):
+    for names, increments in ((rates, theta), (forces, velocity)):
         _check_magnitude(source, names, increments, interval_s)
-        _check_held(source, names, increments[:, own] / interval_s[:, None])
     if all(axes[3:]):
         _check_gravity(source, vehicle, velocity, interval_s)
+    _check_outliers(source, vehicle, time_s, interval_s)
     return ImuRecords(theta, velocity, rates, forces, axes, empty, (gyro, accelerometer))
 
 
@@ -114,17 +114,6 @@ def _check_magnitude(source: LogTable, names: Sequence[str], increments: Array, 
         raise source.error(row, names[axis], f"{value} is no motion of a vehicle; is the unit right, is it a spike?")
 
 
-def _check_held(source: LogTable, names: Sequence[str], readings: Array) -> None:
-    again = repeated(readings)
-    if again.any():
-        raise source.error(
-            int(np.argmax(again)),
-            names[0],
-            f"the sensor repeats each reading {len(again) / (~again).sum():.3g} times: it is read more often than it measures. Write "
-            "records as long as its own, or read the file by a map, whose [records] take each reading once",
-        )
-
-
 def _check_gravity(source: LogTable, vehicle: Vehicle, velocity: Array, interval_s: Array) -> None:
     kind, gravity = vehicle.environment.kind, vehicle.environment.gravity_m_s2
     if kind == "free":
@@ -155,7 +144,7 @@ def sampled(source: LogTable, vehicle: Vehicle) -> tuple[bool, bool]:
     return sampled, sampled
 
 
-def check_outliers(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array) -> None:
+def _check_outliers(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array) -> None:
     """Times of readings that are not to be used must be of records: what is left out would be none of them."""
     for key in ("gyro_outliers_s", "accel_outliers_s"):
         times = np.array(getattr(vehicle.imu, key) or ())
@@ -195,6 +184,20 @@ def _beyond(increments: Array, interval_s: Array, limit: float) -> BoolArray:
     """(n, 3) where increments over intervals (n,) are ``limit`` or more."""
     found = [np.abs(increments[part] / interval_s[part, None]) >= limit for part in spill.parts(len(increments))]
     return np.concatenate(found)
+
+
+def held(imu: ImuRecords, interval_s: Array) -> list[Notice]:
+    """Warnings of a sensor that is read more often than it measures."""
+    found = []
+    for name, increments, axes in (("gyro", imu.theta, imu.axes[:3]), ("accelerometer", imu.velocity, imu.axes[3:])):
+        again = repeated(increments[:, list(axes)] / interval_s[:, None])
+        if again.any():
+            said = (
+                f"the {name} repeats each reading {len(again) / (~again).sum():.3g} times, so that it measures less often than the log has "
+                "records: write records as long as its own, or read the file by a map, whose [records] take each reading once"
+            )
+            found.append(Notice("readings-held", said))
+    return found
 
 
 def saturation(vehicle: Vehicle, theta: Array, velocity: Array, interval_s: Array) -> list[Notice]:

@@ -28,15 +28,15 @@ COARSE = 1e-3
 """Of a control cycle: so far numbers of time may be apart. At 1.7e9 s, as clocks of computers count, they are 2.4e-7 s apart."""
 SATURATED = ("gyro-saturated", "accelerometer-saturated")
 """Codes of notices that a sensor was at the end of its range."""
-UNREAD = (*SATURATED, "sensor-frozen")
+UNREAD = (*SATURATED, "sensor-frozen", "readings-held")
 """... or repeated one reading: no cause is looked for in what such a sensor shows."""
 VOID = (*UNREAD, "cycle-period")
 """Codes of notices beside which no value holds, and which nothing corrects."""
 LONGEST_S = 0.06
 """s that are taken together where commands have times of their own: a body turns by little in them, and a pulse still stands out."""
-PACE, CRYSTALS = 0.0025, 1e-4
-"""Part by which recorded cycles may be longer or shorter than stated, by other clocks than crystals and by crystals: with increments and a
-wrench, inertia follows its square."""
+PACE, CRYSTALS, CRYSTAL = 0.0025, 9e-5, 1e-5
+"""Part by which recorded cycles may be longer or shorter than stated, by other clocks than crystals, by two crystals, and by one that is
+calibrated: with increments and a wrench, inertia follows its square."""
 JITTER = 0.02
 """Part of the usual interval that intervals may scatter by: each counts with its own length, commands do not."""
 ROBUST = 1.4826
@@ -87,10 +87,12 @@ class Log:
     """Whether a record of the gyro, of the accelerometer is a sample at its time (times its length), not the motion over it."""
     cycles_apart: tuple[int, ...] = ()
     """Cycles from one logged speed of each rotor to the next, 0 of one whose command is logged."""
+    bends_s: tuple[float, ...] = ()
+    """So long after each cycle's end the speeds of each rotor are (:mod:`massprop_cli.prepare.tachometer`), at which they bend."""
     supply: SupplyLevel | None = None
     """The pressure of the jets' supply, or the voltage of the rotors'; None: it is as stated throughout."""
     pace: float = 0.0
-    """Part by which cycles last longer by the log's times than stated, where crystals and chance don't explain it."""
+    """Part by which cycles last longer by the log's times than stated, where chance doesn't explain it."""
     began_s: float | None = None
     """When the log began that this is a part of; None: it is the whole."""
 
@@ -150,22 +152,16 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     stamped = stamps.examined(source, vehicle, source.required("time_s"))
     source, time_s = lostrecords.put_back(source, stamped.time_s, vehicle)
     interval_s, notices = _intervals(source, time_s, stamped.remedy)
-    notices += twice
-    notices += [Notice("clock-rebuilt", f"{source.name('time_s')}: {stamped.message}")] if stamped.message else []
+    rebuilt = [Notice("clock-rebuilt", f"{source.name('time_s')}: {stamped.message}")] if stamped.message else []
     pulsed = pulses.commands(whole, vehicle, float(time_s[0] - interval_s[0]), float(time_s[-1]))
     command_s = _command_times(source, time_s, stamped.moved_s) if pulsed is None else pulsed.issued_s
     records, command_s, pace = _grouped(source, time_s, interval_s, command_s, vehicle.cycle.period_s)
     n = source.table.rows // records * records
-    imu = imurecords.read(source, vehicle, interval_s)
-    notices += [
-        *pace.notices,
-        *imurecords.emptiness(source, imu.empty),
-        *imurecords.saturation(vehicle, imu.theta, imu.velocity, interval_s),
-    ]
+    imu = imurecords.read(source, vehicle, time_s, interval_s)
+    shown = imurecords.saturation(vehicle, imu.theta, imu.velocity, interval_s) + imurecords.held(imu, interval_s)
     kind, command = commands.commands(source, vehicle, records, n, pulsed)
     lost = lostrecords.left_out(source, imu, command, records, n)
     attitude = imurecords.attitude(source, n)
-    imurecords.check_outliers(source, vehicle, time_s, interval_s)
     if table.made is not None:
         agreement.check(table.path, table.made, vehicle, imu.theta[:n], imu.velocity[:n] / interval_s[:n, None], attitude)
     return Log(
@@ -180,7 +176,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         command_kind=kind,
         command=frozen(command),
         attitude_wxyz=None if attitude is None else frozen(attitude),
-        notices=(*notices, *lost.notices),
+        notices=(*notices, *twice, *rebuilt, *pace.notices, *imurecords.emptiness(source, imu.empty), *shown, *lost.notices),
         rate_columns=imu.rates,
         force_columns=imu.forces,
         axes=imu.axes,
@@ -192,7 +188,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         sampled=imurecords.sampled(source, vehicle),
         spinning=commands.momentum(source, vehicle, records, n),
         cycles_apart=tuple(rotor.cycles_apart(source, records, n) for rotor in vehicle.rotors),
-        supply=supply.read(source, vehicle, time_s[:n], interval_s[:n], records) if kind != "wrench" else None,
+        supply=None if kind == "wrench" else supply.read(source, vehicle, time_s[:n], interval_s[:n], records),
         pace=pace.part,
     )
 
@@ -296,7 +292,7 @@ def _records_per_cycle(source: LogTable, time_s: Array, interval_s: Array, perio
 
 class _Pace(NamedTuple):
     part: float
-    """By which cycles last longer by the log's times than stated, where crystals and chance don't explain it; else 0."""
+    """By which cycles last longer by the log's times than stated, where chance doesn't explain it; else 0."""
     notices: list[Notice]
 
 
@@ -305,8 +301,10 @@ def _pace(cycle_s: Array, period_s: float) -> _Pace:
     usual = cycle_s[cycle_s <= LONG * median(cycle_s)]
     lasts, chance = float(usual.mean()), 4 * float(usual.std()) / len(usual) ** 0.5 / period_s
     longer = lasts / period_s - 1
-    if abs(longer) <= CRYSTALS + chance:
+    if abs(longer) <= CRYSTAL + chance:
         return _Pace(0.0, [])
+    if abs(longer) <= CRYSTALS + chance:
+        return _Pace(longer, [])
     void = abs(longer) > PACE + chance
     message = (
         f"cycles last {lasts:.6g} s by the log's times, {100 * abs(longer):.2g} % {'longer' if longer > 0 else 'shorter'} than "

@@ -98,8 +98,10 @@ def executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s:
     command = _limited(log.command[issued], vehicle).T
     if log.command_kind == "rotors":
         at_once = by_commands_clock(log, vehicle, log.command_start_s[issued])
-        told = zip(vehicle.rotors, _by_voltage(command, begin_s, vehicle, log.supply), strict=True)
-        return thrust_integrals([rotor.held(x, begin_s, at_once, lag_s) for rotor, x in told], edges_s)
+        measured = {after_s: at_once + after_s for after_s in (0.0, *log.bends_s)}
+        bends_s = log.bends_s or (0.0,) * len(vehicle.rotors)
+        told = zip(vehicle.rotors, _by_voltage(command, begin_s, vehicle, log.supply), bends_s, strict=True)
+        return thrust_integrals([rotor.held(x, begin_s, measured[after_s], lag_s) for rotor, x, after_s in told], edges_s)
     if log.command_kind == "jets":
         return jet_integrals(begin_s, command, vehicle, edges_s, lag_s, log.supply)
     return window_integrals([held(begin_s, value) for value in command], edges_s, lag_s)

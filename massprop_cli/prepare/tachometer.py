@@ -31,8 +31,9 @@ MOST = 4.0
 """Sigmas, beyond which what is taken for an error is none."""
 MIDST = 200
 """Readings, in the midst of which a log's ends do not count."""
-TRUSTED, FINER = 1e-5, 0.2
-"""Part of the usual step from reading to reading, and of a reading's sigma, by which a solution may be off a reading."""
+TRUSTED, FINER, CURVED = 1e-5, 0.2, 0.1
+"""Part of the usual step from reading to reading, and of a reading's sigma, by which a solution may be off a reading; part of a step of
+rotors', whose speed is no straight line between bends."""
 
 
 class _Speeds(NamedTuple):
@@ -50,7 +51,8 @@ class _Speeds(NamedTuple):
 
 
 def at_bends(log: Log, vehicle: Vehicle) -> Log:
-    """The log with the speed of each wheel at each record's end, or so long after it as its torque steps."""
+    """The log with the speed of each wheel at each record's end, of each rotor at each cycle's, or so long after it as its torque steps."""
+    log = _of_rotors(log, vehicle)
     own = _undelayed(log, vehicle)
     if not own:
         return log
@@ -62,6 +64,17 @@ def at_bends(log: Log, vehicle: Vehicle) -> Log:
         bent = replace(one.said, speed_rad_s=frozen(speed[int(begun) :]), start_rad_s=start)
         spinning[one.place] = replace(bent, corrected=True, after_s=one.after_s)
     return replace(log, spinning=tuple(spinning))
+
+
+def _of_rotors(log: Log, vehicle: Vehicle) -> Log:
+    bends_s = tuple(rotor.torque_steps_s or 0.0 for rotor in vehicle.rotors)
+    if not any(bends_s) or log.bends_s:
+        return log
+    speeds, end_s = log.command.copy(), log.cycle_end_s
+    for column, after_s in zip(speeds.T, bends_s, strict=True):
+        if after_s:
+            column[:] = at_times(end_s + after_s, column, after_s, 0.0, CURVED**2)
+    return replace(log, command=frozen(speeds), bends_s=bends_s)
 
 
 def change_sigmas(log: Log, vehicle: Vehicle) -> Array:

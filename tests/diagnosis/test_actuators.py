@@ -33,6 +33,7 @@ KINDS = [
     ("pedestal, wheels", "sign"),
     ("gyros", "dead"),
     ("rotors", "spin"),
+    ("rotors", "spins"),
     ("gyros", "one in degrees"),
 ]
 """One of each code: `python benchmarks/actuator_faults.py` has every fault on every platform (docs/actuators.md)."""
@@ -70,7 +71,7 @@ def wrong(of: Subject, seed: int) -> tuple[set[str], Array, Array]:
     return {notice.code for notice in answer.notices}, z[0], np.concatenate(z[1:]) if z[1:] else np.zeros(0)
 
 
-@pytest.mark.parametrize(("platform", "name"), [("wheels", "swapped")])
+@pytest.mark.parametrize(("platform", "name"), [("wheels", "swapped"), ("rotors", "percent")])
 def test_a_fault_is_named_and_its_correction_gives_the_truth(platform: str, name: str) -> None:
     named(platform, name, 0, 300)
 

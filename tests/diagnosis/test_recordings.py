@@ -17,6 +17,7 @@ from massprop_cli.diagnosis import inspection, wheelfriction
 from massprop_cli.diagnosis.corrections import Case
 from massprop_cli.diagnosis.freeresponse import motion_of
 from massprop_cli.diagnosis.resolve import stated_timing
+from massprop_cli.errorparameters.setup import stating
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -303,16 +304,20 @@ def test_friction_of_wheels_is_found_by_what_their_torque_does_to_the_rate(name:
     key, true = friction
     by_torque = [f'vehicle.wheels.{n}.column="torque"' for n in range(3)]
     flight = fly(name, *by_torque, *(f"vehicle.wheels.{n}.{key}={true}" for n in range(3)))
-    log, used = flight.log(0), faulty.stated(flight.vehicle, *(f"wheels.{n}.{key}=0.0" for n in range(3)))
-    case = Case(log, used, stated_timing(used))
-    (found,) = wheelfriction.supposed(case, motion_of(case.timing.of(log, used)))
-    for n in range(3):  # Coulomb and viscous friction are told apart where the speed changes: what both give at 200 rad/s
-        size = 1.0 if key == "coulomb_friction_n_m" else 200.0
-        both = [
-            float(found.states[f"wheels.{n}.{one}"]) * by for one, by in (("coulomb_friction_n_m", 1.0), ("viscous_friction_n_m_s", 200.0))
-        ]
-        assert sum(both) == pytest.approx(true * size, rel=0.15)
-    assert not wheelfriction.supposed(case._replace(vehicle=flight.vehicle), motion_of(case.timing.of(log, flight.vehicle)))
+    log = flight.log(0)
+
+    def stated(value: float) -> Case:
+        used = Resolved.stated(faulty.stated(flight.vehicle, *(f"wheels.{n}.{key}={value}" for n in range(3))))
+        assert used is not None
+        return Case(log, used, stated_timing(used))
+
+    case, right = stated(0.0), stated(true)
+    (found,) = wheelfriction.supposed(case, motion_of(case.timing.of(log, case.vehicle)))
+    corrected = stating(case.vehicle, found.states).wheels
+    for wheel in corrected:  # Coulomb and viscous friction are told apart where the speed changes: what both give at 200 rad/s
+        both = wheel.coulomb_friction_n_m + 200 * wheel.viscous_friction_n_m_s
+        assert both == pytest.approx(true * (1 if key == "coulomb_friction_n_m" else 200), rel=0.15)
+    assert not wheelfriction.supposed(right, motion_of(right.timing.of(log, right.vehicle)))
 
 
 @pytest.mark.thorough

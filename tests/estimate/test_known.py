@@ -57,7 +57,9 @@ def test_what_is_stated_to_drift_is_known_when_its_phase_begins() -> None:
 @pytest.mark.parametrize(("kind", "offset"), [("free", False), ("air_bearing", True), ("pedestal", True)])
 def test_a_wrong_known_mass_leaves_no_cg_on_a_bearing(kind: str, offset: bool) -> None:
     """Gravity tells mass times offset there; in free flight torque over force tells the CG, whatever the mass."""
-    history = SimpleNamespace(belied={"mass": "phase all: known.mass = 30 lies 9 sigmas from what the log alone says"})
+    none = np.zeros(10)
+    said = {"mass": "phase all: known.mass = 30 lies 9 sigmas from what the log alone says"}
+    history = SimpleNamespace(belied=said, values=none[None], sigmas=none[None] + 1, bare=(none, np.eye(10)))
     found = by_known(cast("History", history), flight.vehicle(environment={"kind": kind}))
     assert found is not None
     assert [bool(found.touched[QUANTITIES.index(name)]) for name in CG] == [offset] * 3

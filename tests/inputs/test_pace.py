@@ -32,3 +32,4 @@ def test_what_crystals_are_apart_by_is_nothing_and_what_no_clock_is_contradicts(
     assert {notice.code for notice in found.notices} - {"delay-mismatch"} == set(said)
     verdicts = {one.verdict for one in found.conclusions[0].estimates.values()}
     assert verdicts == ({"contradicted"} if said else {"converged"})
+    assert found.vehicle.thrust.scale_sigma == pytest.approx(2 * off, rel=5e-3)

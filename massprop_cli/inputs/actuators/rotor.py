@@ -46,6 +46,11 @@ class Rotor(Actuator):
         "command", description="x: rotor_NAME_command, as commanded for the cycle, or rotor_NAME_rad_s, as measured at time_s"
     )
     torque_ratio_m: NonNegative = Field(0.0, description="drag torque about its axis over thrust")
+    torque_steps_s: NonNegative | None = Field(
+        None,
+        description="from a cycle's end until its motor is told otherwise, so that its speed bends there; absent: found in the log. For a "
+        "speed column",
+    )
     lag_up_s: NonNegative | None = Field(None, description="first-order lag of x behind a command that is higher; absent: thrust.lag_s")
     lag_down_s: NonNegative | None = Field(None, description="the same behind one that is lower; absent: lag_up_s")
     nominal_v: Positive | None = Field(
@@ -88,6 +93,7 @@ class Rotor(Actuator):
             spin_inertia_kg_m2=self.spin_inertia_kg_m2,
             spin_inertia_sigma_kg_m2=self.spin_inertia_sigma_kg_m2,
             locked_in_inertia=self.locked_in_inertia,
+            torque_steps_s=self.torque_steps_s,
         )
 
     def scaled(self, factor: float) -> Self:
