@@ -16,6 +16,7 @@ from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertai
 from massprop_cli.diagnosis.wheelsteps import with_steps
 from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.estimate.history import phases_of
+from massprop_cli.estimate.noiselevels import white_level
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.telemetry import Log
@@ -25,6 +26,7 @@ from massprop_cli.model.layout import Layout
 from massprop_cli.model.sensitivity import Consider, Restated, with_geometry
 from massprop_cli.prepare import attitudecheck, recorded
 from massprop_cli.prepare.actuators import check_supply
+from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.sums import of_records
 from massprop_cli.prepare.timing import Timing
@@ -90,7 +92,10 @@ def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
 def _with_attitude(log: Log, vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
     """With noise and latency of logged attitudes that measure something, and what to tell where the log alone shows them."""
     # a low-pass that is still to be found makes the gyro later by milliseconds, which is no turn of an attitude
-    sought = {name: None for name in ("gyro_filter", "accel_filter") if (one := getattr(vehicle.imu, name)) and one.open}
+    sought: dict[str, object] = {name: None for name in ("gyro_filter", "accel_filter") if (one := getattr(vehicle.imu, name)) and one.open}
+    if log.attitude_wxyz is not None and not vehicle.imu.gyro_noise_rad_s:  # by attitudes it is a difference of two large numbers
+        rate = of_records(log.delta_theta_imu_rad, log.records_per_cycle) / cycle_edges(log, slice(0, log.cycles))[1][:, None]
+        sought["gyro_noise_rad_s"] = white_level(rate, [slice(0, log.cycles)], np.ones(log.cycles, dtype=bool)) or None
     known = vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=sought)})
     shown = attitudecheck.checked(recorded.undone(log, known), known)
     if shown is None:

@@ -275,3 +275,12 @@ def test_the_kernel_filters_attitudes_as_numpy_does(monkeypatch: pytest.MonkeyPa
     sigma = np.sqrt(np.einsum("kii->ki", plain.covariance))
     np.testing.assert_allclose(compiled.covariance, plain.covariance, rtol=1e-6, atol=1e-15)
     assert (np.abs(compiled.known - plain.known) <= 1e-9 * sigma + 1e-13).all()
+
+
+@pytest.mark.parametrize("seed", [3, pytest.param(6, marks=pytest.mark.thorough)])
+def test_noise_of_a_gyro_that_nobody_states_carries_the_attitude_off(seed: int) -> None:
+    """By attitudes alone it is a difference of two large numbers, which was none in a third of the logs: their walk was told as a bias."""
+    flight = flown(seed, LOGGED, "sensors.attitude_noise_rad=3e-4", "vehicle.imu.gyro_noise_rad_s=3e-4")
+    imu = flight.vehicle.imu.model_copy(update={"gyro_noise_rad_s": None, "attitude_sigma_rad": None})
+    found = flow.examine(flight.log(0), VehicleSource(flight.vehicle.model_copy(update={"imu": imu}), "", ""))
+    assert {notice.code for notice in found.notices} == {"noise-estimated"}
