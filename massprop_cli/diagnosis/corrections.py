@@ -33,6 +33,8 @@ ROUNDING, ALMOST = 1e-12, 1e-2
 """Of a turn or a scale, what is none; of the columns of a rotation, how far they may be from orthonormal."""
 SECTIONS = ("jets", "imu", "environment", "thrust", "cycle")
 """In the order in which a correction lists what it changes."""
+UNTOLD = 0.9
+"""Of what is to be expected, beyond which the sigma of an unknown says that the log tells nothing of it."""
 SKEWED = 0.02
 """rad; a turn of a gyro's axes below which they may as well be out of square by as much: calibrated ones are by 1e-3 to 1e-2."""
 ESTIMATED = frozenset(one.sigma_key for one in TABLE if one.states)
@@ -310,7 +312,9 @@ def around(case: Case, found: Fitted, fired: IntArray) -> tuple[Correction, ...]
         then = applied(case, further, fired)
         correction = None if then is None else correction_of(case, then, further)
         corrections += [] if correction is None else [correction]
-    for move, sigma in zip(found.hypothesis.free.T, found.spread, strict=True):
+    # what the log doesn't tell of may be as far off as what it tells of
+    far = np.where(found.spread > UNTOLD, max(1.0, float(np.abs(found.moved).max(initial=0.0))), 1.0)
+    for move, sigma in zip(found.hypothesis.free.T, far * found.spread, strict=True):
         further = replace(found, x=found.x + sigma * move)
         then = None if at_once(found) or move[stated].any() else applied(case, further, fired)
         correction = None if then is None else correction_of(case, then, further)

@@ -14,6 +14,7 @@ from massprop_cli.diagnosis.corrections import Case, applied, at_once, exact_of
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.screening import FITS, Screening, about_its_body, screened
 from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, PRIORS
+from massprop_cli.errorparameters.thrust import NEAR
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.prepare.recorded import narrowed
 
@@ -219,7 +220,12 @@ def refined(screening: Screening, found: Fitted, case: Case, best: float = np.in
         found, mended = rounded, screened(case, screening.piece, mended.free.beside, found.value("theta")) or mended
     found = replace(found, chi_square=mended.stated.chi_square)
     much = mended.misfit < PART * screening.misfit
-    fits = mended.close and (much or not mended.loud) and not _no_drift(found) and not any(map(_nothing, found.parts))
+    fits = (
+        mended.close
+        and (much or not mended.loud)
+        and not _no_drift(found)
+        and not any(_nothing(part) or _no_unit(part) for part in found.parts)
+    )
     # noise that was stated too small may be all that is wrong with a log that fits as it is
     fits = fits and (not (screening.fits and screening.noisy) or _gained(screening, mended) > PROMISED * (screening.cost - mended.cost))
     excess = mended.score(mended.stated.chi_square, found)
@@ -248,6 +254,11 @@ def _gained(screening: Screening, mended: Screening) -> float:
 def _nothing(part: Fitted) -> bool:
     """Whether its values are none but by chance: then the log fits for what else was found on the way to them."""
     return bool(part.unknowns and not part.hypothesis.states and not at_once(part) and ((part.moved / part.spread) ** 2).sum() < CLEAR)
+
+
+def _no_unit(part: Fitted) -> bool:
+    """Whether a place that is supposed to be in another unit was led to where it is in none: then it is anywhere."""
+    return part.hypothesis.code == "imu-position" and bool(part.hypothesis.start) and float(abs(part.moved[0] - 1)) > NEAR
 
 
 def _no_drift(found: Fitted) -> bool:
