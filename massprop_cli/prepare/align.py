@@ -339,10 +339,22 @@ def lost_commands(log: Log) -> bool:
 
 
 def _lost(log: Log, vehicle: Vehicle, delay_cycles: float, lag_s: float, cycles: slice, made: Impulses) -> Array | None:
-    """(K, C) s of full thrust that commands may have given which were lost: one sigma is the largest command of the log."""
+    """(K, C) s of full thrust that commands may have given which were lost: one sigma is the largest command of the log.
+
+    Of rotors, which go on as they were, it is the most that their commands change by in as long.
+    """
     if not lost_commands(log):
         return None
     assert log.uncommanded is not None
-    largest = log.uncommanded[:, None] * np.abs(log.command).max(0)
-    found = impulses(replace(log, command=frozen(largest), uncommanded=None), vehicle, delay_cycles, lag_s, cycles)
-    return np.abs(found.whole[:, : made.thrusting])
+    turn = log.command_kind == "rotors"
+    sigma = _changes(log.command, log.uncommanded) if turn else np.abs(log.command).max(0)
+    other = log.command * turn + log.uncommanded[:, None] * sigma
+    found = impulses(replace(log, command=frozen(other), uncommanded=None), vehicle, delay_cycles, lag_s, cycles).whole
+    return np.abs((found - made.whole if turn else found)[:, : made.thrusting])
+
+
+def _changes(command: Array, lost: BoolArray) -> Array:
+    """(C,) the most that commands (K, C) change by in as many cycles as were lost in a row at most (K,)."""
+    edges = np.flatnonzero(np.diff(lost.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    longest = int(np.diff(edges, axis=1).max(initial=1))
+    return np.asarray(np.max([np.abs(command[n:] - command[:-n]).max(0) for n in range(1, longest + 1)], 0))

@@ -179,3 +179,21 @@ def test_simulated_speeds_at_an_eighth_of_the_lag_give_values_within_their_sigma
         z.append((conclusion.values - flight.truth[member, 0]) / conclusion.sigmas)
     assert np.abs(z).max() < 3.5
     assert 0.2 < np.sqrt(np.mean(np.square(z))) < 1.1
+
+
+def test_commands_that_were_lost_leave_values_converged_and_within_their_sigmas() -> None:
+    """What a rotor did meanwhile lasts as long as its lag. With its full thrust in their place nothing converged."""
+    rng = np.random.default_rng(3)
+    own = anyrotors.multicopters(rng, 1)
+    flown = anyrotors.fly(rng, own, 0.0125, 600)
+    used = anyrotors.vehicle_of(own, 0, flown)
+    log = anypedestal.log_of(rng, own, 0, flown, used)
+    lost = np.isin(np.arange(log.cycles), [80, 81, 260, 410])
+    known = np.maximum.accumulate(np.where(lost, 0, np.arange(log.cycles)))
+    less = replace(log, command=log.command[known], uncommanded=lost, ignored=np.stack([lost, lost], 1))
+    found = flow.examine(less, VehicleSource(used, "", ""))
+    (whole, part) = (flow.examine(log, VehicleSource(used, "", "")).conclusions[0], found.conclusions[0])
+    assert not found.notices
+    assert {one.verdict for one in part.estimates.values()} == {"converged"}
+    assert np.abs((part.values - own.ten[0]) / part.sigmas).max() < 4
+    assert (part.sigmas < 1.6 * whole.sigmas).all()
