@@ -316,6 +316,13 @@ class Cells:
         """(rows,) text, None for null; numbers as they are written."""
         return [None if cell is None else str(cell) for cell in self.read().to_pylist()]
 
+    def recorded(self) -> IntArray | Array:
+        """(rows,) whole numbers where all are, as nanoseconds since 1970, which float64 doesn't hold; else as :meth:`numbers`."""
+        data = self.read()
+        if not pa.types.is_integer(data.type) or data.null_count:
+            return self.numbers()
+        return np.asarray(data.to_numpy(zero_copy_only=False))
+
     def numbers(self) -> Array:
         """(rows,) float64 with NaN for null. :class:`InputError` names the first cell that is no number."""
         data = self.read()

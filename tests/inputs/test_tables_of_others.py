@@ -359,3 +359,27 @@ def test_units_of_a_turn_and_names_without_any() -> None:
     assert units.behind("xyz[0]") == ("xyz[0]", "")
     assert units.factor("mG", units.ACCELERATION) is None
     assert units.factor("G", units.ACCELERATION) == units.G
+
+
+def test_nanoseconds_since_1970_keep_their_digits(tmp_path: Path) -> None:
+    """Float64 has steps of 256 ns there; a Parquet column of them was refused, and one of a CSV file rounded."""
+    at = 1709164785010000000 + 10_000_123 * np.arange(50)
+    frame = pd.DataFrame({"t_ns": at, "gx": np.arange(50.0)})
+    frame.to_parquet(tmp_path / "log.parquet")
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    for name in ("log.parquet", "log.csv"):
+        stream = reading.load(tmp_path / name).streams["t_ns"]
+        np.testing.assert_array_equal(stream.values, at)
+
+
+def test_array_fields_of_an_hdf5_table_are_a_stream_for_each_component(tmp_path: Path) -> None:
+    """NumPy's structured arrays and tables of pandas have them; they had been left out without a word."""
+    import h5py
+
+    rows = np.zeros(40, dtype=[("t", "f8"), ("gyro", "f4", (3,)), ("name", "S4"), ("cov", "f8", (3, 3))])
+    rows["gyro"] = np.random.default_rng(1).normal(size=(40, 3))
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file["log"] = rows
+    streams = reading.load(tmp_path / "run.h5").streams
+    assert list(streams) == ["log/t", "log/gyro[0]", "log/gyro[1]", "log/gyro[2]"]
+    np.testing.assert_array_equal(streams["log/gyro[2]"].values, rows["gyro"][:, 2])

@@ -1,4 +1,7 @@
-"""HDF5 by h5py (BSD): a stream for each column (row, where wider than long) or field of a table, with attribute ``unit`` or ``units``."""
+"""HDF5 by h5py (BSD): a stream for each column (row, where wider than long) or field of a table, with attribute ``unit`` or ``units``.
+
+Of a field that is an array one for each component.
+"""
 
 import io
 from collections.abc import Iterator
@@ -22,8 +25,15 @@ def read(path: Path, data: bytes) -> Read:
     found: list[h5py.Dataset] = []
     # neither links into other files nor virtual datasets, which may be of any size
     file.visititems(lambda _, item: found.append(item) if _is_own(item) else None)
-    limits.NUMBERS.check(str(path), sum(item.size * max(len(item.dtype.names or ()), 1) for item in found))
+    limits.NUMBERS.check(str(path), sum(item.size * _numbers(item.dtype) for item in found))
     return Read([one for item in found for one in _streams(item)], vehicle=_text(file, VEHICLE), map=_text(file, MAP))
+
+
+def _numbers(dtype: np.dtype[Any]) -> int:
+    """In each element."""
+    if not dtype.names:
+        return 1
+    return sum(int(np.prod(dtype[field].shape)) for field in dtype.names)
 
 
 def _is_own(item: Any) -> bool:
@@ -38,8 +48,13 @@ def _streams(item: h5py.Dataset) -> Iterator[RecordedStream]:
     if item.dtype.names:
         if item.ndim == 1:
             for field in item.dtype.names:
-                if item.dtype[field].kind in "iufb":
-                    yield RecordedStream(f"{path}/{field}", len(item), partial(_part, item.fields(field), ()), clock, unit)
+                base, shape = item.dtype[field].subdtype or (item.dtype[field], ())
+                if base.kind not in "iufb" or len(shape) > 1:
+                    continue
+                view = item.fields(field)
+                for n in range(shape[0]) if shape else [None]:
+                    own = f"{path}/{field}" if n is None else f"{path}/{field}[{n}]"
+                    yield RecordedStream(own, len(item), partial(_field, view, n), clock, unit)
     elif item.dtype.kind in "iufb":
         rows, columns = (item.shape[0], 1) if item.ndim == 1 else item.shape
         if item.ndim == 1:
@@ -52,6 +67,11 @@ def _streams(item: h5py.Dataset) -> Iterator[RecordedStream]:
 
 def _part(item: Any, at: tuple[Any, ...]) -> Numbers:
     return whole(np.asarray(item[at] if at else item[:]))
+
+
+def _field(view: Any, component: int | None) -> Numbers:
+    values = np.asarray(view[:])
+    return whole(values if component is None else values[:, component])
 
 
 def _text(item: Any, name: str) -> str | None:

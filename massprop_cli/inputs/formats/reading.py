@@ -49,7 +49,7 @@ def read_table(path: Path, data: Content) -> Read:
     table = tablefile.columns_of(path, data)
     streams = []
     for name, cells in table.columns.items():
-        load: Callable[[], Numbers] = cells.counts if cells.instants else cells.numbers
+        load: Callable[[], Numbers] = cells.counts if cells.instants else cells.recorded
         unit = cells.instants or cells.unit or units.behind(name)[1]
         streams.append(RecordedStream(name, table.rows, load, unit=unit, place=cells.place))
     return Read(streams, vehicle=table.embedded_vehicle, map=table.embedded_map)
