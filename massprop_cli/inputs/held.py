@@ -1,4 +1,4 @@
-"""Sensors that are read more often than they measure: a logger that writes the latest value of each at every row."""
+"""Readings that are not the sensor's own: held by a logger that writes the latest of each at every row, or smoothed before export."""
 
 import numpy as np
 
@@ -8,6 +8,10 @@ OFTEN, SELDOM = 0.3, 0.01
 """Part of the readings that repeats at least; part that may repeat on some axes alone, as counts do, or off the beat, as rest does."""
 SAME = 1e-9
 """Part of a reading within which another is the same: what dividing by the interval leaves."""
+STRETCH, FEWEST, QUIETEST, WIDEST = 64, 16, 4, 12
+"""Readings of a stretch; stretches at least; of how many the quietest is taken; readings that a moving mean is over at most."""
+HALF, OTHERS = 0.25, 0.12
+"""Correlation of differences beyond which they go against one another, and up to which the others may. By chance it scatters by 0.03."""
 BEATS = 20
 """Readings from which on a beat is one."""
 
@@ -26,3 +30,27 @@ def repeated(readings: Array) -> BoolArray:
     runs = np.diff(np.flatnonzero(~whole))
     on_beat = len(runs) >= BEATS and (np.abs(runs - runs.mean()) < 1.5).mean() > 1 - SELDOM
     return whole if on_beat else none
+
+
+def averaged(readings: Array) -> int:
+    """Over how many readings each of (n, axes) is a moving mean; 0 where none is.
+
+    Of a moving mean over m of readings with white noise the first differences are those of readings m apart: they go with the ones m before
+    by −½, and with no others. By the quietest stretches, of most axes alike.
+    """
+    count = len(readings) // STRETCH
+    if count < FEWEST:
+        return 0
+    found = []
+    for axis in np.diff(readings, axis=0, prepend=readings[:1])[: count * STRETCH].T:
+        parts = axis.reshape(count, STRETCH)
+        parts = parts - parts.mean(1, keepdims=True)
+        quiet = parts[np.argsort((parts**2).mean(1))[: count // QUIETEST]]
+        size = float((quiet**2).mean())
+        if size > 0:
+            along = np.array([(quiet[:, m:] * quiet[:, :-m]).mean() for m in range(1, WIDEST + 1)]) / size
+            least = int(along.argmin())
+            alone = np.delete(along, least).min() > -OTHERS
+            found.append(least + 1 if least > 0 and along[least] < -HALF and alone else 0)
+    usual = max(found, key=found.count, default=0)
+    return usual if found.count(usual) > 1 else 0

@@ -158,7 +158,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     records, command_s, pace = _grouped(source, time_s, interval_s, command_s, vehicle.cycle.period_s)
     n = source.table.rows // records * records
     imu = imurecords.read(source, vehicle, time_s, interval_s)
-    shown = imurecords.saturation(vehicle, imu.theta, imu.velocity, interval_s) + imurecords.held(imu, interval_s)
+    shown = imurecords.saturation(vehicle, imu.theta, imu.velocity, interval_s) + imurecords.held(imu, interval_s, table.made is None)
     kind, command = commands.commands(source, vehicle, records, n, pulsed)
     lost = lostrecords.left_out(source, imu, command, records, n)
     attitude = imurecords.attitude(source, n)

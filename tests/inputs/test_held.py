@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.held import repeated
+from massprop_cli.inputs.held import averaged, repeated
 from tests.streams import RECORDS, WRENCH_MAP, made, motion, values
 
 RNG = np.random.default_rng(5)
@@ -41,3 +41,31 @@ def test_a_map_takes_each_reading_once_and_refuses_records_that_would_be_made_up
     longer = "[records]\ninterval_s = 0.05\nper_cycle = 1\n"
     once, plain = (values(made(one, WRENCH_MAP + longer), ("delta_v_x_m_s",))[:, 0] for one in (streams, motion()))
     np.testing.assert_allclose(once, plain[: len(once)], atol=2e-4)
+
+
+MANY = np.random.default_rng(8).normal(size=(4000, 3))
+TURNING = np.sin(0.002 * np.arange(4000))[:, None] * [3.0, 1.0, -2.0]
+
+
+@pytest.mark.parametrize("mean", [2, 3, 5, 9, 12])
+def test_a_moving_mean_is_told_with_how_many_readings_it_is_over(mean: int) -> None:
+    over = np.ones(mean) / mean
+    smooth = np.stack([np.convolve(axis, over, "same") for axis in (MANY + 50 * TURNING).T], 1)
+    assert averaged(smooth) == mean
+
+
+FILTERED = {
+    "white": MANY,
+    "in a turn": MANY + 50 * TURNING,
+    "no noise": TURNING,
+    "first order": np.stack([np.convolve(axis, 0.5 ** np.arange(20), "full")[:4000] for axis in MANY.T], 1),
+    "means of pairs, once": MANY.reshape(-1, 2, 3).mean(1),
+    "counts": np.round(MANY * 2),
+    "hum": MANY + 10 * np.sin(2 * np.pi * np.arange(4000) / 8)[:, None],
+    "few": MANY[:500],
+}
+
+
+@pytest.mark.parametrize("name", FILTERED)
+def test_what_a_sensor_does_itself_is_no_moving_mean(name: str) -> None:
+    assert averaged(FILTERED[name]) == 0

@@ -16,7 +16,7 @@ from massprop_cli.inputs.formats.clocks import Times
 from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Mapped, MappedJet, MappedSensor, MappedVector, MappedWrench, MapSource
 from massprop_cli.inputs.formats.pathpattern import fitting
 from massprop_cli.inputs.formats.recording import Numbers, RecordedStream, Recording
-from massprop_cli.inputs.held import repeated
+from massprop_cli.inputs.held import averaged, repeated
 from massprop_cli.inputs.logtable import EMPTY
 from massprop_cli.inputs.vehicle import ACTUATORS
 
@@ -74,6 +74,9 @@ class Signals:
                 f"repeats each reading {usual:.3g} times: the sensor measures every {every:.6g} s, and the file holds its last reading "
                 f"in between; state [records], interval_s = {every:.6g}, by which each counts once"
             )
+            raise self.error(key, found.paths[0], problem)
+        if mean := averaged(found.values):
+            problem = f"each reading is a moving mean over {mean} of them; record it as it was measured, or keep every one in {mean}"
             raise self.error(key, found.paths[0], problem)
         if said.values == "increment" and found.paths:
             self._check_covering(found)
