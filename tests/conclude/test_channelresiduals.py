@@ -16,7 +16,6 @@ from massprop_cli.prepare.compensate import Source
 from tests.flown import RANDOM, fly, sound
 
 SEED = 3
-pytestmark = pytest.mark.numerical
 
 
 def told(found: Analysis) -> Array:
@@ -34,6 +33,7 @@ def turned(used: Vehicle, jet: int, angle: float) -> Vehicle:
 
 @pytest.mark.seeds
 @pytest.mark.thorough
+@pytest.mark.numerical
 def test_what_chance_leaves_along_a_channel_is_six_squares() -> None:
     """Of twenty seeds and eighteen channels: on average six, within a quarter or a half, and none beyond one chance in a million."""
     flight = fly("free-flyer", *RANDOM, seeds=tuple(range(1, 21)))
@@ -59,6 +59,7 @@ def test_a_jet_that_points_elsewhere_is_followed_and_none_where_all_are_as_state
     assert told(right).max() < 38.3
 
 
+@pytest.mark.numerical
 def test_a_log_taken_part_by_part_tells_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     found = sound(SEED)
     whole = told(found)

@@ -13,6 +13,7 @@ from tests import anyimu
 
 
 @pytest.mark.seeds
+@pytest.mark.thorough
 @pytest.mark.parametrize(("noise_rad_s", "least", "most"), [(0.001, 4, 4), (1e-05, 16, 64)])
 def test_a_quiet_gyro_asks_for_more_bins(noise_rad_s: float, least: int, most: int) -> None:
     """A bearing that turns by less than 0.2 rad in a record of 0.2 s, without noise: four bins move values by 2 sigma of 1e-5 rad/s."""

@@ -139,7 +139,7 @@ def examined(mistake: Mistake = nothing, *keys: str, seed: int = 3) -> flow.Anal
         pytest.param(later_thrust, "", "thrust-rise", "10 ms", marks=pytest.mark.thorough),
         pytest.param(tilted, "", "imu-mounting", "3 degrees away", marks=pytest.mark.thorough),
         pytest.param(mirrored, "", "imu-mounting", "the gyro's axes alone", marks=pytest.mark.thorough),
-        pytest.param(one_axis, "", "gyro-scale", "the gyro's z axis shows 1.03", marks=pytest.mark.numerical),
+        (one_axis, "", "gyro-scale", "the gyro's z axis shows 1.03"),
         (biased, "", "gyro-bias", "the gyro has a bias of ("),
         pytest.param(misplaced, "", "jet-position", "jet divert_xp sits", marks=pytest.mark.thorough),
         pytest.param(
@@ -299,7 +299,7 @@ def test_a_motion_that_follows_no_commands_is_not_passed_over(name: str, kind: s
 @pytest.mark.parametrize(
     ("name", "cycles", "stated"),
     [
-        ("air-bearing", 3, 0),
+        pytest.param("air-bearing", 3, 0, marks=pytest.mark.thorough),
         *(pytest.param(*one, marks=[pytest.mark.thorough, pytest.mark.seeds]) for one in (("free-flyer", 1, 0), ("air-bearing", 1, 2))),
     ],
 )

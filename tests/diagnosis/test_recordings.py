@@ -299,7 +299,10 @@ def test_speeds_of_wheels_that_are_older_than_stated_are_named_with_their_age(sc
 
 
 @pytest.mark.parametrize("name", ["wheels-and-jets", pytest.param("wheels", marks=[pytest.mark.thorough, pytest.mark.seeds])])
-@pytest.mark.parametrize("friction", [("coulomb_friction_n_m", 5e-4), ("viscous_friction_n_m_s", 1e-5)])
+@pytest.mark.parametrize(
+    "friction",
+    [("coulomb_friction_n_m", 5e-4), pytest.param(("viscous_friction_n_m_s", 1e-5), marks=[pytest.mark.thorough, pytest.mark.seeds])],
+)
 def test_friction_of_wheels_is_found_by_what_their_torque_does_to_the_rate(name: str, friction: tuple[str, float]) -> None:
     key, true = friction
     by_torque = [f'vehicle.wheels.{n}.column="torque"' for n in range(3)]

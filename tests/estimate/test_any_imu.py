@@ -56,7 +56,6 @@ def found_of(
     return found
 
 
-@pytest.mark.numerical
 @pytest.mark.parametrize(
     ("imu", "period_s", "most"),
     [

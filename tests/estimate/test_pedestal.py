@@ -63,7 +63,6 @@ def conclusions(answers: list[Analysis]) -> list[Conclusion]:
     return [answer.conclusions[0] for answer in answers]
 
 
-@pytest.mark.numerical
 @pytest.mark.parametrize(
     ("kind", "biases", "inertia", "most"),
     [
