@@ -185,6 +185,17 @@ def test_speeds_of_wheels_that_come_slower_than_control_cycles_are_told_of(hz: f
     np.testing.assert_allclose(pressed.columns["supply_pa"].numbers(), 2e6)
 
 
+def test_a_fill_value_is_none_before_its_unit_makes_it_another_number() -> None:
+    """Of -9999 in deg/s nothing was left that looks like one, and the gyro was said to saturate at 174.5 rad/s."""
+    streams = motion()
+    for axis in "xyz":
+        rate = np.degrees(streams[f"imu/w{axis}"][0])
+        rate[[300, 900]] = -9999.0
+        streams[f"imu/w{axis}"] = rate, "imu/t", "deg/s"
+    found, wanted = (values(made(one, WRENCH_MAP + RECORDS), columns.DELTA_THETA) for one in (streams, motion()))
+    np.testing.assert_allclose(found, wanted, atol=5e-5)
+
+
 @pytest.mark.parametrize(
     ("recorded", "stated", "factor"), [("mN m", "", 1e-3), ("Nm", 'unit = "N m"', 1.0), ("A", 'unit = "N m"\nscale = 0.025', 0.025)]
 )

@@ -188,7 +188,8 @@ class MapFile(Section):
         if (wrench > 0) + bool(self.jets) + any(own for kind, own in actuators.items() if kind.THRUSTS) > 1:
             raise ValueError("maps more than one of jets, rotors and a commanded wrench; keep the one kind that was executed")
         if not (wrench or self.jets or any(actuators.values())):
-            raise ValueError("maps no command; add [torque] and [force], [jets.NAME], [rotors.NAME] or [wheels.NAME]")
+            pulses = "columns pulse_jet, pulse_start_s and pulse_duration_s are read without a map, by [columns] of the vehicle file"
+            raise ValueError(f"maps no command; add [torque] and [force], [jets.NAME], [rotors.NAME] or [wheels.NAME]; {pulses}")
         if self.attitude is None and any(one is not None and one.frame == "world" for one in (self.torque, self.force)):
             raise ValueError('frame = "world" needs [attitude], to turn commands into body axes')
         return self

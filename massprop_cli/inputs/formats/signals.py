@@ -18,6 +18,7 @@ from massprop_cli.inputs.formats.pathpattern import fitting
 from massprop_cli.inputs.formats.recording import Numbers, RecordedStream, Recording
 from massprop_cli.inputs.held import averaged, repeated
 from massprop_cli.inputs.logtable import EMPTY
+from massprop_cli.inputs.marked import fills
 from massprop_cli.inputs.vehicle import ACTUATORS
 
 _SHOWN = 5
@@ -189,7 +190,10 @@ class Signals:
                 columns.append(np.array([float(path)]))
                 continue
             factor, _ = self._factor(key, stream, said, known)
-            columns.append(self._numbers(key, stream, empty=self._apart or key in ("torque", "force", *_SENSORS)) * (factor * said.scale))
+            numbers = self._numbers(key, stream, empty=self._apart or key in ("torque", "force", *_SENSORS))
+            if key in _SENSORS:  # before a unit makes them other numbers
+                numbers = np.where(fills(numbers, 1.0), np.nan, numbers)
+            columns.append(numbers * (factor * said.scale))
         named = [path for path in paths if isinstance(path, str)]
         rows = max(map(len, columns)) if named else 1
         columns = [np.full(rows, column[0]) if stream is None else column for column, stream in zip(columns, streams, strict=True)]
