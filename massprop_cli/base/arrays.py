@@ -33,6 +33,14 @@ def cubic(wanted: Array, at: Array, values: Array) -> Array:
     return found
 
 
+def spline(wanted: Array, at: Array, values: Array) -> Array:
+    """Values (n,) at other times by cubics whose slope and curvature go on from one to the next."""
+    from scipy.interpolate import CubicSpline
+
+    found: Array = CubicSpline(at, values)(wanted)
+    return found
+
+
 MUCH = 1e6
 """Growth of information, as part of what was there, up to which products hold it to ten digits."""
 

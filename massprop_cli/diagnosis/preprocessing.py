@@ -13,7 +13,7 @@ from massprop_cli.diagnosis import outliers
 from massprop_cli.diagnosis.bins import with_bins
 from massprop_cli.diagnosis.delay import FoundTiming
 from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertain_timing, with_pace, with_phase, with_timing
-from massprop_cli.diagnosis.wheelsteps import with_steps
+from massprop_cli.diagnosis.torquesteps import with_steps
 from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.estimate.history import phases_of
 from massprop_cli.estimate.noiselevels import white_level

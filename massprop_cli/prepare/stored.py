@@ -39,6 +39,9 @@ class Stored:
         return -cross(rate_rad_s, self.mean.mean(1) @ self.axis)
 
 
+FADED, MOST, SPLINE, HALF = 1e-3, 60, 6, 0.5
+"""What is left of an error at a log's end where it is none; records at most; records of a spline; the part from which on it fades the
+other way."""
 Integrals = Callable[[Sequence[Signal]], tuple[Array, Array]]
 """Of signals to their integrals and first moments in each bin, (bins, signals) each."""
 
@@ -67,19 +70,34 @@ def turned(
 
 def first_known_s(log: Log, vehicle: Vehicle) -> float:
     """From when on the torque of every device is known: a reading at a record's end tells it from then on, or from its next step."""
-    after_s = max((wheel.torque_steps_s or 0.0 for wheel in vehicle.wheels), default=0.0)
-    known_before = all(said.known_before for said in log.spinning)
-    if known_before and after_s == 0:
+    steps_s = *(wheel.torque_steps_s for wheel in vehicle.wheels), *(gyro.gimbal_steps_s for gyro in vehicle.control_moment_gyros)
+    after_s = max((step_s or 0.0 for step_s in steps_s), default=0.0)
+    known_before, unsure = all(said.known_before for said in log.spinning), _unsure(log, vehicle)[0]
+    if known_before and after_s == 0 and unsure == 0:
         return -np.inf
-    window_s = max((wheel.speed_window_s for wheel in vehicle.wheels), default=0.0)
-    first_s = log.time_s[:1] - log.interval_s[0] * known_before
-    return float(by_commands_clock(log, vehicle, first_s + window_s * (not known_before) + after_s)[0])
+    window_s = max((wheel.speed_window_s for wheel in vehicle.wheels), default=0.0) * (not known_before)
+    first_s = log.time_s[unsure : unsure + 1] - log.interval_s[0] * known_before
+    return float(by_commands_clock(log, vehicle, first_s + window_s + after_s)[0])
 
 
 def last_known_s(log: Log, vehicle: Vehicle) -> float:
     """Until when every device's momentum is known, by the IMU's clock: the last readings of a late tachometer are of the time before."""
     late_s = max((wheel.speed_latency_s + wheel.speed_window_s for wheel in vehicle.wheels), default=0.0)
-    return float(log.time_s[-1]) - late_s + 1e-6 * vehicle.cycle.period_s
+    return float(log.time_s[-1 - _unsure(log, vehicle)[1]]) - late_s + 1e-6 * vehicle.cycle.period_s
+
+
+def _unsure(log: Log, vehicle: Vehicle) -> tuple[int, int]:
+    """Records at a log's beginning and end in which angles of gimbals that bend within records, or are smooth, hang on what was beyond.
+
+    With a part x of a record before each bend, an error at an end fades by x / (1 − x) from one bend to the next.
+    """
+    found = [(0, 0)]
+    for gyro in vehicle.control_moment_gyros:
+        part = (gyro.gimbal_steps_s or 0.0) / float(np.median(log.interval_s)) % 1.0
+        fades = max(min(part, 1 - part) / max(part, 1 - part), 1e-9)
+        count = SPLINE if gyro.gimbal_smooth else min(int(np.ceil(np.log(FADED) / np.log(fades))), MOST) if 0 < fades < 1 and part else 0
+        found.append((count * (gyro.gimbal_smooth or part < HALF), count * (gyro.gimbal_smooth or part >= HALF)))
+    return max(one for one, _ in found), max(other for _, other in found)
 
 
 def _times(log: Log, vehicle: Vehicle, delay_s: float) -> LogTimes:

@@ -1,4 +1,4 @@
-"""Speeds of wheels where they bend, of what their tachometers show: late, a mean over a window, rounded or noisy.
+"""Speeds of wheels and rotors, and angles of gimbals, where they bend; of wheels by what tachometers show: late, means, rounded, noisy.
 
 A reading is the mean of the speed over a window that ends a latency before its time. With the speed linear from each record's end to the
 next, or so long after them as the torque on the wheel steps, Ω there, readings r = H Ω, and Ω a random walk of the readings' own steps q,
@@ -21,6 +21,7 @@ import numpy as np
 
 from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.inputs.actuators.control_moment_gyro import ControlMomentGyro, GyroLog
 from massprop_cli.inputs.actuators.wheel import Wheel, WheelLog
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -52,7 +53,7 @@ class _Speeds(NamedTuple):
 
 def at_bends(log: Log, vehicle: Vehicle) -> Log:
     """The log with the speed of each wheel at each record's end, of each rotor at each cycle's, or so long after it as its torque steps."""
-    log = _of_rotors(log, vehicle)
+    log = _of_gimbals(_of_rotors(log, vehicle), vehicle)
     own = _undelayed(log, vehicle)
     if not own:
         return log
@@ -63,6 +64,18 @@ def at_bends(log: Log, vehicle: Vehicle) -> Log:
         start = float(speed[0]) if begun else None
         bent = replace(one.said, speed_rad_s=frozen(speed[int(begun) :]), start_rad_s=start)
         spinning[one.place] = replace(bent, corrected=True, after_s=one.after_s)
+    return replace(log, spinning=tuple(spinning))
+
+
+def _of_gimbals(log: Log, vehicle: Vehicle) -> Log:
+    if not any(gyro.gimbal_steps_s for gyro in vehicle.control_moment_gyros):
+        return log
+    spinning, end_s = list(log.spinning), np.append(log.time_s[0] - log.interval_s[0], log.time_s)
+    for place, (gyro, said) in enumerate(zip(vehicle.spinning, spinning, strict=True)):
+        if not (isinstance(gyro, ControlMomentGyro) and isinstance(said, GyroLog)) or not gyro.gimbal_steps_s or said.after_s:
+            continue
+        angle = at_times(end_s + gyro.gimbal_steps_s, said.angle_rad, gyro.gimbal_steps_s, 0.0, TRUSTED**2)[1:]
+        spinning[place] = replace(said, angle_rad=frozen(angle), after_s=gyro.gimbal_steps_s)
     return replace(log, spinning=tuple(spinning))
 
 

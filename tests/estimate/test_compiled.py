@@ -122,8 +122,8 @@ SCALES = {"thrust": {"scale_sigma": 0.02}}
     ("scenario", "kind"),
     [
         pytest.param("pedestal", "pedestal", marks=pytest.mark.thorough),
-        pytest.param("wheels-and-jets", "free", marks=pytest.mark.thorough),
-        ("wheels-and-jets", "air_bearing"),
+        pytest.param("wheels-and-jets", "free", marks=[pytest.mark.thorough, pytest.mark.seeds]),
+        pytest.param("wheels-and-jets", "air_bearing", marks=pytest.mark.thorough),
         pytest.param("wheels-and-jets", "pedestal", marks=[pytest.mark.thorough, pytest.mark.seeds]),
     ],
 )

@@ -135,6 +135,7 @@ SIMULATED = {
 }
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     "settings",

@@ -87,6 +87,8 @@ def test_measured_speeds_need_no_delay_and_converge(seed: int) -> None:
     assert np.abs(z).max() < 3.5
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.parametrize(("seed", "held"), [pytest.param(6, True, marks=pytest.mark.thorough), (7, False)], ids=["held", "empty between"])
 def test_speeds_logged_in_one_cycle_of_four_give_values_within_their_sigmas(seed: int, held: bool) -> None:
     """50 Hz beside an IMU of 200 Hz: what rotors do in between widens the sigmas, and no cause is named."""

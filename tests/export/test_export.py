@@ -174,6 +174,7 @@ def test_the_vector_ends_with_what_result_json_says(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not (shutil.which(ARM) and shutil.which(QEMU)), reason=f"no {ARM} or no {QEMU}")
 @pytest.mark.thorough
+@pytest.mark.seeds
 def test_arm_gives_the_same_bytes(tmp_path: Path) -> None:
     where = exported("air-bearing", tmp_path / "out")
     run = make(where, "test", f"CC={ARM}", f"RUN={QEMU} -L /usr/arm-linux-gnueabihf", "SANITIZED=")

@@ -58,7 +58,9 @@ CASES = {
     [
         pytest.param(
             case,
-            marks=pytest.mark.thorough if case == "pedestal" or "filtered" in case or "means behind" in case or "bearing" in case else (),
+            marks=pytest.mark.thorough
+            if case == "pedestal" or "filtered" in case or "means behind" in case or "bearing" in case or "late" in case
+            else (),
         )
         for case in CASES
     ],

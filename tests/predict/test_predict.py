@@ -205,11 +205,23 @@ def copied(data: dict[str, Any]) -> None:
         ("free-flyer", lambda _: None, "free-flyer-1", "was made from free-flyer-1/log.parquet, which proves nothing; name a log that"),
         ("free-flyer", copied, "free-flyer-1", "the same recording in another file, which proves nothing; name a log that"),
         ("free-flyer", nothing, "free-flyer-2", "gives no value in phase all"),
-        ("free-flyer", lambda _: None, "pedestal-2", "vehicle is 'table on a pedestal', and 'free flyer' in"),
+        pytest.param(
+            "free-flyer",
+            lambda _: None,
+            "pedestal-2",
+            "vehicle is 'table on a pedestal', and 'free flyer' in",
+            marks=[pytest.mark.thorough, pytest.mark.seeds],
+        ),
         ("free-flyer", heavier, "free-flyer-2", "bearing mass [kg] is 0.0, and 3.0 in"),
         ("free-flyer", thesis, "free-flyer-2", "estimator.method is thesis, whose sigmas are no errors; use the default method"),
         ("free-flyer", twice, "free-flyer-2", "has phases all, other. Name one with --phase"),
-        ("pedestal", without_pivot, "pedestal-2", "has no about_pivot with its covariance; name the result of one log"),
+        pytest.param(
+            "pedestal",
+            without_pivot,
+            "pedestal-2",
+            "has no about_pivot with its covariance; name the result of one log",
+            marks=[pytest.mark.thorough, pytest.mark.seeds],
+        ),
     ],
 )
 def test_what_it_refuses(lab: Path, kind: str, change: Callable[[dict[str, Any]], None], log: str, said: str) -> None:

@@ -20,7 +20,7 @@ from typing import Annotated, ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.arrays import Array, frozen, spline
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.actuators import actuator
 from massprop_cli.inputs.formats.units import ANGLE, SPIN
@@ -37,6 +37,8 @@ SQUARE = 1e-6
 """Cosine of the angle between two axes that are orthogonal."""
 FASTEST_RAD = 1.0
 """Turn of a gimbal between two records beyond which nobody can tell what it did meanwhile."""
+SMOOTH = 8
+"""Parts of a record at least in which a smooth curve is straight."""
 FINE_RAD = 0.002
 """Turn between two times at which the momentum is given: the chord is nearer to the axis than the arc by 3e-7 of it in the mean."""
 
@@ -60,6 +62,12 @@ class ControlMomentGyro(actuator.MomentumDevice):
     spin_inertia_kg_m2: Positive | None = Field(None, description="about the spin axis; beside h_n_m_s for locked_in_inertia = false alone")
     spin_inertia_sigma_kg_m2: NonNegative = Field(0.0, description="one sigma of it where the speed is logged; goes into every sigma")
     gimbal_sigma_rad: NonNegative = Field(0.0, le=0.3, description="one sigma of a constant error of the angle; goes into every sigma")
+    gimbal_steps_s: NonNegative | None = Field(
+        None,
+        description="from a record's end until the gimbal turns at another rate, so that its angle bends there; absent: found in a log of "
+        "one record in each control cycle",
+    )
+    gimbal_smooth: bool = Field(False, description="whether its angle is a smooth curve through the records, and doesn't bend")
     locked_in_inertia: bool = Field(
         description="whether the body's inertia, as given and reported, has this rotor in it as if it were locked at gimbal angle 0; "
         "false: without its spin inertia about spin_axis. Its mass, its inertia across that axis, and the gimbal, are always in it"
@@ -156,16 +164,21 @@ class ControlMomentGyro(actuator.MomentumDevice):
         actuator.refuse_other_units(source, "speed of each control moment gyro", "start_rad_s", actuator.SPEEDS, speeds)
 
     def momentum(self, said: actuator.MomentumLog, log: actuator.LogTimes) -> actuator.Grown:
-        """By the gimbal's angle at the records' ends, between which it turns evenly."""
+        """By the gimbal's angle where it bends, between which it turns evenly; or on a smooth curve."""
         assert isinstance(said, GyroLog)
         begun = said.before is not None
-        time_s, angle = log.edge_s[1 - begun :], said.angle_rad
+        time_s, angle = log.edge_s[1 - begun :] + said.after_s, said.angle_rad
         speed = np.zeros_like(angle) if said.speed_rad_s is None else said.speed_rad_s
         if said.before is not None:
             angle, speed = np.append(said.before[0], angle), np.append(said.before[1], speed)
-        parts = max(int(np.ceil(np.abs(np.diff(angle)).max(initial=0.0) / FINE_RAD)), 1)
+        parts = max(int(np.ceil(np.abs(np.diff(angle)).max(initial=0.0) / FINE_RAD)), SMOOTH if self.gimbal_smooth else 1)
         fine = np.arange((len(angle) - 1) * parts + 1) / parts
-        time_s, angle, speed = (np.interp(fine, np.arange(len(values)), values) for values in (time_s, angle, speed))
+        own = np.arange(len(angle), dtype=float)
+        time_s, speed, angle = (
+            np.interp(fine, own, time_s),
+            np.interp(fine, own, speed),
+            spline(fine, own, angle) if self.gimbal_smooth else np.interp(fine, own, angle),
+        )
         held = (self.spin_inertia_kg_m2 or 0.0) * speed if self.h_n_m_s is None else self.h_n_m_s
         return actuator.Grown(time_s, np.stack([held * np.cos(angle), held * np.sin(angle)]))
 
@@ -180,6 +193,8 @@ class GyroLog:
     """(n,) of the rotor; None where its momentum is stated."""
     before: tuple[float, float] | None
     """Angle and speed as the first record begins; None: unknown."""
+    after_s: float = 0.0
+    """So long after each record's end the angles are (:mod:`massprop_cli.prepare.tachometer`), at which they bend."""
 
     @property
     def integrated(self) -> bool:

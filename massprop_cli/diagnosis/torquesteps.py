@@ -1,4 +1,4 @@
-"""When within a record the torque on wheels or rotors steps, of logs that have their speeds at the records' ends alone.
+"""When within a record the torque on wheels or rotors, or a gimbal's rate, steps, of logs that have them at the records' ends alone.
 
 A motor holds its torque until the next command acts, which is at no record's end where the delay is no whole number of records. The mean
 speed over a record is then not that of its ends: by an eighth of the torque's change over a record, and the rate shows it. Free
@@ -23,6 +23,7 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.timing import Timing
 
+SMOOTH = "gimbal_smooth"
 LONGEST = 1200
 """Cycles that are looked at."""
 PARTS = tuple(part / 10 for part in range(1, 10))
@@ -30,19 +31,26 @@ PARTS = tuple(part / 10 for part in range(1, 10))
 
 
 def with_steps(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[Vehicle, list[Notice]]:
-    """The vehicle with ``torque_steps_s`` of wheels or rotors as the log shows it where it is not stated, and what to tell of it."""
+    """The vehicle with ``torque_steps_s`` of wheels or rotors, or how gimbals turn, as the log shows it, and what to tell of it.
+
+    As stated where it is.
+    """
     # a sample of the rate shows what speeds of wheels at the records' ends do, however they came there
     by_records = log.records_per_cycle == 1 and not log.sampled[0]
     wheels = [f"wheels.{n}" for n, wheel in enumerate(vehicle.wheels) if wheel.column == "speed" and by_records]
     rotors = [f"rotors.{n}" for n, apart in enumerate(log.cycles_apart) if apart == 1 and log.command_s is None]
-    own, setup = wheels or rotors, Setup(log, vehicle, timing)
+    gyros = [f"control_moment_gyros.{n}" for n in range(len(vehicle.control_moment_gyros)) if by_records]
+    own, setup = wheels or rotors or gyros, Setup(log, vehicle, timing)
     if not own or _stated(vehicle):
         return vehicle, []
+    key = "torque_steps_s" if wheels or rotors else "gimbal_steps_s"
     log = bounded(log, vehicle, timing, [slice(0, log.cycles)], LONGEST)[0]
     record_s = log.records_per_cycle * float(np.median(log.interval_s))
     motion = motion_of(timing.of(log, vehicle))
 
     def stated(key: str, part: float) -> Vehicle:
+        if key == SMOOTH:
+            return stating(vehicle, {f"{one}.{key}": True for one in own})
         return stating(vehicle, {f"{one}.{key}": setup.value(f"{one}.{key}")[0] + part * record_s for one in own})
 
     @cache
@@ -53,22 +61,27 @@ def with_steps(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[Vehicle, lis
             return np.inf
         return len(rates) * float(np.log((rates**2).mean(0) + TINY).sum())
 
-    by_steps = partial(left, "torque_steps_s")
-    if not min(by_steps(PARTS[0]), by_steps(PARTS[-1])) < by_steps(0.0):
+    by_steps = partial(left, key)
+    if own is not gyros and not min(by_steps(PARTS[0]), by_steps(PARTS[-1])) < by_steps(0.0):
         return vehicle, []
     # what thrust turns the vehicle by stays, and the rate shows it more sharply than its growth
     by_steps = partial(by_steps, summed=not wheels)
     part = line_minimum(by_steps, PARTS, PARTS[0], NEAR / 16)
     older = line_minimum(partial(left, "speed_latency_s"), PARTS, PARTS[0], NEAR) if wheels else 0.0
-    if not by_steps(part) < min(by_steps(0.0), left("speed_latency_s", older) if wheels else np.inf) - CLEAR:
+    smooth = left(SMOOTH, 1.0, summed=True) if own is gyros else np.inf
+    if smooth < min(by_steps(0.0), by_steps(part)) - CLEAR:
+        said = "gimbal_smooth of control moment gyros is not stated; the log shows that their angles are smooth curves"
+        return stated(SMOOTH, 1.0), [Notice("noise-estimated", said)]
+    if not by_steps(part) < min(by_steps(0.0), smooth, left("speed_latency_s", older) if wheels else np.inf) - CLEAR:
         return vehicle, []  # as well they are older
+    who = "wheels" if wheels else "rotors" if rotors else "control moment gyros"
     said = (
-        f"torque_steps_s of {'wheels' if wheels else 'rotors'} is not stated; {part * record_s:.3g} s after a "
-        f"{'record' if wheels else 'cycle'}'s end was estimated from the log"
+        f"{key} of {who} is not stated; {part * record_s:.3g} s after a {'cycle' if rotors else 'record'}'s end was estimated from the log"
     )
-    return stated("torque_steps_s", part), [Notice("noise-estimated", said)]
+    return stated(key, part), [Notice("noise-estimated", said)]
 
 
 def _stated(vehicle: Vehicle) -> bool:
     steps = *(wheel.torque_steps_s for wheel in vehicle.wheels), *(rotor.torque_steps_s for rotor in vehicle.rotors)
-    return any(step is not None for step in steps)
+    gimbals = [gyro.gimbal_steps_s for gyro in vehicle.control_moment_gyros]
+    return any(step is not None for step in (*steps, *gimbals)) or any(gyro.gimbal_smooth for gyro in vehicle.control_moment_gyros)
