@@ -59,7 +59,7 @@ def with_steps(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[Vehicle, lis
             rates, _ = residuals(motion, *commanded(log, stated(key, part), timing), summed)  # no force goes with it
         except (InputError, np.linalg.LinAlgError):
             return np.inf
-        return len(rates) * float(np.log((rates**2).mean(0) + TINY).sum())
+        return log.cycles * float(np.log((rates**2).mean(0) + TINY).sum())  # by as many cycles, though the ends tell less by some
 
     by_steps = partial(left, key)
     if own is not gyros and not min(by_steps(PARTS[0]), by_steps(PARTS[-1])) < by_steps(0.0):
