@@ -5,11 +5,13 @@ By Gauss–Newton steps on what free coefficients leave (:mod:`massprop_cli.diag
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 
 from massprop_cli.base.arrays import TINY, Array
+from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.corrections import Case
 from massprop_cli.diagnosis.freeresponse import MeasuredMotion, commanded, residuals
 from massprop_cli.diagnosis.ranking import CLEAR
@@ -27,9 +29,13 @@ KEYS = ("coulomb_friction_n_m", "viscous_friction_n_m_s")
 def supposed(case: Case, motion: MeasuredMotion) -> list[Supposed]:
     """Friction of each wheel that explains most, and each combination that was sought one sigma away; nothing where none explains more."""
     entries, sizes = _sizes(case)
-    if not entries:
-        return []
+    try:
+        return _supposed(case, motion, entries, sizes) if entries else []
+    except (InputError, np.linalg.LinAlgError):
+        return []  # a log that is too short to tell
 
+
+def _supposed(case: Case, motion: MeasuredMotion, entries: Sequence[str], sizes: Array) -> list[Supposed]:
     def states(parts: Array) -> States:
         return dict(zip(entries, (np.maximum(parts, 0) * sizes).tolist(), strict=True))
 

@@ -39,9 +39,8 @@ class Stored:
         return -cross(rate_rad_s, self.mean.mean(1) @ self.axis)
 
 
-FADED, MOST, SPLINE, HALF = 1e-3, 60, 6, 0.5
-"""What is left of an error at a log's end where it is none; records at most; records of a spline; the part from which on it fades the
-other way."""
+FADED, SPLINE, HALF = 1e-3, 6, 0.5
+"""What is left of an error at a log's end where it is none; records of a spline; the part from which on it fades the other way."""
 Integrals = Callable[[Sequence[Signal]], tuple[Array, Array]]
 """Of signals to their integrals and first moments in each bin, (bins, signals) each."""
 
@@ -93,11 +92,15 @@ def _unsure(log: Log, vehicle: Vehicle) -> tuple[int, int]:
     """
     found = [(0, 0)]
     for gyro in vehicle.control_moment_gyros:
-        part = (gyro.gimbal_steps_s or 0.0) / float(np.median(log.interval_s)) % 1.0
-        fades = max(min(part, 1 - part) / max(part, 1 - part), 1e-9)
-        count = SPLINE if gyro.gimbal_smooth else min(int(np.ceil(np.log(FADED) / np.log(fades))), MOST) if 0 < fades < 1 and part else 0
-        found.append((count * (gyro.gimbal_smooth or part < HALF), count * (gyro.gimbal_smooth or part >= HALF)))
-    return max(one for one, _ in found), max(other for _, other in found)
+        if gyro.gimbal_smooth:
+            found.append((SPLINE, SPLINE))
+        elif gyro.gimbal_steps_s:
+            part = gyro.gimbal_steps_s / float(log.interval_s[0]) % 1.0
+            fades = float(np.clip(min(part, 1 - part) / max(part, 1 - part), 1e-9, 0.9))
+            count = int(np.ceil(np.log(FADED) / np.log(fades)))
+            found.append((count * (part < HALF), count * (part >= HALF)))
+    few = len(log.time_s) // 4
+    return min(max(one for one, _ in found), few), min(max(other for _, other in found), few)
 
 
 def _times(log: Log, vehicle: Vehicle, delay_s: float) -> LogTimes:

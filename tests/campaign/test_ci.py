@@ -54,6 +54,8 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_the_ready_made_job_runs_as_it_stands(tmp_path: Path, wheels: Path) -> None:
     """GitHub's; GitLab's has the same lines."""
     lines = scripts(DOCS / "github-workflow.yml")

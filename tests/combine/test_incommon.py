@@ -68,6 +68,8 @@ def campaign(found: Sequence[Recorded], scale_sigma: float = STATED) -> dict[str
     return pool.estimates
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.parametrize("common", [pytest.param(0.0, marks=pytest.mark.thorough), 2.0])
 def test_a_campaigns_mean_covers_and_its_scatter_raises_no_false_alarm(common: float) -> None:
     rng = np.random.default_rng(5)

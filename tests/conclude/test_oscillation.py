@@ -192,6 +192,8 @@ def test_no_inertia_beside_a_flexible_part_is_called_converged() -> None:
     assert all(found[name].verdict != "converged" for name in ("ixx", "iyy", "izz"))
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_what_swings_away_from_the_cg_leaves_nothing_converged(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pushes along an axis turn the body about others: tested against torques alone that showed nothing."""
     found = swung(0.05, 0.4, arm=(0.0, 0.02, 0.06)).conclusions[0].estimates

@@ -175,6 +175,8 @@ def test_on_times_at_half_beside_a_delay_to_be_found_leave_no_mass_converged() -
     assert not any(one.verdict == "converged" for one in found.conclusions[0].estimates.values())
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_a_log_without_noise_converges_with_the_noise_that_is_stated() -> None:
     """What is left of it is no noise, but moves no value by a sigma: all had been held back, some contradicted by a change of mass."""
     flight = fly("testbed", "sensors.gyro_noise_rad_s=0", "sensors.accel_noise_m_s2=0", seeds=(1,))

@@ -6,7 +6,6 @@ from dataclasses import replace
 from itertools import islice
 
 import numpy as np
-import pytest
 
 from massprop_cli.diagnosis import hypotheses
 from massprop_cli.diagnosis.comparison import ROUGHLY, fitted
@@ -17,8 +16,6 @@ from massprop_cli.inputs.vehiclefile import changed
 from massprop_cli.prepare.timing import Timing
 from tests import flight
 from tests.flight import resolved
-
-pytestmark = pytest.mark.numerical
 
 
 def weak(jet: int) -> Screening:

@@ -323,6 +323,7 @@ def test_friction_of_wheels_is_found_by_what_their_torque_does_to_the_rate(name:
     assert not wheelfriction.supposed(right, motion_of(right.timing.of(log, right.vehicle)))
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_friction_of_wheels_is_named_and_corrected() -> None:
     by_torque = [f'vehicle.wheels.{n}.column="torque"' for n in range(3)]

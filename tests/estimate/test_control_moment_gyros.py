@@ -89,6 +89,8 @@ def test_gyros_tell_what_wheels_tell_at_the_bound() -> None:
     assert not analysis.notices
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     """Of four logs: chi-square of 36 errors to 1 in 10,000, and no one beyond 4 sigma."""
     z = errors(4)

@@ -117,6 +117,7 @@ def test_sigmas_hold() -> None:
     assert abs(np.sqrt((z**2).mean()) - 1) < 2.5 / np.sqrt(z.size)
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_twin_without_noise_gives_the_truth() -> None:
     """Noise as stated, and none in the log: the estimator's own error is below a tenth of a sigma."""

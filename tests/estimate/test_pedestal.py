@@ -120,7 +120,6 @@ def test_a_weighed_mass_gives_cg_and_inertia_about_it_and_leaves_the_first_momen
     assert told.sigmas[6:9] == pytest.approx(np.hypot(moment, 1e-3 * arm), rel=0.02)
 
 
-@pytest.mark.numerical
 def test_without_a_mass_the_nine_are_the_same_and_the_ten_say_what_to_weigh() -> None:
     own, (weighed,) = found_of(3, "jets", 1)
     _, (unweighed,) = found_of(3, "jets", 1, weighed=False)

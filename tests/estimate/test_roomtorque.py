@@ -37,7 +37,9 @@ def _deviations(own: anypedestal.Tables, body: int, conclusion: Conclusion) -> A
     return found
 
 
-@pytest.mark.parametrize("kind", ["jets", pytest.param("wheels", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize(
+    "kind", [pytest.param("jets", marks=[pytest.mark.thorough, pytest.mark.seeds]), pytest.param("wheels", marks=pytest.mark.thorough)]
+)
 def test_without_noise_a_stated_torque_leaves_nothing(kind: anypedestal.Kind) -> None:
     own, flown, room = _flown(3, kind, 0.003)
     for body in range(2):

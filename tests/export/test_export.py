@@ -181,6 +181,7 @@ def test_arm_gives_the_same_bytes(tmp_path: Path) -> None:
     assert run.returncode == 0, run.stdout + run.stderr
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_the_kernel_asks_for_nothing_but_a_square_root_and_keeps_nothing(built: Path) -> None:
     objects = [f"replay-{source[:-2]}.o" for source in defined(built, "KERNEL")]

@@ -224,6 +224,8 @@ def test_wheels_beside_jets_stand_while_these_are_planned(folder: Path) -> None:
     assert made.quantities["mass"].sigma == pytest.approx(without.quantities["mass"].sigma, rel=0.02)
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 def test_a_precision_out_of_reach_exits_4_with_the_best_and_what_limits_it(folder: Path) -> None:
     arguments = ["--vehicle", "vehicle.toml", "--guess", "guess.toml", *SIDEWAYS, "--max-time", "1", "-q", "--out", "far"]
     done = massprop(folder, "plan", "--want", "mass 0.1 %", *arguments)

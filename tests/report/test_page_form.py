@@ -48,7 +48,6 @@ def page(docking: Recorded) -> Page:
     return Page(html.page([restless(docking, 2)]))
 
 
-@pytest.mark.thorough
 def test_every_figure_is_there_with_text_for_those_who_dont_see_it(page: Page) -> None:
     pictures = [found for tag, found in page.tags if tag == "svg"]
     told = [found["aria-label"] or "" for found in pictures]

@@ -50,6 +50,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Page]:
     }
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_every_link_leads_to_a_page_and_a_place_on_it(site: dict[str, Page]) -> None:
     followed = 0
