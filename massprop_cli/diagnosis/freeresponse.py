@@ -63,8 +63,13 @@ def motion_of(samples: Samples) -> MeasuredMotion:
 
 def unexplained(motion: MeasuredMotion, made: Impulses, piece: slice) -> tuple[float, float]:
     """Log of what is left of rate growth, and of specific force, when regressed on impulses, with nothing known of the body."""
-    rates, force = (len(left) * float(np.log((left**2).mean(0) + TINY).sum()) for left in residuals(motion, made, piece))
-    return rates, force
+    rates, force = residuals(motion, made, piece)
+    return cost(rates), cost(force)
+
+
+def cost(left: Array) -> float:
+    """−2 log likelihood, but for a constant, of residuals (n, axes) of the most likely variance about each axis."""
+    return len(left) * float(np.log((left**2).mean(0) + TINY).sum())
 
 
 def residuals(motion: MeasuredMotion, made: Impulses, piece: slice, summed: bool = False) -> tuple[Array, Array]:

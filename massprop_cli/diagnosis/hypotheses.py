@@ -137,11 +137,9 @@ def _groups(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
         for begin in (0.0, -1.0):
             start = {model.place("thrust").start + i: begin for i in group}
             yield Hypothesis("thrust-scale", subject, column, start=start, suspects=group)
-    if model.kind == "rotors" and (
-        turning := tuple(np.flatnonzero(model.couple[: model.thrusting].any(1)).tolist())
-    ):  # by another convention
-        none = np.zeros((len(model.stated), 0))
-        yield Hypothesis("rotor-spin", tuple(names[i] for i in turning), none, spun=turning)
+    turning = tuple(np.flatnonzero(model.couple[: model.thrusting].any(1)).tolist())
+    if model.kind == "rotors" and turning:  # by another convention
+        yield Hypothesis("rotor-spin", tuple(names[i] for i in turning), np.zeros((len(model.stated), 0)), spun=turning)
     if len(names) > 1:  # how much all give together nothing tells, but which way
         start = dict.fromkeys(range(model.place("thrust").start, model.place("thrust").stop), -1.0)
         yield Hypothesis("thrust-scale", tuple(names), np.zeros((len(model.stated), 0)), start=start)

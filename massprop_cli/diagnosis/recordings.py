@@ -38,7 +38,7 @@ FINEST = 1e-5
 EARLIER = (1, 2, 3)
 """Cycles by which commands of one jet may be logged before those of another one that fires with it, or all of them after they act."""
 SHARPENED, FARTHEST = 4, 3.0
-"""Rounds at most in which values are moved to the greatest likelihood; sigmas by which one may be moved in each."""
+"""Rounds at most, two at least, in which values are moved to the greatest likelihood; sigmas by which one may be moved in each."""
 ALIKE_TO, MORE = 3, 0.1
 """Digits of −2 log likelihood behind the point to which scales are alike; by how much values that are moved must explain more."""
 NEARLY, LEFT = 0.5, 0.01
@@ -103,7 +103,7 @@ def _sharpened(screening: Screening, found: Fitted) -> Refit | None:
     if best is None or best.score > NEARLY * screening.cost:
         return best
     directions = [{key: np.array(further[key]) - np.array(begun[key]) for key in further} for further in found.hypothesis.further]
-    for _ in range(SHARPENED):
+    for round_ in range(SHARPENED):
         before = best.score
         for steps in directions:
             moved = partial(_moved, screening, best.fitted, steps)
@@ -114,7 +114,7 @@ def _sharpened(screening: Screening, found: Fitted) -> Refit | None:
             tip = moved(float(np.clip((left[0] - left[2]) / (2 * bent), -FARTHEST, FARTHEST)))
             if tip is not None and tip.score < left[1] - MORE:
                 best = tip
-        if best.score > before - CLEAR:
+        if round_ and best.score > before - CLEAR:
             break
     return best
 

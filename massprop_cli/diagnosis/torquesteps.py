@@ -11,9 +11,8 @@ from functools import cache, partial
 
 import numpy as np
 
-from massprop_cli.base.arrays import TINY
 from massprop_cli.base.errors import InputError
-from massprop_cli.diagnosis.freeresponse import commanded, motion_of, residuals
+from massprop_cli.diagnosis.freeresponse import commanded, cost, motion_of, residuals
 from massprop_cli.diagnosis.linesearch import NEAR, line_minimum
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.segment import bounded
@@ -24,6 +23,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.timing import Timing
 
 SMOOTH = "gimbal_smooth"
+"""The key of angles that don't bend."""
 LONGEST = 1200
 """Cycles that are looked at."""
 PARTS = tuple(part / 10 for part in range(1, 10))
@@ -59,7 +59,7 @@ def with_steps(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[Vehicle, lis
             rates, _ = residuals(motion, *commanded(log, stated(key, part), timing), summed)  # no force goes with it
         except (InputError, np.linalg.LinAlgError):
             return np.inf
-        return log.cycles * float(np.log((rates**2).mean(0) + TINY).sum())  # by as many cycles, though the ends tell less by some
+        return cost(rates) * log.cycles / len(rates)  # by as many cycles, though the ends tell less by some
 
     by_steps = partial(left, key)
     if own is not gyros and not min(by_steps(PARTS[0]), by_steps(PARTS[-1])) < by_steps(0.0):

@@ -13,7 +13,7 @@ import numpy as np
 from massprop_cli.base.arrays import TINY, Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.corrections import Case
-from massprop_cli.diagnosis.freeresponse import MeasuredMotion, commanded, residuals
+from massprop_cli.diagnosis.freeresponse import MeasuredMotion, commanded, cost, residuals
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.supposed import States, Supposed
 from massprop_cli.errorparameters.setup import stating
@@ -43,16 +43,16 @@ def _supposed(case: Case, motion: MeasuredMotion, entries: Sequence[str], sizes:
     parts = np.array([case.setup.value(key)[0] for key in entries]) / sizes
     begun = now = left(states(parts))
     for _ in range(ROUNDS):
-        white = 1 / np.sqrt((now**2).mean(1, keepdims=True) + TINY)
+        white = 1 / np.sqrt((now**2).mean(0) + TINY)
         slopes = np.stack([((left(states(parts + STEP * unit)) - now) * white).ravel() / STEP for unit in np.eye(len(parts))], 1)
         # as large as the largest torque at most, say
         rows, ahead = np.vstack([slopes, np.eye(len(parts))]), np.append(-(now * white).ravel(), -parts)
         step = _bounded(rows, ahead + rows @ parts) - parts
-        moved, then = min(((at, left(states(at))) for at in (parts + part * step for part in SHORTER)), key=lambda one: _cost(one[1]))
-        if _cost(then) > _cost(now) - STILL:
+        moved, then = min(((at, left(states(at))) for at in (parts + part * step for part in SHORTER)), key=lambda one: cost(one[1]))
+        if cost(then) > cost(now) - STILL:
             break
         parts, now = moved, then
-    if _cost(now) > _cost(begun) - CLEAR:
+    if cost(now) > cost(begun) - CLEAR:
         return []
     variance, directions = np.linalg.eigh(np.linalg.inv(rows.T @ rows))
     further = tuple(states(_beside(parts, sigma * along)) for sigma, along in zip(np.sqrt(variance), directions.T, strict=True))
@@ -74,13 +74,9 @@ def _sizes(case: Case) -> tuple[list[str], Array]:
 
 
 def _left(case: Case, motion: MeasuredMotion, states: States) -> Array:
-    """(6, n) what is left of rates and specific force."""
+    """(n, 6) what is left of rates and specific force."""
     rates, force = residuals(motion, *commanded(case.log, stating(case.vehicle, states), case.timing), summed=True)
-    return np.vstack([rates.T, force[1:].T])
-
-
-def _cost(left: Array) -> float:
-    return float(left.shape[1] * np.log((left**2).mean(1) + TINY).sum())
+    return np.hstack([rates, force[1:]])
 
 
 def _beside(parts: Array, step: Array) -> Array:

@@ -16,7 +16,7 @@ BEATS = 20
 """Readings from which on a beat is one."""
 
 
-def repeated(readings: Array) -> BoolArray:
+def on_a_beat(readings: Array) -> BoolArray:
     """(n,) which of readings (n, axes) repeat the one before, of a sensor that is held on a beat of its own; else none.
 
     All axes repeat at once or none does, and as often each time, which a motion without noise does not.
@@ -32,7 +32,7 @@ def repeated(readings: Array) -> BoolArray:
     return whole if on_beat else none
 
 
-def averaged(readings: Array) -> int:
+def moving_mean(readings: Array) -> int:
     """Over how many readings each of (n, axes) is a moving mean; 0 where none is.
 
     Of a moving mean over m of readings with white noise the first differences are those of readings m apart: they go with the ones m before

@@ -10,7 +10,7 @@ from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION
 from massprop_cli.inputs.equipment import OFF_UNIT
-from massprop_cli.inputs.held import averaged, repeated
+from massprop_cli.inputs.held import moving_mean, on_a_beat
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.marked import Marked
 from massprop_cli.inputs.notice import Notice
@@ -191,13 +191,13 @@ def held(imu: ImuRecords, interval_s: Array, own: bool) -> list[Notice]:
     found = []
     for name, increments, axes in (("gyro", imu.theta, imu.axes[:3]), ("accelerometer", imu.velocity, imu.axes[3:])):
         readings = increments[:, list(axes)] / interval_s[:, None]
-        if (again := repeated(readings)).any():
+        if (again := on_a_beat(readings)).any():
             said = (
                 f"the {name} repeats each reading {len(again) / (~again).sum():.3g} times, so that it measures less often than the log has "
                 "records: write records as long as its own, or read the file by a map, whose [records] take each reading once"
             )
             found.append(Notice("readings-held", said))
-        elif own and (mean := averaged(readings)):
+        elif own and (mean := moving_mean(readings)):
             said = (
                 f"each reading of the {name} is a moving mean over {mean} of them: log it as it was measured, or keep every one in {mean}"
             )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.held import averaged, repeated
+from massprop_cli.inputs.held import moving_mean, on_a_beat
 from tests.streams import RECORDS, WRENCH_MAP, made, motion, values
 
 RNG = np.random.default_rng(5)
@@ -22,13 +22,13 @@ NOT_HELD = {
 
 @pytest.mark.parametrize("name", NOT_HELD)
 def test_what_repeats_off_a_beat_or_on_some_axes_is_not_held(name: str) -> None:
-    assert not repeated(NOT_HELD[name]).any()
+    assert not on_a_beat(NOT_HELD[name]).any()
 
 
 @pytest.mark.parametrize("times", [2, 2.5, 4, 10])
 def test_readings_on_a_beat_of_their_own_are_found_row_by_row(times: float) -> None:
     at = (np.arange(600) / times).astype(int)
-    np.testing.assert_array_equal(repeated(NOISE[at]), np.diff(at, prepend=-1) == 0)
+    np.testing.assert_array_equal(on_a_beat(NOISE[at]), np.diff(at, prepend=-1) == 0)
 
 
 def test_a_map_takes_each_reading_once_and_refuses_records_that_would_be_made_up() -> None:
@@ -51,7 +51,7 @@ TURNING = np.sin(0.002 * np.arange(4000))[:, None] * [3.0, 1.0, -2.0]
 def test_a_moving_mean_is_told_with_how_many_readings_it_is_over(mean: int) -> None:
     over = np.ones(mean) / mean
     smooth = np.stack([np.convolve(axis, over, "same") for axis in (MANY + 50 * TURNING).T], 1)
-    assert averaged(smooth) == mean
+    assert moving_mean(smooth) == mean
 
 
 FILTERED = {
@@ -68,4 +68,4 @@ FILTERED = {
 
 @pytest.mark.parametrize("name", FILTERED)
 def test_what_a_sensor_does_itself_is_no_moving_mean(name: str) -> None:
-    assert averaged(FILTERED[name]) == 0
+    assert moving_mean(FILTERED[name]) == 0

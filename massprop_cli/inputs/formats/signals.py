@@ -16,7 +16,7 @@ from massprop_cli.inputs.formats.clocks import Times
 from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Mapped, MappedJet, MappedSensor, MappedVector, MappedWrench, MapSource
 from massprop_cli.inputs.formats.pathpattern import fitting
 from massprop_cli.inputs.formats.recording import Numbers, RecordedStream, Recording
-from massprop_cli.inputs.held import averaged, repeated
+from massprop_cli.inputs.held import moving_mean, on_a_beat
 from massprop_cli.inputs.logtable import EMPTY
 from massprop_cli.inputs.marked import fills
 from massprop_cli.inputs.vehicle import ACTUATORS
@@ -68,7 +68,7 @@ class Signals:
         """Gyro or accelerometer, the sensor's axes turned as the map says."""
         found = self.vector(key, said, increments if said.values == "increment" else rates)
         self._gyro = found.times if key == "gyro" else self._gyro
-        if not self._apart and (again := repeated(found.values)).any():
+        if not self._apart and (again := on_a_beat(found.values)).any():
             usual = len(again) / (~again).sum()
             every = usual * found.times.step_s
             problem = (
@@ -76,7 +76,7 @@ class Signals:
                 f"in between; state [records], interval_s = {every:.6g}, by which each counts once"
             )
             raise self.error(key, found.paths[0], problem)
-        if mean := averaged(found.values):
+        if mean := moving_mean(found.values):
             problem = f"each reading is a moving mean over {mean} of them; record it as it was measured, or keep every one in {mean}"
             raise self.error(key, found.paths[0], problem)
         if said.values == "increment" and found.paths:
@@ -227,7 +227,7 @@ class Signals:
         # an axis that the map states as a number has one in every row
         recorded = empty.any(0) | (values != values[0]).any(0)
         none: BoolArray = empty[:, recorded].all(axis=1) & recorded.any()
-        if key in _SENSORS and (again := repeated(values[~none])).any():
+        if key in _SENSORS and (again := on_a_beat(values[~none])).any():
             usual = len(again) / (~again).sum()
             self.again[key] = f"repeats each reading {usual:.3g} times, so that it measures"
             self.made.append(f"{key}: each reading is repeated {usual:.3g} times, and counts once")
