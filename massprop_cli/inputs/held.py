@@ -12,6 +12,8 @@ STRETCH, FEWEST, QUIETEST, WIDEST = 64, 16, 4, 12
 """Readings of a stretch; stretches at least; of how many the quietest is taken; readings that a moving mean is over at most."""
 HALF, OTHERS = 0.25, 0.12
 """Correlation of differences beyond which they go against one another, and up to which the others may. By chance it scatters by 0.03."""
+ON_A_BEAT = 0.4
+"""Part of the squares of differences that is on one beat, beyond which they are the commands': by chance 0.3 at most, of commands 0.7."""
 BEATS = 20
 """Readings from which on a beat is one."""
 
@@ -36,7 +38,8 @@ def moving_mean(readings: Array) -> int:
     """Over how many readings each of (n, axes) is a moving mean; 0 where none is.
 
     Of a moving mean over m of readings with white noise the first differences are those of readings m apart: they go with the ones m before
-    by −½, and with no others. By the quietest stretches, of most axes alike.
+    by −½, and with no others. By the quietest stretches, of most axes alike. Beneath commands that are drawn anew every m readings they go
+    so too, but on one beat.
     """
     count = len(readings) // STRETCH
     if count < FEWEST:
@@ -45,12 +48,23 @@ def moving_mean(readings: Array) -> int:
     for axis in np.diff(readings, axis=0, prepend=readings[:1])[: count * STRETCH].T:
         parts = axis.reshape(count, STRETCH)
         parts = parts - parts.mean(1, keepdims=True)
-        quiet = parts[np.argsort((parts**2).mean(1))[: count // QUIETEST]]
+        moving = np.argsort((parts**2).mean(1))[count // QUIETEST :]
+        quiet = np.delete(parts, moving, 0)
         size = float((quiet**2).mean())
         if size > 0:
             along = np.array([(quiet[:, m:] * quiet[:, :-m]).mean() for m in range(1, WIDEST + 1)]) / size
             least = int(along.argmin())
             alone = np.delete(along, least).min() > -OTHERS
-            found.append(least + 1 if least > 0 and along[least] < -HALF and alone else 0)
+            parts[moving] = 0.0
+            mean = least > 0 and along[least] < -HALF and alone and not _on_one_beat(parts.ravel() ** 2, least + 1)
+            found.append(least + 1 if mean else 0)
     usual = max(found, key=found.count, default=0)
     return usual if found.count(usual) > 1 else 0
+
+
+def _on_one_beat(squares: Array, over: int) -> bool:
+    """Whether these come on a beat of about so many readings."""
+    beats = np.fft.rfft(squares, 2 * len(squares))
+    often = np.fft.rfftfreq(2 * len(squares))
+    near = np.abs(1 - over * often) < 0.5 * often
+    return bool(np.abs(beats[near]).max() > ON_A_BEAT * squares.sum())

@@ -63,6 +63,8 @@ FILTERED = {
     "counts": np.round(MANY * 2),
     "hum": MANY + 10 * np.sin(2 * np.pi * np.arange(4000) / 8)[:, None],
     "few": MANY[:500],
+    "commands drawn anew in each cycle": np.repeat(MANY[:1000], 4, 0) + 0.1 * MANY,
+    "commands of another clock": MANY[(np.arange(4000) / 5.003).astype(int)] + 0.1 * MANY,
 }
 
 
