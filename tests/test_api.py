@@ -64,6 +64,7 @@ def test_an_estimate_can_be_held_against_expectations(tmp_path: Path) -> None:
         estimate_log(tmp_path / "nowhere.parquet")
 
 
+@pytest.mark.thorough
 def test_a_campaign_gives_tables_and_outcomes_and_goes_on_where_it_was(logs: Path, tmp_path: Path) -> None:
     (tmp_path / "bad.csv").write_text("")
     steps: list[bool] = []

@@ -23,6 +23,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return simulate(tmp_path_factory.mktemp("job") / "flights", 1) / "seed-0001" / "log.parquet"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("require", "expected", "code"),
     [
@@ -82,6 +83,7 @@ def test_a_contradicted_quantity_exits_6_unless_that_is_allowed() -> None:
     assert unmet(found, Demands(requirements("ixx"), allow_contradicted=True)).exit_code == 4
 
 
+@pytest.mark.thorough
 def test_code_junit_and_annotations_agree_on_a_contradicted_log(log: Path, tmp_path: Path) -> None:
     """A delay that is stated a cycle short, by the command, the check, and in a campaign."""
     asked = ["--set", "cycle.command_delay_cycles=1.0"]

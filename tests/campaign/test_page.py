@@ -176,6 +176,7 @@ def test_distances_in_sigmas_are_those_from_the_mean_of_all_other_logs() -> None
     assert spread.within == int((np.abs(spread.z) <= 2).sum())
 
 
+@pytest.mark.thorough
 def test_coverage_counts_95_of_100_logs_whose_sigmas_hold() -> None:
     """Of 2,000 logs 95.4 % lie within two sigmas, ± 1.9 % at four sigma of the count."""
     told = [pools(scattered(100, seed))["mass"] for seed in range(20)]
@@ -221,6 +222,7 @@ def test_the_table_for_a_spreadsheet_has_every_value_and_no_formula() -> None:
     assert not list(csv.reader("".join(csv_rows(tricky)).splitlines()))[1][1].startswith("=")
 
 
+@pytest.mark.thorough
 def test_a_page_takes_three_kilobytes_for_each_of_many_logs_at_most() -> None:
     """So that a browser takes one of a thousand logs easily."""
     assert len("".join(campaign_page.page(campaign(300))).encode()) < 300 * 3000

@@ -106,6 +106,7 @@ def test_one_or_two_logs_are_no_scatter_and_no_outlier() -> None:
     assert pooled.outliers(LogValues(two.number, two.value + np.array([0, 1e6]), two.sigma, two.shared, two.alike)) == {}
 
 
+@pytest.mark.thorough
 def test_the_shared_part_of_a_sigma_is_what_logs_of_one_thruster_set_scatter_by_together() -> None:
     """The posterior of many logs with one thrust error and one weighing error, drawn, against the formula."""
     rng = np.random.default_rng(8)

@@ -99,6 +99,7 @@ def stored(s3: Any, root: str) -> dict[str, bytes]:
     return {path.removeprefix(f"{root}/"): s3.cat_file(path) for path in sorted(s3.find(root))}
 
 
+@pytest.mark.thorough
 def test_logs_and_results_on_s3_give_the_same_bytes_as_on_disk(batch: Callable[..., Any], local: dict[str, bytes], s3: Any) -> None:
     done = batch("s3://flights/campaign.toml", "--out", "s3://flights/out")
     assert done.exit_code == 3, done.stderr

@@ -152,6 +152,7 @@ def slow(columns: Columns) -> None:
     columns["time_s"] *= 1.01
 
 
+@pytest.mark.thorough
 def test_cycles_that_last_otherwise_than_stated_leave_nothing_converged(clean: Path, tmp_path: Path) -> None:
     """A time column that is 1 % off makes inertia 1 % off, and nothing else in the log shows it."""
     found = spoiled(clean, tmp_path, slow)
@@ -313,6 +314,7 @@ def test_a_stated_range_is_told_with_its_rows(clean: Path, tmp_path: Path) -> No
     assert [one.where for one in found.findings if one.code == "gyro-saturated"] == ["row 30 to 32"]
 
 
+@pytest.mark.thorough
 def test_a_fault_of_the_vehicle_file_is_named_as_an_estimate_names_it(clean: Path) -> None:
     settings = ("jets.0.force_n=[0.0, 0.0, -1.112055404]",)
     found = flow.check(clean, None, (), settings)

@@ -256,6 +256,7 @@ def given_back(found: Result) -> list[str]:
     return [f"{key}={json.dumps(value)}" for key, value in found.provenance.settings.items()]
 
 
+@pytest.mark.thorough
 def test_an_automatic_delay_is_written_into_the_settings_and_reproduces_the_result(tmp_path: Path) -> None:
     log = short(tmp_path)
     found = Result.model_validate_json(massprop(tmp_path, "estimate", log, "--json", "--delay", "auto", "--out", "a").stdout)

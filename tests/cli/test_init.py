@@ -237,6 +237,7 @@ def test_an_on_time_longer_than_a_record_tells_the_cycle(tmp_path: Path) -> None
     assert "period_s = 0.1   # 2 record(s)" in draft.draft("own", found, {})
 
 
+@pytest.mark.thorough
 def test_px4_states_its_rotors_as_comments(tmp_path: Path) -> None:
     path, map_file = written.written("ulog", tmp_path)
     run = succeeded(tmp_path, "init", path, "--map", str(map_file))

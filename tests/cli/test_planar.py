@@ -53,6 +53,7 @@ def test_what_has_no_part_in_the_motion_is_unobservable_and_null(folder: Path) -
     assert {estimates[name]["verdict"] for name in ("izz", "cg_x", "cg_y", "mass")} == {"converged"}
 
 
+@pytest.mark.thorough
 def test_a_truth_asks_for_no_more_than_has_a_part_in_it(folder: Path) -> None:
     done = succeeded(folder, "estimate", "flown/log.parquet", "--expect", "flown/truth.json", "--out", "expected", "-q")
     found = json.loads((folder / "expected/result.json").read_text(encoding="utf-8"))["phases"][0]["estimates"]

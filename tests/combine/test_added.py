@@ -65,6 +65,7 @@ def drawn(seed: int, mass: float, sigma: float, scale: float) -> tuple[Array, Ar
     return BODY, both, added.calibrated((sides[0], sides[1]), said, 0.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("mass", "sigma", "draws"),
     [(2.0, 2e-3, 50), *(pytest.param(*one, 200, marks=[pytest.mark.thorough, pytest.mark.seeds]) for one in ((2.0, 2e-3), (0.5, 2e-2)))],
@@ -167,6 +168,7 @@ def nine_of(phase: schema.PhaseItem) -> tuple[Array, Array]:
     return np.array([item.value for item in items], dtype=float), np.array([item.sigma for item in items], dtype=float)
 
 
+@pytest.mark.thorough
 def test_logs_of_a_table_on_a_pedestal_add_up_about_its_pivot() -> None:
     own, ((before, _, _),) = on_pedestals(1, "jets", 1, 1.0, logs=2, sides=1)
     (phase,) = together(before).phases
@@ -179,6 +181,7 @@ def test_logs_of_a_table_on_a_pedestal_add_up_about_its_pivot() -> None:
     assert {item.reason_code for item in phase.estimates.values()} == {"unweighed-pedestal"}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("kind", "count"),
     [("jets", 1), *(pytest.param(kind, 6, marks=[pytest.mark.thorough, pytest.mark.seeds]) for kind in ("jets", "wheels"))],

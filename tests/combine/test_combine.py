@@ -89,6 +89,7 @@ def levelled(flight: simulate.SimulatedFlight, cycle: int) -> Vehicle:
     return stated.model_copy(update={"environment": stated.environment.model_copy(update={"initial_attitude_wxyz": attitude})})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "keys", "phases", "seed"),
     [
@@ -282,6 +283,7 @@ def test_two_logs_tell_more_than_one_and_their_result_is_a_result(folder: Path) 
     assert "mass<0.1% wants" in short.stderr
 
 
+@pytest.mark.thorough
 def test_a_joint_result_is_drawn_as_far_as_it_goes_without_time(folder: Path) -> None:
     assert massprop(folder, "combine", "a", "b", "--out", "drawn", "-q").returncode == 0
     succeeded(folder, "report", "drawn", "--figure", "all", "--format", "svg,md", "-q")

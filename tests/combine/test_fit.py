@@ -127,6 +127,7 @@ def test_a_log_of_another_body_is_named(place: Path) -> None:
     assert found.phases[0].estimates["ixx"].verdict == "contradicted"
 
 
+@pytest.mark.thorough
 def test_what_is_shared_by_the_logs_counts_once(place: Path, tmp_path: Path) -> None:
     """The thrust's scale moves mass and inertia of all logs alike: it stays in full, and a weighed mass takes it out."""
     for part in AXES:

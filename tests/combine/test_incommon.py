@@ -89,6 +89,7 @@ def test_a_campaigns_mean_covers_and_its_scatter_raises_no_false_alarm(common: f
     assert alarms <= stats.poisson.ppf(0.999, 0.01 * SEEDS * 10)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("common", [0.0, 2.0])
 def test_a_combined_result_covers_and_says_where_it_scatters(common: float) -> None:
     rng = np.random.default_rng(6)

@@ -116,6 +116,7 @@ def test_a_reversed_jet_contradicts_and_is_mended() -> None:
     assert abs((answer.conclusions[0].estimates["izz"].value or 0.0) - TRUTH[5]) < 4 * (answer.conclusions[0].estimates["izz"].sigma or 0.0)
 
 
+@pytest.mark.thorough
 def test_an_accelerometer_behind_a_low_pass_has_no_converged_mass() -> None:
     log, used = faulty.sample("free-flyer")
     found = faulty.examined(faulty.low_passed(log, 5.0), used)
@@ -124,6 +125,7 @@ def test_an_accelerometer_behind_a_low_pass_has_no_converged_mass() -> None:
     assert faulty.looks_good_and_is_wrong(found, TRUTH) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "assignments",
     [
@@ -182,6 +184,7 @@ def test_a_weighed_mass_leaves_the_log_its_own_part_of_each_sigma() -> None:
     assert own[9] == pytest.approx(0.0, abs=1e-4)
 
 
+@pytest.mark.thorough
 def test_what_is_known_of_one_phase_enters_that_phase_alone() -> None:
     log, used = faulty.sample("docking")
     single = used.phases[0].model_copy(update={"known": {"mass": Known(value=20.0, sigma=0.05)}})
@@ -232,6 +235,7 @@ def test_what_was_known_of_a_split_phase_is_of_neither_part() -> None:
     assert [cut.in_phase(phase).known for phase in cut.phases] == [{}, {}]
 
 
+@pytest.mark.thorough
 def test_what_several_causes_agree_on_is_less_certain_where_none_of_them_is_sure() -> None:
     log, used = faulty.sample("free-flyer", 20.0)
     clean = faulty.examined(log, used)
@@ -251,6 +255,7 @@ def test_what_several_causes_agree_on_is_less_certain_where_none_of_them_is_sure
     assert np.median(wider) > 10
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("scatter_s", "most", "seed"),
     [(1e-3, 3.0, 0), pytest.param(2e-3, 4.5, 1, marks=pytest.mark.thorough)],
@@ -265,6 +270,7 @@ def test_times_that_scatter_make_no_inertia_too_small(scatter_s: float, most: fl
     assert faulty.looks_good_and_is_wrong(found, TRUTH) == []
 
 
+@pytest.mark.thorough
 def test_forces_in_another_unit_than_torques_give_no_converged_cg() -> None:
     """They look like an IMU out of place: of k times the force the CG c looks like k c, with the IMU (k - 1) c away."""
     flight = fly(str(WRENCH), EACH_WAY)
@@ -324,6 +330,7 @@ def test_a_causal_estimate_that_lost_its_way_is_contradicted_by_the_fit_of_the_s
     assert [cause.code for cause in broken.causes] == ["fit-lost"]
 
 
+@pytest.mark.thorough
 def test_a_gyros_scale_beside_a_fault_of_the_accelerometer_leaves_no_inertia_converged() -> None:
     """The accelerometer's bias alone was named, and as it moves no inertia, this stayed converged, 11 to 16 sigma off."""
     flight = fly("free-flyer", *RANDOM, seeds=(3,))

@@ -72,6 +72,7 @@ def test_the_score_is_what_the_fit_gains_by_the_likeliest_value(monkeypatch: pyt
     assert told**2 == pytest.approx(curve[2] - curve[1] ** 2 / (4 * curve[0]), rel=0.05)
 
 
+@pytest.mark.thorough
 def test_an_error_that_no_channel_shows_is_doubted_and_leaves_nothing_standing_that_it_moves() -> None:
     """The accelerometer shows 15 % too much, which mass takes up but for the lever arm's part: no channel is beyond its noise by half."""
     flight = fly("free-flyer", *RANDOM, seeds=(SEED,))

@@ -163,6 +163,7 @@ def test_a_disturbance_that_is_noise_leaves_values_converged(kind: str) -> None:
     assert sum(one.verdict == "converged" for one in found.conclusions[0].estimates.values()) >= 9
 
 
+@pytest.mark.thorough
 def test_on_times_at_half_beside_a_delay_to_be_found_leave_no_mass_converged() -> None:
     """As milliseconds read as per cent of 50: each pulse goes on when it should have ended. Rates told it, and the mass had stood alone."""
     log, vehicle = faulty.sample("high-rate")

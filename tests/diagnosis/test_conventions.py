@@ -48,6 +48,7 @@ def test_commands_in_another_convention_are_named_with_their_four_components(abo
     assert fault.cure.command == tuple(signs)
 
 
+@pytest.mark.thorough
 def test_degrees_and_g_are_named_together() -> None:
     log = flown().log(0)
     shown = replace(
@@ -61,6 +62,7 @@ def test_degrees_and_g_are_named_together() -> None:
     np.testing.assert_allclose(np.diag(fault.cure.accelerometer if fault.cure else np.eye(3)), GRAVITY)
 
 
+@pytest.mark.thorough
 def test_torques_in_another_unit_than_forces_leave_neither_inertia_nor_mass() -> None:
     """The motion tells their ratio alone: as well the forces are a thousandth, and the body a thousand times as large."""
     found, named, message = commanding(np.repeat([1000.0, 1.0], 3))

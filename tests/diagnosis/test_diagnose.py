@@ -228,6 +228,7 @@ def test_two_faults_at_once_are_both_named(mistakes: tuple[Mistake, ...], key: s
         assert abs((estimate.value or 0.0) - value) < 4.5 * (estimate.sigma or 0.0)
 
 
+@pytest.mark.thorough
 def test_any_two_dead_jets_are_found() -> None:
     notices = examined(nothing, dead("roll_p2", "divert_yp")).notices
     assert {notice.code for notice in notices} == {"jet-dead"}
@@ -248,6 +249,7 @@ def test_what_nothing_explains_is_said_to_fit_no_cause() -> None:
     assert "converged" not in {e.verdict for e in found.conclusions[0].estimates.values()}
 
 
+@pytest.mark.thorough
 def test_damping_that_is_not_stated_is_named_and_mended_by_looking_for_it() -> None:
     flown = fly("free-flyer", *PLAN, "disturbance.rate_n_m_s=[0.05, 0.05, 0.05]")
     found = faulty.examined(flown.log(0), flown.vehicle)
@@ -261,6 +263,7 @@ def test_damping_that_is_not_stated_is_named_and_mended_by_looking_for_it() -> N
     assert {e.verdict for e in found.conclusions[0].estimates.values()} == {"contradicted"}
 
 
+@pytest.mark.thorough
 def test_a_log_without_noise_raises_no_cause() -> None:
     """A floor stands in for its noise, and against that no model fits."""
     flown = fly("preliminary")
@@ -271,6 +274,7 @@ def test_a_log_without_noise_raises_no_cause() -> None:
 ANOTHERS = "another's commands"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "kind"),
     [
@@ -368,6 +372,7 @@ def test_a_supply_that_remembers_leaves_no_value_wrong(monkeypatch: pytest.Monke
     assert faulty.looks_good_and_is_wrong(before, true) == ["ixx", "iyy", "izz"]
 
 
+@pytest.mark.thorough
 def test_a_canted_jet_that_drew_the_cg_to_itself_is_named() -> None:
     """5 degrees on a log of which one jet alone tells CG y: beside the CG's wrong minimum an IMU 174 mm away had fitted, too."""
     log, used = faulty.sample("free-flyer", 20.0)

@@ -95,6 +95,7 @@ def test_what_is_wrong_all_along_or_not_at_all_is_no_failure_for_a_time(key: str
     assert episodes(otherwise(*([key] if key else []))) == []
 
 
+@pytest.mark.thorough
 def test_a_failure_that_ends_with_its_phase_is_none_of_the_next() -> None:
     """Dead until the vehicle docks, whole again afterwards: nothing of the first phase tells when it ends."""
     plan = [
@@ -127,6 +128,7 @@ def test_pulses_begin_when_the_vehicle_file_says_that_they_fail() -> None:
     np.testing.assert_allclose(episode._pulses(screening, 0), begun[0][: log.cycles][log.command[:, screening.free.fired[0]] > 0])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("keys", "code", "words", "setting"),
     [
@@ -175,6 +177,7 @@ def test_a_jet_that_fails_for_a_time_is_named_and_mended(keys: tuple[str, ...], 
     assert {notice.code for notice in mended_log.notices} <= {"disturbance-torque"}
 
 
+@pytest.mark.thorough
 def test_jets_that_always_fire_together_are_named_side_by_side_where_the_log_cannot_tell() -> None:
     """On a bearing two jets of a couple differ in what they push alone, which moves the rotor hardly."""
     found = episodes(look_at("testbed", failing("roll_n1", 0.0, 14.0)))

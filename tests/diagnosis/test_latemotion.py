@@ -19,6 +19,7 @@ SLOWER = {"rise_s": 0.004, "fall_s": 0.006}
 """Of all valves, beyond what the free flyer's are."""
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("ramp", "by_s", "words"),
     [
@@ -42,6 +43,7 @@ def test_valves_that_open_or_close_late_are_named_and_mended(ramp: str, by_s: fl
         assert abs(item.value - true) < 4 * item.sigma, name
 
 
+@pytest.mark.thorough
 def test_a_delay_is_as_certain_as_it_is_said_to_be() -> None:
     """With a delay above 4 a log holds a cycle less of which the commands are known, whose likelihood was missed: 7 sigma below 4."""
     found = examined(later, seed=3).detected
@@ -49,6 +51,7 @@ def test_a_delay_is_as_certain_as_it_is_said_to_be() -> None:
     assert abs(found.at.delay - 4.0) < 4 * found.sigma.delay < 0.002
 
 
+@pytest.mark.thorough
 def test_a_drifting_clock_is_named_with_its_rate_and_mended() -> None:
     """The IMU's clock is 2,500 ppm fast: its cycles begin up to one earlier than the commands'. Sampled from a flight in fine records."""
     fine = fly("free-flyer", *PLAN, "sensors.records_per_cycle=20", "sensors.gyro_noise_rad_s=0.0", "sensors.accel_noise_m_s2=0.0")

@@ -10,6 +10,7 @@ from tests.analysed import analysed
 NOISE = frozenset({"gyro-misfit", "disturbance-torque", "accelerometer-misfit", "model-misfit"})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "times"),
     [
@@ -30,6 +31,7 @@ def test_no_other_cause_is_named(name: str, times: float) -> None:
     assert found.vehicle.imu.gyro_noise_rad_s == pytest.approx(imu.gyro_noise_rad_s, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_a_fault_is_named_where_the_noise_is_left_to_be_found() -> None:
     log, used = faulty.sample("free-flyer", 20.0)
     unstated = used.model_copy(update={"imu": used.imu.model_copy(update={"gyro_noise_rad_s": None, "accel_noise_m_s2": None})})

@@ -74,6 +74,7 @@ def test_a_cut_at_a_later_cycle_changes_no_row(flight: tuple[Log, Vehicle]) -> N
     assert np.isfinite(whole.innovation[148, :3]).all()
 
 
+@pytest.mark.thorough
 def test_times_that_are_given_back_give_the_same_and_none_uses_all(flight: tuple[Log, Vehicle]) -> None:
     log, used = flight
     log = spiked(log, "gyro", ROWS, 0.01)
@@ -87,6 +88,7 @@ def test_times_that_are_given_back_give_the_same_and_none_uses_all(flight: tuple
     assert "gyro-misfit" in {n.code for n in everything.notices}
 
 
+@pytest.mark.thorough
 def test_many_are_a_misfit(flight: tuple[Log, Vehicle]) -> None:
     log, used = flight
     rows = list(range(20, 390, 30))

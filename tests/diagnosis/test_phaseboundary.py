@@ -75,6 +75,7 @@ def test_what_is_wrong_all_along_or_not_at_all_has_no_border(key: str) -> None:
     assert border(otherwise(*([key] if key else [])), 20.0) is None
 
 
+@pytest.mark.thorough
 def test_of_a_long_log_nothing_is_left_out_that_was_not_looked_at() -> None:
     """The stretch that is looked at ends amid the log, in somebody's hands; what comes then is good."""
     screening = look_at("free-flyer", *PLAN)

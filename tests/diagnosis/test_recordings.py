@@ -145,6 +145,7 @@ def test_largest_torques_of_one_are_told_in_a_log_that_fits_beside_forces_in_new
     assert verdicts["mass"] == "converged"
 
 
+@pytest.mark.thorough
 def test_torques_about_the_cg_of_a_balanced_body_are_named_where_all_forces_are_along_one_line() -> None:
     """On a bearing, which stands at 30 mm from O; where the point is along y makes no torque."""
     plan = 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "y"], start_s=0.0, end_s=15.0}]'
@@ -160,6 +161,7 @@ def test_torques_about_the_cg_of_a_balanced_body_are_named_where_all_forces_are_
         assert abs((one.value or 0.0) - value) < 4 * (one.sigma or 0.0), name
 
 
+@pytest.mark.thorough
 def test_a_misfit_puts_no_cg_at_the_origin() -> None:
     """1 mm off it, as the log tells to 5 µm; an IMU that stands elsewhere from some moment on widens that to 4 mm."""
     flown = fly("free-flyer", *PLAN, *WRENCH, *(f"truth.cg_{axis}={c}" for axis, c in zip("xyz", (1e-3, -1e-3, 1e-3), strict=True)), *QUIET)
@@ -210,6 +212,7 @@ def test_a_sigma_covers_what_each_of_two_causes_gives_that_cannot_be_told_apart(
     assert verdicts == ["converged"] * 6 + ["contradicted"] * 4
 
 
+@pytest.mark.thorough
 def test_increments_in_the_axes_of_each_records_start_are_taken_back() -> None:
     """Where a body turns by 0.02 rad in a record under a specific force of gravity."""
     flown = fly("testbed", *PLAN)
@@ -243,6 +246,7 @@ def test_pulses_elsewhere_in_their_cycles_are_named_and_mended(at: str, delay: s
     assert all(abs((one.value or 0) - value) < 4 * (one.sigma or 0) for one, value in zip(estimates, flown.truth[0][0], strict=True))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("jet", "later_s"),
     [
@@ -296,6 +300,7 @@ def test_speeds_of_wheels_that_are_older_than_stated_are_named_with_their_age(sc
     assert stated.notices == ()
 
 
+@pytest.mark.thorough
 def test_a_jet_that_is_logged_a_cycle_before_its_twin_is_late_and_not_dead_beside_one_of_twice_the_thrust() -> None:
     """Both act together, so free coefficients give all that they do to the other one and leave nothing."""
     flown = fly("free-flyer", *PLAN)

@@ -38,6 +38,7 @@ def answered(log: Log, vehicle: Resolved) -> tuple[Array, Array]:
     return rereading._answers(rereading._Case(log, vehicle, timing, (phase, slice(20, 290)), made))
 
 
+@pytest.mark.thorough
 def test_a_rotors_own_answer_tells_which_column_is_its() -> None:
     """Of 720 orders the right one leaves least by far, whatever the body is."""
     log, vehicle = logged(1, 300)
@@ -52,6 +53,7 @@ def test_a_rotors_own_answer_tells_which_column_is_its() -> None:
     assert orders[int(np.argmin(left))].tolist() != list(range(6))
 
 
+@pytest.mark.thorough
 def test_a_rotor_whose_momentum_counts_answers_by_its_thrust() -> None:
     """Beside its thrust each speed then has a column of stored momentum, which is no rotor's."""
     rng = np.random.default_rng(1)

@@ -42,6 +42,7 @@ def test_a_cause_that_leaves_other_channels_is_no_first_of_two(monkeypatch: pyte
     assert corrected_alone(screening, found) is None
 
 
+@pytest.mark.thorough
 def test_a_lag_is_followed_first_though_other_late_causes_seem_likelier() -> None:
     screening = look_at("free-flyer", *PLAN, LAG)
     score, _ = of(screening, "thrust-lag")

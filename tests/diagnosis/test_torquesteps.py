@@ -36,6 +36,7 @@ def estimated(seed: int, part: float, jets: bool = False, noise: float = 1.0) ->
     return answer, float(np.abs(off).max())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("part", "jets"),
     [(0.3, False), (0.5, False), *(pytest.param(*one, marks=pytest.mark.thorough) for one in ((0.8, False), (0.25, True), (0.6, True)))],
@@ -50,6 +51,7 @@ def test_it_is_found_and_values_are_within_their_sigmas(part: float, jets: bool)
     assert off < 4
 
 
+@pytest.mark.thorough
 def test_nothing_is_found_where_it_steps_as_records_end() -> None:
     answer, off = estimated(4, 0.0)
     assert not answer.notices
@@ -78,6 +80,7 @@ GIMBALS = np.array([[0, 1.0, 1.0], [0, 1.0, -2.0], [1.0, 0, 2.0], [1.0, 0, -1.0]
 INERTIA = np.array([[9.0, 0.3, -0.5], [0.3, 11.0, 0.4], [-0.5, 0.4, 7.0]])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("course", ["bends 0.4 of a record later", "is smooth", "bends as records end"])
 def test_gimbals_that_turn_within_a_record_give_values_within_their_sigmas(course: str) -> None:
     """A body that began at rest, with gyros whose momenta cancel: I w = -sum of h s(gimbal), in closed form.

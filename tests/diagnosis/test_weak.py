@@ -32,6 +32,7 @@ def flown(name: str) -> simulate.SimulatedFlight:
     return simulate.fly(source, [data["seed"]])
 
 
+@pytest.mark.thorough
 @each("unbalanced")
 def test_what_a_clean_log_leaves_of_the_free_coefficients_is_chance(name: str) -> None:
     """It was 2 to 20,000 times pure error, and more where the CG is untold; a turned IMU, a jet or a steady torque explained it."""
@@ -39,6 +40,7 @@ def test_what_a_clean_log_leaves_of_the_free_coefficients_is_chance(name: str) -
     assert screening.misfit < 1 + 6 * np.sqrt(2 / screening.freedom)
 
 
+@pytest.mark.thorough
 @each("unbalanced", "untold")
 def test_no_cause_is_named(name: str) -> None:
     assert faulty.examined(flown(name).log(0), flown(name).vehicle).notices == ()

@@ -56,6 +56,7 @@ def found_of(
     return found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("imu", "period_s", "most"),
     [
@@ -145,6 +146,7 @@ def test_on_a_bearing_the_weight_is_where_the_sensors_show_it() -> None:
         assert np.abs(deviation).max() < 0.1
 
 
+@pytest.mark.thorough
 def test_a_cutoff_is_found_with_its_sigma() -> None:
     imu = anyimu.Imu(measures="sample", order=2, cutoff_hz=45.0, offset_s=0.002)
     for answer, deviation in found_of(7, imu, 0.05, auto=True, count=1):

@@ -81,6 +81,7 @@ def test_a_quiet_gyro_shows_nothing_of_how_the_attitude_was_carried(bias: tuple[
     assert np.abs(apart).max() < 0.1
 
 
+@pytest.mark.thorough
 def test_a_phase_that_begins_later_is_as_good() -> None:
     """By then the attitude is 12 mrad off, which is no error of where that phase begins."""
     assert 0.7 < np.sqrt((errors(flown(4, *settings(1e-3)), LATE) ** 2).mean()) < 1.3
@@ -108,6 +109,7 @@ def left_over(bias: float) -> tuple[Array, Array]:
     return np.abs(felt[:, 3:]).mean(0), np.abs(state[1:, RATE] - moved[:, RATE]).mean(0)
 
 
+@pytest.mark.thorough
 def test_the_equations_hold_at_the_truth_to_the_second_order() -> None:
     """Without noise what is left goes with the bias' square: four times the bias leaves some 16 times as much."""
     (felt, grown), (more_felt, more_grown) = left_over(2.5e-4), left_over(1e-3)
@@ -127,6 +129,7 @@ def test_noise_carries_the_attitude_off_before_a_phase_begins_too() -> None:
     assert np.abs(z).max() < 4.0
 
 
+@pytest.mark.thorough
 def test_the_equations_hold_for_an_error_of_one_cycles_rate() -> None:
     """By it the vertical that the equations use turns within that cycle, and stays turned; the states say so."""
     moving = "truth.cg_z=-0.008", "vehicle.cycle.period_s=0.1", "initial.rate_rad_s=[0.1, -0.1, 0.1]"
@@ -159,6 +162,7 @@ def test_the_equations_hold_for_an_error_of_one_cycles_rate() -> None:
         assert np.abs(more_felt - felt).max() < 1e-2 * 9.8 * 0.1 * error
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(kernel().library is None, reason=f"the causal pass runs on {kernel().name}")
 @pytest.mark.parametrize(("bias", "most"), [(1e-3, 0.2), (1e-2, 0.5)])
 def test_on_board_the_estimate_frees_the_attitude_of_the_bias(bias: float, most: float) -> None:

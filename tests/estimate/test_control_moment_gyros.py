@@ -74,6 +74,7 @@ def test_the_momentum_in_a_record_is_that_of_a_gimbal_that_turns_evenly() -> Non
     np.testing.assert_allclose(means, gyro.h_n_m_s * np.array(exact), atol=1e-6 * gyro.h_n_m_s)
 
 
+@pytest.mark.thorough
 @pytest.mark.numerical
 def test_gyros_tell_what_wheels_tell_at_the_bound() -> None:
     """Sigmas 0.9 to 1.2 of the bound; without a push no mass, and it is said; a delay, speeds and a fast turn are all in the log."""
@@ -107,6 +108,7 @@ def test_over_ten_seeds_intervals_of_95_percent_cover_as_many() -> None:
     assert abs(np.sqrt((z**2).mean()) - 1) < 2.4 / np.sqrt(2 * z.size)
 
 
+@pytest.mark.thorough
 def test_an_uncertain_momentum_is_in_every_sigma() -> None:
     """Of four gyros of 1 % each the scale is known to better than that and not to a third of it; wrong by one sigma, it is covered."""
     sigmas = [f"vehicle.control_moment_gyros.{i}.h_sigma_n_m_s=0.004" for i in EACH[:2]]
@@ -132,6 +134,7 @@ def test_an_error_of_all_gimbal_angles_is_covered_where_it_is_stated_and_seen_wh
     assert estimated(flight, 0, (), 0.02).notices
 
 
+@pytest.mark.thorough
 def test_rotors_that_run_down_are_followed_by_their_speed() -> None:
     rotor = "spin_inertia_kg_m2=8e-4, start_rad_s=500, locked_in_inertia=true"
     axes = (([0.816497, 0, 0.57735], [0, 1, 0]), ([0, 0.816497, 0.57735], [-1, 0, 0]), ([-0.816497, 0, 0.57735], [0, -1, 0]))
@@ -144,6 +147,7 @@ def test_rotors_that_run_down_are_followed_by_their_speed() -> None:
     assert not analysis.notices
 
 
+@pytest.mark.thorough
 def test_what_is_stated_of_the_locked_rotor_moves_the_inertia_by_just_that() -> None:
     _, flight = flown(4)
     locked, bare = (found(estimated(flight, 0, (f"control_moment_gyros.3.locked_in_inertia={word}",)))[0] for word in ("true", "false"))

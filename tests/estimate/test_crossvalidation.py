@@ -85,6 +85,7 @@ def test_a_body_that_is_another_in_the_second_half_is_not_predicted() -> None:
     assert chances[1] < 1e-6
 
 
+@pytest.mark.thorough
 def test_the_command_tests_each_segment_and_reports_the_scatter(tmp_path: Path) -> None:
     found = massprop(tmp_path, "estimate", LOG, "--cross-validate", "0.95", "--json", "--out", "o")
     assert found.returncode == 0, found.stderr

@@ -81,6 +81,7 @@ def test_what_is_found_of_the_damping_is_what_acted(name: str) -> None:
     assert np.abs(z).max() < 4.5
 
 
+@pytest.mark.thorough
 @pytest.mark.numerical
 def test_a_table_tells_no_damping_but_of_yaw() -> None:
     np.testing.assert_allclose(flown("planar").damping[:, :2], [[[0.0, 0.2]] * 2] * SEEDS, atol=1e-12)

@@ -37,6 +37,7 @@ def test_clean_logs_gain_no_disturbance() -> None:
         assert notices == []
 
 
+@pytest.mark.thorough
 def test_a_long_run_variance_is_in_excess_as_rarely_as_a_normal_deviate_is_beyond_six_sigma() -> None:
     """In 200 cycles a normal tail's bound, 1 + 6 sigma, is passed 5 times in 100,000 by white noise."""
     for freedom in (20.0, 50.0, 200.0):

@@ -182,6 +182,7 @@ def test_a_stated_disturbance_torque_widens_the_sigmas_to_fit() -> None:
     assert 0.65 < np.sqrt(np.mean(np.square(z))) < 1.4
 
 
+@pytest.mark.thorough
 @pytest.mark.numerical
 def test_a_mass_that_is_said_to_drift_is_known_no_better_than_it_drifts() -> None:
     """The body of the flight is constant: its mass still holds, with a sigma that no averaging brings below the walk."""

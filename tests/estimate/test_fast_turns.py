@@ -85,6 +85,7 @@ def test_finer_bins_would_change_nothing_and_four_do(member: int, flights: Simul
     assert np.abs(sigmas(examined(), exact)).max() < 0.15 * coarse
 
 
+@pytest.mark.thorough
 @pytest.mark.numerical
 def test_a_body_that_turns_by_more_than_half_a_radian_in_a_cycle_is_followed_in_finer_bins_still() -> None:
     slower = [value for value in PLAN if not value.startswith(("duration_s", "vehicle.cycle.period_s"))]

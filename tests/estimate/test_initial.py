@@ -51,6 +51,7 @@ def test_forces_alone_give_a_mass_to_start_from() -> None:
     assert 1 / found.mu == pytest.approx(22, rel=0.2)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("size", [1e-9, 1e-15])
 def test_what_rounding_leaves_of_a_couples_forces_tells_no_mass(size: float) -> None:
     """It goes with how O moves as the body turns about its CG, so that it told a mass about which nothing else was told any more."""

@@ -30,6 +30,7 @@ def concluded(flight: simulate.SimulatedFlight, seed: int, *settings: str) -> Co
     return flow.examine(flight.log(seed), VehicleSource(vehicle, "", "")).conclusions[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.numerical
 def test_without_a_mass_no_cg_is_given_and_it_is_said_what_would_tell_it() -> None:
     _, flight = flown()

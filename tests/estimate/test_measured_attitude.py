@@ -222,6 +222,7 @@ UNSTATED = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "unstated",
     [pytest.param(one, id=name, marks=[pytest.mark.thorough] * (name != "turn")) for name, one in UNSTATED.items()],
@@ -254,6 +255,7 @@ def test_the_noise_is_estimated(noise: float) -> None:
     assert abs(found.noise.attitude_rad / noise - 1) < 0.1
 
 
+@pytest.mark.thorough
 def test_the_reference_stays_with_the_logged_attitude() -> None:
     """0.1 rad/s of bias, 40 degrees in the log: within 3 mrad after the first seconds."""
     flight = flown(1, *MILLIRADIAN, "sensors.gyro_bias_rad_s=[0.02, -0.03, 0.01]", "vehicle.imu.gyro_bias_sigma_rad_s=0.03")
@@ -263,6 +265,7 @@ def test_the_reference_stays_with_the_logged_attitude() -> None:
     assert 2 * np.arccos(np.minimum(apart[100:], 1.0)).max() < 3e-3
 
 
+@pytest.mark.thorough
 def test_the_kernel_filters_attitudes_as_numpy_does(monkeypatch: pytest.MonkeyPatch) -> None:
     """Noisy, late, between cycles' ends, seldom: the reference to 1e-11 rad, what is known of its error to 1e-9 of a sigma."""
     flight = flown(1, *MILLIRADIAN, *biased(1), *SIMULATED["between the cycles' ends"])

@@ -63,6 +63,7 @@ def conclusions(answers: list[Analysis]) -> list[Conclusion]:
     return [answer.conclusions[0] for answer in answers]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("kind", "biases", "inertia", "most"),
     [
@@ -80,6 +81,7 @@ def test_without_noise_nothing_is_left(kind: anypedestal.Kind, biases: bool, ine
         assert np.abs((told.values - truth) / told.sigmas).max() < most
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("kind", "count", "inertia"),
     [
@@ -213,6 +215,7 @@ def test_a_result_has_the_nine_with_value_sigma_unit_and_verdict() -> None:
     assert all(one.value is not None and one.sigma is not None and one.verdict == "converged" for one in nine.values())
 
 
+@pytest.mark.thorough
 def test_where_second_orders_lead_the_causal_estimate_astray_it_is_led_by_the_fit() -> None:
     """A gyro's bias of 1e-3 rad/s beside a first moment that is told to 3e-7 kg m: it had been contradicted, 4.2 sigma from the fit."""
     rng = np.random.default_rng([0, 4])
@@ -229,6 +232,7 @@ def test_where_second_orders_lead_the_causal_estimate_astray_it_is_led_by_the_fi
     assert len(found.histories[0].time_s) == log.cycles - 1  # wheels tell their torque from the second speed on
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(kernel().library is None, reason=f"the causal pass runs on {kernel().name}")
 @pytest.mark.parametrize(
     ("kind", "biases", "noise"),

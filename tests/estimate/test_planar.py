@@ -45,6 +45,7 @@ def estimated(hold: float, tilt_sigma_rad: float = 0.01, seeds: int = len(SEEDS)
     return errors, np.sqrt([np.diag(c.covariance)[TOLD] for c in found])
 
 
+@pytest.mark.thorough
 @pytest.mark.numerical
 def test_the_sigmas_are_the_bound_and_the_errors_are_within_them() -> None:
     source, flights = flown(1.0)
@@ -55,6 +56,7 @@ def test_the_sigmas_are_the_bound_and_the_errors_are_within_them() -> None:
     assert 7.5 < chi_square < 53  # of 24, one in a thousand is outside
 
 
+@pytest.mark.thorough
 def test_what_is_felt_of_the_slope_makes_no_difference() -> None:
     error, sigma = estimated(0.0, seeds=2)
     assert (np.abs(estimated(1.0)[0][:2] - error) < 0.02 * sigma).all()
@@ -69,6 +71,7 @@ def test_a_slope_that_is_felt_and_not_reckoned_with_is_not_passed_over() -> None
     assert (np.abs(error[:, 3]) < 4 * sigma[:, 3]).all()
 
 
+@pytest.mark.thorough
 def test_a_stated_gyro_bias_makes_no_difference() -> None:
     """0.18 degrees a second about the vertical: in 20 seconds the slope turns by 3 degrees too far, no value by a tenth of a sigma."""
     _, flights = flown(1.0)
@@ -85,6 +88,7 @@ def test_a_stated_gyro_bias_makes_no_difference() -> None:
     assert (np.abs(biased - plain) < 0.1 * sigma).all()
 
 
+@pytest.mark.thorough
 def test_a_gyro_bias_that_turns_a_held_slope_is_found() -> None:
     """The slope's direction in the body goes with the heading: 0.1 rad after a minute. It had been a specific force 20 times its noise."""
     quiet = "vehicle.imu.accel_noise_m_s2=1e-3", "sensors.accel_noise_m_s2=1e-3"

@@ -57,6 +57,7 @@ def errors_on_the_way(found: list[tuple[History, Array]]) -> Array:
     return given
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["refined", pytest.param("free-flyer", marks=pytest.mark.numerical), "air-bearing", "docking"])
 def test_values_hold_from_the_first_that_is_given(name: str) -> None:
     """The estimator before this one: up to 9,800 sigma on the way on such logs."""

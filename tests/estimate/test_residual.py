@@ -63,6 +63,7 @@ def integrated(found: Analysis, first_rate: Array, cycles: int) -> Array:
     return np.asarray(middle.reshape(-1, bins, 3).mean(1))
 
 
+@pytest.mark.thorough
 def test_the_prediction_is_the_motion_that_the_commands_cause_from_the_first_moment_on() -> None:
     """Integrated from the first rate that fits it best; cycles 50 to 400 lie within 1.5 sigma of the gyro. Before, too little is told of
     the first rate."""
@@ -82,6 +83,7 @@ def reversed_jet() -> Analysis:
     return examined(log, pushing(used, {"roll_p1": -1.0}))
 
 
+@pytest.mark.thorough
 def test_a_reversed_jet_leaves_a_gap_that_grows_to_hundreds_of_sigma() -> None:
     told = left(reversed_jet())
     size = np.abs(told.value[:, 0]) / told.sigma[:, 0]

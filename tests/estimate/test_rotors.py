@@ -183,6 +183,7 @@ def test_simulated_speeds_at_an_eighth_of_the_lag_give_values_within_their_sigma
     assert 0.2 < np.sqrt(np.mean(np.square(z))) < 1.1
 
 
+@pytest.mark.thorough
 def test_commands_that_were_lost_leave_values_converged_and_within_their_sigmas() -> None:
     """What a rotor did meanwhile lasts as long as its lag. With its full thrust in their place nothing converged."""
     rng = np.random.default_rng(3)

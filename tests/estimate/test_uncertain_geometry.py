@@ -70,6 +70,7 @@ def found(seed: int, uncertain: bool = True) -> tuple[Analysis, Array]:
     return flow.examine(flown(seed).log(0), VehicleSource(used, "planar", "")), flown(seed).truth[0][0]
 
 
+@pytest.mark.thorough
 @pytest.mark.numerical
 def test_errors_within_what_is_stated_are_no_fault_and_within_the_sigmas() -> None:
     """Chi-square, one in a thousand is outside; innovations within four of the sigmas of their variance."""

@@ -65,6 +65,7 @@ def found(analysis: Analysis) -> tuple[Array, Array]:
     return conclusion.values, np.sqrt(np.diag(conclusion.covariance))
 
 
+@pytest.mark.thorough
 @pytest.mark.numerical
 @pytest.mark.parametrize(
     ("name", "told", "thrust"),
@@ -91,6 +92,7 @@ def test_wheels_tell_what_they_can_at_the_bound_and_fix_the_scale_that_thrust_le
     assert not analysis.notices
 
 
+@pytest.mark.thorough
 def test_beside_wheels_no_scale_is_added_to_what_logs_and_phases_have_alike() -> None:
     """The filter has it in its covariance: pooled inertia was ± 0.030 of two logs that tell it to 2e-5, and two phases had it twice."""
     _, flight = flown("wheels-and-jets", seconds=20)
@@ -184,6 +186,7 @@ def test_momentum_begins_with_the_rate_that_the_body_has_when_the_first_torque_a
     assert not analysis.notices
 
 
+@pytest.mark.thorough
 def test_a_delay_is_found_in_a_long_log_of_wheels_whose_torque_was_logged(monkeypatch: pytest.MonkeyPatch) -> None:
     """Their speed follows from the whole log, of which no stretch can be looked at alone: it had ended in an internal error."""
     monkeypatch.setattr(resolve, "LONGEST", 200)
@@ -213,6 +216,7 @@ def on_table(column: str, *settings: str) -> tuple[ScenarioSource, simulate.Simu
     return source, simulate.fly(source, [1])
 
 
+@pytest.mark.thorough
 @pytest.mark.numerical
 @pytest.mark.parametrize(
     ("column", "thrust"), [("speed", 0.95), *(pytest.param(*one, marks=pytest.mark.thorough) for one in (("torque", 1.0), ("speed", 1.0)))]

@@ -227,6 +227,7 @@ def test_what_the_kernel_cannot_hold_is_refused(setting: str, said: str) -> None
     assert "vehicle.toml" in str(refused.value)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("setting", "said"),
     [

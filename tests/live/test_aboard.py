@@ -182,6 +182,7 @@ def test_numpy_says_cycle_by_cycle_what_the_kernel_says(name: str) -> None:
     assert sum(e["verdict"] == "converged" for e in said[-1]["estimates"].values()) > 0
 
 
+@pytest.mark.thorough
 @compiled
 def test_both_say_that_what_is_flown_is_another_vehicle() -> None:
     """Delay of a twentieth of a cycle less than flown: every value that is told is contradicted, none ever called converged."""

@@ -21,6 +21,7 @@ from tests.live.streams import recorded
 pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"the causal pass runs on {kernel().name}")
 
 
+@pytest.mark.thorough
 def test_the_recording_is_estimated_as_any_log(tmp_path: Path) -> None:
     """Answers come before more is sent; the result is the one of the recording."""
     vehicle = str(SAMPLES / "free-flyer" / "vehicle.toml")

@@ -145,6 +145,7 @@ def flown(made: WrittenPlan, seeds: list[int]) -> tuple[Array, Array, dict[str, 
     return np.array(sigmas) / predicted, np.array(errors), quiet
 
 
+@pytest.mark.thorough
 def test_what_is_predicted_is_what_the_plans_own_logs_give(made: WrittenPlan) -> None:
     assert made.plan.reached
     assert made.exit_code == 0
@@ -215,6 +216,7 @@ def test_motions_by_what_stores_momentum_are_planned_and_give_what_is_predicted(
     assert max(speeds, default=0.0) <= 260.0
 
 
+@pytest.mark.thorough
 def test_wheels_beside_jets_stand_while_these_are_planned(folder: Path) -> None:
     asked = Asked(precise("mass 5 %"), max_time_s=2.0, off=all_but("divert_x"))
     vehicle, body = folder / "vehicle.toml", folder / "guess.toml"
@@ -309,6 +311,7 @@ def test_an_axis_that_no_jet_serves_is_not_planned(folder: Path) -> None:
         rehearsal.rehearsal(source, known, JETS)
 
 
+@pytest.mark.thorough
 def test_a_vehicle_that_can_not_hold_its_roll_is_planned_with_what_it_can_do(folder: Path) -> None:
     off = all_but("yaw", "divert_x")
     made = flow.make(folder / "vehicle.toml", folder / "guess.toml", Asked(precise("mass 20 %"), max_time_s=1.0, off=off), lambda *_: None)

@@ -85,6 +85,7 @@ def off(name: str, sigmas: float, about: str = "estimates") -> Callable[[dict[st
     return change
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "kind", ["free-flyer", *(pytest.param(kind, marks=pytest.mark.thorough) for kind in ("pedestal", "testbed", "wheels", "planar"))]
 )
@@ -143,6 +144,7 @@ def test_a_body_that_has_changed_is_not_predicted(lab: Path) -> None:
     assert yaw["result"]["residual_rms"] > 2 * yaw["log"]["residual_rms"]
 
 
+@pytest.mark.thorough
 def test_a_scale_that_both_logs_share_predicts_nothing(lab: Path) -> None:
     """The thrust is known to 2 %, and alike in both: inertia that is 1 % off is not within what one log's noise allows."""
     stocked(lab, "free-flyer")
@@ -160,6 +162,7 @@ def test_a_scale_that_both_logs_share_predicts_nothing(lab: Path) -> None:
     told(ran(lab, "off", *other, "--json"), 5)
 
 
+@pytest.mark.thorough
 def test_a_level_may_be_stated(lab: Path) -> None:
     p = told(ran(lab, "free-flyer", "free-flyer-2/log.parquet", "--json"))["test"]["p"]
     assert ran(lab, "free-flyer", "free-flyer-2/log.parquet", "-q", "--limit", str(1 - 0.9 * p)).exit_code == 0
@@ -246,6 +249,7 @@ def test_a_contradicted_value_ends_with_six(lab: Path) -> None:
     assert ran(lab, folder, "free-flyer-2/log.parquet", "-q", "--allow-contradicted").exit_code == 0
 
 
+@pytest.mark.thorough
 def test_a_joint_result_predicts_a_third_log(lab: Path) -> None:
     stocked(lab, "free-flyer")
     assert massprop(lab, "estimate", "free-flyer-2/log.parquet", "-q", "--out", "second").returncode == 0

@@ -289,6 +289,7 @@ def test_independent_errors_of_pulses_add_up_in_squares() -> None:
         np.testing.assert_allclose(aligned.pulse_covariance, np.einsum("kja,kjb->kab", each, each), rtol=1e-9, atol=1e-18)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("lag_s", [0.1, 0.2])
 def test_a_log_that_begins_while_thrust_lags_is_estimated_from_when_that_is_forgotten(lag_s: float) -> None:
     """What acted before the log is not in it. After five time constants such logs had been told of a torque, and of no cause."""

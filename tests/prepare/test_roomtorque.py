@@ -21,6 +21,7 @@ def _in_body(turn: Array, begun: Array, share: Array) -> Array:
     return found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("angle", "most"), [(0.05, 1e-6), (0.3, 3e-4)])
 def test_a_torque_that_stands_still_is_integrated_in_axes_that_turn(angle: float, most: float) -> None:
     """Every cycle by itself: an even turn of some length, another one in each; rising, falling and whole impulses, and those of bins."""

@@ -54,6 +54,7 @@ def drawn() -> tuple[Log, Vehicle]:
     return anypedestal.log_of(rng, own, 0, flown, used, 0.0), used
 
 
+@pytest.mark.thorough
 def test_what_is_left_of_rounding_errors_does_not_follow_the_speeds() -> None:
     """By the loop that holds the vehicle still rates by net momentum are small, and their regression on rounded speeds is attenuated."""
     log, _ = drawn()
@@ -78,6 +79,7 @@ def test_what_is_left_of_rounding_errors_does_not_follow_the_speeds() -> None:
     assert abs(slopes["calibrated"] - 1) < 0.2 * expected
 
 
+@pytest.mark.thorough
 def test_exact_speeds_stay_as_they_are_and_none_is_corrected_twice() -> None:
     log, used = drawn()
     assert recorded.undone(log, used) is log

@@ -50,6 +50,7 @@ def test_several_results_are_compared_and_linked(flyer: Recorded, docking: Recor
     assert page.text == html.page([flyer, docking, refined])
 
 
+@pytest.mark.thorough
 def test_results_of_one_vehicle_are_named_on_the_axis_with_their_differences_from_the_first(flyer: Recorded, docking: Recorded) -> None:
     heavier = changed(flyer, "mass", {"value": 22.5, "sigma": 0.4})
     lost = changed(flyer, "mass", {"verdict": "not_excited"})

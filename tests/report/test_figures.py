@@ -328,6 +328,7 @@ def test_names_with_markup_mathematics_or_control_signs_are_only_text(docking: R
         assert figures.draw(name, renamed, "png")
 
 
+@pytest.mark.thorough
 def test_figures_leave_pyplot_alone_and_matplotlib_until_one_is_drawn(tmp_path: Path, flyer: Recorded) -> None:
     code = (
         "import sys; from pathlib import Path\n"

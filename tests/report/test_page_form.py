@@ -158,6 +158,7 @@ def test_hostile_names_are_only_text(page: Page) -> None:
     harmless(page)
 
 
+@pytest.mark.thorough
 def test_hostile_names_are_only_text_beside_another_result(docking: Recorded) -> None:
     harmless(Page(html.page([restless(docking, 2), docking])))
 

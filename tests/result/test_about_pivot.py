@@ -53,6 +53,7 @@ def test_what_moves_without_turning_has_no_part_in_it() -> None:
     assert {name: item.expected.met for name, item in about.items() if item.expected} == dict.fromkeys(ABOUT_PIVOT, True)
 
 
+@pytest.mark.thorough
 def test_a_corrected_estimate_is_about_the_pivot_too(folder: Path) -> None:
     """A wheel that is stated to be lighter is named, and the moments of inertia about the pivot are those of the motion again."""
     vehicle = (folder / "log-1" / "vehicle.toml").read_text()

@@ -23,6 +23,7 @@ def rotors(**keys: str) -> str:
     return f"vehicle.rotors=[{', '.join(alike)}]"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "of",
     [

@@ -241,6 +241,7 @@ def test_friction_slows_a_turn_exponentially() -> None:
     assert rate[-1] < 0.04
 
 
+@pytest.mark.thorough
 def test_attitude_hold_brings_a_turning_vehicle_back() -> None:
     control = {"rate_gain_n_m_s": [1.0, 5.0, 5.0], "attitude_gain_n_m": [0.6, 3.0, 3.0]}
     changes = {"control": control, "duration_cycles": 400, "plan": [{"motion": "hold", "start_cycle": 0, "end_cycle": 400}]}
@@ -251,6 +252,7 @@ def test_attitude_hold_brings_a_turning_vehicle_back() -> None:
     assert np.abs(flown.rate_rad_s[:, -1]).max() < 0.005
 
 
+@pytest.mark.thorough
 def test_random_pulses_have_the_lengths_and_signs_that_the_plan_says() -> None:
     plan = [{"motion": "random", "axes": ["y"], "every_cycles": 5, "max_cycles": 4, "start_cycle": 0, "end_cycle": 100}]
     flown = simulate.fly(source(plan=plan, duration_cycles=100), range(200))
@@ -325,6 +327,7 @@ def test_a_docked_object_that_the_motion_cannot_tell_is_a_missing_value(tmp_path
     assert all(item["value"] is None and not item["expected"]["met"] for item in docked["estimates"].values())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name", [name if name == "refined" else pytest.param(name, marks=[pytest.mark.thorough, pytest.mark.seeds]) for name in SCENARIOS]
 )
@@ -339,6 +342,7 @@ def test_sample_logs_are_what_their_command_makes(name: str, tmp_path: Path) -> 
         assert np.allclose(made.column(column).to_numpy(), stored.column(column).to_numpy(), rtol=0, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_a_campaign_folder_holds_the_same_bytes_as_single_runs(tmp_path: Path) -> None:
     runner = CliRunner()
     assert (

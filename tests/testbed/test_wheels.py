@@ -48,6 +48,7 @@ def test_what_wheels_take_the_body_gives(friction: tuple[str, ...]) -> None:
     assert np.abs(total - total[0]).max() < 1e-8 * np.linalg.norm(total[0])
 
 
+@pytest.mark.thorough
 def test_docking_keeps_the_momentum_of_both_and_of_the_wheels() -> None:
     """About the common CG: ``I₁ ω + a h + I₂ ω₂ + μ (c₂ − c₁) × v`` before, body and wheels from then on; wheels take no blow, to 1e-8."""
     docked = "docked={ixx=0.5, iyy=0.8, izz=0.6, cg_x=0.7, cg_y=0.05, cg_z=-0.1, mass=8.0}"
@@ -66,6 +67,7 @@ def test_docking_keeps_the_momentum_of_both_and_of_the_wheels() -> None:
     assert np.abs(after - before).max() < 1e-8 * np.linalg.norm(before)
 
 
+@pytest.mark.thorough
 def test_a_wheel_runs_down_by_its_friction() -> None:
     """By ``J h' = −b h``; the body hardly turns, and what it does is in the wheel's own speed."""
     heavy = ("truth.ixx=600.0", "truth.iyy=2000.0", "truth.izz=2400.0")
