@@ -23,7 +23,6 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return simulate(tmp_path_factory.mktemp("job") / "flights", 1) / "seed-0001" / "log.parquet"
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("require", "expected", "code"),
     [

@@ -14,7 +14,6 @@ TURNS, PUSHES = '"roll", "pitch", "yaw"', '"x", "y", "z"'
 SHORT = {"wheels": [(TURNS, 0, 12)], "wheels-and-jets": [(TURNS, 0, 6), (PUSHES, 6, 12)], "control-moment-gyros": [(TURNS, 0, 12)]}
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "jets", "whole"),
     [

@@ -65,7 +65,6 @@ def drawn(seed: int, mass: float, sigma: float, scale: float) -> tuple[Array, Ar
     return BODY, both, added.calibrated((sides[0], sides[1]), said, 0.0)
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("mass", "sigma", "draws"),
     [(2.0, 2e-3, 50), *(pytest.param(*one, 200, marks=[pytest.mark.thorough, pytest.mark.seeds]) for one in ((2.0, 2e-3), (0.5, 2e-2)))],
@@ -181,7 +180,6 @@ def test_logs_of_a_table_on_a_pedestal_add_up_about_its_pivot() -> None:
     assert {item.reason_code for item in phase.estimates.values()} == {"unweighed-pedestal"}
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("kind", "count"),
     [("jets", 1), *(pytest.param(kind, 6, marks=[pytest.mark.thorough, pytest.mark.seeds]) for kind in ("jets", "wheels"))],

@@ -89,7 +89,6 @@ def levelled(flight: simulate.SimulatedFlight, cycle: int) -> Vehicle:
     return stated.model_copy(update={"environment": stated.environment.model_copy(update={"initial_attitude_wxyz": attitude})})
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "keys", "phases", "seed"),
     [

@@ -125,7 +125,6 @@ def test_an_accelerometer_behind_a_low_pass_has_no_converged_mass() -> None:
     assert faulty.looks_good_and_is_wrong(found, TRUTH) == []
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     "assignments",
     [
@@ -255,7 +254,6 @@ def test_what_several_causes_agree_on_is_less_certain_where_none_of_them_is_sure
     assert np.median(wider) > 10
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("scatter_s", "most", "seed"),
     [(1e-3, 3.0, 0), pytest.param(2e-3, 4.5, 1, marks=pytest.mark.thorough)],

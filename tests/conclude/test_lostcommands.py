@@ -62,7 +62,6 @@ def test_what_is_lost_and_what_scatters_are_told_apart(seed: int) -> None:
     assert lostcommands.scattered(spread, POWER) > max(lostcommands.SURE, *lostcommands.lost(spread, POWER))
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("seconds", "noise", "seed"), [(25.0, 0.004, 3), pytest.param(60.0, 0.008, 3, marks=[pytest.mark.thorough, pytest.mark.seeds])]
 )

@@ -71,7 +71,6 @@ def wrong(of: Subject, seed: int) -> tuple[set[str], Array, Array]:
     return {notice.code for notice in answer.notices}, z[0], np.concatenate(z[1:]) if z[1:] else np.zeros(0)
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("platform", "name"), [("wheels", "swapped"), pytest.param("rotors", "percent", marks=[pytest.mark.thorough, pytest.mark.seeds])]
 )

@@ -274,7 +274,6 @@ def test_a_log_without_noise_raises_no_cause() -> None:
 ANOTHERS = "another's commands"
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "kind"),
     [

@@ -128,7 +128,6 @@ def test_pulses_begin_when_the_vehicle_file_says_that_they_fail() -> None:
     np.testing.assert_allclose(episode._pulses(screening, 0), begun[0][: log.cycles][log.command[:, screening.free.fired[0]] > 0])
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("keys", "code", "words", "setting"),
     [

@@ -10,7 +10,6 @@ from tests.analysed import analysed
 NOISE = frozenset({"gyro-misfit", "disturbance-torque", "accelerometer-misfit", "model-misfit"})
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "times"),
     [

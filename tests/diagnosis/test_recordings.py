@@ -246,7 +246,6 @@ def test_pulses_elsewhere_in_their_cycles_are_named_and_mended(at: str, delay: s
     assert all(abs((one.value or 0) - value) < 4 * (one.sigma or 0) for one, value in zip(estimates, flown.truth[0][0], strict=True))
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("jet", "later_s"),
     [

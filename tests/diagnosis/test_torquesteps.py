@@ -36,7 +36,6 @@ def estimated(seed: int, part: float, jets: bool = False, noise: float = 1.0) ->
     return answer, float(np.abs(off).max())
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("part", "jets"),
     [(0.3, False), (0.5, False), *(pytest.param(*one, marks=pytest.mark.thorough) for one in ((0.8, False), (0.25, True), (0.6, True)))],

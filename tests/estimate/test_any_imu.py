@@ -56,7 +56,6 @@ def found_of(
     return found
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("imu", "period_s", "most"),
     [

@@ -222,7 +222,6 @@ UNSTATED = {
 }
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     "unstated",
     [pytest.param(one, id=name, marks=[pytest.mark.thorough] * (name != "turn")) for name, one in UNSTATED.items()],

@@ -46,7 +46,6 @@ def flown(name: str, cycles: int | None) -> simulate.SimulatedFlight:
     return simulate.fly(source, [SCENARIOS[name]["seed"], *MORE.get(name, ())])
 
 
-@pytest.mark.thorough
 @pytest.mark.numerical
 @pytest.mark.parametrize(
     ("name", "cycles"),

@@ -63,7 +63,6 @@ def conclusions(answers: list[Analysis]) -> list[Conclusion]:
     return [answer.conclusions[0] for answer in answers]
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("kind", "biases", "inertia", "most"),
     [
@@ -81,7 +80,6 @@ def test_without_noise_nothing_is_left(kind: anypedestal.Kind, biases: bool, ine
         assert np.abs((told.values - truth) / told.sigmas).max() < most
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("kind", "count", "inertia"),
     [
@@ -232,7 +230,6 @@ def test_where_second_orders_lead_the_causal_estimate_astray_it_is_led_by_the_fi
     assert len(found.histories[0].time_s) == log.cycles - 1  # wheels tell their torque from the second speed on
 
 
-@pytest.mark.thorough
 @pytest.mark.skipif(kernel().library is None, reason=f"the causal pass runs on {kernel().name}")
 @pytest.mark.parametrize(
     ("kind", "biases", "noise"),

@@ -41,7 +41,6 @@ def errors(seeds: int, *settings: str) -> tuple[Array, set[str]]:
 PULSES = ("vehicle.thrust.pulse_sigma=0.01",)
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     "stated",
     [

@@ -65,7 +65,6 @@ def found(analysis: Analysis) -> tuple[Array, Array]:
     return conclusion.values, np.sqrt(np.diag(conclusion.covariance))
 
 
-@pytest.mark.thorough
 @pytest.mark.numerical
 @pytest.mark.parametrize(
     ("name", "told", "thrust"),
@@ -216,7 +215,6 @@ def on_table(column: str, *settings: str) -> tuple[ScenarioSource, simulate.Simu
     return source, simulate.fly(source, [1])
 
 
-@pytest.mark.thorough
 @pytest.mark.numerical
 @pytest.mark.parametrize(
     ("column", "thrust"), [("speed", 0.95), *(pytest.param(*one, marks=pytest.mark.thorough) for one in (("torque", 1.0), ("speed", 1.0)))]

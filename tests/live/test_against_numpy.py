@@ -53,7 +53,6 @@ CASES = {
 }
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     "case",
     [

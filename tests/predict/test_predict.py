@@ -85,7 +85,6 @@ def off(name: str, sigmas: float, about: str = "estimates") -> Callable[[dict[st
     return change
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     "kind", ["free-flyer", *(pytest.param(kind, marks=pytest.mark.thorough) for kind in ("pedestal", "testbed", "wheels", "planar"))]
 )

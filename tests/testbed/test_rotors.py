@@ -23,7 +23,6 @@ def rotors(**keys: str) -> str:
     return f"vehicle.rotors=[{', '.join(alike)}]"
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     "of",
     [

@@ -327,7 +327,6 @@ def test_a_docked_object_that_the_motion_cannot_tell_is_a_missing_value(tmp_path
     assert all(item["value"] is None and not item["expected"]["met"] for item in docked["estimates"].values())
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name", [name if name == "refined" else pytest.param(name, marks=[pytest.mark.thorough, pytest.mark.seeds]) for name in SCENARIOS]
 )
