@@ -176,7 +176,9 @@ def estimates(
     for (phase, cycles), fit in zip(phases, fits, strict=True):
         own = used.in_phase(phase)
         causal = engine.replay(samples, cycles, phase, own, consider, partial(say, f"estimating, phase {phase.name}"))
-        if fit is not None and fit.stands and not used.estimator.refine and (astray(causal, fit.history) > LOST).any():
+        # a swing tells ratios far better than any size, so that what is linear about another ratio shows in no sigma
+        ratios = own.on_pedestal and own.knows_inertia
+        if fit is not None and fit.stands and not used.estimator.refine and (ratios or (astray(causal, fit.history) > LOST).any()):
             causal = _led(samples, cycles, phase, own, consider, fit)
         first, last = informed((causal, causal if fit is None else fit.history), samples, own)
         histories.append(last if used.estimator.refine else first)
@@ -186,10 +188,14 @@ def estimates(
 
 
 def astray(causal: History, settled: History) -> Array:
-    """(10,) sigmas between the causal estimate of a whole phase and the off-line fit of the same data; NaN where nothing is told."""
-    with np.errstate(invalid="ignore"):
-        found: Array = np.abs(causal.bare[0] - settled.bare[0]) / np.sqrt(np.diag(settled.bare[1]))
-    return found
+    """(10,) sigmas between the causal estimate of a whole phase and the off-line fit of the same data; NaN where nothing is told.
+
+    By the log alone, or beside what is known: of a free swing, which tells ratios alone, that shows by the second.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        alone = np.abs(causal.bare[0] - settled.bare[0]) / np.sqrt(np.diag(settled.bare[1]))
+        beside = np.abs(causal.values[-1] - settled.values[-1]) / settled.sigmas[-1]
+    return np.asarray(np.fmax(alone, beside))
 
 
 def _led(samples: Source, cycles: slice, phase: Phase, used: Resolved, consider: Consider, fit: offline.Settled) -> History:

@@ -6,18 +6,23 @@ depends on I_p and κ alone, so an error of the weighed mass moves c by ``−s/m
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from massprop_cli import INERTIA
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.rigidbody import elements, spread, spread_by_arm
-from massprop_cli.inputs.vehicle import Known, Vehicle
+from massprop_cli.base.rigidbody import MOMENTS, elements, spread, spread_by_arm
+from massprop_cli.inputs.vehicle import Vehicle
 
-SCALED, FACTORS, UPDATES = 100.0, 200, 8
-"""Largest factor by which what a log tells in ratios may have to be scaled, how many are compared, and updates from the best of them."""
+UPDATES = 8
+"""Of an iterated update."""
+RULED_OUT = 40.0
+"""−2 log likelihood beyond which one of two scales is ruled out."""
+UNSIZED = 0.3
+"""Sigmas of the size of all, over the change of it that known inertia asks for, beyond which the log tells ratios alone."""
 
 
 class AboutCg(NamedTuple):
@@ -28,7 +33,7 @@ class AboutCg(NamedTuple):
     covariance: Array
     """(K, 10, 10) by the log's noise."""
     by_mass: Array
-    """(K, 10, 10) by the weighed mass' sigma."""
+    """(K, 10, 10) by the weighed mass' sigma, and by what else a swing may be the swing of."""
 
 
 def about_cg(mean: Array, covariance: Array, vehicle: Vehicle) -> AboutCg:
@@ -44,28 +49,93 @@ def about_cg(mean: Array, covariance: Array, vehicle: Vehicle) -> AboutCg:
     moments = np.concatenate([mean[:, :6], (mean[:, 6:9] - pivot) * assumed], 1)
     nine = (slope @ covariance @ slope.transpose(0, 2, 1))[:, :9, :9]
     known = {i: vehicle.known[name] for i, name in enumerate(INERTIA) if name in vehicle.known}
-    at = _with_inertia(moments, nine, weighed.value, known) if known else moments
-    return beside_mass(moments, nine, pivot, weighed.value, weighed.sigma, at)
+    if not known:
+        return beside_mass(moments, nine, pivot, weighed.value, weighed.sigma)
+    index = list(known)
+    wanted, sigma = (np.array([getattr(one, part) for one in known.values()]) for part in ("value", "sigma"))
+    own = _Inertia(index, wanted, sigma, weighed.value)
+    each = [_scaled(moments, nine, factor, own) for factor in _factors(moments, own).T]
+    cost = np.array([one.cost for one in each])
+    best = _chosen(each, cost.argmin(0))
+    found = beside_mass(best.about, best.covariance, pivot, weighed.value, weighed.sigma, best.at)
+    # a pendulum swings alike about two points of a line, and only the moment along it tells which one it is
+    with np.errstate(invalid="ignore"):
+        beyond = cost - cost.min(0)
+        odds = np.where(beyond < RULED_OUT, np.exp(-beyond / 2), 0.0)
+        apart = np.stack([_ten(one.at, pivot, weighed.value) - _ten(best.at, pivot, weighed.value) for one in each])
+        apart = np.nan_to_num(apart * np.sqrt(odds / np.maximum(odds.sum(0), 1.0))[..., None])
+    return found._replace(by_mass=found.by_mass + np.einsum("nki,nkj->kij", apart, apart))
 
 
-def _with_inertia(about: Array, covariance: Array, mass: float, known: Mapping[int, Known]) -> Array:
-    """(K, 9) where inertia about the CG is ``known`` by its element, to second order: what ``about`` (K, 9) is conditioned to.
+class _Inertia(NamedTuple):
+    """What is known of inertia about the CG: elements, their values and sigmas; and the mass, kg."""
 
-    A free swing tells ratios alone, so all of ``about`` may have to be scaled by a large factor, and I = I_p − m S is of second order in
-    it. The search begins at the factor that leaves least, and goes on as an iterated Kalman update (Bell & Cathey 1993).
+    at: list[int]
+    wanted: Array
+    sigma: Array
+    mass: float
+
+
+class _Scaled(NamedTuple):
+    """What a log tells about the pivot (K, 9) by one scale of all, what that is conditioned to, and −2 log likelihood of this, (K,)."""
+
+    about: Array
+    covariance: Array
+    at: Array
+    cost: Array
+
+
+def _chosen(found: Sequence[_Scaled], place: NDArray[np.intp]) -> _Scaled:
+    """Row by row."""
+    rows = np.arange(len(place))
+    return _Scaled(*(np.stack([getattr(one, part) for one in found])[place, rows] for part in _Scaled._fields))
+
+
+def _factors(about: Array, known: _Inertia) -> Array:
+    """(K, 3) by which all of ``about`` (K, 9) may have to be scaled for inertia about the CG to be most like what is known; or 1.
+
+    A swing tells ratios alone. With the factor s it is ``s a − s² b``, so what it leaves of what is known is least where a cubic in 1/s is
+    zero.
     """
-    index, wanted, sigma = list(known), *(np.array([getattr(one, part) for one in known.values()]) for part in ("value", "sigma"))
-    factors = np.append(np.geomspace(1 / SCALED, SCALED, FACTORS), 1.0)
-    left = [(((_inertia(factor * about, mass)[:, index] - wanted) / sigma) ** 2).sum(1) for factor in factors]
-    found: Array = factors[np.argmin(left, 0)][:, None] * about
+    a = about[:, known.at] / known.sigma
+    b = known.mass * elements(spread(about[:, 6:9] / known.mass))[:, known.at] / known.sigma
+    w = known.wanted / known.sigma
+    cubic = np.stack([-(a * w).sum(1), (a * a + 2 * b * w).sum(1), -3 * (a * b).sum(1), 2 * (b * b).sum(1)], 1)
+    companion = np.zeros((len(about), 3, 3))
+    with np.errstate(invalid="ignore"):
+        companion[:, 0] = -cubic[:, 1:] / cubic[:, :1]
+    companion[:, [1, 2], [0, 1]] = 1.0
+    found = np.linalg.eigvals(np.where(np.isfinite(companion), companion, 0.0))
+    real = (np.abs(found.imag) < np.abs(found.real)) & (found.real > 0)
+    return 1 / np.where(real, found.real, 1.0)
+
+
+def _scaled(about: Array, covariance: Array, factor: Array, known: _Inertia) -> _Scaled:
+    """By a factor (K,), but where the log tells the size: then that is only where the search begins.
+
+    Inertia about the CG, I = I_p − m S, is of second order in a first moment that is hardly told: an iterated Kalman update (Bell & Cathey
+    1993). What tells ratios alone tells as much of them at any size.
+    """
+    size, sigma = about[:, MOMENTS].sum(1), np.sqrt(covariance[:, MOMENTS][..., MOMENTS].sum((1, 2)))
+    found, by = factor[:, None] * about, np.where(sigma > UNSIZED * np.abs(factor - 1) * size, factor, 1.0)
+    about, covariance = by[:, None] * about, by[:, None, None] ** 2 * covariance
     for _ in range(UPDATES):
         slope = np.zeros((len(about), 6, 9))
-        slope[:, range(6), range(6)], slope[:, :, 6:] = 1.0, -spread_by_arm(found[:, 6:] / mass)
-        slope = slope[:, index]
-        expected = _inertia(found, mass)[:, index] + (slope @ (about - found)[..., None])[..., 0]
+        slope[:, range(6), range(6)], slope[:, :, 6:] = 1.0, -spread_by_arm(found[:, 6:] / known.mass)
+        slope = slope[:, known.at]
+        left = known.wanted - _inertia(found, known.mass)[:, known.at] - (slope @ (about - found)[..., None])[..., 0]
         across = covariance @ slope.transpose(0, 2, 1)
-        found = about + (across @ np.linalg.solve(slope @ across + np.diag(sigma**2), (wanted - expected)[..., None]))[..., 0]
-    return found
+        spread_of = slope @ across + np.diag(known.sigma**2)
+        weighted = np.linalg.solve(spread_of, left[..., None])
+        found = np.asarray(about + (across @ weighted)[..., 0])
+    with np.errstate(invalid="ignore"):
+        cost = (left * weighted[..., 0]).sum(1) + np.linalg.slogdet(spread_of / np.outer(known.sigma, known.sigma))[1]
+    return _Scaled(about, covariance, found, np.where(np.isfinite(cost), cost, np.inf))
+
+
+def _ten(about: Array, pivot: Array, mass: float) -> Array:
+    """(K, 10) the ten quantities."""
+    return np.column_stack([_inertia(about, mass), pivot + about[:, 6:9] / mass, np.full(len(about), mass)])
 
 
 def _inertia(about: Array, mass: float) -> Array:
@@ -80,7 +150,7 @@ def beside_mass(about: Array, covariance: Array, pivot: Array, mass: float, sigm
     """
     at = about if at is None else at
     count, arm = len(about), at[:, 6:9] / mass
-    values = np.column_stack([_inertia(at, mass), pivot + arm, np.full(count, mass)])
+    values = _ten(at, pivot, mass)
     slope = np.zeros((count, 10, 9))
     slope[:, range(9), range(9)] = np.repeat([1.0, 1 / mass], [6, 3])
     slope[:, :6, 6:9] = -spread_by_arm(arm)

@@ -58,7 +58,8 @@ def quantities(told: Parameters, vehicle: Vehicle) -> tuple[Array, Array]:
     # an axis is no more uncertain than what is known leaves it
     kept = _moments(data) / np.maximum(before, np.finfo(float).tiny)
     wider = _curved(told.relative * np.sqrt(np.maximum(kept, 0.0)))
-    return values, full + data * (wider[:, :, None] * wider[:, None, :] - 1)
+    full = full + data * (wider[:, :, None] * wider[:, None, :] - 1)
+    return values, (full + full.transpose(0, 2, 1)) / 2  # of a swing's wide scale little is left, and rounding of that
 
 
 def _translating(told: Parameters, vehicle: Vehicle) -> AboutCg:

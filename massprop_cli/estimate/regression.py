@@ -233,10 +233,10 @@ class Regression(Triangle):
         scales = phi_map.scales(theta)
         known = sigma < KNOWN * np.maximum(scales, phi_map.scales(about))
         if self._inertia_is_known:  # then data tell its ratios, and those better than any of it
-            free = sigma[..., :6] > KNOWN * scales[..., :6]
+            free = sigma[..., :9] > KNOWN * scales[..., :9]
             sigma = sigma.copy()
-            sigma[..., :6] = np.where(free, RATIO * scales[..., :6], sigma[..., :6])
-            known[..., :6] |= free
+            sigma[..., :9] = np.where(free, RATIO * scales[..., :9], sigma[..., :9])
+            known[..., :9] |= free
         if phi_map.plant.pivoted:  # what the weight does to it is much where the CG is off by little
             scales[..., MOMENT] *= PULL["balanced cg"]
         far = known & ((theta - about) ** 2 > most * sigma * scales)
