@@ -291,6 +291,9 @@ def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, 
         )
         joint_covariance[:10, 10:] = scale**2 * np.outer(alone, both)
         joint_covariance[10:, :10] = joint_covariance[:10, 10:].T
+    apart = docking.without_part(vehicles[0].environment)
+    both_sides = np.tile(apart, 2)  # nothing else depends on these
+    values[both_sides], joint_covariance[both_sides], joint_covariance[:, both_sides] = 0.0, 0.0, 0.0
     values[[9, 19]] -= bearings
     found = docking.difference(values[:10], values[10:])
     slope = docking.difference_slope(values[:10], values[10:])
@@ -300,7 +303,8 @@ def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, 
     if docking.backwards(found, covariance):
         verdict, reason = "contradicted", _swapped(float(found[9]))
         contradictions.append(str(reason))
-    estimates = estimate_items(docking.estimates_of(found, covariance, verdict, reason))
+    estimates = estimate_items(docking.estimates_of(found, covariance, verdict, reason, apart))
+    covariance[apart], covariance[:, apart] = np.nan, np.nan
     return DockedObject(
         before=single.name, after=combined.name, estimates=estimates, covariance=matrix(covariance), contradiction="; ".join(contradictions)
     )
@@ -313,7 +317,7 @@ def known_object(
     return DockedObject(
         before=single.name,
         after=combined.name,
-        estimates=estimate_items(docking.estimates_of(*found, *_of_sides(single, combined))),
+        estimates=estimate_items(docking.estimates_of(*found, *_of_sides(single, combined), np.zeros(10, dtype=bool))),
         covariance=matrix(found[1]),
         contradiction="; ".join(_contradictions(single, combined)),
         known=dict(known),

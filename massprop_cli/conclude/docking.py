@@ -46,7 +46,7 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
         i = QUANTITIES.index(name)
         values, joint = condition(values, joint, slope[i], known.value, float(found[i]), known.sigma)
         found, slope = difference(values[:10], values[10:]), difference_slope(values[:10], values[10:])
-    apart = _without_part(vehicle)
+    apart = without_part(vehicle.environment.kind)
     covariance = slope @ joint @ slope.T
     settled = all(conclusion.estimates[QUANTITIES[i]].verdict == "converged" for conclusion in pair for i in np.flatnonzero(~apart))
     contradictions = [of_phase(c.phase.name, c.contradiction) for c in pair if c.causes]
@@ -58,10 +58,7 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
     elif less:
         reason = lighter(float(found[9]), f"phase {pair[1].phase.name}", f"phase {pair[0].phase.name}", "correct [docking]")
         contradictions = [str(reason)]
-    estimates = estimates_of(found, covariance, verdict, reason)
-    estimates |= {
-        QUANTITIES[i]: Estimate(None, None, UNITS[QUANTITIES[i]], "unobservable", None, Reason("no-part")) for i in np.flatnonzero(apart)
-    }
+    estimates = estimates_of(found, covariance, verdict, reason, apart)
     covariance[apart], covariance[:, apart] = np.nan, np.nan
     return Docked(pair[0].phase.name, pair[1].phase.name, estimates, covariance, "; ".join(contradictions))
 
@@ -81,13 +78,18 @@ def of_phase(name: str, cause: str) -> str:
     return f"phase {name}: {cause}"
 
 
-def estimates_of(found: Array, covariance: Array, verdict: Verdict, reason: Reason) -> dict[str, Estimate]:
-    """The ten quantities (10,) with their sigmas; without a value unless all can be told."""
-    told = bool(np.isfinite(found).all() and np.isfinite(covariance).all())
-    sigma = np.sqrt(np.diag(covariance)) if told else found
+def estimates_of(found: Array, covariance: Array, verdict: Verdict, reason: Reason, apart: BoolArray) -> dict[str, Estimate]:
+    """The ten quantities (10,) with their sigmas; without a value unless all can be told, but those ``apart`` (10,), which have no part."""
+    untold = None if np.isfinite(found).all() and np.isfinite(covariance).all() else Reason("sides-untold")
+    sigmas = np.zeros(10) if untold else np.sqrt(np.diag(covariance))
+    if untold and verdict != "contradicted":
+        verdict, reason = "unobservable", untold
+    given = ~apart & (untold is None)
     return {
-        name: Estimate(float(value) if told else None, float(one) if told else None, UNITS[name], verdict, None, reason)
-        for name, value, one in zip(QUANTITIES, found, sigma, strict=True)
+        name: Estimate(float(found[i]), float(sigmas[i]), UNITS[name], verdict, None, reason)
+        if given[i]
+        else Estimate(None, None, UNITS[name], *(("unobservable", None, Reason("no-part")) if apart[i] else (verdict, None, reason)))
+        for i, name in enumerate(QUANTITIES)
     }
 
 
@@ -97,7 +99,7 @@ def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array
     values = np.concatenate([conclusion.bare[0] for conclusion in pair])
     joint: Array = np.zeros((20, 20))
     joint[:10, :10], joint[10:, 10:] = (conclusion.bare[1] for conclusion in pair)
-    apart = np.tile(_without_part(vehicle), 2)  # nothing else depends on these
+    apart = np.tile(without_part(vehicle.environment.kind), 2)  # nothing else depends on these
     values[apart], joint[apart], joint[:, apart] = 0.0, 0.0, 0.0
     known = [
         (10 * half + QUANTITIES.index(name), one)
@@ -121,9 +123,9 @@ def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array
     return values, joint
 
 
-def _without_part(vehicle: Vehicle) -> BoolArray:
+def without_part(environment: str) -> BoolArray:
     """(10,) what has no part in any motion in this environment."""
-    return np.array([vehicle.environment.kind == "planar" and name not in PLANAR for name in QUANTITIES])
+    return np.array([environment == "planar" and name not in PLANAR for name in QUANTITIES])
 
 
 def _pair(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> tuple[Conclusion, Conclusion] | None:

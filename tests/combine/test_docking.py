@@ -3,9 +3,12 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from massprop_cli import QUANTITIES
+from massprop_cli.conclude import docking
+from massprop_cli.conclude.reason import Reason
 from massprop_cli.testbed import output, scenario
 from tests.combine.test_combine import PULSES, SAMPLES, estimated
 from tests.commandline import massprop, succeeded
@@ -45,3 +48,32 @@ def test_the_two_body_experiment_gives_the_object_on_another_bearing(seconds: in
         assert abs(item["value"] - truth[name]) < 4 * item["sigma"]
     assert told["mass"]["sigma"] < 0.8
     assert told["cg_x"]["sigma"] < 0.05
+
+
+def test_on_a_table_the_object_has_what_its_motion_tells(tmp_path: Path) -> None:
+    """m2 = m12 − m1, and its CG and yaw inertia as of two bodies in a plane."""
+    alone, joined = (0.26, 0.012, -0.018, 14.0), (0.33, 0.03, -0.01, 16.0)
+    for name, (izz, x, y, mass) in (("alone", alone), ("joined", joined)):
+        body = (f"truth.izz={izz}", f"truth.cg_x={x}", f"truth.cg_y={y}", f"truth.mass={mass}")
+        output.simulate(scenario.load("planar", body), tmp_path / f"log-{name}", 5, None)
+        estimated(tmp_path / f"log-{name}" / "log.parquet", tmp_path / name)
+    succeeded(tmp_path, "combine", "--before", "alone", "--after", "joined", "--out", "object", "-q")
+    told = json.loads((tmp_path / "object" / "result.json").read_text())["docked_object"]["estimates"]
+    cg = [(16.0 * b - 14.0 * a) / 2.0 for a, b in zip(alone[1:3], joined[1:3], strict=True)]
+    apart = (
+        [(a - c) ** 2 for a, c in zip(alone[1:3], joined[1:3], strict=True)],
+        [(a - c) ** 2 for a, c in zip(cg, joined[1:3], strict=True)],
+    )
+    truth = {"izz": 0.33 - 0.26 - 14.0 * sum(apart[0]) - 2.0 * sum(apart[1]), "cg_x": cg[0], "cg_y": cg[1], "mass": 2.0}
+    for name, item in told.items():
+        if name in truth:
+            assert abs(item["value"] - truth[name]) < 4 * item["sigma"]
+        else:
+            assert (item["value"], item["sigma"], item["verdict"]) == (None, None, "unobservable")
+
+
+def test_an_object_of_which_a_part_is_untold_has_no_value_that_converged() -> None:
+    """As on pedestals whose masses nobody weighed."""
+    none = np.full(10, np.nan)
+    told = docking.estimates_of(none, np.full((10, 10), np.nan), "converged", Reason("sides-converged"), np.zeros(10, dtype=bool))
+    assert {(one.value, one.verdict, one.reason.code) for one in told.values()} == {(None, "unobservable", "sides-untold")}
