@@ -74,12 +74,12 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         again = _examined(found.log, parts, assignments, say)
         changes = (fault.notice for fault in found.faults if fault.change_s is not None)
         return replace(again, source=source, notices=(*changes, *again.notices))
-    told = None if carried and (found.faults or found.unknown) else judged(found, correctedestimate.mended(found, say))
+    told = None if carried and (found.faults or found.unknown) else judged(*correctedestimate.proven(found, say))
     if carried and (told is None or not _explained(told)):
         again = _examined(_without_attitude(log, UNFIT), source, assignments, say)
         if _explained(again):
             return again
-    told = told or judged(found, correctedestimate.mended(found, say))
+    told = told or judged(*correctedestimate.proven(found, say))
     if {fault.notice.code for fault in told.faults} <= LATE and not _fits(told):
         tried = _by_other_kernels(log, source, assignments, say, first[1], not told.faults)
         if tried is not None:
@@ -133,7 +133,7 @@ def _by_other_kernels(
             return found if found is not None and _fits(found) else None
         found = _examined(shown.log, shown.source, assignments, say)
         if found.faults and unnamed and nearly.left < FITS:
-            found = _complete(judged(estimated(shown.log, shown.source, assignments, say, check=False), ()))
+            found = _complete(judged(estimated(shown.log, shown.source, assignments, say, check=False)))
         return found if _fits(found) or (unnamed and not found.faults) else None
     return None
 

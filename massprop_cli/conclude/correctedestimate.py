@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -15,14 +15,16 @@ from massprop_cli.conclude import split
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.contradict import Fault
 from massprop_cli.conclude.estimated import estimated
+from massprop_cli.conclude.firstfit import first_fits
 from massprop_cli.conclude.judge import judged
-from massprop_cli.diagnosis import outliers
+from massprop_cli.diagnosis import UNKNOWN, outliers
 from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.estimate import offline
 from massprop_cli.estimate.history import phases_of
 from massprop_cli.estimate.noiselevels import with_noise_levels
-from massprop_cli.estimate.phases import Progress
+from massprop_cli.estimate.phases import AsStated, Progress
 from massprop_cli.inputs import vehiclefile
+from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.stream import Stream
 
@@ -44,11 +46,22 @@ FOUND = {
     "estimator": ("accel_noise_scale",),
 }
 """What an estimate finds of noise and of low-passes."""
+VAIN = "log and vehicle file don't fit, cause unknown. Likest to it would be, but corrected it leaves most of the misfit:"
+MOST = 0.5
+"""Part of the mean squared residual beyond the noise, which a remedy of the cause leaves next to nothing of, and of another all but all."""
 
 
-def mended(found: Analysis, say: Progress) -> list[MendedAnswer]:
-    """One answer for each named fault that has a remedy."""
-    return [answer for fault in _distinct(found.faults) if (answer := _mended(found, fault, say)) is not None]
+def proven(found: Analysis, say: Progress) -> tuple[Analysis, list[MendedAnswer]]:
+    """One answer for each named fault that has a remedy; a name whose remedy leaves most of the misfit is none."""
+    each = {i: _mended(found, fault, say) for i, fault in enumerate(found.faults) if fault in _distinct(found.faults)}
+    vain = [found.faults[i].cure for i, answer in each.items() if isinstance(answer, Vain)]
+    unproven = [fault for fault in found.faults if fault.cure is not None and fault.cure in vain]
+    answers = [answer for answer in each.values() if isinstance(answer, MendedAnswer)]
+    if not unproven:
+        return found, answers
+    unknown = f"{VAIN} {' and '.join(dict.fromkeys(fault.notice.message for fault in unproven))}"
+    faults = tuple(fault for fault in found.faults if fault not in unproven)
+    return replace(found, faults=faults, unknown=unknown, notices=(Notice(UNKNOWN, unknown), *found.notices)), answers
 
 
 def _distinct(faults: Sequence[Fault]) -> list[Fault]:
@@ -56,7 +69,11 @@ def _distinct(faults: Sequence[Fault]) -> list[Fault]:
     return [fault for i, fault in enumerate(faults) if fault.cure is not None and fault.cure not in [f.cure for f in faults[:i]]]
 
 
-def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None:
+class Vain(NamedTuple):
+    """That a remedy leaves most of the misfit."""
+
+
+def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | Vain | None:
     """The log examined again with the fault corrected; None where it can't be."""
     say("with the fault corrected", 1.0)
     cure = fault.cure
@@ -67,11 +84,21 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None
         vehicle = vehiclefile.changed(found.source.vehicle, settings)
         if fault.change_s is not None:
             vehicle = split.at(found, fault.change_s).vehicle
-        again = estimated(cure.log(found.log), replace(found.source, vehicle=vehicle), (), say)
+        log, source = cure.log(found.log), replace(found.source, vehicle=vehicle)
+        first = first_fits(log, source, say)
+        if _vain(found, first[1]):
+            return Vain()
+        again = estimated(log, source, (), say, first=first)
         rivals = tuple(_beside(found, again, rival, offline.SETTLINGS) for rival in fault.rivals)
     except InputError:
         return None
-    return MendedAnswer(fault, settings, judged(again, [], widen=False).conclusions, again.vehicle, rivals, cure.by_keys)
+    return MendedAnswer(fault, settings, judged(*proven(again, say)).conclusions, again.vehicle, rivals, cure.by_keys)
+
+
+def _vain(found: Analysis, corrected: AsStated | None) -> bool:
+    """Whether most of what the stated noise doesn't explain is left."""
+    before = 0.0 if found.plain is None else found.plain.left - 1
+    return corrected is not None and before > 0 and corrected.left - 1 > MOST * before
 
 
 def _with_sigmas(found: Analysis, cure: Correction, others: Sequence[Correction]) -> tuple[str, ...]:

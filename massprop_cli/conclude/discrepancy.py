@@ -74,6 +74,8 @@ class PlainFits(NamedTuple):
     references: tuple[Reference | None, ...]
     consider: Consider
     """What is stated to be uncertain."""
+    left: float
+    """Mean squared residual, over the noise."""
 
 
 class ErrorColumn(NamedTuple):
@@ -152,13 +154,17 @@ def discrepancy(samples: Stream, timing: Timing, used: Resolved, settled: Histor
         free = fitted(plain.vehicle, plain.references[i])
         fit = fit if free is None else fit.widened(free)
     vehicle = used.in_phase(settled.phase)
-    # an error common to all thrust leaves no trace; it is as likely as one of each. Wheels tell it
+    # an error common to all that turns the body leaves no trace; it is as likely as one of each. Wheels tell it of thrust
+    alone_spinning = bool(vehicle.spinning) and not samples.log.command.any()
     common = 0.0 if vehicle.spinning else BY_NAME["thrust"].usual * max(fit.scale, LEAST)
+    spun = BY_NAME["spin_inertia"].usual * max(fit.scale, LEAST) if alone_spinning and not vehicle.knows_inertia else 0.0
     thrust = vehicle.thrust.model_copy(update={"scale_sigma": float(np.hypot(vehicle.thrust.scale_sigma, common))})
     linear = np.maximum(np.diag(fit.covariance) - fit.scatter, 0.0)[MOMENTS]
     row = Parameters(fit.mean[None], fit.covariance[None], np.sqrt(linear)[None] / fit.mean[MOMENTS])
     (values, full), bare = quantities(row, vehicle.model_copy(update={"thrust": thrust})), quantities(row, alone(vehicle))
-    shares = _shares(fit, columns) | {COMMON: common * np.abs(by_scale(values[0], vehicle))}
+    scaled = by_scale(values[0], vehicle)
+    full[0] += spun**2 * np.outer(scaled, scaled)
+    shares = _shares(fit, columns) | {COMMON: (common + spun) * np.abs(scaled)}
     said = tuple(columns[at].said(float(fit.errors[at])) for at in fit.freed)
     sizes = [columns[at].usual * abs(float(fit.errors[at])) for at in fit.freed if columns[at].name == "thrust"]
     return Discrepancy(

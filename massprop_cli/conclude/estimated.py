@@ -114,7 +114,7 @@ def _by_default(begun: Ready, plain: AsStated, check: bool, say: Progress) -> tu
     noisier = diagnosis is not None and not diagnosis.unknown
     answer = estimates(begun.samples, begun.phases, plain, begun.consider, say, size=size, noisier=noisier)
     used = answer.used
-    fits = PlainFits(plain.used, tuple(None if fit is None else fit.history.reference for fit in plain.fits), begun.consider)
+    fits = PlainFits(plain.used, tuple(None if fit is None else fit.history.reference for fit in plain.fits), begun.consider, plain.left)
     say("what the numbers rest on", 1.0)
     more = sized(used, begun.stated)
     examination = sound(examined(begun.log, used, begun.timing, begun.samples, answer.settled, begun.consider, more), answer.settled)

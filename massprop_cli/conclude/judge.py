@@ -40,12 +40,12 @@ SWINGS = 8.0
 """Cycles beyond which what swings on is no misfit of timing."""
 
 
-def judged(found: Analysis, mended: Sequence[MendedAnswer], widen: bool = True) -> Analysis:
+def judged(found: Analysis, mended: Sequence[MendedAnswer] = ()) -> Analysis:
     """With what is contradicted, the docked object, and every notice.
 
-    With ``widen`` values of a log that does not fit come beside all error parameters (:mod:`massprop_cli.conclude.discrepancy`).
+    Values of a log that does not fit come beside all error parameters (:mod:`massprop_cli.conclude.discrepancy`).
     """
-    each = [_one(found, i, mended, widen) for i in range(len(found.conclusions))]
+    each = [_one(found, i, mended) for i in range(len(found.conclusions))]
     told = tuple(one.discrepancy for one in each)
     at_origin = [_at_origin(found, i, one.conclusion) for i, one in enumerate(each)]
     ones, hanging = _normalised_in_vain(found)
@@ -68,7 +68,7 @@ class _Judged(NamedTuple):
     discrepancy: Discrepancy | None
 
 
-def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer], widen: bool) -> _Judged:
+def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer]) -> _Judged:
     conclusion, settled = found.conclusions[i], found.settled[i]
     own = [f for f in found.faults if f.change_s is None or conclusion.phase.start_s < f.change_s < conclusion.phase.end_s]
     unnamed = bool(found.unknown) or (bool(own) and all(fault.notice.code == UNKNOWN for fault in own))
@@ -81,7 +81,7 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer], widen: bool) -
     unlike = {} if own else _unlike_noise(found, settled)
     biased = {} if own and not unnamed else _biased(found, settled) | changing(settled, found.samples.end_s, settled.values[-1])
     misfit = unnamed or bool(nameless)
-    told = _told(found, i) if widen and (own or misfit or (unlike and sized(found.vehicle, found.stated))) else None
+    told = _told(found, i) if own or misfit or (unlike and sized(found.vehicle, found.stated)) else None
     if told is not None and (unnamed or not own or rivals):
         told = told.covering([*(answer.values for answer in answers if answer is not None), *rivals])
     known, vehicle = by_known(found.histories[i], found.vehicle), found.vehicle.in_phase(conclusion.phase)

@@ -11,15 +11,19 @@ from massprop_cli import QUANTITIES
 from massprop_cli.base.configfile import literal, written
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import rotation
+from massprop_cli.conclude import correctedestimate
 from massprop_cli.conclude.analysis import MendedAnswer
 from massprop_cli.conclude.contradict import Fault
+from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.pivot import with_pivot
+from massprop_cli.diagnosis import UNKNOWN
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.telemetry import Log, read
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from tests import faulty
 from tests.flown import fly
 
@@ -88,6 +92,24 @@ def test_following_a_remedy_reproduces_the_corrected_estimate(kind: str) -> None
     assert told >= 9
     off = faulty.z_scores(corrected, TRUTH)
     assert max(abs(off[name]) for name, verdict in faulty.verdicts(corrected).items() if verdict == "converged") < 4
+
+
+def test_a_name_whose_remedy_leaves_the_misfit_is_none() -> None:
+    """The remedy of a wrong delay for a log with a reversed jet; that of the jet names it still."""
+    late, turned = (
+        faulty.stated(faulty.sample("free-flyer")[1], one) for one in ("cycle.command_delay_cycles=1.4", "jets.4.force_n=[-1.0, 0.0, 0.0]")
+    )
+    cures = []
+    for used in (late, turned):
+        found = estimated(recorded(used), VehicleSource(used, "", ""), (), lambda *_: None)
+        cures += [fault.cure for fault in found.faults]
+    (fault,) = found.faults
+    named, answers = correctedestimate.proven(found, lambda *_: None)
+    assert (named.faults, named.unknown, len(answers)) == ((fault,), "", 1)
+    vain, answers = correctedestimate.proven(replace(found, faults=(replace(fault, cure=cures[0], around=()),)), lambda *_: None)
+    assert (vain.faults, answers) == ((), [])
+    assert fault.notice.message in vain.unknown
+    assert vain.notices[0].code == UNKNOWN
 
 
 @pytest.mark.seeds
