@@ -9,6 +9,7 @@ from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.estimate.discrepancy import LEAST
 from massprop_cli.flow import examine
 from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.model.resolved import Resolved
 from tests import anypedestal
 
 
@@ -20,6 +21,7 @@ def test_sigmas_of_a_misfit_beneath_wheels_have_their_common_scale_in_them() -> 
     used = anypedestal.vehicle_of(own, 0, flown, False)
     found = examine(anypedestal.log_of(rng, own, 0, flown, used), VehicleSource(used, "", ""))
     assert found.plain is not None
+    assert isinstance(found.vehicle, Resolved)
     told = discrepancy(found.samples, found.timing, found.vehicle, found.settled[0], found.plain, 0)
     assert told is not None
     least = BY_NAME["spin_inertia"].usual * LEAST * np.abs(told.values[[0, 3, 5]])

@@ -147,7 +147,7 @@ def test_errors_are_found_with_their_sign_and_size() -> None:
         plain = as_stated(begun.samples, begun.phases, begun.stated, begun.consider)
         assert plain.fits[0] is not None
         history = plain.fits[0].history
-        fits = PlainFits(plain.used, (history.reference,), begun.consider)
+        fits = PlainFits(plain.used, (history.reference,), begun.consider, plain.left)
         found = told_of(begun.samples, begun.timing, plain.used, history, fits, 0)
         assert found is not None
         (said,) = found.behaves_like
@@ -197,7 +197,7 @@ def test_an_error_is_held_against_what_may_physically_be(part: float) -> None:
     plain = as_stated(begun.samples, begun.phases, begun.stated, begun.consider)
     (fit,) = plain.fits
     assert fit is not None
-    fits = PlainFits(plain.used, (fit.history.reference,), begun.consider)
+    fits = PlainFits(plain.used, (fit.history.reference,), begun.consider, plain.left)
     told = told_of(begun.samples, begun.timing, plain.used, fit.history, fits, 0)
     assert told is not None
     assert told.scale < discrepancy.MOST
