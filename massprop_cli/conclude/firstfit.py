@@ -29,6 +29,9 @@ from massprop_cli.prepare.tachometer import change_sigmas
 
 NO_BIAS = 6.0
 """Sigmas of a gyro's bias beyond which what a fit finds stands for something else."""
+PULLED, LITTLE = 4, 0.01
+"""Times that a bias is looked for, and part of what is stated of it that is none: where a weight hangs far below its pivot, what turns its
+pull in the body's axes is far from linear."""
 NOTHING = 1.005
 """Factor on the gyro's noise below which what tachometers add is none: a tenth of it, whose torque adds less than a tenth to a variance."""
 
@@ -66,8 +69,17 @@ def _without_its_bias(first: _First, less: Callable[[Array], _First]) -> _First:
     fit = first.plain.fits[0]
     if fit is None or fit.history.reference is None or not biased_attitude(samples.attitude_logged, stated):
         return first
-    bias = fit.history.reference.gyro_bias
-    return less(bias) if np.linalg.norm(bias) < NO_BIAS * sigma else first
+    bias, found = np.zeros(3), first
+    for _ in range(PULLED):
+        (fit, *_) = found.plain.fits
+        left = None if fit is None or fit.history.reference is None else fit.history.reference.gyro_bias
+        if left is None or (bias.any() and np.linalg.norm(left) < LITTLE * sigma):
+            break
+        bias = bias + left
+        if np.linalg.norm(bias) >= NO_BIAS * sigma:
+            return first
+        found = less(bias)
+    return found
 
 
 def _without_its_yaw_bias(first: _First, less: Callable[[Array], _First]) -> _First:

@@ -21,7 +21,8 @@ from massprop_cli.inputs.equipment import LowPass
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.kernel import kernel
 from massprop_cli.result import build, schema
-from tests import anypedestal
+from tests import anypedestal, faulty
+from tests.flown import fly
 
 
 @cache
@@ -254,3 +255,15 @@ def test_on_board_it_says_the_nine_cycle_by_cycle(kind: anypedestal.Kind, biases
         return
     assert 0.9 <= np.mean(np.abs(z) < 1.96) <= 0.99
     assert 0.85 < np.sqrt((z**2).mean()) < 1.15
+
+
+@pytest.mark.thorough
+def test_a_bias_is_told_where_a_body_hangs_far_below_its_pivot() -> None:
+    """Its weight pulls by 70 N m for each radian that the bias carries the attitude off: one pass about none called it a docking."""
+    hung = ("truth.cg_x=0.01", "truth.cg_y=-0.02", "truth.cg_z=-0.58", "initial.rate_rad_s=[0.2, 0.2, 0.1]")
+    flown = fly("pedestal", *hung, seeds=(1,))
+    found = flow.examine(flown.log(0), VehicleSource(flown.vehicle, "", ""))
+    told = found.conclusions[0]
+    assert {notice.code for notice in found.notices} == set()
+    assert {one.verdict for one in told.about_pivot.values()} == {"converged"}
+    assert max(abs(z) for z in faulty.z_scores(found, flown.truth[0, 0]).values()) < 3.5
