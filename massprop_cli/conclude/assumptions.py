@@ -176,7 +176,7 @@ def assumptions(
     """All of a log; nothing where nothing was examined. Without a reference in any phase only what needs none."""
     if found is None:
         return ()
-    listed = _thrust_scale(vehicle, conclusions) if not vehicle.spinning else []
+    listed = _thrust_scale(vehicle, conclusions) if log.command.any() and not vehicle.spinning else []
     effects: list[list[PhaseEffect]] = [[] for _ in found.taken]
     for history, conclusion, response in zip(settled, conclusions, found.responses, strict=True):
         if response is None:

@@ -82,7 +82,10 @@ def stated(source: VehicleSource, jets: bool | None = None, records: int = 0) ->
         "imu.gyro_noise_rad_s": not vehicle.imu.gyro_noise_rad_s,
         "imu.accel_noise_m_s2": not vehicle.imu.accel_noise_m_s2,
         **{f"imu.{name} (cutoff_hz, latency_s)": one is not None and one.open for name, one in filters},
-        "wheels.N.speed_step_rad_s (0: none)": any(one.speed_step_rad_s is None and not one.speed_error_in_noise for one in vehicle.wheels),
+        **{
+            f"wheels.{i}.speed_step_rad_s (0: none)": one.speed_step_rad_s is None and not one.speed_error_in_noise
+            for i, one in enumerate(vehicle.wheels)
+        },
     }
     missing = [key for key, is_open in open_keys.items() if is_open]
     if missing:

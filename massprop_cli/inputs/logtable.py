@@ -97,8 +97,9 @@ class LogTable:
         if name not in self.table.columns:
             spare = self._spare()
             hint = nearest(name, spare, "the nearest that is not in use is")
-            cure = "rename it, or map it under [columns] of the vehicle file, or add it" if spare else "no other is left to be it; add it"
+            cure = "rename it, or map it under [columns] of the vehicle file, or add it" if spare else "add it"
             cure += ", with 0 in each row if that jet never fired" * name.startswith("jet_")
+            cure += ", with 0 in each row if none is commanded along that axis" * name.startswith("cmd_")
             raise InputError(f"{self.table.path}: column {name!r} is missing{hint}; {cure}")
         numbers: Array = self.table.columns[name].numbers()
         scaled = np.multiply(numbers, self.columns[column].scale if column in self.columns else 1.0, out=spill.empty(len(numbers)))

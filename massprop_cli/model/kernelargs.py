@@ -22,7 +22,8 @@ KINDS = ("free", "air_bearing", "pedestal")
 def unknown(vehicle: Vehicle) -> str:
     """What of a vehicle the kernel doesn't know; empty where it knows all."""
     if vehicle.environment.kind not in KINDS:
-        return f"environment.kind is {vehicle.environment.kind!r}, and the kernel knows {', '.join(map(repr, KINDS))}"
+        known = ", ".join(map(repr, KINDS))
+        return f"environment.kind is {vehicle.environment.kind!r}, and the kernel knows {known}; massprop estimate takes such a log"
     if vehicle.estimator.method != "default":
         return f"estimator.method is {vehicle.estimator.method!r}, and the kernel is the default one"
     if vehicle.estimator.bins_per_cycle > BINS:

@@ -89,6 +89,8 @@ def _thrust_scale(result: Result) -> str:
         return "Inertia has its scale from stored momentum, as the vehicle file states it."
     if vehicle.wheels:
         return "Inertia and mass have their scale from stored momentum and from the thrust; what the log shows of both is in every sigma."
+    if vehicle.commands == "jets" and not vehicle.jets:
+        return "Nothing turns this body but its weight: a swing tells ratios, and their size rests on what is known."
     said = (
         "Mass and inertia are proportional to the thrust that the vehicle file states; a scale common to all thrust can't be seen in a log"
     )

@@ -231,7 +231,7 @@ def test_what_the_kernel_cannot_hold_is_refused(setting: str, said: str) -> None
 @pytest.mark.parametrize(
     ("setting", "said"),
     [
-        ("wheels.1.name=y", "wheels.N.speed_step_rad_s (0: none) must be stated"),
+        ("wheels.1.name=y", ".speed_step_rad_s (0: none) must be stated"),
         ("wheels.0.speed_latency_s=0.01", "speed_latency_s, speed_window_s or "),
         ("wheels.0.speed_sigma_rad_s=0.1", "speed_error_in_noise = true"),
         ('wheels.0.column="torque"', "[[wheels]] store momentum that no wheel's logged speed tells"),

@@ -216,7 +216,7 @@ def test_a_jet_without_a_column_takes_no_other_jets(tmp_path: Path) -> None:
     refused(
         tmp_path,
         log,
-        names=["'jet_divert_zn_s' is missing; no other is left to be it", "add it, with 0 in each row if that jet never fired"],
+        names=["'jet_divert_zn_s' is missing; add it, with 0 in each row if that jet never fired"],
     )
 
 
