@@ -99,6 +99,7 @@ def test_what_is_kept_does_not_grow_with_the_log() -> None:
 @pytest.mark.numerical
 def test_no_cycle_is_looked_at_again_but_those_of_the_ring(monkeypatch: pytest.MonkeyPatch) -> None:
     """Counted in cycles that are linearised: each once, and at most the ring as often as the estimate moves."""
+    found = analysed("free-flyer")
     spans: list[slice] = []
 
     def counted(samples: object, cycles: slice, *rest: object) -> System:
@@ -107,7 +108,6 @@ def test_no_cycle_is_looked_at_again_but_those_of_the_ring(monkeypatch: pytest.M
 
     monkeypatch.setattr(triangle, "system_of", counted)
     monkeypatch.setattr(compiled, "holds", lambda *_: False)
-    found = analysed("free-flyer")
     samples = found.samples
     engine.replay(samples, slice(2, len(samples)), ALL, flight.resolved(found.vehicle))
     assert max(span.stop - span.start for span in spans) <= LEARNING + LONGEST
