@@ -65,6 +65,8 @@ def drawn(seed: int, mass: float, sigma: float, scale: float) -> tuple[Array, Ar
     return BODY, both, added.calibrated((sides[0], sides[1]), said, 0.0)
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.parametrize(
     ("mass", "sigma", "draws"),
     [(2.0, 2e-3, 50), *(pytest.param(*one, 200, marks=[pytest.mark.thorough, pytest.mark.seeds]) for one in ((2.0, 2e-3), (0.5, 2e-2)))],

@@ -254,6 +254,8 @@ def test_what_several_causes_agree_on_is_less_certain_where_none_of_them_is_sure
     assert np.median(wider) > 10
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.parametrize(
     ("scatter_s", "most", "seed"),
     [(1e-3, 3.0, 0), pytest.param(2e-3, 4.5, 1, marks=pytest.mark.thorough)],

@@ -228,6 +228,7 @@ def test_two_faults_at_once_are_both_named(mistakes: tuple[Mistake, ...], key: s
         assert abs((estimate.value or 0.0) - value) < 4.5 * (estimate.sigma or 0.0)
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_any_two_dead_jets_are_found() -> None:
     notices = examined(nothing, dead("roll_p2", "divert_yp")).notices

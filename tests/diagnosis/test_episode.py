@@ -95,6 +95,7 @@ def test_what_is_wrong_all_along_or_not_at_all_is_no_failure_for_a_time(key: str
     assert episodes(otherwise(*([key] if key else []))) == []
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_failure_that_ends_with_its_phase_is_none_of_the_next() -> None:
     """Dead until the vehicle docks, whole again afterwards: nothing of the first phase tells when it ends."""

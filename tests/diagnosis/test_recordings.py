@@ -161,6 +161,7 @@ def test_torques_about_the_cg_of_a_balanced_body_are_named_where_all_forces_are_
         assert abs((one.value or 0.0) - value) < 4 * (one.sigma or 0.0), name
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_misfit_puts_no_cg_at_the_origin() -> None:
     """1 mm off it, as the log tells to 5 µm; an IMU that stands elsewhere from some moment on widens that to 4 mm."""
@@ -232,6 +233,8 @@ PULSES = ", ".join(
 )
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.parametrize(("at", "delay"), [("centre", "2.0"), pytest.param("end", '"auto"', marks=pytest.mark.thorough)])
 def test_pulses_elsewhere_in_their_cycles_are_named_and_mended(at: str, delay: str) -> None:
     """Found delays of 2.33 and 2.67 cycles had stood for it, beside a clock that drifts or a cause unknown."""

@@ -58,6 +58,8 @@ def test_nothing_is_found_where_it_steps_as_records_end() -> None:
     assert off < 4
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.parametrize("late", [0, 3, pytest.param(5, marks=pytest.mark.thorough)])
 def test_rotors_that_are_told_within_a_cycle_give_values_within_their_sigmas(late: int) -> None:
     """With speeds that change evenly from cycle to cycle inertia was up to 0.4 % too small, 15 of its sigmas, and converged."""
@@ -79,6 +81,7 @@ GIMBALS = np.array([[0, 1.0, 1.0], [0, 1.0, -2.0], [1.0, 0, 2.0], [1.0, 0, -1.0]
 INERTIA = np.array([[9.0, 0.3, -0.5], [0.3, 11.0, 0.4], [-0.5, 0.4, 7.0]])
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.parametrize("course", ["bends 0.4 of a record later", "is smooth", "bends as records end"])
 def test_gimbals_that_turn_within_a_record_give_values_within_their_sigmas(course: str) -> None:

@@ -103,6 +103,7 @@ def test_what_is_wrong_all_along_or_not_at_all_leaves_no_such_time(key: str) -> 
     assert undisturbed(otherwise(*([key] if key else [])), LATE_S) is None
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_of_a_long_log_nothing_is_cut_off_that_was_not_looked_at() -> None:
     """The stretch that is looked at ends amid the log, in somebody's hands; what comes then is good."""

@@ -32,6 +32,7 @@ def flown(name: str) -> simulate.SimulatedFlight:
     return simulate.fly(source, [data["seed"]])
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @each("unbalanced")
 def test_what_a_clean_log_leaves_of_the_free_coefficients_is_chance(name: str) -> None:
@@ -40,6 +41,7 @@ def test_what_a_clean_log_leaves_of_the_free_coefficients_is_chance(name: str) -
     assert screening.misfit < 1 + 6 * np.sqrt(2 / screening.freedom)
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @each("unbalanced", "untold")
 def test_no_cause_is_named(name: str) -> None:

@@ -52,6 +52,7 @@ def test_friction_of_wheels_is_named_and_corrected() -> None:
     assert np.abs(z).max() < 4  # nothing pushes, so that mass can't be told
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_log_too_short_to_tell_has_none() -> None:
     flight = fly("wheels-and-jets", "vehicle.wheels.0.coulomb_friction_n_m=5e-4")

@@ -81,6 +81,7 @@ def test_a_quiet_gyro_shows_nothing_of_how_the_attitude_was_carried(bias: tuple[
     assert np.abs(apart).max() < 0.1
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_phase_that_begins_later_is_as_good() -> None:
     """By then the attitude is 12 mrad off, which is no error of where that phase begins."""
@@ -162,6 +163,7 @@ def test_the_equations_hold_for_an_error_of_one_cycles_rate() -> None:
         assert np.abs(more_felt - felt).max() < 1e-2 * 9.8 * 0.1 * error
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @pytest.mark.skipif(kernel().library is None, reason=f"the causal pass runs on {kernel().name}")
 @pytest.mark.parametrize(("bias", "most"), [(1e-3, 0.2), (1e-2, 0.5)])

@@ -131,6 +131,7 @@ def test_thrust_that_grows_is_what_the_log_behaves_like() -> None:
     assert "or something else that does the same" in found.notices[0].message
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_errors_are_found_with_their_sign_and_size() -> None:
     """Each by itself, IMU axes turned by a quarter about Z; a jet's beside the one that fires with it."""

@@ -79,6 +79,8 @@ def analysed(seed: int, period_s: float, seldom: int = 1, held: bool = False, me
     return found, (conclusion.values - own.ten[0]) / conclusion.sigmas
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.parametrize("seed", [3, pytest.param(5, marks=pytest.mark.thorough)])
 def test_measured_speeds_need_no_delay_and_converge(seed: int) -> None:
     found, z = analysed(seed, 0.005)
@@ -183,6 +185,7 @@ def test_simulated_speeds_at_an_eighth_of_the_lag_give_values_within_their_sigma
     assert 0.2 < np.sqrt(np.mean(np.square(z))) < 1.1
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_commands_that_were_lost_leave_values_converged_and_within_their_sigmas() -> None:
     """What a rotor did meanwhile lasts as long as its lag. With its full thrust in their place nothing converged."""

@@ -61,6 +61,7 @@ def test_sigmas_hold_where_what_is_stated_is_all_the_noise(stated: tuple[str, ..
     assert np.sqrt((found**2).mean(0)).max() < 1.6
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_stated_pulse_errors_beside_a_stated_torque_are_no_misfit() -> None:
     """Over eight seeds. What is stated is believed, so chance of 3 sigma in a channel widens nothing.

@@ -110,6 +110,7 @@ def test_results_of_one_folder_name_are_told_apart_by_the_folder_above() -> None
     assert [row[0] for row in tables(text)[0][1:]] == ["monday/log", "friday/log"]
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 def test_a_page_stays_under_200_kilobytes_and_says_how_many_were_left_out() -> None:
     one = held(recorded.result())

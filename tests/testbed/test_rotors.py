@@ -23,6 +23,8 @@ def rotors(**keys: str) -> str:
     return f"vehicle.rotors=[{', '.join(alike)}]"
 
 
+@pytest.mark.thorough
+@pytest.mark.seeds
 @pytest.mark.parametrize(
     "of",
     [
