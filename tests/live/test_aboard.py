@@ -217,6 +217,7 @@ def test_a_contradicted_sigma_is_wider_by_what_the_innovations_show() -> None:
         assert small[name]["sigma"] == pytest.approx(right[name]["sigma"], rel=0.15)
 
 
+@pytest.mark.seeds
 @pytest.mark.thorough
 @compiled
 def test_without_a_compiler_numpy_flies_the_same_and_does_not_look_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
