@@ -53,12 +53,12 @@ MOST = 0.5
 
 def proven(found: Analysis, say: Progress) -> tuple[Analysis, list[MendedAnswer]]:
     """One answer for each named fault that has a remedy; a name whose remedy leaves most of the misfit is none."""
-    each = {i: _mended(found, fault, say) for i, fault in enumerate(found.faults) if fault in _distinct(found.faults)}
-    vain = [found.faults[i].cure for i, answer in each.items() if isinstance(answer, Vain)]
-    unproven = [fault for fault in found.faults if fault.cure is not None and fault.cure in vain]
-    answers = [answer for answer in each.values() if isinstance(answer, MendedAnswer)]
-    if not unproven:
+    each = [(fault.cure, _mended(found, fault, say)) for fault in _distinct(found.faults)]
+    vain = [cure for cure, answer in each if isinstance(answer, Vain)]
+    answers = [answer for _, answer in each if isinstance(answer, MendedAnswer)]
+    if not vain:
         return found, answers
+    unproven = [fault for fault in found.faults if fault.cure in vain]
     unknown = f"{VAIN} {' and '.join(dict.fromkeys(fault.notice.message for fault in unproven))}"
     faults = tuple(fault for fault in found.faults if fault not in unproven)
     return replace(found, faults=faults, unknown=unknown, notices=(Notice(UNKNOWN, unknown), *found.notices)), answers
@@ -92,13 +92,19 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | Vain
         rivals = tuple(_beside(found, again, rival, offline.SETTLINGS) for rival in fault.rivals)
     except InputError:
         return None
-    return MendedAnswer(fault, settings, judged(*proven(again, say)).conclusions, again.vehicle, rivals, cure.by_keys)
+    # as who follows the remedy has it; each name that is proven leaves less than half, so that this ends
+    told = judged(*proven(again, say)) if _excess(found) > 0 else judged(again)
+    return MendedAnswer(fault, settings, told.conclusions, again.vehicle, rivals, cure.by_keys)
+
+
+def _excess(found: Analysis) -> float:
+    """Mean squared residual beyond the stated noise."""
+    return 0.0 if found.plain is None else found.plain.left - 1
 
 
 def _vain(found: Analysis, corrected: AsStated | None) -> bool:
-    """Whether most of what the stated noise doesn't explain is left."""
-    before = 0.0 if found.plain is None else found.plain.left - 1
-    return corrected is not None and before > 0 and corrected.left - 1 > MOST * before
+    """Whether most of what the stated noise doesn't explain is left, beyond chance."""
+    return corrected is not None and corrected.misfit and corrected.left - 1 > MOST * _excess(found) > 0
 
 
 def _with_sigmas(found: Analysis, cure: Correction, others: Sequence[Correction]) -> tuple[str, ...]:

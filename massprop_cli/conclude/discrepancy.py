@@ -32,7 +32,8 @@ from massprop_cli.prepare.actuators import channel_names, channel_wrench
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
-UNSPANNED, NOISE, COMMON = "what no error parameter explains", "noise", "scale common to all thrust"
+UNSPANNED, NOISE = "what no error parameter explains", "noise"
+COMMON, STORED = "scale common to all thrust", "scale common to all stored momentum"
 LONG = 30_000
 """Cycles beyond which parameters for which the log is read anew are left to the scatter of stretches: each reading holds a hundred bytes of
 every cycle."""
@@ -61,6 +62,7 @@ TELLS = {
     "body": "a log in which nothing moves within the body",
     "environment": "a rest without commands, for what acts by itself",
     COMMON: "one calibrated jet, or a weighed vehicle ([known])",
+    STORED: "the spin inertia of a wheel, measured, or a known inertia ([known])",
     NOISE: "a longer log, or stronger commands",
     UNSPANNED: "a second log of the same kind, to see what repeats",
 }
@@ -164,7 +166,7 @@ def discrepancy(samples: Stream, timing: Timing, used: Resolved, settled: Histor
     (values, full), bare = quantities(row, vehicle.model_copy(update={"thrust": thrust})), quantities(row, alone(vehicle))
     scaled = by_scale(values[0], vehicle)
     full[0] += spun**2 * np.outer(scaled, scaled)
-    shares = _shares(fit, columns) | {COMMON: (common + spun) * np.abs(scaled)}
+    shares = _shares(fit, columns) | {STORED if spun else COMMON: (common + spun) * np.abs(scaled)}
     said = tuple(columns[at].said(float(fit.errors[at])) for at in fit.freed)
     sizes = [columns[at].usual * abs(float(fit.errors[at])) for at in fit.freed if columns[at].name == "thrust"]
     return Discrepancy(

@@ -80,17 +80,16 @@ def of_phase(name: str, cause: str) -> str:
 
 def estimates_of(found: Array, covariance: Array, verdict: Verdict, reason: Reason, apart: BoolArray) -> dict[str, Estimate]:
     """The ten quantities (10,) with their sigmas; without a value unless all can be told, but those ``apart`` (10,), which have no part."""
-    untold = None if np.isfinite(found).all() and np.isfinite(covariance).all() else Reason("sides-untold")
-    sigmas = np.zeros(10) if untold else np.sqrt(np.diag(covariance))
-    if untold and verdict != "contradicted":
-        verdict, reason = "unobservable", untold
-    given = ~apart & (untold is None)
-    return {
-        name: Estimate(float(found[i]), float(sigmas[i]), UNITS[name], verdict, None, reason)
-        if given[i]
-        else Estimate(None, None, UNITS[name], *(("unobservable", None, Reason("no-part")) if apart[i] else (verdict, None, reason)))
-        for i, name in enumerate(QUANTITIES)
-    }
+    told = bool(np.isfinite(found).all() and np.isfinite(covariance).all())
+    if not told and verdict != "contradicted":
+        verdict, reason = "unobservable", Reason("sides-untold")
+    sigmas = np.sqrt(np.diag(covariance)) if told else found
+    estimates = {}
+    for i, name in enumerate(QUANTITIES):
+        value, sigma = (float(found[i]), float(sigmas[i])) if told and not apart[i] else (None, None)
+        why: tuple[Verdict, Reason] = ("unobservable", Reason("no-part")) if apart[i] else (verdict, reason)
+        estimates[name] = Estimate(value, sigma, UNITS[name], why[0], None, why[1])
+    return estimates
 
 
 def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array, Array]:

@@ -73,7 +73,7 @@ def _without_its_bias(first: _First, less: Callable[[Array], _First]) -> _First:
     for _ in range(PULLED):
         (fit, *_) = found.plain.fits
         left = None if fit is None or fit.history.reference is None else fit.history.reference.gyro_bias
-        if left is None or (bias.any() and np.linalg.norm(left) < LITTLE * sigma):
+        if left is None or (found is not first and np.linalg.norm(left) < LITTLE * sigma):
             break
         bias = bias + left
         if np.linalg.norm(bias) >= NO_BIAS * sigma:

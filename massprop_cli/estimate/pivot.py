@@ -51,9 +51,8 @@ def about_cg(mean: Array, covariance: Array, vehicle: Vehicle) -> AboutCg:
     known = {i: vehicle.known[name] for i, name in enumerate(INERTIA) if name in vehicle.known}
     if not known:
         return beside_mass(moments, nine, pivot, weighed.value, weighed.sigma)
-    index = list(known)
     wanted, sigma = (np.array([getattr(one, part) for one in known.values()]) for part in ("value", "sigma"))
-    own = _Inertia(index, wanted, sigma, weighed.value)
+    own = _Inertia(list(known), wanted, sigma, weighed.value)
     each = [_scaled(moments, nine, factor, own) for factor in _factors(moments, own).T]
     cost = np.array([one.cost for one in each])
     best = _chosen(each, cost.argmin(0))
@@ -68,9 +67,9 @@ def about_cg(mean: Array, covariance: Array, vehicle: Vehicle) -> AboutCg:
 
 
 class _Inertia(NamedTuple):
-    """What is known of inertia about the CG: elements, their values and sigmas; and the mass, kg."""
+    """What is known of inertia about the CG: which elements, their values and sigmas, kg m²; and the mass, kg."""
 
-    at: list[int]
+    which: list[int]
     wanted: Array
     sigma: Array
     mass: float
@@ -86,7 +85,7 @@ class _Scaled(NamedTuple):
 
 
 def _chosen(found: Sequence[_Scaled], place: NDArray[np.intp]) -> _Scaled:
-    """Row by row."""
+    """Row by row, the one at its ``place`` (K,)."""
     rows = np.arange(len(place))
     return _Scaled(*(np.stack([getattr(one, part) for one in found])[place, rows] for part in _Scaled._fields))
 
@@ -97,8 +96,8 @@ def _factors(about: Array, known: _Inertia) -> Array:
     A swing tells ratios alone. With the factor s it is ``s a − s² b``, so what it leaves of what is known is least where a cubic in 1/s is
     zero.
     """
-    a = about[:, known.at] / known.sigma
-    b = known.mass * elements(spread(about[:, 6:9] / known.mass))[:, known.at] / known.sigma
+    a = about[:, known.which] / known.sigma
+    b = known.mass * elements(spread(about[:, 6:9] / known.mass))[:, known.which] / known.sigma
     w = known.wanted / known.sigma
     cubic = np.stack([-(a * w).sum(1), (a * a + 2 * b * w).sum(1), -3 * (a * b).sum(1), 2 * (b * b).sum(1)], 1)
     companion = np.zeros((len(about), 3, 3))
@@ -122,8 +121,8 @@ def _scaled(about: Array, covariance: Array, factor: Array, known: _Inertia) -> 
     for _ in range(UPDATES):
         slope = np.zeros((len(about), 6, 9))
         slope[:, range(6), range(6)], slope[:, :, 6:] = 1.0, -spread_by_arm(found[:, 6:] / known.mass)
-        slope = slope[:, known.at]
-        left = known.wanted - _inertia(found, known.mass)[:, known.at] - (slope @ (about - found)[..., None])[..., 0]
+        slope = slope[:, known.which]
+        left = known.wanted - _inertia(found, known.mass)[:, known.which] - (slope @ (about - found)[..., None])[..., 0]
         across = covariance @ slope.transpose(0, 2, 1)
         spread_of = slope @ across + np.diag(known.sigma**2)
         weighted = np.linalg.solve(spread_of, left[..., None])

@@ -12,7 +12,7 @@ STRETCH, FEWEST, QUIETEST, WIDEST = 64, 16, 4, 12
 """Readings of a stretch; stretches at least; of how many the quietest is taken; readings that a moving mean is over at most."""
 HALF, OTHERS = 0.25, 0.12
 """Correlation of differences beyond which they go against one another, and up to which the others may. By chance it scatters by 0.03."""
-ON_A_BEAT = 0.4
+IN_STEP = 0.4
 """Part of the squares of differences that is on one beat, beyond which they are the commands': by chance 0.3 at most, of commands 0.7."""
 BEATS = 20
 """Readings from which on a beat is one."""
@@ -56,15 +56,15 @@ def moving_mean(readings: Array) -> int:
             least = int(along.argmin())
             alone = np.delete(along, least).min() > -OTHERS
             parts[moving] = 0.0
-            mean = least > 0 and along[least] < -HALF and alone and not _on_one_beat(parts.ravel() ** 2, least + 1)
+            mean = least > 0 and along[least] < -HALF and alone and not _in_step(parts.ravel() ** 2, least + 1)
             found.append(least + 1 if mean else 0)
     usual = max(found, key=found.count, default=0)
     return usual if found.count(usual) > 1 else 0
 
 
-def _on_one_beat(squares: Array, over: int) -> bool:
-    """Whether these come on a beat of about so many readings."""
+def _in_step(squares: Array, over: int) -> bool:
+    """Whether these (n,) come on a beat of about so many readings: their discrete Fourier transform near one in so many."""
     beats = np.fft.rfft(squares, 2 * len(squares))
     often = np.fft.rfftfreq(2 * len(squares))
     near = np.abs(1 - over * often) < 0.5 * often
-    return bool(np.abs(beats[near]).max() > ON_A_BEAT * squares.sum())
+    return bool(np.abs(beats[near]).max() > IN_STEP * squares.sum())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_cli.conclude.discrepancy import COMMON, discrepancy
+from massprop_cli.conclude.discrepancy import STORED, discrepancy
 from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.estimate.discrepancy import LEAST
 from massprop_cli.flow import examine
@@ -26,4 +26,4 @@ def test_sigmas_of_a_misfit_beneath_wheels_have_their_common_scale_in_them() -> 
     assert told is not None
     least = BY_NAME["spin_inertia"].usual * LEAST * np.abs(told.values[[0, 3, 5]])
     assert (np.sqrt(np.diag(told.covariance))[[0, 3, 5]] > least).all()
-    np.testing.assert_allclose(told.shares[COMMON][[0, 3, 5]], least * told.scale / LEAST if told.scale > LEAST else least, rtol=1e-9)
+    np.testing.assert_allclose(told.shares[STORED][[0, 3, 5]], least * told.scale / LEAST if told.scale > LEAST else least, rtol=1e-9)
