@@ -138,6 +138,21 @@ def _reversed(of: Subject, draw: np.random.Generator) -> Subject:
     return _stated(of, change)
 
 
+def _leaning(of: Subject, draw: np.random.Generator, every: bool = False) -> Subject:
+    """Axes, one or all, stated 0.3 to 1.5 degrees away from what they are."""
+
+    def turned(each: Data) -> Data:
+        across = np.cross(each["axis"], draw.normal(size=3))
+        by = np.radians(draw.uniform(0.3, 1.5)) * across / np.linalg.norm(across)
+        return each | {"axis": (np.array(each["axis"]) + by * np.linalg.norm(each["axis"])).tolist()}
+
+    def change(own: list[Data]) -> list[Data]:
+        one = own[draw.integers(len(own))]
+        return [turned(each) if every or each is one else each for each in own]
+
+    return _stated(of, change)
+
+
 def _late(of: Subject, draw: np.random.Generator) -> Subject:
     """By 0.2 to 1 cycle, later than said."""
     by = draw.uniform(0.2, 1.0)
@@ -175,6 +190,8 @@ FAULTS = {
     "swapped": Fault("two swapped", SWAPPED, lambda of, draw: _permuted(of, draw, 2)),
     "round": Fault("three wired round", SWAPPED, lambda of, draw: _permuted(of, draw, 3)),
     "rpm": Fault("one speed in rpm", ("speed-units",), _in_rpm, platforms=("wheels", "pedestal, wheels")),
+    "axis": Fault("one axis 0.3 to 1.5 degrees off", ("wheel-axis",), _leaning, platforms=("wheels", "pedestal, wheels")),
+    "axes": Fault("all axes so", ("wheel-axis",), partial(_leaning, every=True), platforms=("wheels", "pedestal, wheels")),
     "degrees": Fault("all gimbal angles in degrees", ("gimbal-units",), _in_degrees, platforms=("gyros",)),
     "one in degrees": Fault("one gimbal's angles in degrees", ("gimbal-units",), partial(_in_degrees, every=False), platforms=("gyros",)),
     "strong": Fault("one gives 10 % more", SCALE, acting=lambda draw, n: _one(draw, n, 1.1)),

@@ -261,6 +261,7 @@ WARNINGS: dict[str, Example] = {
     "actuators-swapped": Example(partial(_actuator, "wheels", "swapped"), *RATE),
     "command-units": Example(partial(_actuator, "rotors", "percent"), *RATE),
     "rotor-spin": Example(partial(_actuator, "rotors", "spin"), *RATE),
+    "wheel-axis": Example(partial(_actuator, "wheels", "axis"), *RATE),
     "speed-units": Example(partial(_actuator, "wheels", "rpm"), *RATE),
     "gimbal-units": Example(partial(_actuator, "gyros", "one in degrees"), *RATE),
     "clock-rebuilt": Example(partial(_recorded, "clock-bursts", 9000), *RATE),

@@ -181,14 +181,16 @@ class Model:
         return self.plant.told[[0, 3, 5]]
 
     def wrench(self, x: Array) -> tuple[Array, Array]:
-        """(..., C, 3) torque about O and force of each channel, which is as large in another direction."""
+        """(..., C, 3) torque about O and force of each channel, of which its force, or else its torque, is turned at its size."""
         shape = (*x.shape[:-1], -1, 3)
-        thrust = x[..., self.place("thrust"), None]
-        along = self.force + x[..., self.place("direction")].reshape(shape)
-        size, stated = (np.linalg.norm(part, axis=-1, keepdims=True) for part in (along, self.force))
-        force = thrust * along * (stated / np.where(stated > 0, size, 1.0))
+        thrust, pushes = x[..., self.place("thrust"), None], self.force.any(-1, keepdims=True)
+        line = np.where(pushes, self.force, self.couple)
+        along = line + x[..., self.place("direction")].reshape(shape)
+        size, stated = (np.linalg.norm(part, axis=-1, keepdims=True) for part in (along, line))
+        turned = thrust * along * (stated / np.where(stated > 0, size, 1.0))
+        force, couple = np.where(pushes, turned, 0.0), np.where(pushes, thrust * self.couple, turned)
         position = self.position + x[..., self.place("position")].reshape(shape)
-        return cross(position, force) + thrust * self.couple, force
+        return cross(position, force) + couple, force
 
     def coefficients(self, x: Array, gyro: Array, accelerometer: Array) -> Array:
         """(..., p, 6) of x (..., nx) for IMUs turned so: growth of the rate, specific force."""

@@ -71,16 +71,18 @@ def _channels(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
         size = float(np.linalg.norm(force))
         if size == 0 or model.kind == "wrench":
             continue
-        # across its own line only: along it nothing changes
-        _, _, across = np.linalg.svd(force[None])
         for code, unit in (("jet-position", 1.0), ("jet-direction", size)):
-            key = code.removeprefix("jet-")
-            columns = [along(model, (key, unit * np.outer(np.eye(count)[i], axis).ravel())) for axis in across[1:]]
-            yield Hypothesis(code, (name,), np.hstack(columns), suspects=(i,))
+            yield Hypothesis(code, (name,), _across(model, code.removeprefix("jet-"), i, force, unit), suspects=(i,))
+
+
+def _across(model: Model, name: str, channel: int, line: Array, unit: float = 1.0) -> Array:
+    """(nx, 2) of a parameter of a channel along two directions across its own line: along that nothing changes."""
+    marks = np.eye(len(model.force))[channel]
+    return np.hstack([along(model, (name, unit * np.outer(marks, axis).ravel())) for axis in np.linalg.svd(line[None])[2][1:]])
 
 
 def _devices(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
-    """Each that stores momentum: another part of it, none, the other way round, its speed in rpm; a gimbal that turns the other way."""
+    """Each that stores momentum: another part of it, none, the other way round, its speed in rpm; its axis; a gimbal that turns back."""
     count, thrust = len(names), model.place("thrust").start
     for group in itertools.chain(*model.devices.values()):
         column, subject = along(model, ("thrust", np.isin(np.arange(count), group).astype(float))), tuple(names[i] for i in group)
@@ -89,6 +91,11 @@ def _devices(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
             yield Hypothesis("thrust-scale", subject, column, start={thrust + i: begin for i in group})
         for i in group if len(group) > 1 else ():
             yield Hypothesis("thrust-scale", (names[i],), np.zeros((len(model.stated), 0)), start={thrust + i: -1.0})
+    axes = [(i, _across(model, "direction", i, model.couple[i])) for (i,) in model.devices.get("wheels", ()) if model.turns.all()]
+    for i, columns in axes:
+        yield Hypothesis("jet-direction", (names[i],), columns, suspects=(i,))
+    if len(axes) > 1:
+        yield Hypothesis("jet-direction", tuple(names[i] for i, _ in axes), np.hstack([columns for _, columns in axes]))
     if 0 < model.thrusting < count - 1:  # against what pushes: which of both is off nothing tells
         yield scaled(model, names, range(model.thrusting, count))
 

@@ -42,20 +42,26 @@ def moved(setup: Setup, error: Array) -> Setup | None:
 
 
 def turned(setup: Setup, error: Array) -> Setup | None:
-    """Jets' forces, or rotors' axes, of the same size along other directions by ``error`` (C, 3), N."""
-    table = setup.log.command_kind
-    if table == "wrench":
-        return None if error.any() else setup
-    key = "force_n" if table == "jets" else "axis"
-    every = _of_all(setup, np.zeros(3), error)
-    changed = []
-    for one, by in zip(getattr(setup.vehicle, table), every, strict=False):
-        stated = np.array(getattr(one, key), dtype=float)
-        size = np.linalg.norm(stated)
-        along = stated + by * (1.0 if table == "jets" else size)  # of a rotor by one newton
-        length = np.linalg.norm(along)
-        changed.append({key: plain(along * (size / length if size > 0 else 1.0))} if by.any() else {})
-    return _having(setup, table, changed)
+    """Jets' forces, or axes of rotors and wheels, of the same size along other directions by ``error`` (C, 3), N.
+
+    Of an axis by a unit; a wheel's torque on the body is against its axis. None where anything else is to be turned.
+    """
+    every, table = _of_all(setup, np.zeros(3), error), setup.log.command_kind
+    changed = [("wheels", "axis", -every[_storing(setup, "wheels")])]
+    changed += [] if table == "wrench" else [(table, "force_n" if table == "jets" else "axis", every[: _commanded(setup)])]
+    if np.count_nonzero(error) > sum(np.count_nonzero(by) for _, _, by in changed):
+        return None
+    for name, key, errors in changed:
+        entries = zip(getattr(setup.vehicle, name), errors, strict=True)
+        setup = _having(setup, name, [_turned(np.array(getattr(one, key)), key, by) for one, by in entries])
+    return setup
+
+
+def _turned(stated: Array, key: str, by: Array) -> dict[str, Any]:
+    size = np.linalg.norm(stated)
+    along = stated + by * (1.0 if key == "force_n" else size)
+    length = np.linalg.norm(along)
+    return {key: plain(along * (size / length if size > 0 else 1.0))} if by.any() else {}
 
 
 def wired(setup: Setup, does: Sequence[int]) -> Setup:
@@ -90,6 +96,15 @@ def _swapped(setup: Setup, table: str, order: Sequence[int], keys: Sequence[str]
 def _commanded(setup: Setup) -> int:
     """How many channels are commanded; those that store momentum come after them."""
     return int(setup.log.command.shape[1])
+
+
+def _storing(setup: Setup, table: str) -> slice:
+    """The channels along which the entries of a table store momentum."""
+    at, found = _commanded(setup), slice(0, 0)
+    for kind, own in setup.vehicle.actuators:
+        first, at = at, at + sum(len(one.device.axes) for one in own if one.device is not None)
+        found = slice(first, at) if table == kind.TABLE else found
+    return found
 
 
 def _of_all(setup: Setup, usual: Array, fired: Array) -> Array:

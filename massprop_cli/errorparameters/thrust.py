@@ -51,6 +51,15 @@ def _angle(finding: FittedHypothesis) -> Mapping[str, object]:
     }
 
 
+def _axes(finding: FittedHypothesis) -> Mapping[str, object]:
+    pairs = zip(finding.corrected.vehicle.wheels, finding.stated.vehicle.wheels, strict=True)
+    turned = [
+        (one, np.degrees(np.arcsin(np.linalg.norm(np.cross(one.direction, other.direction))))) for one, other in pairs if one != other
+    ]
+    several, listed = len(turned) > 1, [f"wheel {one.name} is {angle:.3g} degrees away from its axis" for one, angle in turned]
+    return {"axes": ", ".join(listed), "each": "each of them" if several else f"it: {vector(turned[0][0].direction)}"}
+
+
 def _place(finding: FittedHypothesis) -> Mapping[str, object]:
     return {"who": _who(finding)["who"], "by": vector(finding.errors["position"].reshape(-1, 3)[finding.channel], 1e3)}
 
@@ -233,7 +242,7 @@ PARAMETERS = (
     ErrorParameter(
         "direction",
         "jet-direction",
-        "direction of each jet's force",
+        "direction of each jet's force, or of a wheel's axis",
         "N",
         prior=0.2,  # of the force, so rad: a bracket that is mounted 12 degrees off
         usual=float(np.radians(1)),
@@ -244,6 +253,14 @@ PARAMETERS = (
         change=lambda setup, error: channels.turned(setup, error.reshape(-1, 3)),
         uncertain=("jet-direction", "jets point where they are stated to within jets.direction_sigma_rad"),
         wording=Wording("{who} pushes {angle:.3g} degrees away from its {key}, with {force} N", "correct it", _angle),
+    ),
+    ErrorParameter(
+        "axis",
+        "wheel-axis",
+        "direction of each wheel's axis",
+        "rad",
+        no_key="each entry's axis: its error is that of a direction, and it is estimated where its sigma is stated",
+        sigma_key="wheels.axis_sigma_rad",
     ),
     ErrorParameter(
         "thrust",
@@ -353,6 +370,7 @@ SPECIAL_CASES = (
         lambda finding: about_cg(_point_of(finding), finding.sigmas["position"][:3], finding.cg, finding.force[0]),
         Wording(_ABOUT_CG, "state thrust.wrench_point_m, or log them about O", _point),
     ),
+    SpecialCase("jet-direction", "wheel-axis", lambda f: _of(f) == "wheels", Wording("{axes}", "correct {each}", _axes)),
     SpecialCase(
         "pulse-position", "pulse-position", lambda _: True, Wording("pulses {place} their cycles{delay}", "state {key}", _pulse_at)
     ),

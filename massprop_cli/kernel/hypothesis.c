@@ -329,7 +329,10 @@ static int straight(const double *x, const mp_hypothesis *one) {
 }
 
 void mp_hypothesis_wrench(const mp_hypotheses *about, const double *x, long channel, const double *centre, double force[3], double torque[3]) {
-    const double *stated = about->force + 3 * channel, *turn = x + THRUST + about->channels * 4 + 3 * channel, thrust = x[THRUST + channel];
+    const double *pushed = about->force + 3 * channel, *couple = about->couple + 3 * channel, thrust = x[THRUST + channel];
+    const double *turn = x + THRUST + about->channels * 4 + 3 * channel;
+    const int pushes = pushed[0] != 0.0 || pushed[1] != 0.0 || pushed[2] != 0.0;
+    const double *stated = pushes ? pushed : couple;
     double along[3], place[3], size = 0.0, own = 0.0, by;
     int i;
     for (i = 0; i < 3; i++) {
@@ -339,9 +342,9 @@ void mp_hypothesis_wrench(const mp_hypotheses *about, const double *x, long chan
         own += stated[i] * stated[i];
     }
     by = thrust * (own > 0.0 ? sqrt(own) / sqrt(size) : sqrt(own));
-    for (i = 0; i < 3; i++) force[i] = by * along[i];
+    for (i = 0; i < 3; i++) force[i] = pushes ? by * along[i] : 0.0;
     cross(place, force, torque);
-    for (i = 0; i < 3; i++) torque[i] += thrust * about->couple[3 * channel + i];
+    for (i = 0; i < 3; i++) torque[i] += pushes ? thrust * couple[i] : by * along[i];
 }
 
 void mp_hypothesis_gain(const mp_hypotheses *about, const double *x, int sensor, matrix out) {

@@ -38,6 +38,8 @@ def unknown(vehicle: Vehicle) -> str:
         return "imu.attitude_misalignment_sigma_rad is stated, and the kernel takes no logged attitude"
     if vehicle.uncertain_geometry:
         return "jets or IMU are stated to be uncertain, and the kernel takes them as exact"
+    if any(wheel.axis_sigma_rad > 0 for wheel in vehicle.wheels):
+        return "axes of wheels are stated to be uncertain, and the kernel takes them as exact"
     if vehicle.on_pedestal and vehicle.knows_inertia:
         return "inertia is known from elsewhere, and the kernel follows no free swing on a pedestal"
     for kind, own in vehicle.actuators:

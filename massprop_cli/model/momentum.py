@@ -52,7 +52,8 @@ def _moment(executed: Aligned, motion: Motion, own: slice, unknown: Unknown) -> 
     """(K, 3) impulse of −(δḣ + ω × δh) by one unit of an unknown of the device whose axes are ``own``."""
     stored, channels = executed.stored, executed.channels
     assert stored is not None
-    axis, turning = stored.axis[own], slice(channels.thrusting + own.start, channels.thrusting + own.stop)
+    axis = stored.axis[own] if unknown.across is None else unknown.across
+    turning = slice(channels.thrusting + own.start, channels.thrusting + own.stop)
     held = stored.mean[..., own] - stored.begun[own] * unknown.since_start
     mean, skew = held @ unknown.by.T + unknown.constant, stored.skew[..., own] @ unknown.by.T
     bin_s = executed.duration_s / mean.shape[1]

@@ -72,7 +72,12 @@ def wrong(of: Subject, seed: int) -> tuple[set[str], Array, Array]:
 
 
 @pytest.mark.parametrize(
-    ("platform", "name"), [("wheels", "swapped"), pytest.param("rotors", "percent", marks=[pytest.mark.thorough, pytest.mark.seeds])]
+    ("platform", "name"),
+    [
+        ("wheels", "swapped"),
+        ("pedestal, wheels", "axes"),
+        pytest.param("rotors", "percent", marks=[pytest.mark.thorough, pytest.mark.seeds]),
+    ],
 )
 def test_a_fault_is_named_and_its_correction_gives_the_truth(platform: str, name: str) -> None:
     named(platform, name, 0, 300)

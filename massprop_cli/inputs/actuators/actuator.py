@@ -157,7 +157,7 @@ class MomentumDevice(Actuator):
 
 
 class Unknown(NamedTuple):
-    """An error ε of what is stated of a device: it holds ``ε (by (h − h₀) + constant)`` more, along its axes."""
+    """An error ε of what is stated of a device: it holds ``ε (by (h − h₀) + constant)`` more, along its axes or along ``across``."""
 
     sigma: float
     by: Array
@@ -166,11 +166,13 @@ class Unknown(NamedTuple):
     """(a,) N m s"""
     since_start: bool
     """Whether h₀ is the momentum that the log began with; else it is 0."""
+    across: Array | None = None
+    """(a, 3) instead of its axes: where an error turns them to."""
 
     @property
     def scales(self) -> bool:
         """Whether it is a relative error of all torque that the device gives."""
-        return bool((self.by == np.eye(len(self.by))).all())
+        return self.across is None and bool((self.by == np.eye(len(self.by))).all())
 
 
 class Grown(NamedTuple):

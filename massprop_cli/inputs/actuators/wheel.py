@@ -56,6 +56,7 @@ class Wheel(actuator.MomentumDevice):
     axis: Annotated[Vector, actuator.pointing("the wheel's axis")] = Field(
         description="direction of positive speed, body axes; of any length"
     )
+    axis_sigma_rad: NonNegative = Field(0.0, le=0.3, description="one sigma of its direction, about each line across it; estimated")
     spin_inertia_kg_m2: Positive = Field(description="about its axis")
     spin_inertia_sigma_kg_m2: NonNegative = Field(0.0, description="one sigma of it; goes into every sigma")
     locked_in_inertia: bool = Field(
@@ -135,7 +136,7 @@ class Wheel(actuator.MomentumDevice):
 
     @property
     def unknowns(self) -> tuple[actuator.Unknown, ...]:
-        """By speed its inertia, relative; by torque the speed that it began with, rad/s, and the torque, relative."""
+        """By speed its inertia, relative; by torque the speed that it began with, rad/s, and the torque, relative. Its axis, rad."""
         relative = self.spin_inertia_sigma_kg_m2 / self.spin_inertia_kg_m2
         if self.column == "speed":
             found = [actuator.Unknown(relative, np.eye(1), np.zeros(1), False)]
@@ -143,6 +144,8 @@ class Wheel(actuator.MomentumDevice):
             start = float(np.hypot(self.start_sigma_rad_s, relative * (self.start_rad_s or 0.0)))
             begun = actuator.Unknown(start, np.zeros((1, 1)), np.array([self.spin_inertia_kg_m2]), False)
             found = [begun, actuator.Unknown(self.torque_scale_sigma, np.eye(1), np.zeros(1), True)]
+        lines = np.linalg.svd(self.axes)[2][1:]  # two at right angles to it
+        found += [actuator.Unknown(self.axis_sigma_rad, np.eye(1), np.zeros(1), False, line[None]) for line in lines]
         return tuple(one for one in found if one.sigma > 0)
 
     def scaled(self, factor: float) -> Self:
