@@ -14,9 +14,9 @@ import numpy as np
 
 from massprop_cli import INERTIA
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.rigidbody import tensor
+from massprop_cli.base.rigidbody import cross, spread, tensor
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.gyroscopic import products
+from massprop_cli.model.gyroscopic import gamma, products
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.compensate import Samples, Source, acceleration
 
@@ -27,6 +27,8 @@ COUPLE = 1e-3
 turns about its CG, whose own acceleration exceeds what that force makes."""
 FIRST = 4096
 """Cycles in which most vehicles have moved."""
+DISTANCES = np.geomspace(0.01, 10, 4)
+"""From a pivot to the CG, radii of gyration, that a swing is looked at for."""
 _SPREAD = 30.0
 """Largest ratio of a reference's principal moments to the common scale."""
 
@@ -49,7 +51,9 @@ def first_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Referen
     scale = _response(growth, torque, np.hstack([load, turned, duration[1:, None]]))
     mu = _mu(here, torque, vehicle) if plant.translates else None
     if scale is None:
-        return known_axes(vehicle) or (None if mu is None else _unturned(mu, vehicle))
+        if vehicle.swings:
+            return released(growth, load, turned, vehicle)
+        return None if mu is None else _unturned(mu, vehicle)
     mu = mu or _fallback_mu(vehicle, scale)
     reach = np.sqrt(3 * mu / scale)
     if plant.pivoted:
@@ -123,13 +127,32 @@ def _unturned(mu: float, vehicle: Vehicle) -> Reference:
     return Reference(reach(vehicle) ** 2 / (3 * mu) * np.eye(3), plant_of(vehicle).pivot, mu)
 
 
-def known_axes(vehicle: Vehicle) -> Reference | None:
-    """A body whose inertia is known from elsewhere, on a pedestal: what it is released with tells its first moment without commands."""
-    if not vehicle.on_pedestal or not vehicle.knows_inertia:
-        return None
+def released(growth: Array, load: Array, turned: Array, vehicle: Vehicle) -> Reference:
+    """A body of known mass and inertia about its CG that its weight alone swings: what its CG r from the pivot explains most of.
+
+        w[k+1] − w[k]  =  J⁻¹ (l × m r − Γ(J) (w w)),          J = I + m (r² 1 − r rᵀ)
+
+    Sought from several distances below or above the pivot, as it stands in the mean. ``growth``, ``load`` l, the integral of what carries the
+    weight, and ``turned`` (K − 1, ...).
+    """
+    from scipy.optimize import least_squares
+
     known: dict[str, float] = {name: one.value for name, one in vehicle.known.items()}
-    inertia = tensor(np.array([known.get(name, 0.0) for name in INERTIA]))
-    return Reference(inertia, plant_of(vehicle).pivot, 1 / vehicle.pedestal_mass_kg)
+    mass, own = vehicle.pedestal_mass_kg, tensor(np.array([known.get(name, 0.0) for name in INERTIA]))
+
+    def inertia(arm: Array) -> Array:
+        return np.asarray(own + mass * spread(arm))
+
+    def left(arm: Array) -> Array:
+        about = inertia(arm)
+        torque = cross(load, mass * arm) - turned @ gamma(about).T
+        return np.asarray((growth - np.linalg.solve(about, torque.T).T).ravel())
+
+    up, size = load.mean(0) / np.linalg.norm(load.mean(0)), np.sqrt(np.trace(own) / mass)
+    # a body swings alike about two points of a line
+    fits = [least_squares(left, by * size * up, x_scale=abs(by) * size, method="lm") for by in (*-DISTANCES, *DISTANCES)]
+    arm = min(fits, key=lambda fit: float(fit.cost)).x
+    return Reference(inertia(arm), plant_of(vehicle).pivot + arm, 1 / mass)
 
 
 def reach(vehicle: Vehicle) -> float:

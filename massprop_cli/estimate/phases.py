@@ -177,8 +177,7 @@ def estimates(
         own = used.in_phase(phase)
         causal = engine.replay(samples, cycles, phase, own, consider, partial(say, f"estimating, phase {phase.name}"))
         # a swing tells ratios far better than any size, so that what is linear about another ratio shows in no sigma
-        ratios = own.on_pedestal and own.knows_inertia
-        if fit is not None and fit.stands and not used.estimator.refine and (ratios or (astray(causal, fit.history) > LOST).any()):
+        if fit is not None and fit.stands and not used.estimator.refine and (own.swings or (astray(causal, fit.history) > LOST).any()):
             causal = _led(samples, cycles, phase, own, consider, fit)
         first, last = informed((causal, causal if fit is None else fit.history), samples, own)
         histories.append(last if used.estimator.refine else first)

@@ -230,6 +230,11 @@ class Vehicle(Section):
         return all(name in self.known for name in ("ixx", "iyy", "izz"))
 
     @property
+    def swings(self) -> bool:
+        """Whether a log may have no command: on a pedestal, of known inertia."""
+        return self.on_pedestal and self.knows_inertia
+
+    @property
     def uncertain_geometry(self) -> bool:
         """Whether anything is said to be uncertain of where jets and IMU sit and how single jets push."""
         jets = any(jet.thrust_sigma or jet.position_sigma_m or jet.direction_sigma_rad for jet in self.jets)

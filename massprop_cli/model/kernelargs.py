@@ -40,7 +40,7 @@ def unknown(vehicle: Vehicle) -> str:
         return "jets or IMU are stated to be uncertain, and the kernel takes them as exact"
     if any(wheel.axis_sigma_rad > 0 for wheel in vehicle.wheels):
         return "axes of wheels are stated to be uncertain, and the kernel takes them as exact"
-    if vehicle.on_pedestal and vehicle.knows_inertia:
+    if vehicle.swings:
         return "inertia is known from elsewhere, and the kernel follows no free swing on a pedestal"
     for kind, own in vehicle.actuators:
         if any(one.device is not None and not (isinstance(one, Wheel) and one.column == "speed") for one in own):

@@ -27,7 +27,7 @@ FELT = 0.02
 """Part of gravity's that specific force is taken to scatter by, with all that thrust and rotation make an IMU feel. With less a push at the
 beginning looks like a tilt, with more the bias shows later."""
 LEVELLED = 0.001
-"""The same on a pedestal, where no thrust is felt: what rotation makes of it averages out."""
+"""The same on a pedestal, whose pivot feels gravity alone."""
 FARTHEST = 3.0
 """Sigmas of the bias beyond which it is none: an IMU that is turned or in other units shows any."""
 

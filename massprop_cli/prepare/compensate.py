@@ -243,7 +243,7 @@ def _carried(aligned: Aligned, vehicle: Vehicle, rate: Array, before: Before) ->
     since = np.cumsum(squares) - squares + before.squares_s2
     error[..., 4] = np.sqrt(np.maximum(since, 0.0))[:, None]
     if biased_attitude(False, vehicle):
-        level = felt(aligned.specific_force_imu_m_s2, aligned.ignored, vehicle)
+        level = felt(aligned.specific_force_imu_m_s2, aligned.ignored, vehicle, np.vstack([before.rate_rad_s, rate]), aligned.duration_s)
         found = bias_seen(attitude, level, aligned.duration_s, before.seen)
         tilted = vehicle.imu.accel_bias_sigma_m_s2 / vehicle.environment.gravity_m_s2
         off = found.off(vehicle.imu.gyro_bias_sigma_rad_s, tilted, LEVELLED if vehicle.on_pedestal else FELT)
@@ -254,10 +254,16 @@ def _carried(aligned: Aligned, vehicle: Vehicle, rate: Array, before: Before) ->
     return carried, error, attitude
 
 
-def felt(specific_force_imu_m_s2: Array, ignored: BoolArray, vehicle: Vehicle) -> Array:
-    """(K, 3) specific force over gravity's, body axes; zeros where a part of it is ignored, (K, 6)."""
-    body = times(np.array(vehicle.imu.body_from_imu), specific_force_imu_m_s2) / vehicle.environment.gravity_m_s2
-    return np.where(ignored[:, 3:].any(1, keepdims=True), 0.0, body)
+def felt(specific_force_imu_m_s2: Array, ignored: BoolArray, vehicle: Vehicle, rate_rad_s: Array, duration_s: Array) -> Array:
+    """(K, 3) specific force over gravity's, body axes; zeros where a part of it is ignored, (K, 6).
+
+    On a pedestal that of the pivot, which stands still: by the mean rates ``rate_rad_s`` (K + 1, 3), with the cycle before the first.
+    """
+    body = times(np.array(vehicle.imu.body_from_imu), specific_force_imu_m_s2)
+    if vehicle.on_pedestal:
+        rate_dot = np.diff(rate_rad_s, axis=0) / duration_s[:, None]
+        body = body - lever_arm(rate_rad_s[1:], rate_dot, np.array(vehicle.imu.position_m) - vehicle.environment.bearing_position_m)
+    return np.where(ignored[:, 3:].any(1, keepdims=True), 0.0, body / vehicle.environment.gravity_m_s2)
 
 
 def acceleration(samples: Samples, vehicle: Vehicle) -> Array:

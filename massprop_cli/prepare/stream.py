@@ -129,7 +129,9 @@ class Stream:
     def _felt(self, cycles: slice) -> tuple[Array, Array]:
         """(K, 3) what :func:`massprop_cli.prepare.attitude.bias_seen` takes, and (K,) the length of each cycle."""
         mean, duration = self._mean(self.log.delta_v_imu_m_s, cycles)
-        return felt(mean, ignored(self.log, self.vehicle, cycles), self.vehicle), duration
+        rate = self._motion(slice(max(cycles.start - 1, 0), cycles.stop))[0]
+        rate = rate if cycles.start else np.vstack([rate[:1], rate])
+        return felt(mean, ignored(self.log, self.vehicle, cycles), self.vehicle, rate, duration), duration
 
     def _motion(self, cycles: slice) -> tuple[Array, Array]:
         """(K, 3) mean body rate, and the angle that it makes."""
