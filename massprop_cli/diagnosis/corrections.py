@@ -49,6 +49,8 @@ class Case(NamedTuple):
     timing: Timing
     designs: Designs | None = None
     """Made of it so far, and of what is supposed of it; None: they are made anew."""
+    whole: tuple[Log, slice] | None = None
+    """The log that it is a part of, and the piece of that; None: it is no part."""
 
     @property
     def setup(self) -> Setup:

@@ -203,7 +203,7 @@ def _instead(screening: Screening, alone: Sequence[Refit], whole: Screening, res
 
 def _much_later(screening: Screening) -> Diagnosis | None:
     """Another command delay, further off than a small step leads to: where free coefficients leave least."""
-    log, vehicle, timing, _ = screening.case
+    log, vehicle, timing, *_ = screening.case
     rated = delay.search(log, vehicle, [timing.lag], pieces=[screening.piece])
     if not rated:
         return None
@@ -234,7 +234,7 @@ def _changed(screening: Screening, whole: Screening, rest: Callable[[], Undistur
 
     None where two leave no ``less_than`` so much of chi-square beyond chance.
     """
-    log, vehicle, timing, _ = screening.case
+    log, vehicle, timing, *_ = screening.case
     samples = timing.of(log, vehicle)
     reference = first_reference(samples, screening.piece, vehicle)
     at = None if reference is None else change.likeliest(samples, screening.piece, reference, vehicle)

@@ -14,7 +14,7 @@ from massprop_cli.diagnosis.corrections import Correction, applied, around, cert
 from massprop_cli.diagnosis.delay import FoundTiming, near
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.ranking import CLEAR
-from massprop_cli.diagnosis.refit import Refit
+from massprop_cli.diagnosis.refit import Refit, over_all
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.diagnosis.search import codes
 from massprop_cli.diagnosis.wording import words_of
@@ -71,7 +71,7 @@ def chosen(screening: Screening, refits: Sequence[Refit]) -> Diagnosis | None:
     if not fitting:
         return None
     rivals = [refit for refit in fitting[1:] if refit.score < fitting[0].score + CLEAR]
-    first = fitting[0]
+    first = over_all(screening, fitting[0])
     alike = [refit for refit in (_in_proportion(screening, first), _about_another_point(screening, first)) if refit is not None]
     rivals = [*alike, *(rival for rival in rivals if all(_about(rival) != _about(own) for own in alike))]
     detected = None

@@ -137,7 +137,7 @@ class Placed(NamedTuple):
 
 def phase_of(screening: Screening, end_s: float) -> Placed | None:
     """The phase that holds a look, of a log that ends then; None where none does."""
-    log, vehicle, timing, _ = screening.case
+    log, vehicle, timing, *_ = screening.case
     executed, period = timing.of(log, vehicle).executed, vehicle.cycle.period_s
     ends = executed.start_s + executed.duration_s
     middle = float(ends[(screening.piece.start + screening.piece.stop) // 2])
@@ -156,7 +156,7 @@ def _placed(screening: Screening, cut: int, begins: bool, found: Screening, end_
     placed = phase_of(screening, end_s)
     if placed is None or not (placed.begins if begins else placed.ends):
         return None
-    log, vehicle, timing, _ = screening.case
+    log, vehicle, timing, *_ = screening.case
     executed = timing.of(log, vehicle).executed
     last = screening.piece.stop - cut - 1
     time = float(executed.start_s[screening.piece.start + cut] if begins else executed.start_s[last] + executed.duration_s[last])

@@ -57,17 +57,17 @@ END = 5
 """Cycles of a piece that are its end."""
 
 
-def busiest(case: Case, piece: slice) -> tuple[Case, slice]:
-    """A case of the ``LONGEST`` cycles of a piece in which most is commanded, up to what is commanded at the end alone.
+def busiest(case: Case, piece: slice, longest: int = LONGEST) -> tuple[Case, slice]:
+    """A case of so many cycles of a piece, those in which most is commanded, up to what is commanded at the end alone.
 
     Under a longer delay that would have no part in it, and nothing could be held against what there is without.
     """
-    log, found = segment.busiest(case.log, case.vehicle, case.timing, piece, LONGEST)
+    log, found = segment.busiest(case.log, case.vehicle, case.timing, piece, longest)
     if log.command_s is None:
         commanded = log.command[found] != 0
         first = found.start + commanded.argmax(0)[commanded.any(0)]
         found = slice(found.start, int(min(found.stop, *first[first >= found.stop - END], found.stop)))
-    return case._replace(log=log), found
+    return case._replace(log=log, whole=(case.log, piece) if piece.stop - piece.start > longest else None), found
 
 
 def screened(case: Case, piece: slice, likely: Sequence[Disturbance] = (), theta: Array | None = None) -> Screening | None:
@@ -223,7 +223,7 @@ class Screening:
     @cached_property
     def exact(self) -> Array | None:
         """(N, 6) normalised innovations of an off-line fit, as exact as the estimator is; None where there is none."""
-        log, vehicle, timing, _ = self.case
+        log, vehicle, timing, *_ = self.case
         phase = Phase(name="piece", start_s=0.0, end_s=1.0)
         try:
             (fit,) = as_stated(Stream.of(log, vehicle, timing), [(phase, self.piece)], vehicle, Consider()).fits

@@ -180,7 +180,7 @@ def _integrated(screening: Screening) -> bool:
 
 def _two_bodies(screening: Screening, kept: tuple[slice, ...]) -> bool:
     """Whether stretches fit one body far worse than each its own; not known where the vertical drifts."""
-    log, vehicle, timing, _ = screening.case
+    log, vehicle, timing, *_ = screening.case
     samples = timing.of(log, vehicle)
     reference = first_reference(samples, kept[0], vehicle)
     if reference is None or len(kept) < 2 or _integrated(screening):
@@ -197,7 +197,7 @@ def _placed(screening: Screening, kept: tuple[slice, ...], end_s: float) -> Undi
     placed = phase_of(screening, end_s)
     if placed is None:
         return None
-    log, vehicle, timing, _ = screening.case
+    log, vehicle, timing, *_ = screening.case
     executed = timing.of(log, vehicle).executed
     piece, last = screening.piece, kept[-1]
     begins, ends = kept[0].start > piece.start, last.stop < piece.stop

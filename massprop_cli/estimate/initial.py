@@ -132,8 +132,8 @@ def released(growth: Array, load: Array, turned: Array, vehicle: Vehicle) -> Ref
 
         w[k+1] − w[k]  =  J⁻¹ (l × m r − Γ(J) (w w)),          J = I + m (r² 1 − r rᵀ)
 
-    Sought from several distances below or above the pivot, as it stands in the mean. ``growth``, ``load`` l, the integral of what carries the
-    weight, and ``turned`` (K − 1, ...).
+    Sought from several distances below or above the pivot, as it stands in the mean. ``growth``, ``load`` l, the integral of what carries
+    the weight, and ``turned`` (K − 1, ...).
     """
     from scipy.optimize import least_squares
 

@@ -25,6 +25,7 @@ class Wheels(Exchanger):
         self.axis = _axes(vehicle)
         self.share = -np.linalg.pinv(self.axis.T * vehicle.environment.moving[:3, None])
         self.inertia = setting.real.wheel_scale * np.array([wheel.spin_inertia_kg_m2 for wheel in self.wheels])
+        self.scaled = [wheel.scaled(setting.real.wheel_scale) for wheel in self.wheels]
         self.limit = setting.real.max_wheel_torque_n_m or 0.0
         self.issued = np.zeros((setting.members, setting.cycles, count))
         self.speed = np.zeros((setting.members, setting.cycles * self.records, count))
@@ -69,7 +70,8 @@ class Wheels(Exchanger):
         # a wheel's start speed is the one at which its first command finds it
         started = self.edges_s[:-1] > (delay - cycle - 1e-6) * self.period_s
         for b in range(len(width)):
-            torque[..., b] -= self._friction(edges[..., b] / self.inertia - about) * started[b]
+            if started[b]:
+                torque[..., b] = self._rubbed(torque[..., b], edges[..., b] / self.inertia - about, float(width[b]))
             edges[..., b + 1] = edges[..., b] + torque[..., b] * width[b]
         self._held, self._edges = edges[..., -1], edges
         along = np.stack([torque, (edges[..., :-1] + edges[..., 1:]) / 2])
@@ -104,11 +106,15 @@ class Wheels(Exchanger):
             found[name] = speed if wheel.column == "speed" else first
         return found
 
-    def _friction(self, speed: Array) -> Array:
-        """(S, W) torque against speeds."""
-        coulomb = np.array([wheel.coulomb_friction_n_m for wheel in self.wheels])
-        viscous = np.array([wheel.viscous_friction_n_m_s for wheel in self.wheels])
-        return np.asarray(coulomb * np.sign(speed) + viscous * speed)
+    def _rubbed(self, torque: Array, speed: Array, length_s: float) -> Array:
+        """(S, W) torque less the mean of friction over a time that begins at speeds relative to the body."""
+        found = torque.copy()
+        for w, wheel in enumerate(self.scaled):
+            if wheel.coulomb_friction_n_m > 0 or wheel.viscous_friction_n_m_s > 0:
+                pulled = zip(speed[:, w].tolist(), (torque[:, w] / wheel.spin_inertia_kg_m2).tolist(), strict=True)
+                after = np.array([wheel.rubbed(now, by, length_s) for now, by in pulled])
+                found[:, w] = wheel.spin_inertia_kg_m2 * (after - speed[:, w]) / length_s
+        return found
 
 
 def _read(speed: Array, latency: float, window: float) -> Array:

@@ -28,7 +28,7 @@ def failing(jet: str, thrust: float, start_s: float | None = None, end_s: float 
 
 def pulses(screening: Screening, jet: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """When each of a jet's pulses begins."""
-    log, vehicle, timing, _ = screening.case
+    log, vehicle, timing, *_ = screening.case
     column = [one.name for one in vehicle.jets].index(jet)
     begun = log.cycle_end_s + (timing.delay - 1) * vehicle.cycle.period_s
     return np.asarray(begun[log.command[:, column] > 0])
@@ -117,7 +117,7 @@ def test_a_failure_that_ends_with_its_phase_is_none_of_the_next() -> None:
 def test_pulses_begin_when_the_vehicle_file_says_that_they_fail() -> None:
     """Under a clock that drifts by two cycles in twenty seconds."""
     screening = otherwise("imu.clock_drift_ppm=6000.0")
-    log, vehicle, timing, _ = screening.case
+    log, vehicle, timing, *_ = screening.case
     begun = list[Array]()
 
     def seen(start_s: Array, _: Vehicle) -> None:

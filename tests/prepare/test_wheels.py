@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from massprop_cli.inputs.actuators.wheel import Wheel
 from massprop_cli.prepare.align import align
 from tests.flown import fly
 
@@ -25,6 +27,25 @@ def test_both_columns_tell_the_same_momentum() -> None:
     apart = found["torque"] - found["speed"] - own
     assert np.abs(apart[3:]).max() < 1e-5
     assert np.abs(own).max() > 1e-4
+
+
+@pytest.mark.parametrize("viscous", [0.0, 2e-5])
+def test_friction_turns_with_the_speed_and_holds_a_wheel_that_rests(viscous: float) -> None:
+    """Against steps of a ten-thousandth of each time; a friction that was taken once a cycle missed what reversals within it do."""
+    wheel = Wheel.model_validate(
+        {"name": "w", "axis": (1.0, 0.0, 0.0), "spin_inertia_kg_m2": 1e-3, "locked_in_inertia": True, "column": "torque"}
+        | {"coulomb_friction_n_m": 1e-3, "viscous_friction_n_m_s": viscous}
+    )
+    rng, reversed_or_held = np.random.default_rng(0), 0
+    for _ in range(20):
+        begun, pulled, length_s = float(0.1 * rng.normal()), float(2 * rng.normal()), float(rng.uniform(0.02, 0.3))
+        speed, step_s = begun, length_s / 10_000
+        for _ in range(10_000):
+            then = speed + step_s * (pulled - np.sign(speed or pulled * (abs(pulled) > 1)) - viscous / 1e-3 * speed)
+            speed = 0.0 if then * speed < 0 or (speed == 0 and abs(pulled) <= 1) else then
+        reversed_or_held += speed * begun <= 0
+        assert wheel.rubbed(begun, pulled, length_s) == pytest.approx(speed, abs=1e-4)
+    assert reversed_or_held > 5
 
 
 def test_the_torque_on_a_wheel_is_its_momentums_growth_and_the_body_feels_the_opposite() -> None:

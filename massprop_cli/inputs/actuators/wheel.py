@@ -225,25 +225,38 @@ class Wheel(actuator.MomentumDevice):
         return float(np.linalg.lstsq(np.vander(since, degree + 1), rate, rcond=None)[0][-1])
 
     def _driven(self, said: "WheelLog", time_s: Array, log: actuator.LogTimes) -> Array:
-        """(M + 1,) momentum at times by the torque between them, friction taken in the middle of each."""
+        """(M + 1,) momentum at times by the torque between them, less friction; between two the body's own rate goes evenly."""
         assert said.torque_n_m is not None
         assert said.start_rad_s is not None
-        inertia, length_s = self.spin_inertia_kg_m2, np.diff(time_s)
-        begun = inertia * (said.start_rad_s + self._turning_at(log, float(time_s[0])))
+        inertia, length_s, speed = self.spin_inertia_kg_m2, np.diff(time_s), said.start_rad_s
+        about = self._turning_at(log, float(time_s[0]))
         if self.coulomb_friction_n_m == 0 and self.viscous_friction_n_m_s == 0:
-            return np.asarray(begun + np.append(0.0, np.cumsum(said.torque_n_m * length_s)))
+            return np.asarray(inertia * (speed + about) + np.append(0.0, np.cumsum(said.torque_n_m * length_s)))
         turned = np.append(0.0, np.cumsum(log.turn_rad(slice(None)) @ self.direction))
-        turning = np.diff(np.interp(time_s, log.edge_s, turned)) / length_s
-        found = [begun]
-        for torque, length, about in zip(said.torque_n_m.tolist(), length_s.tolist(), turning.tolist(), strict=True):
-            speed = found[-1] / inertia - about
-            middle = speed + (torque - self.friction(speed)) * length / 2 / inertia
-            found.append(found[-1] + (torque - self.friction(middle)) * length)
-        return np.array(found)
+        mean = np.diff(np.interp(time_s, log.edge_s, turned)) / length_s
+        turning = np.concatenate([[about], (mean[:-1] + mean[1:]) / 2, mean[-1:]])
+        found = [speed]
+        for torque, length, change in zip(said.torque_n_m.tolist(), length_s.tolist(), np.diff(turning).tolist(), strict=True):
+            found.append(self.rubbed(found[-1], torque / inertia - change / length, length))
+        return np.asarray(inertia * (found + turning))
 
-    def friction(self, speed: float) -> float:
-        """Torque against the speed [rad/s], N m."""
-        return float(self.viscous_friction_n_m_s * speed + self.coulomb_friction_n_m * np.sign(speed))
+    def rubbed(self, speed: float, pulled: float, length_s: float) -> float:
+        """Speed relative to the body, rad/s, after a time in which all but friction changes it by ``pulled`` rad/s².
+
+        ``Ω̇ = u − c sign Ω − k Ω``; where it comes to rest it stays while |u| is no more than c.
+        """
+        c, k = self.coulomb_friction_n_m / self.spin_inertia_kg_m2, self.viscous_friction_n_m_s / self.spin_inertia_kg_m2
+        while length_s > 0:
+            side = np.sign(speed) if speed else np.sign(pulled) * (abs(pulled) > c)
+            grows = pulled - c * side
+            since = -float(np.expm1(-k * length_s)) / k if k else length_s
+            end = speed * float(np.exp(-k * length_s)) + grows * since
+            if side == 0 or end * side > 0 or speed == grows == 0:
+                return end if side else 0.0
+            # at rest where Ω + u (e^kt − 1)/k is 0
+            length_s -= float(np.log1p(-k * speed / grows)) / k if k else -speed / grows
+            speed = 0.0
+        return speed
 
 
 @dataclass(frozen=True)
