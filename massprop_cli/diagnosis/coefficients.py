@@ -81,6 +81,8 @@ class Model:
     """Channels that are commanded; the others, after them, store momentum."""
     devices: Mapping[str, tuple[tuple[int, ...], ...]] = field(default_factory=dict)
     """By their tables in the vehicle file, wheels and gyros, by their channels."""
+    fired: tuple[int, ...] = ()
+    """Which of the log's channels these are."""
 
     @staticmethod
     def of(free: Free, vehicle: Vehicle, lag: float, kind: CommandKind) -> Model:
@@ -96,7 +98,7 @@ class Model:
         around = world, np.array(vehicle.environment.room_torque_n_m), vehicle.environment.steady_force_m_s2
         stated = position, force, couple, imu, mounting, bearing
         thrusting = len(free.fired) - len(vehicle.momentum_wrench)
-        commands = kind, thrusting, _devices(vehicle, thrusting)
+        commands = kind, thrusting, _devices(vehicle, thrusting), tuple(free.fired.tolist())
         told = free.level, lags, free.clock_s, _together(free), biases, walking(free.places, free.clock_s, vehicle, biases)
         return Model(free.places, *stated, gravity, *told, *around, plant_of(vehicle), *commands)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, cast
@@ -16,7 +17,8 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.design import Designs
-from massprop_cli.errorparameters.channels import spun, wired
+from massprop_cli.errorparameters import channels
+from massprop_cli.errorparameters.channels import SIGMAS, spun, wired
 from massprop_cli.errorparameters.setup import DELAY, LAG, Setup, own_lags, stating
 from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, PRIORS, SIGMA_KEYS, TABLE
 from massprop_cli.errorparameters.thrust import NEAR, RPM, about_cg
@@ -31,13 +33,14 @@ Matrix = tuple[tuple[float, ...], ...]
 MOUNTING = BY_NAME["mounting"]
 ROUNDING, ALMOST = 1e-12, 1e-2
 """Of a turn or a scale, what is none; of the columns of a rotation, how far they may be from orthonormal."""
+_NUMBER = re.compile(r"\.\d+\.")
 SECTIONS = ("jets", "imu", "environment", "thrust", "cycle")
 """In the order in which a correction lists what it changes."""
 UNTOLD = 0.9
 """Of what is to be expected, beyond which the sigma of an unknown says that the log tells nothing of it."""
 SKEWED = 0.02
 """rad; a turn of a gyro's axes below which they may as well be out of square by as much: calibrated ones are by 1e-3 to 1e-2."""
-ESTIMATED = frozenset(one.sigma_key for one in TABLE if one.states)
+ESTIMATED = frozenset((*(one.sigma_key for one in TABLE if one.states), *(f"{table}.{key}" for (table, _), key in SIGMAS.items())))
 """Keys of a correction that say how uncertain something is, or that it is to be estimated, and not what it is."""
 
 
@@ -111,7 +114,7 @@ class Correction:
     def keys(self) -> tuple[dict[str, object], dict[str, object]]:
         """Values by dotted key: of what something is, and of how uncertain it is (``ESTIMATED``)."""
         pairs = [setting.partition("=") for setting in self.settings]
-        sides = ([(key, text) for key, _, text in pairs if (key in ESTIMATED) == spread] for spread in (False, True))
+        sides = ([(key, text) for key, _, text in pairs if (_NUMBER.sub(".", key) in ESTIMATED) == spread] for spread in (False, True))
         values, spreads = ({key: configfile.literal(text) for key, text in side} for side in sides)
         return values, spreads
 
@@ -263,7 +266,7 @@ _EACH = ("jets", *ACTUATORS)
 
 def correction_of(case: Case, mended: Case, found: Fitted) -> Correction | None:
     """The keys that correct it, and factors on columns; None where neither does."""
-    settings = tuple(_settings(case.setup, mended.setup, found))
+    settings = tuple(_settings(case.setup, mended.setup._replace(fired=found.model.fired), found))
     correction = replace(_on_columns(found), settings=settings, command=_command(case, found))
     return None if correction == Correction() else correction
 
@@ -277,6 +280,7 @@ def _settings(before: Setup, after: Setup, found: Fitted) -> Iterator[str]:
     anew = found.hypothesis.states and 0 < found.hypothesis.free[found.model.place("delay")].max(initial=0.0) < PRIORS["delay"]
     differing = [key for key in differing if not key.startswith("jets") and not (key == DELAY and anew)]
     yield from _of_actuators(before.vehicle, after.vehicle)
+    yield from _anew(after, found)
     for key, value in found.hypothesis.states.items():
         if key.partition(".")[0] not in _EACH:
             yield f"{key}={_literal(value) if isinstance(value, float) else configfile.written(value)}"
@@ -289,8 +293,17 @@ def _settings(before: Setup, after: Setup, found: Fitted) -> Iterator[str]:
                 yield f"{one.key}={_literal(value if value.size > 1 else value[0])}"
         elif one.key is not None or one.name not in said.errors or not said.errors[one.name].any():
             continue
-        if one.states:
-            yield f"{one.sigma_key}={one.corrected_sigma(said):.3g}"
+        if one.states and (sigma := one.corrected_sigma(said)) > one.sigma(before.vehicle) * one.scale(before.vehicle):
+            yield f"{one.sigma_key}={sigma:.3g}"
+
+
+def _anew(after: Setup, found: Fitted) -> Iterator[str]:
+    """Sigmas by which what is corrected of actuators is estimated anew."""
+    for name in ("thrust", "position", "direction"):
+        moves = [part for part in found.parts if part.hypothesis.free[found.model.place(name)].any()]
+        if not any(map(at_once, moves)):
+            sigmas = channels.sigmas(after, name, found.error(name).reshape(len(after.fired), -1), PRIORS[name])
+            yield from (f"{key}={sigma:.3g}" for key, sigma in sigmas.items())
 
 
 def _of_actuators(before: Vehicle, after: Vehicle) -> Iterator[str]:
@@ -304,8 +317,13 @@ def _of_actuators(before: Vehicle, after: Vehicle) -> Iterator[str]:
 def around(case: Case, found: Fitted, fired: IntArray) -> tuple[Correction, ...]:
     """The correction with each unknown one sigma further on, but for those whose sigma the vehicle file itself can state."""
     stated = np.zeros(len(found.x), dtype=bool)
+    tables = [table for table, _ in channels.found_in(case.setup._replace(fired=tuple(fired)))]
     for name in ENTRIES:
-        stated[found.model.place(name)] = bool(BY_NAME[name].states)
+        own = [(table, name) in SIGMAS for table in tables] if BY_NAME[name].per_channel else [bool(BY_NAME[name].states)]
+        stated[found.model.place(name)] = np.repeat(own, BY_NAME[name].size)
+    if _both_turned(found) is not None:
+        for name in MOUNTING.entries:
+            stated[found.model.place(name)] = True
     corrections = []
     for states in found.hypothesis.further:
         if all(SIGMA_KEYS.get(key) in found.hypothesis.states for key in states):

@@ -13,6 +13,14 @@ from massprop_cli.errorparameters.setup import Setup, plain, rebuilt
 
 DOES = ("position_m", "force_n")
 """What a jet does, by keys of the vehicle file."""
+SIGMAS = {
+    ("jets", "thrust"): "thrust_sigma",
+    ("jets", "position"): "position_sigma_m",
+    ("jets", "direction"): "direction_sigma_rad",
+    ("wheels", "thrust"): "spin_inertia_sigma_kg_m2",
+    ("wheels", "direction"): "axis_sigma_rad",
+}
+"""By table and entry of x: the key of the sigma by which it is estimated anew."""
 
 
 def scaled(setup: Setup, error: Array) -> Setup | None:
@@ -64,9 +72,36 @@ def _turned(stated: Array, key: str, by: Array) -> dict[str, Any]:
     return {key: plain(along * (size / length if size > 0 else 1.0))} if by.any() else {}
 
 
+def found_in(setup: Setup) -> list[tuple[str, int]]:
+    """Of the channels that fired, the table of the vehicle file and the entry of it that each is of; empty: another's, or a wrench's."""
+    kind, stored = setup.log.command_kind, _storing(setup, "wheels")
+    own = [("" if kind == "wrench" else kind, i) for i in range(_commanded(setup))]
+    own += [("wheels", i - stored.start) if stored.start <= i < stored.stop else ("", i) for i in range(len(own), _count(setup))]
+    return [own[i] for i in setup.fired]
+
+
+def sigmas(setup: Setup, name: str, error: Array, most: float) -> dict[str, float]:
+    """Sigmas as large as an error that is in place, by the keys that let what it is about be estimated anew; at ``most`` so much.
+
+    Of none that is stated to be as uncertain. ``error`` (F,) relative, or (F, 3) m or N.
+    """
+    found = {}
+    for (table, i), by in zip(found_in(setup), error, strict=True):
+        key, size = SIGMAS.get((table, name)), float(np.linalg.norm(by))
+        if key is None or size == 0:
+            continue
+        one = getattr(setup.vehicle, table)[i]
+        if name == "direction" and table == "jets":
+            size /= float(np.linalg.norm(one.force_n))
+        sigma = min(size, most) * (one.spin_inertia_kg_m2 if key.startswith("spin_inertia") else 1.0)
+        if sigma > getattr(one, key):
+            found[f"{table}.{i}.{key}"] = sigma
+    return found
+
+
 def wired(setup: Setup, does: Sequence[int]) -> Setup:
     """Of the channels that fired, each does what is stated of the one that ``does`` says, by its place among them."""
-    order = list(range(_commanded(setup) + len(setup.vehicle.momentum_wrench)))
+    order = list(range(_count(setup)))
     for at, other in zip(setup.fired, does, strict=True):
         order[at] = setup.fired[other]
     if setup.log.command_kind != "wrench":
@@ -98,6 +133,11 @@ def _commanded(setup: Setup) -> int:
     return int(setup.log.command.shape[1])
 
 
+def _count(setup: Setup) -> int:
+    """How many channels there are."""
+    return _commanded(setup) + len(setup.vehicle.momentum_wrench)
+
+
 def _storing(setup: Setup, table: str) -> slice:
     """The channels along which the entries of a table store momentum."""
     at, found = _commanded(setup), slice(0, 0)
@@ -109,7 +149,7 @@ def _storing(setup: Setup, table: str) -> slice:
 
 def _of_all(setup: Setup, usual: Array, fired: Array) -> Array:
     """(C, ...) what each channel has: as ``usual``, or of those that fired their own (F, ...)."""
-    found = np.tile(usual, (_commanded(setup) + len(setup.vehicle.momentum_wrench), *[1] * usual.ndim))
+    found = np.tile(usual, (_count(setup), *[1] * usual.ndim))
     found[list(setup.fired)] = fired
     return found
 

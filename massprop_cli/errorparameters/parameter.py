@@ -243,7 +243,8 @@ class ErrorParameter:
         """What a correction states under ``sigma_key``."""
         if self.states == "sigma":
             return self.scale(finding.stated.vehicle) * float(finding.sigmas[self.name][0])
-        return self.part(finding) * float(np.abs(finding.errors[self.name]).max())
+        size = self.part(finding) * float(np.abs(finding.errors[self.moved[0]]).max())
+        return size if self.key is None else min(size, self.prior)
 
     def least(self, setup: Setup) -> float:
         """The error by which the stated value is at its least, in ``unit``; of jets, where each is."""

@@ -106,7 +106,7 @@ def test_a_name_whose_remedy_leaves_the_misfit_is_none() -> None:
     (fault,) = found.faults
     named, answers = correctedestimate.proven(found, lambda *_: None)
     assert (named.faults, named.unknown, len(answers)) == ((fault,), "", 1)
-    vain, answers = correctedestimate.proven(replace(found, faults=(replace(fault, cure=cures[0], around=()),)), lambda *_: None)
+    vain, answers = correctedestimate.proven(replace(found, faults=(replace(fault, cure=cures[0], around=(), rivals=()),)), lambda *_: None)
     assert (vain.faults, answers) == ((), [])
     assert fault.notice.message in vain.unknown
     assert vain.notices[0].code == UNKNOWN
