@@ -42,12 +42,13 @@ PAGE = """# What is called converged on board
 
 Made by `{command} > docs/aboard.md` at commit {commit} (massprop {version}): the faulty and clean logs of [faults](faults.md), cycle by
 cycle through what [`massprop live` and the flown code](kernel.md) call. There no cause is looked for and no noise is sized; all values are
-`contradicted` while a sensor's latest 256 cycles have normalised innovations with a mean square above 1.5. What hides below that, and a
-fault that no log can tell (all thrust off by the same part), stays: `massprop estimate` on the recording tests each assumption by itself.
-The vehicles: {vehicles}. A value is wrong if it is more than 4 sigma and half a percent of its size off.
+`contradicted` while the running mean square of a sensor's normalised innovations is above 1.5 ([kernel](kernel.md)). What hides below
+that, and a fault that no log can tell (all thrust off by the same part), stays: `massprop estimate` on the recording tests each assumption
+by itself. The vehicles: {vehicles}. A value is wrong if it is more than 4 sigma and half a percent of its size off.
 
 Of {clean} clean logs {end} have values contradicted in the end, {ever} had at any cycle ({where}), and {wrong} had a wrong value called
-converged at any cycle. A body that is sought from few cycles on may be far off at first, and what it leaves then counts for 256 cycles.
+converged at any cycle. A body that is sought from few cycles on may be far off at first, and its innovations then count in the running
+mean for some hundred cycles.
 """
 
 

@@ -69,9 +69,19 @@ the vector bit for bit. It does on x86-64 with and without sanitizers, and on 32
 
 Each line of its output is one cycle: `{"time_s": ..., "phase": ..., "estimates": {"ixx": {"value": ..., "sigma": ..., "verdict": ...},
 ...}}`, SI, null where no value is possible. Verdicts are `untold`, `not_excited`, `not_converged` and `converged`, by the tolerances known
-then. A verdict is `contradicted` where the latest 256 cycles of the gyro or the accelerometer have normalised innovations with a mean
-square above 1.5 (expected: 1; [detection rates](aboard.md)). Then the vehicle differs from the vehicle file, or the stated noise is more
-than 1.22 times too small; do not use any value.
+then. A verdict is `contradicted` where the running mean square of the normalised innovations of the gyro or the accelerometer is above 1.5
+(expected: 1; [detection rates](aboard.md)). The mean is exponential: each cycle counts 1/256 less than the next one. At the beginning it is
+the mean of all cycles and of 16 as stated. One cycle counts at most 25. Above 1.5 the vehicle differs from the vehicle file, or the stated
+noise is more than 1.22 times too small; do not use any value.
+
+A reading whose innovation is beyond 10 sigma does not enter the estimate: the gyro's predicted rate stands in its place, or the
+accelerometer counts as absent in that cycle. Of Gaussian noise as stated 1.5e-21 of the readings are beyond 10 sigma (chi-square, 3 degrees
+of freedom), so a flight of 10 million cycles loses one with a probability of 3e-14. The innovation still counts in the running mean: where
+more than 2 % of the cycles have such readings, values are `contradicted`. Of readings in a row that are beyond 10 sigma, only the first two
+are dropped; the third and those after it are used. Before the first estimate (16 cycles or more, with excitation) no innovation exists,
+and until each axis has been excited a gyro reading of more than about 0.05 rad off may pass; then values stay `contradicted` or
+untold until `mp_begin` or a new recording begins anew. The off-line estimate of the recording finds such readings by its own test.
+
 The vehicle file must state noise levels and delay. At the end massprop estimates the recording (record.csv) like any log. That result also
 includes estimated disturbances, so it may differ from the last line.
 

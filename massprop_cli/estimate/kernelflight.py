@@ -199,12 +199,15 @@ def _sensor_numbers(sensor: SensorKernel) -> Iterator[float]:
         yield from np.concatenate([each, room]).view(float).tolist()
 
 
-def rule_of(vehicle: Vehicle, tolerances: tuple[float, float, float], relative: bool = True) -> Array:
-    """What is known, and the rule by which a value has converged, in the order of ``mp_host_fly``."""
+def rule_of(vehicle: Vehicle, tolerances: tuple[float, float, float], relative: bool = True, gate: float = 0.0) -> Array:
+    """What is known, the gate, and the rule by which a value has converged, in the order of ``mp_host_fly``.
+
+    ``gate``: sigmas of a sensor's innovation in one cycle beyond which the reading is not used; 0: all are.
+    """
     known = [number for name, k in vehicle.known.items() for number in (QUANTITIES.index(name), k.value, k.sigma)]
     rule = (vehicle.thrust.scale_sigma, vehicle.convergence.count, relative, *tolerances)
     beyond: Array = sum((elements(device.beyond_reported) for device in vehicle.spinning), np.zeros(6))
-    return np.array([*rule, *beyond, len(vehicle.known), *known], dtype=float)
+    return np.array([*rule, *beyond, gate, len(vehicle.known), *known], dtype=float)
 
 
 def cycles_of(log: Log, part: slice, used: slice) -> Array:

@@ -152,9 +152,10 @@ def _commands(table: Array) -> str:
 
 def _rule(leg: Leg) -> str:
     rule = leg.rule
-    known = rule[13:].reshape(-1, 3)
+    known = rule[14:].reshape(-1, 3)
     text = f"        .thrust_sigma = {_number(rule[0])},\n        .count = {int(rule[1])},\n        .relative = {int(rule[2])},\n"
-    text += f"        .tolerance = {_list(rule[3:6])},\n        .beyond = {_list(rule[6:12])},\n        .known = {len(known)},\n"
+    text += f"        .tolerance = {_list(rule[3:6])},\n        .beyond = {_list(rule[6:12])},\n        .gate = {_number(rule[12])},\n"
+    text += f"        .known = {len(known)},\n"
     if len(known):
         index = ", ".join(str(int(i)) for i in known[:, 0])
         text += f"        .known_index = {{{index}}},\n        .known_value = {_list(known[:, 1])},\n"

@@ -15,7 +15,7 @@ from massprop_cli.kernel.compile import built
 
 CHOICE = "MASSPROP_KERNEL"
 """Environment variable; "numpy" keeps the compiled kernel out."""
-INTERFACE = 15
+INTERFACE = 16
 """Of the library's calls, as ``mp_host_interface`` says it."""
 BINS, COMMANDS, PENDING, WHEELS, LAGS = 64, 64, 24, 4, 2
 """MP_BINS, MP_COMMANDS, MP_PENDING, MP_WHEELS, MP_LAGS"""

@@ -34,7 +34,7 @@ static const double *read_int(int *to, const double *from) {
 }
 
 /* Of these calls and what they are handed: another number where any of it is another (massprop_cli/kernel/__init__.py). */
-int mp_host_interface(void) { return 15; }
+int mp_host_interface(void) { return 16; }
 
 size_t mp_host_size(void) { return sizeof(mp_pass); }
 
@@ -118,6 +118,7 @@ static void rule_of(const double *table, mp_rule *out) {
     table = read_int(&out->relative, table);
     table = mp_copied(out->tolerance, table, 3);
     table = mp_copied(out->beyond, table, 6);
+    table = mp_copied(&out->gate, table, 1);
     table = read_int(&out->known, table);
     for (i = 0; i < out->known; i++) {
         table = read_int(&out->known_index[i], table);
@@ -188,7 +189,7 @@ int mp_host_run(mp_pass *pass, long count, long stride, const double *rows, doub
         mp_row row;
         int status;
         mp_cycle_of(&pass->vehicle, rows + k * stride, &cycle);
-        status = mp_step(pass, &cycle, &row);
+        status = mp_step(pass, &cycle, NULL, &row);
         if (status != MP_OK) return status;
         written(&row, told + k * TOLD);
     }

@@ -200,9 +200,11 @@ typedef struct {
 typedef struct {
     int told;      /* whether anything is said of the parameters */
     int expected[2]; /* whether rates, whether forces were expected */
+    int beyond[2];   /* whose innovation is beyond the gate, so that the cycle was not taken in */
     mp_real mean[10];
     mp_real covariance[10][10]; /* linear in theta */
     mp_real relative[3];   /* sigmas of J_xx, J_yy, J_zz over these: by so much I = J^-1 is curved */
+    mp_real rate[3];       /* predicted reading of the gyro, body axes, rad/s */
     mp_real innovation[6]; /* torque [N m] and force [N] */
     mp_real sigma[6];
     mp_real normalised[6];
@@ -250,6 +252,7 @@ typedef struct {
     mp_real ordered[6 * MP_WIDTH];
     mp_real rows[MP_WIDTH * (MP_UNKNOWNS + 1)];
     mp_posed posed;
+    mp_filter filter; /* before the present cycle */
 } mp_room;
 
 /* All of it. The caller owns the memory. */
@@ -281,7 +284,11 @@ typedef struct {
 /* Begin. MP_LIMIT: more bins than MP_BINS, a bearing without MP_CHANNELS, more states than MP_BEGINNINGS. */
 int mp_begin(mp_pass *pass, const mp_vehicle *vehicle);
 
-/* Take one cycle in, and say what is known after it. MP_ORDER before mp_begin. */
-int mp_step(mp_pass *pass, const mp_cycle *cycle, mp_row *row);
+/* Take one cycle in, and say what is known after it. MP_ORDER before mp_begin. `gate` (NULL: none): sigmas of the innovation of gyro and
+ * of accelerometer, 0 for no limit. Where there is an estimate and an innovation is beyond its gate, row->beyond says which (the gyro's, or
+ * else the accelerometer's), and nothing else has changed: call again with another cycle or gate. */
+int mp_step(mp_pass *pass, const mp_cycle *cycle, const mp_real *gate, mp_row *row);
+/* Whether the norm of a sensor's normalised innovation in a row is beyond a gate; never where the gate is 0. */
+int mp_beyond(const mp_row *row, int sensor, mp_real gate);
 
 #endif

@@ -46,8 +46,8 @@ static void pushed(mp_pass *pass) {
     pass->runs += 1;
 }
 
-/* One cycle into the run: its whitened innovations, ordered (6, width), and their root. */
-static void taken(mp_pass *pass, const mp_cycle *cycle, mp_real *ordered, mp_real root[6][6]) {
+/* One cycle into the run's filter: its whitened innovations, ordered (6, width), and their root. */
+static void filtered(mp_pass *pass, const mp_cycle *cycle, mp_real *ordered, mp_real root[6][6]) {
     mp_motion *here = &pass->room.motion;
     mp_run *run = &pass->run;
     mp_motion_of(&pass->vehicle, &pass->layout, cycle, &pass->reference, here);
@@ -55,9 +55,15 @@ static void taken(mp_pass *pass, const mp_cycle *cycle, mp_real *ordered, mp_rea
     else mp_filter_begin(&pass->layout, (const mp_real(*)[5])pass->attitude_error, &run->filter);
     mp_filter_step(&pass->layout, &run->filter, run->begun ? &pass->room.update : NULL, here, pass->room.joint, pass->room.white, root);
     mp_ordered(&pass->layout, pass->room.white, ordered);
+}
+
+/* What was filtered is the latest cycle, and these are its rows. */
+static void folded(mp_pass *pass, mp_real *ordered) {
+    mp_run *run = &pass->run;
     run->begun = 1;
     run->at += 1;
-    pass->last = *here;
+    pass->last = pass->room.motion;
+    mp_fold(run->triangle, pass->layout.width, ordered, 6);
 }
 
 /* The cycles of the ring anew, about a reference that they give themselves from the estimate on. */
@@ -76,8 +82,8 @@ static void again(mp_pass *pass) {
         if (run->begun)
             mp_motion_of(&pass->vehicle, &pass->layout, &pass->held[(run->at - 1) % MP_HELD], &pass->reference, &pass->last);
         for (k = run->at; k < end; k++) {
-            taken(pass, &pass->held[k % MP_HELD], pass->room.rows, root);
-            mp_fold(run->triangle, pass->layout.width, pass->room.rows, 6);
+            filtered(pass, &pass->held[k % MP_HELD], pass->room.rows, root);
+            folded(pass, pass->room.rows);
             if (run->at < end && run->at < checkpoint) continue;
             mp_renew(&pass->vehicle, &pass->layout, run);
             if (run->at < end) pushed(pass);
@@ -167,30 +173,54 @@ static void innovated(const mp_pass *pass, const mp_cycle *cycle, mp_real root[6
         }
         row->sigma[i] = MP_SQRT(square);
     }
+    for (i = 0; i < 3; i++) {
+        row->rate[i] = cycle->rate[i];
+        for (j = 0; j <= i; j++) row->rate[i] -= root[i][j] * unexplained[j];
+    }
     for (i = 0; i < 2; i++) row->expected[i] = !cycle->deaf[i];
 }
 
-int mp_step(mp_pass *pass, const mp_cycle *cycle, mp_row *row) {
+int mp_beyond(const mp_row *row, int sensor, mp_real gate) {
+    const mp_real *own = row->normalised + 3 * sensor;
+    return gate > R(0) && row->expected[sensor] && mp_dot(own, own) > gate * gate;
+}
+
+/* Whether an innovation is beyond the gate: then the filter is as it was before the cycle. */
+static int refused(mp_pass *pass, const mp_real *gate, mp_row *row) {
+    int i;
+    for (i = 0; i < 2 && !row->beyond[0]; i++) row->beyond[i] = mp_beyond(row, i, gate[i]);
+    if (!row->beyond[0] && !row->beyond[1]) return 0;
+    pass->run.filter = pass->room.filter;
+    return 1;
+}
+
+int mp_step(mp_pass *pass, const mp_cycle *cycle, const mp_real *gate, mp_row *row) {
     mp_real root[6][6], unexplained[6], spread[6][6];
     mp_run *run = &pass->run;
-    int astray = 0;
+    int astray = 0, gated = gate != NULL && pass->started && !run->stuck;
     long length;
     if (!pass->ready) return MP_ORDER;
     if (!is_finite(&pass->vehicle, cycle)) return MP_NOT_FINITE;
     if (!(cycle->duration_s > R(0)) || (run->begun && !(cycle->end_s > pass->end_s))) return MP_TIME;
     memset(row, 0, sizeof *row);
+    if (gated) pass->room.filter = run->filter;
+    filtered(pass, cycle, pass->room.ordered, root);
+    if (pass->started) {
+        mp_judge(&pass->layout, &pass->posed, pass->room.ordered, pass->room.rows, row->normalised, unexplained, spread);
+        innovated(pass, cycle, root, unexplained, spread, row);
+    }
+    if (gated && refused(pass, gate, row)) return MP_OK;
     if (!run->begun) pass->begun_s = cycle->end_s - cycle->duration_s;
     pass->end_s = cycle->end_s;
     pass->held[run->at % MP_HELD] = *cycle;
-    if (!pass->started) mp_start_add(&pass->vehicle, &pass->start, cycle);
-    taken(pass, cycle, pass->room.ordered, root);
     if (pass->started) {
-        mp_judge(&pass->layout, &pass->posed, pass->room.ordered, row->normalised, unexplained, spread);
-        innovated(pass, cycle, root, unexplained, spread, row);
+        mp_fold(pass->posed.triangle, pass->posed.count + 1, pass->room.rows, 6);
         astray = mp_estimate(pass, row) && pass->spare >= 0;
         row->told = !run->stuck;
+    } else {
+        mp_start_add(&pass->vehicle, &pass->start, cycle);
     }
-    mp_fold(run->triangle, pass->layout.width, pass->room.ordered, 6);
+    folded(pass, pass->room.ordered);
     if (astray) {
         pass->spare -= pass->block_end - run->at;
         pass->block_end = run->at;

@@ -8,8 +8,7 @@
 
 #define FARTHEST R(3)     /* sigmas of the gyro's bias beyond which it is none */
 #define MOST_TURN R(3)    /* rad that a vehicle turns in a cycle, at most, */
-#define MOST_JUMP R(0.3)  /* and beyond what it turned in the one before, */
-#define BELIEVED 2        /* unless as many cycles in a row say so; */
+#define MOST_JUMP R(0.3)  /* and beyond what it turned in the one before, unless MP_BELIEVED cycles in a row say so; */
 #define MOST_FORCE R(1e4) /* m/s^2 of specific force */
 #define MOST R(1e9)       /* of any command or speed */
 
@@ -24,7 +23,7 @@ int mp_preprocess_begin(mp_preprocess *preprocess, const mp_commands *table, con
     memset(preprocess, 0, sizeof *preprocess);
     preprocess->table = *table;
     preprocess->vehicle = *vehicle;
-    for (i = 0; i < 4; i++) preprocess->attitude[i] = table->attitude_wxyz[i];
+    for (i = 0; i < 4; i++) preprocess->turned.attitude[i] = table->attitude_wxyz[i];
     preprocess->ready = 1;
     return MP_OK;
 }
@@ -114,8 +113,8 @@ static void carried_off(mp_preprocess *preprocess, const mp_cycle *cycle, const 
     int i, j;
     for (i = 0; i < 3; i++) bias[i] = preprocess->bias[i] * mp_min(R(1), FARTHEST * sigma / mp_max(size, sigma));
     for (i = 0; i < 3; i++) {
-        for (j = 0; j < 3; j++) preprocess->window[i][j] += mean[i][j] * cycle->duration_s;
-        preprocess->off[i] = mp_dot(preprocess->window[i], bias);
+        for (j = 0; j < 3; j++) preprocess->turned.window[i][j] += mean[i][j] * cycle->duration_s;
+        preprocess->turned.off[i] = mp_dot(preprocess->turned.window[i], bias);
     }
 }
 
@@ -124,12 +123,12 @@ static void attitude_error(mp_preprocess *preprocess, const mp_real from_body[3]
     int i, j, k;
     for (i = 0; i < 3; i++) {
         preprocess->attitude_error[i][0] = R(0);
-        preprocess->attitude_error[i][4] = MP_SQRT(preprocess->squares_s2);
+        preprocess->attitude_error[i][4] = MP_SQRT(preprocess->turned.squares_s2);
         for (j = 0; j < 3; j++) preprocess->attitude_error[i][1 + j] = R(0);
         if (!biased) continue;
-        for (k = 0; k < 3; k++) preprocess->attitude_error[i][0] += from_body[k][i] * preprocess->off[k];
+        for (k = 0; k < 3; k++) preprocess->attitude_error[i][0] += from_body[k][i] * preprocess->turned.off[k];
         for (j = 0; j < 3; j++) {
-            for (k = 0; k < 3; k++) preprocess->attitude_error[i][1 + j] -= from_body[k][i] * preprocess->window[k][j];
+            for (k = 0; k < 3; k++) preprocess->attitude_error[i][1 + j] -= from_body[k][i] * preprocess->turned.window[k][j];
         }
     }
 }
@@ -138,15 +137,18 @@ static void attitude_error(mp_preprocess *preprocess, const mp_real from_body[3]
 static void backed(const mp_preprocess *preprocess, mp_real out[4]) {
     mp_real back[3];
     int i;
-    for (i = 0; i < 3; i++) back[i] = -preprocess->off[i];
+    for (i = 0; i < 3; i++) back[i] = -preprocess->turned.off[i];
     quaternion(back, out);
 }
 
-/* The vertical at both ends of a cycle, and how the attitude is carried from one to the other. */
+/* The vertical at both ends of a cycle, how the attitude is carried from one to the other, and what that makes of the weight as felt. */
 static void attitudes(mp_preprocess *preprocess, mp_cycle *cycle) {
     mp_real turn[3], coning[3], first[3][3], mean[3][3], back[4], then[4], step[4], mean_up[3], swung[3], bent[3];
     int biased = MP_ON_BEARING(&preprocess->vehicle) && preprocess->vehicle.gyro_bias, i, j;
-    for (i = 0; i < 3; i++) cycle->carried[i] = cycle->rate[i];
+    for (i = 0; i < 3; i++) {
+        cycle->carried[i] = cycle->rate[i];
+        cycle->force[i] = preprocess->felt[i];
+    }
     if (!MP_ON_BEARING(&preprocess->vehicle)) {
         memset(cycle->up, 0, sizeof cycle->up);
         return;
@@ -155,17 +157,17 @@ static void attitudes(mp_preprocess *preprocess, mp_cycle *cycle) {
     if (preprocess->cycles == 0) { /* where the motion begins that the gyro shows later than it is labelled */
         mp_real before[3], late = mp_sampled_later(&preprocess->table) - preprocess->table.sensor[MP_MOVES].latency_s;
         for (i = 0; i < 3; i++) before[i] = cycle->rate[i] * late;
-        rotated(preprocess->attitude, before);
+        rotated(preprocess->turned.attitude, before);
     }
     backed(preprocess, back);
-    vertical(preprocess->attitude, back, cycle->up[0]);
-    matrix(preprocess->attitude, first);
+    vertical(preprocess->turned.attitude, back, cycle->up[0]);
+    matrix(preprocess->turned.attitude, first);
     attitude_error(preprocess, (const mp_real(*)[3])first, biased);
-    mp_cross(preprocess->turn, turn, coning);
+    mp_cross(preprocess->turned.turn, turn, coning);
     for (i = 0; i < 3; i++) coning[i] = turn[i] + coning[i] / R(12);
-    rotated(preprocess->attitude, coning);
+    rotated(preprocess->turned.attitude, coning);
     if (biased) {
-        matrix(preprocess->attitude, mean);
+        matrix(preprocess->turned.attitude, mean);
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) mean[i][j] = (mean[i][j] + first[i][j]) / R(2);
         carried_off(preprocess, cycle, (const mp_real(*)[3])mean);
@@ -176,16 +178,16 @@ static void attitudes(mp_preprocess *preprocess, mp_cycle *cycle) {
             for (j = 0; j < 3; j++) cycle->carried[i] += mean[j][i] * (R(2) * step[1 + j]) / cycle->duration_s;
     }
     backed(preprocess, then);
-    vertical(preprocess->attitude, then, cycle->up[1]);
+    vertical(preprocess->turned.attitude, then, cycle->up[1]);
     for (i = 0; i < 3; i++) {
-        preprocess->turn[i] = turn[i];
+        preprocess->turned.turn[i] = turn[i];
         mean_up[i] = (cycle->up[0][i] + cycle->up[1][i]) / R(2);
     }
     mp_cross(mean_up, cycle->rate, swung); /* the weight as it was when the gyro's motion was, and not smeared */
     mp_cross(swung, cycle->rate, bent);
     for (i = 0; i < 3; i++)
         cycle->force[i] -= preprocess->vehicle.gravity * (preprocess->vehicle.later * swung[i] + preprocess->vehicle.smearing * bent[i]);
-    preprocess->squares_s2 += cycle->duration_s * cycle->duration_s;
+    preprocess->turned.squares_s2 += cycle->duration_s * cycle->duration_s;
 }
 
 static int beyond(const mp_real v[3], mp_real most) { return !(mp_dot(v, v) < most * most); }
@@ -194,17 +196,28 @@ static int beyond(const mp_real v[3], mp_real most) { return !(mp_dot(v, v) < mo
 static int spiked(mp_preprocess *preprocess, const mp_real rate[3], mp_real duration_s) {
     mp_real jump[3];
     int i;
-    for (i = 0; i < 3; i++) jump[i] = rate[i] - preprocess->rate[i];
+    for (i = 0; i < 3; i++) jump[i] = rate[i] - preprocess->turned.rate[i];
     if (beyond(rate, MOST_TURN / duration_s)) return 1;
     preprocess->jumped = preprocess->cycles > 0 && beyond(jump, MOST_JUMP / duration_s) ? preprocess->jumped + 1 : 0;
-    if (preprocess->jumped > BELIEVED) preprocess->jumped = 0;
+    if (preprocess->jumped > MP_BELIEVED) preprocess->jumped = 0;
     return preprocess->jumped > 0;
+}
+
+/* The body's turn in a cycle by a mean rate. */
+static void turned(mp_preprocess *preprocess, const mp_real rate[3], mp_cycle *cycle) {
+    int i;
+    for (i = 0; i < 3; i++) {
+        cycle->rate[i] = rate[i];
+        cycle->rate_step[i] = preprocess->cycles > 0 ? rate[i] - preprocess->before.rate[i] : R(0);
+        preprocess->turned.rate[i] = rate[i];
+    }
+    attitudes(preprocess, cycle);
 }
 
 /* A cycle whose executed commands are known. */
 static void completed(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle *cycle, int *usable) {
     const mp_vehicle *vehicle = &preprocess->vehicle;
-    mp_real theta[3], v[3], rounding;
+    mp_real theta[3], rate[3], v[3], rounding;
     int i, spike[2];
     cycle->end_s = flown->end_s;
     cycle->duration_s = flown->duration_s;
@@ -213,16 +226,12 @@ static void completed(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle
         theta[i] = flown->delta_theta[i] / flown->duration_s;
         v[i] = spike[1] ? R(0) : flown->delta_v[i] / flown->duration_s;
     }
-    mp_times((const mp_real(*)[3])preprocess->table.body_from_imu, theta, cycle->rate);
-    mp_times((const mp_real(*)[3])preprocess->table.body_from_imu, v, cycle->force);
-    spike[0] = spiked(preprocess, cycle->rate, flown->duration_s);
-    for (i = 0; i < 3; i++) {
-        if (spike[0]) cycle->rate[i] = preprocess->rate[i];
-        cycle->rate_step[i] = preprocess->cycles > 0 ? cycle->rate[i] - preprocess->rate[i] : R(0);
-        preprocess->rate[i] = cycle->rate[i];
-    }
+    mp_times((const mp_real(*)[3])preprocess->table.body_from_imu, theta, rate);
+    mp_times((const mp_real(*)[3])preprocess->table.body_from_imu, v, preprocess->felt);
+    spike[0] = spiked(preprocess, rate, flown->duration_s);
     for (i = 0; i < 2; i++) cycle->deaf[i] = flown->deaf[i] || spike[i];
-    attitudes(preprocess, cycle);
+    preprocess->before = preprocess->turned;
+    turned(preprocess, spike[0] ? preprocess->before.rate : rate, cycle);
     mp_executed(preprocess, cycle);
     *usable = !flown->unused && (preprocess->spun || vehicle->wheels == 0);
     wheels(preprocess, flown, cycle);
@@ -231,6 +240,17 @@ static void completed(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle
     *usable = *usable && preprocess->since_s >= preprocess->table.memory_s - rounding;
     preprocess->since_s += flown->duration_s;
     preprocess->cycles += 1;
+}
+
+void mp_preprocess_without_gyro(mp_preprocess *preprocess, const mp_real rate[3], mp_cycle *cycle) {
+    preprocess->turned = preprocess->before;
+    cycle->deaf[0] = 1;
+    turned(preprocess, rate, cycle);
+}
+
+void mp_preprocess_without_accelerometer(mp_cycle *cycle) {
+    cycle->deaf[1] = 1;
+    memset(cycle->force, 0, sizeof cycle->force);
 }
 
 static int is_finite(const mp_preprocess *preprocess, const mp_flown *flown) {

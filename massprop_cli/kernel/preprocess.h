@@ -15,6 +15,8 @@
 #define MP_LAGS 2 /* of a sensor, first-order lags in parallel: a pair of complex ones counts once */
 #endif
 
+#define MP_BELIEVED 2 /* readings in a row that are left out because they are far off; the next one is motion */
+
 /* What is shown of commands: H(s) = sum of weight / (1 + lag s), real and imaginary part each, all of it late, and of that means or
  * samples (massprop_cli/prepare/sensor.py). */
 typedef struct {
@@ -67,6 +69,16 @@ typedef struct {
     mp_real value, first, second;
 } mp_lagged;
 
+/* How the body has turned by the end of a cycle, by the gyro. */
+typedef struct {
+    mp_real rate[3];
+    mp_real turn[3];
+    mp_real attitude[4];  /* as integrated */
+    mp_real window[3][3]; /* integral of world from body, and by what it and the gyro's bias have carried the attitude off: */
+    mp_real off[3];
+    mp_real squares_s2;   /* of the cycles: noise of the gyro has carried the attitude off by its root */
+} mp_turned;
+
 typedef struct {
     mp_commands table;
     mp_vehicle vehicle;
@@ -77,15 +89,11 @@ typedef struct {
     long cycles;
     int jumped; /* cycles in a row whose gyro showed another motion than the one before */
     mp_real since_s; /* from the first cycle's start to the present one's */
-    mp_real rate[3];
     int spun; /* whether wheels' speeds at the present cycle's start are known */
     mp_real speed[MP_SPUN];
-    mp_real turn[3];
-    mp_real attitude[4];       /* as integrated */
-    mp_real bias[3];           /* of the gyro, rad/s, as the estimate has it by now, */
-    mp_real window[3][3];      /* integral of world from body, and by what both have carried the attitude off: */
-    mp_real off[3];
-    mp_real squares_s2;                /* of the cycles before the present one: noise of the gyro has carried the attitude off by its root */
+    mp_real felt[3];           /* mean specific force of the latest completed cycle, body axes */
+    mp_turned turned, before;  /* by the latest completed cycle, and by the one before it */
+    mp_real bias[3];           /* of the gyro, rad/s, as the estimate has it by now */
     mp_real attitude_error[3][5];      /* at the start of the cycle that was completed last, for the first of a phase (mp_pass) */
     int pulses[MP_COMMANDS];
     mp_pulse pulse[MP_COMMANDS][MP_PENDING];
@@ -103,6 +111,10 @@ int mp_preprocess_begin(mp_preprocess *preprocess, const mp_commands *table, con
  * cycle may go on with a pulse of this one, a cycle comes one call later. `usable` is 0 where it is of no phase, and where what was
  * executed had been commanded before the first cycle. */
 int mp_preprocess_step(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle *cycle, int *made, int *usable);
+
+/* The cycle that was completed last, without its reading of the gyro, in whose place a rate stands, or of the accelerometer. */
+void mp_preprocess_without_gyro(mp_preprocess *preprocess, const mp_real rate[3], mp_cycle *cycle);
+void mp_preprocess_without_accelerometer(mp_cycle *cycle);
 
 /* The cycle that waits for the next one's command, where nothing more comes. */
 int mp_preprocess_last(mp_preprocess *preprocess, mp_cycle *cycle, int *made, int *usable);

@@ -114,10 +114,10 @@ static void scale_of(const mp_vehicle *vehicle, const mp_real theta[10], mp_real
     weighed(vehicle, theta, out);
 }
 
-void mp_judge(const mp_layout *layout, mp_posed *posed, const mp_real *ordered, mp_real normalised[6], mp_real unexplained[6],
-              mp_real spread[6][6]) {
+void mp_judge(const mp_layout *layout, const mp_posed *posed, const mp_real *ordered, mp_real *rows, mp_real normalised[6],
+              mp_real unexplained[6], mp_real spread[6][6]) {
     int count = posed->count, size = count + 1, i, j;
-    mp_real rows[6 * (MP_UNKNOWNS + 1)], columns[MP_UNKNOWNS][6];
+    mp_real columns[MP_UNKNOWNS][6];
     for (i = 0; i < 6; i++) {
         mp_real *row = rows + i * size;
         reduced(layout, posed, ordered + i * layout->width, 0, row);
@@ -135,7 +135,6 @@ void mp_judge(const mp_layout *layout, mp_posed *posed, const mp_real *ordered, 
         for (j = 0; j < i; j++) sum -= spread[i][j] * normalised[j];
         normalised[i] = sum / spread[i][i];
     }
-    mp_fold(posed->triangle, size, rows, 6);
 }
 
 /* Where the search began draws what the data don't tell, by these sigmas. */

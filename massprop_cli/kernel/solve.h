@@ -10,7 +10,7 @@
 /* All that the run has taken in, about the estimate, with the data's own prior, in pass->posed. */
 void mp_pose(mp_pass *pass);
 /* What one more cycle's ordered rows (6, width) say, added. Innovations are judged by what stood before. */
-void mp_judge(const mp_layout *layout, mp_posed *posed, const mp_real *ordered, mp_real normalised[6], mp_real unexplained[6],
+void mp_judge(const mp_layout *layout, const mp_posed *posed, const mp_real *ordered, mp_real *rows, mp_real normalised[6], mp_real unexplained[6],
               mp_real spread[6][6]);
 /* A row's mass properties, and 1 where theta is too far from the reference for the second order not to show. */
 int mp_estimate(mp_pass *pass, mp_row *row);

@@ -10,7 +10,7 @@
 #define HALVED R(0.5)  /* a quantity is informed once its sigma is below this part of the prior's */
 #define SURE R(0.1)    /* a sigma below this part of the tolerance makes up for steady updates that are missing, */
 #define BEGUN 4        /* but for this part of their number */
-#define LATEST 256     /* cycles over which what the model leaves is averaged, */
+#define LATEST 256     /* each cycle counts 1/LATEST less than the next in the mean square of the innovations, */
 #define LOUDEST R(25)  /* no one of which counts more than this, */
 #define AS_STATED 16   /* after so many that are taken to be as stated; */
 #define MISFIT R(1.5)  /* beyond this model and flight contradict each other: noise is stated 1.22 times too small, or more */
@@ -114,7 +114,7 @@ static void quantities(const mp_rule *rule, const mp_vehicle *vehicle, const mp_
     for (i = 0; i < 10; i++) out->sigma[i] = out->told[i] ? MP_SQRT(out->covariance[i][i]) : R(0);
 }
 
-/* Mean square of the latest normalised innovations of gyro or accelerometer, whichever is larger, where that is beyond chance; else 1. */
+/* Running mean square of the normalised innovations of gyro or accelerometer, whichever is larger, where that is beyond chance; else 1. */
 static mp_real excess(const mp_row *row, mp_steady *steady) {
     mp_real most = R(1);
     int i, sensor;

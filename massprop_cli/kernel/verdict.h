@@ -11,6 +11,7 @@ typedef struct {
     int known_index[10];
     mp_real known_value[10];
     mp_real known_sigma[10];
+    mp_real gate;          /* sigmas of a sensor's innovation in one cycle beyond which the reading is not used; 0: all are used */
     int count;             /* consecutive updates within tolerance */
     int relative;          /* whether tolerances are parts of natural sizes */
     mp_real tolerance[3];  /* inertia, CG, mass */
@@ -40,7 +41,7 @@ typedef struct {
     mp_real value[10];
     int steady[10];
     int counted[2];
-    mp_real misfit[2]; /* mean square of the latest normalised innovations, gyro's and accelerometer's: 1, where all is as stated */
+    mp_real misfit[2]; /* running mean square of the normalised innovations, gyro's and accelerometer's: 1, where all is as stated */
 } mp_steady;
 
 /* The quantities of a row. Verdicts rest on the sizes known by then; on the ground they rest on those known at the end. */

@@ -1,5 +1,6 @@
 """The causal pass without a compiled kernel: :mod:`massprop_cli.estimate.causal` on a growing log. Slow: each cycle aligns all anew."""
 
+from copy import copy
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +22,12 @@ from massprop_cli.prepare.stream import Stream
 END, LENGTH, THETA, VELOCITY, IGNORED, UNUSED = 0, 1, slice(2, 5), slice(5, 8), slice(8, 10), 10
 """Where a cycle's numbers stand (:func:`massprop_cli.estimate.kernelflight.cycles_of`); commands follow."""
 LATEST, LOUDEST, AS_STATED, MISFIT = 256, 25.0, 16, 1.5
-"""Cycles over which what the model leaves is averaged; the most that one of them counts; how many before the first are taken to be as
-stated; and the mean square of a sensor's normalised innovations beyond which model and flight contradict each other."""
+"""In the running mean square of a sensor's normalised innovations each cycle counts 1/LATEST less than the next; the most that one of them
+counts; how many before the first are taken to be as stated; and the mean beyond which model and flight contradict each other."""
+GATE = 12
+"""Where the gate stands in a rule (:func:`massprop_cli.estimate.kernelflight.rule_of`)."""
+BELIEVED = 2
+"""Readings in a row that are left out because their innovation is beyond the gate; the next one is motion: MP_BELIEVED."""
 
 
 class OnNumPy:
@@ -32,6 +37,7 @@ class OnNumPy:
         commands, self.vehicle = resolved.commands, resolved.vehicle
         self.jets, self.late, self.memory_s = bool(commands[0]), bool(commands[WAITS]), float(commands[MEMORY_S])
         self.rows: list[Array] = []
+        self.far = [0, 0]
         self.begin(resolved.legs[0])
 
     def begin(self, leg: Leg) -> None:
@@ -41,7 +47,7 @@ class OnNumPy:
 
     def step(self, numbers: Array) -> Reported | None:
         """The next cycle; what the one completed by it came to."""
-        self.rows.append(numbers)
+        self.rows.append(numbers.copy())
         return self._estimated(len(self.rows) - self.late)
 
     def last(self) -> Reported | None:
@@ -52,8 +58,8 @@ class OnNumPy:
         """Of the last of ``stop`` cycles; None of one of no phase, or whose commands came before the first."""
         if not stop or self.rows[stop - 1][UNUSED]:
             return None
-        flown = np.array(self.rows)
-        started = flown[:stop, END] - flown[:stop, LENGTH]
+        ends, lengths = np.array([row[:2] for row in self.rows[:stop]]).T
+        started = ends - lengths
         usable = int(np.searchsorted(started, started[0] + self.memory_s - 1e-6 * self.vehicle.cycle.period_s))
         if usable >= stop:
             return None
@@ -61,15 +67,41 @@ class OnNumPy:
         rows, reference = Rows.untold(1), None
         if stop - first > 1:
             with np.errstate(all="ignore"):
-                rows, reference = self._passed(flown, slice(first, stop))
+                rows, reference = self._gated(slice(first, stop))
         values, covariance = quantities(rows.parameters, self.leg.own)
         ratio = self.steady.excess(rows.normalised[0], reference)
         sigmas = np.sqrt(ratio * np.einsum("kii->ki", covariance))
         return Reported(rows, values, sigmas, self.steady.verdicts(values[0], sigmas[0], ratio > 1, reference)[None])
 
-    def _passed(self, flown: Array, cycles: slice) -> tuple[Rows, Reference | None]:
+    def _gated(self, cycles: slice) -> tuple[Rows, Reference | None]:
+        """As :meth:`_passed`; a reading of the last cycle whose innovation is beyond the gate is left out, and that innovation reported."""
+        before, gate = copy(self.causal), self.leg.rule[GATE]
+        rows, reference = self._passed(cycles)
+        gated = before if gate > 0 and before is not None and before.started and not before.run.stuck else None
+        innovations = rows.normalised.reshape(2, 3)
+        for sensor in range(2):
+            if gated is not None and self.far[sensor] < BELIEVED and np.linalg.norm(innovations[sensor]) > gate:
+                self.causal = copy(gated)
+                self._leave_out(cycles.stop - 1, sensor, rows.innovation[0, :3], gated.run.estimate.inertia)
+                rows, reference = self._passed(cycles)
+                innovations[sensor + 1 :] = rows.normalised.reshape(2, 3)[sensor + 1 :]
+            if not np.isnan(innovations[sensor]).any():
+                self.far[sensor] = self.far[sensor] + 1 if gate > 0 and np.linalg.norm(innovations[sensor]) > gate else 0
+        return rows._replace(normalised=innovations.reshape(1, 6)), reference
+
+    def _leave_out(self, cycle: int, sensor: int, torque_n_m: Array, inertia: Array) -> None:
+        """A reading; the predicted rate, by the innovation as a torque, stands in place of the gyro's."""
+        row = self.rows[cycle]
+        row[IGNORED.start + sensor] = 1.0
+        if sensor == 0:
+            rate = np.linalg.solve(inertia, torque_n_m) * row[LENGTH]
+            row[THETA] -= np.array(self.vehicle.imu.body_from_imu).T @ rate * row[LENGTH]
+        else:
+            row[VELOCITY] = 0.0
+
+    def _passed(self, cycles: slice) -> tuple[Rows, Reference | None]:
         """The row after the last of ``cycles``, and the present estimate."""
-        samples = Stream.of(self._log(flown), self.vehicle, stated_timing(self.vehicle))
+        samples = Stream.of(self._log(np.array(self.rows)), self.vehicle, stated_timing(self.vehicle))
         if self.causal is None:
             self.causal = Causal(samples, cycles, self.leg.own, Consider())
         else:
@@ -112,7 +144,7 @@ class Steady:
         self.counted, self.misfit = [AS_STATED] * 2, [1.0] * 2
 
     def excess(self, normalised: Array, reference: Reference | None) -> float:
-        """Mean square of the latest normalised innovations (6,) of gyro or accelerometer, the larger, where it is beyond chance; else 1."""
+        """Running mean square of normalised innovations (6,) of gyro or accelerometer, the larger, where it is beyond chance; else 1."""
         if reference is None:
             return 1.0
         for sensor, squares in enumerate(normalised.reshape(2, 3) ** 2):
