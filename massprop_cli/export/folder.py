@@ -84,6 +84,9 @@ def _readme(resolved: Constants) -> str:
         if vehicle.on_air_bearing
         else "",
         "COMMAND": f": {len(vehicle.jets)} on-times in s" if resolved.commands[0] else ": torque about O [N m] and force [N]",
+        "COMMANDED": "an on-time below 0 or longer than a period by more than a thousandth of it"
+        if resolved.commands[0]
+        else "a torque or force of 1e9 or more",
         "WHEELS": f" `flown.speed`: of the {len(vehicle.wheels)} wheels relative to the body, at the cycle's end, rad/s."
         if vehicle.wheels
         else "",

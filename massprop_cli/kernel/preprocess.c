@@ -11,6 +11,9 @@
 #define MOST_JUMP R(0.3)  /* and beyond what it turned in the one before, unless MP_BELIEVED cycles in a row say so; */
 #define MOST_FORCE R(1e4) /* m/s^2 of specific force */
 #define MOST R(1e9)       /* of any command or speed */
+#define LATE R(1e-3)      /* part of a period by which an on-time may be longer, and counts as all of it */
+#define LONGEST R(5)      /* periods that a cycle lasts, at most */
+#define OVERLAP R(0.5)    /* part of a period by which a cycle may begin before the end of the last: stamps scatter */
 
 int mp_preprocess_begin(mp_preprocess *preprocess, const mp_commands *table, const mp_vehicle *vehicle) {
     mp_real ramps = R(0), latest = R(0);
@@ -253,11 +256,22 @@ void mp_preprocess_without_accelerometer(mp_cycle *cycle) {
     memset(cycle->force, 0, sizeof cycle->force);
 }
 
+/* Whether it is finite, and its commands are such as can be executed: on-times of 0 ... one period. */
 static int is_finite(const mp_preprocess *preprocess, const mp_flown *flown) {
+    const mp_commands *table = &preprocess->table;
+    mp_real least = table->jets ? R(0) : -MOST, most = table->jets ? table->period_s * (R(1) + LATE) : MOST;
     int fine = mp_finite(&flown->end_s, 1) && mp_finite(&flown->duration_s, 1), i;
-    for (i = 0; i < preprocess->table.commands; i++) fine = fine && mp_abs(flown->command[i]) < MOST;
+    for (i = 0; i < table->commands; i++) fine = fine && flown->command[i] >= least && flown->command[i] <= most;
     for (i = 0; i < preprocess->vehicle.wheels; i++) fine = fine && mp_abs(flown->speed[i]) < MOST;
     return fine && mp_finite(flown->delta_theta, 3) && mp_finite(flown->delta_v, 3);
+}
+
+/* Whether a cycle has a length that can be, and does not begin before the end of the last one. */
+static int follows(const mp_preprocess *preprocess, const mp_flown *flown) {
+    mp_real period_s = preprocess->table.period_s, beginning = flown->end_s - flown->duration_s;
+    mp_real rounding = R(4) * MP_EPSILON * mp_abs(flown->end_s);
+    if (!(flown->duration_s > R(0) && flown->duration_s <= LONGEST * period_s)) return 0;
+    return !preprocess->told || (flown->end_s > preprocess->end_s && beginning >= preprocess->end_s - OVERLAP * period_s - rounding);
 }
 
 int mp_preprocess_step(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle *cycle, int *made, int *usable) {
@@ -265,7 +279,7 @@ int mp_preprocess_step(mp_preprocess *preprocess, const mp_flown *flown, mp_cycl
     *made = 0;
     if (!preprocess->ready) return MP_ORDER;
     if (!is_finite(preprocess, flown)) return MP_NOT_FINITE;
-    if (!(flown->duration_s > R(0)) || (preprocess->told && !(flown->end_s > preprocess->end_s))) return MP_TIME;
+    if (!follows(preprocess, flown)) return MP_TIME;
     status = mp_issued(preprocess, flown, preprocess->holding ? preprocess->waiting.duration_s : R(0));
     if (status != MP_OK) return status;
     preprocess->end_s = flown->end_s;

@@ -291,3 +291,41 @@ def test_the_sources_stand_every_warning(single: bool, how: str, tmp_path: Path)
     """Those, too, of what only the optimiser sees."""
     flags = ["-std=c99", how, "-Wall", "-Wextra", "-Wconversion", "-Werror", "-ffp-contract=off", *["-DMP_SINGLE"] * single]
     subprocess.run(["cc", *flags, "-c", *map(str, sorted(SOURCES.glob("*.c")))], cwd=tmp_path, check=True)
+
+
+REFUSED = {
+    "an on-time of a hundred cycles": ((11, 5.0), 1),
+    "a negative on-time": ((11, -1e-3), 1),
+    "a cycle that began before the last one": ((1, 0.1), 2),
+    "a cycle of a hundred periods": ((1, 5.0), 2),
+    "a length that makes nothing of a rate": ((1, 1e300), 2),
+    "a length that is none": ((1, -0.05), 2),
+    "a time that goes back": ((0, 0.0), 2),
+}
+LATER = ("a time that goes back", "a cycle that began before the last one")
+"""Not in the first cycle."""
+
+
+@pytest.mark.parametrize(("kind", "at"), [*((kind, 400) for kind in REFUSED), *((kind, 0) for kind in REFUSED if kind not in LATER)])
+def test_a_cycle_that_cannot_be_is_refused_and_changes_nothing(kind: str, at: int) -> None:
+    """The same cycle as it was flown then goes on to the last bit."""
+    (column, value), status = REFUSED[kind]
+    flight, fed = begun("free-flyer")
+    untouched = flight.step(fed[:500])
+    flight, _ = begun("free-flyer")
+    flight.step(fed[:at])
+    bad = fed[at : at + 1].copy()
+    bad[0, column] = value
+    with pytest.raises(kernelargs.StatusError, match=f"status {status}"):
+        flight.step(bad)
+    found = flight.step(fed[at:500])
+    assert np.array_equal(found.values[-50:], untouched.values[-50:], equal_nan=True)
+    assert np.array_equal(found.sigmas[-50:], untouched.sigmas[-50:], equal_nan=True)
+
+
+def test_stamps_that_scatter_and_cycles_that_are_lacking_are_taken() -> None:
+    """By a fifth of a period; and one cycle in between, of which nobody has told."""
+    flight, fed = begun("free-flyer")
+    fed[:, 0] += np.random.default_rng(1).uniform(-0.1, 0.1, len(fed)) * 0.05
+    found = flight.step(np.delete(fed, 300, 0), last=True)
+    assert np.isfinite(found.values[-1]).all()
