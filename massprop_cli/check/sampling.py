@@ -4,6 +4,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.check.finding import Finding, finding, rows
+from massprop_cli.inputs.formats.clocks import outlying
 from massprop_cli.inputs.logtable import GAP, LONG
 from massprop_cli.inputs.tablefile import Place
 from massprop_cli.inputs.telemetry import JITTER, jitter
@@ -12,7 +13,7 @@ from massprop_cli.inputs.telemetry import JITTER, jitter
 def sampling(time_s: Array, place: Place) -> list[Finding]:
     """Findings of the time column; ``place`` names a row."""
     bad = ~np.isfinite(time_s)
-    if len(time_s) < 2 or bad.any():
+    if len(time_s) < 2 or bad.any() or outlying(time_s)[0].any():
         return []  # reading the log says so
     steps = np.concatenate([[np.nan], np.diff(time_s)])
     forward = steps[1:][steps[1:] > 0]

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import TINY, Array, median
-from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V, GYRO, WRENCH, jet
-from massprop_cli.inputs.formats.clocks import WRAPS
+from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V, GYRO, TIME, WRENCH, jet
+from massprop_cli.inputs.formats.clocks import WRAPS, outlying
 from massprop_cli.inputs.logtable import GAP, LONG, MISSING, WHOLE, LogTable
 from massprop_cli.inputs.vehicle import Vehicle
 
@@ -90,7 +90,9 @@ class _RateGrowth(NamedTuple):
 
 
 def examined(source: LogTable, vehicle: Vehicle, time_s: Array) -> Stamps:
-    """Times of the records, rebuilt where the stamps (n,), s, and not the records are uneven."""
+    """Times of the records, rebuilt where the stamps (n,), s, and not the records are uneven; :class:`InputError` where one is no time."""
+    far, why = outlying(time_s)
+    source.refuse(far, TIME, lambda row: f"{time_s[row]:.9g} s {why}")
     stated = vehicle.imu.clock_even
     steps = np.diff(time_s)
     if stated is False or len(time_s) < LEAST:

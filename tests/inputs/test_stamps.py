@@ -11,8 +11,11 @@ import pytest
 from massprop_cli import job
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
+from massprop_cli.check.sampling import sampling
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import vehiclefile
+from massprop_cli.inputs.formats.clocks import outlying
+from massprop_cli.inputs.formats.traits import traits
 from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.telemetry import read
 
@@ -142,3 +145,26 @@ def test_records_that_come_late_are_dated_by_those_that_do_not(change: Change, w
     pq.write_table(pa.table(columns), tmp_path / "log.parquet")
     log = read(read_table(tmp_path / "log.parquet"), vehiclefile.load(SAMPLE / "vehicle.toml").vehicle)
     assert abs(float(np.median(log.time_s - true))) < within
+
+
+@pytest.mark.parametrize("value", [1e308, -1e308, 1e300, 1e20, 1e16])
+@pytest.mark.parametrize("row", [0, 300, ROWS - 1])
+def test_a_time_where_numbers_are_farther_apart_than_records_is_refused(value: float, row: int, tmp_path: Path) -> None:
+    """Doubles are 2 s apart at 1e16 s. It had ended in an overflow, or in a gap or a step back of other times than the cell's."""
+    table = pq.read_table(SAMPLE / "log.parquet")[:ROWS]
+    time_s = table.column("time_s").to_numpy().copy()
+    time_s[row] = value
+    path = tmp_path / "log.parquet"
+    pq.write_table(table.set_column(0, "time_s", pa.array(time_s)), path)
+    said = f"row {row}, column time_s: {value:.9g} s cannot be a time of this log (usual interval 0.05 s); correct or cut the record"
+    for look in (lambda: read(read_table(path), vehiclefile.load(SAMPLE / "vehicle.toml").vehicle), lambda: traits(read_table(path))):
+        with np.errstate(all="raise"), pytest.raises(InputError) as refused:
+            look()
+        assert str(refused.value) == f"{path}, {said}"
+    assert sampling(time_s, str) == []  # nothing of gaps, whose remedy would be another
+
+
+def test_times_since_an_epoch_are_times() -> None:
+    """Of 2026 in nanoseconds, which are 256 apart, each 50 ms."""
+    assert not outlying(1.79e18 + 5e7 * np.arange(100))[0].any()
+    assert not outlying(np.repeat(1.79e9, 100))[0].any()  # rounded, as a spreadsheet has them: told by what follows

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, median
+from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.formats import units
 
@@ -59,6 +59,14 @@ class Times:
     def span(self) -> str:
         """From when to when, by the clock itself."""
         return f"{self.s[0] + self.zero_s:.13g} to {self.s[-1] + self.zero_s:.13g} s by {self.path!r}"
+
+
+def outlying(times_s: Array) -> tuple[BoolArray, str]:
+    """(n,) whether each time is so large that numbers there are farther apart than records, and what to say of it after its value."""
+    with np.errstate(over="ignore"):
+        usual = median(np.abs(np.diff(times_s))) if len(times_s) > 1 else 0.0
+    far: BoolArray = (np.spacing(np.abs(times_s)) > usual) & (usual > 0)
+    return far, f"cannot be a time of this log (usual interval {usual:.6g} s); correct or cut the record"
 
 
 def problem(times_s: Array, place: Callable[[int], str], zero_s: float, sensor: bool) -> str:

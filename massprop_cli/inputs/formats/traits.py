@@ -10,6 +10,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.actuators.actuator import Actuator, LogColumn
+from massprop_cli.inputs.formats.clocks import outlying
 from massprop_cli.inputs.logtable import EMPTY
 from massprop_cli.inputs.tablefile import Table
 from massprop_cli.inputs.vehicle import ACTUATORS
@@ -71,6 +72,10 @@ class Traits:
 def traits(table: Table) -> Traits:
     """Look through a log; :class:`InputError` where it has no IMU or goes back in time."""
     time_s = _numbers(table, (columns.TIME,))[:, 0]
+    far, why = outlying(time_s)
+    if far.any():
+        row = int(np.argmax(far))
+        raise InputError(f"{table.path}, {table.place(row)}, column {columns.TIME}: {time_s[row]:.9g} s {why}")
     steps = np.diff(time_s)
     if len(steps) < 2 or not (steps > 0).all():
         raise InputError(f"{table.path}: {columns.TIME} does not increase throughout; sort or cut the log")
