@@ -143,6 +143,10 @@ def _assign(data: dict[str, Any], path: list[str], value: object, source: str) -
     node[path[-1]] = value
 
 
+_BEYOND = {"greater_than": ("gt", "greater than"), "less_than": ("lt", "less than")}
+"""Of errors of a limit: its name, and how it limits."""
+
+
 def validate(model: type[Model], data: Mapping[str, Any], source: str, text: str = "", assignments: Sequence[str] = ()) -> Model:
     """Check ``data``; :class:`InputError` names line or assignment, dotted key and value, and the known key nearest to an unknown one."""
     bounded(data, source)
@@ -178,6 +182,9 @@ def _explain(model: type[BaseModel], error: Any, path: list[str]) -> str:
         hint = nearest(str(error["input"]), re.findall(r"'([^']+)'", choices), "the nearest is")
         return f"{key} = {error['input']!r}: must be {choices}{hint}"
     message = error["msg"].removeprefix("Value error, ")
+    if error["type"] in _BEYOND:
+        limit, words = _BEYOND[error["type"]]
+        message = f"must be {words} {error['ctx'][limit]:g}"
     if KEY in error.get("ctx", {}):
         return f"{key}: {message}"
     value = repr(error["input"])

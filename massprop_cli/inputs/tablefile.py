@@ -164,7 +164,8 @@ def _read_csv(path: Path, data: Content) -> _File:
         spaced = len(names[0].split()) > 1 and len(lines) > 1
         cure = "write a comma for each space, or delete what stands above it" if spaced else "delete what stands above it"
         raise InputError(
-            f"{top}: one column only, {names[0][:40]!r}; the first line names the columns, separated by commas, semicolons or tabs; {cure}"
+            f"{top}: one column only, {names[0][:40]!r}; the first line names the columns, separated by commas, semicolons, tabs or bars "
+            f"(|); {cure}"
         )
     if all(map(_NUMBER.match, names)):
         raise InputError(f"{top}: numbers, and no names; write a line above them that names the columns")
@@ -354,6 +355,8 @@ class Cells:
                 is_number = cell is None or (str(cell).isascii() and "_" not in str(cell) and float(cell) is not None)
             except (TypeError, ValueError):
                 is_number = False
+            if isinstance(cell, list | dict):
+                return InputError(f"{self.path}, column {self.name}: each cell has {len(cell)} values; write a column for each of them")
             if cell == self.name:
                 return InputError(
                     f"{self.path}, {self.place(row)}, column {self.name}: the header stands here again; a recording after another one: "

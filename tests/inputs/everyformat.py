@@ -73,6 +73,12 @@ def semicolons(path: Path) -> None:
     path.write_bytes("\ufeff".encode() + "\r\n".join(lines).encode())
 
 
+def bars(path: Path) -> None:
+    held = sample()
+    lines = ["|".join(held)] + ["|".join(repr(float(held[name][row])) for name in held) for row in range(ROWS)]
+    path.write_text("\n".join([*lines, "|" * (len(held) - 1), ""]), encoding="utf-8")
+
+
 def tabs(path: Path) -> None:
     held = sample()
     text = "\n".join(["\t".join(held)] + ["\t".join(repr(float(held[name][row])) for name in held) for row in range(ROWS)])
@@ -249,6 +255,7 @@ FORMATS: dict[str, tuple[str, Callable[[Path], None], str, str | None]] = {
     # name of the file, its writer, the extra, the map
     "semicolons, decimal commas, a mark": ("log.csv", semicolons, "", None),
     "tabs in UTF-16": ("log.tsv", tabs, "", None),
+    "bars, and an empty row": ("log.csv", bars, "", None),
     "gzip": ("log.csv.gz", zipped, "", None),
     "hdf5": ("log.h5", hdf5, "hdf5", mapped("clock", "imu/gyro[:,{n}]", "imu/accelerometer[{n},:]", "jets/{name}")),
     "matlab 5": ("log.mat", matlab5, "matlab", mapped("t", "imu.gyro(:,{m})", "imu.acc(:,{m})", "jets.{name}", units=True)),
@@ -260,7 +267,7 @@ FORMATS: dict[str, tuple[str, Callable[[Path], None], str, str | None]] = {
     "ROS 2 bag": ("log.db3", bag2, "ros", None),
     "ROS 1 bag": ("log.bag", bag1, "ros", None),
 }
-EXACT = {"gzip", "tabs in UTF-16", "semicolons, decimal commas, a mark", "hdf5", "matlab 5", "matlab 7.3", "mdf4"}
+EXACT = {"gzip", "tabs in UTF-16", "bars, and an empty row", "semicolons, decimal commas, a mark", "hdf5", "matlab 5", "matlab 7.3", "mdf4"}
 """Formats whose times are numbers; of the others they are whole nanoseconds."""
 
 

@@ -114,7 +114,9 @@ BAD_VEHICLES = {
     "has two components in a position": BadVehicle(
         "position_m = [0.1, -0.06, 0.12]", "position_m = [0.1, -0.06]", "position_m = [0.1, -0.06]", ("imu.position_m", "missing")
     ),
-    "has a cycle of no length": BadVehicle("period_s = 0.05", "period_s = 0", "period_s = 0", ("cycle.period_s = 0", "greater than 0")),
+    "has a cycle of no length": BadVehicle(
+        "period_s = 0.05", "period_s = 0", "period_s = 0", ("cycle.period_s = 0: must be greater than 1e-30",)
+    ),
     "misses the length of its cycle": BadVehicle("period_s = 0.05\n", "", "[cycle]", ("'cycle.period_s' is missing", "add it")),
     "misses the force of a jet": BadVehicle(
         ROLL_N1,

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -295,6 +297,14 @@ def test_groups_above_the_names_and_numbers_in_their_place_are_refused(tmp_path:
     path.write_text("\n".join([header, "05/01/2024 12:00:00.05 PM" + rows[0][rows[0].index(",") :], *rows[1:]]))
     with pytest.raises(InputError, match="is not a number; correct the cell; a date and time is ISO 8601's"):
         read_table(path)
+
+
+def test_a_column_of_lists_is_refused_as_such(tmp_path: Path) -> None:
+    """No cell of it can be corrected."""
+    rates = pa.array([[0.0, 0.1, 0.2]] * 4)
+    pq.write_table(pa.table({"time_s": 0.05 * np.arange(4), "w": rates}), tmp_path / "log.parquet")
+    with pytest.raises(InputError, match=r"log\.parquet, column w: each cell has 3 values; write a column for each of them"):
+        read_table(tmp_path / "log.parquet").columns["w"].numbers()
 
 
 @pytest.mark.parametrize(

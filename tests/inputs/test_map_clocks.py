@@ -180,7 +180,8 @@ EVEN = 0.005 * np.arange(4000)
     ("times", "said"),
     [
         (np.repeat(EVEN, np.where(np.arange(4000) == 3000, 2, 1)), "drop the row that stands twice, or name another clock"),
-        (np.round(EVEN, 2), "its times are rounded: state even = true, or name another clock"),
+        (np.round(EVEN, 2), "must have a column for each signal first"),
+        (np.full(4000, 1.71456e9), "all its times are the same: write them with more digits, or name another clock"),
         (np.where(EVEN < 10, 604790.0 + EVEN, EVEN - 10.0), "a week of GPS time ends: add 604800 s to all that follows"),
         ((1e6 * EVEN[::4] % 2**24) * 1e-6, "its counter wraps: add 2^24 us to all that follows"),
         (np.where(EVEN < 10, EVEN, EVEN + 600.0), ""),

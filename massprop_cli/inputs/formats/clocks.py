@@ -86,7 +86,12 @@ def problem(times_s: Array, place: Callable[[int], str], zero_s: float, sensor: 
         if (steps >= 0).all():
             cure = "drop the row that stands twice, or name another clock"
             if len(back) > _ROUNDED * len(steps):
-                cure = "its times are rounded: state even = true, or name another clock"
+                cure = (
+                    "its times are rounded: state even = true, or name another clock; a table with one signal a row (its name and value) "
+                    "must have a column for each signal first"
+                )
+        if not steps.any():
+            cure = "all its times are the same: write them with more digits, or name another clock"
         fall = f"from {times_s[first] + zero_s:.13g} to {times_s[first + 1] + zero_s:.13g} s"
         return f"time stands still or goes back at {place(first + 1)}, {fall}; {cure}"
     # a pause makes no pairs of all that is not

@@ -1,4 +1,4 @@
-"""CSV as spreadsheets and loggers write it: compressed, in UTF-16, with semicolons or tabs, with decimal commas."""
+"""CSV as spreadsheets and loggers write it: compressed, in UTF-16, with semicolons, tabs or bars, with decimal commas."""
 
 import re
 import zlib
@@ -17,7 +17,7 @@ _PREFACE = re.compile(rb"(?:\xef\xbb\xbf)?(?:(?:#|sep=)[^\n]*\n)+", re.IGNORECAS
 """Comments before the header, and what spreadsheets say of their delimiter."""
 _PREFACE_MOST = 2**16
 _NAMED, _NUMBER = re.compile(rb"#+[ \t]*"), re.compile(rb"\s*[+-]?\.?\d")
-_BLANK_END = re.compile(rb"(?:\r?\n[ \t,;]*)+\Z")
+_BLANK_END = re.compile(rb"(?:\r?\n[ \t,;|]*)+\Z")
 """Lines of nothing but delimiters at a file's end, as of a spreadsheet's empty rows."""
 _MARKS = {mark: rf"^\s*[+-]?(\d+[{mark}]\d*|[{mark}]\d+)([eE][+-]?\d+)?\s*$" for mark in (",", ".")}
 """Numbers with a decimal comma, and with a point."""
@@ -72,8 +72,8 @@ def _unpacked(path: Path, data: bytes) -> bytes:
 
 
 def delimiter(header: str) -> str:
-    """What parts the names in a file's first line: the comma, unless there are more tabs or semicolons."""
-    return max(",\t;", key=header.count) if header.strip() else ","
+    """What parts the names in a file's first line: the comma, unless there are more tabs, semicolons or bars."""
+    return max(",\t;|", key=header.count) if header.strip() else ","
 
 
 def with_points(path: Path, table: Any, cut: str, place: Callable[[int], str]) -> Any:

@@ -355,7 +355,7 @@ class Signals:
                 seconds = np.asarray(values, np.float64) * (factor * clock.scale) + clock.offset_s
             if clock.nanoseconds is not None:
                 seconds += 1e-9 * np.asarray(self._counts(key, clock.nanoseconds, rows), np.float64)
-            if clock.even and len(seconds) > 1:
+            if clock.even and np.diff(seconds).any():
                 seconds = self._even(key, path, seconds)
             own = np.arange(len(seconds)) if rows is None else np.flatnonzero(rows)
             place = self._stream(key, path).place
