@@ -65,7 +65,11 @@ def _without_its_bias(first: _First, less: Callable[[Array], _First]) -> _First:
     if sigma == 0 or any(stated.imu.gyro_bias_rad_s):
         return first
     if stated.environment.kind == "planar":
-        return _without_its_yaw_bias(first, less) if stated.environment.table_tilt_sigma_rad > 0 and first.plain.misfit else first
+        # a body that slides turns about Z alone: what the gyro shows of X and Y is bias, which the lever arm would turn into force
+        level = gathered(samples, slice(0, len(samples)), lambda part: part.rate_rad_s).mean(0) * (1.0, 1.0, 0.0)
+        first = less(level) if np.linalg.norm(level) < NO_BIAS * sigma else first
+        sloped = stated.environment.table_tilt_sigma_rad > 0 and first.plain.misfit
+        return _without_its_yaw_bias(first, lambda bias: less(bias + level)) if sloped else first
     fit = first.plain.fits[0]
     if fit is None or fit.history.reference is None or not biased_attitude(samples.attitude_logged, stated):
         return first
