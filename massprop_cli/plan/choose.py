@@ -9,7 +9,7 @@ import numpy as np
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.estimate.quantities import by_scale
+from massprop_cli.estimate.quantities import by_scale, open_scale
 from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.plan.motions import Manoeuvre
@@ -57,19 +57,25 @@ class PlanGoal:
         return [QUANTITIES.index(item.quantity) for item in self.requirements]
 
     def sigmas(self, information: Array) -> Array:
-        """(…, G, 10) sigmas in units, from information (…, G, 10, 10 or 13, the same) in natural sizes."""
+        """(…, G, 10) sigmas in units, from information (…, G, n, n) in natural sizes, n as of :meth:`covariance`."""
         covariance = self.covariance(information)
         return np.asarray(np.sqrt(np.einsum("...ii->...i", covariance)))
 
     def covariance(self, information: Array) -> Array:
-        """(…, G, 10, 10) in units, with the common uncertainty of the thrust and what is known."""
+        """(…, G, 10, 10) in units, with the common uncertainty of the thrust and what is known.
+
+        ``information`` (…, G, n, n) is on the ten quantities and on the rate at the start, or without that. With momentum devices its last
+        column is of the thrust's scale, in its sigmas: they may calibrate it.
+        """
         prior = PRIOR * np.eye(information.shape[-1])
+        if self.vehicle.spinning:
+            prior[-1, -1] = 1.0
         sizes = np.array([natural_sizes(body) for body in self.bodies])
         sizes = sizes * self.beyond
         bound = np.linalg.inv(information + prior)[..., :10, :10] * (sizes[:, :, None] * sizes[:, None, :])
         for g, body in enumerate(self.bodies):
             proportional = by_scale(body, self.vehicle)
-            bound[..., g, :, :] += self.vehicle.thrust.scale_sigma**2 * np.outer(proportional, proportional)
+            bound[..., g, :, :] += open_scale(self.vehicle) ** 2 * np.outer(proportional, proportional)
         for name, known in self.vehicle.known.items():
             column = bound[..., QUANTITIES.index(name)]
             gain = column / (column[..., QUANTITIES.index(name)] + known.sigma**2)[..., None]
@@ -99,7 +105,7 @@ class Tried:
 
     motion: Manoeuvre
     information: Array
-    """(G, 10, 10) in natural sizes; the rate at its start counts as unknown."""
+    """(G, 10 or 11, the same) in natural sizes; the rate at its start counts as unknown."""
     used: dict[str, float]
     """The most of any body."""
 

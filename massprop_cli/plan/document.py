@@ -93,7 +93,7 @@ def document(
     wanted, sums = found.wanted, np.cumsum(found.information, 1)
     ratios, last = found.ratios(), wanted.sigmas(sums[:, -1])
     every = sum(one.information.mean(0) for one in found.tried)
-    ever = wanted.sigmas(np.broadcast_to(every * FOREVER, (len(wanted.bodies), 10, 10)))[0]
+    ever = wanted.sigmas(np.tile(every * FOREVER, (len(wanted.bodies), 1, 1)))[0]
     sizes = natural_sizes(wanted.bodies[0])
     longer = {f"{factor:g}": wanted.sigmas(factor * sums[:, -1])[0] for factor in LONGER}
     quantities = {
@@ -171,7 +171,7 @@ def _limited_by(found: Planned, quantities: dict[str, QuantityItem], rehearsal: 
     if item.told == "by no motion of this vehicle":
         return f"{name} can be estimated by no motion of this vehicle ({', '.join(rehearsal.axes)} can be driven)"
     if ever[i] > (item.wanted_sigma or 0.0):
-        key = "thrust.scale_sigma" if rehearsal.scaled.thrust.scale_sigma else "the information of all motions"
+        key = "thrust.scale_sigma" if rehearsal.vehicle.thrust.scale_sigma and not rehearsal.by_wheels else "the information of all motions"
         return f"{best}; {key} keeps it above ± {ever[i]:.3g} {item.unit} however long it lasts: weigh the vehicle ([known]) or want less"
     impulse = found.limits.get("impulse_n_s")
     if impulse is not None and impulse - found.used["impulse_n_s"] < min(one.used["impulse_n_s"] for one in found.tried):

@@ -81,7 +81,7 @@ def make(vehicle: Path, guess_file: Path | None, asked: Asked, say: Say, assignm
 
 
 def _order(flown: Rehearsal, guessed: guess.Guess, asked: Asked) -> Order:
-    wanted = PlanGoal(asked.wants, guessed.bodies, flown.scaled)
+    wanted = PlanGoal(asked.wants, guessed.bodies, flown.vehicle)
     for item, value in zip(asked.wants, guessed.file.body.values[wanted.index], strict=True):
         if value == 0 and item.precision is not None and item.precision.relative:
             raise InputError(

@@ -51,7 +51,7 @@ class Planned:
     cycles: int
     wanted: PlanGoal
     information: Array
-    """(G, K, 13, 13) of every cycle, in natural sizes, the rate at the start beside."""
+    """(G, K, n, n) of every cycle (:meth:`massprop_cli.plan.rehearsal.Rehearsal.information`), in natural sizes."""
     used: dict[str, float]
     limits: dict[str, float]
     tried: tuple[Tried, ...]
@@ -125,7 +125,8 @@ def _tried(
         part = kept[start : start + batch]
         issued = np.concatenate([issued for _, issued, _ in part])
         told = rehearsal.information(block, issued, np.tile(bodies, (len(part), 1))).sum(1)
-        alone = _without_rate(told).reshape(len(part), SEARCHED, 10, 10)
+        alone = _without_rate(told)
+        alone = alone.reshape(len(part), SEARCHED, *alone.shape[1:])
         found += [Tried(motion, one, used) for (motion, _, used), one in zip(part, alone, strict=True)]
     return found, least
 
@@ -153,10 +154,11 @@ def _unkept(rehearsal: Rehearsal, order: Order, used: dict[str, float]) -> str:
 
 
 def _without_rate(told: Array) -> Array:
-    """(…, 10, 10) what is told where the rate at the start is unknown: the Schur complement."""
-    across = told[..., :10, 10:]
-    rate = told[..., 10:, 10:] + 1e-12 * np.trace(told[..., 10:, 10:], axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
-    return np.asarray(told[..., :10, :10] - across @ np.linalg.solve(rate, np.swapaxes(across, -1, -2)))
+    """(…, 10 or 11, the same) what is told of all else where the rate at the start is unknown: the Schur complement."""
+    rates, rest = slice(10, 13), np.delete(np.arange(told.shape[-1]), slice(10, 13))
+    across, rate = told[..., rest, rates], told[..., rates, rates]
+    rate = rate + 1e-12 * np.trace(rate, axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
+    return np.asarray(told[..., rest[:, None], rest] - across @ np.linalg.solve(rate, np.swapaxes(across, -1, -2)))
 
 
 def _whole(rehearsal: Rehearsal, order: Order, tried: Sequence[Tried], block: int, thrifty: float, say: Say) -> Planned:

@@ -62,8 +62,13 @@ class Rehearsal:
         return flight.issued, used(flight)
 
     def information(self, cycles: int, issued: Array, bodies: Array) -> Array:
-        """(S, K, 13, 13) of :func:`massprop_cli.testbed.bound.information`."""
-        return bound.information(self.scenario((), cycles), issued, bodies)
+        """(S, K, 13 or 14, the same) of :func:`massprop_cli.testbed.bound.information`; the last is the scale of the thrust.
+
+        With momentum devices the log tells that scale, as in an estimate; else it adds to the sigmas
+        (:meth:`massprop_cli.plan.choose.PlanGoal.covariance`).
+        """
+        scale = np.array([[0.0, 0.0, 0.0, self.vehicle.thrust.scale_sigma]])
+        return bound.information(self.scenario((), cycles), issued, bodies, scale if self.vehicle.spinning else bound.NOTHING)
 
     @property
     def axes(self) -> tuple[Axis, ...]:
@@ -71,12 +76,6 @@ class Rehearsal:
         found = mission.allocation(self.scenario((), 10 + int(self.delay_cycles)))
         driven = [0.0 not in found.largest(i, self.by_wheels and axis in TURNS) for i, axis in enumerate(AXES)]
         return tuple(axis for axis, both in zip(AXES, driven, strict=True) if both)  # type: ignore[misc]
-
-    @property
-    def scaled(self) -> Vehicle:
-        """The vehicle, whose thrust has no uncertain scale where momentum that is known is all that turns it."""
-        exact = {"thrust": self.vehicle.thrust.model_copy(update={"scale_sigma": 0.0})} if self.by_wheels else {}
-        return self.vehicle.model_copy(update=exact)
 
     @property
     def by_wheels(self) -> bool:

@@ -22,15 +22,20 @@ BESIDE_STEP = 1e-5
 """Of its stated sigma, by how much damping and the scale of thrust are changed."""
 
 
-def information(source: ScenarioSource, issued: Array, values: Array) -> Array:
-    """(S, K, 13, 13) what each cycle's records tell of the ten quantities (S, 10) and the rate at the start, (S, K, C) commands issued.
+NOTHING = np.zeros((0, 4))
+"""No unknown beside quantities and rates."""
 
-    In units of :func:`natural_sizes` and rad/s. Information adds up: the bound after cycle k is the inverse of the sum so far.
+
+def information(source: ScenarioSource, issued: Array, values: Array, beside: Array = NOTHING) -> Array:
+    """(S, K, 13 + n, the same) each cycle's information on the ten quantities (S, 10), the rate at the start and what is ``beside`` (n, 4).
+
+    In units of :func:`natural_sizes`, rad/s and one sigma of what is beside them, by (S, K, C) commands issued. Information adds up: the
+    bound after cycle k is the inverse of the sum so far.
     """
-    slopes = sensitivities(source, [0] * len(values), issued, values, 0, np.zeros((0, 4)))
+    slopes = sensitivities(source, [0] * len(values), issued, values, 0, beside)
     members, unknowns = slopes.shape[:2]
     by_cycle = np.moveaxis(slopes.reshape(members, unknowns, issued.shape[1], -1), 1, 2)
-    sizes = np.concatenate([[natural_sizes(body) for body in values], np.ones((members, 3))], 1)
+    sizes = np.concatenate([[natural_sizes(body) for body in values], np.ones((members, unknowns - 10))], 1)
     found: Array = by_cycle @ np.swapaxes(by_cycle, -1, -2) * (sizes[:, :, None] * sizes[:, None, :])[:, None]
     return found
 

@@ -226,6 +226,38 @@ def test_wheels_beside_jets_stand_while_these_are_planned(folder: Path) -> None:
     assert made.quantities["mass"].sigma == pytest.approx(without.quantities["mass"].sigma, rel=0.02)
 
 
+def turning_wheel(speed_rad_s: float) -> tuple[str, ...]:
+    """Settings of a vehicle with jets, 30 % uncertain, and a wheel that turns at this speed."""
+    return "thrust.scale_sigma=0.3", f"wheels=[{WHEEL.replace('}', f', start_rad_s={speed_rad_s}}}')}]"
+
+
+@pytest.mark.parametrize(("speed_rad_s", "least", "most"), [(0.0, 0.3, 0.31), (300.0, 0.01, 0.03)])
+def test_stored_momentum_calibrates_the_thrust_as_the_cramer_rao_bound_says(
+    speed_rad_s: float, least: float, most: float, folder: Path
+) -> None:
+    """A wheel's 0.6 N m s precesses as the vehicle turns: torque by a stated momentum, beside which the thrust shows."""
+    source = parse(vehicle_text(), "vehicle.toml", turning_wheel(speed_rad_s))
+    own = rehearsal.rehearsal(source, guess.load(folder / "guess.toml", source))
+    shaken = motions.Manoeuvre("alternating", ("roll", "pitch", "yaw", "x", "y", "z"), 5).segments(0, 80)
+    planned = own.scenario(shaken, 80)
+    flight = simulate.fly(planned, [1])
+    wanted = PlanGoal(precise("mass 2 %"), BODY.values[None], own.vehicle)
+    sigmas = wanted.sigmas(own.information(80, flight.issued, BODY.values[None]).sum(1))[0]
+    np.testing.assert_allclose(sigmas, np.sqrt(np.diag(cramerrao.cramer_rao(planned, flight, 0)[0])), rtol=1e-3)
+    assert least < sigmas[9] / BODY.mass < most
+
+
+@pytest.mark.thorough
+@pytest.mark.seeds
+def test_a_precision_that_stored_momentum_makes_possible_is_planned(folder: Path) -> None:
+    asked = Asked(precise("mass 5 %"), max_time_s=4.0, off=all_but("divert_x", "roll", "pitch"))
+    made = flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None, turning_wheel(300.0))
+    assert made.plan.reached
+    ratio, errors, _ = flown(made, [4])
+    assert ratio[0, 9] == pytest.approx(1.0, abs=0.1)
+    assert abs(errors[0, 9]) < 4.5
+
+
 @pytest.mark.thorough
 @pytest.mark.seeds
 def test_a_precision_out_of_reach_exits_4_with_the_best_and_what_limits_it(folder: Path) -> None:
