@@ -9,6 +9,7 @@ from massprop_cli import QUANTITIES, UNITS, __version__
 from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.plan import limiting
 from massprop_cli.plan import limits as limited
 from massprop_cli.plan.choose import Criterion, PlanGoal
 from massprop_cli.plan.planner import Planned, Stretch
@@ -110,10 +111,10 @@ def document(
         guess=rehearsal.source,
         bodies=len(wanted.bodies),
         criterion=criterion,
-        duration_s=round(found.cycles * period, 9),
+        duration_s=found.duration_s,
         max_time_s=max_time_s,
         reached=found.reached,
-        limited_by="" if found.reached else _limited_by(found, quantities, rehearsal, ever, max_time_s),
+        limited_by="" if found.reached else _limited_by(found, quantities, rehearsal, ever),
         quantities=quantities,
         timeline=[_stretch(stretch, found, last, period) for stretch in found.stretches],
         limits={
@@ -164,22 +165,18 @@ def _course(found: Planned, sums: Array, sizes: Array, period: float) -> dict[st
     return {"time_s": [round((k + 1) * period, 9) for k in chosen], "course": course}
 
 
-def _limited_by(found: Planned, quantities: dict[str, QuantityItem], rehearsal: Rehearsal, ever: Array, max_time_s: float) -> str:
+def _limited_by(found: Planned, quantities: dict[str, QuantityItem], rehearsal: Rehearsal, ever: Array) -> str:
+    """One sentence on the worst quantity; ``ever`` (10,) are the sigmas after all time."""
     name, item = max(((n, q) for n, q in quantities.items() if q.ratio is not None), key=lambda pair: pair[1].ratio or 0.0)
     ratio, i = item.ratio or 0.0, QUANTITIES.index(name)
-    best = f"{name} comes to ± {item.worst_sigma:.3g} {item.unit} in {max_time_s:g} s at worst, {ratio:.3g} times what is wanted"
+    best = f"{name} comes to ± {item.worst_sigma:.3g} {item.unit} in {found.duration_s:g} s at worst, {ratio:.3g} times what is wanted"
     if item.told == "by no motion of this vehicle":
         return f"{name} can be estimated by no motion of this vehicle ({', '.join(rehearsal.axes)} can be driven)"
     if ever[i] > (item.wanted_sigma or 0.0):
-        key = "thrust.scale_sigma" if rehearsal.vehicle.thrust.scale_sigma and not rehearsal.by_wheels else "the information of all motions"
+        told = rehearsal.vehicle.thrust.scale_sigma and not rehearsal.by_wheels
+        key = "thrust.scale_sigma" if told else "the information of all motions"
         return f"{best}; {key} keeps it above ± {ever[i]:.3g} {item.unit} however long it lasts: weigh the vehicle ([known]) or want less"
-    impulse = found.limits.get("impulse_n_s")
-    if impulse is not None and impulse - found.used["impulse_n_s"] < min(one.used["impulse_n_s"] for one in found.tried):
-        return f"{best} with {impulse:g} N s; about {impulse * ratio**2:.3g} N s would reach it (--max-impulse)"
-    share = {key: found.used[key] / limit for key, limit in found.limits.items() if key != "impulse_n_s"}
-    gentle = any(stretch.motion.level < 1 for stretch in found.stretches)
-    by = f" with the limit on the {limited.NAMES[max(share, key=lambda key: share[key])]}" if share and gentle else ""
-    return f"{best}{by}; about {max_time_s * ratio**2:.3g} s would reach it (--max-time)"
+    return best + limiting.remedy(found, ratio)
 
 
 def scenario_toml(found: Planned, rehearsal: Rehearsal, name: str) -> str:

@@ -67,6 +67,8 @@ def make(vehicle: Path, guess_file: Path | None, asked: Asked, say: Say, assignm
         found = _widened(flown, found)
         if not found.reached:
             found = _widened(flown, planner.plan(flown, replace(order, wanted=found.wanted), say))
+    if not found.reached:
+        found = replace(found, any_impulse=_any_impulse(flown, replace(order, wanted=found.wanted), say))
     if guessed.file.body.breaks_triangle and source.vehicle.environment.kind != "planar":
         notes.append("the guess breaks the triangle inequality of principal moments, which no real body does; look at its units and signs")
     if source.vehicle.spinning and not flown.by_wheels:
@@ -100,6 +102,17 @@ def _order(flown: Rehearsal, guessed: guess.Guess, asked: Asked) -> Order:
         raise InputError(f"--max-wheel-speed {fastest:g}: a wheel begins with {begun:g} rad/s; allow more, or begin slower")
     steady = STEADY * flown.vehicle.convergence.count + least
     return Order(wanted, limits.allowed(flown.vehicle, asked.limits), cycles, asked.criterion, min(steady, cycles))
+
+
+def _any_impulse(flown: Rehearsal, order: Order, say: Say) -> Planned | None:
+    """The plan without the limit on the impulse; None where there is no such limit, or no plan that keeps the others."""
+    others = {name: limit for name, limit in order.limits.items() if name != "impulse_n_s"}
+    if len(others) == len(order.limits):
+        return None
+    try:
+        return planner.plan(flown, replace(order, limits=others), say)
+    except InputError:
+        return None
 
 
 def _widened(flown: Rehearsal, found: Planned) -> Planned:

@@ -55,7 +55,15 @@ class Planned:
     used: dict[str, float]
     limits: dict[str, float]
     tried: tuple[Tried, ...]
+    period_s: float
     reached: bool
+    any_impulse: "Planned | None" = None
+    """Where it is not reached: the plan without the limit on the impulse, which shows what that limit costs."""
+
+    @property
+    def duration_s(self) -> float:
+        """Of the whole plan."""
+        return round(self.cycles * self.period_s, 9)
 
     @property
     def segments(self) -> list[Segment]:
@@ -180,8 +188,9 @@ def _whole(rehearsal: Rehearsal, order: Order, tried: Sequence[Tried], block: in
         worst = float(found.ratios()[-1].max())
         if worst <= ENOUGH or len(chosen) >= most or not fits([*chosen, cheapest]):
             break
-        # information grows with the time
-        upto, enough = min(most, max(len(chosen) + 1, round(len(chosen) * (worst / ENOUGH) ** 2 + 0.5))), 0.0
+        # information grows with the time; the last attempt takes all of it
+        longer = max(len(chosen) + 1, round(len(chosen) * (worst / ENOUGH) ** 2 + 0.5))
+        upto, enough = most if attempt == ROUNDS - 2 else min(most, longer), 0.0
     return _cut(rehearsal, order, found)
 
 
@@ -205,7 +214,9 @@ def _flown(rehearsal: Rehearsal, order: Order, tried: Sequence[Tried], chosen: S
         told[0] = np.concatenate([told[:1], again]).mean(0)
     # an estimate begins with the first cycle whose command is known
     told[:, : int(np.ceil(rehearsal.delay_cycles))] = 0.0
-    return Planned(tuple(stretches), cycles, order.wanted, told, used, order.limits, tuple(tried), reached=False)
+    return Planned(
+        tuple(stretches), cycles, order.wanted, told, used, order.limits, tuple(tried), rehearsal.vehicle.cycle.period_s, reached=False
+    )
 
 
 def _cut(rehearsal: Rehearsal, order: Order, found: Planned) -> Planned:

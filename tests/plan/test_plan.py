@@ -355,7 +355,11 @@ def test_a_vehicle_that_can_not_hold_its_roll_is_planned_with_what_it_can_do(fol
 @pytest.mark.parametrize(
     ("asked", "said", "option"),
     [
-        (Asked(precise("mass 1 %"), 1.0, limits={"impulse_n_s": 0.5}, off=all_but("divert_x")), "with 0.5 N s; about ", "(--max-impulse)"),
+        (
+            Asked(precise("mass 1 %"), 1.0, limits={"impulse_n_s": 0.5}, off=all_but("divert_x")),
+            "with 0.5 N s; about ",
+            "(--max-impulse, --max-time)",
+        ),
         (
             Asked(precise("mass 1 %"), 1.0, limits={"travel_m": 1e-3}, off=all_but("divert_x", "divert_y")),
             "with the limit on the travel; about ",
@@ -368,6 +372,23 @@ def test_the_limit_that_keeps_a_precision_from_being_reached_is_named(asked: Ask
     assert said in made.plan.limited_by
     assert made.plan.limited_by.endswith(option)
     assert all(item.allowed is None or item.used <= item.allowed for item in made.plan.limits.values())
+
+
+def test_the_impulse_that_is_named_reaches_the_precision(folder: Path) -> None:
+    """Two pairs of jets, a rate limit far off: 1 N s tells the mass half as well as is wanted, and no time but impulse tells it better."""
+    wants, off, slow = precise("mass 10 %"), all_but("divert_x", "divert_y"), {"rate_rad_s": 2.0}
+
+    def planned(impulse_n_s: float) -> WrittenPlan:
+        asked = Asked(wants, 2.0, limits=slow | {"impulse_n_s": impulse_n_s}, off=off)
+        return flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None)
+
+    short = planned(1.0).plan
+    found = re.search(r"in ([\d.]+) s at worst, ([\d.]+) times .* with 1 N s; about ([\d.]+) N s would reach it", short.limited_by)
+    assert found is not None
+    assert float(found[1]) == short.duration_s
+    assert short.quantities["mass"].ratio == pytest.approx(float(found[2]), rel=5e-3)
+    assert 1 < float(found[3]) < 1.5 * float(found[2]) ** 2
+    assert planned(float(found[3])).plan.reached
 
 
 @pytest.mark.thorough
