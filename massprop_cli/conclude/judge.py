@@ -243,7 +243,12 @@ def _at_origin(found: Analysis, i: int, conclusion: Conclusion) -> bool:
     place, sigmas = (part[6:9] for part in (found.conclusions[i].values, found.conclusions[i].sigmas))
     size = float(found.settled[i].natural_sizes[QUANTITIES.index("cg_x")])
     told = all(conclusion.estimates[name].verdict == "converged" for name in CG)
-    return told and bool((np.abs(place) < AT_ORIGIN[0] * sigmas).all() and np.linalg.norm(place) < AT_ORIGIN[1] * size)
+    return told and near_origin(place, sigmas, size)
+
+
+def near_origin(place: Array, sigmas: Array, size: float) -> bool:
+    """Whether a CG (3,) is at O as far as its sigmas tell, in a vehicle of this natural size, m."""
+    return bool((np.abs(place) < AT_ORIGIN[0] * sigmas).all() and np.linalg.norm(place) < AT_ORIGIN[1] * size)
 
 
 def _physical(conclusions: Sequence[Conclusion]) -> list[Notice]:

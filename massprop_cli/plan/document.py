@@ -5,9 +5,11 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
-from massprop_cli import QUANTITIES, UNITS, __version__
+from massprop_cli import CG, QUANTITIES, UNITS, __version__
 from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
+from massprop_cli.conclude.judge import near_origin
+from massprop_cli.conclude.reason import Reason
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan import limiting
 from massprop_cli.plan import limits as limited
@@ -25,6 +27,8 @@ POINTS = 200
 TEACHES = 1.02
 """A stretch teaches a quantity whose sigma were so many times as large without it."""
 FOREVER = 1e6
+UNREACHED = {"told": "not by this plan", "ratio": None, "reached_at_s": None}
+"""Of a quantity that an estimate of the plan's own log does not give."""
 
 
 class QuantityItem(Item):
@@ -36,11 +40,13 @@ class QuantityItem(Item):
     worst_sigma: float = Field(description="the largest over the bodies that it may be")
     wanted: str | None = Field(description='as it was stated, "2%"; null where nothing is wanted')
     wanted_sigma: float | None = Field(description="of the body that is guessed, in the unit")
-    ratio: float | None = Field(description="the worst over all bodies of predicted over wanted sigma: 1 or less is reached")
+    ratio: float | None = Field(
+        description="the worst over all bodies of predicted over wanted sigma: 1 or less is reached; null where the log gives no value"
+    )
     reached_at_s: float | None = Field(description="when it is reached with every body; null where it is not")
     longer: dict[str, float] = Field(description="sigma if every stretch lasted so many times as long")
     told: Literal["well", "not by this plan", "by no motion of this vehicle"] = Field(
-        description="whether the sigma is below half the natural size, or any motion could make it so"
+        description="whether the sigma is below half the natural size and an estimate gives the value, or any motion could make it so"
     )
 
 
@@ -103,6 +109,11 @@ def document(
         )
         for i, name in enumerate(QUANTITIES)
     }
+    hidden = _hidden(wanted.bodies[0], last[0], quantities, rehearsal)
+    quantities |= {name: quantities[name].model_copy(update=UNREACHED) for name in hidden}
+    unreached = [name for name in hidden if quantities[name].wanted]
+    reached = found.reached and not unreached
+    why = f"will not converge: {Reason.of('wrench-point-untold')}"
     return PlanFile(
         schema="massprop/plan/1",
         massprop=__version__,
@@ -113,8 +124,8 @@ def document(
         criterion=criterion,
         duration_s=found.duration_s,
         max_time_s=max_time_s,
-        reached=found.reached,
-        limited_by="" if found.reached else _limited_by(found, quantities, rehearsal, ever),
+        reached=reached,
+        limited_by="" if reached else f"{', '.join(unreached)} {why}" if unreached else _limited_by(found, quantities, rehearsal, ever),
         quantities=quantities,
         timeline=[_stretch(stretch, found, last, period) for stretch in found.stretches],
         limits={
@@ -122,8 +133,15 @@ def document(
         },
         **_course(found, sums, sizes, period),
         beyond_bound={name: float(factor) for name, factor in zip(QUANTITIES, wanted.beyond, strict=True) if factor > 1},
-        notes=notes,
+        notes=[*notes, *([f"{', '.join(hidden)} {why}"] if hidden else [])],
     )
+
+
+def _hidden(body: Array, sigmas: Array, quantities: dict[str, QuantityItem], rehearsal: Rehearsal) -> list[str]:
+    """The CG, where an estimate of the plan's own log will not say whether it is at O."""
+    own = [QUANTITIES.index(name) for name in CG]
+    told = all(quantities[name].told == "well" for name in CG)
+    return [*CG] if rehearsal.point_untold and told and near_origin(body[own], sigmas[own], natural_sizes(body)[own[0]]) else []
 
 
 def _quantity(

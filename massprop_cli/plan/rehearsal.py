@@ -83,6 +83,12 @@ class Rehearsal:
         return turned_by_wheels_alone(self.vehicle, self.guess.file.actuators)
 
     @property
+    def point_untold(self) -> bool:
+        """Whether commanded torques may be about O or about the CG: nothing states it."""
+        commanded = not (self.vehicle.jets or self.vehicle.rotors or self.by_wheels)
+        return commanded and "wrench_point_m" not in self.vehicle.thrust.model_fields_set
+
+    @property
     def delay_cycles(self) -> float:
         """From command to execution."""
         own = self.guess.file.actuators.delay_cycles
