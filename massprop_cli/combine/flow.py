@@ -12,7 +12,7 @@ import numpy as np
 from massprop_cli import __version__
 from massprop_cli.base import escape, files
 from massprop_cli.base.errors import InputError
-from massprop_cli.combine import logs, pivot, twice
+from massprop_cli.combine import assumed, logs, pivot, twice
 from massprop_cli.combine.joint import backwards, docked_object
 from massprop_cli.combine.phase import Part, Phased, by_object, gathered, together_phase
 from massprop_cli.diagnosis.preprocessing import Ready
@@ -142,7 +142,7 @@ def _result(recorded: Sequence[Recorded], names: Sequence[str], found: Sequence[
         "expectations": None,
         "low_passes": [],
         "mended": [],
-        "assumptions": [],
+        "assumptions": assumed.together(found),
         "warnings": [*notes, *told],
     }
     return Result.model_validate(first.model_copy(update=update).model_dump(by_alias=True))

@@ -70,6 +70,7 @@ class Phased(NamedTuple):
     notes: list[WarningItem]
     explained: frozenset[str]
     """Labels of results whose logs were fitted at once and are explained by their stated noise."""
+    parts: Sequence[Part]
 
 
 def piece(label: str, vehicle: VehicleInfo, phase: PhaseItem, alike: Array | None = None) -> Piece:
@@ -136,7 +137,7 @@ def phased(of: Gathered) -> Phased:
         alike=found.alike[: 9 if vehicle.environment == "pedestal" else 10].tolist() if found.alike.any() else [],
     )
     explained = frozenset(part.label for part, odd in zip(parts, found.strange, strict=False) if not odd)
-    return Phased(item, notes, explained)
+    return Phased(item, notes, explained, parts)
 
 
 def by_object(before: Gathered, after: Gathered, text: str) -> tuple[list[Phased], DockedObject]:

@@ -20,6 +20,7 @@ MISSING = (
     "This figure needs history.parquet, which is missing beside result.json or was written by another version. "
     "Make the result again with massprop estimate, and the report from its folder."
 )
+OF_LOGS = "This result is of several logs together and has no course in time: figures of fit, commands and response are those of each log."
 OF_PHASE = ("inertia", "cg", "mass", "settling")
 OF_FIT = ("rate-fit", "force-fit", "whiteness", "command-fit", "innovations")
 STACKED = ("rate-fit", "force-fit")
@@ -95,10 +96,11 @@ def _report(recorded: Recorded) -> Mapping[str, Any]:
         "fits": checks.verdict(held),
         "assumptions": assumptions,
         "mended": mended,
-        "fit": [_figure(name, recorded, name) for name in OF_FIT],
+        "fit": _figures(OF_FIT, recorded, ""),
+        "joint": OF_LOGS if recorded.joint else "",
         "stacked": STACKED,
         "expectations": _figure("expectations", recorded, "expectations") if any(table.has("expected") for table in tables) else None,
-        "signals": [_figure(name, recorded, name) for name in OF_LOG],
+        "signals": _figures(OF_LOG, recorded, ""),
         "delay": timing.rows(result),
         "settings": settings(result),
         "verdicts": view.signs(tables),
@@ -132,10 +134,9 @@ def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.Quantit
         "note": item.physical.note,
         "nearest": matrices.nearest(item),
         "ellipsoid": _figure("ellipsoid", recorded, f"ellipsoid{number}", item.name),
-        "excitation": _figure("excitation", recorded, f"excitation{number}", item.name),
-        "correlation": _figure("correlation", recorded, f"correlation{number}", item.name),
+        "pair": _figures(("excitation", "correlation"), recorded, str(number), item.name),
         "correlations": _correlations(item.covariance),
-        "against_time": [_figure(name, recorded, f"{name}{number}", item.name) for name in OF_PHASE],
+        "against_time": _figures(OF_PHASE, recorded, str(number), item.name),
         "checks": [
             *(checks.innovations(item.innovations) if item.innovations else []),
             *(checks.cross_validation(item.cross_validation) if item.cross_validation else []),
@@ -162,6 +163,12 @@ def _correlations(covariance: Matrix) -> list[tuple[str, list[str]]]:
     """A row for each quantity."""
     found = correlation.correlation(covariance)
     return [(vocabulary.SYMBOLS[name], [correlation.written(v) for v in row]) for name, row in zip(QUANTITIES, found, strict=True)]
+
+
+def _figures(names: Sequence[str], recorded: Recorded, number: str, phase: str | None = None) -> list[Figure]:
+    """Those that the result can have: one of several logs has none against time."""
+    kept = [name for name in names if name in figures.WITHOUT_TIME or not recorded.joint]
+    return [_figure(name, recorded, f"{name}{number}", phase) for name in kept]
 
 
 def _figure(name: str, recorded: Recorded, prefix: str, phase: str | None = None) -> Figure:
