@@ -6,7 +6,7 @@ from massprop_cli.conclude.reason import HARDLY_INFORMED, NOT_WHITE
 from massprop_cli.conclude.verdict import WANTED, Verdict
 from massprop_cli.inputs.equipment import EnvironmentKind
 from massprop_cli.result.judge import contradiction, parts
-from massprop_cli.result.schema import EstimateItem, PhaseItem, Result
+from massprop_cli.result.schema import EstimateItem, PhaseItem, Result, VehicleInfo
 
 SYMBOLS = {
     "ixx": "Ixx", "ixy": "Ixy", "ixz": "Ixz", "iyy": "Iyy", "iyz": "Iyz", "izz": "Izz",
@@ -70,6 +70,21 @@ def conventions(result: Result) -> list[str]:
     return [*lines, thrust_scale(result)]
 
 
+def pushed_by(vehicle: VehicleInfo) -> str:
+    """Jets, rotors, or torque and force; empty where nothing from outside moves the vehicle."""
+    jets, rotors = len(vehicle.jets), len(vehicle.rotors)
+    if vehicle.commands == "jets":
+        return f"{jets} jet{'s' * (jets > 1)}" if jets else ""
+    return f"{rotors} rotor{'s' * (rotors > 1)}" if rotors else "torque and force"
+
+
+def commands(vehicle: VehicleInfo) -> str:
+    """By what the vehicle is commanded."""
+    stored = f"the momentum stored in {', '.join(vehicle.wheels)}" if vehicle.wheels else ""
+    by = [each for each in (pushed_by(vehicle), stored) if each]
+    return f"commands by {' and by '.join(by)}" if by else "no commands"
+
+
 SAME_THRUST = (
     "The docked object's values are differences, and thrust is taken to be the same before and after docking: 1 % less of it after makes "
     "them larger by 1 % of the combined body's."
@@ -85,10 +100,11 @@ def _thrust_scale(result: Result) -> str:
     vehicle = result.vehicle
     if result.provenance.method == "thesis":
         return "Sigmas of the thesis's filters are its “precision”: they shrink with noise alone and are no errors."
-    if vehicle.wheels and all(phase.estimates["mass"].verdict == "unobservable" for phase in result.phases):
+    if vehicle.wheels and (not pushed_by(vehicle) or all(phase.estimates["mass"].verdict == "unobservable" for phase in result.phases)):
         return "Inertia has its scale from stored momentum, as the vehicle file states it."
     if vehicle.wheels:
-        return "Inertia and mass have their scale from stored momentum and from the thrust; what the log shows of both is in every sigma."
+        scaled = "Inertia has its" if vehicle.environment == "pedestal" else "Inertia and mass have their"
+        return f"{scaled} scale from stored momentum and from the thrust; what the log shows of both is in every sigma."
     if vehicle.commands == "jets" and not vehicle.jets:
         return "Nothing turns this body but its weight: a swing tells ratios, and their size rests on what is known."
     said = (

@@ -8,7 +8,7 @@ from massprop_cli.conclude.reason import HARDLY_INFORMED
 from massprop_cli.inputs.expect import Expectations, Wanted
 from massprop_cli.inputs.tolerance import FOUR_SIGMA, Tolerance
 from massprop_cli.inputs.tolerancefile import Gate
-from massprop_cli.report import difference, digits, terminal
+from massprop_cli.report import difference, digits, terminal, vocabulary
 from massprop_cli.result.compare import compare
 from massprop_cli.result.judge import judge
 from massprop_cli.result.schema import Result
@@ -40,6 +40,32 @@ def test_expectations_stand_beside_the_values_with_a_sign() -> None:
 
 def test_without_expectations_there_are_no_columns_for_them() -> None:
     assert cells(printed(recorded.result()), "mass") == ["mass", "22.00", "0.25", "kg", "converged", "12.50 s"]
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "said", "scale"),
+    [
+        ({"jets": ["a", "b"]}, "commands by 2 jets", "Mass and inertia are proportional to the thrust that the vehicle file states"),
+        (
+            {"jets": ["a"], "wheels": ["x", "y"]},
+            "commands by 1 jet and by the momentum stored in x, y",
+            "Inertia and mass have their scale from stored momentum and from the thrust",
+        ),
+        (
+            {"jets": ["a"], "wheels": ["x"], "environment": "pedestal"},
+            "commands by 1 jet and by the momentum stored in x",
+            "Inertia has its scale from stored momentum and from the thrust",
+        ),
+        ({"jets": [], "wheels": ["x"]}, "commands by the momentum stored in x", "Inertia has its scale from stored momentum, as the"),
+        ({"commands": "wrench", "jets": []}, "commands by torque and force", "Mass and inertia are proportional to the thrust"),
+        ({"jets": []}, "no commands", "Nothing turns this body but its weight"),
+    ],
+)
+def test_what_commands_a_vehicle_is_what_gives_its_inertia_the_scale(vehicle: dict[str, object], said: str, scale: str) -> None:
+    found = recorded.result()
+    found = found.model_copy(update={"vehicle": found.vehicle.model_copy(update=vehicle)})
+    assert vocabulary.commands(found.vehicle) == said
+    assert vocabulary.thrust_scale(found).startswith(scale)
 
 
 @pytest.mark.parametrize("width", [20, 40, 79, 80, 100])

@@ -7,12 +7,13 @@ import numpy as np
 
 from massprop_cli.base.arrays import TINY, Array
 from massprop_cli.base.escape import line
+from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import LENGTH, Axes, Panel, Picture
 from massprop_cli.report.figures.recording import Covered, covered, extent
 from massprop_cli.result.historyfile import EXECUTED
 from massprop_cli.result.read import Recorded
-from massprop_cli.result.schema import Result
+from massprop_cli.result.schema import Result, VehicleInfo
 
 BINS = 240
 """Parts of the time axis; each shows the share of it that a jet pushed."""
@@ -30,7 +31,7 @@ def picture(recorded: Recorded) -> Picture:
         + (f"Red with an arrow: {', '.join(line(jet, 40) for jet in found)}, which a warning names. " if found else "")
         + f"Each mark is the mean over 1/{BINS} of the time."
     )
-    return Picture(caption, (_panel(jets, parts, found),), 1)
+    return Picture(caption, (_panel(recorded.result.vehicle, parts, found),), 1)
 
 
 def named(result: Result) -> list[str]:
@@ -51,7 +52,8 @@ def shares(parts: Sequence[Covered], jet: str, edges_s: Array) -> Array:
     return np.asarray(pushed / np.maximum(lasted, TINY) * (lasted > 0))
 
 
-def _panel(jets: list[str], parts: list[Covered], found: list[str]) -> Panel:
+def _panel(vehicle: VehicleInfo, parts: list[Covered], found: list[str]) -> Panel:
+    jets, told = vehicle.jets, vocabulary.commands(vehicle)
     edges = np.linspace(*extent(parts), BINS + 1)
     rows = [np.clip(shares(parts, jet, edges), 0.0, 1.0) for jet in jets]
 
@@ -60,7 +62,7 @@ def _panel(jets: list[str], parts: list[Covered], found: list[str]) -> Panel:
         axis.title(axes, "Thrust of each jet [part of full]")
         if not jets:
             axes.set_yticks([])
-            axis.note(axes, "commands are torque and force")
+            axis.note(axes, told)
             return
         for row, (jet, share) in enumerate(zip(jets, rows, strict=True)):
             colour = palette.RED if jet in found else palette.BLUE
@@ -80,6 +82,9 @@ def _panel(jets: list[str], parts: list[Covered], found: list[str]) -> Panel:
         axis.phases(axes, [phase for _, phase, _ in parts])
 
     busiest = sorted(zip((float(share.mean()) for share in rows), jets, strict=True), reverse=True)[:3]
-    told = f"busiest: {', '.join(f'{line(jet, 40)} {share:.0%}' for share, jet in busiest)}" if jets else "commands are torque and force"
-    says = f"Thrust of each of {len(jets)} jets against time; {told}{f'; named by a warning: {chr(44).join(found)}' if found else ''}"
+    if jets:
+        told = f"Thrust of each of {len(jets)} jets against time; busiest: " + ", ".join(
+            f"{line(jet, 40)} {share:.0%}" for share, jet in busiest
+        )
+    says = f"{told}{f'; named by a warning: {chr(44).join(found)}' if found else ''}"
     return Panel("firing", says, paint, (LENGTH * 1.5, ROW * max(len(jets), 6) + 0.85))
