@@ -26,6 +26,17 @@ def test_views_of_an_ellipsoid_have_one_scale(flyer: Recorded) -> None:
     assert scales == pytest.approx([scales[0]] * 8, rel=1e-6)
 
 
+@pytest.mark.parametrize("view", ["top", "side", "front"])
+def test_no_letter_of_a_body_axis_hides_the_number_of_a_principal_axis(view: str, flyer: Recorded) -> None:
+    """A letter or number is 0.13 inches wide, on a circle of paper."""
+    (panel,) = (panel for panel in figures.picture("ellipsoid", flyer).panels if panel.key.startswith(view))
+    (axes,) = canvas._figure([panel], 1, "").axes
+    at = {text.get_text(): axes.transData.transform(text.get_position()) / axes.figure.dpi for text in axes.texts}
+    numbers = sorted(set(at) & {"1", "2", "3"})
+    assert numbers == {"top": ["1", "3"], "side": ["1", "2"], "front": ["2", "3"]}[view]
+    assert min(np.linalg.norm(at[one] - at[other]) for one in numbers for other in at if other != one) > 0.13
+
+
 def test_correlation_is_covariance_over_sigmas() -> None:
     covariance: list[list[float | None]] = [[0.0] * 10 for _ in range(10)]
     for i in range(10):

@@ -89,6 +89,16 @@ def test_how_estimates_settled_is_the_history_on_a_logarithmic_scale(flyer: Reco
         assert drawn(svg, axes, f"{name}-tolerance-1")[:, 1] == pytest.approx(np.log10(allowed), abs=0.01)
     assert b'id="axes-settling_mass-1" data-x' in svg
     assert svg.count(b'data-log=""') == 10
+    # five beside each other on a page of 1200 px, 96 to the inch: text is as large as it is drawn
+    assert {panel.size[0] * 96 for panel in figures.picture("settling", flyer).panels} == {1200 / 5}
+
+
+def test_a_caption_names_the_mark_of_an_expectation_only_where_there_is_one(flyer: Recorded) -> None:
+    wanted = {"value": 21.7, "tolerance": 0.5, "stated": "0.5", "met": True, "difference": 0.03, "sigmas": 0.1}
+    held = changed(flyer, "mass", {"expected": wanted})
+    assert "Green" not in figures.picture("mass", flyer).caption
+    assert "Green on the right: the expected value" in figures.picture("mass", held).caption
+    assert "Green" not in figures.picture("inertia", held).caption
 
 
 def test_all_expectations_stand_in_one_figure_in_tolerances(flyer: Recorded) -> None:

@@ -29,6 +29,8 @@ VIEWS = {
     "front": ("From +X", "YZ", np.eye(3)[[1, 2]]),
 }
 """Name to what it says, the body axes to the right and up, and these two directions (2, 3)."""
+SHORTEST = 0.2
+"""Part of the largest extent, below which a principal axis is too short for its number."""
 _STYLES = ("-", (0, (5, 2)), (0, (1, 1.2)))
 
 
@@ -105,26 +107,31 @@ def _corners(seen: body.Ellipsoid, directions: Array) -> Array:
 def _draw(axes: Axes, seen: body.Ellipsoid, directions: Array, gid: str) -> None:
     centre = _centre(seen, directions)
     edge = centre + outline(seen, directions)
+    placed = _body_axes(axes, directions, 0.45 * float(np.abs(edge - centre).max())) if seen.located else []
     axes.fill(edge[:, 0], edge[:, 1], facecolor=palette.BLUE, alpha=0.16, linewidth=0)
     axes.plot(edge[:, 0], edge[:, 1], color=palette.BLUE, gid=gid.format("outline"))
     for i in range(3):
         reach = directions @ (seen.axes[:, i] * seen.semi_axes[i])
         ends = np.array([centre - reach, centre + reach])
         axes.plot(ends[:, 0], ends[:, 1], color=palette.ORANGE, linestyle=_STYLES[i], linewidth=1.0)
-        if np.linalg.norm(reach) > 0.25 * np.abs(edge - centre).max():
-            _label(axes, ends[1], f"{i + 1}", palette.ORANGE)
+        if np.linalg.norm(reach) > SHORTEST * np.abs(edge - centre).max():
+            placed.append(max(ends[::-1], key=lambda end: min([float(np.linalg.norm(end - one)) for one in placed], default=0.0)))
+            _label(axes, placed[-1], f"{i + 1}", palette.ORANGE)
     axes.plot(*centre, marker="o", markersize=4, color=palette.INK, linestyle="")
     if seen.located:
         axes.plot(0, 0, marker="+", markersize=8, markeredgewidth=1.4, color=palette.GREEN, linestyle="")
-        _body_axes(axes, directions, 0.45 * float(np.abs(edge - centre).max()))
 
 
-def _body_axes(axes: Axes, directions: Array, length: float) -> None:
+def _body_axes(axes: Axes, directions: Array, length: float) -> list[Array]:
+    """Drawn from O; where their letters are, which no number of a principal axis is to hide."""
+    placed = []
     for i, letter in enumerate("XYZ"):
         tip = directions[:, i] * length
         if np.linalg.norm(tip) > 0.05 * length:
             axes.plot([0, tip[0]], [0, tip[1]], color=palette.GREEN, linewidth=1.2)
-            _label(axes, 1.18 * tip, letter, palette.GREEN)
+            placed.append(1.18 * tip)
+            _label(axes, placed[-1], letter, palette.GREEN)
+    return placed
 
 
 def _sections(axes: Axes, seen: body.Ellipsoid, directions: Array) -> None:

@@ -33,9 +33,10 @@ def _caption(recorded: Recorded, names: Sequence[str], parts: list[Covered]) -> 
     sigma = "the thesis's “precision”, which is no error" if recorded.result.provenance.method == "thesis" else "one standard deviation"
     text = (
         f"Line: the estimate after each cycle; band: ± sigma, {sigma}; point with bars: the reported value; dashed upright line: final "
-        "from there on. The range fits the settled part; where sigma exceeds it, nothing is drawn. Green on the right: what was expected, "
-        "with its tolerance."
+        "from there on. The range fits the settled part; where sigma exceeds it, nothing is drawn."
     )
+    if any(phase.estimates[name].expected is not None for name in names for _, phase, _ in parts):
+        text += " Green on the right: the expected value, with its tolerance."
     if any(phase.estimates[name].verdict == "contradicted" for name in names for _, phase, _ in parts):
         text += " Red with a cross: contradicted, the band does not hold."
     cuts = [(vocabulary.SYMBOLS[name], phase.name, cut_off_s(name, phase, columns)) for name in names for _, phase, columns in parts]

@@ -14,6 +14,9 @@ from massprop_cli.report.figures.series import parts_of, thin
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import PhaseItem, Result
 
+SIZE = 2.5, 2.0
+"""Inches: five stand side by side in a page, with text as large as that of other figures."""
+
 
 def picture(recorded: Recorded) -> Picture:
     """A panel for each quantity and phase."""
@@ -53,7 +56,7 @@ def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: 
     told = np.isfinite(value) & np.isfinite(sigma)
     away = np.abs(value - value[told][-1]) if told.any() else np.full_like(value, np.nan)
     allowed = tolerance(name, phase, result)
-    heading = f"{vocabulary.SYMBOLS[name]}{f', {line(phase.name, 14)}' if several else ''}: away from the end"
+    heading = f"{vocabulary.SYMBOLS[name]}{f', {line(phase.name, 14)}' if several else ': away from the end'}"
 
     def paint(axes: Axes) -> None:
         axis.time(axes, axis.beginning(phase, time_s), time_s[-1])
@@ -76,7 +79,7 @@ def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: 
     size = "" if allowed is None else f", tolerance {allowed:.2g} {item.unit}"
     ends = f"sigma from {np.nanmax(sigma[told]):.2g} to {sigma[told][-1]:.2g} {item.unit}" if told.any() else "nothing can be said"
     says = f"{vocabulary.SYMBOLS[name]}, phase {line(phase.name)}, distance from its end and sigma against time, logarithmic: {ends}{size}"
-    return Panel(f"settling_{name}-{number}", says, paint, logarithmic=True)
+    return Panel(f"settling_{name}-{number}", says, paint, SIZE, logarithmic=True)
 
 
 def _logarithm(values: Array) -> Array:
