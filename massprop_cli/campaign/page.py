@@ -1,6 +1,6 @@
 """The page of a campaign: logs to sort and filter (a plain table without scripts), and pooled values. Same campaign, same bytes."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 from urllib.parse import quote
@@ -22,6 +22,8 @@ _CONTRADICTED, _WARNED = (vocabulary.SIGNS["contradicted"], "contradicted"), ("â
 """Sign and mark of a log that is done and yet in doubt."""
 _MINOR = ("long-interval", "records-lost", "outliers", "disturbance-torque", "gyro-misfit", "accelerometer-misfit", "noise-floor")
 """Warnings of how a log was read and its noise sized: others matter more."""
+FEW = 3
+"""Names that a sentence has."""
 _UNLIKELY = 1e-3
 """A scatter or a trend with a smaller chance than this is pointed out; 3.3 sigma."""
 
@@ -85,7 +87,20 @@ def counts(found: Summary) -> str:
     said += [f"{found.contradicted} contradicted by the vehicle file"] if found.contradicted else []
     codes = ", ".join(f"{code} {count}" for code, count in found.warnings.items())
     said += [f"{found.warned} with warnings ({codes})"] if found.warned else []
-    return "; ".join(said)
+    return "; ".join([*said, *_copies(found.copies)])
+
+
+def _copies(copies: Mapping[str, str]) -> list[str]:
+    """Of each recording that several logs have: these, and that it counts once."""
+    found: dict[str, list[str]] = {}
+    for name, first in copies.items():
+        found.setdefault(first, []).append(name)
+    said = []
+    for first, names in found.items():
+        more = f" and {len(names) - FEW} more" if len(names) > FEW else ""
+        one = len(names) == 1
+        said.append(f"{', '.join(names[:FEW])}{more} {'has' if one else 'have'} the recording of {first}: counted once in pooled values")
+    return said
 
 
 def told_of(row: CampaignRow) -> str:

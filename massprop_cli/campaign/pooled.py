@@ -19,7 +19,7 @@ With weights w_i = 1/u_i² and W = Σ w_i:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from typing import Any, Literal, NamedTuple
 
@@ -88,7 +88,12 @@ class Pool(OutcomePart):
 
 def pooled(rows: Iterable[CampaignRow]) -> list[Pool]:
     """By vehicle, method and part, in the order in which they first appear; of what two logs at least tell."""
-    pools = [_pool(key, group) for key, group in grouped(rows).items() if len(group.numbers) > 1]
+    return pools_of(grouped(rows))
+
+
+def pools_of(groups: Mapping[Key, Group]) -> list[Pool]:
+    """Of each group of which two logs at least tell something."""
+    pools = [_pool(key, group) for key, group in groups.items() if len(group.numbers) > 1]
     return [found for found in pools if any(quantity.logs > 1 for quantity in found.items.values())]
 
 
@@ -105,25 +110,36 @@ class Group:
     expected: tuple[set[float], ...] = field(default_factory=lambda: tuple(set() for _ in ALL_UNITS))
     """Of each quantity, what any log expects."""
 
-    def without(self, which: set[int]) -> Group:
-        """But for these of its logs."""
-        left = [n for n in range(len(self.numbers)) if n not in which]
-        values = [self.values[n] for n in left]
-        return replace(self, numbers=[self.numbers[n] for n in left], names=[self.names[n] for n in left], values=values)
+    copies: dict[str, str] = field(default_factory=dict)
+    """Logs that are left out by name, and the log before each that is of the same recording."""
+
+    def once(self) -> Group:
+        """But for logs of a recording that stands there before in another file."""
+        again = _again(self.values)
+        left = [n for n in range(len(self.numbers)) if n not in again]
+        return replace(
+            self,
+            numbers=[self.numbers[n] for n in left],
+            names=[self.names[n] for n in left],
+            values=[self.values[n] for n in left],
+            copies=self.copies | {self.names[later]: self.names[first] for later, first in again.items()},
+        )
 
 
 def grouped(rows: Iterable[CampaignRow]) -> dict[Key, Group]:
     """Logs by vehicle and part; a log given twice, in whatever format, counts once, one of the thesis's method, without sigmas, never."""
     groups: dict[Key, Group] = {}
-    seen = set()
+    seen: dict[str | None, str] = {}
     for number, one in enumerate(rows, 1):
         found = one.outcome
-        if found is None or found.vehicle is None or found.method == "thesis" or found.input_sha256 in seen:
+        if found is None or found.vehicle is None or found.method == "thesis":
             continue
-        seen.add(found.input_sha256)
-        stated = found.vehicle
+        stated, first = found.vehicle, seen.setdefault(found.input_sha256, one.name)
         for body in found.bodies:
             group = groups.setdefault(Key(stated.name, stated.environment, stated.bearing_mass_kg, body.part, body.name), Group())
+            if first != one.name:
+                group.copies[one.name] = first
+                continue
             group.numbers.append(number)
             group.names.append(one.name)
             group.files.add(stated.sha256)
@@ -131,21 +147,24 @@ def grouped(rows: Iterable[CampaignRow]) -> dict[Key, Group]:
             group.values.append(np.array([_told(item) for item in items]))
             for alike, item in zip(group.expected, items, strict=True):
                 alike |= {item.expected} if item and item.expected is not None else set()
-    return {key: group.without(_again(group.values)) for key, group in groups.items()}
+    return {key: group.once() for key, group in groups.items()}
 
 
-def _again(values: Sequence[Array]) -> set[int]:
-    """Which of these (19, 4) are of a recording that stands there before in another file."""
+def _again(values: Sequence[Array]) -> dict[int, int]:
+    """Which of these (19, 4) are of a recording that stands there before in another file, and which is the first of it."""
+    if not values:
+        return {}
     whole = np.array(values)
     quantity = int(np.argmax(np.isfinite(whole[:, :, 0]).sum(0)))
     order = [int(i) for i in np.argsort(whole[:, quantity, 0]) if np.isfinite(whole[i, quantity, 0])]
-    found = set()
+    found: dict[int, int] = {}
     for n, one in enumerate(order):
         for other in order[n + 1 :]:
             if whole[other, quantity, 0] - whole[one, quantity, 0] > twice.ALIKE * whole[one, quantity, 1]:
                 break
             if twice.alike(whole[one, :, :2], whole[other, :, :2]):
-                found.add(max(one, other))
+                later, first = max(one, other), min(one, other)
+                found[later] = min(first, found.get(later, first))
     return found
 
 

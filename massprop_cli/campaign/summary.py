@@ -10,7 +10,7 @@ from massprop_cli import ALL_UNITS, QUANTITIES, __version__
 from massprop_cli.base import configfile, escape, exits
 from massprop_cli.base.errors import InputError
 from massprop_cli.campaign.outcome import CampaignRow, CompressedRows, OutcomePart, contradicted
-from massprop_cli.campaign.pooled import Pool, pooled
+from massprop_cli.campaign.pooled import Pool, grouped, pools_of
 
 
 def _held(value: object, validated: ValidatorFunctionWrapHandler) -> object:
@@ -52,6 +52,9 @@ class Summary(OutcomePart):
     warnings: dict[str, int] = Field({}, description="how many logs have a warning of which code, the most frequent first")
     logs: Annotated[Sequence[CampaignRow], WrapValidator(_held), WrapSerializer(lambda rows, serialized: serialized(list(rows)))]
     pooled: list[Pool]
+    copies: dict[str, str] = Field(
+        {}, description="logs of a recording that another log has too, by name, and the first log of it: pooled values count it once"
+    )
     combined: list[CampaignRow] = Field([], description="results of several logs, as the campaign file asks for")
     baseline: Baseline | None = None
 
@@ -67,6 +70,7 @@ def summary(name: str, rows: Sequence[CampaignRow], baseline: Baseline | None = 
         said = set(found.warnings) if found is not None else set()
         warned += bool(said)
         warnings.update(said)
+    groups = grouped(logs)
     every = {*codes, *(row.outcome.exit_code for row in combined if row.outcome is not None)}
     worst = next((code for code in exits.GRAVITY if code in every), 0)
     counted = {"none" if code is None else str(code): codes.count(code) for code in (0, *exits.GRAVITY, None) if code in codes}
@@ -80,7 +84,8 @@ def summary(name: str, rows: Sequence[CampaignRow], baseline: Baseline | None = 
         warned=warned,
         warnings=dict(sorted(warnings.items(), key=lambda one: (-one[1], one[0]))),
         logs=logs,
-        pooled=pooled(logs),
+        pooled=pools_of(groups),
+        copies={name: first for group in groups.values() for name, first in group.copies.items()},
         combined=[*combined],
         baseline=baseline,
     )

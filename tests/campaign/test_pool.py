@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from massprop_cli import QUANTITIES
-from massprop_cli.campaign import baseline, kept, pooled
+from massprop_cli.campaign import baseline, kept, page, pooled
 from massprop_cli.campaign.baseline import Earlier
 from massprop_cli.campaign.outcome import CampaignRow, Outcome, PhaseQuantities, StatedVehicle, Value
 from massprop_cli.campaign.pooled import LogValues
@@ -229,6 +229,22 @@ def row(number: int, mass: float, sigma: float = 0.25, **changes: object) -> Cam
         "bodies": [PhaseQuantities(part="phase", name="all", estimates=estimates)],
     }
     return CampaignRow(name=f"log-{number}", log=f"log-{number}.csv", tags=[], outcome=Outcome.model_validate(stated | changes))
+
+
+def test_logs_of_one_recording_are_named_and_count_once() -> None:
+    """Two by their bytes, one by its values to the last digit; then a log and its copy alone, which pool nothing."""
+    rows = [row(1, 22.0), row(2, 22.1), row(3, 22.0, input_sha256=f"{1:064d}"), row(4, 22.3), row(5, 22.1)]
+    same = rows[1].outcome
+    assert same is not None
+    rows[4] = rows[4].model_copy(update={"outcome": same.model_copy(update={"input_sha256": f"{5:064d}"})})
+    told = summary("mix", rows)
+    assert told.copies == {"log-3": "log-1", "log-5": "log-2"}
+    (pool,) = told.pooled
+    assert pool.estimates["mass"].logs == 3
+    assert pool.estimates["mass"].value == pytest.approx((22.0 + 22.1 + 22.3) / 3)
+    alone = summary("pair", [rows[0], rows[2]])
+    assert alone.pooled == []
+    assert page.counts(alone) == "2 done; log-3 has the recording of log-1: counted once in pooled values"
 
 
 def test_a_baseline_that_tells_nothing_is_no_baseline_to_stand_against() -> None:
