@@ -305,6 +305,8 @@ def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
     found = None if len(shifts) > 1 + any(log.axes[3:]) else _detected(log, vehicle, given.timing, unknown)
     if found is None:
         return _beside_stated(log, vehicle, given.timing, {}) if len(shifts) > 1 else None
+    if found.chi_square > delay.BADLY:
+        return None  # of pulses that err each by itself, say, which a fit without such errors makes a delay of
     at = Setup(log, vehicle if found.imu is None else vehicle.model_copy(update={"imu": found.imu}), found.at)
     moved = np.array([delay.cycles_of(at, name) - delay.cycles_of(given, name) for name in unknown])
     return _between(found, given, moved, _stated_covariance(vehicle, unknown))
