@@ -176,14 +176,20 @@ def estimates(
     for (phase, cycles), fit in zip(phases, fits, strict=True):
         own = used.in_phase(phase)
         causal = engine.replay(samples, cycles, phase, own, consider, partial(say, f"estimating, phase {phase.name}"))
-        # a swing tells ratios far better than any size, so that what is linear about another ratio shows in no sigma
-        if fit is not None and fit.stands and not used.estimator.refine and (own.swings or (astray(causal, fit.history) > LOST).any()):
+        if fit is not None and fit.stands and not used.estimator.refine and _lost(causal, fit.history, own):
             causal = _led(samples, cycles, phase, own, consider, fit)
         first, last = informed((causal, causal if fit is None else fit.history), samples, own)
         histories.append(last if used.estimator.refine else first)
         settled.append(last)
     notices = disturbances.disturbance_notices(plain.used, used, excess, samples) if size else []
     return Estimates(used, tuple(histories), settled, plain.notices + notices)
+
+
+def _lost(causal: History, settled: History, own: Vehicle) -> bool:
+    """Whether a causal estimate is worth nothing beside the off-line fit of the same data: begun nowhere, or led astray."""
+    # a swing tells ratios far better than any size, so that what is linear about another ratio shows in no sigma
+    never = not np.isfinite(causal.values).any()
+    return own.swings or never or bool((astray(causal, settled) > LOST).any())
 
 
 def astray(causal: History, settled: History) -> Array:

@@ -8,7 +8,7 @@ import pytest
 from massprop_cli import flow
 from massprop_cli.base.errors import InputError
 from massprop_cli.conclude import estimated
-from massprop_cli.estimate import compiled
+from massprop_cli.estimate import causal, compiled
 from massprop_cli.estimate.causal import Causal
 from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -37,6 +37,17 @@ def test_a_causal_pass_that_breaks_down_says_nothing_more(monkeypatch: pytest.Mo
     assert not told[np.flatnonzero(told)[-1] + 1 :].any()
     assert all(estimate.value is None for estimate in found.conclusions[0].estimates.values())
     assert "converged" not in {estimate.verdict for estimate in found.conclusions[0].estimates.values()}
+
+
+def test_a_causal_pass_that_never_begins_goes_about_the_fit_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of few cycles of a second each the first tell no body as yet: all ten were not excited, and the log told them."""
+    log, used = faulty.sample("free-flyer")
+    begun = faulty.examined(log, used)
+    monkeypatch.setattr(compiled, "holds", lambda *_: False)
+    monkeypatch.setattr(causal, "first_reference", lambda *_: None)
+    led = faulty.examined(log, used)
+    assert {estimate.verdict for estimate in led.conclusions[0].estimates.values()} == {"converged"}
+    assert (np.abs(led.conclusions[0].values - begun.conclusions[0].values) < 0.1 * begun.conclusions[0].sigmas).all()
 
 
 def test_a_log_on_which_no_fit_stands_is_refused_with_what_to_check(monkeypatch: pytest.MonkeyPatch) -> None:
