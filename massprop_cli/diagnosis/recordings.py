@@ -261,8 +261,9 @@ def logged_after(case: Case) -> int:
         sooner = np.vstack([case.log.command[cycles:], np.zeros((cycles, case.log.command.shape[1]))])
         return _left(case._replace(log=replace(case.log, command=frozen(sooner))), motion, {})
 
-    best = min((0, *(delay + cycles for cycles in EARLIER)), key=left)
-    return best if left(best) < left(0) - case.log.cycles else 0
+    best = min((*range(delay + 1), *(delay + cycles for cycles in EARLIER)), key=left)
+    # what a smaller delay explains was logged before it acted
+    return best if best > delay and left(best) < left(0) - case.log.cycles else 0
 
 
 def _left(case: Case, motion: MeasuredMotion | None, states: States, later: float = 0.0) -> float:

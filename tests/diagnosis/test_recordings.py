@@ -13,17 +13,21 @@ import pytest
 from massprop_cli import CG, INERTIA
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import rotation
-from massprop_cli.diagnosis import inspection
+from massprop_cli.diagnosis import inspection, recordings
 from massprop_cli.diagnosis.corrections import Case
 from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.flow import Analysis
-from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs import vehiclefile
+from massprop_cli.inputs.logfile import read_table
+from massprop_cli.inputs.telemetry import Log, read
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import changed
 from massprop_cli.model.resolved import Resolved
+from massprop_cli.prepare.timing import Timing
 from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.simulate import SimulatedFlight
 from tests import faulty
+from tests.flight import resolved
 from tests.flown import BY_SPEED, PLAN, fly
 
 Mistake = Callable[[Log, Vehicle, Array], tuple[Log, Vehicle]]
@@ -377,3 +381,12 @@ def test_records_that_were_lost_with_their_commands_name_no_other_cause(seed: in
         one.verdict == "converged" and abs((one.value or 0.0) - value) > 4 * (one.sigma or 0.0)
         for one, value in zip(found.conclusions[0].estimates.values(), flown.truth[0][0], strict=True)
     )
+
+
+@pytest.mark.parametrize("name", ["thrust", "yaw"])
+def test_commands_of_a_smaller_delay_are_not_said_to_be_logged_after_they_acted(name: str) -> None:
+    """Of a real flight, stated four cycles too long: they were to be moved up by five."""
+    folder = faulty.SAMPLES / "crazyflie"
+    stated = faulty.stated(vehiclefile.load(folder / "vehicle.toml").vehicle, "cycle.command_delay_cycles=4.0")
+    log = read(read_table(folder / f"{name}.parquet"), stated)
+    assert recordings.logged_after(Case(log, resolved(stated), Timing(4.0, 0.0))) == 0
