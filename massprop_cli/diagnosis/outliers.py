@@ -21,6 +21,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, frozen, median
 from massprop_cli.inputs.logtable import LONG
+from massprop_cli.inputs.marked import BY_CHANCE
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -120,7 +121,10 @@ def _notices(log: Log, sensor: str, rows: IntArray, sigmas: Array, lost: BoolArr
 def _doubled(log: Log) -> IntArray:
     """Rows whose increments came with those of the next: 0 in all that was logged, between others that are not."""
     every = np.hstack([log.delta_theta_imu_rad, log.delta_v_imu_m_s])[:, list(log.axes)]
-    none = (every == 0).all(1)
+    still = (every == 0).sum(1)
+    none = still == every.shape[1]
+    if (still == every.shape[1] - 1).sum() > BY_CHANCE * none.sum():
+        return np.zeros(0, dtype=int)  # of coarse sensors at rest
     alone = none & ~np.append(none[1:], True) & ~np.append(True, none[:-1])
     if not log.rate_columns[0].startswith("delta") or none.sum() != alone.sum() or alone.sum() > SELDOM * len(none):
         return np.zeros(0, dtype=int)

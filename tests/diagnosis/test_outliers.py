@@ -153,3 +153,13 @@ def test_at_its_ends_a_fast_spin_is_as_usual_as_its_own_curvature_and_a_spike_is
             spiked = rate.copy()
             spiked[end] += spike
             assert np.abs(outliers._usual(spiked) - rate)[end].max() < 1.05 * step
+
+
+def test_counts_of_coarse_sensors_at_rest_are_no_records_that_came_late() -> None:
+    """One in 700 is 0 in all six, and twelve times as many are in all but one."""
+    log, _ = faulty.sample("free-flyer")
+    counts = 1e-4 * np.random.default_rng(1).integers(-1, 2, (len(log.time_s), 6))
+    none = (counts == 0).all(1)
+    assert none.any()
+    assert not (none[1:] & none[:-1]).any()
+    assert not len(outliers._doubled(replace(log, delta_theta_imu_rad=counts[:, :3], delta_v_imu_m_s=counts[:, 3:])))
