@@ -153,6 +153,14 @@ def _wheels(scenario: str, name: str, value: float) -> Told:
         return _told(job.of_file(Path(folder) / "log.parquet", None, [f"{key}=0.0" for key in keys]).analysis)
 
 
+def _stated_as_none(scenario: str, plan: str, key: str, value: float) -> Told:
+    """A key that is so, beside a vehicle file in which it is 0."""
+    with tempfile.TemporaryDirectory() as folder, np.errstate(all="ignore"):
+        settings = ("duration_s=30", f"plan=[{plan}]", f"vehicle.{key}={value}")
+        _massprop("simulate", scenario, "-q", "--out", folder, *(word for one in settings for word in ("--set", one)))
+        return _told(job.of_file(Path(folder) / "log.parquet", None, [f"{key}=0.0"]).analysis)
+
+
 def _massprop(*arguments: str) -> None:
     done = CliRunner().invoke(app, arguments)
     if done.exit_code:
@@ -187,6 +195,10 @@ VIBRATING = ("disturbance.periodic_n_m=[0.05, 0.05, 0.05]", "disturbance.periodi
 PULSES = ", ".join(
     f'{{motion="random", axes=["{axis}"], level={level}, start_s={4 * n}, end_s={4 * n + 4}}}'
     for n, (axis, level) in enumerate((("roll", 0.3), ("pitch", 0.4), ("yaw", 0.5), ("x", 0.6), ("y", 0.3), ("z", 0.5)))
+)
+SHORT = ", ".join(
+    f'{{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], level={level}, start_s={5 * n}, end_s={5 * n + 5}}}'
+    for n, level in enumerate((0.08, 0.3, 0.12, 0.5, 0.16, 0.4))
 )
 CENTRED = "duration_s=24.0", f"plan=[{PULSES}]", 'actuators.pulse_at="centre"'
 LATE = "sensors.log_attitude=true", "sensors.attitude_noise_rad=1e-3", "sensors.attitude_latency_s=0.05"
@@ -281,6 +293,7 @@ WARNINGS: dict[str, Example] = {
     "noise-estimated": Example(partial(_unstated, "free-flyer/log.parquet"), *RATE),
     "jet-late": Example(partial(_flown, "free-flyer", *CENTRED[:2], "actuators.jet_delays_s={roll_n2=0.02}"), *RATE),
     "pulse-position": Example(partial(_flown, "free-flyer", *CENTRED), *RATE),
+    "short-pulses": Example(partial(_stated_as_none, "free-flyer", SHORT, "thrust.least_on_s", 0.008), *RATE),
     "speed-late": Example(partial(_wheels, "wheels", "speed_latency_s", 0.02), *RATE),
     "wheel-friction": Example(partial(_wheels, "wheels-and-jets", "coulomb_friction_n_m", 5e-4), *RATE),
     "attitude-misfit": Example(partial(_flown, "testbed", *LATE), *RATE),

@@ -98,9 +98,9 @@ class Model:
         around = world, np.array(vehicle.environment.room_torque_n_m), vehicle.environment.steady_force_m_s2
         stated = position, force, couple, imu, mounting, bearing
         thrusting = len(free.fired) - len(vehicle.momentum_wrench)
-        commands = kind, thrusting, _devices(vehicle, thrusting), tuple(free.fired.tolist())
+        commands = kind, thrusting, _devices(vehicle, thrusting)
         told = free.level, lags, free.clock_s, _together(free), biases, walking(free.places, free.clock_s, vehicle, biases)
-        return Model(free.places, *stated, gravity, *told, *around, plant_of(vehicle), *commands)
+        return Model(free.places, *stated, gravity, *told, *around, plant_of(vehicle), *commands, fired=tuple(free.fired.tolist()))
 
     @cached_property
     def entries(self) -> dict[str, slice]:

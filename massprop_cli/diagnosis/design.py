@@ -210,7 +210,7 @@ class Designs:
         """What the commands do, as before where nothing differs that they go by."""
         times = tuple((jet.rise_s, jet.fall_s, jet.delay_s) for jet in vehicle.jets)
         thrust, imu = vehicle.thrust, vehicle.imu
-        supply = thrust.droop, thrust.cycle_droop, thrust.failures, thrust.wrench_limits
+        supply = thrust.droop, thrust.cycle_droop, thrust.failures, thrust.wrench_limits, thrust.least_on_s, thrust.dead_on_s
         others = tuple(one.model_dump_json() for _, own in vehicle.actuators for one in own)
         shown = log.sampled, imu.clock_drift_ppm, imu.gyro_filter, imu.accel_filter
         key = (id(log.command), delay, lag_s, vehicle.cycle.pulse_at, times, supply, shown, others)

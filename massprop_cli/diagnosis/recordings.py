@@ -33,6 +33,8 @@ from massprop_cli.prepare.actuators import LATE
 
 PARTS = np.geomspace(1.0, 0.05, 16)
 """Of the largest command, at which a component of a wrench may end."""
+SHORT = (0.05, 0.1, 0.2, 0.3, 0.4)
+"""Cycles that valves may take at least."""
 FINEST = 1e-5
 """Step at which the search for them ends."""
 EARLIER = (1, 2, 3)
@@ -157,6 +159,7 @@ def _supposed(case: Case, motion: MeasuredMotion) -> Iterator[Supposed]:
         yield _tachometers_later(case, motion)
     if case.log.command_kind == "jets" and case.log.command.any():
         yield from _pulses_elsewhere(case, motion)
+        yield from _short_pulses(case, motion)
         yield from (_later(case, motion, jet) for jet in _likeliest_later(case))
 
 
@@ -180,6 +183,22 @@ def _pulses_elsewhere(case: Case, motion: MeasuredMotion) -> Iterator[Supposed]:
         by = line_minimum(left, (by,), 0.1, NEAR / 4) if left(0.0) > left(by) else 0.0
         if case.timing.delay + by >= 0:
             yield Supposed(("pulse-position",), states, later=by, loose=PRIORS["delay"] if by else 0.0)
+
+
+def _short_pulses(case: Case, motion: MeasuredMotion) -> Iterator[Supposed]:
+    """With short pulses that last as long as valves take at least, or for which they do not open, by what explains most."""
+    on, period_s = case.log.command[:, : len(case.vehicle.jets)], case.vehicle.cycle.period_s
+    shortest = float(on[on > 0].min(initial=period_s)) / period_s
+    for key in ("thrust.least_on_s", "thrust.dead_on_s"):
+        if case.setup.value(key)[0] == 0 and shortest < SHORT[-1]:
+            left = partial(_left_by, case, motion, key)
+            by = line_minimum(left, [cycles for cycles in SHORT if cycles > shortest], SHORT[0], NEAR / 8)
+            further: States = {key: (by + sigma_at(left, by)) * period_s}
+            yield Supposed(("short-pulses",), {key: by * period_s}, (further,) if key == "thrust.least_on_s" else ())
+
+
+def _left_by(case: Case, motion: MeasuredMotion, key: str, cycles: float) -> float:
+    return _left(case, motion, {key: max(cycles, 0.0) * case.vehicle.cycle.period_s})
 
 
 def _later(case: Case, motion: MeasuredMotion, jet: int) -> Supposed:

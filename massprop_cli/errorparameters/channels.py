@@ -75,7 +75,7 @@ def _turned(stated: Array, key: str, by: Array) -> dict[str, Any]:
 def found_in(setup: Setup) -> list[tuple[str, int]]:
     """Of the channels that fired, the table of the vehicle file and the entry of it that each is of; empty: another's, or a wrench's."""
     kind, stored = setup.log.command_kind, _storing(setup, "wheels")
-    own = [("" if kind == "wrench" else kind, i) for i in range(_commanded(setup))]
+    own: list[tuple[str, int]] = [("" if kind == "wrench" else kind, i) for i in range(_commanded(setup))]
     own += [("wheels", i - stored.start) if stored.start <= i < stored.stop else ("", i) for i in range(len(own), _count(setup))]
     return [own[i] for i in setup.fired]
 

@@ -129,6 +129,13 @@ def _pulse_at(finding: FittedHypothesis) -> Mapping[str, object]:
     return {"place": place[cycle.pulse_at], "delay": delay, "key": f'cycle.pulse_at = "{cycle.pulse_at}"'}
 
 
+def _short(finding: FittedHypothesis) -> Mapping[str, object]:
+    thrust, stated = finding.corrected.vehicle.thrust, finding.stated.vehicle.thrust
+    key = "least_on_s" if thrust.least_on_s != stated.least_on_s else "dead_on_s"
+    does = "last as long, as by a driver that gives no shorter ones", "give nothing, as of valves that do not open so fast"
+    return {"short": getattr(thrust, key), "does": does[key == "dead_on_s"], "key": key}
+
+
 def _one_later(finding: FittedHypothesis) -> Mapping[str, object]:
     (one,) = (jet for jet, other in zip(finding.corrected.vehicle.jets, finding.stated.vehicle.jets, strict=True) if jet != other)
     return {"jet": one.name, "later": one.delay_s}
@@ -348,6 +355,7 @@ _OTHER_WAY = "{who} {push} the other way than stated{turned}"
 _ABOUT_CG = "commanded torques are about the CG, {point} mm from O, and not about O"
 _LIMITED = "of commanded wrenches no more acts than {limits}, as of an allocation that saturates"
 _LATER = "pulses of jet {jet} begin {later:.3g} s later than stated of all"
+_SHORT = "pulses that are commanded for less than {short:.3g} s {does}"
 _SPEEDS_LATER = "speeds of wheels are {later:.3g} s older than stated"
 _RUBBING = "wheels rub otherwise than stated: {friction}"
 _SWAPPED = "{jets} are {how}"
@@ -374,6 +382,7 @@ SPECIAL_CASES = (
     SpecialCase(
         "pulse-position", "pulse-position", lambda _: True, Wording("pulses {place} their cycles{delay}", "state {key}", _pulse_at)
     ),
+    SpecialCase("short-pulses", "short-pulses", lambda _: True, Wording(_SHORT, "state thrust.{key}", _short)),
     SpecialCase("jet-late", "jet-late", lambda _: True, Wording(_LATER, "state its delay_s, or look at its driver and valve", _one_later)),
     SpecialCase("speed-late", "speed-late", lambda _: True, Wording(_SPEEDS_LATER, "state speed_latency_s of each wheel", _speeds_later)),
     SpecialCase(

@@ -65,6 +65,8 @@ def beyond(log: Recorder, vehicle: Vehicle, timing: Timing, shortest_s: float) -
         return "thrust.wrench_limits are stated, and the kernel takes a wrench as it is commanded"
     if vehicle.thrust.droop != 0 or vehicle.thrust.cycle_droop != 0:
         return "thrust.droop or thrust.cycle_droop is not 0, and the kernel takes each jet's thrust as its own"
+    if vehicle.thrust.least_on_s or vehicle.thrust.dead_on_s:
+        return "thrust.least_on_s or thrust.dead_on_s is not 0, and the kernel takes pulses as long as commanded"
     if vehicle.thrust.failures:
         return "thrust.failures is not empty, and the kernel takes each jet's thrust as the same throughout"
     if vehicle.thrust.nominal_pa is not None:

@@ -296,6 +296,8 @@ class Thrust(Section):
     lag_sigma_s: NonNegative = Field(0.0, description="one sigma of a stated lag; goes into every sigma")
     droop: Droop = Field(0.0, description="part of its thrust that a jet loses for each further one while that is open")
     cycle_droop: Droop = Field(0.0, description="the same for each further one that fires in the cycle: of a supply slower than a pulse")
+    least_on_s: NonNegative = Field(0.0, description="for which each pulse lasts at least, however short its command is")
+    dead_on_s: NonNegative = Field(0.0, description="a pulse that is commanded for less does not open its valve")
     failures: tuple[Failure, ...] = Field((), max_length=64, description="of jets, each for a time")
     nominal_pa: Positive | None = Field(
         None, description="absolute supply pressure that jets' force_n holds for; thrust is in proportion to column supply_pa over this"

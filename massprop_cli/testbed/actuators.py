@@ -107,8 +107,9 @@ class Actuators:
     def _add_pulses(self, first: int, last: int, start_s: float, thrust: _Thrust) -> None:
         """Add what M cycles issued, ``start_s`` from the start of the executing ones on, less what jets lose beside others."""
         strengths = [_cycles(self.strength, first + k, last + k) for k in (-1, 0, 1)]
+        asked = [self._open(_cycles(self.issued, first + k, last + k)) for k in (-1, 0, 1)]
         # a jet that gives nothing does not open, so that what it is next commanded rises as any pulse does
-        around = [np.where(own == 0, 0.0, _cycles(self.issued, first + k, last + k)) for k, own in zip((-1, 0, 1), strengths, strict=True)]
+        around = [np.where(own == 0, 0.0, on) for on, own in zip(asked, strengths, strict=True)]
         strength = strengths[1]
         at_s = np.tile(self.period_s * (np.arange(first, last) + self.scenario.delay_cycles), len(self.strength))[:, None]
         middle_s = at_s + self.own_delay_s + self.late * (self.period_s - around[1]) + around[1] / 2
@@ -157,6 +158,12 @@ class Actuators:
         if self.lag_s > 0:
             thrust.initial[member, channel] += _both(ramps.value_at_zero())
             thrust.lagged[member, channel] += _both(ramps.lagged(self.edges_s, self.lag_s))
+
+    def _open(self, on: Array) -> Array:
+        """How long valves are open by commands."""
+        thrust = self.scenario.vehicle.thrust
+        longer = np.clip(on, np.where(on > 0, thrust.least_on_s, 0.0), None)
+        return np.asarray(np.where(on < thrust.dead_on_s, 0.0, longer)) if self.on_jets else on
 
     def _touch(self, first: Array, second: Array, full: float) -> Array:
         """Whether a pulse ends as the one of the next cycle begins."""
