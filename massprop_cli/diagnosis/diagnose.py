@@ -17,7 +17,7 @@ import numpy as np
 
 from massprop_cli.diagnosis import change, delay, hypotheses
 from massprop_cli.diagnosis.channelpairs import swapped, two_channels, wired
-from massprop_cli.diagnosis.comparison import Fitted
+from massprop_cli.diagnosis.comparison import Fitted, fitted
 from massprop_cli.diagnosis.corrections import Case, Correction
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.episode import episodes
@@ -164,12 +164,21 @@ def _alone(screening: Screening) -> list[Refit]:
     most = SECOND if screening.upset else FINALISTS[screening.model.bearing is not None]
     best = searched(screening, begun, (most, most), beyond(screening))
     best += otherwise_filtered(screening)
+    best += [] if any(map(_whole, best)) else _leaning(screening)
     best += [] if any(map(_whole, best)) else otherwise(screening, best)
     likeliest = min((refit for refit in best if refit.fits), key=lambda refit: refit.score, default=None)
     if likeliest is not None and likeliest.fitted.hypothesis.turns:
         # actuators that are wired round may be a turn of the whole vehicle
         return [*best, *wired(screening)]
     return best if screening.upset or likeliest is not None else [*best, *_turned(screening)]
+
+
+def _leaning(screening: Screening) -> list[Refit]:
+    """Axes of wheels: they explain much of what other parts of their momentum make, which a look takes for more."""
+    supposed = hypotheses.wheel_axes(screening.model, screening.names)
+    model, free, theta = screening.model, screening.free, screening.stated.value("theta")
+    each = fitted(model, free, free.variance, supposed, theta) if supposed else []
+    return [refit for found in each if (refit := tried(screening, found)) is not None]
 
 
 def _different(each: Iterable[Fitted]) -> Iterator[Fitted]:

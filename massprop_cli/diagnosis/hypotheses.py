@@ -27,6 +27,8 @@ UNITS_M = (1e-3, 1e-2, 0.0254)
 """Lengths that drawings are in."""
 REACHED = 10.0
 """Priors of the IMU's place within which it is found from where it is stated."""
+ALIGNED = 0.1
+"""Of a jet's error of direction, what a wheel's axis is off by: it is bored, and no bracket is bent. 0.02 rad is a wrong shim."""
 FEW = 8
 """Devices, of which three may be wired round that no exchange of two leads to."""
 
@@ -82,7 +84,7 @@ def _across(model: Model, name: str, channel: int, line: Array, unit: float = 1.
 
 
 def _devices(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
-    """Each that stores momentum: another part of it, none, the other way round, its speed in rpm; its axis; a gimbal that turns back."""
+    """Each that stores momentum: another part of it, none, the other way round, its speed in rpm; a gimbal that turns the other way."""
     count, thrust = len(names), model.place("thrust").start
     for group in itertools.chain(*model.devices.values()):
         column, subject = along(model, ("thrust", np.isin(np.arange(count), group).astype(float))), tuple(names[i] for i in group)
@@ -91,13 +93,16 @@ def _devices(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
             yield Hypothesis("thrust-scale", subject, column, start={thrust + i: begin for i in group})
         for i in group if len(group) > 1 else ():
             yield Hypothesis("thrust-scale", (names[i],), np.zeros((len(model.stated), 0)), start={thrust + i: -1.0})
-    axes = [(i, _across(model, "direction", i, model.couple[i])) for (i,) in model.devices.get("wheels", ()) if model.turns.all()]
-    for i, columns in axes:
-        yield Hypothesis("jet-direction", (names[i],), columns, suspects=(i,))
-    if len(axes) > 1:
-        yield Hypothesis("jet-direction", tuple(names[i] for i, _ in axes), np.hstack([columns for _, columns in axes]))
     if 0 < model.thrusting < count - 1:  # against what pushes: which of both is off nothing tells
         yield scaled(model, names, range(model.thrusting, count))
+
+
+def wheel_axes(model: Model, names: Sequence[str]) -> list[Hypothesis]:
+    """Each wheel's axis, and all of them; on a table they turn about one alone."""
+    axes = [(i, _across(model, "direction", i, model.couple[i], ALIGNED)) for (i,) in model.devices.get("wheels", ()) if model.turns.all()]
+    found = [Hypothesis("jet-direction", (names[i],), columns, suspects=(i,)) for i, columns in axes]
+    every = Hypothesis("jet-direction", tuple(names[i] for i, _ in axes), np.hstack([columns for _, columns in axes])) if axes else None
+    return [*found, every] if every is not None and len(axes) > 1 else found
 
 
 def two_channels(model: Model, names: Sequence[str]) -> list[Hypothesis]:

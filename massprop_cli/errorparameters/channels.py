@@ -17,10 +17,8 @@ SIGMAS = {
     ("jets", "thrust"): "thrust_sigma",
     ("jets", "position"): "position_sigma_m",
     ("jets", "direction"): "direction_sigma_rad",
-    ("wheels", "thrust"): "spin_inertia_sigma_kg_m2",
-    ("wheels", "direction"): "axis_sigma_rad",
 }
-"""By table and entry of x: the key of the sigma by which it is estimated anew."""
+"""By table and entry of x: the key of the sigma by which it is estimated anew, beside the filter's states."""
 
 
 def scaled(setup: Setup, error: Array) -> Setup | None:
@@ -74,9 +72,8 @@ def _turned(stated: Array, key: str, by: Array) -> dict[str, Any]:
 
 def found_in(setup: Setup) -> list[tuple[str, int]]:
     """Of the channels that fired, the table of the vehicle file and the entry of it that each is of; empty: another's, or a wrench's."""
-    kind, stored = setup.log.command_kind, _storing(setup, "wheels")
-    own: list[tuple[str, int]] = [("" if kind == "wrench" else kind, i) for i in range(_commanded(setup))]
-    own += [("wheels", i - stored.start) if stored.start <= i < stored.stop else ("", i) for i in range(len(own), _count(setup))]
+    kind, count = setup.log.command_kind, _commanded(setup)
+    own = [("" if kind == "wrench" or i >= count else kind, i) for i in range(_count(setup))]
     return [own[i] for i in setup.fired]
 
 
@@ -91,11 +88,10 @@ def sigmas(setup: Setup, name: str, error: Array, most: float) -> dict[str, floa
         if key is None or size == 0:
             continue
         one = getattr(setup.vehicle, table)[i]
-        if name == "direction" and table == "jets":
+        if name == "direction":
             size /= float(np.linalg.norm(one.force_n))
-        sigma = min(size, most) * (one.spin_inertia_kg_m2 if key.startswith("spin_inertia") else 1.0)
-        if sigma > getattr(one, key):
-            found[f"{table}.{i}.{key}"] = sigma
+        if min(size, most) > getattr(one, key):
+            found[f"{table}.{i}.{key}"] = min(size, most)
     return found
 
 

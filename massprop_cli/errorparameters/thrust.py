@@ -52,12 +52,12 @@ def _angle(finding: FittedHypothesis) -> Mapping[str, object]:
 
 
 def _axes(finding: FittedHypothesis) -> Mapping[str, object]:
-    pairs = zip(finding.corrected.vehicle.wheels, finding.stated.vehicle.wheels, strict=True)
-    turned = [
-        (one, np.degrees(np.arcsin(np.linalg.norm(np.cross(one.direction, other.direction))))) for one, other in pairs if one != other
-    ]
-    several, listed = len(turned) > 1, [f"wheel {one.name} is {angle:.3g} degrees away from its axis" for one, angle in turned]
-    return {"axes": ", ".join(listed), "each": "each of them" if several else f"it: {vector(turned[0][0].direction)}"}
+    by = dict(zip(finding.names, -finding.errors["direction"].reshape(-1, 3), strict=True))
+    turned = {one.name: one.direction + by[one.name] for one in finding.stated.vehicle.wheels if one.name in finding.subject}
+    angles = {name: np.degrees(np.arctan(np.linalg.norm(by[name]))) for name in turned}
+    listed = [f"wheel {name} is {angle:.3g} degrees away from its axis" for name, angle in angles.items()]
+    whole = [vector(axis / np.linalg.norm(axis)) for axis in turned.values()]
+    return {"axes": ", ".join(listed), "each": "each of them" if len(whole) > 1 else f"it: {''.join(whole)}"}
 
 
 def _place(finding: FittedHypothesis) -> Mapping[str, object]:
