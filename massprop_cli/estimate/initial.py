@@ -29,6 +29,8 @@ FIRST = 4096
 """Cycles in which most vehicles have moved."""
 DISTANCES = np.geomspace(0.01, 10, 4)
 """From a pivot to the CG, radii of gyration, that a swing is looked at for."""
+FARTHEST = 30.0
+"""... and that a CG may be away."""
 _SPREAD = 30.0
 """Largest ratio of a reference's principal moments to the common scale."""
 
@@ -151,7 +153,9 @@ def released(growth: Array, load: Array, turned: Array, vehicle: Vehicle) -> Ref
     up, size = load.mean(0) / np.linalg.norm(load.mean(0)), np.sqrt(np.trace(own) / mass)
     # a body swings alike about two points of a line
     fits = [least_squares(left, by * size * up, x_scale=abs(by) * size, method="lm") for by in (*-DISTANCES, *DISTANCES)]
-    arm = min(fits, key=lambda fit: float(fit.cost)).x
+    # what hardly moves tells of none
+    told = [fit for fit in fits if np.linalg.norm(fit.x) < FARTHEST * size]
+    arm = min(told, key=lambda fit: float(fit.cost)).x if told else np.zeros(3)
     return Reference(inertia(arm), plant_of(vehicle).pivot + arm, 1 / mass)
 
 
