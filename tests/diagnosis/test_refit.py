@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from massprop_cli.conclude.judge import Conclusion
+from massprop_cli.conclude.verdict import Conclusion
 from tests import faulty
 
 FOUND = re.compile(r"jets\.4\.force_n=\[([-0-9.e]+), 0, 0\]")
