@@ -50,7 +50,7 @@ def two_channels(screening: Screening, one_fits: bool) -> Diagnosis | None:
     refit = min(fitting, key=lambda one: one.score, default=None)
     if refit is None:
         return None
-    both, near = correction_of(screening.case, refit.case, refit.fitted), around(screening.case, refit.fitted, screening.free.fired)
+    both, near = correction_of(screening.case, refit.case, refit.fitted), around(screening.case, refit.fitted)
     return Diagnosis(
         tuple(
             Explanation(code, f"the log fits if {words}", both, around=near)

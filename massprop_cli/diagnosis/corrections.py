@@ -12,13 +12,13 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from massprop_cli.base import configfile
-from massprop_cli.base.arrays import Array, IntArray
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.errorparameters import channels
-from massprop_cli.errorparameters.channels import SIGMAS, spun, wired
+from massprop_cli.errorparameters.channels import spun, wired
 from massprop_cli.errorparameters.setup import DELAY, LAG, Setup, own_lags, stating
 from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, PRIORS, SIGMA_KEYS, TABLE
 from massprop_cli.errorparameters.thrust import NEAR, RPM, about_cg
@@ -40,7 +40,7 @@ UNTOLD = 0.9
 """Of what is to be expected, beyond which the sigma of an unknown says that the log tells nothing of it."""
 SKEWED = 0.02
 """rad; a turn of a gyro's axes below which they may as well be out of square by as much: calibrated ones are by 1e-3 to 1e-2."""
-ESTIMATED = frozenset((*(one.sigma_key for one in TABLE if one.states), *(f"{table}.{key}" for (table, _), key in SIGMAS.items())))
+ESTIMATED = frozenset(one.sigma_key for one in TABLE if one.states)
 """Keys of a correction that say how uncertain something is, or that it is to be estimated, and not what it is."""
 
 
@@ -195,7 +195,7 @@ def _printed(value: float) -> float:
     return float(f"{value:.9g}")
 
 
-def applied(case: Case, found: Fitted, fired: IntArray) -> Case | None:
+def applied(case: Case, found: Fitted) -> Case | None:
     """The case with the hypothesis's values in place; None where that takes more than factors and the vehicle file's keys.
 
     Or where an axis of a sensor would show nothing.
@@ -208,7 +208,7 @@ def applied(case: Case, found: Fitted, fired: IntArray) -> Case | None:
     except np.linalg.LinAlgError:
         return None
     vehicle = stating(case.vehicle, found.hypothesis.states)
-    setup = Setup(columns.log(case.log), vehicle, case.timing, tuple(fired), found.model.clock_s)
+    setup = Setup(columns.log(case.log), vehicle, case.timing, found.model.fired, found.model.clock_s)
     setup = wired(setup, found.hypothesis.does) if found.hypothesis.does else setup
     setup = spun(setup, found.hypothesis.spun) if found.hypothesis.spun else setup
     for one in moved:
@@ -298,12 +298,12 @@ def _settings(before: Setup, after: Setup, found: Fitted) -> Iterator[str]:
 
 
 def _anew(after: Setup, found: Fitted) -> Iterator[str]:
-    """Sigmas by which what is corrected of actuators is estimated anew."""
-    for name in ("thrust", "position", "direction"):
-        moves = [part for part in found.parts if part.hypothesis.free[found.model.place(name)].any()]
+    """Sigmas by which what is corrected of jets is estimated anew."""
+    for one in (one for one in TABLE if one.per_channel and one.states):
+        moves = [part for part in found.parts if part.hypothesis.free[found.model.place(one.name)].any()]
         if not any(map(at_once, moves)):
-            sigmas = channels.sigmas(after, name, found.error(name).reshape(len(after.fired), -1), PRIORS[name])
-            yield from (f"{key}={sigma:.3g}" for key, sigma in sigmas.items())
+            error, key = found.error(one.name).reshape(len(after.fired), -1), (one.sigma_key or "").removeprefix("jets.")
+            yield from (f"{name}={sigma:.3g}" for name, sigma in channels.jet_sigmas(after, key, error, one.prior).items())
 
 
 def _of_actuators(before: Vehicle, after: Vehicle) -> Iterator[str]:
@@ -314,13 +314,12 @@ def _of_actuators(before: Vehicle, after: Vehicle) -> Iterator[str]:
             yield from (f"{table}.{i}.{key}={_literal(getattr(other, key))}" for key in keys)
 
 
-def around(case: Case, found: Fitted, fired: IntArray) -> tuple[Correction, ...]:
+def around(case: Case, found: Fitted) -> tuple[Correction, ...]:
     """The correction with each unknown one sigma further on, but for those whose sigma the vehicle file itself can state."""
     stated = np.zeros(len(found.x), dtype=bool)
-    tables = [table for table, _ in channels.found_in(case.setup._replace(fired=tuple(fired)))]
-    for name in ENTRIES:
-        own = [(table, name) in SIGMAS for table in tables] if BY_NAME[name].per_channel else [bool(BY_NAME[name].states)]
-        stated[found.model.place(name)] = np.repeat(own, BY_NAME[name].size)
+    jets = channels.of_jets(case.setup._replace(fired=found.model.fired))
+    for one in map(BY_NAME.__getitem__, ENTRIES):
+        stated[found.model.place(one.name)] = bool(one.states) & (np.repeat(jets, one.size) if one.per_channel else True)
     if _both_turned(found) is not None:
         for name in MOUNTING.entries:
             stated[found.model.place(name)] = True
@@ -329,14 +328,14 @@ def around(case: Case, found: Fitted, fired: IntArray) -> tuple[Correction, ...]
         if all(SIGMA_KEYS.get(key) in found.hypothesis.states for key in states):
             continue
         further = replace(found, hypothesis=replace(found.hypothesis, states=states))
-        then = applied(case, further, fired)
+        then = applied(case, further)
         correction = None if then is None else correction_of(case, then, further)
         corrections += [] if correction is None else [correction]
     # what the log doesn't tell of may be as far off as what it tells of
     far = np.where(found.spread > UNTOLD, max(1.0, float(np.abs(found.moved).max(initial=0.0))), 1.0)
     for move, sigma in zip(found.hypothesis.free.T, far * found.spread, strict=True):
         further = replace(found, x=found.x + sigma * move)
-        then = None if at_once(found) or move[stated].any() else applied(case, further, fired)
+        then = None if at_once(found) or move[stated].any() else applied(case, further)
         correction = None if then is None else correction_of(case, then, further)
         corrections += [] if correction is None else [correction]
     return tuple(corrections)

@@ -27,7 +27,7 @@ from massprop_cli.diagnosis.inspection import lost, seen, sparse
 from massprop_cli.diagnosis.phaseboundary import border
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.recordings import by_noise, logged_after, otherwise, otherwise_filtered
-from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, helped, refined, tried
+from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, helped, hopeless, refined, tried
 from massprop_cli.diagnosis.screening import Screening, about_its_body, beside_a_torque, busiest, screened
 from massprop_cli.diagnosis.search import codes, same, searched
 from massprop_cli.diagnosis.undisturbed import Undisturbed, undisturbed
@@ -178,6 +178,7 @@ def _leaning(screening: Screening) -> list[Refit]:
     supposed = hypotheses.wheel_axes(screening.model, screening.names)
     model, free, theta = screening.model, screening.free, screening.stated.value("theta")
     each = fitted(model, free, free.variance, supposed, theta) if supposed else []
+    each = [found for found in each if not hopeless(screening, found, beyond(screening))]
     return [refit for found in each if (refit := tried(screening, found)) is not None]
 
 

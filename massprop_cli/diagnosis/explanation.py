@@ -122,7 +122,7 @@ def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = (),
         message = f"log and vehicle file don't fit, cause unknown: {message}"
     others = (correction_of(screening.case, rival.case, rival.fitted) for rival in rivals)
     correction = correction_of(screening.case, refit.case, refit.fitted)
-    near = (*around(screening.case, refit.fitted, screening.free.fired), *skewed(correction, refit.fitted))
+    near = (*around(screening.case, refit.fitted), *skewed(correction, refit.fitted))
     instead = (*(other for other in others if other is not None), *_of_the_others(correction), *heavier)
     return tuple(Explanation(code, message, correction, around=near, rivals=instead) for code in dict.fromkeys(sure or [UNKNOWN]))
 
@@ -163,7 +163,7 @@ def _in_proportion(screening: Screening, refit: Refit) -> Refit | None:
 def _instead(screening: Screening, refit: Refit, supposed: Hypothesis, x: Array) -> Refit | None:
     """The same motion by another cause."""
     found = replace(refit.fitted, hypothesis=supposed, x=x)
-    case = applied(screening.case, found, screening.free.fired)
+    case = applied(screening.case, found)
     return None if case is None else replace(refit, fitted=found, case=case)
 
 

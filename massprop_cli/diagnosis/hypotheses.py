@@ -27,8 +27,6 @@ UNITS_M = (1e-3, 1e-2, 0.0254)
 """Lengths that drawings are in."""
 REACHED = 10.0
 """Priors of the IMU's place within which it is found from where it is stated."""
-ALIGNED = 0.1
-"""Of a jet's error of direction, what a wheel's axis is off by: it is bored, and no bracket is bent. 0.02 rad is a wrong shim."""
 FEW = 8
 """Devices, of which three may be wired round that no exchange of two leads to."""
 
@@ -99,7 +97,7 @@ def _devices(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
 
 def wheel_axes(model: Model, names: Sequence[str]) -> list[Hypothesis]:
     """Each wheel's axis, and all of them; on a table they turn about one alone."""
-    axes = [(i, _across(model, "direction", i, model.couple[i], ALIGNED)) for (i,) in model.devices.get("wheels", ()) if model.turns.all()]
+    axes = [(i, _across(model, "direction", i, model.couple[i])) for (i,) in model.devices.get("wheels", ()) if model.turns.all()]
     found = [Hypothesis("jet-direction", (names[i],), columns, suspects=(i,)) for i, columns in axes]
     every = Hypothesis("jet-direction", tuple(names[i] for i, _ in axes), np.hstack([columns for _, columns in axes])) if axes else None
     return [*found, every] if every is not None and len(axes) > 1 else found

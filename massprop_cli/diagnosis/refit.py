@@ -105,7 +105,7 @@ class AppliedHypothesis:
 def begin(screening: Screening, found: Fitted, first: Refit | None) -> AppliedHypothesis | None:
     """A hypothesis with its values applied, perhaps beside a ``first`` one; None where that makes another testbed."""
     found = found if first is None else _beside(screening, first, found)
-    case = applied(screening.case, found, screening.free.fired)
+    case = applied(screening.case, found)
     mended = None if case is None else _anew(screening, case, screening.free.beside, _own_theta(found))
     if mended is None:
         return None
@@ -123,7 +123,7 @@ def tried(
     None where they make it another testbed's. It is followed no further than it may come near the ``best`` score so far.
     """
     found = found if first is None else _beside(screening, first, found)
-    case = applied(screening.case, found, screening.free.fired)
+    case = applied(screening.case, found)
     if case is not None:
         return refined(screening, found, case, best, begun)
     if first is not None:
@@ -145,7 +145,7 @@ def drifts_no_more(refit: Refit, found: Fitted) -> bool:
 
 def helped(screening: Screening, begun: Fitted) -> Refit | None:
     """The same from a beginning far away; None where that explains less than what is stated."""
-    case = applied(screening.case, begun, screening.free.fired)
+    case = applied(screening.case, begun)
     there = None if case is None else _alike(screening, case)
     if case is None or there is None or there.cost + _by_units(there, begun, screening.case) > screening.cost:
         return None
@@ -169,7 +169,7 @@ def corrected_alone(screening: Screening, part: Fitted) -> Refit | None:
     """One of two hypotheses, with the values that it has beside the other; it is in the running with that alone."""
     own = np.asarray(part.hypothesis.free.any(1)) | (np.arange(len(part.x)) < 10)
     found = replace(part, x=np.where(own, part.x, screening.model.stated))
-    case = applied(screening.case, found, screening.free.fired)
+    case = applied(screening.case, found)
     mended = None if case is None else _anew(screening, case, (), found.value("theta"))
     if case is None or mended is None:
         return None
@@ -219,7 +219,7 @@ def refined(screening: Screening, found: Fitted, case: Case, best: float = np.in
     rounded = _rounded(screening, found)
     if rounded is not found:
         # what is lighter by as much as its forces are weaker looks like one whose forces are none, but for what these do to it
-        case = applied(screening.case, rounded, screening.free.fired) or case
+        case = applied(screening.case, rounded) or case
         found, mended = rounded, screened(case, screening.piece, mended.free.beside, found.value("theta")) or mended
     found = replace(found, chi_square=mended.stated.chi_square)
     much = mended.misfit < PART * screening.misfit
@@ -245,12 +245,12 @@ def over_all(screening: Screening, refit: Refit) -> Refit:
     longer = screened(case, piece, refit.screening.free.beside, found.value("theta"))
     if longer is None or not np.array_equal(longer.free.fired, screening.free.fired):
         return refit
-    there = applied(case, replace(found, model=longer.model), longer.free.fired)
+    there = applied(case, replace(found, model=longer.model))
     better = None if there is None else refined(longer, replace(found, model=longer.model), there)
     if better is None or not better.fits:
         return refit
     told = replace(found, x=better.fitted.x, spread=better.fitted.spread)
-    mended = applied(screening.case, told, screening.free.fired)
+    mended = applied(screening.case, told)
     return refit if mended is None else replace(refit, fitted=told, case=mended)
 
 
@@ -326,7 +326,7 @@ def _led(
         too_far = False
         for part in parts:
             further = replace(found, x=_together(found.x, more.along(part), screening.model))
-            then = applied(screening.case, further, screening.free.fired)
+            then = applied(screening.case, further)
             there = None if then is None else _alike(screening, then, mended.free.beside, more.value("theta"))
             if then is not None and there is not None and there.cost + _by_units(there, further, screening.case) < now - still:
                 break

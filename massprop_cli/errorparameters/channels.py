@@ -8,17 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.errorparameters.setup import Setup, plain, rebuilt
 
 DOES = ("position_m", "force_n")
 """What a jet does, by keys of the vehicle file."""
-SIGMAS = {
-    ("jets", "thrust"): "thrust_sigma",
-    ("jets", "position"): "position_sigma_m",
-    ("jets", "direction"): "direction_sigma_rad",
-}
-"""By table and entry of x: the key of the sigma by which it is estimated anew, beside the filter's states."""
 
 
 def scaled(setup: Setup, error: Array) -> Setup | None:
@@ -70,28 +64,23 @@ def _turned(stated: Array, key: str, by: Array) -> dict[str, Any]:
     return {key: plain(along * (size / length if size > 0 else 1.0))} if by.any() else {}
 
 
-def found_in(setup: Setup) -> list[tuple[str, int]]:
-    """Of the channels that fired, the table of the vehicle file and the entry of it that each is of; empty: another's, or a wrench's."""
-    kind, count = setup.log.command_kind, _commanded(setup)
-    own = [("" if kind == "wrench" or i >= count else kind, i) for i in range(_count(setup))]
-    return [own[i] for i in setup.fired]
+def of_jets(setup: Setup) -> BoolArray:
+    """(F,) which of the channels that fired are jets."""
+    return np.array([setup.log.command_kind == "jets" and i < _commanded(setup) for i in setup.fired])
 
 
-def sigmas(setup: Setup, name: str, error: Array, most: float) -> dict[str, float]:
-    """Sigmas as large as an error that is in place, by the keys that let what it is about be estimated anew; at ``most`` so much.
+def jet_sigmas(setup: Setup, key: str, error: Array, most: float) -> dict[str, float]:
+    """Sigmas under a ``key`` of jets as large as an error that is in place, at ``most`` so much, by which they are estimated anew.
 
     Of none that is stated to be as uncertain. ``error`` (F,) relative, or (F, 3) m or N.
     """
     found = {}
-    for (table, i), by in zip(found_in(setup), error, strict=True):
-        key, size = SIGMAS.get((table, name)), float(np.linalg.norm(by))
-        if key is None or size == 0:
-            continue
-        one = getattr(setup.vehicle, table)[i]
-        if name == "direction":
-            size /= float(np.linalg.norm(one.force_n))
-        if min(size, most) > getattr(one, key):
-            found[f"{table}.{i}.{key}"] = min(size, most)
+    for i, by, jet in zip(setup.fired, error, of_jets(setup), strict=True):
+        if jet and by.any():
+            one = setup.vehicle.jets[i]
+            size = float(np.linalg.norm(by) / (np.linalg.norm(one.force_n) if key == "direction_sigma_rad" else 1.0))
+            if min(size, most) > getattr(one, key):
+                found[f"jets.{i}.{key}"] = min(size, most)
     return found
 
 

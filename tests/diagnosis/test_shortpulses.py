@@ -16,7 +16,7 @@ SHORT = ", ".join(
 
 @pytest.mark.parametrize(("key", "value_s", "within_s"), [("thrust.least_on_s", 0.008, 1e-4), ("thrust.dead_on_s", 0.006, 2.1e-3)])
 def test_they_are_named_and_values_are_right_once_they_are_stated(key: str, value_s: float, within_s: float) -> None:
-    """Unstated values were 5 sigma off and converged, beside a disturbance. Of a dead time the log tells between which on-times it is."""
+    """Of a dead time the log tells between which on-times it is."""
     flown = fly("free-flyer", "duration_s=30", f"plan=[{SHORT}]", f"vehicle.{key}={value_s}")
     stated = faulty.examined(flown.log(0), flown.vehicle)
     assert not stated.notices

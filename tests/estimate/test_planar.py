@@ -89,7 +89,7 @@ def test_a_stated_gyro_bias_makes_no_difference() -> None:
 
 
 def test_a_bias_about_axes_that_the_table_holds_is_no_turn_about_them() -> None:
-    """Half a degree a second: with it the IMU's place was doubted in one log of three, and a gyro's scale of 2 named in one of ten."""
+    """Half a degree a second about level axes is read as bias, and the values are those of a table that is level."""
     plan = 'plan=[{motion="random", axes=["x", "y", "yaw"], every_cycles=5, max_cycles=4, start_s=0.0, end_s=30.0}]'
     biased = (
         "vehicle.imu.gyro_bias_sigma_rad_s=6e-3",
