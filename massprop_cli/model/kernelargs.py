@@ -20,7 +20,16 @@ KINDS = ("free", "air_bearing", "pedestal")
 
 
 def unknown(vehicle: Vehicle) -> str:
-    """What of a vehicle the kernel doesn't know; empty where it knows all."""
+    """What of a vehicle the kernel's estimator doesn't know; empty where it knows all."""
+    if any(getattr(vehicle.drift, name) for name in type(vehicle.drift).model_fields):
+        return "[drift] is stated, and the kernel knows none"
+    if vehicle.uncertain_geometry:
+        return "jets or IMU are stated to be uncertain, and the kernel takes them as exact"
+    return unmodelled(vehicle)
+
+
+def unmodelled(vehicle: Vehicle) -> str:
+    """What of a vehicle's motion the kernel's equations don't have; empty where they have all."""
     if vehicle.environment.kind not in KINDS:
         known = ", ".join(map(repr, KINDS))
         return f"environment.kind is {vehicle.environment.kind!r}, and the kernel knows {known}; massprop estimate takes such a log"
@@ -28,16 +37,12 @@ def unknown(vehicle: Vehicle) -> str:
         return f"estimator.method is {vehicle.estimator.method!r}, and the kernel is the default one"
     if vehicle.estimator.bins_per_cycle > BINS:
         return f"estimator.bins_per_cycle is {vehicle.estimator.bins_per_cycle}, and the kernel holds {BINS}"
-    if any(getattr(vehicle.drift, name) for name in type(vehicle.drift).model_fields):
-        return "[drift] is stated, and the kernel knows none"
     if vehicle.environment.damping_sigma_n_m_s > 0:
         return "environment.damping_sigma_n_m_s is stated, and the kernel knows no damping"
     if any(vehicle.environment.room_torque_n_m):
         return "environment.room_torque_n_m is stated, and the kernel knows no torque beside the commands"
     if vehicle.imu.attitude_misalignment_sigma_rad > 0:
         return "imu.attitude_misalignment_sigma_rad is stated, and the kernel takes no logged attitude"
-    if vehicle.uncertain_geometry:
-        return "jets or IMU are stated to be uncertain, and the kernel takes them as exact"
     if any(wheel.axis_sigma_rad > 0 for wheel in vehicle.wheels):
         return "axes of wheels are stated to be uncertain, and the kernel takes them as exact"
     if vehicle.swings:

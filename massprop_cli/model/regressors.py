@@ -290,8 +290,8 @@ def _by_numpy(
 
 
 def compiled(vehicle: Vehicle) -> bool:
-    """Whether the compiled kernel is there and knows this vehicle."""
-    return kernel().library is not None and not kernelargs.unknown(vehicle)
+    """Whether the compiled kernel is there and has all of this vehicle's motion."""
+    return kernel().library is not None and not kernelargs.unmodelled(vehicle)
 
 
 def _compiled(

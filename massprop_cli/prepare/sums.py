@@ -26,13 +26,9 @@ def windows(integral: Array, moment: Array, duration: Array) -> tuple[Array, Arr
 
     Of integrals [s of full thrust] and first moments about each bin's beginning [s²], (K, B, C), of cycles that last ``duration`` (K,) s.
     """
-    bins = integral.shape[1]
-    within, whole = moment[:, 0].copy(), integral[:, 0].copy()
-    later = np.zeros_like(whole)
-    for place in range(1, bins):
-        within += moment[:, place]
-        whole += integral[:, place]
-        later += integral[:, place] * (place / bins)
+    integral, moment = np.ascontiguousarray(integral), np.ascontiguousarray(moment)  # in the other order a sum's rounding is another
+    within, whole = (np.einsum("kbc->kc", one) for one in (moment, integral))
+    later = np.einsum("kbc,b->kc", integral, np.arange(integral.shape[1]) / integral.shape[1])
     return within / duration[:, None] + later, whole
 
 
