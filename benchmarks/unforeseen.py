@@ -20,6 +20,7 @@ from massprop_cli.base import onethread
 onethread.prefer()
 
 from commit import commit  # noqa: E402
+from fault_commands import COMMANDS  # noqa: E402
 from fault_kinds import FAULTS  # noqa: E402
 from fault_unforeseen import UNFORESEEN  # noqa: E402
 from fault_vehicles import VEHICLES, Case, subject  # noqa: E402
@@ -80,6 +81,8 @@ def made(kind: str, vehicle: str, seed: int) -> Case | None:
     rng = np.random.default_rng([seed, zlib.crc32(f"{kind} {vehicle}".encode())])
     if kind == "clean":
         return flown.clean
+    if kind in COMMANDS and not flown.fired:
+        return None
     if kind in UNFORESEEN:
         return UNFORESEEN[kind][1](flown, rng)
     drawn = FAULTS[kind].draw(flown, rng)
