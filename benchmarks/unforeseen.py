@@ -81,7 +81,7 @@ def made(kind: str, vehicle: str, seed: int) -> Case | None:
     rng = np.random.default_rng([seed, zlib.crc32(f"{kind} {vehicle}".encode())])
     if kind == "clean":
         return flown.clean
-    if kind in COMMANDS and not flown.fired:
+    if kind in COMMANDS and not (flown.fired or flown.driven):
         return None
     if kind in UNFORESEEN:
         return UNFORESEEN[kind][1](flown, rng)
