@@ -85,7 +85,7 @@ def test_a_disturbance_beyond_the_commands_is_doubt_of_the_data() -> None:
     """Two gyro axes in units that nobody uses: what they show would need newton metres where jets give a tenth of one."""
     log, used = faulty.sample("free-flyer", 20.0)
     found = faulty.examined(replace(log, delta_theta_imu_rad=log.delta_theta_imu_rad * [40.0, -13.0, 1.0]), used)
-    assert [cause.code for cause in found.conclusions[0].causes] == ["beyond-commands"]
+    assert [cause.code for cause in found.conclusions[0].causes] == ["beyond-commands", "fit-lost"]
     told = [one for one in found.conclusions[0].estimates.values() if one.value is not None]
     assert told
     assert {one.verdict for one in told} == {"contradicted"}
