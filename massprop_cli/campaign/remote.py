@@ -1,13 +1,12 @@
 """Files at URLs, by fsspec. Addresses and credentials are what the store's own package finds in its configuration and environment."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Any, TypeVar
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
 
 from massprop_cli.base import limits
 from massprop_cli.base.errors import InputError, MachineError
 
-Answer = TypeVar("Answer")
 EXTRA = "pip install 'massprop[remote]'"
 _REFUSED = ("credential", "forbidden", "access denied", "accessdenied", "unauthorized", "invalidaccesskeyid", "signature")
 """What stores say that don't raise PermissionError."""
@@ -51,33 +50,26 @@ def told(url: str, what: str) -> Iterator[None]:
         raise InputError(f"{url}: {said}; {remedy}") from None
 
 
-def asked(url: str, what: str, question: Callable[[Any, str], Answer]) -> Answer:
-    """The answer of a store to ``question(file system, path)``; :class:`InputError` where it has none."""
+@contextmanager
+def opened(url: str, what: str) -> Iterator[tuple[Any, str]]:
+    """The file system of a URL and the path in it; what the store raises while they are used becomes an :class:`InputError`."""
     files, path = store(url)
     with told(url, what):
-        return question(files, path)
+        yield files, path
 
 
 def read(url: str, what: str) -> bytes:
-    """The bytes of a file."""
-    return bytes(asked(url, what, lambda files, path: _within(limits.of(what), url, files, path)))
-
-
-def _within(limit: limits.Limit, url: str, files: Any, path: str) -> bytes:
     """The bytes of a file, once the store has said that they are not too many."""
-    limit.check(url, int(files.info(path).get("size") or 0))
-    found: bytes = files.cat_file(path, start=0, end=limit.most + 1)
-    limit.check(url, len(found))
-    return found
-
-
-def content(url: str) -> bytes | None:
-    """The same; None where there is no such file."""
-    return asked(url, "file", content_at)
+    limit = limits.of(what)
+    with opened(url, what) as (files, path):
+        limit.check(url, int(files.info(path).get("size") or 0))
+        found = bytes(files.cat_file(path, start=0, end=limit.most + 1))
+        limit.check(url, len(found))
+        return found
 
 
 def content_at(files: Any, path: str) -> bytes | None:
-    """The same in a store; what another machine wrote in the meantime counts too."""
+    """The bytes of a file in a store, None where there is none; what another machine wrote in the meantime counts too."""
     files.invalidate_cache()
     try:
         return bytes(files.cat_file(path))
@@ -87,29 +79,19 @@ def content_at(files: Any, path: str) -> bytes | None:
 
 def exists(url: str) -> bool:
     """Whether there is such a file."""
-    return asked(url, "file", _is_file)
-
-
-def _is_file(files: Any, path: str) -> bool:
-    try:
+    with opened(url, "file") as (files, path), suppress(FileNotFoundError):
         return bool(files.info(path)["type"] == "file")
-    except FileNotFoundError:
-        return False
+    return False
 
 
 def below(url: str) -> list[str]:
     """Paths, from a folder on, of all files in it and below; none where there is no such folder."""
-    return asked(url, "folder", _below)
-
-
-def _below(files: Any, path: str) -> list[str]:
-    files.invalidate_cache()  # what another machine wrote in the meantime counts too
-    try:
-        found = files.find(path)
-    except FileNotFoundError:
-        return []
-    root = path.rstrip("/")
-    return [str(file)[len(root) :].lstrip("/") for file in found if str(file).startswith(f"{root}/")]
+    found: list[str] = []
+    with opened(url, "folder") as (files, path), suppress(FileNotFoundError):
+        files.invalidate_cache()  # what another machine wrote in the meantime counts too
+        found = [str(file) for file in files.find(path)]
+        path = path.rstrip("/")
+    return [file[len(path) :].lstrip("/") for file in found if file.startswith(f"{path}/")]
 
 
 def _line(error: BaseException) -> str:

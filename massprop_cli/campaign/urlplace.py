@@ -36,8 +36,7 @@ class Lease:
     @contextmanager
     def held(self) -> Iterator[None]:
         """Hold it; :class:`InputError` where another batch does."""
-        files, path = remote.store(self.url)
-        with remote.told(self.url, "folder"):
+        with remote.opened(self.url, "folder") as (files, path):
             self._take(files, path)
         stop = threading.Event()
         renewing = threading.Thread(target=self._renew, args=(files, path, stop), daemon=True)
@@ -138,9 +137,8 @@ class UrlPlace:
     @contextmanager
     def lock(self) -> Iterator[None]:
         """See :class:`massprop_cli.campaign.place.Place`, and :mod:`massprop_cli.campaign.urlplace`."""
-        files, path = remote.store(self.url)
-        bucket = path.strip("/").split("/")[0]
-        with remote.told(self.url, "bucket"):
+        with remote.opened(self.url, "bucket") as (files, path):
+            bucket = path.strip("/").split("/")[0]
             # writing would make a bucket that is misspelt in some stores, and in others fail with less to say
             if "/" not in path[:1] and not files.exists(bucket):
                 raise InputError(f"{self.url}: no bucket {bucket!r} that these credentials may use; create it, or correct the URL")
@@ -157,7 +155,8 @@ class UrlPlace:
 
     def read(self, path: str) -> bytes:
         """See :class:`massprop_cli.campaign.place.Place`."""
-        found = remote.content(self._of(path))
+        with remote.opened(self._of(path), "file") as (files, place):
+            found = remote.content_at(files, place)
         if found is None:
             raise FileNotFoundError(self._of(path))
         return found
@@ -168,7 +167,8 @@ class UrlPlace:
         there = remote.below(self._of(folder))
         for file in sorted(set(there) & {outcome.FILE}) + sorted(set(there) - set(files) - {outcome.FILE}):
             self._lease.check()
-            remote.asked(self._of(f"{folder}/{file}"), "file", lambda store, path: store.rm_file(path))
+            with remote.opened(self._of(f"{folder}/{file}"), "file") as (store, path):
+                store.rm_file(path)
         for file in sorted(files, key=lambda file: (file == outcome.FILE, file)):
             self.put_file(f"{folder}/{file}", [files[file]])
 
@@ -176,15 +176,12 @@ class UrlPlace:
         """See :class:`massprop_cli.campaign.place.Place`. Stores put an object in place whole."""
         self._lease.check()
         whole = b"".join(content)
-        remote.asked(self._of(path), "bucket", lambda store, place: _put(store, place, whole))
+        with remote.opened(self._of(path), "bucket") as (store, place):
+            try:
+                store.pipe_file(place, whole)
+            except FileNotFoundError:  # where folders must be made first
+                store.makedirs(place.rpartition("/")[0], exist_ok=True)
+                store.pipe_file(place, whole)
 
     def _of(self, path: str) -> str:
         return location.join(self.url, path)
-
-
-def _put(store: Any, path: str, content: bytes) -> None:
-    try:
-        store.pipe_file(path, content)
-    except FileNotFoundError:  # where folders must be made first
-        store.makedirs(path.rpartition("/")[0], exist_ok=True)
-        store.pipe_file(path, content)
