@@ -85,11 +85,10 @@ def joined(one: Joining, place: Place) -> Produced:
     try:
         found = _combined(one, place)
     except InputError as error:
-        told = Outcome(fingerprint=outcome.UNKEPT, exit_code=exits.INPUT, message=line(str(error)), input_sha256=None)
-        return Produced(told, {outcome.FILE: outcome.to_json(told)})
+        return Produced(Outcome(fingerprint=outcome.UNKEPT, exit_code=exits.INPUT, message=line(str(error)), input_sha256=None))
     unmet = judge.unmet(found, judge.Demands(one.require, allow_contradicted=one.allow_contradicted))
     told = kept.of_result(found, unmet, kept.joint_bodies(found), ["result.json"], "combined")
-    return Produced(told, {"result.json": escape.document(found).encode(), outcome.FILE: outcome.to_json(told)})
+    return Produced(told, {"result.json": escape.document(found).encode()})
 
 
 def _combined(one: Joining, place: Place) -> Result:

@@ -3,7 +3,8 @@
 import hashlib
 import re
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import field
 from functools import cache
 from pathlib import Path
 
@@ -27,8 +28,13 @@ class Produced:
     """What one job made."""
 
     outcome: Outcome
-    files: Mapping[str, bytes]
-    """The whole result folder by file name; outcome.json is among them."""
+    made: Mapping[str, bytes] = field(default_factory=dict)
+    """By file name, outcome.json aside."""
+
+    @property
+    def files(self) -> dict[str, bytes]:
+        """The whole result folder."""
+        return {**self.made, outcome.FILE: outcome.to_json(self.outcome)}
 
 
 @dataclass(frozen=True)
@@ -38,9 +44,10 @@ class Inputs:
     log: bytes
     vehicle: tuple[str, bytes] | None
     """Location and content of the vehicle file that is named, or lies beside the log; None: neither."""
-    expect: bytes | None
+    expect: tuple[str, bytes] | None
+    """The same of the expect file, which is named, ..."""
     map: tuple[str, bytes] | None = None
-    """The same of the map file."""
+    """... and of the map file."""
 
 
 def process(job: Job, known: str | None = None, sent: Mapping[str, bytes] | None = None) -> Produced | None:
@@ -66,9 +73,7 @@ def process(job: Job, known: str | None = None, sent: Mapping[str, bytes] | None
 
 def failed(job: Job, code: int, message: str, mark: str = outcome.UNKEPT, input_sha256: str | None = None) -> Produced:
     """The outcome of a job without a result."""
-    shown = line(_as_shown(job, message))
-    found = Outcome(fingerprint=mark, exit_code=code, message=shown, input_sha256=input_sha256)
-    return Produced(found, {outcome.FILE: outcome.to_json(found)})
+    return Produced(Outcome(fingerprint=mark, exit_code=code, message=line(_as_shown(job, message)), input_sha256=input_sha256))
 
 
 def _as_shown(job: Job, message: str) -> str:
@@ -78,14 +83,20 @@ def _as_shown(job: Job, message: str) -> str:
     return re.sub(rf"(?<![^\s'\"(\[{{<=:,;|])(?:{'|'.join(places)})", lambda found: job.shown if found["log"] else shown, message)
 
 
+def _companions(job: Job) -> Iterator[tuple[str, bool, list[str]]]:
+    """What comes with a log: what it is, whether it is named, and where it may be, the first that is there."""
+    settings, log = job.settings, job.log
+    beside = [f"{location.stem(log)}.vehicle.toml", "vehicle.toml"], recording.maps_beside(location.name(log)), ()
+    stated = ("vehicle file", settings.vehicle), ("map file", settings.map), ("expect file", settings.expect)
+    for (what, named), names in zip(stated, beside, strict=True):
+        yield what, named is not None, [location.beside(log, name) for name in names] if named is None else [named]
+
+
 def own_files(job: Job) -> dict[str, bytes]:
     """Files of a job that only this machine can read, by location; :class:`InputError` where one can't be."""
-    settings = job.settings
-    named = (settings.vehicle, "vehicle file"), (settings.map, "map file"), (settings.expect, "expect file")
-    wanted = [(job.log, "log"), *((place, what) for place, what in named if place is not None)]
-    if not location.shared(job.log):
-        beside = ((settings.vehicle, _beside(job.log), "vehicle file"), (settings.map, _maps_beside(job.log), "map file"))
-        wanted += [(place, what) for named, places, what in beside if named is None for place in places if location.exists(place)]
+    wanted, here = [(job.log, "log")], not location.shared(job.log)
+    for what, named, places in _companions(job):
+        wanted += [(place, what) for place in places if named or (here and location.exists(place))]
     return {place: location.read(place, what) for place, what in wanted if not location.shared(place)}
 
 
@@ -99,35 +110,22 @@ def gather(job: Job, sent: Mapping[str, bytes] | None = None) -> Inputs:
         # beside a log that was sent, only what was sent with it counts
         return place in sent if sent is not None and job.log in sent else location.exists(place)
 
-    def first(named: str | None, beside: list[str], what: str) -> tuple[str, bytes] | None:
-        places = [named] if named is not None else filter(exists, beside)
-        return next(((place, read(place, what)) for place in places), None)
-
-    settings = job.settings
     files.check_name(job.log, job.shown)
-    log, vehicle = read(job.log, "log"), first(settings.vehicle, _beside(job.log), "vehicle file")
-    expected = None if settings.expect is None else read(settings.expect, "expect file")
-    return Inputs(log, vehicle, expected, first(settings.map, _maps_beside(job.log), "map file"))
-
-
-def _beside(log: str) -> list[str]:
-    return [location.beside(log, name) for name in (f"{location.stem(log)}.vehicle.toml", "vehicle.toml")]
-
-
-def _maps_beside(log: str) -> list[str]:
-    return [location.beside(log, name) for name in recording.maps_beside(location.name(log))]
+    log = read(job.log, "log")
+    vehicle, by, expected = (
+        next(((place, read(place, what)) for place in places if named or exists(place)), None) for what, named, places in _companions(job)
+    )
+    return Inputs(log, vehicle, expected, by)
 
 
 def fingerprint(job: Job, inputs: Inputs) -> str:
     """sha256 of all that decides the result folder's bytes: log, vehicle, expectations, settings, program and library versions."""
     settings = job.settings
-    named = settings.vehicle is not None
-    parts = [job.shown.encode("utf-8", "surrogatepass"), inputs.log, b"named" if named else b"beside"]
-    parts += [b""] if inputs.vehicle is None else [_base(inputs.vehicle[0]), inputs.vehicle[1]]
-    parts += [b""] if inputs.expect is None else [_base(settings.expect or ""), inputs.expect]
-    parts += (
-        [] if inputs.map is None else [b"map", _base(inputs.map[0]), inputs.map[1], b"named" if settings.map is not None else b"beside"]
-    )
+    by_vehicle, by_map = (b"beside" if named is None else b"named" for named in (settings.vehicle, settings.map))
+    parts = [job.shown.encode("utf-8", "surrogatepass"), inputs.log, by_vehicle]
+    for file in (inputs.vehicle, inputs.expect):
+        parts += [b""] if file is None else [_base(file[0]), file[1]]
+    parts += [] if inputs.map is None else [b"map", _base(inputs.map[0]), inputs.map[1], by_map]
     said = (settings.assignments, [str(item) for item in settings.require], settings.report, sorted(versions(settings.report).items()))
     parts += [b"check"] if settings.check else []
     parts += [b"contradicted"] if settings.allow_contradicted else []
@@ -159,17 +157,14 @@ def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
     from massprop_cli.job import Demands, of_table
     from massprop_cli.result import historyfile
 
-    settings, expected = job.settings, _expected(job, inputs)
-    table = table_of(job, inputs)
-    source = vehicle_of(job, inputs, table.embedded_vehicle)
+    settings, (table, source, expected) = job.settings, _read(job, inputs)
     judged = of_table(table, source, settings.assignments, Demands(settings.require, expected, settings.allow_contradicted))
-    files = {"result.json": escape.document(judged.result).encode(), "history.parquet": historyfile.content(judged.analysis)}
+    made = {"result.json": escape.document(judged.result).encode(), "history.parquet": historyfile.content(judged.analysis)}
     if settings.report:
-        files["report.html"] = _report(job, files)
+        made["report.html"] = _report(job, made)
     found, analysis = judged.result, judged.analysis
     bodies = kept.bodies(found, analysis.vehicle, analysis.source.vehicle)
-    told = kept.of_result(found, judged.unmet, bodies, sorted(files), found.provenance.method, mark)
-    return Produced(told, files | {outcome.FILE: outcome.to_json(told)})
+    return Produced(kept.of_result(found, judged.unmet, bodies, sorted(made), found.provenance.method, mark), made)
 
 
 def _checked(job: Job, inputs: Inputs, mark: str) -> Produced:
@@ -177,9 +172,7 @@ def _checked(job: Job, inputs: Inputs, mark: str) -> Produced:
     from massprop_cli.campaign import kept
     from massprop_cli.check import flow
 
-    table = table_of(job, inputs)
-    source = vehicle_of(job, inputs, table.embedded_vehicle)
-    expected = _expected(job, inputs)
+    table, source, expected = _read(job, inputs)
     wants = job.settings.require + (() if expected is None else expected.required)
     allowed = job.settings.allow_contradicted
     found = flow.of_table(table, source, wants, job.settings.assignments, allow_contradicted=allowed)
@@ -195,14 +188,17 @@ def _checked(job: Job, inputs: Inputs, mark: str) -> Produced:
         bodies=kept.expected(found.expected),
         files=[outcome.CHECKED],
     )
-    return Produced(told, {outcome.CHECKED: escape.document(found).encode(), outcome.FILE: outcome.to_json(told)})
+    return Produced(told, {outcome.CHECKED: escape.document(found).encode()})
 
 
-def _expected(job: Job, inputs: Inputs) -> Expectations | None:
-    if inputs.expect is None or job.settings.expect is None:
-        return None
-    place = job.settings.expect
-    return expect.parse(configfile.decoded(inputs.expect, place, "expect file"), location.path(place))
+def _read(job: Job, inputs: Inputs) -> tuple[Table, VehicleSource, Expectations | None]:
+    """A log with its vehicle, and what is expected of it."""
+    table = table_of(job, inputs)
+    source = vehicle_of(job, inputs, table.embedded_vehicle)
+    if inputs.expect is None:
+        return table, source, None
+    place, content = inputs.expect
+    return table, source, expect.parse(configfile.decoded(content, place, "expect file"), location.path(place))
 
 
 def table_of(job: Job, inputs: Inputs) -> Table:
@@ -229,14 +225,14 @@ def vehicle_of(job: Job, inputs: Inputs, embedded: str | None) -> VehicleSource:
     return vehiclefile.parse(configfile.decoded(content, place, "vehicle file"), place, stated)
 
 
-def _report(job: Job, files: Mapping[str, bytes]) -> bytes:
+def _report(job: Job, made: Mapping[str, bytes]) -> bytes:
     from massprop_cli.report import html
     from massprop_cli.result import read
 
     with tempfile.TemporaryDirectory() as aside:
         folder = Path(aside) / job.name
         folder.mkdir()
-        for name, content in files.items():
+        for name, content in made.items():
             (folder / name).write_bytes(content)
         recorded = [read.read(folder)]
         return html.stamped(html.page(recorded), recorded).encode()

@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager, nullcontext
 import pyarrow.parquet as pq
 import pytest
 
-from massprop_cli.campaign import outcome, parquet
+from massprop_cli.campaign import parquet
 from massprop_cli.campaign import run as flow
 from massprop_cli.campaign.outcome import CompressedRows
 from massprop_cli.campaign.plan import Job
@@ -53,7 +53,7 @@ class Ready:
         for index in range(len(tasks)):
             found = row(index % 20, 16.0, input_sha256=f"{index:064d}").outcome
             assert found is not None
-            yield index, Produced(found, {outcome.FILE: b""})
+            yield index, Produced(found)
 
 
 def peak(logs: int) -> int:
