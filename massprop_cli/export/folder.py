@@ -2,6 +2,7 @@
 
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from massprop_cli.base import files
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.escape import line
+from massprop_cli.base.lazy import jinja2
 from massprop_cli.estimate import kernelflight
 from massprop_cli.export import tables
 from massprop_cli.export.resolve import Constants, Leg
@@ -54,55 +56,27 @@ def contents(resolved: Constants) -> dict[str, str]:
             )
         found |= {"vector.txt": given(resolved, resolved.log), "expected.txt": expected(resolved, resolved.log)}
     names = " ".join(path.name for path in sources if path.suffix == ".c")
-    return found | {"README.md": _readme(resolved), "Makefile": _makefile(resolved, names)}
-
-
-def _makefile(resolved: Constants, sources: str) -> str:
-    programs = ("replay", "sanitized")
-    flown = "".join(
-        f"\tif [ -x {program} ]; then $(RUN) ./{program} < vector.txt > replayed.txt && cmp replayed.txt expected.txt; fi\n"
-        for program in programs
+    content = {**_told(resolved), "limits": tables.limits(resolved), "sources": names, "log": resolved.log is not None}
+    templates = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES), undefined=jinja2.StrictUndefined, trim_blocks=True, keep_trailing_newline=True
     )
-    test = flown if resolved.log is not None else "\t@echo 'built, and nothing flown: no log was given, so there is no test vector'\n"
-    text = (TEMPLATES / "Makefile.in").read_text(encoding="utf-8")
-    return text.replace("@LIMITS@", tables.limits(resolved)).replace("@KERNEL@", sources).replace("@TEST@\n", test + "\n")
+    made = {"README.md": "README.in", "Makefile": "Makefile.in"}
+    return found | {name: templates.get_template(source).render(content) for name, source in made.items()}
 
 
-def _readme(resolved: Constants) -> str:
-    vehicle = resolved.vehicle
-    waits, delay_s = resolved.commands[[kernelflight.WAITS, kernelflight.DELAY_S]]
-    period_s, inertia = vehicle.cycle.period_s, "ixx ixy ixz iyy iyz izz [kg m^2]"
-    said = {
-        "NAME": line(" ".join(vehicle.name.split())),
-        "TEST": "flies vector.txt as it was flown on the ground, and compares every bit of every value and sigma"
-        if resolved.log is not None
-        else "builds it under every warning; made with --log it also flies that log, and compares every bit with the ground",
-        "VERSION": __version__,
-        "PERIOD": f"{period_s:g}",
-        "RECORDS": f"{resolved.commands[kernelflight.RECORDS]:g}",
-        "BEARING": "On the bearing inertia and CG are those of what turns, and the mass has the bearing's in it. "
-        if vehicle.on_air_bearing
-        else "",
-        "COMMAND": f": {len(vehicle.jets)} on-times in s" if resolved.commands[0] else ": torque about O [N m] and force [N]",
-        "COMMANDED": "an on-time below 0 or longer than a period by more than a thousandth of it"
-        if resolved.commands[0]
-        else "a torque or force of 1e9 or more",
-        "WHEELS": f" `flown.speed`: of the {len(vehicle.wheels)} wheels relative to the body, at the cycle's end, rad/s."
-        if vehicle.wheels
-        else "",
-        "POINT": "pivot" if vehicle.on_pedestal else "CG",
-        "CG": "The first moment is m (CG - pivot)." if vehicle.on_pedestal else "The CG is counted from O.",
-        "VALUES": f"{inertia}, first moment about the pivot x y z [kg m], and no mass"
-        if vehicle.on_pedestal
-        else f"the ten quantities ({inertia}, cg_x cg_y cg_z [m], mass [kg])",
-        "DELAY": "A cycle's values come with the next call, since the next command may go on with a pulse."
-        if waits
-        else f"Commands are executed {delay_s:g} s after the start of their cycle.",
+def _told(resolved: Constants) -> dict[str, Any]:
+    """What the README says of this vehicle."""
+    jets, records, waits, delay_s = resolved.commands[[0, kernelflight.RECORDS, kernelflight.WAITS, kernelflight.DELAY_S]].tolist()
+    return {
+        "name": line(" ".join(resolved.vehicle.name.split())),
+        "version": __version__,
+        "vehicle": resolved.vehicle,
+        "inertia": "ixx ixy ixz iyy iyz izz [kg m^2]",
+        "jets": jets,
+        "records": records,
+        "waits": waits,
+        "delay_s": delay_s,
     }
-    text = (TEMPLATES / "README.in").read_text(encoding="utf-8")
-    for name, value in said.items():
-        text = text.replace(f"@{name}@", value)
-    return text
 
 
 def given(resolved: Constants, log: Log) -> str:

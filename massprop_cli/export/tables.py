@@ -40,6 +40,8 @@ COMMANDS = (
 """The same of mp_commands, before its sensors and channels."""
 SENSOR = (("instant", 0), ("lags", 0), ("latency_s", 1), ("weight", 2 * LAGS), ("lag_s", 2 * LAGS))
 """Of each of its sensors."""
+RULE = (("thrust_sigma", 1), ("count", 0), ("relative", 0), ("tolerance", 3), ("beyond", 6), ("gate", 1), ("known", 0))
+"""Members of mp_rule, before each known value's."""
 
 
 def limits(resolved: Constants) -> str:
@@ -151,11 +153,8 @@ def _commands(table: Array) -> str:
 
 
 def _rule(leg: Leg) -> str:
-    rule = leg.rule
-    known = rule[14:].reshape(-1, 3)
-    text = f"        .thrust_sigma = {_number(rule[0])},\n        .count = {int(rule[1])},\n        .relative = {int(rule[2])},\n"
-    text += f"        .tolerance = {_list(rule[3:6])},\n        .beyond = {_list(rule[6:12])},\n        .gate = {_number(rule[12])},\n"
-    text += f"        .known = {len(known)},\n"
+    known = leg.rule[_length(RULE) :].reshape(-1, 3)
+    text = _body(leg.rule, RULE)
     if len(known):
         index = ", ".join(str(int(i)) for i in known[:, 0])
         text += f"        .known_index = {{{index}}},\n        .known_value = {_list(known[:, 1])},\n"
