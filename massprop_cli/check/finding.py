@@ -68,9 +68,9 @@ class Check(Item):
     exit_code: int
 
 
-def finding(subject: Subject, code: str, grade: Grade, what: str, remedy: str, where: str = "") -> Finding:
-    """One that the log itself makes certain."""
-    return Finding(subject=subject, code=code, grade=grade, what=what, where=where, sure="certain", remedy=remedy)
+def finding(subject: Subject, code: str, grade: Grade, what: str, remedy: str, where: str = "", sure: str = "certain") -> Finding:
+    """Certain, by default, from the log itself."""
+    return Finding(subject=subject, code=code, grade=grade, what=what, where=where, sure=sure, remedy=remedy)
 
 
 def rows(where: BoolArray, place: Place) -> str:

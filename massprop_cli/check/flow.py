@@ -11,7 +11,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.check.attitude import attitude, on_table
 from massprop_cli.check.commands import commands, never_fired
-from massprop_cli.check.finding import Check, ExpectedQuantity, Finding, Subject, finding
+from massprop_cli.check.finding import Check, ExpectedQuantity, Finding, Grade, Subject, finding
 from massprop_cli.check.sampling import sampling
 from massprop_cli.check.sensors import sensors
 from massprop_cli.flow import Analysis
@@ -139,15 +139,9 @@ def _times(table: Table, vehicle: Vehicle) -> Array:
 def _of_notice(notice: Notice, named: bool) -> Finding:
     subject: Subject = "timing" if notice.code in TIMING else "imu" if notice.code.startswith(IMU) else "model"
     what, _, cure = notice.message.partition(". ")
-    return Finding(
-        subject=subject,
-        code=notice.code,
-        grade="note" if notice.code in NOTES else "fault",
-        what=notice.message if not cure else what,
-        where="",
-        sure="the log passes its test once it is corrected; rivals are named with it" if named else "measured in this log",
-        remedy=cure,
-    )
+    grade: Grade = "note" if notice.code in NOTES else "fault"
+    sure = "the log passes its test once it is corrected; rivals are named with it" if named else "measured in this log"
+    return finding(subject, notice.code, grade, what if cure else notice.message, cure, sure=sure)
 
 
 def _too_quiet(told: Result, vehicle: Vehicle) -> list[Finding]:
@@ -161,17 +155,12 @@ def _too_quiet(told: Result, vehicle: Vehicle) -> list[Finding]:
         if not stated or disturbed or not ratios or max(ratios) >= QUIET:
             continue
         level = stated * np.sqrt(np.mean(ratios))
-        found.append(
-            Finding(
-                subject="imu",
-                code=f"{kind}-noise-overstated",
-                grade="note",
-                what=f"the {kind} scatters by {level:.2g}, and {stated:.2g} is stated: sigmas are too large",
-                where="",
-                sure=f"{np.mean(ratios):.2g} of the expected variance",
-                remedy=f"state imu.{key} = {level:.2g}, or leave it out to have it estimated",
-            )
+        said = f"the {kind} scatters by {level:.2g}, and {stated:.2g} is stated: sigmas are too large"
+        remedy, sure = (
+            f"state imu.{key} = {level:.2g}, or leave it out to have it estimated",
+            f"{np.mean(ratios):.2g} of the expected variance",
         )
+        found.append(finding("imu", f"{kind}-noise-overstated", "note", said, remedy, sure=sure))
     return found
 
 
