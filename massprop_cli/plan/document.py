@@ -11,10 +11,9 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.judge import near_origin
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.plan import limiting
 from massprop_cli.plan import limits as limited
 from massprop_cli.plan.choose import Criterion, PlanGoal
-from massprop_cli.plan.planner import Planned, Stretch
+from massprop_cli.plan.planner import ENOUGH, Planned, Stretch
 from massprop_cli.plan.rehearsal import Rehearsal
 from massprop_cli.result.schema import Item
 from massprop_cli.testbed.bound import natural_sizes
@@ -27,6 +26,8 @@ POINTS = 200
 TEACHES = 1.02
 """A stretch teaches a quantity whose sigma were so many times as large without it."""
 FOREVER = 1e6
+LESS = 0.95
+"""Part of a ratio that a plan with any impulse must come below for the impulse to be what limits: seeds and guesses differ by less."""
 UNREACHED = {"told": "not by this plan", "ratio": None, "reached_at_s": None}
 """Of a quantity that an estimate of the plan's own log does not give."""
 
@@ -129,7 +130,7 @@ def document(
         quantities=quantities,
         timeline=[_stretch(stretch, found, last, period) for stretch in found.stretches],
         limits={
-            name: LimitItem(allowed=found.limits.get(name), used=value, unit=limited.UNITS[name]) for name, value in found.used.items()
+            name: LimitItem(allowed=found.limits.get(name), used=value, unit=limited.LIMITS[name][1]) for name, value in found.used.items()
         },
         **_course(found, sums, sizes, period),
         beyond_bound={name: float(factor) for name, factor in zip(QUANTITIES, wanted.beyond, strict=True) if factor > 1},
@@ -194,7 +195,32 @@ def _limited_by(found: Planned, quantities: dict[str, QuantityItem], rehearsal: 
         told = rehearsal.vehicle.thrust.scale_sigma and not rehearsal.by_wheels
         key = "thrust.scale_sigma" if told else "the information of all motions"
         return f"{best}; {key} keeps it above ± {ever[i]:.3g} {item.unit} however long it lasts: weigh the vehicle ([known]) or want less"
-    return best + limiting.remedy(found, ratio)
+    return best + (_by_impulse(found, ratio) or _by_time(found, ratio))
+
+
+def _by_impulse(found: Planned, ratio: float) -> str:
+    """What more impulse would reach; empty where the impulse does not limit."""
+    allowed, freely = found.limits.get("impulse_n_s"), found.any_impulse
+    if allowed is None or freely is None:
+        return ""
+    remaining = float(freely.ratios()[-1].max())
+    if freely.used["impulse_n_s"] <= allowed or remaining > LESS * ratio:
+        return ""
+    longer = max(remaining, 1.0) ** 2
+    # that plan spends freely; information also grows with the impulse of the one at hand
+    needed = min(freely.used["impulse_n_s"] * longer / ENOUGH, allowed * ratio**2)
+    reached = f" with {allowed:g} N s; about {needed:.3g} N s"
+    if longer == 1.0:
+        return f"{reached} would reach it (--max-impulse)"
+    return f"{reached} in {freely.duration_s * longer:.3g} s would reach it (--max-impulse, --max-time)"
+
+
+def _by_time(found: Planned, ratio: float) -> str:
+    """How long would reach it: information grows with the time."""
+    share = {key: found.used[key] / limit for key, limit in found.limits.items() if key != "impulse_n_s"}
+    gentle = any(stretch.motion.level < 1 for stretch in found.stretches)
+    by = f" with the limit on the {limited.LIMITS[max(share, key=lambda key: share[key])][0]}" if share and gentle else ""
+    return f"{by}; about {found.duration_s * ratio**2:.3g} s would reach it (--max-time)"
 
 
 def scenario_toml(found: Planned, rehearsal: Rehearsal, name: str) -> str:

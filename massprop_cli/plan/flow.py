@@ -34,7 +34,7 @@ class Asked:
     max_time_s: float = 60.0
     criterion: Criterion = "worst"
     limits: Mapping[str, float] = field(default_factory=dict)
-    """As :data:`massprop_cli.plan.limits.UNITS` names them."""
+    """As :data:`massprop_cli.plan.limits.LIMITS` names them."""
     off: tuple[str, ...] = ()
 
 

@@ -13,19 +13,16 @@ TILT_RAD = 0.5
 """Of an air bearing, where nothing else is stated: hemispherical ones end between 30 and 45 degrees."""
 RANGE_USED = 0.9
 """Part of an IMU's range that a plan may take: what is above clips at the next gust."""
-UNITS = {
-    "impulse_n_s": "N s", "rate_rad_s": "rad/s", "tilt_rad": "rad", "travel_m": "m", "wheel_rad_s": "rad/s", "gyro_rad_s": "rad/s",
-    "accel_m_s2": "m/s^2",
-}  # fmt: skip
-NAMES = {
-    "impulse_n_s": "impulse of the jets",
-    "rate_rad_s": "body rate",
-    "tilt_rad": "tilt",
-    "travel_m": "travel",
-    "wheel_rad_s": "change of a wheel's speed",
-    "gyro_rad_s": "rate about an axis of the gyro",
-    "accel_m_s2": "specific force along an axis of the accelerometer",
+LIMITS = {
+    "impulse_n_s": ("impulse of the jets", "N s"),
+    "rate_rad_s": ("body rate", "rad/s"),
+    "tilt_rad": ("tilt", "rad"),
+    "travel_m": ("travel", "m"),
+    "wheel_rad_s": ("change of a wheel's speed", "rad/s"),
+    "gyro_rad_s": ("rate about an axis of the gyro", "rad/s"),
+    "accel_m_s2": ("specific force along an axis of the accelerometer", "m/s^2"),
 }
+"""Name and unit of each."""
 
 
 def allowed(vehicle: Vehicle, stated: Mapping[str, float]) -> dict[str, float]:

@@ -23,7 +23,7 @@ def text(found: PlanFile) -> str:
         "longer": table.longer(found),
         "further": {name: table.further(item) for name, item in found.quantities.items()},
         "taught": table.taught,
-        "limits": [(limited.NAMES[name], table.limit(item)) for name, item in found.limits.items()],
+        "limits": [(limited.LIMITS[name][0], table.limit(item)) for name, item in found.limits.items()],
         "legend": table.legend(found),
         # our own drawings, with their texts escaped
         "panels": [markupsafe.Markup(one) for one in drawn],

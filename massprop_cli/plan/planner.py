@@ -146,7 +146,7 @@ def _over(used: dict[str, float], order: Order) -> float:
 
 def _unkept(rehearsal: Rehearsal, order: Order, used: dict[str, float]) -> str:
     worst = max(order.limits, key=lambda name: used[name] / order.limits[name])
-    unit, beyond = limited.UNITS[worst], unheld(rehearsal)
+    (name, unit), beyond = limited.LIMITS[worst], unheld(rehearsal)
     remedy = "Raise the limit, or correct the guess"
     if beyond is not None:
         torque, full = beyond
@@ -156,7 +156,7 @@ def _unkept(rehearsal: Rehearsal, order: Order, used: dict[str, float]) -> str:
             f"first{command}, or raise the limit"
         )
     return (
-        f"{rehearsal.source}: no motion keeps the limit of {order.limits[worst]:.4g} {unit} on the {limited.NAMES[worst]}; "
+        f"{rehearsal.source}: no motion keeps the limit of {order.limits[worst]:.4g} {unit} on the {name}; "
         f"the gentlest takes {used[worst]:.3g} {unit}. {remedy}"
     )
 

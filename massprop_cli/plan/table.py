@@ -66,7 +66,7 @@ def taught(teaches: dict[str, float]) -> str:
 def _limits(found: PlanFile) -> Table:
     table = titled("limits", ("limit", "used", "allowed", "unit"), ("limit", "unit"))
     for name, item in found.limits.items():
-        table.add_row(limited.NAMES[name], *limit(item))
+        table.add_row(limited.LIMITS[name][0], *limit(item))
     return table
 
 
