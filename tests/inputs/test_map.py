@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns, telemetry
-from massprop_cli.inputs.formats import mapfile, mapped, pathpattern, reading, resample
+from massprop_cli.inputs.formats import mapfile, mapped, reading, recording, resample
 from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.vehiclefile import parse
 from tests.streams import RECORDS, SIX, WRENCH_MAP, made, motion, values
@@ -348,6 +348,6 @@ def test_a_pattern_fits_what_the_regular_expression_for_it_fits() -> None:
         parts = re.split(r"(\*\*|\*|\?)", pattern)
         expression = "".join({"**": ".*", "*": "[^/]*", "?": "[^/]"}.get(part, re.escape(part)) for part in parts)
         wanted = [path] if re.fullmatch(expression, path) else []
-        assert pathpattern.fitting(pattern, [path]) == wanted, f"{pattern} on {path}"
+        assert recording.fitting(pattern, [path]) == wanted, f"{pattern} on {path}"
         fitted += bool(wanted)
     assert fitted > 300

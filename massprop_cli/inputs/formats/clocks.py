@@ -1,12 +1,14 @@
-"""Clocks of a recording: times in seconds, and what is wrong with those that are none."""
+"""Clocks of a recording: times in seconds, what is wrong with those that are none, and whether increments cover all the time."""
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.formats import units
+from massprop_cli.inputs.formats.recording import RecordedStream
 
 NEAR, MOSTLY, SHORT = 0.1, 0.9, 1.5
 """Part of the median interval within which intervals are even; part of them that are; times the median that none of these is as long as."""
@@ -34,6 +36,11 @@ WRAPS = {
     1.0: "it holds the part of a second: name the whole seconds as path, and nanoseconds = this one",
 }
 """What to do about a clock that goes back by so many seconds, to a thousandth of them."""
+_LENGTH = re.compile(r"[_.]?(integral_?)?dt(_(s|ms|us|ns))?(\s*[\[(].*)?", re.IGNORECASE)
+"""How a stream is called, after its increments, of the time that each covers (PX4: ``delta_angle[0]``, ``delta_angle_dt``)."""
+_COVERS = 0.05
+"""Part by which what increments cover may differ from their stamps' intervals: that much clocks drift and scatter, and the least that a
+logger leaves out is every twentieth."""
 
 
 @dataclass(frozen=True)
@@ -103,3 +110,25 @@ def problem(times_s: Array, place: Callable[[int], str], zero_s: float, sensor: 
         f"{median(steps[~together]):.3g} s between the others): if these are two sensors in one table, keep the rows of one; if they came "
         "in bursts, state even = true under the clock, or the clock of the sensor itself"
     )
+
+
+def covering(streams: Mapping[str, RecordedStream], paths: Sequence[str]) -> RecordedStream | None:
+    """The stream that says how long each increment of these covers; None where none is called so."""
+    same = [len(set(letters)) == 1 for letters in zip(*paths, strict=False)]
+    stem = paths[0][: [*same, False].index(False)].rstrip("_.[( ")
+    rows = streams[paths[0]].rows
+    called = [one for path, one in streams.items() if path.startswith(stem) and _LENGTH.fullmatch(path, len(stem))]
+    return next((one for one in called if stem and one.rows == rows), None)
+
+
+def covered(length: RecordedStream) -> float:
+    """What an increment covers, as recorded."""
+    values = np.asarray(length.values, np.float64)
+    return float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else np.nan
+
+
+def covers_all(length: RecordedStream, step_s: Sequence[float]) -> bool:
+    """Whether increments cover their interval, for any of these; their lengths' unit is seldom recorded, and any is taken."""
+    recorded = units.factor(length.unit, units.TIME)
+    factors = [recorded] if recorded is not None else list(units.TIME.values())
+    return any(abs(covered(length) * factor / step - 1) < _COVERS for factor in factors for step in step_s if step > 0)

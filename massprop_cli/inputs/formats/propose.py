@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats import covering, listing, units
+from massprop_cli.inputs.formats import listing, units
+from massprop_cli.inputs.formats.clocks import covered, covering, covers_all
 from massprop_cli.inputs.formats.recording import RecordedStream, Recording
 from massprop_cli.inputs.formats.vectors import COMMANDS, SENSORS, Vector, VectorName, attitudes, fitting, vectors
 
@@ -94,12 +95,12 @@ def _section(clocks: listing.Clocks, quantity: VectorName, found: Sequence[Vecto
 
 def _covering(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> tuple[RecordedStream, bool] | None:
     """Of increments the stream that says how long each covers, and whether that is all the time; None where there is none."""
-    length = covering.lengths(clocks.streams, vector.paths)
+    length = covering(clocks.streams, vector.paths)
     found = clocks.of(vector.streams[0])
     if length is None or len(found) != 1 or units.factor(vector.unit, quantity.increments) is None:
         return None
     step, factor = clocks.step(found[0], vector.streams[0]), units.factor(clocks.unit(found[0])[0], units.TIME)
-    return length, covering.whole(length, [step * each for each in ([factor] if factor is not None else units.TIME.values())])
+    return length, covers_all(length, [step * each for each in ([factor] if factor is not None else units.TIME.values())])
 
 
 def _left_out(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> str:
@@ -108,7 +109,7 @@ def _left_out(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> s
     if found is None or found[1]:
         return ""
     step = clocks.step(clocks.of(vector.streams[0])[0], vector.streams[0])
-    return f"by {found[0].path!r} each covers {covering.usual(found[0]):.6g}, and they come every {step:.6g} by their clock"
+    return f"by {found[0].path!r} each covers {covered(found[0]):.6g}, and they come every {step:.6g} by their clock"
 
 
 def _said(clocks: listing.Clocks, vector: Vector) -> str:

@@ -11,11 +11,10 @@ from massprop_cli.base.configfile import nearest
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats import clocks, covering, resample, units
+from massprop_cli.inputs.formats import clocks, resample, units
 from massprop_cli.inputs.formats.clocks import Times
 from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Mapped, MappedJet, MappedSensor, MappedVector, MappedWrench, MapSource
-from massprop_cli.inputs.formats.pathpattern import fitting
-from massprop_cli.inputs.formats.recording import Numbers, RecordedStream, Recording
+from massprop_cli.inputs.formats.recording import Numbers, RecordedStream, Recording, fitting
 from massprop_cli.inputs.held import moving_mean, on_a_beat
 from massprop_cli.inputs.logtable import EMPTY
 from massprop_cli.inputs.marked import fills
@@ -102,12 +101,12 @@ class Signals:
 
     def _check_covering(self, found: QuantitySignal) -> None:
         """Increments cover the time since the one before, where the file says what they cover."""
-        length = covering.lengths(self.recording.streams, found.paths)
-        if length is not None and not covering.whole(length, [found.times.step_s]):
+        length = clocks.covering(self.recording.streams, found.paths)
+        if length is not None and not clocks.covers_all(length, [found.times.step_s]):
             raise self.error(
                 found.key,
                 found.paths[0],
-                f"an increment covers {covering.usual(length):.6g} by {length.path!r}, and they come every {found.times.step_s:.6g} s: "
+                f"an increment covers {clocks.covered(length):.6g} by {length.path!r}, and they come every {found.times.step_s:.6g} s: "
                 'what happened in between is lost. Log all of them, or map rates instead (values = "sample" or "mean"), or '
                 "correct the clock",
             )
