@@ -10,7 +10,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.escape import visible
 from massprop_cli.base.lazy import jinja2, markupsafe
-from massprop_cli.report import assumptions, body, checks, digits, figures, matrices, mended, timing, view, vocabulary
+from massprop_cli.report import assumptions, body, checks, digits, figures, matrices, timing, view, vocabulary
 from massprop_cli.report.figures import Picture, canvas, comparison, correlation, palette
 from massprop_cli.report.svg import gathered, inline, quoted, script
 from massprop_cli.result.read import Recorded, labels
@@ -95,7 +95,6 @@ def _report(recorded: Recorded) -> Mapping[str, Any]:
         "docked": _docked(recorded, tables[-1]),
         "fits": checks.verdict(held),
         "assumptions": assumptions,
-        "mended": mended,
         "fit": _figures(OF_FIT, recorded, ""),
         "joint": OF_LOGS if recorded.joint else "",
         "stacked": STACKED,

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 
 from massprop_cli.base.escape import markdown as shown
-from massprop_cli.report import assumptions, mended, timing, view, vocabulary
+from massprop_cli.report import assumptions, timing, view, vocabulary
 from massprop_cli.report.vocabulary import gaps
 from massprop_cli.result.judge import contradiction, missed, parts
 from massprop_cli.result.read import Recorded, labels
@@ -154,14 +154,14 @@ def _estimates(estimates: dict[str, EstimateItem], found: Result) -> list[str]:
 
 
 def _mended(one: Mended) -> list[str]:
-    found = [f"### {mended.TITLE}", "", f"Not the result: {shown(one.message)} ({shown(one.code)})", ""]
-    found += [*(f"    {option}" for option in mended.options(one)), ""] if one.settings else []
-    found += [mended.beyond(one), ""] if not one.whole else []
+    found = [f"### {view.CORRECTED}", "", f"Not the result: {shown(one.message)} ({shown(one.code)})", ""]
+    found += [*(f"    {option}" for option in view.corrections(one)), ""] if one.settings else []
+    found += [view.beyond_options(one), ""] if not one.whole else []
     for phase in one.phases:
-        still = mended.still(phase)
+        still = view.still_contradicted(phase)
         found += [f"Phase {shown(phase.name)}{f': **{shown(still)}**' if still else ''}", ""]
         found += table(["quantity", "value", "± sigma", "unit", "verdict"], "lrrll")
-        found += [row([shown(name), value, sigma, unit, _verdict_words(told)]) for name, value, sigma, unit, told in mended.rows(phase)]
+        found += [row([shown(name), value, sigma, unit, _verdict_words(told)]) for name, value, sigma, unit, told in view.corrected(phase)]
         found.append("")
     return found
 

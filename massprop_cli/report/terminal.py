@@ -4,7 +4,7 @@ from rich.console import Console
 from rich.table import Table
 
 from massprop_cli.base import escape
-from massprop_cli.report import assumptions, digits, mended, timing, view, vocabulary
+from massprop_cli.report import assumptions, digits, timing, view, vocabulary
 from massprop_cli.report.fit import fitted, titled
 from massprop_cli.result.judge import INFORMED, contradiction
 from massprop_cli.result.schema import DockedObject, EstimateItem, Mended, PhaseItem, Result
@@ -53,18 +53,18 @@ def _part(title: str, body: PhaseItem | DockedObject, found: Result, console: Co
 
 def _mended(one: Mended, console: Console) -> None:
     console.print()
-    console.print(escape.rich(f"{mended.TITLE} (not the result): {one.message} [{one.code}]"), style="bold")
+    console.print(escape.rich(f"{view.CORRECTED} (not the result): {one.message} [{one.code}]"), style="bold")
     for phase in one.phases:
         table = titled(escape.rich(f"corrected, phase {phase.name}"), ("quantity", "value", "± sigma", "unit", "verdict"), _WORDS, "dim")
-        for name, value, sigma, unit, verdict in mended.rows(phase):
+        for name, value, sigma, unit, verdict in view.corrected(phase):
             table.add_row(escape.rich(name), *_dimmed(verdict, value, sigma), unit, f"[{_STYLE[verdict]}]{verdict}[/]")
         fitted(table, console)
         if phase.contradiction:
-            console.print(escape.rich(mended.still(phase)), style=_STYLE["contradicted"])
-    for option in mended.options(one):
+            console.print(escape.rich(view.still_contradicted(phase)), style=_STYLE["contradicted"])
+    for option in view.corrections(one):
         console.print(f"  {escape.rich(option)}", soft_wrap=True)
     if not one.whole:
-        console.print(mended.beyond(one))
+        console.print(view.beyond_options(one))
 
 
 def _assumptions(found: Result, console: Console) -> None:

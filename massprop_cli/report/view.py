@@ -1,17 +1,22 @@
 """A result as a page shows it: every number a text with as many figures as its sigma bears."""
 
+import shlex
 from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.escape import line
+from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.report import assumptions, digits, vocabulary
 from massprop_cli.report.vocabulary import reason
 from massprop_cli.result.judge import INFORMED, contradiction
-from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
+from massprop_cli.result.schema import DockedObject, EstimateItem, Mended, MendedPhase, PhaseItem, Result
 
 SCATTER = "± by segments"
 """Heading of the sigmas by the scatter of segments."""
+CORRECTED = "Corrected estimate"
+"""Title of what a log gives if a fault that it names is corrected: beside the result, never in its place."""
 
 
 @dataclass(frozen=True)
@@ -225,3 +230,27 @@ def signs(found: Iterable[QuantityTable]) -> list[str]:
     """Verdicts that occur, in the order of :data:`words.VERDICTS`."""
     there = {row.verdict for table in found for row in table.rows}
     return [verdict for verdict in vocabulary.VERDICTS if verdict in there]
+
+
+def corrections(found: Mended) -> list[str]:
+    """The options of ``massprop estimate`` that correct a fault, as a shell takes them."""
+    return [f"--set {shlex.quote(line(setting))}" for setting in found.settings]
+
+
+def beyond_options(found: Mended) -> str:
+    """That the options don't give these values by themselves; empty where they do."""
+    return "" if found.whole else "These options alone do not give these values: the readings of a sensor were turned, too."
+
+
+def corrected(phase: MendedPhase) -> list[tuple[str, str, str, str, Verdict]]:
+    """Quantity, value, sigma, unit, verdict of a corrected estimate."""
+    about = {f"{name} about the pivot": item for name, item in phase.about_pivot.items()}
+    return [
+        (name, *digits.numbers(item.value, item.sigma, item.verdict), vocabulary.unit(item.unit), item.verdict)
+        for name, item in {**phase.estimates, **about}.items()
+    ]
+
+
+def still_contradicted(phase: MendedPhase) -> str:
+    """What correcting doesn't correct; empty where it corrects all."""
+    return f"still contradicted: {phase.contradiction}" if phase.contradiction else ""
