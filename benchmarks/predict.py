@@ -60,7 +60,7 @@ def pairs(count: int, first: int) -> Iterator[Pair]:
 
 def noise(result: Result) -> tuple[IntArray, Array, Array]:
     """Which quantities have a value, these, and their covariance without the thrust's common error."""
-    own = piece("", result.vehicle, result.phases[0])
+    own = piece(result.vehicle, result.phases[0])
     at = np.flatnonzero(np.isfinite(own.values))
     scaled = own.by_scale(own.values)[at]
     left = 0.0 if own.known else own.scale_sigma

@@ -119,16 +119,10 @@ def of_file(
         return _judged(flow.examine(read, source, assignments, progress), demands or Demands())
 
 
-def of_table(
-    table: Table,
-    source: VehicleSource,
-    assignments: Sequence[str] = (),
-    demands: Demands | None = None,
-    progress: Progress | None = None,
-) -> Judged:
+def of_table(table: Table, source: VehicleSource, assignments: Sequence[str] = (), demands: Demands | None = None) -> Judged:
     """The same of a log and a vehicle at hand."""
     with _guarded(table.path, source):
-        return _judged(flow.examine(telemetry.read(table, source.vehicle), source, assignments, progress), demands or Demands())
+        return _judged(flow.examine(telemetry.read(table, source.vehicle), source, assignments), demands or Demands())
 
 
 @contextmanager

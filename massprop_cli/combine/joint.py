@@ -37,7 +37,6 @@ BEYOND = 4.0
 class Piece:
     """One result of one body."""
 
-    name: str
     values: Array
     """(10,) NaN where nothing can be said."""
     covariance: Array

@@ -73,17 +73,17 @@ class Phased(NamedTuple):
     parts: Sequence[Part]
 
 
-def piece(label: str, vehicle: VehicleInfo, phase: PhaseItem, alike: Array | None = None) -> Piece:
+def piece(vehicle: VehicleInfo, phase: PhaseItem, alike: Array | None = None) -> Piece:
     """One phase of a result; ``alike``: what its errors may have in common with those of others (:mod:`massprop_cli.combine.incommon`)."""
     if vehicle.environment == "pedestal":
-        return pivot.piece(label, vehicle, phase, alike)
+        return pivot.piece(vehicle, phase, alike)
     values = np.array([np.nan if e.value is None or e.sigma is None else e.value for e in phase.estimates.values()])
     covariance = np.array(phase.covariance, dtype=float)
     at = np.array(vehicle.bearing_position_m)
     # gravity has no part in how the mass properties are written
     bearing = BearingBody(at, vehicle.bearing_mass_kg, 0.0) if vehicle.environment == "air_bearing" else None
     common = np.zeros(10) if alike is None else alike
-    return Piece(label, values, covariance, phase.known, scale_sigma(vehicle, phase), bearing, alike=common)
+    return Piece(values, covariance, phase.known, scale_sigma(vehicle, phase), bearing, alike=common)
 
 
 def together_phase(name: str, parts: Sequence[Part]) -> Phased:
@@ -144,7 +144,7 @@ def by_object(before: Gathered, after: Gathered, text: str) -> tuple[list[Phased
     """Both sides in absolute terms by the object that ``text`` states, and the object."""
     known = added.stated(text)
     vehicle = before.parts[0].vehicle
-    scales = [piece(part.label, part.vehicle, part.phase).scale_sigma for of in (before, after) for part in of.parts]
+    scales = [piece(part.vehicle, part.phase).scale_sigma for of in (before, after) for part in of.parts]
     found = added.calibrated((_side(before), _side(after)), known, max(scales) if vehicle.thrust_scale_sigma > 0 else 0.0)
     against = ""
     if chance(found.chi_square, found.freedom) < RARE:
@@ -190,7 +190,7 @@ def _joint(name: str, parts: Sequence[Part]) -> tuple[Joint, list[WarningItem]]:
 
 
 def _pieces(parts: Sequence[Part]) -> list[Piece]:
-    return [piece(part.label, part.vehicle, part.phase, incommon.alike(part.recorded.result, part.phase)) for part in parts]
+    return [piece(part.vehicle, part.phase, incommon.alike(part.recorded.result, part.phase)) for part in parts]
 
 
 def _odd_one(parts: Sequence[Part]) -> str:

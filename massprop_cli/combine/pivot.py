@@ -36,7 +36,7 @@ def refuse(recorded: Sequence[Recorded]) -> None:
                 raise InputError(f"{one.path}: its values about the pivot include {known}; make the result again without it")
 
 
-def piece(label: str, vehicle: VehicleInfo, phase: PhaseItem, alike: Array | None = None) -> Piece:
+def piece(vehicle: VehicleInfo, phase: PhaseItem, alike: Array | None = None) -> Piece:
     """The nine of one phase, and no mass; ``alike`` (10,) of the ten, or (9,) of these."""
     values, covariance = np.full(10, np.nan), np.full((10, 10), np.nan)
     values[:9] = [np.nan if one.value is None or one.sigma is None else one.value for one in map(phase.about_pivot.get, ABOUT_PIVOT) if one]
@@ -45,7 +45,7 @@ def piece(label: str, vehicle: VehicleInfo, phase: PhaseItem, alike: Array | Non
     if len(common) == 10:
         onto = incommon.by_ten_about_pivot(phase, 0.0, np.array(vehicle.bearing_position_m))
         common = incommon.alike_about_pivot(common, onto)
-    return Piece(label, values, covariance, {}, scale_sigma(vehicle, phase), about_pivot=True, alike=np.append(common, 0.0))
+    return Piece(values, covariance, {}, scale_sigma(vehicle, phase), about_pivot=True, alike=np.append(common, 0.0))
 
 
 def weighed(phases: Sequence[PhaseItem]) -> tuple[float, float] | None:

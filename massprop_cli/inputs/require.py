@@ -70,16 +70,16 @@ def requirements(stated: str | Sequence[str] | None, option: str = "--require") 
         raise (UsageError if error.syntax else InputError)(f"{option} {error}") from None
 
 
-def precise(stated: str, option: str = "--want") -> tuple[Requirement, ...]:
-    """The same where every quantity needs a precision."""
-    found = requirements(stated, option)
+def precise(stated: str) -> tuple[Requirement, ...]:
+    """The same of ``--want``, where every quantity needs a precision."""
+    found = requirements(stated, "--want")
     pivoted = next((item.quantity for item in found if item.quantity.startswith(PIVOT)), None)
     if pivoted is not None:
-        raise InputError(f"{option} {pivoted}: a plan has the sigmas of the ten quantities alone; name one of {', '.join(QUANTITIES)}")
+        raise InputError(f"--want {pivoted}: a plan has the sigmas of the ten quantities alone; name one of {', '.join(QUANTITIES)}")
     bare = next((item.quantity for item in found if item.precision is None), None)
     if bare is not None or not found:
         raise InputError(
-            f'{option} {bare or "nothing"}: says no precision; write for instance "{bare or "mass"} 2 %" or "{_example(bare or "mass")}"'
+            f'--want {bare or "nothing"}: says no precision; write for instance "{bare or "mass"} 2 %" or "{_example(bare or "mass")}"'
         )
     return found
 

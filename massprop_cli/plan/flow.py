@@ -13,7 +13,6 @@ from massprop_cli.estimate.quantities import alone
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.actuators.actuator import called
 from massprop_cli.inputs.require import Requirement
-from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan import document, guess, limits, planner, rehearsal
 from massprop_cli.plan.choose import Criterion, PlanGoal
 from massprop_cli.plan.document import PlanFile
@@ -45,7 +44,6 @@ class WrittenPlan:
     plan: PlanFile
     scenario: str
     """Text of scenario.toml."""
-    vehicle: VehicleSource
 
     @property
     def exit_code(self) -> int:
@@ -79,7 +77,7 @@ def make(vehicle: Path, guess_file: Path | None, asked: Asked, say: Say, assignm
         notes.append(f"planned without {', '.join(asked.off)}: scenario.toml holds the vehicle without")
     made = document.document(found, flown, source, asked.criterion, asked.max_time_s, notes)
     plain = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in source.vehicle.name).strip("-.")
-    return WrittenPlan(made, document.scenario_toml(found, flown, f"{plain or 'vehicle'}-plan"), source)
+    return WrittenPlan(made, document.scenario_toml(found, flown, f"{plain or 'vehicle'}-plan"))
 
 
 def _order(flown: Rehearsal, guessed: guess.Guess, asked: Asked) -> Order:

@@ -85,7 +85,7 @@ def compared(first: tuple[VehicleInfo, PhaseItem], second: tuple[VehicleInfo, Ph
 
 
 def _side(vehicle: VehicleInfo, phase: PhaseItem, both: dict[str, tuple[float, float]]) -> PredictionSide:
-    own = piece("", vehicle, phase)
+    own = piece(vehicle, phase)
     values, covariance = own.values, np.nan_to_num(own.covariance)
     slope = left_by_known(own.by_scale(values), covariance, {name: sigma for name, (_, sigma) in own.known.items()})
     shared = [covariance[:, QUANTITIES.index(name)] / sigma for name, (_, sigma) in both.items()]

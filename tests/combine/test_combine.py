@@ -116,7 +116,7 @@ def test_pieces_of_a_log_give_what_all_their_data_give_at_once(
             alone = flow.examine(log.part(begin, end), VehicleSource(vehicle, "x", "")).conclusions[0]
             plant = plant_of(vehicle)
             bearing = plant if isinstance(plant, BearingBody) else None
-            found.append(Piece(str(begin), alone.values, alone.covariance, {}, bearing=bearing))
+            found.append(Piece(alone.values, alone.covariance, {}, bearing=bearing))
         together = joint(found)
         values, covariance = at_once(source, flight, quiet, body, pieces)
         sigma = np.sqrt(np.diag(covariance))
@@ -150,7 +150,7 @@ def test_what_is_shared_counts_once() -> None:
         covariance = covariance + scale**2 * np.outer(scaled, scaled)
         gain = covariance[:, 9] / (covariance[9, 9] + sigma**2)
         values, covariance = values + gain * (weighed - values[9]), covariance - np.outer(gain, covariance[9])
-        pieces.append(Piece("x", values, covariance, {"mass": (weighed, sigma)}, scale))
+        pieces.append(Piece(values, covariance, {"mass": (weighed, sigma)}, scale))
     found = joint(pieces)
     bare, spread = solved(np.concatenate(rows), np.concatenate(data))
     scaled = np.concatenate([bare[:6], np.zeros(3), bare[9:]])
@@ -225,8 +225,8 @@ def test_what_makes_one_log_doubt_the_thrust_holds_for_all() -> None:
     rows, data = gaussians(2, 2)
     (one, sharp), (other, blunt) = solved(rows[0], data[0]), solved(rows[1], data[1])
     proportional = np.concatenate([one[:6], np.zeros(3), one[9:]])
-    exact = joint([Piece("a", one, sharp, {}), Piece("b", other, blunt, {})])
-    wary = joint([Piece("a", one, sharp + 0.02**2 * np.outer(proportional, proportional), {}, 0.02), Piece("b", other, blunt, {})])
+    exact = joint([Piece(one, sharp, {}), Piece(other, blunt, {})])
+    wary = joint([Piece(one, sharp + 0.02**2 * np.outer(proportional, proportional), {}, 0.02), Piece(other, blunt, {})])
     np.testing.assert_allclose(wary.values, exact.values, rtol=1e-9)
     scaled = np.concatenate([exact.values[:6], np.zeros(3), exact.values[9:]])
     np.testing.assert_allclose(wary.covariance, exact.covariance + 0.02**2 * np.outer(scaled, scaled), rtol=1e-6, atol=1e-12)
@@ -239,13 +239,13 @@ def test_what_a_piece_does_not_tell_is_left_to_the_others() -> None:
     untold[9] = np.nan
     covariance = half[1].copy()
     covariance[9], covariance[:, 9] = np.nan, np.nan
-    found = joint([Piece("a", *whole, {}), Piece("b", untold, covariance, {})])
+    found = joint([Piece(*whole, {}), Piece(untold, covariance, {})])
     marginal = np.zeros((10, 10))
     marginal[:9, :9] = np.linalg.inv(half[1][:9, :9])
     information = np.linalg.inv(whole[1]) + marginal
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), np.sqrt(np.diag(np.linalg.inv(information))), rtol=2e-3)
     assert np.isnan(found.apart[1][9])
-    alone = joint([Piece("b", untold, covariance, {}), Piece("c", untold, covariance, {})])
+    alone = joint([Piece(untold, covariance, {}), Piece(untold, covariance, {})])
     assert np.isnan(alone.values[9])
     assert np.isfinite(alone.values[:9]).all()
 

@@ -167,7 +167,7 @@ def test_every_phase_is_drawn_and_named(docking: Recorded) -> None:
             columns["iyy"],
             precision(svg_inertia, f"iyy-{number}"),
         )
-    alone = figures.draw("mass", docking, "svg", "combined")
+    alone = figures.canvas.render(figures.picture("mass", docking, "combined").panels, "svg")
     assert drawn(alone, "mass-1", "mass-value-1")[-1, 1] == pytest.approx(docking.history["combined"]["mass"][-1], rel=1e-3)
 
 
@@ -251,7 +251,7 @@ def test_information_comes_when_sigma_shrinks() -> None:
     assert shares[burst].sum() == pytest.approx(500 / 501, abs=1e-3)
     assert found.commands[0][burst] == pytest.approx(1.0)
     assert found.commands[0][~burst] == pytest.approx(0.0)
-    half = excitation.learnt_by(found, 0, 0.5)
+    half = excitation.half_learnt_by(found, 0)
     assert half is not None
     assert 22 < half < 24
 
@@ -300,7 +300,7 @@ def test_an_unknown_figure_or_phase_is_refused_with_those_there_are(flyer: Recor
     with pytest.raises(UsageError, match=r"no figure 'inertai'; did you mean inertia\? there are inertia, cg, mass"):
         flyer_drawing("inertai")
     with pytest.raises(UsageError, match=r"no phase 'docked' in .*; there are all"):
-        figures.draw("inertia", flyer, "svg", "docked")
+        figures.picture("inertia", flyer, "docked")
 
 
 def test_without_a_history_only_figures_against_time_are_refused(flyer: Recorded) -> None:

@@ -64,11 +64,10 @@ def picture(name: str, recorded: Recorded, phase: str | None = None) -> Picture:
     return found if found.panels else Picture(found.caption, (nothing("the log lacks the sensor that this would show"),))
 
 
-def draw(name: str, recorded: Recorded, kind: Kind, phase: str | None = None) -> bytes:
+def draw(name: str, recorded: Recorded, kind: Kind) -> bytes:
     """The figure as SVG or PNG; same result, same bytes. Errors as :func:`picture`."""
-    found = picture(name, recorded, phase)
-    of_phase = f", phase {line(phase, 24)}" if phase is not None else ""
-    title = f"{TITLES[name]}: {line(recorded.result.vehicle.name, 40)}, {line(recorded.result.log.path, 40)}{of_phase}"
+    found = picture(name, recorded)
+    title = f"{TITLES[name]}: {line(recorded.result.vehicle.name, 40)}, {line(recorded.result.log.path, 40)}"
     return canvas.render(found.panels, kind, found.columns, title)
 
 

@@ -73,12 +73,12 @@ def _information(sigma: Array, part: NDArray[np.intp]) -> Array:
     return np.asarray(np.bincount(part, gained / gained.sum(), BINS), dtype=float)
 
 
-def learnt_by(found: Strips, row: int, share: float) -> float | None:
-    """The moment by which this share of the information on a quantity was in."""
+def half_learnt_by(found: Strips, row: int) -> float | None:
+    """The moment by which half of the information on a quantity was in."""
     shares = found.information[row]
     if not np.isfinite(shares).all():
         return None
-    return float(found.edges_s[1 + np.searchsorted(np.cumsum(shares), share - 1e-9)])
+    return float(found.edges_s[1 + np.searchsorted(np.cumsum(shares), 0.5 - 1e-9)])
 
 
 def _panel(number: int, phase: PhaseItem, found: Strips, several: bool) -> Panel:
@@ -119,6 +119,6 @@ def _steps(edges: Array, tops: Array, bottom: float) -> tuple[Array, Array]:
 def _says(phase: PhaseItem, found: Strips) -> str:
     told = []
     for row, name in enumerate(QUANTITIES):
-        moment = learnt_by(found, row, 0.5)
+        moment = half_learnt_by(found, row)
         told.append(f"{vocabulary.SYMBOLS[name]} {'never' if moment is None else f'half by {moment:.3g} s'}")
     return f"When each quantity was learnt in phase {line(phase.name)}, beside the executing torque and force: {', '.join(told)}"

@@ -74,14 +74,14 @@ def row_at(time_s: Array, moment_s: float) -> int:
     return int(np.argmin(np.abs(time_s - moment_s)))
 
 
-def settled(values: Array, sigmas: Array, sigma_count: float = 3.0) -> AxisRange | None:
-    """The range in which the settled part can be read: values ± a few sigmas; ``None`` if nothing is finite."""
+def settled(values: Array, sigmas: Array) -> AxisRange | None:
+    """The range in which the settled part can be read: values ± 3 sigmas; ``None`` if nothing is finite."""
     told = np.flatnonzero(np.isfinite(values) & np.isfinite(sigmas))
     if not told.size:
         return None
     tails = [told[told >= min(int(part * len(values)), told[-1])] for part in SETTLED]
-    low = [float((values[tail] - sigma_count * sigmas[tail]).min()) for tail in tails]
-    high = [float((values[tail] + sigma_count * sigmas[tail]).max()) for tail in tails]
+    low = [float((values[tail] - 3.0 * sigmas[tail]).min()) for tail in tails]
+    high = [float((values[tail] + 3.0 * sigmas[tail]).max()) for tail in tails]
     finest = high[-1] - low[-1]
     first = next(n for n in range(len(tails)) if high[n] - low[n] <= COARSE * finest)
     return padded(low[first], high[first])

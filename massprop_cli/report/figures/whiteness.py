@@ -56,10 +56,10 @@ def autocorrelation(pieces: list[Array]) -> Array:
     return found
 
 
-def running(z: Array, window: int = WINDOW) -> Array:
-    """(K − window + 1,) mean over so many rows of the sum of squares of z (K, a)."""
+def running(z: Array) -> Array:
+    """(K − WINDOW + 1,) mean over so many rows of the sum of squares of z (K, a)."""
     sums = np.concatenate([[0.0], np.cumsum((z**2).sum(1))])
-    return np.asarray((sums[window:] - sums[:-window]) / window)
+    return np.asarray((sums[WINDOW:] - sums[:-WINDOW]) / WINDOW)
 
 
 def _histogram(kind: str, parts: list[Covered]) -> Panel:
