@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from csv import Error as CsvError
 from csv import reader as csv_lines
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -81,17 +81,10 @@ def columns_of(path: Path, data: Content) -> Table:
     """The columns of a CSV or Parquet file as they are."""
     if not data:
         raise InputError(f"{path}: the file is empty; record the log again")
-    readers = {".parquet": _read_parquet, ".csv": _read_csv, ".tsv": _read_csv}
-    found = readers[recording.suffix(path)](path, data)
+    found = _read_parquet(path, data) if recording.suffix(path) == ".parquet" else _read_csv(path, data)
     if found.rows == 0:
         raise InputError(f"{path}: has a header but no rows; record the log again")
-    _check_names(str(path), found.names)
-    columns = {
-        name: Cells(path, name, partial(found.column, name), found.place, found.instants.get(name, ""), found.units.get(name, ""))
-        for name in found.names
-    }
-    vehicle, by = (found.embedded.get(key) for key in (VEHICLE_KEY, MAP_KEY))
-    return Table(path, spill.digest(data), columns, found.rows, found.place, vehicle, embedded_map=by)
+    return replace(found, sha256=spill.digest(data))
 
 
 def at_hand(path: Path, columns: Mapping[str, Array], place: Place = BY_ROW) -> Table:
@@ -110,22 +103,7 @@ def _check_names(where: str, names: Sequence[str]) -> None:
         raise InputError(f"{where}: {said}; rename one or drop it{grouped}")
 
 
-class _File(NamedTuple):
-    """A file opened: what its columns are called, and each of them when it is asked for."""
-
-    names: Sequence[str]
-    rows: int
-    column: Callable[[str], Any]
-    """Arrow's array of a column by its name."""
-    place: Place
-    embedded: Mapping[bytes, str]
-    instants: Mapping[str, str]
-    """Columns of dates and times, with the unit that they are counted in."""
-    units: Mapping[str, str] = MappingProxyType({})
-    """Of columns, where a row below the header names them."""
-
-
-def _read_parquet(path: Path, data: Content) -> _File:
+def _read_parquet(path: Path, data: Content) -> Table:
     with _readable(path):
         columns = parquetheader.ParquetColumns(str(path), data)
 
@@ -136,7 +114,9 @@ def _read_parquet(path: Path, data: Content) -> _File:
     embedded = {key: columns.metadata[key].decode("utf-8", "replace") for key in (VEHICLE_KEY, MAP_KEY) if key in columns.metadata}
     for key, what in ((VEHICLE_KEY, "vehicle"), (MAP_KEY, "map")):
         limits.CONFIG.check(f"{path} (embedded {what})", len(embedded.get(key, "")))
-    return _File(columns.names, columns.rows, column, BY_ROW, embedded, columns.instants)
+    _check_names(str(path), columns.names)
+    cells = {name: Cells(path, name, partial(column, name), BY_ROW, columns.instants.get(name, "")) for name in columns.names}
+    return Table(path, "", cells, columns.rows, BY_ROW, embedded.get(VEHICLE_KEY), embedded_map=embedded.get(MAP_KEY))
 
 
 @contextmanager
@@ -149,7 +129,7 @@ def _readable(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: not a readable Parquet file ({reason}); copy it again from the recorder") from None
 
 
-def _read_csv(path: Path, data: Content) -> _File:
+def _read_csv(path: Path, data: Content) -> Table:
     data, before = csvdialect.body(csvdialect.utf8(path, data))
     header, lines = _plain_lines(data) or _any_lines(path, data)
     if before:
@@ -174,8 +154,8 @@ def _read_csv(path: Path, data: Content) -> _File:
         raise InputError(f"{path}: has a header but no rows; record the log again")
     try:
         # a log of nothing but numbers; they take less room than their texts
-        columns = _numbers(data, names, cut, len(lines))
-        return _File(names, len(lines), columns.__getitem__, by_line(lines), {}, {})
+        place, columns = by_line(lines), _numbers(data, names, cut, len(lines))
+        return Table(path, "", {name: Cells(path, name, partial(columns.get, name), place) for name in names}, len(lines), place)
     except (pa.ArrowException, _OtherRowsError):
         table = csvdialect.with_points(path, _texts(path, data, names, cut), cut, by_line(lines))
     if table.num_rows != len(lines):
@@ -184,7 +164,9 @@ def _read_csv(path: Path, data: Content) -> _File:
     if stated:
         table, lines = table.slice(1), lines[1:]
     dated = {name: "ns" for name in names if instants.is_instant(str(table.column(name)[0].as_py() or ""))} if table.num_rows else {}
-    return _File(names, table.num_rows, lambda name: table.column(name).combine_chunks(), by_line(lines), {}, dated, stated)
+    place = by_line(lines)
+    cells = {name: Cells(path, name, table.column(name).combine_chunks, place, dated.get(name, ""), stated.get(name, "")) for name in names}
+    return Table(path, "", cells, table.num_rows, place)
 
 
 def _units(table: Any) -> Mapping[str, str]:
