@@ -81,10 +81,9 @@ def _check(check: MoveCheck, console: Console) -> None:
     verdict = "As predicted" if check.as_predicted else "Not as predicted"
     console.print(escape.rich(f"Moved: {done or 'nothing'}. {verdict}: chi-square {check.chi_square:.3g} of 3, p = {check.p:.2g}."))
     for one in check.masses:
-        value, sigma = digits.numbers(one.refined_kg, one.refined_sigma_kg)
         stated = f"{one.stated_kg:.6g} ± {digits.figures(one.stated_sigma_kg)} kg stated"
-        refined = f"{value} ± {sigma} kg by both logs too" if one.stated_sigma_kg else "taken as exact (mass_sigma_kg is 0)"
+        refined = f"{digits.with_sigma(one.refined_kg, one.refined_sigma_kg)} kg by both logs too"
+        refined = refined if one.stated_sigma_kg else "taken as exact (mass_sigma_kg is 0)"
         console.print(escape.rich(f"Mass of {one.name}: {stated}; {refined}."))
     if check.thrust_scale_sigma:
-        scale, sigma = digits.numbers(check.thrust_scale, check.thrust_scale_sigma)
-        console.print(f"Thrust: {scale} ± {sigma} of what the vehicle file states.")
+        console.print(f"Thrust: {digits.with_sigma(check.thrust_scale, check.thrust_scale_sigma)} of what the vehicle file states.")

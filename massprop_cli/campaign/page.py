@@ -207,7 +207,7 @@ def _pooled(name: str, item: Pooled) -> dict[str, str]:
         "p_value": "–" if item.p_value is None else f"{item.p_value:.2g}" if item.p_value >= 1e-6 else "< 1e−6",
         "trend": _slope(item),
         "outliers": ", ".join(f"{stray.log} ({digits.minus(f'{stray.sigmas:+.1f}')} σ)" for stray in item.outliers) or "none",
-        "without": "{} ± {}".format(*_numbers(*item.without_outliers)) if item.without_outliers else "",
+        "without": digits.minus(digits.with_sigma(*item.without_outliers)) if item.without_outliers else "",
         "note": ", ".join(said for said, so in (("more scatter than claimed", unlikely), ("a trend", tilted)) if so),
     }
 
@@ -219,8 +219,8 @@ def _numbers(value: float | None, sigma: float | None, verdict: str = "converged
 def _slope(item: Pooled) -> str:
     if item.trend_per_log is None or item.trend_sigma is None:
         return "–"
-    value, sigma = _numbers(item.trend_per_log, item.trend_sigma)
-    return f"{'' if value.startswith('−') else '+'}{value} ± {sigma}"
+    slope = digits.minus(digits.with_sigma(item.trend_per_log, item.trend_sigma))
+    return f"{'' if slope.startswith('−') else '+'}{slope}"
 
 
 def _short(ratio: float | None) -> str:

@@ -87,9 +87,8 @@ def implied_thrust(body: PhaseItem | DockedObject) -> str:
     if isinstance(body, DockedObject) or body.implied_thrust_scale is None:
         return ""
     found = body.implied_thrust_scale
-    value, sigma = digits.numbers(found.value, found.sigma)
     stated = "stated thrust, or momentum of wheels" if found.by == BY_OBJECT else "stated thrust"
-    return f"the {found.by.replace('.', ' ')} implies {value} ± {sigma} of the {stated}"
+    return f"the {found.by.replace('.', ' ')} implies {digits.with_sigma(found.value, found.sigma)} of the {stated}"
 
 
 KINDS = {

@@ -27,6 +27,11 @@ def numbers(value: float | None, sigma: float | None, verdict: str = "converged"
     return _written(value, shown, small or large), _written(sigma, decimals, small or large)
 
 
+def with_sigma(value: float | None, sigma: float | None, verdict: str = "converged") -> str:
+    """Value ± sigma, as :func:`numbers` writes them."""
+    return " ± ".join(numbers(value, sigma, verdict))
+
+
 def figures(value: float, count: int = 2) -> str:
     """So many significant figures."""
     exponent = _exponent(value, count)

@@ -127,7 +127,7 @@ def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.Quantit
     return {
         "anchor": table.anchor,
         "title": table.title,
-        "pivot": view.about_pivot(item, table, recorded.result),
+        "pivot": view.about_pivot(item, table),
         "grids": matrices.matrices(item, bearing_mass, body.array(item.inertia_about_origin)),
         "axes": matrices.axes(item),
         "note": item.physical.note,

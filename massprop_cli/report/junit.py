@@ -117,8 +117,8 @@ def _quantity(one: ET.Element, quantity: str, item: EstimateItem, contradicted: 
             said(one, "failure", why(item), "not as expected" if item.verdict in INFORMED else item.verdict)
     elif item.verdict != "converged":
         said(one, "skipped", gap(quantity, item, contradicted), item.verdict)
-    value, sigma = digits.numbers(item.value, item.sigma, item.verdict)
-    ET.SubElement(one, "system-out").text = f"{quantity} = {value} ± {sigma} {vocabulary.unit(item.unit)}, {item.verdict}"
+    told = digits.with_sigma(item.value, item.sigma, item.verdict)
+    ET.SubElement(one, "system-out").text = f"{quantity} = {told} {vocabulary.unit(item.unit)}, {item.verdict}"
     return one
 
 

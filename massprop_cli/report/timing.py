@@ -51,17 +51,16 @@ def detected_delay(found: Delay) -> str:
 def automatic(found: Result) -> list[str]:
     """What a vehicle file leaves to the log, as the log shows it."""
     late = detected_delay(found.delay) if found.delay.source == "detected" else ""
-    value, sigma = digits.numbers(found.lag.lag_s, found.lag.sigma_s)
-    lagging = f"thrust lags by {value} ± {sigma} s" if found.lag.source == "detected" and found.lag.sigma_s else ""
-    return [*filter(None, (late, lagging)), *low_passes(found)]
+    lagging = f"thrust lags by {digits.with_sigma(found.lag.lag_s, found.lag.sigma_s)} s"
+    told = found.lag.source == "detected" and bool(found.lag.sigma_s)
+    return [*filter(None, (late, lagging * told)), *low_passes(found)]
 
 
 def _low_pass(found: DetectedLowPass) -> str:
     said = []
     if found.cutoff_hz is not None and found.cutoff_sigma_hz is not None:
-        value, sigma = digits.numbers(found.cutoff_hz, found.cutoff_sigma_hz)
-        said.append(f"answers through {value} ± {sigma} Hz")
+        said.append(f"answers through {digits.with_sigma(found.cutoff_hz, found.cutoff_sigma_hz)} Hz")
     if found.latency_s is not None and found.latency_sigma_s is not None:
-        value, sigma = digits.numbers(1e3 * abs(found.latency_s), 1e3 * found.latency_sigma_s)
-        said.append(f"{'' if said else 'is '}{value} ± {sigma} ms {'early' if found.latency_s < 0 else 'late'}")
+        late = digits.with_sigma(1e3 * abs(found.latency_s), 1e3 * found.latency_sigma_s)
+        said.append(f"{'' if said else 'is '}{late} ms {'early' if found.latency_s < 0 else 'late'}")
     return ", ".join(said)

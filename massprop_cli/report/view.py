@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -124,15 +125,13 @@ def texts(estimates: Mapping[str, EstimateItem], heading: str) -> dict[str, list
     return always | {name: cells for name, cells in more.items() if any(cells)}
 
 
-def about_pivot(phase: PhaseItem, own: QuantityTable, result: Result) -> QuantityTable | None:
+def about_pivot(phase: PhaseItem, own: QuantityTable) -> QuantityTable | None:
     """What is about a fixed pivot, beside a phase's ``own`` table; None without one."""
     if not phase.about_pivot:
         return None
     rows = tuple(_row(name, item, own.contradiction, None) for name, item in phase.about_pivot.items())
-    title = f"{own.title}: {vocabulary.ABOUT_PIVOT}"
-    return QuantityTable(
-        f"{own.anchor}-pivot", title, own.short, rows, phase.about_pivot, assumptions.sigma_heading(result), "", own.contradiction
-    )
+    anchor, title = f"{own.anchor}-pivot", f"{own.title}: {vocabulary.ABOUT_PIVOT}"
+    return replace(own, anchor=anchor, title=title, rows=rows, estimates=phase.about_pivot, implied="")
 
 
 def table(anchor: str, title: str, part: PhaseItem | DockedObject, result: Result) -> QuantityTable:

@@ -161,11 +161,8 @@ def _says(name: str, phase: PhaseItem, columns: Columns, limits: AxisRange | Non
     start = f"{vocabulary.SYMBOLS[name]} against time, phase {line(phase.name)}: "
     if limits is None:
         return f"{start}no estimate at any time, {item.verdict.replace('_', ' ')}"
-    told = (
-        "no value is reported"
-        if item.value is None
-        else "ends at {} ± {} {}".format(*digits.numbers(item.value, item.sigma, item.verdict), item.unit)
-    )
+    value = digits.with_sigma(item.value, item.sigma, item.verdict)
+    told = "no value is reported" if item.value is None else f"ends at {value} {item.unit}"
     final = "" if item.final_at_s is None else f", final from {item.final_at_s:.2f} s on"
     early = "" if cut is None else f"; before {cut:.2f} s it runs out of the picture"
     return f"{start}{told}{final}, {item.verdict.replace('_', ' ')}{early}"
