@@ -10,11 +10,10 @@ import numpy as np
 
 from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, BoolArray, median
+from massprop_cli.inputs.held import SAME, repeats
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.telemetry import SATURATED, Log
 
-SAME = 1e-9
-"""Part of a reading within which another is the same: what dividing by the interval leaves."""
 LEAST = 4
 """Readings at the extreme."""
 PILE = 4.0
@@ -55,7 +54,7 @@ def with_unstated(log: Log) -> Log:
         clipped = at_extremes(increments, log.interval_s) & ~stands[:, None]
         rows = np.flatnonzero(clipped.any(1))
         # of a log without noise the readings of all axes repeat while nothing acts
-        coasts = np.logical_and.reduce([_repeats(axis, log.interval_s)[rows] for sensor in both for axis in sensor.T])
+        coasts = np.logical_and.reduce([repeats(axis / log.interval_s)[rows] for sensor in both for axis in sensor.T])
         if len(rows) and coasts.mean() <= MOSTLY:
             limit = float(np.abs((increments[rows] / log.interval_s[rows, None])[clipped[rows]]).max())
             sensor = code.removesuffix("-saturated")
@@ -73,7 +72,7 @@ def with_unstated(log: Log) -> Log:
 
 def _stands(log: Log, sensor: str, increments: Array, rows: BoolArray) -> Notice:
     at = np.flatnonzero(rows)
-    whole = all(_repeats(axis, log.interval_s)[at[1:]].mean() > MOSTLY for axis in increments.T)
+    whole = all(repeats(axis / log.interval_s)[at[1:]].mean() > MOSTLY for axis in increments.T)
     who = f"the {sensor}" if whole else f"one axis of the {sensor}"
     first, last = int(at[0]), int(at[-1])
     where = f"{len(at)} record(s), rows (from 0) {first} to {last} ({log.time_s[first]:.6g} to {log.time_s[last]:.6g} s)"
@@ -87,7 +86,7 @@ def _stands(log: Log, sensor: str, increments: Array, rows: BoolArray) -> Notice
 def _constant(log: Log) -> bool:
     """Whether a gyro's axis that was logged never changes; an accelerometer may rest, and what is 0 on it counts as absent."""
     axes = log.delta_theta_imu_rad.T[list(log.axes[:3])]
-    repeated = {float(_repeats(axis, log.interval_s)[1:].mean()) for axis in axes}
+    repeated = {float(repeats(axis / log.interval_s)[1:].mean()) for axis in axes}
     return 1.0 in repeated and len(repeated) > 1 and max(repeated - {1.0}) <= FINE
 
 
@@ -112,31 +111,25 @@ def standing(increments: Array, others: Array, interval_s: Array, commanded: Boo
     move.
     """
     moving = [axis for axis in increments.T if np.ptp(axis) > 0]
-    axes = [_repeats(axis, interval_s) for axis in moving]
+    axes = [repeats(axis / interval_s) for axis in moving]
     none = np.zeros(len(interval_s), dtype=bool)
     if len(axes) < 2:
         return none
-    repeats = np.sum(axes, 0)
-    runs, found = _runs(repeats == len(axes)), none.copy()
+    repeating = np.sum(axes, 0)
+    runs, found = _runs(repeating == len(axes)), none.copy()
     for axis, values in zip(axes, moving, strict=True):
-        for start, stop in _runs(axis & (repeats == 1)) if len(axes) > 2 else ():
+        for start, stop in _runs(axis & (repeating == 1)) if len(axes) > 2 else ():
             rate = values / interval_s  # at its extreme it saturates
             same = SAME * abs(rate[start])
             found[start - 1 : stop] |= rate.min() < rate[start] - same and rate[start] + same < rate.max()
     if not runs and not found.any():
         return none
-    moves = ~np.logical_and.reduce([_repeats(axis, interval_s) for axis in others.T])
+    moves = ~np.logical_and.reduce([repeats(axis / interval_s) for axis in others.T])
     for start, stop in runs:
         found[start - 1 : stop] = moves[start:stop].all() or commanded[start : max(stop - late, start)].any()
     if found.mean() > MOSTLY or any(float(axis[~found].mean()) > FINE for axis in axes):
         return none
     return found
-
-
-def _repeats(increments: Array, interval_s: Array) -> BoolArray:
-    """(n,) whether each reading of an axis is the one before."""
-    rates = increments / interval_s
-    return np.asarray(np.abs(np.diff(rates, prepend=np.nan)) <= SAME * np.abs(rates))
 
 
 def at_extremes(increments: Array, interval_s: Array) -> BoolArray:
@@ -160,10 +153,9 @@ def _ends(increments: Array, interval_s: Array) -> BoolArray:
 
 def _elsewhere(values: Array, extreme: BoolArray) -> tuple[int, int]:
     """How many readings that are none of the extreme's are the same as the one before, and how many there are."""
-    same = np.abs(np.diff(values)) <= SAME * np.abs(values[1:])
     others = ~extreme & (np.ptp(values) > 0)
     others[1:] &= ~extreme[:-1]
-    return int((same & others[1:]).sum()), int(others.sum())
+    return int((repeats(values) & others).sum()), int(others.sum())
 
 
 def _side(values: Array) -> BoolArray:

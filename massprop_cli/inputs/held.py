@@ -18,12 +18,17 @@ BEATS = 20
 """Readings from which on a beat is one."""
 
 
+def repeats(readings: Array) -> BoolArray:
+    """(n, ...) whether each of readings (n, ...) is the one before."""
+    return np.asarray(np.abs(np.diff(readings, axis=0, prepend=np.nan)) <= SAME * np.abs(readings))
+
+
 def on_a_beat(readings: Array) -> BoolArray:
     """(n,) which of readings (n, axes) repeat the one before, of a sensor that is held on a beat of its own; else none.
 
     All axes repeat at once or none does, and as often each time, which a motion without noise does not.
     """
-    same = np.abs(np.diff(readings, axis=0, prepend=np.nan)) <= SAME * np.abs(readings)
+    same = repeats(readings)
     axes = ~same[1:].all(0)  # the others stand still, or are stated by a number
     whole, some = np.asarray(same[:, axes].all(1)), same[:, axes].any(1)
     none = np.zeros(len(readings), dtype=bool)
