@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from typing import Any
 
@@ -18,27 +18,6 @@ from massprop_cli.report.spreadsheet import SPELT
 
 _TOGETHER = 250
 """Logs whose rows are held, and written, together."""
-Line = tuple[CampaignRow, Outcome | None, PhaseQuantities | None]
-_TEXTS: dict[str, Callable[[CampaignRow, Outcome | None, PhaseQuantities | None], str | None]] = {
-    "name": lambda row, *_: row.name,
-    "log": lambda row, *_: row.log,
-    "tags": lambda row, *_: "; ".join(row.tags),
-    "message": lambda _, found, __: found.message if found else "not tried",
-    "vehicle": lambda _, found, __: found.vehicle.name if found and found.vehicle else None,
-    "environment": lambda _, found, __: found.vehicle.environment if found and found.vehicle else None,
-    "method": lambda _, found, __: found.method if found else None,
-    "part": lambda *line: line[2].part if line[2] else None,
-    "phase": lambda *line: line[2].name if line[2] else None,
-    "warnings": lambda _, found, __: "; ".join(found.warnings) if found else None,
-    "input_sha256": lambda _, found, __: found.input_sha256 if found else None,
-    "vehicle_sha256": lambda _, found, __: found.vehicle.sha256 if found and found.vehicle else None,
-}
-_NUMBERS: dict[str, Callable[[Outcome], float | None]] = {
-    "exit_code": lambda found: found.exit_code,
-    "duration_s": lambda found: found.duration_s,
-    "cycles": lambda found: found.cycles,
-    "delay_cycles": lambda found: found.delay_cycles,
-}
 
 
 def parquet(found: Summary) -> bytes:
@@ -56,6 +35,25 @@ def parquet(found: Summary) -> bytes:
     return out.getvalue()
 
 
+def _texts(row: CampaignRow, found: Outcome | None, body: PhaseQuantities | None) -> dict[str, str | None]:
+    """What a line says in words; None where nothing."""
+    vehicle = found.vehicle if found else None
+    return {
+        "name": row.name,
+        "log": row.log,
+        "tags": "; ".join(row.tags),
+        "message": found.message if found else "not tried",
+        "vehicle": vehicle.name if vehicle else None,
+        "environment": vehicle.environment if vehicle else None,
+        "method": found.method if found else None,
+        "part": body.part if body else None,
+        "phase": body.name if body else None,
+        "warnings": "; ".join(found.warnings) if found else None,
+        "input_sha256": found.input_sha256 if found else None,
+        "vehicle_sha256": vehicle.sha256 if vehicle else None,
+    }
+
+
 def _column(quantity: str) -> str:
     """How a quantity's columns begin: about the pivot as in history.parquet."""
     return quantity.replace(PIVOT, "pivot_")
@@ -63,10 +61,11 @@ def _column(quantity: str) -> str:
 
 def _part(rows: Sequence[CampaignRow], names: Sequence[str]) -> Any:
     """The table of some rows."""
-    lines: list[Line] = [(row, row.outcome, body) for row in rows for body in _bodies(row.outcome)]
-    columns: dict[str, Any] = {name: arrow.text([tell(*line) for line in lines]) for name, tell in _TEXTS.items()}
-    for name, number in _NUMBERS.items():
-        column = _numbers([None if outcome is None else number(outcome) for _, outcome, _ in lines])
+    lines = [(row, row.outcome, body) for row in rows for body in _bodies(row.outcome)]
+    texts = [_texts(*line) for line in lines]
+    columns: dict[str, Any] = {name: arrow.text([text[name] for text in texts]) for name in texts[0]}
+    for name in ("exit_code", "duration_s", "cycles", "delay_cycles"):
+        column = _numbers([getattr(outcome, name, None) for _, outcome, _ in lines])
         columns[name] = column.cast(pa.int64()) if name in ("exit_code", "cycles") else column
     every = [{} if body is None else body.items for *_, body in lines]
     for quantity in names:
@@ -110,7 +109,7 @@ def csv_rows(found: Summary) -> Iterator[str]:
     for number, row in enumerate(found.logs, 1):
         one = row.outcome
         for body in _bodies(one):
-            said = {name: cell(tell(row, one, body) or "") for name, tell in _TEXTS.items()}
+            said = {name: cell(text or "") for name, text in _texts(row, one, body).items()}
             said |= {"number": str(number), "outcome": state(one), "exit_code": "" if one is None else str(one.exit_code)}
             told = {} if body is None else body.items
             values = [value for name in names for value in _value(told.get(name))]
