@@ -18,6 +18,11 @@ def _command(s: Subject) -> Array:
     return s.clean.log.command
 
 
+def commanded(s: Subject) -> bool:
+    """Whether anything is."""
+    return bool(_command(s).any())
+
+
 def _logged(s: Subject, command: Array) -> Case:
     return s.clean.logging(command=frozen(command))
 

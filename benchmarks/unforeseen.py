@@ -20,7 +20,7 @@ from massprop_cli.base import onethread
 onethread.prefer()
 
 from commit import commit  # noqa: E402
-from fault_commands import COMMANDS  # noqa: E402
+from fault_commands import COMMANDS, commanded  # noqa: E402
 from fault_kinds import FAULTS  # noqa: E402
 from fault_unforeseen import UNFORESEEN  # noqa: E402
 from fault_vehicles import VEHICLES, Case, subject  # noqa: E402
@@ -81,7 +81,7 @@ def made(kind: str, vehicle: str, seed: int) -> Case | None:
     rng = np.random.default_rng([seed, zlib.crc32(f"{kind} {vehicle}".encode())])
     if kind == "clean":
         return flown.clean
-    if kind in COMMANDS and not (flown.fired or flown.driven):
+    if kind in COMMANDS and not commanded(flown):
         return None
     if kind in UNFORESEEN:
         return UNFORESEEN[kind][1](flown, rng)
