@@ -10,6 +10,8 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import elements, parallel_axis, tensor
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import PLANAR, Conclusion, Estimate, Verdict
+from massprop_cli.estimate.known import MISMATCH
+from massprop_cli.estimate.known import apart as off_by
 from massprop_cli.estimate.quantities import by_scale, condition, open_scale
 from massprop_cli.inputs.vehicle import Vehicle
 
@@ -27,6 +29,8 @@ class Docked:
     covariance: Array
     contradiction: str = ""
     """Which of its phases is contradicted, and why."""
+    belied: tuple[str, ...] = ()
+    """What the log says of each known quantity that it does not bear out."""
 
 
 def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Docked | None:
@@ -42,8 +46,12 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
     values, joint = _joint(pair, vehicle)
     found = difference(values[:10], values[10:])
     slope = difference_slope(values[:10], values[10:])
+    belied = list[str]()
     for name, known in (vehicle.docking.known if vehicle.docking else {}).items():
         i = QUANTITIES.index(name)
+        z = (known.value - found[i]) / np.sqrt(slope[i] @ joint @ slope[i] + known.sigma**2)
+        if abs(z) > MISMATCH:
+            belied.append(f"docking.known.{name} = {known.value:g} {off_by(z)}")
         values, joint = condition(values, joint, slope[i], known.value, float(found[i]), known.sigma)
         found, slope = difference(values[:10], values[10:]), difference_slope(values[:10], values[10:])
     apart = without_part(vehicle.environment.kind)
@@ -51,16 +59,18 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
     settled = all(conclusion.estimates[QUANTITIES[i]].verdict == "converged" for conclusion in pair for i in np.flatnonzero(~apart))
     contradictions = [of_phase(c.phase.name, c.contradiction) for c in pair if c.causes]
     less = backwards(found, covariance)
-    verdict: Verdict = "contradicted" if contradictions or less else "converged" if settled else "not_converged"
+    verdict: Verdict = "contradicted" if contradictions or less or belied else "converged" if settled else "not_converged"
     reason = Reason("phases-converged" if settled else "phases-not-converged")
     if contradictions:
         reason = Reason.of("phases-contradicted", phases=" and ".join(c.phase.name for c in pair if c.causes))
     elif less:
         reason = lighter(float(found[9]), f"phase {pair[1].phase.name}", f"phase {pair[0].phase.name}", "correct [docking]")
         contradictions = [str(reason)]
+    elif belied:
+        reason, contradictions = Reason.of("contradiction", cause="; ".join(belied)), belied
     estimates = estimates_of(found, covariance, verdict, reason, apart)
     covariance[apart], covariance[:, apart] = np.nan, np.nan
-    return Docked(pair[0].phase.name, pair[1].phase.name, estimates, covariance, "; ".join(contradictions))
+    return Docked(pair[0].phase.name, pair[1].phase.name, estimates, covariance, "; ".join(contradictions), tuple(belied))
 
 
 def backwards(found: Array, covariance: Array) -> bool:

@@ -204,7 +204,7 @@ def _docking_notices(docked: Docked | None, conclusions: tuple[Conclusion, ...],
         return [Notice("no-docked-object", message)]
     mass = docked.estimates["mass"].value if docked else None
     if docked is None or mass is None or mass > 0:
-        return []
+        return [Notice("known-mismatch", f"docked object: {message}") for message in (docked.belied if docked else ())]
     return [Notice("docked-mass", str(lighter(mass, f"phase {docked.after}", f"phase {docked.before}", "correct [docking]")))]
 
 

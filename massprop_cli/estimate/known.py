@@ -39,7 +39,7 @@ def belied(told: Parameters, vehicle: Vehicle, phase: str) -> tuple[dict[str, st
     said: dict[Quantity, str] = {}
     for name, z in discrepancies(told, vehicle).items():
         if abs(z) > MISMATCH:
-            said[name] = f"lies {abs(z):.3g} sigmas from what the log alone says; check it, the thrust, and thrust.scale_sigma"
+            said[name] = apart(z)
     together = quantities(told, vehicle)[0][0]
     for name, known in vehicle.known.items():
         off = abs(known.value - together[QUANTITIES.index(name)])
@@ -53,6 +53,11 @@ def belied(told: Parameters, vehicle: Vehicle, phase: str) -> tuple[dict[str, st
         said["mass"] = f"is more than {heaviest:.3g} kg, of which the densest matter already has more inertia than the log shows; check it"
     found: dict[str, str] = {name: f"known.{name} = {vehicle.known[name].value:g} {text}" for name, text in said.items()}
     return found, tuple(Notice("known-mismatch", f"phase {phase}: {message}") for message in found.values())
+
+
+def apart(z: float) -> str:
+    """What is said of a known quantity so many sigmas from what the log alone says."""
+    return f"lies {abs(z):.3g} sigmas from what the log alone says; check it, the thrust, and thrust.scale_sigma"
 
 
 def discrepancies(told: Parameters, vehicle: Vehicle) -> dict[Quantity, float]:

@@ -75,6 +75,19 @@ def test_an_object_that_weighs_less_than_nothing_is_contradicted() -> None:
     assert "contradicted" not in {item.verdict for one in found.conclusions for item in one.estimates.values()}
 
 
+@pytest.mark.parametrize(("factor", "told"), [(1.0, True), (1.1, False)])
+def test_a_known_mass_of_the_object_that_the_log_refutes_is_contradicted(factor: float, told: bool) -> None:
+    log, used = faulty.sample("docking")
+    mass = factor * json.loads((SAMPLES / "docking" / "truth.json").read_text())["docked"]["mass"]
+    found = faulty.examined(
+        log, faulty.stated(used, f'docking={{before="single", after="combined", known={{mass={{value={mass}, sigma=0.01}}}}}}')
+    )
+    assert found.docked is not None
+    assert [notice.code for notice in found.notices] == ([] if told else ["known-mismatch"])
+    assert {item.verdict for item in found.docked.estimates.values()} == {"converged" if told else "contradicted"}
+    assert found.docked.contradiction.startswith("" if told else f"docking.known.mass = {mass:g} lies ")
+
+
 def test_an_object_that_is_released_is_found_as_one_that_docks() -> None:
     """The same two phases with their times exchanged, and no [docking] stated."""
     analysis = analysed("docking")
