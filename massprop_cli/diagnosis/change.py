@@ -12,8 +12,8 @@ from itertools import accumulate, pairwise
 import numpy as np
 
 from massprop_cli.base.arrays import Array, triangle_of
-from massprop_cli.diagnosis.segment import edges_of
-from massprop_cli.estimate.regression import STEPS, STILL
+from massprop_cli.estimate.initial import first_reference
+from massprop_cli.estimate.regression import STILL
 from massprop_cli.estimate.triangle import Triangle
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
@@ -23,49 +23,52 @@ from massprop_cli.prepare.compensate import Source
 
 SHORTEST = 40
 """Least cycles on each side."""
-FINER = 8
-"""Parts of two stretches that are tried next, and so on down to single cycles."""
+PARTS = 32
+"""Parts that are left out in turn, and cycles that are tried one by one."""
+STEPS = 12
+"""Most Gauss–Newton steps to a body, which may be a hundred times as heavy as the one near which it is looked for."""
 
 
 def likeliest(samples: Source, piece: slice, reference: Reference, vehicle: Resolved) -> int | None:
-    """The cycle before which a change explains most; None where ``piece`` is too short."""
+    """The cycle before which a change explains most; None where ``piece`` is too short.
+
+    It lies in that part of the piece without which two bodies leave least, and so on down to single cycles. Each body is looked for near
+    that of its end of the piece, and near ``reference``.
+    """
     if piece.stop - piece.start < 4 * SHORTEST:
         return None
-
+    quarter = (piece.stop - piece.start) // 4
+    parts = slice(piece.start, piece.start + quarter), slice(piece.stop - quarter, piece.stop)
+    bodies = [first_reference(samples, part, vehicle) or reference for part in parts]
     triangle = Triangle(samples, piece, vehicle, Consider())
-    begun, whole = triangle.begin(reference), triangle.whole(reference)
+    begun = [(triangle.begin(body), triangle.whole(body)) for body in bodies]
 
-    def told(first: int, end: int) -> Array:
-        return triangle.stretch(begun, whole, slice(first, end))
+    def told(side: int, first: int, end: int) -> Array:
+        return triangle.stretch(*begun[side], slice(first, end))
 
-    def best_of(moments: Sequence[int], before: Sequence[Array], after: Sequence[Array]) -> int:
-        left = least(np.stack([*before, *after]), reference, vehicle).reshape(2, -1).sum(0)
-        return moments[int(np.argmin(left))]
+    def least_of(before: Sequence[Array], after: Sequence[Array]) -> int:
+        """Which pair two bodies leave least of."""
+        each = (
+            np.min([least(np.stack(own), body, vehicle) for body in (near, reference)], 0)
+            for own, near in zip((before, after), bodies, strict=True)
+        )
+        return int(np.argmin(sum(each)))
 
-    edges = edges_of(piece.start, piece.stop).tolist()
-    parts = [told(first, end) for first, end in pairwise(edges)]
-    before, after = list(accumulate(parts, joined)), list(accumulate(reversed(parts), joined))[::-1]
-    roomy = [i for i, k in enumerate(edges[1:-1]) if _has_room(k, piece)]
-    best = best_of([edges[i + 1] for i in roomy], [before[i] for i in roomy], [after[i + 1] for i in roomy])
-    at = edges.index(best)
-    first, end = edges[at - 1], edges[at + 1]
-    left = before[at - 2] if at > 1 else np.zeros_like(before[0])
-    right = after[at + 1] if at + 1 < len(after) else np.zeros_like(before[0])
-    low, high = first, end
-    while high - low > 2:
-        step = max((high - low) // FINER, 1)
-        moments = [k for k in range(low + step, high, step) if _has_room(k, piece) and min(k - first, end - k) > 1]
-        if not moments:
-            break
-        best = best_of(moments, [joined(left, told(first, k)) for k in moments], [joined(told(k, end), right) for k in moments])
-        low, high = max(best - step, first), min(best + step, end)
-        if step == 1:
-            break
-    return best
-
-
-def _has_room(k: int, piece: slice) -> bool:
-    return k in range(piece.start + SHORTEST, piece.stop - SHORTEST + 1)
+    left: Array = np.zeros((triangle.phi_map.size + 1, triangle.phi_map.size + 1))
+    right = left
+    first, end, low, high = piece.start, piece.stop, piece.start + SHORTEST, piece.stop - SHORTEST
+    while high - low > PARTS:
+        edges = np.unique(np.linspace(low, high, min(PARTS, (high - low) // 2) + 1).astype(int)).tolist()
+        begins, ends = ([told(side, *edge) for edge in pairwise(along)] for side, along in enumerate(([first, *edges], [*edges, end])))
+        before = list(accumulate(begins, joined, initial=left))[1:]
+        after = list(accumulate(reversed(ends), joined, initial=right))[:0:-1]
+        at = least_of(before[:-1], after[1:])
+        # a stretch of its own takes cycles to begin
+        left, first = (before[at - 1], edges[at - 1]) if at else (left, first)
+        right, end = (after[at + 2], edges[at + 2]) if at + 2 < len(edges) else (right, end)
+        low, high = edges[at], edges[at + 1]
+    every = range(low, high + 1)
+    return every[least_of([joined(left, told(0, first, k)) for k in every], [joined(told(1, k, end), right) for k in every])]
 
 
 def joined(one: Array, other: Array) -> Array:

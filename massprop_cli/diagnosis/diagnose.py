@@ -28,7 +28,7 @@ from massprop_cli.diagnosis.phaseboundary import border
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.recordings import by_noise, logged_after, otherwise, otherwise_filtered
 from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, helped, hopeless, refined, tried
-from massprop_cli.diagnosis.screening import Screening, about_its_body, beside_a_torque, busiest, screened
+from massprop_cli.diagnosis.screening import LONGEST, Screening, about_its_body, beside_a_torque, busiest, screened
 from massprop_cli.diagnosis.search import codes, same, searched
 from massprop_cli.diagnosis.undisturbed import Undisturbed, undisturbed
 from massprop_cli.diagnosis.wording import ABSENT, DEAD, LOGGED_AFTER, UNANSWERED, words_of
@@ -72,6 +72,8 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     # where nothing fires the columns are the noise that they should explain; another piece says more
     driven = [screening for screening in screenings if len(screening.free.fired)]
     screening = max(driven or screenings, key=lambda one: one.misfit)
+    if screening.chance and (elsewhere := _elsewhere(case, pieces)) is not None:
+        screening, screenings = elsewhere, [elsewhere]
     if screening.free.dead:
         return Diagnosis(unknown=DEAD)
     shown = seen(screening.case)
@@ -106,6 +108,22 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     unanswered = not moved and screening.loud
     explained = not unanswered and (wandering.close or with_it)
     return Diagnosis() if explained else _unexplained(screening, UNANSWERED if unanswered else _in_vain(screening))
+
+
+def _elsewhere(case: Case, pieces: Sequence[slice]) -> Screening | None:
+    """The cycles about the moment from which on another body explains most, where the busiest ones fit and these don't."""
+    longest = max(pieces, key=lambda piece: piece.stop - piece.start)
+    if longest.stop - longest.start <= LONGEST or (case.vehicle.pivoted and case.log.attitude_wxyz is None):
+        return None
+    samples = case.timing.of(case.log, case.vehicle)
+    reference = first_reference(samples, longest, case.vehicle)
+    at = None if reference is None else change.likeliest(samples, longest, reference, case.vehicle)
+    if at is None:
+        return None
+    first = min(max(at - LONGEST // 2, longest.start), longest.stop - LONGEST)
+    part, own = busiest(case, slice(first, first + LONGEST))
+    found = screened(part._replace(whole=(case.log, longest)), own)
+    return None if found is None or found.chance else found
 
 
 def _unexplained(screening: Screening, unknown: str) -> Diagnosis:
@@ -250,10 +268,8 @@ def _changed(screening: Screening, whole: Screening, rest: Callable[[], Undistur
     at = None if reference is None else change.likeliest(samples, screening.piece, reference, vehicle)
     if at is None:
         return None
-    sides = [
-        screened(screening.case, part, screening.free.beside)
-        for part in (slice(screening.piece.start, at), slice(at, screening.piece.stop))
-    ]
+    each = (screened(*side, screening.free.beside) for side in _sides(screening.case, screening.piece, at))
+    sides = [side and about_its_body(side) for side in each]
     if not all(side is not None and side.fits for side in sides):
         return None
     left = sum(side.excess for side in sides if side is not None)
@@ -269,6 +285,15 @@ def _changed(screening: Screening, whole: Screening, rest: Callable[[], Undistur
         "(estimator.split_on_change = true does it): what is estimated over the change is no body's"
     ) + ("; what [known] states is of neither part then: state it under [[phases]]" if vehicle.known else "")
     return Diagnosis((Explanation("mass-change", message, Correction(("estimator.split_on_change=true",)), time),))
+
+
+def _sides(case: Case, piece: slice, at: int) -> list[tuple[Case, slice]]:
+    """The busiest cycles before and after one of a piece, of all of the log that it is part of."""
+    if case.whole is None:
+        return [(case, slice(piece.start, at)), (case, slice(at, piece.stop))]
+    log, whole = case.whole
+    at += int(np.searchsorted(log.cycle_end_s, case.log.cycle_end_s[0]))
+    return [busiest(case._replace(log=log), part) for part in (slice(whole.start, at), slice(at, whole.stop))]
 
 
 def _or_thrust(screening: Screening, sides: Sequence[Screening | None]) -> str:

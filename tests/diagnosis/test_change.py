@@ -54,6 +54,19 @@ def test_the_docking_is_where_the_change_is_found() -> None:
         assert abs(found - at) <= 3
 
 
+@pytest.mark.thorough
+def test_a_docking_before_the_busiest_cycles_of_a_long_log_is_named() -> None:
+    """Little is commanded before it, and more cycles after it than hypotheses are tried on."""
+    motion = 'motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"]'
+    before = f"{{{motion}, every_cycles=8, max_cycles=2, start_cycle=0, end_cycle=500}}"
+    after = f"{{{motion}, every_cycles=5, max_cycles=4, start_cycle=520, end_cycle=1900}}"
+    docks = "docked={ixx=0.2, iyy=0.3, izz=0.3, mass=4.0, cg_x=0.4, cg_y=0.1}", 'events=[{kind="dock", cycle=500}]'
+    one_phase = 'vehicle.phases=[{name="all", start_s=0.0, end_s=95.0}]'
+    flown = fly("free-flyer", "duration_s=95.0", f"plan=[{before}, {after}]", *docks, one_phase)
+    (said,) = [notice.message for notice in faulty.examined(flown.log(0), flown.vehicle).notices if notice.code == "mass-change"]
+    assert abs(float(said.split("at once at ")[1].split(" s")[0]) - 500 * 0.05) <= 0.1
+
+
 def test_nothing_is_said_of_a_stretch_too_short_to_have_two_sides() -> None:
     samples, used, about, _ = docked(*faulty.sample("docking"), faulty.truth("docking"))
     assert change.likeliest(samples, slice(2, 2 + 4 * change.SHORTEST - 1), about, resolved(used)) is None
