@@ -33,8 +33,8 @@ from massprop_cli.prepare.compensate import BLOCK, Source, apart
 PERIODS = 4.0 * 2.0 ** np.arange(0, 8.5, 0.5)
 """Cycles: 4 to 1024."""
 SEEN = 40
-"""Logged speeds of rotors in the shortest period: what they did between them goes with the commands, too. Eight were too few for motors with
-lags of ten and more: 5 of 16 clean logs seemed to swing, in 9 to 32."""
+"""Logged speeds of rotors in the shortest period: what they did between them goes with the commands, too. Eight were too few for motors
+with lags of ten and more: 5 of 16 clean logs seemed to swing, in 9 to 32."""
 MEMORY = 3
 """Periods after which a push is forgotten."""
 REPEATED = 2
