@@ -27,7 +27,7 @@ from massprop_cli.diagnosis.inspection import lost, seen, sparse
 from massprop_cli.diagnosis.phaseboundary import border
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.recordings import by_noise, logged_after, otherwise, otherwise_filtered
-from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, helped, hopeless, refined, tried
+from massprop_cli.diagnosis.refit import MOST, Refit, beyond, corrected_alone, helped, hopeless, refined, tried
 from massprop_cli.diagnosis.screening import LONGEST, Screening, about_its_body, beside_a_torque, busiest, screened
 from massprop_cli.diagnosis.search import codes, same, searched
 from massprop_cli.diagnosis.undisturbed import Undisturbed, undisturbed
@@ -115,15 +115,22 @@ def _elsewhere(case: Case, pieces: Sequence[slice]) -> Screening | None:
     longest = max(pieces, key=lambda piece: piece.stop - piece.start)
     if longest.stop - longest.start <= LONGEST or (case.vehicle.pivoted and case.log.attitude_wxyz is None):
         return None
-    samples = case.timing.of(case.log, case.vehicle)
-    reference = first_reference(samples, longest, case.vehicle)
-    at = None if reference is None else change.likeliest(samples, longest, reference, case.vehicle)
-    if at is None:
+    part, piece = busiest(case, longest, MOST)
+    found = _likeliest_change(part, piece)
+    if found is None:
         return None
-    first = min(max(at - LONGEST // 2, longest.start), longest.stop - LONGEST)
-    part, own = busiest(case, slice(first, first + LONGEST))
-    found = screened(part._replace(whole=(case.log, longest)), own)
-    return None if found is None or found.chance else found
+    first = min(max(found[0] - LONGEST // 2, piece.start), piece.stop - LONGEST)
+    about, own = busiest(part, slice(first, first + LONGEST))
+    there = screened(about._replace(whole=(case.log, longest)), own)
+    return None if there is None or there.chance else there
+
+
+def _likeliest_change(case: Case, piece: slice) -> tuple[int, float] | None:
+    """The cycle, and the time, from which on another body explains most."""
+    samples = case.timing.of(case.log, case.vehicle)
+    reference = first_reference(samples, piece, case.vehicle)
+    at = None if reference is None else change.likeliest(samples, piece, reference, case.vehicle)
+    return None if at is None else (at, round(float(samples.executed.start_s[at]), 9))
 
 
 def _unexplained(screening: Screening, unknown: str) -> Diagnosis:
@@ -262,13 +269,13 @@ def _changed(screening: Screening, whole: Screening, rest: Callable[[], Undistur
 
     None where two leave no ``less_than`` so much of chi-square beyond chance.
     """
-    log, vehicle, timing, *_ = screening.case
-    samples = timing.of(log, vehicle)
-    reference = first_reference(samples, screening.piece, vehicle)
-    at = None if reference is None else change.likeliest(samples, screening.piece, reference, vehicle)
-    if at is None:
+    log, piece = screening.case.whole or (screening.case.log, screening.piece)
+    case, piece = busiest(screening.case._replace(log=log), piece, MOST)
+    found = _likeliest_change(case, piece)
+    if found is None:
         return None
-    each = (screened(*side, screening.free.beside) for side in _sides(screening.case, screening.piece, at))
+    at, time = found
+    each = (screened(*busiest(case, part), screening.free.beside) for part in (slice(piece.start, at), slice(at, piece.stop)))
     sides = [side and about_its_body(side) for side in each]
     if not all(side is not None and side.fits for side in sides):
         return None
@@ -278,22 +285,12 @@ def _changed(screening: Screening, whole: Screening, rest: Callable[[], Undistur
     kept = rest()
     if kept is not None and (len(kept.kept_s) > 1 or kept.answered < ANSWERED):
         return None  # what acts for a time, or nothing that is commanded, tells of no other body
-    time = round(float(samples.executed.start_s[at]), 9)
     message = (
         f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release{_or_thrust(screening, sides)}; "
         "give the vehicle file [[phases]] that end and begin there "
         "(estimator.split_on_change = true does it): what is estimated over the change is no body's"
-    ) + ("; what [known] states is of neither part then: state it under [[phases]]" if vehicle.known else "")
+    ) + ("; what [known] states is of neither part then: state it under [[phases]]" if case.vehicle.known else "")
     return Diagnosis((Explanation("mass-change", message, Correction(("estimator.split_on_change=true",)), time),))
-
-
-def _sides(case: Case, piece: slice, at: int) -> list[tuple[Case, slice]]:
-    """The busiest cycles before and after one of a piece, of all of the log that it is part of."""
-    if case.whole is None:
-        return [(case, slice(piece.start, at)), (case, slice(at, piece.stop))]
-    log, whole = case.whole
-    at += int(np.searchsorted(log.cycle_end_s, case.log.cycle_end_s[0]))
-    return [busiest(case._replace(log=log), part) for part in (slice(whole.start, at), slice(at, whole.stop))]
 
 
 def _or_thrust(screening: Screening, sides: Sequence[Screening | None]) -> str:
