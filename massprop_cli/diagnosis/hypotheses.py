@@ -67,12 +67,18 @@ def _channels(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
         for begin in (0.0, -1.0):  # dead, and the other way round: too far to be led there where two jets always fire together
             yield Hypothesis("thrust-scale", (name,), column, start={model.place("thrust").start + i: begin})
         if model.kind == "rotors" and model.couple[i].any():
-            yield Hypothesis("rotor-spin", (name,), np.zeros((len(model.stated), 0)), spun=(i,), suspects=(i,))
+            own = _of_rotors(names, (i,))
+            yield Hypothesis("rotor-spin", (name,), np.zeros((len(model.stated), 0)), spun=own, suspects=own)
         size = float(np.linalg.norm(force))
         if size == 0 or model.kind == "wrench":
             continue
         for code, unit in (("jet-position", 1.0), ("jet-direction", size)):
             yield Hypothesis(code, (name,), _across(model, code.removeprefix("jet-"), i, force, unit), suspects=(i,))
+
+
+def _of_rotors(names: Sequence[str], which: Sequence[int]) -> tuple[int, ...]:
+    """The channels of rotors: of their thrust, and of the momentum that they store, which has the rotor's name."""
+    return tuple(k for k, name in enumerate(names) if name in {names[i] for i in which})
 
 
 def _across(model: Model, name: str, channel: int, line: Array, unit: float = 1.0) -> Array:
@@ -149,7 +155,8 @@ def _groups(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
             yield Hypothesis("thrust-scale", subject, column, start=start, suspects=group)
     turning = tuple(np.flatnonzero(model.couple[: model.thrusting].any(1)).tolist())
     if model.kind == "rotors" and turning:  # by another convention
-        yield Hypothesis("rotor-spin", tuple(names[i] for i in turning), np.zeros((len(model.stated), 0)), spun=turning)
+        spun = _of_rotors(names, turning)
+        yield Hypothesis("rotor-spin", tuple(names[i] for i in turning), np.zeros((len(model.stated), 0)), spun=spun)
     if len(names) > 1:  # how much all give together nothing tells, but which way
         start = dict.fromkeys(range(model.place("thrust").start, model.place("thrust").stop), -1.0)
         yield Hypothesis("thrust-scale", tuple(names), np.zeros((len(model.stated), 0)), start=start)

@@ -45,7 +45,7 @@ class Hypothesis:
     does: tuple[int, ...] = ()
     """The channel of which each does what is stated, where some are wired as others are."""
     spun: tuple[int, ...] = ()
-    """Rotors that turn the other way round than stated."""
+    """Channels of rotors that turn the other way round than stated: of their thrust, and of the momentum that they store."""
     freed: int | None = None
     """A channel of which nothing at all is supposed: what it does is free."""
 

@@ -26,6 +26,7 @@ from massprop_cli.testbed import scenario
 from tests import anypedestal, flight
 from tests import flown as packaged
 from tests.faultyactuators import FAULTS, Subject, examination, flown
+from tests.testbed.test_rotors import rotors
 
 NOISE = np.repeat([1e-4, 0.02], 3) ** 2
 KINDS = [
@@ -103,6 +104,31 @@ def named(platform: str, name: str, seed: int, cycles: int) -> None:
     assert now.max(initial=0.0) < 4
     assert len(corrected) > 5
     assert corrected.max() < 4.5
+
+
+SPEEDS = (
+    rotors(column='"speed"', spin_inertia_kg_m2="3e-5"),
+    "actuators={max_rotor_command=1000.0, hover_force_n=[0, 0, 15.7], lag_s=0.04}",
+    'plan=[{motion="hold", start_s=0, end_s=1}, {motion="random", axes=["roll", "pitch", "yaw", "z"], level=0.2, every_cycles=32, '
+    "max_cycles=24, closed_loop=true, start_s=1, end_s=9}]",
+    *("duration_s=9", "vehicle.cycle.period_s=0.005", "vehicle.imu.gyro_noise_rad_s=4e-3", "vehicle.imu.accel_noise_m_s2=0.1"),
+)
+"""Of the scenario multicopter: speeds are logged, and rotors store momentum."""
+
+
+@pytest.mark.thorough
+@pytest.mark.seeds
+@pytest.mark.parametrize("others", [(2,), (0, 1, 2, 3)])
+def test_a_rotor_that_turns_the_other_way_stores_momentum_the_other_way_too(others: tuple[int, ...]) -> None:
+    """With its drag alone turned no cause was named, and nothing converged."""
+    of_rotors = packaged.fly("multicopter", *SPEEDS, seeds=(3,))
+    stated = [one.model_copy(update={"spin": -one.spin if i in others else one.spin}) for i, one in enumerate(of_rotors.vehicle.rotors)]
+    answer = flow.examine(of_rotors.log(0), VehicleSource(of_rotors.vehicle.model_copy(update={"rotors": tuple(stated)}), "t", ""))
+    (mended,) = answer.mended
+    assert mended.settings == tuple(f"rotors.{i}.spin={of_rotors.vehicle.rotors[i].spin}" for i in others)
+    assert "rotor-spin" in {notice.code for notice in answer.notices}
+    told = mended.conclusions[0]
+    assert np.abs((told.values - of_rotors.truth[0, 0]) / told.sigmas).max() < 4.0
 
 
 WRENCH = ("vehicle.jets=[]", "actuators.max_torque_n_m=[0.3,0.3,0.3]", "actuators.max_force_n=[1.3,1.3,1.3]")
