@@ -27,6 +27,8 @@ MOVED = 0.3
 """Sigmas by which too few of them may move a value."""
 LONGEST = 400
 """Cycles that are looked at."""
+MEDIAN = 0.6745
+"""Of the size of a normal scatter, in its sigmas."""
 
 
 def with_bins(setup: Setup, pieces: Sequence[slice]) -> Vehicle:
@@ -50,10 +52,11 @@ def with_bins(setup: Setup, pieces: Sequence[slice]) -> Vehicle:
     # on a bearing the weight shows the turn, too, and errors of the rate's growth are not all that adds up
     acted = None if setup.vehicle.pivoted else [_acted(here.part(part)) for part, _ in known]
     chosen, coarse = fewest, expected(fewest)
+    noise = np.maximum(used.noise, _residual([here.part(part) for part, _ in known], coarse))
     for finer in [bins for bins in BINS if bins > fewest]:
         fine = expected(finer)
-        off = [(one - other) / used.noise[:3] for (one, _), (other, _) in zip(fine, coarse, strict=True)]
-        felt = [(one - other) / used.noise[3:] for (_, one), (_, other) in zip(fine, coarse, strict=True)]
+        off = [(one - other) / noise[:3] for (one, _), (other, _) in zip(fine, coarse, strict=True)]
+        felt = [(one - other) / noise[3:] for (_, one), (_, other) in zip(fine, coarse, strict=True)]
         moved = max(_squares([*off, *felt]), 0.0 if acted is None else _squares(map(_as_acted, off, acted)))
         if not np.sqrt(moved / share) >= MOVED:
             break  # or what runs away tells nothing
@@ -61,6 +64,16 @@ def with_bins(setup: Setup, pieces: Sequence[slice]) -> Vehicle:
     if chosen == fewest:
         return setup.vehicle
     return setup.vehicle.model_copy(update={"estimator": setup.vehicle.estimator.model_copy(update={"bins_per_cycle": chosen})})
+
+
+def _residual(parts: Sequence[Samples], expected: Sequence[tuple[Array, Array]]) -> Array:
+    """(6,) what a body leaves of each rate and specific force, as the sigma of a normal scatter with that median.
+
+    Where it is far above the noise the body is none, and bins that follow its motion to within the noise only take time.
+    """
+    grown = np.concatenate([np.diff(part.rate_rad_s, axis=0) - steps for part, (steps, _) in zip(parts, expected, strict=True)])
+    felt = np.concatenate([part.specific_force_m_s2 - force for part, (_, force) in zip(parts, expected, strict=True)])
+    return np.concatenate([np.median(np.abs(grown), 0) / np.sqrt(2), np.median(np.abs(felt), 0)]) / MEDIAN
 
 
 def _squares(parts: Iterable[Array]) -> float:
