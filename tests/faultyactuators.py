@@ -12,6 +12,7 @@ import numpy as np
 
 from massprop_cli import ABOUT_PIVOT, QUANTITIES, flow
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import rotation
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from tests import anypedestal, anyrotors
@@ -139,12 +140,13 @@ def _reversed(of: Subject, draw: np.random.Generator) -> Subject:
 
 
 def _leaning(of: Subject, draw: np.random.Generator, every: bool = False) -> Subject:
-    """Axes, one or all, stated 0.3 to 1.5 degrees away from what they are."""
+    """Axes, one or all, stated 0.3 to 1.5 degrees away from what they are; of a gyro both, turned alike."""
 
     def turned(each: Data) -> Data:
-        across = np.cross(each["axis"], draw.normal(size=3))
-        by = np.radians(draw.uniform(0.3, 1.5)) * across / np.linalg.norm(across)
-        return each | {"axis": (np.array(each["axis"]) + by * np.linalg.norm(each["axis"])).tolist()}
+        keys = [key for key in ("axis", "gimbal_axis", "spin_axis") if key in each]
+        across = np.cross(each[keys[0]], draw.normal(size=3))
+        turn = rotation(np.radians(draw.uniform(0.3, 1.5)) * across / np.linalg.norm(across))
+        return each | {key: (turn @ each[key]).tolist() for key in keys}
 
     def change(own: list[Data]) -> list[Data]:
         one = own[draw.integers(len(own))]
@@ -190,8 +192,8 @@ FAULTS = {
     "swapped": Fault("two swapped", SWAPPED, lambda of, draw: _permuted(of, draw, 2)),
     "round": Fault("three wired round", SWAPPED, lambda of, draw: _permuted(of, draw, 3)),
     "rpm": Fault("one speed in rpm", ("speed-units",), _in_rpm, platforms=("wheels", "pedestal, wheels")),
-    "axis": Fault("one axis 0.3 to 1.5 degrees off", ("wheel-axis",), _leaning, platforms=("wheels", "pedestal, wheels")),
-    "axes": Fault("all axes so", ("wheel-axis",), partial(_leaning, every=True), platforms=("wheels", "pedestal, wheels")),
+    "axis": Fault("one axis 0.3 to 1.5 degrees off", ("wheel-axis",), _leaning, platforms=tuple(TABLES)[1:]),
+    "axes": Fault("all axes so", ("wheel-axis",), partial(_leaning, every=True), platforms=tuple(TABLES)[1:]),
     "degrees": Fault("all gimbal angles in degrees", ("gimbal-units",), _in_degrees, platforms=("gyros",)),
     "one in degrees": Fault("one gimbal's angles in degrees", ("gimbal-units",), partial(_in_degrees, every=False), platforms=("gyros",)),
     "strong": Fault("one gives 10 % more", SCALE, acting=lambda draw, n: _one(draw, n, 1.1)),

@@ -199,8 +199,8 @@ def _alone(screening: Screening) -> list[Refit]:
 
 
 def _leaning(screening: Screening) -> list[Refit]:
-    """Axes of wheels: they explain much of what other parts of their momentum make, which a look takes for more."""
-    supposed = hypotheses.wheel_axes(screening.model, screening.names)
+    """Axes of wheels and gyros: they explain much of what other parts of their momentum make, which a look takes for more."""
+    supposed = hypotheses.device_axes(screening.model, screening.names)
     model, free, theta = screening.model, screening.free, screening.stated.value("theta")
     each = fitted(model, free, free.variance, supposed, theta) if supposed else []
     each = [found for found in each if not hopeless(screening, found, beyond(screening))]

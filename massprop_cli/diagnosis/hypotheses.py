@@ -101,12 +101,21 @@ def _devices(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
         yield scaled(model, names, range(model.thrusting, count))
 
 
-def wheel_axes(model: Model, names: Sequence[str]) -> list[Hypothesis]:
-    """Each wheel's axis, and all of them; on a table they turn about one alone."""
-    axes = [(i, _across(model, "direction", i, model.couple[i])) for (i,) in model.devices.get("wheels", ()) if model.turns.all()]
-    found = [Hypothesis("jet-direction", (names[i],), columns, suspects=(i,)) for i, columns in axes]
-    every = Hypothesis("jet-direction", tuple(names[i] for i, _ in axes), np.hstack([columns for _, columns in axes])) if axes else None
-    return [*found, every] if every is not None and len(axes) > 1 else found
+def device_axes(model: Model, names: Sequence[str]) -> list[Hypothesis]:
+    """Each wheel or control moment gyro turned as a whole, and all of a kind; on a table they turn about one axis alone."""
+    found = list[Hypothesis]()
+    for kind in model.devices.values() if model.turns.all() else ():
+        each = [Hypothesis("jet-direction", tuple(names[i] for i in group), _turned(model, group), suspects=group) for group in kind]
+        every = tuple(name for one in each for name in one.subject)
+        found += [*each, *[Hypothesis("jet-direction", every, np.hstack([one.free for one in each]))] * (len(each) > 1)]
+    return found
+
+
+def _turned(model: Model, group: Sequence[int]) -> Array:
+    """(nx, 2 or 3) of a device's axes, one or two, that turn together; about a single one nothing changes."""
+    axes = np.isin(np.arange(len(model.couple)), group)[:, None] * model.couple
+    about = np.linalg.svd(model.couple[list(group)])[2][1 if len(group) == 1 else 0 :]
+    return np.hstack([along(model, ("direction", np.cross(turn, axes).ravel())) for turn in about])
 
 
 def two_channels(model: Model, names: Sequence[str]) -> list[Hypothesis]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.errorparameters.setup import Setup, plain, rebuilt
+from massprop_cli.inputs.actuators.control_moment_gyro import ControlMomentGyro
 
 DOES = ("position_m", "force_n")
 """What a jet does, by keys of the vehicle file."""
@@ -42,18 +43,24 @@ def moved(setup: Setup, error: Array) -> Setup | None:
 
 
 def turned(setup: Setup, error: Array) -> Setup | None:
-    """Jets' forces, or axes of rotors and wheels, of the same size along other directions by ``error`` (C, 3), N.
+    """Jets' forces, or axes of rotors, wheels and control moment gyros, of the same size along other directions by ``error`` (C, 3), N.
 
-    Of an axis by a unit; a wheel's torque on the body is against its axis. None where anything else is to be turned.
+    Of an axis by a unit; a device's torque on the body is against its axis. None where anything else is to be turned.
     """
     every, table = _of_all(setup, np.zeros(3), error), setup.log.command_kind
-    changed = [("wheels", "axis", -every[_storing(setup, "wheels")])]
-    changed += [] if table == "wrench" else [(table, "force_n" if table == "jets" else "axis", every[: _commanded(setup)])]
-    if np.count_nonzero(error) > sum(np.count_nonzero(by) for _, _, by in changed):
+    stored = [every[_storing(setup, name)] for name in ("wheels", "control_moment_gyros")]
+    changed = [("wheels", [_turned(np.array(one.axis), "axis", -by) for one, by in zip(setup.vehicle.wheels, stored[0], strict=True)])]
+    gyros = zip(setup.vehicle.control_moment_gyros, stored[1].reshape(-1, 2, 3), strict=True)
+    changed += [("control_moment_gyros", [_turned_gyro(one, -by) for one, by in gyros])]
+    if table != "wrench":
+        stored += [every[: _commanded(setup)]]
+        key = "force_n" if table == "jets" else "axis"
+        own = zip(getattr(setup.vehicle, table), stored[-1], strict=True)
+        changed += [(table, [_turned(np.array(getattr(one, key)), key, by) for one, by in own])]
+    if np.count_nonzero(error) > sum(map(np.count_nonzero, stored)):
         return None
-    for name, key, errors in changed:
-        entries = zip(getattr(setup.vehicle, name), errors, strict=True)
-        setup = _having(setup, name, [_turned(np.array(getattr(one, key)), key, by) for one, by in entries])
+    for name, entries in changed:
+        setup = _having(setup, name, entries)
     return setup
 
 
@@ -62,6 +69,13 @@ def _turned(stated: Array, key: str, by: Array) -> dict[str, Any]:
     along = stated + by * (1.0 if key == "force_n" else size)
     length = np.linalg.norm(along)
     return {key: plain(along * (size / length if size > 0 else 1.0))} if by.any() else {}
+
+
+def _turned_gyro(stated: ControlMomentGyro, by: Array) -> dict[str, Any]:
+    """Of a gyro whose spin axes at 0 and at 90 degrees are off ``by`` (2, 3): what stays at right angles."""
+    spin, further = stated.axes + by
+    gimbal = np.cross(spin, further)
+    return {key: plain(axis / np.linalg.norm(axis)) for key, axis in (("spin_axis", spin), ("gimbal_axis", gimbal))} if by.any() else {}
 
 
 def of_jets(setup: Setup) -> BoolArray:

@@ -11,6 +11,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.errorparameters import channels
 from massprop_cli.errorparameters.parameter import ErrorParameter, FittedHypothesis, SpecialCase, Step, Wording, vector
 from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.inputs.actuators.actuator import unit
 from massprop_cli.inputs.actuators.wheel import Wheel
 from massprop_cli.inputs.equipment import MOST_DROOP
 from massprop_cli.inputs.vehicle import ACTUATORS
@@ -52,12 +53,24 @@ def _angle(finding: FittedHypothesis) -> Mapping[str, object]:
 
 
 def _axes(finding: FittedHypothesis) -> Mapping[str, object]:
-    by = dict(zip(finding.names, -finding.errors["direction"].reshape(-1, 3), strict=True))
-    turned = {one.name: one.direction + by[one.name] for one in finding.stated.vehicle.wheels if one.name in finding.subject}
-    angles = {name: np.degrees(np.arctan(np.linalg.norm(by[name]))) for name in turned}
-    listed = [f"wheel {name} is {angle:.3g} degrees away from its axis" for name, angle in angles.items()]
-    whole = [vector(axis / np.linalg.norm(axis)) for axis in turned.values()]
-    return {"axes": ", ".join(listed), "each": "each of them" if len(whole) > 1 else f"it: {''.join(whole)}"}
+    """Of wheels or control moment gyros, whose axes turn together."""
+    (one, _), keys = _nouns(finding), ("gimbal_axis", "spin_axis") if _of(finding) == "control_moment_gyros" else ("axis",)
+    tables = (getattr(setup.vehicle, _of(finding)) for setup in (finding.stated, finding.corrected))
+    pairs = [(before, after) for before, after in zip(*tables, strict=True) if before.name in _entries(finding)]
+    angles = {before.name: np.degrees(_turn(before.axes, after.axes)) for before, after in pairs}
+    named = f"its {'axes' if len(keys) > 1 else 'axis'}"
+    whole = ", ".join(f"{key} {vector(unit(getattr(pairs[0][1], key)))}".removeprefix("axis ") for key in keys)
+    return {
+        "axes": ", ".join(f"{one}{name} is {angle:.3g} degrees away from {named}" for name, angle in angles.items()),
+        "each": "each of them" if len(pairs) > 1 else f"it: {whole}",
+    }
+
+
+def _turn(stated: Array, turned: Array) -> float:
+    """By how many rad axes (a, 3) turned; of two, which are at right angles, with what is at right angles to both."""
+    before, after = (np.vstack([one, np.cross(one[:1], one[1:])]) for one in (stated, turned))
+    cosine = (np.trace(before @ after.T) - 1) / 2 if len(before) == 3 else float(before[0] @ after[0])
+    return float(np.arccos(np.clip(cosine, -1, 1)))
 
 
 def _place(finding: FittedHypothesis) -> Mapping[str, object]:
@@ -249,7 +262,7 @@ PARAMETERS = (
     ErrorParameter(
         "direction",
         "jet-direction",
-        "direction of each jet's force, or of a wheel's axis",
+        "direction of each jet's force, of a wheel's axis, or of a control moment gyro's axes",
         "N",
         prior=0.2,  # of the force, so rad: a bracket that is mounted 12 degrees off
         usual=float(np.radians(1)),
@@ -373,7 +386,7 @@ SPECIAL_CASES = (
         lambda finding: about_cg(_point_of(finding), finding.sigmas["position"][:3], finding.cg, finding.force[0]),
         Wording(_ABOUT_CG, "state thrust.wrench_point_m, or log them about O", _point),
     ),
-    SpecialCase("jet-direction", "wheel-axis", lambda f: _of(f) == "wheels", Wording("{axes}", "correct {each}", _axes)),
+    SpecialCase("jet-direction", "wheel-axis", lambda f: _of(f) in KEYS and _of(f) != "rotors", Wording("{axes}", "correct {each}", _axes)),
     SpecialCase(
         "pulse-position", "pulse-position", lambda _: True, Wording("pulses {place} their cycles{delay}", "state {key}", _pulse_at)
     ),

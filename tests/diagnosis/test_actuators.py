@@ -33,6 +33,8 @@ KINDS = [
     ("wheels", "rpm"),
     ("pedestal, wheels", "sign"),
     ("gyros", "dead"),
+    ("gyros", "axis"),
+    ("gyros", "axes"),
     ("rotors", "spin"),
     ("rotors", "spins"),
     ("gyros", "one in degrees"),
