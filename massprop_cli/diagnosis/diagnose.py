@@ -189,7 +189,7 @@ def _alone(screening: Screening) -> list[Refit]:
     most = SECOND if screening.upset else FINALISTS[screening.model.bearing is not None]
     best = searched(screening, begun, (most, most), beyond(screening))
     best += otherwise_filtered(screening)
-    best += [] if any(map(_whole, best)) else _leaning(screening)
+    best += _leaning(screening)
     best += [] if any(map(_whole, best)) else otherwise(screening, best)
     likeliest = min((refit for refit in best if refit.fits), key=lambda refit: refit.score, default=None)
     if likeliest is not None and likeliest.fitted.hypothesis.turns:
