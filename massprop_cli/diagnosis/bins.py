@@ -52,9 +52,9 @@ def with_bins(setup: Setup, pieces: Sequence[slice]) -> Vehicle:
     # on a bearing the weight shows the turn, too, and errors of the rate's growth are not all that adds up
     acted = None if setup.vehicle.pivoted else [_acted(here.part(part)) for part, _ in known]
     chosen, coarse = fewest, expected(fewest)
-    noise = np.maximum(used.noise, _residual([here.part(part) for part, _ in known], coarse))
     for finer in [bins for bins in BINS if bins > fewest]:
         fine = expected(finer)
+        noise = np.maximum(used.noise, _residual([here.part(part) for part, _ in known], fine))
         off = [(one - other) / noise[:3] for (one, _), (other, _) in zip(fine, coarse, strict=True)]
         felt = [(one - other) / noise[3:] for (_, one), (_, other) in zip(fine, coarse, strict=True)]
         moved = max(_squares([*off, *felt]), 0.0 if acted is None else _squares(map(_as_acted, off, acted)))
