@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, median
 from massprop_cli.diagnosis import segment
 from massprop_cli.diagnosis.delay import first_of
 from massprop_cli.diagnosis.fit import response
@@ -73,7 +73,8 @@ def _residual(parts: Sequence[Samples], expected: Sequence[tuple[Array, Array]])
     """
     grown = np.concatenate([np.diff(part.rate_rad_s, axis=0) - steps for part, (steps, _) in zip(parts, expected, strict=True)])
     felt = np.concatenate([part.specific_force_m_s2 - force for part, (_, force) in zip(parts, expected, strict=True)])
-    return np.concatenate([np.median(np.abs(grown), 0) / np.sqrt(2), np.median(np.abs(felt), 0)]) / MEDIAN
+    sizes: Array = np.array([median(np.abs(column)) for column in (*(grown / np.sqrt(2)).T, *felt.T)]) / MEDIAN
+    return sizes
 
 
 def _squares(parts: Iterable[Array]) -> float:
