@@ -10,8 +10,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import elements, parallel_axis, tensor
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import PLANAR, Conclusion, Estimate, Verdict
-from massprop_cli.estimate.known import MISMATCH
-from massprop_cli.estimate.known import apart as off_by
+from massprop_cli.estimate.known import MISMATCH, off_by
 from massprop_cli.estimate.quantities import by_scale, condition, open_scale
 from massprop_cli.inputs.vehicle import Vehicle
 

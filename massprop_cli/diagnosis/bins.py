@@ -15,7 +15,7 @@ from massprop_cli.diagnosis import segment
 from massprop_cli.diagnosis.delay import first_of
 from massprop_cli.diagnosis.fit import response
 from massprop_cli.errorparameters.setup import Setup
-from massprop_cli.estimate.noiselevels import with_noise_levels
+from massprop_cli.estimate.noiselevels import MEDIAN, with_noise_levels
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.prepare.compensate import Samples
@@ -27,8 +27,6 @@ MOVED = 0.3
 """Sigmas by which too few of them may move a value."""
 LONGEST = 400
 """Cycles that are looked at."""
-MEDIAN = 0.6745
-"""Of the size of a normal scatter, in its sigmas."""
 
 
 def with_bins(setup: Setup, pieces: Sequence[slice]) -> Vehicle:
@@ -51,10 +49,10 @@ def with_bins(setup: Setup, pieces: Sequence[slice]) -> Vehicle:
         return setup.vehicle
     # on a bearing the weight shows the turn, too, and errors of the rate's growth are not all that adds up
     acted = None if setup.vehicle.pivoted else [_acted(here.part(part)) for part, _ in known]
-    chosen, coarse = fewest, expected(fewest)
+    seen, chosen, coarse = [here.part(part) for part, _ in known], fewest, expected(fewest)
     for finer in [bins for bins in BINS if bins > fewest]:
         fine = expected(finer)
-        noise = np.maximum(used.noise, _residual([here.part(part) for part, _ in known], fine))
+        noise = np.maximum(used.noise, _residual(seen, fine))
         off = [(one - other) / noise[:3] for (one, _), (other, _) in zip(fine, coarse, strict=True)]
         felt = [(one - other) / noise[3:] for (_, one), (_, other) in zip(fine, coarse, strict=True)]
         moved = max(_squares([*off, *felt]), 0.0 if acted is None else _squares(map(_as_acted, off, acted)))

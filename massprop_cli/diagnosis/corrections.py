@@ -18,10 +18,11 @@ from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.errorparameters import channels
+from massprop_cli.errorparameters.actuatornames import NEAR
 from massprop_cli.errorparameters.channels import spun, wired
 from massprop_cli.errorparameters.setup import DELAY, LAG, Setup, own_lags, stating
 from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, PRIORS, SIGMA_KEYS, TABLE
-from massprop_cli.errorparameters.thrust import NEAR, RPM, about_cg
+from massprop_cli.errorparameters.thrust import RPM, about_cg
 from massprop_cli.inputs.actuators.control_moment_gyro import GyroLog
 from massprop_cli.inputs.columns import WRENCH, Column
 from massprop_cli.inputs.telemetry import Log

@@ -19,7 +19,7 @@ from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import PART, Refit
 from massprop_cli.diagnosis.screening import Screening, about_its_body, screened
 from massprop_cli.diagnosis.windows import Reduced, Window
-from massprop_cli.errorparameters.thrust import NEAR
+from massprop_cli.errorparameters.actuatornames import NEAR
 from massprop_cli.estimate.whitening import NONE, Disturbance
 from massprop_cli.inputs.equipment import Failure
 from massprop_cli.model.resolved import Resolved

@@ -13,8 +13,8 @@ from massprop_cli.diagnosis.comparison import Fitted, fitted
 from massprop_cli.diagnosis.corrections import Case, applied, at_once, exact_of
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.screening import FITS, Screening, about_its_body, busiest, screened
+from massprop_cli.errorparameters.actuatornames import NEAR
 from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, PRIORS
-from massprop_cli.errorparameters.thrust import NEAR
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.prepare.recorded import narrowed
 

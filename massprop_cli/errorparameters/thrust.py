@@ -9,16 +9,14 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.errorparameters import channels
+from massprop_cli.errorparameters.actuatornames import KEYS, NEAR, entries, nouns, table_of, who
 from massprop_cli.errorparameters.parameter import ErrorParameter, FittedHypothesis, SpecialCase, Step, Wording, vector
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.inputs.actuators.actuator import unit
 from massprop_cli.inputs.actuators.wheel import Wheel
 from massprop_cli.inputs.equipment import MOST_DROOP
-from massprop_cli.inputs.vehicle import ACTUATORS
 from massprop_cli.prepare.actuators import together
 
-NEAR = 0.05
-"""Parts of the stated thrust within which a jet is dead or reversed: a sixth of the prior sigma of a jet that is neither."""
 RPM = float(np.pi / 30)
 """rad/s of one revolution a minute."""
 CHANCE, LIKELY = 2.0, 0.25
@@ -26,8 +24,6 @@ CHANCE, LIKELY = 2.0, 0.25
 REVERSED = -0.5
 """Part of the stated thrust below which a jet pushes the other way: beside another error that is near to as much as stated."""
 WRENCH_POINT = "thrust.wrench_point_m"
-KEYS = {"rotors": "thrust_n", "wheels": "spin_inertia_kg_m2", "control_moment_gyros": "h_n_m_s or spin_inertia_kg_m2"}
-"""What says how strong each is."""
 _REFIT = "a correction is refitted one sigma further on instead"
 
 
@@ -45,8 +41,8 @@ def _angle(finding: FittedHypothesis) -> Mapping[str, object]:
     stated, true = (force[finding.channel] for force in finding.force)
     cosine = stated @ true / np.linalg.norm(stated) / np.linalg.norm(true)
     return {
-        "who": _who(finding)["who"],
-        "key": "force_n" if _of(finding) == "jets" else "axis",
+        "who": who(finding)["who"],
+        "key": "force_n" if table_of(finding) == "jets" else "axis",
         "angle": np.degrees(np.arccos(np.clip(cosine, -1, 1))),
         "force": vector(true),
     }
@@ -54,9 +50,9 @@ def _angle(finding: FittedHypothesis) -> Mapping[str, object]:
 
 def _axes(finding: FittedHypothesis) -> Mapping[str, object]:
     """Of wheels or control moment gyros, whose axes turn together."""
-    (one, _), keys = _nouns(finding), ("gimbal_axis", "spin_axis") if _of(finding) == "control_moment_gyros" else ("axis",)
-    tables = (getattr(setup.vehicle, _of(finding)) for setup in (finding.stated, finding.corrected))
-    pairs = [(before, after) for before, after in zip(*tables, strict=True) if before.name in _entries(finding)]
+    (one, _), keys = nouns(finding), ("gimbal_axis", "spin_axis") if table_of(finding) == "control_moment_gyros" else ("axis",)
+    tables = (getattr(setup.vehicle, table_of(finding)) for setup in (finding.stated, finding.corrected))
+    pairs = [(before, after) for before, after in zip(*tables, strict=True) if before.name in entries(finding)]
     angles = {before.name: np.degrees(_turn(before.axes, after.axes)) for before, after in pairs}
     named = f"its {'axes' if len(keys) > 1 else 'axis'}"
     whole = ", ".join(f"{key} {vector(unit(getattr(pairs[0][1], key)))}".removeprefix("axis ") for key in keys)
@@ -74,53 +70,14 @@ def _turn(stated: Array, turned: Array) -> float:
 
 
 def _place(finding: FittedHypothesis) -> Mapping[str, object]:
-    return {"who": _who(finding)["who"], "by": vector(finding.errors["position"].reshape(-1, 3)[finding.channel], 1e3)}
-
-
-def _of(finding: FittedHypothesis) -> str:
-    """The table of the vehicle file in which the channels stand that it is about; empty: a wrench's components."""
-    return finding.tables[finding.channel]
-
-
-def _nouns(finding: FittedHypothesis) -> tuple[str, str]:
-    """One and many of them, each with a space; empty of a wrench's components."""
-    table = _of(finding)
-    one = {"jets": "jet"} | {name: kind.NOUN for name, kind in ACTUATORS.items()}
-    return (f"{one[table]} ", f"{one[table]}s ") if table else ("", "")
-
-
-def _entries(finding: FittedHypothesis) -> list[str]:
-    """Names of the actuators that it is about, in place of those of their axes."""
-    by_axis = _of(finding) == "control_moment_gyros"
-    return list(dict.fromkeys(name.rpartition(" ")[0] if by_axis else name for name in finding.subject))
-
-
-def _who(finding: FittedHypothesis) -> Mapping[str, object]:
-    entries, table, (one, many) = _entries(finding), _of(finding), _nouns(finding)
-    several, listed = len(entries) > 1, ", ".join(entries)
-    scale = "correct the unit or scale of these, or of the others, under [columns]" if several else "correct the scale under [columns]"
-    verbs = {verb: verb if several else f"{verb}{'es' if verb in ('push', 'do') else 's'}" for verb in ("push", "give", "do", "turn")}
-    if table not in ("", "jets", "rotors"):
-        verbs["push"] = "turn the vehicle" if several else "turns the vehicle"
-    turned = "" if abs(finding.factor + 1) < NEAR else f", with {-finding.factor:.3g} of the thrust"
-    return {
-        "who": f"{many if several else one}{listed}",
-        "factor": finding.factor,
-        "turned": turned,
-        "of": "momentum" if table not in ("", "jets", "rotors") else "thrust",
-        "scale": {"jets": "correct force_n or calibrate", "": scale}.get(
-            table, f"correct {KEYS.get(table, '')} or calibrate, or look at the unit of its column"
-        ),
-        "key": KEYS.get(table, ""),
-        **verbs,
-    }
+    return {"who": who(finding)["who"], "by": vector(finding.errors["position"].reshape(-1, 3)[finding.channel], 1e3)}
 
 
 def _swapped(finding: FittedHypothesis) -> Mapping[str, object]:
-    names, (_, many) = _entries(finding), _nouns(finding)
+    names, (_, many) = entries(finding), nouns(finding)
     does = {name: replace(finding, subject=(other,)) for name, other in finding.does.items()}
     as_another = "; ".join(
-        f"{_entries(replace(finding, subject=(name,)))[0]} does what is stated of {_entries(does[name])[0]}" for name in finding.subject
+        f"{entries(replace(finding, subject=(name,)))[0]} does what is stated of {entries(does[name])[0]}" for name in finding.subject
     )
     how = "swapped: each does what is stated of the other" if len(names) == 2 else f"wired round: {as_another}"
     return {"jets": f"{many}{', '.join(names[:-1])} and {names[-1]}", "how": how}
@@ -288,7 +245,7 @@ PARAMETERS = (
         per_channel=True,
         change=channels.scaled,
         uncertain=("jet-thrust", "each jet's own thrust is as uncertain as jets.thrust_sigma says"),
-        wording=Wording("{who} ({factor:+.4g}) {give} another part of the stated {of} than others", "{scale}", _who),
+        wording=Wording("{who} ({factor:+.4g}) {give} another part of the stated {of} than others", "{scale}", who),
     ),
     ErrorParameter(
         "position",
@@ -338,7 +295,7 @@ def _all_reversed(finding: FittedHypothesis) -> bool:
 
 
 def _jets(finding: FittedHypothesis) -> bool:
-    return _of(finding) == "jets"
+    return table_of(finding) == "jets"
 
 
 def _dead(finding: FittedHypothesis) -> bool:
@@ -346,11 +303,11 @@ def _dead(finding: FittedHypothesis) -> bool:
 
 
 def _in_rpm(finding: FittedHypothesis) -> bool:
-    return _of(finding) == "wheels" and abs(finding.factor / RPM - 1) < NEAR
+    return table_of(finding) == "wheels" and abs(finding.factor / RPM - 1) < NEAR
 
 
 def _gimbal_reversed(finding: FittedHypothesis) -> bool:
-    return _of(finding) == "control_moment_gyros" and len(finding.subject) == 1 and _reversed(finding)
+    return table_of(finding) == "control_moment_gyros" and len(finding.subject) == 1 and _reversed(finding)
 
 
 _NOTHING = "{who} {do} not push at all"
@@ -372,21 +329,23 @@ SPECIAL_CASES = (
         "thrust-scale", "jet-sign", lambda f: _jets(f) and _all_reversed(f), Wording(_ALL_JETS, "correct the sign of every force_n")
     ),
     SpecialCase("thrust-scale", "command-sign", _all_reversed, Wording(_ALL_COMMANDS, "correct their signs under [columns]")),
-    SpecialCase("thrust-scale", "jet-sign", lambda f: _jets(f) and _reversed(f), Wording(_OTHER_WAY, "correct force_n", _who)),
+    SpecialCase("thrust-scale", "jet-sign", lambda f: _jets(f) and _reversed(f), Wording(_OTHER_WAY, "correct force_n", who)),
     SpecialCase(
-        "thrust-scale", "command-sign", _gimbal_reversed, Wording(_GIMBAL, "correct the sign of its column, or its gimbal_axis", _who)
+        "thrust-scale", "command-sign", _gimbal_reversed, Wording(_GIMBAL, "correct the sign of its column, or its gimbal_axis", who)
     ),
-    SpecialCase("thrust-scale", "command-sign", _reversed, Wording(_OTHER_WAY, "correct the sign under [columns]", _who)),
-    SpecialCase("thrust-scale", "jet-dead", lambda f: _jets(f) and _dead(f), Wording(_NOTHING, "look at valves and wiring", _who)),
-    SpecialCase("thrust-scale", "actuator-dead", _dead, Wording(_NOTHING, "look at its motor and wiring, and at its column", _who)),
-    SpecialCase("thrust-scale", "speed-units", _in_rpm, Wording(_RPM, "correct the scale under [columns]", _who)),
+    SpecialCase("thrust-scale", "command-sign", _reversed, Wording(_OTHER_WAY, "correct the sign under [columns]", who)),
+    SpecialCase("thrust-scale", "jet-dead", lambda f: _jets(f) and _dead(f), Wording(_NOTHING, "look at valves and wiring", who)),
+    SpecialCase("thrust-scale", "actuator-dead", _dead, Wording(_NOTHING, "look at its motor and wiring, and at its column", who)),
+    SpecialCase("thrust-scale", "speed-units", _in_rpm, Wording(_RPM, "correct the scale under [columns]", who)),
     SpecialCase(
         "wrench-point",
         "wrench-point",
         lambda finding: about_cg(_point_of(finding), finding.sigmas["position"][:3], finding.cg, finding.force[0]),
         Wording(_ABOUT_CG, "state thrust.wrench_point_m, or log them about O", _point),
     ),
-    SpecialCase("jet-direction", "wheel-axis", lambda f: _of(f) in KEYS and _of(f) != "rotors", Wording("{axes}", "correct {each}", _axes)),
+    SpecialCase(
+        "jet-direction", "wheel-axis", lambda f: table_of(f) in KEYS and table_of(f) != "rotors", Wording("{axes}", "correct {each}", _axes)
+    ),
     SpecialCase(
         "pulse-position", "pulse-position", lambda _: True, Wording("pulses {place} their cycles{delay}", "state {key}", _pulse_at)
     ),
@@ -400,7 +359,7 @@ SPECIAL_CASES = (
         Wording(_RUBBING, "state coulomb_friction_n_m and viscous_friction_n_m_s of each wheel", _rubbing),
     ),
     SpecialCase("commands-limited", "commands-limited", lambda _: True, Wording(_LIMITED, "state thrust.wrench_limits", _limits)),
-    SpecialCase("rotor-spin", "rotor-spin", lambda _: True, Wording(_SPUN, "correct it, or swap two of a motor's wires", _who)),
+    SpecialCase("rotor-spin", "rotor-spin", lambda _: True, Wording(_SPUN, "correct it, or swap two of a motor's wires", who)),
     *(
         SpecialCase(code, code, lambda _: True, Wording(_SWAPPED, "swap wires, columns or entries", _swapped))
         for code in ("jets-swapped", "actuators-swapped")

@@ -39,7 +39,7 @@ def belied(told: Parameters, vehicle: Vehicle, phase: str) -> tuple[dict[str, st
     said: dict[Quantity, str] = {}
     for name, z in discrepancies(told, vehicle).items():
         if abs(z) > MISMATCH:
-            said[name] = apart(z)
+            said[name] = off_by(z)
     together = quantities(told, vehicle)[0][0]
     for name, known in vehicle.known.items():
         off = abs(known.value - together[QUANTITIES.index(name)])
@@ -55,7 +55,7 @@ def belied(told: Parameters, vehicle: Vehicle, phase: str) -> tuple[dict[str, st
     return found, tuple(Notice("known-mismatch", f"phase {phase}: {message}") for message in found.values())
 
 
-def apart(z: float) -> str:
+def off_by(z: float) -> str:
     """What is said of a known quantity so many sigmas from what the log alone says."""
     return f"lies {abs(z):.3g} sigmas from what the log alone says; check it, the thrust, and thrust.scale_sigma"
 
