@@ -24,7 +24,7 @@ from massprop_cli.base.rigidbody import elements, tensor
 from massprop_cli.conclude import docking
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Verdict
-from massprop_cli.estimate.quantities import by_scale_beside
+from massprop_cli.estimate.quantities import by_first_moment, by_scale_beside
 from massprop_cli.model.plant import BearingBody, Reference
 from massprop_cli.result.build import estimate_items, matrix
 from massprop_cli.result.schema import DockedObject, PhaseItem, VehicleInfo, WarningItem
@@ -173,6 +173,7 @@ def _bare(piece: Piece) -> tuple[Array, Array]:
         at, information, vector = at[left], information[np.ix_(left, left)], vector[left]
         spread = np.linalg.inv(information)
         values[at], covariance[np.ix_(at, at)] = spread @ vector, spread
+        values, covariance = _by_first_moment(piece, piece.values, values, covariance)
     scaled = piece.by_scale(values)
     covariance = covariance - piece.scale_sigma**2 * np.outer(scaled, scaled)
     return values, covariance
@@ -268,9 +269,17 @@ def with_shared(values: Array, covariance: Array, pieces: Sequence[Piece]) -> tu
             values[i], covariance[i, i] = value, sigma**2
             continue
         gain = np.nan_to_num(covariance[:, i]) / (covariance[i, i] + sigma**2)
-        values = values + gain * (value - values[i])
         covariance = covariance - np.outer(gain, np.nan_to_num(covariance[i]))
+        values, covariance = _by_first_moment(pieces[0], values, values + gain * (value - values[i]), covariance)
     return values, covariance
+
+
+def _by_first_moment(piece: Piece, before: Array, after: Array, covariance: Array) -> tuple[Array, Array]:
+    """A step of values, on a bearing straight in the first moment about it."""
+    if piece.bearing is None:
+        return after, covariance
+    values, slope = by_first_moment(before[None], after[None], piece.bearing.bearing_mass)
+    return values[0], slope[0] @ covariance @ slope[0].T
 
 
 def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, combined: PhaseItem) -> DockedObject:

@@ -19,7 +19,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from massprop_cli import QUANTITIES
+from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import COLUMNS, MOMENTS, ROWS, elements
 from massprop_cli.estimate.pivot import AboutCg, about_cg, by_thrust_scale
@@ -30,8 +30,7 @@ from massprop_cli.model.momentum import relative_scales
 UNTOLD = 0.3
 """A relative sigma of 1/m above this says nothing about m; ..."""
 FAINT = 0.03
-"""... above this, on a bearing, a known mass tells it: the CG is linear in 1/m, not in m. What is of second order in m = 1/μ is this part
-of a sigma."""
+"""... above this, on a bearing, a known mass tells it: there the rest was judged beside that one (estimate/regression)."""
 HARDLY = 0.4
 """A relative sigma of an axis' response J up to which that of I = 1/J is taken from the interval ± 2 sigma; beyond, I is hardly told."""
 
@@ -53,13 +52,35 @@ def quantities(told: Parameters, vehicle: Vehicle) -> tuple[Array, Array]:
     full: Array = data + shared + found.by_mass
     before = _moments(data)
     for name, known in vehicle.known.items():
-        if not (vehicle.on_pedestal and name == "mass"):
-            values, full, data = _condition(values, full, data, QUANTITIES.index(name), known.value, known.sigma)
+        if vehicle.on_pedestal and name == "mass":
+            continue
+        stated = values
+        values, full, data = _condition(values, full, data, QUANTITIES.index(name), known.value, known.sigma)
+        if vehicle.on_air_bearing and name not in CG:
+            values, slope = by_first_moment(stated, values, vehicle.bearing_mass_kg)
+            full, data = (slope @ spread @ slope.transpose(0, 2, 1) for spread in (full, data))
     # an axis is no more uncertain than what is known leaves it
     kept = _moments(data) / np.maximum(before, np.finfo(float).tiny)
     wider = _curved(told.relative * np.sqrt(np.maximum(kept, 0.0)))
     full = full + data * (wider[:, :, None] * wider[:, None, :] - 1)
     return values, (full + full.transpose(0, 2, 1)) / 2  # of a swing's wide scale little is left, and rounding of that
+
+
+def by_first_moment(before: Array, after: Array, bearing_mass_kg: float) -> tuple[Array, Array]:
+    """Ten quantities (K, 10) of a body on a bearing, and their derivative by those ``after`` a straight step from ``before``.
+
+    A log tells the first moment m_r s, s = c − b, m_r = m − m_b, far better than either, so that the step is straight in that instead of s:
+    ``s' = (m_r s + m_r δs + s δm) / (m_r + δm) = s + δs m_r / (m_r + δm)``.
+    """
+    turning, later = before[:, 9:] - bearing_mass_kg, after[:, 9:] - bearing_mass_kg
+    with np.errstate(invalid="ignore", divide="ignore"):
+        told = (turning > 0) & (later > 0)
+        part = np.where(told, turning / later, 1.0)
+        moved = part * (after - before)[:, 6:9]
+        by_mass = np.where(told, -moved / later, 0.0)
+    slope = np.repeat(np.eye(10)[None], len(after), 0)
+    slope[:, range(6, 9), range(6, 9)], slope[:, 6:9, 9] = part, by_mass
+    return np.hstack([after[:, :6], before[:, 6:9] + moved, after[:, 9:]]), slope
 
 
 def _translating(told: Parameters, vehicle: Vehicle) -> AboutCg:

@@ -59,19 +59,44 @@ static void curved(const mp_real relative[3], mp_real wider[10]) {
     for (i = 0; i < 10; i++) wider[i] = i < 6 ? factor[FIRST[i]] * factor[SECOND[i]] : R(1);
 }
 
+/* A step of the ten quantities from `before`, straight in the first moment (m - bearing mass) (c - bearing) instead of in c; of a covariance
+   with it the rows and columns of c. */
+static void by_first_moment(mp_real bearing_mass, const mp_real before[10], mp_real after[10], mp_real covariance[10][10],
+                            mp_real data[10][10]) {
+    mp_real later = after[9] - bearing_mass, part = (before[9] - bearing_mass) / later, by_mass[3];
+    mp_real(*each[2])[10] = {covariance, data};
+    int i, j, k;
+    if (!(before[9] > bearing_mass) || !(later > R(0))) return;
+    for (i = 0; i < 3; i++) {
+        mp_real moved = part * (after[6 + i] - before[6 + i]);
+        after[6 + i] = before[6 + i] + moved;
+        by_mass[i] = -moved / later;
+    }
+    for (k = 0; k < 2; k++)
+        for (j = 0; j < 10; j++)
+            for (i = 0; i < 3; i++) each[k][6 + i][j] = part * each[k][6 + i][j] + by_mass[i] * each[k][9][j];
+    for (k = 0; k < 2; k++)
+        for (j = 0; j < 10; j++)
+            for (i = 0; i < 3; i++) each[k][j][6 + i] = part * each[k][j][6 + i] + by_mass[i] * each[k][j][9];
+}
+
 /* Conditioned on all that is known from elsewhere, and then wider where I is curved: an axis is no more uncertain than what is known
    leaves it. `data`: the part of the covariance that the log's noise makes. */
-static void finished(const mp_rule *rule, const mp_row *row, mp_real data[10][10], mp_values *out) {
-    mp_real relative[3], before[3], wider[10];
+static void finished(const mp_rule *rule, const mp_vehicle *vehicle, const mp_row *row, mp_real data[10][10], mp_values *out) {
+    mp_real relative[3], before[3], wider[10], stated[10];
     int i, j;
     for (i = 0; i < 3; i++) before[i] = mp_max(data[MOMENTS[i]][MOMENTS[i]], MP_TINY);
     for (i = 0; i < rule->known; i++) {
         mp_real variance = rule->known_sigma[i] * rule->known_sigma[i];
-        if (out->told[rule->known_index[i]]) {
-            condition(out->value, out->covariance, data, rule->known_index[i], rule->known_value[i], variance);
-        } else {
-            taken(out, data, rule->known_index[i], rule->known_value[i], variance);
+        int index = rule->known_index[i];
+        memcpy(stated, out->value, sizeof stated);
+        if (!out->told[index]) {
+            taken(out, data, index, rule->known_value[i], variance);
+            continue;
         }
+        condition(out->value, out->covariance, data, index, rule->known_value[i], variance);
+        if (MP_ON_BEARING(vehicle) && out->told[9] && (index < 6 || index > 8))
+            by_first_moment(vehicle->bearing_mass, stated, out->value, out->covariance, data);
     }
     for (i = 0; i < 3; i++) relative[i] = row->relative[i] * MP_SQRT(mp_max(data[MOMENTS[i]][MOMENTS[i]] / before[i], R(0)));
     curved(relative, wider);
@@ -110,7 +135,7 @@ static void quantities(const mp_rule *rule, const mp_vehicle *vehicle, const mp_
             data[i][j] = row.covariance[i][j] * slope[i] * slope[j];
             out->covariance[i][j] = data[i][j] + scale * part[i] * part[j];
         }
-    finished(rule, &row, data, out);
+    finished(rule, vehicle, &row, data, out);
     for (i = 0; i < 10; i++) out->sigma[i] = out->told[i] ? MP_SQRT(out->covariance[i][i]) : R(0);
 }
 

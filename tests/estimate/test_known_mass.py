@@ -9,8 +9,11 @@ import pytest
 
 from massprop_cli import CG, flow
 from massprop_cli.conclude.verdict import Conclusion
+from massprop_cli.estimate import kernelflight
+from massprop_cli.export import resolve
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.kernel import kernel
 from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
 from tests import cramerrao
@@ -73,3 +76,16 @@ def test_an_uncertain_mass_makes_the_cg_uncertain_in_proportion() -> None:
     sigmas = np.array([estimates[name].sigma for name in CG], dtype=float)
     part = 0.1 * truth[9] / (truth[9] - source.scenario.vehicle.bearing_mass_kg)
     assert np.linalg.norm(sigmas) == pytest.approx(part * np.linalg.norm(away), rel=0.1)
+
+
+@pytest.mark.skipif(kernel().library is None, reason=f"the causal pass runs on {kernel().name}")
+def test_on_board_a_weighed_mass_does_the_same() -> None:
+    source = scenario.load("testbed", ("sensors.accel_noise_m_s2=0.3", "vehicle.imu.accel_noise_m_s2=0.3"))
+    flight, heavier = simulate.fly(source, [1]), 1.01 * source.scenario.truth.values[9]
+    vehicle = vehiclefile.changed(flight.vehicle, (f"known.mass={{value={heavier}, sigma=1e-4}}",))
+    log, resolved = flight.log(0), resolve.stated(VehicleSource(vehicle, "", ""))
+    leg, whole = resolved.legs[0], slice(0, log.cycles)
+    said = kernelflight.Flight(resolved.commands, leg.vehicle, leg.rule).step(kernelflight.cycles_of(log, whole, whole), last=True)
+    (told,) = flow.examine(log, VehicleSource(vehicle, "", "")).histories
+    np.testing.assert_allclose(said.values[-1], told.values[-1], atol=1e-6 * told.sigmas[-1].min())
+    np.testing.assert_allclose(said.sigmas[-1], told.sigmas[-1], rtol=1e-6)

@@ -50,12 +50,33 @@ def test_a_weighed_mass_tells_the_cg_of_what_turns_where_a_part_does_not() -> No
     found = np.concatenate([true[:6] / 0.99, bearing + moment / (mass - part), [1 / mass]])[None]
     exact = 1e-12 * covariance()
     values, full = quantities(Parameters.of(found, exact), weighed)
-    np.testing.assert_allclose(values[0, 6:9] - bearing, true[6:9] - bearing, rtol=1e-4)
+    np.testing.assert_allclose(values[0, 6:9] - bearing, true[6:9] - bearing, rtol=1e-6)
     np.testing.assert_allclose(values[0, :6], true[:6], rtol=1e-6, atol=1e-9)
     _, wide = quantities(Parameters.of(found, exact), stated)
     off = np.abs(found[0, 6:9] - true[6:9])
     np.testing.assert_allclose(np.sqrt(np.diag(wide[0])[6:9]), 2 * off, rtol=0.05)
     assert (np.sqrt(np.diag(full[0])[6:9]) < 1e-2 * off).all()
+
+
+def test_a_weighed_mass_leaves_the_first_moment_as_the_log_tells_it() -> None:
+    """By hand: a moment told to a part in a million, and a mass to 2.5 %, which is two sigmas off the weighed one."""
+    bearing, part, true = np.array([0.02, -0.01, 0.03]), 12.0, flight.TRUTH
+    environment = {"bearing_position_m": bearing.tolist(), "bearing_mass_kg": part}
+    used = flight.vehicle("air_bearing", environment=environment, known={"mass": {"value": true[9], "sigma": 1e-3}})
+    moment, mass = (true[9] - part) * (true[6:9] - bearing), 1.05 * true[9]
+    found = np.concatenate([true[:6], bearing + moment / (mass - part), [1 / mass]])[None]
+    moment_sigma, mass_sigma = 1e-6 * np.linalg.norm(moment), 0.025 * mass
+    slope = moment / (mass - part) ** 2 * mass**2  # of c by 1/m
+    spread = 1e-12 * np.eye(10)[None]
+    spread[0, 6:9, 6:9] = np.eye(3) * (moment_sigma / (mass - part)) ** 2 + np.outer(slope, slope) * (mass_sigma / mass**2) ** 2
+    spread[0, 9, 6:9] = spread[0, 6:9, 9] = slope * (mass_sigma / mass**2) ** 2
+    spread[0, 9, 9] = (mass_sigma / mass**2) ** 2
+    values, full = quantities(Parameters.of(found, spread), used)
+    assert abs(values[0, 9] - true[9]) < 1e-4
+    away = values[0, 6:9] - true[6:9]
+    sigma = np.hypot(moment_sigma / (true[9] - part), 1e-3 * (true[6:9] - bearing) / (true[9] - part))
+    np.testing.assert_allclose(np.sqrt(np.diag(full[0])[6:9]), sigma, rtol=1e-2)
+    assert (np.abs(away) < 0.1 * sigma).all()
 
 
 def test_a_weighed_mass_is_a_measurement_of_the_whole_set() -> None:
