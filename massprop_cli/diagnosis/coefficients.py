@@ -83,6 +83,8 @@ class Model:
     """By their tables in the vehicle file, wheels and gyros, by their channels."""
     fired: tuple[int, ...] = ()
     """Which of the log's channels these are."""
+    released: Array | None = None
+    """(10,) θ of a body that nothing but its weight turns, near which the best one is; None where commands tell."""
 
     @staticmethod
     def of(free: Free, vehicle: Vehicle, lag: float, kind: CommandKind) -> Model:

@@ -195,6 +195,11 @@ def _descended(rows: _Rows, moves: Array, pulled: Array, x: Array, still: float)
 def _begun(rows: _Rows, supposed: Sequence[Hypothesis], theta: Array | None, there: bool) -> tuple[Array, Array]:
     """(H, nx) x that fits begin with, and (H, 10) the sizes of θ."""
     x, sizes = rows.begun(supposed)
+    if rows.model.released is not None:
+        x[:, :10] = rows.model.released if theta is None else theta
+        inverse, mu = tensor(rows.model.released[J]), rows.model.released[MU]
+        size = np.sqrt(np.trace(np.linalg.inv(inverse)) / mu)
+        return x, np.repeat(np.repeat([np.trace(inverse), size, mu], [6, 3, 1])[None], len(x), 0)
     if theta is not None and there:
         x[:, :10] = theta
         return x, sizes

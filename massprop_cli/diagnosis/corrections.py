@@ -302,7 +302,7 @@ def _anew(after: Setup, found: Fitted) -> Iterator[str]:
     """Sigmas by which what is corrected of jets is estimated anew."""
     for one in (one for one in TABLE if one.per_channel and one.states):
         moves = [part for part in found.parts if part.hypothesis.free[found.model.place(one.name)].any()]
-        if not any(map(at_once, moves)):
+        if moves and not any(map(at_once, moves)):
             error, key = found.error(one.name).reshape(len(after.fired), -1), (one.sigma_key or "").removeprefix("jets.")
             yield from (f"{name}={sigma:.3g}" for name, sigma in channels.jet_sigmas(after, key, error, one.prior).items())
 
@@ -320,7 +320,7 @@ def around(case: Case, found: Fitted) -> tuple[Correction, ...]:
     stated = np.zeros(len(found.x), dtype=bool)
     jets = channels.of_jets(case.setup._replace(fired=found.model.fired))
     for one in map(BY_NAME.__getitem__, ENTRIES):
-        stated[found.model.place(one.name)] = bool(one.states) & (np.repeat(jets, one.size) if one.per_channel else True)
+        stated[found.model.place(one.name)] = np.repeat(jets, one.size) & bool(one.states) if one.per_channel else bool(one.states)
     if _both_turned(found) is not None:
         for name in MOUNTING.entries:
             stated[found.model.place(name)] = True

@@ -79,6 +79,8 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     shown = seen(screening.case)
     if shown is not None:
         return Diagnosis((Explanation(shown.code, shown.message, None),))
+    if vehicle.on_pedestal and not len(screening.free.fired) and not vehicle.swings:
+        return Diagnosis()  # of a swing ratios are told, and of no body what it leaves
     screening = about_its_body(screening)
     alone, rarely = _alone(screening), sparse(screening.case) or lost(log)
     if rarely and not any(map(_whole, alone)):

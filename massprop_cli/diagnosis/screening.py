@@ -6,6 +6,7 @@ What is left is counted as a likelihood of free noise levels, with a price for e
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -23,6 +24,7 @@ from massprop_cli.diagnosis.ranking import CLEAR, Ranking
 from massprop_cli.diagnosis.verticals import verticals
 from massprop_cli.errorparameters.sensor import DEGREE, GRAVITY
 from massprop_cli.errorparameters.setup import LAG
+from massprop_cli.estimate.initial import first_reference
 from massprop_cli.estimate.phases import as_stated
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.inputs.vehicle import Phase
@@ -81,6 +83,9 @@ def screened(case: Case, piece: slice, likely: Sequence[Disturbance] = (), theta
 
 def _screening(case: Case, piece: slice, free: Free, theta: Array | None) -> Screening:
     model = Model.of(free, case.vehicle, float(case.setup.value(LAG)[0]) / case.vehicle.cycle.period_s, case.log.command_kind)
+    if not len(free.fired) and case.vehicle.swings:
+        body = first_reference(case.timing.of(case.log, case.vehicle), piece, case.vehicle)
+        model = replace(model, released=None if body is None else model.plant.theta(body))
     noise = np.repeat([case.vehicle.imu.gyro_noise_rad_s, case.vehicle.imu.accel_noise_m_s2], 3) ** 2
     (stated,) = fitted(model, free, free.variance, [Hypothesis("", (), np.zeros((len(model.stated), 0)))], theta)
     return Screening(case, piece, free, model, noise, stated)

@@ -120,7 +120,8 @@ class _Looks:
             end == stop or self.misses(slice(begin, min(end + edge, stop)))
         )
         begin, end = begin + MARGIN * (begin > first), end - MARGIN * (end < stop)
-        return (slice(begin, end),) if sharp and self.fires([slice(begin, end)]) else ()
+        kept = slice(begin, end)
+        return (kept,) if sharp and kept != self.piece and self.fires([kept]) else ()
 
     def around(self) -> tuple[slice, ...]:
         """The longest stretches from the beginning and up to the end that fit; empty where they meet, or leave out too much."""

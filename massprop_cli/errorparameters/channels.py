@@ -80,7 +80,7 @@ def _turned_gyro(stated: ControlMomentGyro, by: Array) -> dict[str, Any]:
 
 def of_jets(setup: Setup) -> BoolArray:
     """(F,) which of the channels that fired are jets."""
-    return np.array([setup.log.command_kind == "jets" and i < _commanded(setup) for i in setup.fired])
+    return np.array([setup.log.command_kind == "jets" and i < _commanded(setup) for i in setup.fired], dtype=bool)
 
 
 def jet_sigmas(setup: Setup, key: str, error: Array, most: float) -> dict[str, float]:

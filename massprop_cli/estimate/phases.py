@@ -68,8 +68,8 @@ class AsStated(NamedTuple):
 
     @property
     def dubious(self) -> bool:
-        """Whether it doesn't, or a phase tells of no body at all."""
-        return self.misfit or any(fit is None for fit in self.fits)
+        """Whether it doesn't, or a phase tells of no body at all, or of one that is lost."""
+        return self.misfit or any(fit is None or fit.history.moments().count == 0 for fit in self.fits)
 
     @property
     def quiet(self) -> bool:

@@ -44,11 +44,14 @@ def _part(title: str, body: PhaseItem | DockedObject, found: Result, console: Co
     cause = contradiction(body)
     if cause:
         console.print(escape.rich(f"contradicted: {cause}"), style=_STYLE["contradicted"])
+    gaps: dict[tuple[str, str], list[str]] = {}
     for name, item in body.estimates.items():
         if item.verdict not in ("converged", "contradicted"):
             # a docked object has no motion of its own that would remedy it
             why = vocabulary.gap(name, item, cause) if isinstance(body, PhaseItem) else f"{item.verdict}: {item.reason}"
-            console.print(escape.rich(f"{name} {why}"), style=_STYLE[item.verdict])
+            gaps.setdefault((why, item.verdict), []).append(name)
+    for (why, verdict), names in gaps.items():
+        console.print(escape.rich(f"{', '.join(names)} {why}"), style=_STYLE[verdict])
 
 
 def _mended(one: Mended, console: Console) -> None:
