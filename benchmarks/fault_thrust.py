@@ -121,6 +121,8 @@ def _group(s: Subject, rng: Random, prefixes: tuple[str, ...]) -> Drawn | None:
 
 def _all_thrust(s: Subject, rng: Random) -> Drawn | None:
     factor = float(rng.choice([0.8, 1.2]))
+    if not (s.vehicle.jets or s.driven):
+        return None
     if s.vehicle.jets:
         wrong = stated_forces(s, s.clean, {jet.name: 1 / factor for jet in s.vehicle.jets})
     else:

@@ -169,7 +169,7 @@ class Subject:
     @cached_property
     def driven(self) -> list[int]:
         """Components of a commanded wrench that are used."""
-        return [] if self.vehicle.jets else [int(i) for i in np.flatnonzero((self.flight.issued[0] != 0).sum(0) >= SELDOM)]
+        return [] if self.vehicle.jets else [int(i) for i in np.flatnonzero((self.flight.issued[0][:, :6] != 0).sum(0) >= SELDOM)]
 
     @cached_property
     def full_torque(self) -> Array:
