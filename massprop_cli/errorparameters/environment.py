@@ -15,7 +15,9 @@ from massprop_cli.inputs.equipment import PIVOTED
 
 WALK = 1e-3
 """Of a steady torque, what a correction lets it change per cycle: over 1,000 cycles it wanders by 3 % of itself, so it stays steady."""
-
+BALL_M = 0.005
+"""One sigma of where a bearing's centre is: the ball is machined to a tenth of this; the offset of O from the drawing's datum is measured
+by hand."""
 
 LEVEL = ("east", "north")
 """Columns of the world's X and Y, as a gyro carries them."""
@@ -73,7 +75,7 @@ PARAMETERS = (
         "bearing-position",
         "position of the bearing's centre",
         "m",
-        prior=0.005,  # the ball is machined to a tenth of this; the offset of O from the drawing's datum is measured by hand
+        prior=BALL_M,
         usual=0.001,
         key="environment.bearing_position_m",
         no_sigma="the CG is as uncertain as it is, one to one: massprop reports the CG by 1 mm of it",
@@ -89,6 +91,7 @@ PARAMETERS = (
                 f"environment.bearing_position_m is {_listed(setup.vehicle.environment.bearing_position_m)} m; further along {{axis}}"
             ),
             _on_bearing,
+            most=BALL_M,  # the CG goes with it: what tells them apart is faint beside what noisy rates do to the vertical
         ),
     ),
     ErrorParameter(

@@ -83,6 +83,18 @@ def test_without_noise_nothing_is_left(kind: anypedestal.Kind, biases: bool, ine
     assert all(code.startswith(("noise-", "initial-")) for code in said)
 
 
+def test_noisy_sensors_put_no_bearing_elsewhere() -> None:
+    """The gyro's noise moves the vertical that the weight pulls along, in steps with the CG; of the bearing itself little is told."""
+    rng = np.random.default_rng(5)
+    own = anypedestal.tables(rng, 2)
+    own = replace(own, noise=np.tile([3e-3, 0.2], (2, 1)))
+    flown = anypedestal.fly(rng, own, "wheels", 0.05, 40.0)
+    used = anypedestal.vehicle_of(own, 0, flown, biases=False, mass={"value": float(own.mass[0]), "sigma": 1e-4 * float(own.mass[0])})
+    answer = flow.examine(anypedestal.log_of(rng, own, 0, flown, used), VehicleSource(used, "", ""))
+    assert "bearing-position" not in [doubt.what for doubt in answer.doubts]
+    assert {one.verdict for one in answer.conclusions[0].about_pivot.values()} == {"converged"}
+
+
 def test_biases_alone_are_no_fault_of_a_free_body() -> None:
     """Without noise they leave their own squares, which fit a body that changes better."""
     rng = np.random.default_rng([0, 3])
