@@ -27,7 +27,7 @@ from massprop_cli.model.geometry import channels_otherwise
 from massprop_cli.model.layout import MU
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.model.sensitivity import Consider, Reading, variant
+from massprop_cli.model.sensitivity import Consider, of_motion, variant
 from massprop_cli.prepare.actuators import channel_names, channel_wrench
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
@@ -222,7 +222,7 @@ def _columns(setup: Setup, samples: Stream, size_m: float) -> tuple[Consider, Ar
         for axis in range(one.size):
             changed = variant(one, setup, samples, axis)
             if changed is not None:
-                variants.append(replace(changed, of_motion=True) if isinstance(changed, Reading) else changed)
+                variants.append(of_motion(changed, one, setup.vehicle, axis))
                 columns.append(ErrorColumn(one.name, "XYZ"[axis] if one.size > 1 else "", _usual(one, size_m)))
     sigmas = {name: _usual(one, size_m) for name, one in BY_NAME.items() if one.per_channel}
     jets = setup.vehicle.jets if setup.log.command_kind == "jets" else ()

@@ -54,6 +54,8 @@ class Variant:
     low: OtherReading
     high: OtherReading
     distance: float
+    read: Reading | None = None
+    """What it turns the readings into, of which the noise is left out."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,13 @@ def reading(parameter: ErrorParameter, vehicle: Vehicle, axis: int, by: float = 
     slope = by * mounting @ (high - low) @ mounting.T / (2 * step)
     rate, force = (slope * (parameter.sensor in ("", sensor)) for sensor in ("gyro", "accel"))
     return Reading(rate, force)
+
+
+def of_motion(changed: Variant | Reading, parameter: ErrorParameter, vehicle: Vehicle, axis: int) -> Variant | Reading:
+    """The same of the motion without its noise, of which an innovation is proof of nothing."""
+    if isinstance(changed, Reading):
+        return replace(changed, of_motion=True)
+    return replace(changed, read=reading(parameter, vehicle, axis)) if parameter.shown is not None else changed
 
 
 def variant(parameter: ErrorParameter, setup: Setup, samples: Stream, axis: int = 0) -> Variant | Reading | None:
@@ -201,6 +210,9 @@ def fed(
         else:
             low, high = sides.of(variant.low), sides.of(variant.high)
             change = (high[0] - low[0]) / variant.distance, (high[1] - low[1]) / variant.distance
+            if variant.read is not None:
+                noise = variant.read.shown(part, expected_motion()) - variant.read.shown(part, (part.rate_rad_s, part.specific_force_m_s2))
+                change[1][:, :6] += noise
         driven.append(change[0])
         measured.append(change[1])
 

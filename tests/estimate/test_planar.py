@@ -123,3 +123,18 @@ def test_a_gyro_bias_that_turns_a_held_slope_is_found() -> None:
     assert found.vehicle.imu.gyro_bias_rad_s[2] == pytest.approx(1.8e-3, abs=3e-4)
     z = (found.conclusions[0].values - flight.truth[0, 0])[TOLD] / found.conclusions[0].sigmas[TOLD]
     assert np.abs(z).max() < 4
+
+
+def test_the_noise_of_held_axes_is_no_scale_of_theirs() -> None:
+    """Beside thrust that is some tenths of a percent off: a gyro that showed nothing of two axes would explain their noise."""
+    source = scenario.load("planar", ("duration_s=40", 'plan=[{motion="random", axes=["x", "y", "yaw"], start_s=0.0, end_s=40.0}]'))
+    flight, rng = simulate.fly(source, [1]), np.random.default_rng(3)
+    forces = [np.array(jet.force_n) * (1 + 0.005 * rng.normal()) for jet in flight.vehicle.jets]
+    vehicle = changed(flight.vehicle, [f"jets.{i}.force_n={force.tolist()}" for i, force in enumerate(forces)])
+    answer = flow.examine(flight.log(0), VehicleSource(vehicle, "planar", ""))
+    (conclusion,), (discrepancy,) = answer.conclusions, answer.discrepancies
+    assert discrepancy is not None
+    assert discrepancy.scale < 1
+    sigma = np.sqrt(np.diag(conclusion.covariance)[TOLD])
+    assert (np.abs(conclusion.values[TOLD] - source.scenario.truth.values[TOLD]) < 3 * sigma).all()
+    assert sigma[0] < 0.03 * conclusion.values[5]
