@@ -28,9 +28,11 @@ from massprop_cli.model.resolved import Resolved
 
 UNFIT = (
     "with columns quat_w … quat_z the log does not fit, and without them it does: they were left out; check their convention (wxyz, world "
-    "from body, Z up), frame and latency"
+    "from body, Z up), frame (that Z is vertical) and latency"
 )
 """Of a logged attitude."""
+TILTED = "attitude-start"
+"""Cause of what is left without a logged attitude, whose room was out of level, too: the vehicle began otherwise than is stated."""
 LATE = {"delay-mismatch"}
 """Causes for which one sensor may be taken that is later than the other."""
 EXPLAINED, FITS, FAR = 0.1, 2.0, 1e3
@@ -52,7 +54,7 @@ def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), pr
 def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress) -> Analysis:
     read, stated = clipped.with_unstated(log), source
     log, source, *_ = sensorkernel.found(read, stated, say)
-    carried = log.attitude_wxyz is not None and source.vehicle.pivoted
+    logged = carried = log.attitude_wxyz is not None and source.vehicle.pivoted
     try:
         first = first_fits(log, source, say)
         if carried and first[1] is not None and first[1].misfit:
@@ -75,9 +77,9 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         changes = (fault.notice for fault in found.faults if fault.change_s is not None)
         return replace(again, source=source, notices=(*changes, *again.notices))
     told = None if carried and (found.faults or found.unknown) else judged(*correctedestimate.proven(found, say))
-    if carried and (told is None or not _explained(told)):
+    if (carried and (told is None or not _explained(told))) or (logged and told is not None and _unexplained(told)):
         again = _examined(_without_attitude(log, UNFIT), source, assignments, say)
-        if _explained(again):
+        if _explained(again) or {fault.notice.code for fault in again.faults} == {TILTED}:
             return again
     told = told or judged(*correctedestimate.proven(found, say))
     if {fault.notice.code for fault in told.faults} <= LATE and not _fits(told):
@@ -156,6 +158,11 @@ def _fits(found: Analysis) -> bool:
 def _explained(found: Analysis) -> bool:
     """Whether nothing is, and its sigmas are those of what is stated."""
     return _fits(found) and not any(found.discrepancies)
+
+
+def _unexplained(found: Analysis) -> bool:
+    """Whether something is wrong, and nothing that has a name."""
+    return not _fits(found) and all(fault.notice.code == UNKNOWN for fault in found.faults)
 
 
 def _without_attitude(log: Log, why: str) -> Log:

@@ -246,6 +246,21 @@ def test_a_vehicle_that_did_not_begin_level_is_found_where_it_stood() -> None:
     assert np.abs(found.z).max() < 3.5
 
 
+@pytest.mark.thorough
+def test_attitudes_of_a_room_that_is_out_of_level_are_left_out_where_the_beginning_is_not_known_either() -> None:
+    """Motion capture half a degree off the vertical, and a vehicle that is said to begin level in it."""
+    flight = flown(1, *MILLIRADIAN, "vehicle.environment.initial_attitude_wxyz=[0.9999619, 0.0087265, 0, 0]")
+    log, room = flight.log(0), quaternion_of(np.array([0.006, -0.006, 0.0]))
+    assert log.attitude_wxyz is not None
+    turned = replace(log, attitude_wxyz=frozen(quaternion_product(room, log.attitude_wxyz)))
+    vehicle = changed(flight.vehicle, ("environment.initial_attitude_wxyz=[1, 0, 0, 0]",))
+    found = flow.examine(turned, VehicleSource(vehicle, "", ""))
+    assert [fault.notice.code for fault in found.faults] == ["attitude-start"]
+    assert "attitude-misfit" in {notice.code for notice in found.notices}
+    (corrected,) = found.mended[0].conclusions
+    assert np.abs((corrected.values - flight.truth[0][-1]) / np.sqrt(np.diag(corrected.covariance))).max() < 4
+
+
 @pytest.mark.parametrize("noise", [1e-3, *(pytest.param(noise, marks=pytest.mark.thorough) for noise in ENDS)])
 def test_the_noise_is_estimated(noise: float) -> None:
     flight = flown(1, LOGGED, f"sensors.attitude_noise_rad={noise}")
