@@ -207,4 +207,4 @@ def _checked_timing(settled: Sequence[History], at: Timing, examination: Examine
         return None
     rows = 6 * sum(cycles.stop - cycles.start for cycles in known)
     scale = max(later.before / rows, 1.0)
-    return delay.near(at, later.cycles, later.sigma * scale**0.5, later.before / rows, later.after / rows)
+    return delay.near(at, later.cycles, later.sigma * scale**0.5, later.after / rows)

@@ -47,6 +47,9 @@ LEAP = 0.5
 """Cycles, or this part of the lag; the largest step."""
 BADLY = 10.0
 """Chi-square beyond which a fit may have run into another minimum."""
+CLEARLY = 3.0
+"""−2 log likelihood, per cycle, by which a delay a cycle away is less likely where commands by themselves tell it: each of three channels,
+all that move on a table, is left with e times the variance. Of real flights, whose model is no better, it is less than a fifth of that."""
 FINEST = 1 / 512
 """Cycles at which the search by commands alone ends."""
 SHARPEST = 1e-12
@@ -81,9 +84,7 @@ class FoundTiming:
     sigma: Timing
     """One standard deviation; zero for what was given."""
     chi_square: float
-    """Mean squared residual over stated noise of the fit there."""
-    chi_square_before: float
-    """The same where the search began."""
+    """Mean squared residual over stated noise of the fit there; infinite where none stands."""
     unknown: tuple[str, ...] = ("delay",)
     """Error parameters that were sought, ..."""
     covariance: Array = field(default_factory=lambda: np.zeros((1, 1)))
@@ -137,14 +138,13 @@ def detect(
     ``prior``: one sigma of what is stated of each, cycles; 0: nothing is. None where the log can't tell.
     """
     begun = now = Setup(log, vehicle, start)
-    before, last, references = None, np.zeros(len(unknown)), dict[int, Reference]()
+    last, references = np.zeros(len(unknown)), dict[int, Reference]()
     sharp = np.array([1 / sigma**2 if sigma else 0.0 for sigma in prior or [0.0] * len(unknown)])
     first = np.array([cycles_of(begun, name) for name in unknown])
     for _ in range(STEPS if list(unknown) == ["delay"] else MORE_STEPS):
         found = _move(now, pieces, unknown, references)
         if found is None:
             return None
-        before = found.before if before is None else before
         at = np.array([cycles_of(now, name) for name in unknown])
         information = np.linalg.inv(found.covariance) + np.diag(sharp)
         covariance = np.linalg.inv(information)
@@ -166,7 +166,7 @@ def detect(
     if not (sigmas < limits).all():
         return None
     imu = now.vehicle.imu if set(unknown) - {"delay", "lag"} else None
-    return FoundTiming(now.timing, _sigmas(unknown, covariance), found.after, before, tuple(unknown), covariance, imu)
+    return FoundTiming(now.timing, _sigmas(unknown, covariance), found.after, tuple(unknown), covariance, imu)
 
 
 def contradicted(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: FoundTiming, names: Sequence[str]) -> bool:
@@ -189,8 +189,8 @@ def contradicted(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: Fo
     return bool(deviate(mean, count) > threshold(REFUTED, 1))
 
 
-def by_commands_alone(found: FoundTiming, log: Log, vehicle: Vehicle, near: Timing) -> FoundTiming:
-    """The delay by how much commands explain of the motion, with nothing known of the body; as ``found`` where that is no minimum.
+def by_commands_alone(log: Log, vehicle: Vehicle, near: Timing) -> FoundTiming | None:
+    """The delay by how much commands explain of the motion, with nothing known of the body; None where others explain nearly as much.
 
     For logs of which no fit stands, so that what it says of the delay is worth nothing.
     """
@@ -198,12 +198,16 @@ def by_commands_alone(found: FoundTiming, log: Log, vehicle: Vehicle, near: Timi
     def cost(cycles: float) -> float:
         return sum(unexplained_by(log, vehicle, near._replace(delay=cycles), LONGEST)) if cycles >= 0 else np.inf
 
-    at = line_minimum(cost, [near.delay], 1.0, FINEST)
-    bent = (cost(at - FINEST) - 2 * cost(at) + cost(at + FINEST)) / FINEST**2
-    if not (np.isfinite(bent) and bent > 0):
-        return found
+    try:
+        at = line_minimum(cost, [near.delay], 1.0, FINEST)
+    except InputError:
+        return None  # of a log that is too short
+    least = cost(at)
+    bent = (cost(at - FINEST) - 2 * least + cost(at + FINEST)) / FINEST**2
+    if not (np.isfinite(bent) and bent > 0 and min(cost(at - 1), cost(at + 1)) - least > CLEARLY * log.cycles):
+        return None
     sigma = float(np.sqrt(2 / bent))
-    return replace(found, at=near._replace(delay=at), sigma=Timing(sigma, 0.0), covariance=np.array([[sigma**2]]))
+    return FoundTiming(near._replace(delay=at), Timing(sigma, 0.0), np.inf, covariance=np.array([[sigma**2]]))
 
 
 def low_passes(log: Log, vehicle: Vehicle, timing: Timing, cutoffs: Sequence[str], latencies: Sequence[str]) -> Vehicle:
@@ -226,11 +230,11 @@ def low_passes(log: Log, vehicle: Vehicle, timing: Timing, cutoffs: Sequence[str
     return vehicle
 
 
-def near(stated: Timing, later: float, sigma: float, before: float, after: float) -> FoundTiming | None:
+def near(stated: Timing, later: float, sigma: float, after: float) -> FoundTiming | None:
     """A delay ``later`` than stated by so many cycles, ± ``sigma``; None where the log can't tell."""
     if not SHARPEST < sigma < PRIOR / 2:
         return None
-    return FoundTiming(stated._replace(delay=stated.delay + later), Timing(sigma, 0.0), after, before, covariance=np.array([[sigma**2]]))
+    return FoundTiming(stated._replace(delay=stated.delay + later), Timing(sigma, 0.0), after, covariance=np.array([[sigma**2]]))
 
 
 class Rated(NamedTuple):
@@ -267,11 +271,10 @@ def search(
 
 
 class _Move(NamedTuple):
-    """By how much a fit would move the unknowns, cycles, and the covariance of that; chi-square before and after."""
+    """By how much a fit would move the unknowns, cycles, and the covariance of that; chi-square after it."""
 
     steps: Array
     covariance: Array
-    before: float
     after: float
 
 
@@ -305,7 +308,7 @@ def _move(
     sides, apart = [*sides, *((stated, other) for other, _ in others)], [*apart, *(by for _, by in others)]
     first = max(int(np.argmax(samples.executed.usable)) for samples in (stated, *(one for pair in sides for one in pair)))
     information, moment = np.zeros((size, size)), np.zeros(size)
-    before = after = 0.0
+    after = 0.0
     rows = 0
     for number, piece in enumerate(pieces):
         cycles = slice(max(piece.start, first), piece.stop)
@@ -324,14 +327,14 @@ def _move(
         if np.linalg.eigvalsh(spread)[0] < SHARPEST**2:
             continue
         count = cycles.stop - cycles.start
-        before, after, rows = before + count * plain.chi_square, after + count * moved.chi_square, rows + count
+        after, rows = after + count * moved.chi_square, rows + count
         part = np.linalg.inv(spread)
         information = information + part
         moment = moment + part @ moved.extra[:size]
     if rows == 0:
         return None
     covariance = np.linalg.inv(information)
-    return _Move(covariance @ moment, covariance, before / rows, after / rows)
+    return _Move(covariance @ moment, covariance, after / rows)
 
 
 def fitted(samples: Samples, cycles: slice, reference: Reference | None, vehicle: Resolved) -> Fit | None:

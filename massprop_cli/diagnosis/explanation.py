@@ -76,9 +76,9 @@ def chosen(screening: Screening, refits: Sequence[Refit]) -> Diagnosis | None:
     rivals = [*alike, *(rival for rival in rivals if all(_about(rival) != _about(own) for own in alike))]
     detected = None
     if first.fitted.hypothesis.code == "delay-mismatch":
-        before, after = screening.misfit, float(first.fitted.chi_square.sum() / screening.freedom)
+        after = float(first.fitted.chi_square.sum() / screening.freedom)
         by = first.case.timing.delay - screening.case.timing.delay
-        detected = near(screening.case.timing, by, float(first.fitted.spread[0]), before, after)
+        detected = near(screening.case.timing, by, float(first.fitted.spread[0]), after)
     return Diagnosis(_explained(screening, first, rivals, len(alike)), detected, score=first.score)
 
 

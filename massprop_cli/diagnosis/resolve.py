@@ -72,9 +72,6 @@ PAIRS = (
 """Of which a vehicle file may state a correlation: the first in thrust, the others in imu.filter_correlation."""
 ROUGHLY = 0.5
 """Cycles of delay or lag, and part of a cutoff: one sigma of what a search over whole cycles finds where no fit makes it sharper."""
-CLEARLY = 6.0
-"""−2 log likelihood, per cycle, by which the next delay is less likely where commands by themselves tell it: of six channels each is left
-with e times the variance. Of real flights, whose model is no better, it is less than a tenth."""
 NEXT = 4
 """Delays that are named where none is told, and the next."""
 FIRST_HZ = 50.0
@@ -205,9 +202,8 @@ def _found(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
     if coarse is not None:
         vehicle = delay.low_passes(part, vehicle, coarse, open_, late)
         found = _beside_stated(log, vehicle, coarse, automatic) or _detected(log, vehicle, coarse, unknown)
-        clear = len(rated) > 1 and rated[1].cost - rated[0].cost > CLEARLY * part.cycles
-        if found is not None and unknown == ["delay"] and found.chi_square > delay.BADLY and clear:
-            found = delay.by_commands_alone(found, part, vehicle, coarse)
+        if unknown == ["delay"] and (found is None or found.chi_square > delay.BADLY):
+            found = delay.by_commands_alone(part, vehicle, coarse) or found
     if found is None:
         raise UntoldError(
             f"{log.path}: {' and '.join(f'the {_NAMES[name]}' for name in unknown)} cannot be estimated from this log; its commands "
