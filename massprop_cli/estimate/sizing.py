@@ -17,6 +17,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.whitening import Disturbance, Driven, each, independent
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.regressors import integrals_about
 from massprop_cli.model.resolved import Resolved
@@ -126,7 +127,14 @@ def _piece(samples: Source, cycles: slice, vehicle: Resolved) -> _Piece | None:
     # of columns that are sums of others rounding leaves some, and of it other CPUs another; those that are left are none
     used: BoolArray = np.asarray((~here.executed.ignored[:, :3]).any(1))
     driven = independent(Driven(step, rate, used, 0.0, held=True))
-    return _Piece(driven, _weights(reference, median(here.executed.duration_s), noise), noise)
+    weights = _weights(reference, median(here.executed.duration_s), noise)
+    weights[held(vehicle)] = 0.0
+    return _Piece(driven, weights, noise)
+
+
+def held(vehicle: Vehicle) -> list[int]:
+    """Rate channels of a body that slides on a table, about which it does not turn."""
+    return [0, 1] if vehicle.environment.kind == "planar" else []
 
 
 def _weights(reference: Reference, cycle_s: float, noise: float) -> Array:

@@ -138,3 +138,18 @@ def test_the_noise_of_held_axes_is_no_scale_of_theirs() -> None:
     sigma = np.sqrt(np.diag(conclusion.covariance)[TOLD])
     assert (np.abs(conclusion.values[TOLD] - source.scenario.truth.values[TOLD]) < 3 * sigma).all()
     assert sigma[0] < 0.03 * conclusion.values[5]
+
+
+def test_a_gyro_that_drifts_about_held_axes_is_no_torque() -> None:
+    """Nothing that turns about X and Y is told on a table, however much of it was read: the sensor's own, beside what is stated of it."""
+    source = scenario.load("planar", ("duration_s=40", 'plan=[{motion="random", axes=["x", "y", "yaw"], start_s=0.0, end_s=40.0}]'))
+    flight = simulate.fly(source, [1])
+    log = flight.log(0)
+    warmed = log.delta_theta_imu_rad.copy()
+    warmed[:, :2] += (5e-3 * np.sin(2 * np.pi * log.time_s / 60) * log.interval_s)[:, None]
+    answer = flow.examine(replace(log, delta_theta_imu_rad=warmed), VehicleSource(flight.vehicle, "planar", ""))
+    assert answer.vehicle.environment.disturbance_walk_n_m == answer.vehicle.environment.disturbance_torque_n_m == 0
+    (conclusion,) = answer.conclusions
+    sigma = np.sqrt(np.diag(conclusion.covariance)[TOLD])
+    assert (np.abs(conclusion.values[TOLD] - source.scenario.truth.values[TOLD]) < 4 * sigma).all()
+    assert sigma[0] < 0.03 * conclusion.values[5]
