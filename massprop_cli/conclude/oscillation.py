@@ -14,6 +14,7 @@ what was commanded, it sees a swing far below the noise, which no test of what i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -26,6 +27,7 @@ from massprop_cli.diagnosis.lackoffit import correlation
 from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.residualtest import DOUBTFUL, deviate, threshold
+from massprop_cli.estimate.sizing import held
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import BLOCK, Source, apart
@@ -69,7 +71,7 @@ def swinging(history: History, samples: Source, used: Resolved, stated: Vehicle,
     periods = periods[periods >= SEEN * apart_cycles]
     if history.reference is None or not len(periods):
         return {}
-    found = lagged(history, samples)
+    found = lagged(history, samples, held(used))
     sigmas = swings(found, periods, np.array([correlation(used), 1.0]))
     # where disturbances had to be sized something is known to be amiss: then chance may show a sensor's own answers in one of ten logs
     own_rate = 10 * DOUBTFUL if sized(used, stated) else DOUBTFUL
@@ -96,8 +98,8 @@ def swings(one: Lagged, periods: Array, spread: Array) -> Array:
     return np.where(freedom > 0, deviate(explained / among, among), 0.0)
 
 
-def lagged(history: History, samples: Source) -> Lagged:
-    """Of a phase, part by part: products of fast Fourier transforms, added up."""
+def lagged(history: History, samples: Source, still: Sequence[int] = ()) -> Lagged:
+    """Of a phase, part by part: products of fast Fourier transforms, added up; nothing is left of channels that are ``still``."""
     reference, cycles = history.reference, history.cycles
     assert reference is not None
     whole = cycles.stop - cycles.start
@@ -112,6 +114,7 @@ def lagged(history: History, samples: Source) -> Lagged:
         rest = history.normalised[part.start - cycles.start : part.stop - cycles.start]
         told: BoolArray = np.asarray(np.isfinite(rest).all(1))
         rest = np.where(told[:, None], rest, 0.0)
+        rest[:, still] = 0.0
         driven = np.hstack([before, pushed.T])
         now = np.fft.rfft(np.pad(np.stack([rest.T, pushed.T]), ((0, 0), (0, 0), (lags, 0))), size)
         past = np.fft.rfft(driven, size).conj()
@@ -136,8 +139,9 @@ def explained_by(one: Lagged, period: float) -> Array:
     driven: BoolArray = np.asarray(power > ROUNDING * power.sum(1, keepdims=True)).ravel()
     gram[~driven] = np.eye(2)
     square = np.einsum("bah,bah->ba", along, np.linalg.solve(gram[ANSWERS], along[..., None])[..., 0])
-    counted = driven[ANSWERS].reshape(-1, 2, 3)
-    scatter = np.maximum(one.scatter.reshape(2, 3).mean(1), TINY)
+    told = one.scatter.reshape(2, 3) > 0  # nothing is left of what is not read
+    counted = driven[ANSWERS].reshape(-1, 2, 3) & told
+    scatter = np.maximum(one.scatter.reshape(2, 3).sum(1) / np.maximum(told.sum(1), 1), TINY)
     return np.stack([np.where(counted, square.reshape(-1, 2, 3), 0.0).sum(2) / scatter, 2.0 * counted.sum(2)], axis=2)
 
 

@@ -150,6 +150,7 @@ def test_a_gyro_that_drifts_about_held_axes_is_no_torque() -> None:
     answer = flow.examine(replace(log, delta_theta_imu_rad=warmed), VehicleSource(flight.vehicle, "planar", ""))
     assert answer.vehicle.environment.disturbance_walk_n_m == answer.vehicle.environment.disturbance_torque_n_m == 0
     (conclusion,) = answer.conclusions
+    assert {conclusion.estimates[name].verdict for name in ("izz", "cg_x", "cg_y")} == {"converged"}
     sigma = np.sqrt(np.diag(conclusion.covariance)[TOLD])
     assert (np.abs(conclusion.values[TOLD] - source.scenario.truth.values[TOLD]) < 4 * sigma).all()
     assert sigma[0] < 0.03 * conclusion.values[5]
