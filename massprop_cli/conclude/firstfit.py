@@ -80,7 +80,7 @@ def _without_its_bias(first: _First, less: Callable[[Array], _First]) -> _First:
         if left is None or (found is not first and np.linalg.norm(left) < LITTLE * sigma):
             break
         bias = bias + left
-        if np.linalg.norm(bias) >= NO_BIAS * sigma:
+        if not np.linalg.norm(bias) < NO_BIAS * sigma:
             return first
         found = less(bias)
     return found
