@@ -135,6 +135,13 @@ def sampled(source: LogTable, vehicle: Vehicle) -> tuple[bool, bool]:
     if made is not None and any(made.sampled):
         return made.sampled
     sampled = vehicle.imu.measures == "sample"
+    if sampled and made is not None:
+        kept = next((f" ({line})" for line in made.said if line.startswith("gyro") and " values (" in line), "")
+        raise InputError(
+            f'{source.table.path}: imu.measures is "sample", and by {made.map} no record is a sample{kept}; leave imu.measures out, or '
+            'let the map keep samples: values = "sample", gyro and accelerometer on one clock, [records] samples = 1, and commands that '
+            "come one row each, at most one a sample"
+        )
     increments = next((name for name in (*DELTA_THETA, *DELTA_V) if source.has(name)), None)
     if sampled and increments is not None:
         raise InputError(

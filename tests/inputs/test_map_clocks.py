@@ -147,6 +147,50 @@ def test_samples_beside_speeds_alone_are_handed_on_as_samples() -> None:
     assert columns.DELTA_THETA[0] in made(streams, text.replace("samples = 1", "samples = 2").replace("= 20", "= 10")).columns
 
 
+SPEEDS_MAP = 'schema = 1\n[gyro]\npaths = "imu/w?"\nvalues = "sample"\n[wheels.x]\npath = "tach/x"\n[records]\nper_cycle = 20\n'
+
+
+@pytest.mark.parametrize("records", ["samples = 1\n", "interval_s = 0.005\n"])
+def test_samples_whose_stamps_scatter_and_of_which_some_are_lost_stay_samples(records: str) -> None:
+    """Their mean interval is longer than the usual one by the lost part, which is not the length of a record."""
+    rng, streams = np.random.default_rng(1), motion()
+    kept = np.delete(np.arange(4000), rng.choice(np.arange(1, 3999, 7), 12, replace=False))
+    streams = {path: (said[0][kept], *said[1:]) for path, said in streams.items() if path.startswith("imu/w") or path == "imu/t"}
+    streams["imu/t"] = (streams["imu/t"][0] + rng.normal(0, 5e-4, len(kept)), "", "s")
+    slow = 0.003 + 0.1 * np.arange(199)
+    streams |= {"tach/t": (slow, "", "s"), "tach/x": (300 * np.sin(slow), "tach/t", "rpm")}
+    table = made(streams, SPEEDS_MAP + records)
+    assert table.made is not None
+    assert table.made.sampled[0]
+    assert np.isin(values(table, columns.GYRO[:1]), streams["imu/wx"][0]).all()
+
+
+def test_samples_with_a_command_each_on_one_clock_stay_samples() -> None:
+    """Commands act from the sample with their stamp on, whatever the rounding of the line through their stamps."""
+    streams = motion(command_hz=200.0)
+    time_s = streams["imu/t"][0]
+    streams |= {path: (np.round(time_s / 0.005), "cmd/t", said[2]) for path, said in streams.items() if path.startswith("cmd/")}
+    streams["cmd/t"] = (time_s, "", "s")
+    text = WRENCH_MAP.replace('[accelerometer]\npaths = "imu/a?"\nvalues = "sample"\n', "")
+    table = made(streams, text + "[records]\nsamples = 1\nper_cycle = 1\n")
+    assert table.made is not None
+    assert table.made.sampled == (True, True)
+    issued_s = table.columns[columns.COMMAND_TIME].numbers()
+    end_s = table.columns[columns.TIME].numbers()
+    np.testing.assert_allclose(issued_s, end_s - 0.005, atol=1e-9)
+    np.testing.assert_allclose(values(table, columns.WRENCH[:1])[:, 0], np.round(issued_s / 0.005), atol=1e-6)
+
+
+def test_a_map_that_makes_no_samples_is_named_where_the_vehicle_file_states_them() -> None:
+    table = made(motion(), WRENCH_MAP + RECORDS)
+    vehicle = Vehicle.model_validate({"schema": 1, "cycle": {"period_s": 0.05}, "imu": {"measures": "sample"}})
+    with pytest.raises(
+        InputError, match=r"by m.toml no record is a sample \(gyro.*\); leave imu.measures out, or let the map keep"
+    ) as said:
+        telemetry.read(table, vehicle)
+    assert "delta_theta" not in str(said.value)
+
+
 def test_a_seldom_attitude_with_a_gap_is_in_the_records_that_are_nearest_to_its_samples() -> None:
     """Each sample is used once, and what lies in a gap is not made up."""
     streams = motion()

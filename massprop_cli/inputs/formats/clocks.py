@@ -10,8 +10,8 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.formats import units
 from massprop_cli.inputs.formats.recording import RecordedStream
 
-NEAR, MOSTLY, SHORT = 0.1, 0.9, 1.5
-"""Part of the median interval within which intervals are even; part of them that are; times the median that none of these is as long as."""
+NEAR, MOSTLY, SHORT = 0.4, 0.9, 0.5
+"""Part of the median interval within which intervals are near it; part of them that are; how far off one of these is at most."""
 GAP = 2.5
 """Times the median interval, as in a log: more is a gap. None may be longer than a record, or that would be made up."""
 LEAPT = 0.75
@@ -56,12 +56,13 @@ class Times:
     def step_s(self) -> float:
         """The usual interval: the mean of those that are no gaps, as the median of times that are rounded is off.
 
-        Of a clock that is even but for lost rows, even one of them is a gap.
+        Of a clock that only scatters but for lost rows, even one of them is a gap.
         """
         steps = np.diff(self.s)
         usual = median(steps)
-        even = (np.abs(steps / usual - 1) < NEAR).mean() > MOSTLY
-        return float(steps[steps <= (SHORT if even else GAP) * usual].mean())
+        off = np.abs(steps / usual - 1)
+        even = (off < NEAR).mean() > MOSTLY
+        return float(steps[off <= SHORT if even else steps <= GAP * usual].mean())
 
     def span(self) -> str:
         """From when to when, by the clock itself."""

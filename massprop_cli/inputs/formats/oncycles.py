@@ -119,15 +119,17 @@ def at_own_times(streams: Streams, records: Records, edges: Array) -> dict[str, 
     if not together or ("sample" not in kinds and resample.all_at(resample.knots(gyro.times.s, kinds[0]), edges, SAME * gyro.times.step_s)):
         return None
     issued = _issued(streams.commands, edges[:: records.per_cycle])
-    one_each = "sample" in kinds and abs(gyro.times.step_s / median(np.diff(edges)) - 1) < SAME
+    one_each = "sample" in kinds and (records.samples == 1 or abs(gyro.times.step_s / median(np.diff(edges)) - 1) < SAME)
     if issued is None and (not one_each or any(command.signal.paths for command in streams.commands)):
         return None
     issued_s, scatter_s, of_them = issued or (np.zeros(0), 0.0, np.zeros(0, int))
     time_s = gyro.times.s
-    within = slice(*np.searchsorted(time_s, [edges[0] + SAME * gyro.times.step_s, edges[-1] + SAME * gyro.times.step_s]).tolist())
+    slack_s = SAME * gyro.times.step_s
+    within = slice(*np.searchsorted(time_s, edges[[0, -1]] + slack_s).tolist())
     time_s = time_s[within]
-    own = (issued_s > time_s[0] - gyro.times.step_s) & (issued_s <= time_s[-1])
-    rows = np.searchsorted(time_s, issued_s[own])
+    # a command that was issued as a sample was taken is in the record after it
+    own = (issued_s > time_s[0] - gyro.times.step_s - slack_s) & (issued_s < time_s[-1] - slack_s)
+    rows = np.searchsorted(time_s, issued_s[own] + slack_s)
     if issued and (len(rows) < 2 or (np.diff(rows) < 1).any()):
         return None
     zero = streams.zero(records, edges)
