@@ -167,6 +167,29 @@ def test_what_is_told_of_a_jet_beside_its_command_is_no_jet() -> None:
     assert all(f'# path = "{path}"' in text for path in asked)
 
 
+def test_a_draft_lists_every_stream_that_may_command_an_actuator() -> None:
+    plain = without("torque", "force")
+    many = {f"own/RCS{n}_OnTime": (np.ones(500), "cmd/t", "ms") for n in range(1, 17)}
+    text = propose.draft(recording(**plain, **many))
+    assert all(f'# path = "{path}"' in text for path in many)
+    assert "more" not in text.partition("[jets.NAME]")[2].partition("unit =")[0]
+    most = {f"own/RCS{n}_OnTime": (np.ones(500), "cmd/t", "ms") for n in range(100)}
+    assert "# ... and 36 more, which massprop columns lists" in propose.draft(recording(**plain, **most))
+
+
+@pytest.mark.parametrize("path", ["actuator_motors/control[2]", "own/fan2_pct", "own/motor2_pwm"])
+def test_commands_of_rotors_are_no_valves(path: str) -> None:
+    text = propose.draft(recording(**without("torque", "force"), **{path: (np.ones(500), "cmd/t", "")}))
+    assert f'# [rotors.NAME]\n# path = "{path}"' in text
+    assert "[jets.NAME]" not in text
+
+
+def test_the_table_of_an_actuator_has_the_clock_that_the_file_does_not_name() -> None:
+    told = {"stamp_s": (np.arange(500) / 50, "", "s"), "thr0_on_ms": (np.ones(500), "", "ms")}
+    text = propose.draft(recording(**without("torque", "force", "cmd"), **told))
+    assert '# path = "thr0_on_ms"\n# clock = { path = "stamp_s" }' in text
+
+
 def test_tables_of_wheels_rotors_and_gimbals_are_shown_with_what_may_be_theirs() -> None:
     told = {f"own/{name}": (np.arange(500.0), "cmd/t", "") for name in ("rw1_rpm", "esc_2", "gimbal_3")} | {
         "own/m4": (np.ones(500), "cmd/t", "rpm")

@@ -298,3 +298,38 @@ def test_commands_repeated_in_each_row_are_those_that_stand_once_in_a_cycle(reco
     assert re.search(
         r"commands: \d+ every 0.05 s.*; 1 gap\(s\), the first after 4.9\d* s: a command that was lost there", "\n".join(said.said)
     )
+
+
+def test_actuators_that_are_numbered_on_and_not_mapped_are_named() -> None:
+    t = np.arange(400) / 20
+    streams = motion() | {"rcs/t": (t, "", "s")}
+    streams |= {f"rcs/on{n}_ms": (10.0 * (np.arange(400) % 5 == n % 5), "rcs/t", "ms") for n in range(1, 5)}
+    streams |= {"rcs/on5_ms": (np.zeros(400), "rcs/t", "ms"), "rcs/heat1_ms": (t, "rcs/t", "")}
+    table = made(streams, WRENCH_MAP.split("[torque]", maxsplit=1)[0] + jets("") + RECORDS)
+    assert table.made is not None
+    assert "'rcs/on3_ms', 'rcs/on4_ms': numbered like commands that are mapped, and not mapped. Map each that acted on the vehicle" in (
+        table.made.said
+    )
+
+
+def jets(clock: str) -> str:
+    """Tables of two jets."""
+    return "".join(f'[jets.j{n}]\npath = "rcs/on{n}_ms"\n{clock}' for n in (1, 2))
+
+
+@pytest.mark.parametrize(
+    ("clock", "said"),
+    [
+        ("", "'rcs/on1_ms': the file doesn't say which stream has its times; state clock.path: 'rcs/t' by its rows"),
+        ('clock = { path = "imu/late" }\n', "or its times are in 'rcs/t': state clock.path under [jets.j1], which is by 'imu/late' now"),
+    ],
+)
+def test_commands_by_the_wrong_clock_or_none_are_refused_with_the_one_that_has_their_rows(clock: str, said: str) -> None:
+    """A table in which the commands, on stamps of their own, stand beside the first rows of the IMU's."""
+    t, full = np.arange(200) / 10, np.full(4000, np.nan)
+    streams = motion() | {"imu/late": (0.5 + np.arange(4000) / 200, "", "s"), "rcs/t": (full.copy(), "", "s")}
+    streams |= {f"rcs/on{n}_ms": (full.copy(), "", "ms") for n in (1, 2)}
+    for path, numbers in (("rcs/t", t), ("rcs/on1_ms", np.arange(200.0) % 50), ("rcs/on2_ms", np.arange(200.0) % 30)):
+        streams[path][0][:200] = numbers
+    with pytest.raises(InputError, match=re.escape(said)):
+        made(streams, WRENCH_MAP.split("[torque]", maxsplit=1)[0] + jets(clock) + RECORDS)

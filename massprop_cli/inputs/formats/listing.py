@@ -13,7 +13,7 @@ from massprop_cli.inputs.formats import units
 from massprop_cli.inputs.formats.clocks import GAP
 from massprop_cli.inputs.formats.recording import RecordedStream, Recording
 
-_CLOCK_NAMES = ("time", "timestamp", "stamp", "t", "clock", "time_s", "t_s", "t_ms", "t_us", "t_ns", "time_ms", "time_us", "time_ns")
+CLOCK_NAMES = ("time", "timestamp", "stamp", "t", "clock", "time_s", "t_s", "t_ms", "t_us", "t_ns", "time_ms", "time_us", "time_ns")
 _SURE = 3.0
 """Times the scatter of stamps over their number, of the mean step's error."""
 
@@ -77,7 +77,7 @@ class Clocks:
 
     def _increases_in(self, path: str, held: BoolArray) -> bool:
         """Whether a stream increases over these rows; a clock of two that were merged may stand still from one's row to the other's."""
-        values = numbers(self.streams[path]) if leaf(path) in _CLOCK_NAMES and not held.all() else None
+        values = numbers(self.streams[path]) if leaf(path) in CLOCK_NAMES and not held.all() else None
         return path in self.increasing or (values is not None and _increases(values[held]))
 
     def of(self, one: RecordedStream) -> list[str]:
@@ -89,7 +89,7 @@ class Clocks:
         like = [path for path in like if self._increases_in(path, held) and self._held(self.streams[path])[held].all()]
         # of columns of one table with clocks of their own the one that ends where the stream does
         like = [path for path in like if (self._held(self.streams[path]) == held).all()] or like
-        return [path for path in like if leaf(path) in _CLOCK_NAMES] or like
+        return [path for path in like if leaf(path) in CLOCK_NAMES] or like
 
     def samples(self, one: RecordedStream) -> int:
         """How many rows have a number of it."""

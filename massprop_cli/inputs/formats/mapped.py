@@ -1,5 +1,6 @@
 """A recording and its map to the table that a log is read from; what was done on the way is stated in words."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -9,12 +10,15 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns, tablefile
-from massprop_cli.inputs.formats import oncycles, resample
+from massprop_cli.inputs.formats import listing, oncycles, resample
 from massprop_cli.inputs.formats.mapfile import MapSource
-from massprop_cli.inputs.formats.recording import Recording
+from massprop_cli.inputs.formats.recording import RecordedStream, Recording
 from massprop_cli.inputs.formats.signals import QuantitySignal, Signals
 from massprop_cli.inputs.tablefile import Made, Table
 from massprop_cli.inputs.vehicle import ACTUATORS
+
+_SHOWN = 5
+"""Streams that a line names."""
 
 
 def of(read: Recording, source: MapSource | None) -> Table:
@@ -28,6 +32,7 @@ def of(read: Recording, source: MapSource | None) -> Table:
     else:
         streams, edges = oncycles.streams_of(signals, records)
         made = oncycles.at_own_times(streams, records, edges) or oncycles.on_cycles_of(streams, records, edges)
+    signals.made.extend(_further(signals))
     time_s, by = made[columns.TIME], Made(source.source, source.sha256, tuple(_together(signals.made)), signals.sampled)
     found = tablefile.at_hand(read.path, made, lambda row: f"record {row} as mapped (time_s = {time_s[row]:.9g})")
     return replace(found, sha256=read.sha256, embedded_vehicle=read.vehicle, made=by)
@@ -70,6 +75,30 @@ def _beside(gyro: QuantitySignal, signal: QuantitySignal, signals: Signals) -> Q
             signal.key, path, f"its clock {own.path!r} is not the gyro's, {its.path!r}; state [records] in the map, onto which both are put"
         )
     return signal
+
+
+def _further(signals: Signals) -> list[str]:
+    """That streams are numbered like those of mapped actuators, and the map has them not: each thrust that acted must be known."""
+    used = {str(one.path) for table in ("jets", *ACTUATORS) for one in getattr(signals.map, table).values()}
+    numbered = {_number(path) for path in used if _number(path) != path}
+    streams = signals.recording.streams
+    like = [path for path in streams if path not in used and _number(path) in numbered and _varies(streams[path])]
+    if not like:
+        return []
+    shown = ", ".join(map(repr, like[:_SHOWN])) + (f" and {len(like) - _SHOWN} more" if len(like) > _SHOWN else "")
+    return [f"{shown}: numbered like commands that are mapped, and not mapped. Map each that acted on the vehicle"]
+
+
+def _number(path: str) -> str:
+    """A path whose last part has 0 for each number."""
+    above, mark, name = path.rpartition("/")
+    return above + mark + re.sub(r"\d+", "0", name)
+
+
+def _varies(stream: RecordedStream) -> bool:
+    values = listing.numbers(stream)
+    held = np.zeros(0) if values is None else values[np.isfinite(values)]
+    return bool(held.size) and bool(held.min() < held.max())
 
 
 def _together(said: Sequence[str]) -> list[str]:

@@ -12,7 +12,8 @@ from massprop_cli.inputs.formats.clocks import covered, covering, covers_all
 from massprop_cli.inputs.formats.recording import RecordedStream, Recording
 from massprop_cli.inputs.formats.vectors import COMMANDS, SENSORS, Vector, VectorName, attitudes, fitting, vectors
 
-_MANY = 8
+_MANY, _ACTUATORS = 8, 64
+"""Choices that are listed of one quantity, and streams that may command actuators; how many there are beyond is said."""
 _RECORDS = 10
 """Records of a control cycle; more tell hardly more."""
 _LONG_AGO_S = 1e6
@@ -27,6 +28,9 @@ _VALUES = {
 """What a number is, where a standard says so."""
 _NO_VALVE = re.compile(r"temp|enable|press|count|status|fault|volt|current", re.IGNORECASE)
 """What is told of a jet beside its command."""
+_VALVES = re.compile(r"jet|valve|thr(uster)?(?![a-z])|solenoid|actuator|pwm|duty|on_?time", re.IGNORECASE)
+_ROTORS = re.compile(r"motor|(?<![a-z])fan(?![a-z])", re.IGNORECASE)
+"""How commands of valves and of rotors are called (PX4: ``actuator_motors/control[0]``)."""
 _SPEEDS = re.compile(r"(?<![a-z])(rpm|rw|esc|wheel|rotor|prop)(?![a-z])", re.IGNORECASE)
 _GIMBALS = re.compile(r"gimbal|(?<![a-z])cmg(?![a-z])", re.IGNORECASE)
 """How speeds of wheels and rotors, and angles of gimbals, are called."""
@@ -48,7 +52,7 @@ def draft(read: Recording) -> str:
     else:
         for quantity in COMMANDS:
             lines += _section(clocks, quantity, found, chosen)
-        lines += _valves(read) + _devices(read)
+        lines += _actuators(clocks)
     lines += _attitude(clocks, found)
     lines = _one_clock(lines) + _records(clocks, chosen, jets)
     return "\n".join(lines) + "\n"
@@ -60,7 +64,7 @@ def _one_clock(lines: list[str]) -> list[str]:
     said = [line for line in lines if line.startswith("clock = ")]
     if len(said) < 2 or len(said) < tables or len({line.partition("#")[0] for line in said}) > 1:
         return lines
-    return [*lines[:2], said[0], *(line for line in lines[2:] if line not in said)]
+    return [*lines[:2], said[0], *(line for line in lines[2:] if line.removeprefix("# ") not in said)]
 
 
 def questions(text: str) -> int:
@@ -180,34 +184,53 @@ def _jet(clocks: listing.Clocks, path: str) -> list[str]:
     ]
 
 
-def _valves(read: Recording) -> list[str]:
-    """Streams that may command jets, for whoever has those instead of a wrench."""
-    may = re.compile(r"jet|valve|thr(uster)?(?![a-z])|solenoid|actuator|motor|pwm|duty|on_?time", re.IGNORECASE)
-    some = [
-        path
-        for path in read.streams
-        if may.search(path) and not _NO_VALVE.search(path) and listing.leaf(path) not in ("timestamp", "timestamp_sample")
+def _actuators(clocks: listing.Clocks) -> list[str]:
+    """Streams that may be of jets, rotors, wheels or gimbals, for whoever has those beside or instead of a wrench."""
+    kinds: dict[str, list[str]] = {"jets": [], "rotors": [], "wheels": [], "gimbals": []}
+    for path, stream in clocks.streams.items():
+        turns = _SPEEDS.search(path) or stream.unit.lower() == "rpm"
+        found = (("gimbals", _GIMBALS.search(path)), ("wheels", turns), ("rotors", _ROTORS.search(path)), ("jets", _VALVES.search(path)))
+        kind = next((kind for kind, match in found if match), None)
+        clock = listing.leaf(path) in (*listing.CLOCK_NAMES, "timestamp_sample")
+        if kind and not clock and not _NO_VALVE.search(path) and clocks.samples(stream):
+            kinds[kind].append(path)
+    each = "or, instead of [torque] and [force], for each {} of the vehicle file a table such as"
+    valve = "s, ms, us: on-time of the control cycle; open (0 to 1) or %: the valve's state"
+    speed = "rad/s or rpm: its speed; N m: the torque on a wheel; 1 or %: a rotor's command"
+    return [
+        *_table(clocks, each.format("jet"), "[jets.NAME]", kinds["jets"], valve),
+        *_table(clocks, each.format("rotor"), "[rotors.NAME]", kinds["rotors"], "1 or %: its command; rad/s or rpm: its speed"),
+        *_table(
+            clocks,
+            "for each wheel or rotor of the vehicle file a table such as",
+            "[wheels.NAME]   # or [rotors.NAME]",
+            kinds["wheels"],
+            speed,
+        ),
+        *_table(
+            clocks,
+            "for each control moment gyro of the vehicle file a table such as",
+            "[control_moment_gyros.NAME]",
+            kinds["gimbals"],
+            "rad or deg: the gimbal's angle",
+        ),
     ]
-    if not some:
+
+
+def _table(clocks: listing.Clocks, intro: str, table: str, paths: Sequence[str], unit: str) -> list[str]:
+    """A table of an actuator as a comment, with the paths that may be its own."""
+    if not paths:
         return []
-    lines = ["# or, instead of [torque] and [force], for each jet of the vehicle file a table such as", "# [jets.NAME]"]
-    lines += [f"# path = {json.dumps(path, ensure_ascii=False)}" for path in some[:_MANY]]
-    return [*lines, '# unit = "?"   # s, ms, us: on-time of the control cycle; open (0 to 1) or %: the valve\'s state', ""]
-
-
-def _devices(read: Recording) -> list[str]:
-    """Streams that may be speeds of wheels and rotors or angles of gimbals, for whoever has those beside or instead of a wrench."""
-    lines = []
-    for table, may, unit in (
-        ("wheels.NAME]   # or [rotors.NAME", _SPEEDS, "rad/s or rpm: its speed; N m: the torque on a wheel; 1 or %: a rotor's command"),
-        ("control_moment_gyros.NAME", _GIMBALS, "rad or deg: the gimbal's angle"),
-    ):
-        some = [path for path, stream in read.streams.items() if may.search(path) or (may is _SPEEDS and stream.unit.lower() == "rpm")]
-        if some:
-            lines += ["# for each wheel, rotor or control moment gyro of the vehicle file a table such as", f"# [{table}]"]
-            lines += [f"# path = {json.dumps(path, ensure_ascii=False)}" for path in some[:_MANY]]
-            lines += [f'# unit = "?"   # {unit}', ""]
-    return lines
+    more = len(paths) - _ACTUATORS
+    return [
+        f"# {intro}",
+        f"# {table}",
+        *(f"# path = {json.dumps(path, ensure_ascii=False)}" for path in paths[:_ACTUATORS]),
+        *([f"# ... and {more} more, which massprop columns lists"] if more > 0 else []),
+        *(f"# {line}" for line in _clock(clocks, paths[0])),
+        f'# unit = "?"   # {unit}',
+        "",
+    ]
 
 
 def _clock(clocks: listing.Clocks, path: str) -> list[str]:

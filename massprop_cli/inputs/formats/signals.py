@@ -11,7 +11,7 @@ from massprop_cli.base.configfile import nearest
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats import clocks, resample, units
+from massprop_cli.inputs.formats import clocks, listing, resample, units
 from massprop_cli.inputs.formats.clocks import Times
 from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Mapped, MappedJet, MappedSensor, MappedVector, MappedWrench, MapSource
 from massprop_cli.inputs.formats.recording import Numbers, RecordedStream, Recording, fitting
@@ -311,8 +311,14 @@ class Signals:
             common = Clock() if common.path else common.model_copy(update={"unit": None})
         stated = said or common
         if stated.path is None and not own:
-            raise self.error(key, named[0] if named else "", "the file doesn't say which stream has its times; state clock.path")
+            like = self.clocks_like(named[0])[:_SHOWN] if named else []
+            hint = f": {' or '.join(map(repr, like))} by its rows" if like else ""
+            raise self.error(key, named[0] if named else "", f"the file doesn't say which stream has its times; state clock.path{hint}")
         return stated if stated.path is not None else stated.model_copy(update={"path": own})
+
+    def clocks_like(self, path: str) -> list[str]:
+        """Streams that increase and have a number in just the rows of this one."""
+        return listing.Clocks(self.recording).of(self.recording.streams[path])
 
     def _counts(self, key: str, path: str, held: BoolArray | None = None) -> Numbers:
         """A clock's numbers as recorded, in the rows that are held, all finite, whole ones with a sign."""

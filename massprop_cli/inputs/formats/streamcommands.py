@@ -93,7 +93,7 @@ def on_cycles(signals: Signals, command: StreamCommand, cycles: Array) -> Array:
                 signal.paths[0],
                 f"{_counted(signal, first, count, int(wrong[0]))} in the control cycle of {length:.6g} s at {at:.13g} s; each cycle wants "
                 "one (0 where the jet is off), or the same in all of its records: correct the length of cycles or their beginning "
-                "([records])" + _astray(int(count[wrong[0]])),
+                "([records])" + _astray(int(count[wrong[0]])) + _another_clock(signals, signal),
             )
         apart = np.abs(signal.times.s[first] - cycles[:-1]).max()
         most = int(count.max())
@@ -120,6 +120,14 @@ def _astray(count: int) -> str:
         else "; an on-time that is logged as it changes wants a row in each cycle, and where commands were lost records.end_s is before"
     )
     return f'{lost}; stamps that are times of arrival want "even = true", and a clock that drifts its scale, under the clock of [jets]'
+
+
+def _another_clock(signals: Signals, signal: QuantitySignal) -> str:
+    """A clock that has a time in just the rows of a command that was read by another."""
+    used, own = signal.times.path, signals.clocks_like(signal.paths[0])
+    if not own or used in own:
+        return ""
+    return f"; or its times are in {' or '.join(map(repr, own))}: state clock.path under [{signal.key}], which is by {used!r} now"
 
 
 def where_they_change(commands: Sequence[StreamCommand], least_s: float, cycle_s: float) -> float | None:
