@@ -18,6 +18,7 @@ from massprop_cli.plan.choose import Criterion, PlanGoal
 from massprop_cli.plan.document import PlanFile
 from massprop_cli.plan.planner import Order, Planned, Say
 from massprop_cli.plan.rehearsal import Rehearsal
+from massprop_cli.plan.trials import Trials
 
 STEADY = 2
 """Times the updates that must be steady before a value counts as converged: a plan is not shorter than that, as far as there is time."""
@@ -57,16 +58,17 @@ def make(vehicle: Path, guess_file: Path | None, asked: Asked, say: Say, assignm
     guessed = guess.load(guess_file, source)
     flown = rehearsal.rehearsal(source, guessed, asked.off)
     order = _order(flown, guessed, asked)
-    found, notes = planner.plan(flown, order, say), []
+    trials = Trials(flown)
+    found, notes = planner.plan(trials, order, say), []
     uncounted = rehearsal.uncounted(flown.vehicle)
     if uncounted:
         say("estimating the plan's log", 1.0)
         notes.append(f"the bound doesn't count {', '.join(uncounted)}: sigmas are widened to what an estimate of the plan's own log has")
         found = _widened(flown, found)
         if not found.reached:
-            found = _widened(flown, planner.plan(flown, replace(order, wanted=found.wanted), say))
+            found = _widened(flown, planner.plan(trials, replace(order, wanted=found.wanted), say))
     if not found.reached:
-        found = replace(found, any_impulse=_any_impulse(flown, replace(order, wanted=found.wanted), say))
+        found = replace(found, any_impulse=_any_impulse(trials, replace(order, wanted=found.wanted), say))
     if guessed.file.body.breaks_triangle and source.vehicle.environment.kind != "planar":
         notes.append("the guess breaks the triangle inequality of principal moments, which no real body does; look at its units and signs")
     if source.vehicle.spinning and not flown.by_wheels:
@@ -102,13 +104,13 @@ def _order(flown: Rehearsal, guessed: guess.Guess, asked: Asked) -> Order:
     return Order(wanted, limits.allowed(flown.vehicle, asked.limits), cycles, asked.criterion, min(steady, cycles))
 
 
-def _any_impulse(flown: Rehearsal, order: Order, say: Say) -> Planned | None:
+def _any_impulse(trials: Trials, order: Order, say: Say) -> Planned | None:
     """The plan without the limit on the impulse; None where there is no such limit, or no plan that keeps the others."""
     others = {name: limit for name, limit in order.limits.items() if name != "impulse_n_s"}
     if len(others) == len(order.limits):
         return None
     try:
-        return planner.plan(flown, replace(order, limits=others), say)
+        return planner.plan(trials, replace(order, limits=others), say)
     except InputError:
         return None
 

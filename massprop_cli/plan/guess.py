@@ -1,5 +1,6 @@
 """What a vehicle is guessed to be before its test: ten quantities, how far off they may be, and what its actuators and sensors do."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -13,6 +14,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import elements, tensor
 from massprop_cli.inputs.section import NonNegative, Section
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed.bound import natural_sizes
 from massprop_cli.testbed.conditions import Body, Sensors, TrueActuators
@@ -69,12 +71,37 @@ def _of_vehicle(vehicle: VehicleSource) -> GuessFile:
         values |= {name: values["izz"] / 2 * FLAT for name in ("ixx", "iyy") if values[name] is None}
     missing = [name for name in NEEDED if values[name] is None]
     if missing:
-        raise InputError(
-            f"{vehicle.source}: says nothing of {', '.join(missing)}; a plan needs a rough guess (20 % off will do): state [nominal] "
-            "there, or name a file with --guess"
+        said = (
+            f"says nothing of {', '.join(missing)}; a plan needs a rough guess (20 % off will do): state [nominal] there, or name a file "
         )
+        raise refused(vehicle, [said + "with --guess", *unstated(stated, Sensors(), TrueActuators())])
     body = {name: value for name, value in values.items() if value is not None}
     return configfile.validate(GuessFile, {"body": body}, f"{vehicle.source}: [nominal] and [known] as a guess")
+
+
+def unstated(vehicle: Vehicle, sensors: Sensors, actuators: TrueActuators) -> list[str]:
+    """What neither the vehicle file nor the guess states, and an estimate would find in the log that a plan does not have yet."""
+    levels = {}
+    for key, logged in (("gyro_noise_rad_s", sensors.gyro_axes), ("accel_noise_m_s2", sensors.accel_axes)):
+        own = getattr(sensors, key)
+        if logged:
+            levels[f"imu.{key}"] = getattr(vehicle.imu, key) if own is None else own
+    found = []
+    for level, said in ((None, "not stated"), (0.0, "0")):
+        keys = [key for key, its in levels.items() if its == level]
+        if keys:
+            are = f"{' and '.join(keys)} {'is' if len(keys) == 1 else 'are'} {said}"
+            found.append(f"{are}; no precision can be planned without the noise: state one sigma of a cycle's mean")
+    if vehicle.cycle.command_delay_cycles == "auto" and actuators.delay_cycles is None:
+        found.append('cycle.command_delay_cycles is "auto"; state it, or in a guess file actuators.delay_cycles')
+    if vehicle.thrust.lag_s == "auto" and actuators.lag_s is None:
+        found.append('thrust.lag_s is "auto"; state it, or in a guess file actuators.lag_s')
+    return found
+
+
+def refused(vehicle: VehicleSource, problems: Sequence[str]) -> InputError:
+    """All of them in one line."""
+    return InputError(f"{vehicle.source}: {'. Also: '.join(problems)}")
 
 
 def _spread(file: GuessFile, vehicle: VehicleSource) -> Array:

@@ -12,20 +12,17 @@ from massprop_cli.plan import limits as limited
 from massprop_cli.plan.choose import Criterion, PlanGoal, Tried, choose
 from massprop_cli.plan.motions import LEVELS, Manoeuvre, library
 from massprop_cli.plan.rehearsal import Rehearsal, unheld
+from massprop_cli.plan.trials import SEARCHED, Trials
 from massprop_cli.testbed.timeline import Segment
 
 BLOCK_S, BLOCKS = 3.0, 20
 """Motions are chosen for blocks of this length, or for a twentieth of the time where that is less."""
-SEARCHED = 2
-"""Bodies that single motions are flown with; the whole plan is flown with every one."""
 ENOUGH = 0.95
 """Part of the wanted sigma that is aimed at: seeds and guesses differ by a few per cent."""
 SEEDS = (1, 2, 3)
 """Draws of random pulses that limits are checked with."""
 ROUNDS = 5
 """Most attempts at a whole plan."""
-MEMBERS = 12
-"""Bodies flown at once for what they tell."""
 Say = Callable[[str, float], None]
 
 
@@ -87,8 +84,9 @@ class Order:
     """So many updates must be steady before an estimate counts as converged."""
 
 
-def plan(rehearsal: Rehearsal, order: Order, say: Say) -> Planned:
+def plan(trials: Trials, order: Order, say: Say) -> Planned:
     """Choose and fly; :class:`InputError` where no motion keeps the limits."""
+    rehearsal = trials.rehearsal
     axes = rehearsal.axes
     if not axes:
         raise InputError(f"{rehearsal.source}: the actuators can't drive any axis both ways without disturbing the others; add jets")
@@ -96,7 +94,7 @@ def plan(rehearsal: Rehearsal, order: Order, say: Say) -> Planned:
     block = max(min(round(BLOCK_S / period), order.max_cycles // BLOCKS), 6 + int(rehearsal.delay_cycles))
     tight, used = dict.fromkeys(order.limits, 1.0), None
     for _ in range(ROUNDS):
-        tried, least = _tried(rehearsal, order, library(axes, block), block, tight, say)
+        tried, least = _tried(trials, order, library(axes, block), block, tight, say)
         if not tried:
             used = used or least
             break
@@ -111,32 +109,25 @@ def plan(rehearsal: Rehearsal, order: Order, say: Say) -> Planned:
 
 
 def _tried(
-    rehearsal: Rehearsal, order: Order, motions: Sequence[Manoeuvre], block: int, tight: dict[str, float], say: Say
+    trials: Trials, order: Order, motions: Sequence[Manoeuvre], block: int, tight: dict[str, float], say: Say
 ) -> tuple[list[Tried], dict[str, float]]:
     """Every motion at the highest level that keeps the limits, with what it tells; and what the gentlest of the others takes."""
-    bodies = rehearsal.guess.bodies[:SEARCHED]
-    kept: list[tuple[Manoeuvre, Array, dict[str, float]]] = []
+    kept: list[Manoeuvre] = []
     least: dict[str, float] = {}
     for number, motion in enumerate(motions):
         say("flying motions", number / len(motions))
         for level in LEVELS:
             lower = replace(motion, level=level)
-            issued, used = rehearsal.flown(lower.segments(0, block), block, bodies)
+            used = trials.used(lower, block)
             if not limited.exceeded(used, {name: tight[name] * limit for name, limit in order.limits.items()}):
-                kept.append((lower, issued, used))
+                kept.append(lower)
                 break
             least = used if not least or _over(used, order) < _over(least, order) else least
-    found: list[Tried] = []
-    batch = MEMBERS // SEARCHED
-    for start in range(0, len(kept), batch):
-        say("what each motion shows", start / len(kept))
-        part = kept[start : start + batch]
-        issued = np.concatenate([issued for _, issued, _ in part])
-        told = rehearsal.information(block, issued, np.tile(bodies, (len(part), 1))).sum(1)
-        alone = _without_rate(told)
-        alone = alone.reshape(len(part), SEARCHED, *alone.shape[1:])
-        found += [Tried(motion, one, used) for (motion, _, used), one in zip(part, alone, strict=True)]
-    return found, least
+    groups = trials.open(kept, block)
+    for number, group in enumerate(groups):
+        say("what each motion shows", number / len(groups))
+        trials.examine(group, block)
+    return [Tried(motion, trials.information(motion, block), trials.used(motion, block)) for motion in kept], least
 
 
 def _over(used: dict[str, float], order: Order) -> float:
@@ -159,14 +150,6 @@ def _unkept(rehearsal: Rehearsal, order: Order, used: dict[str, float]) -> str:
         f"{rehearsal.source}: no motion keeps the limit of {order.limits[worst]:.4g} {unit} on the {name}; "
         f"the gentlest takes {used[worst]:.3g} {unit}. {remedy}"
     )
-
-
-def _without_rate(told: Array) -> Array:
-    """(…, 10 or 11, the same) what is told of all else where the rate at the start is unknown: the Schur complement."""
-    rates, rest = slice(10, 13), np.delete(np.arange(told.shape[-1]), slice(10, 13))
-    across, rate = told[..., rest, rates], told[..., rates, rates]
-    rate = rate + 1e-12 * np.trace(rate, axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
-    return np.asarray(told[..., rest[:, None], rest] - across @ np.linalg.solve(rate, np.swapaxes(across, -1, -2)))
 
 
 def _whole(rehearsal: Rehearsal, order: Order, tried: Sequence[Tried], block: int, thrifty: float, say: Say) -> Planned:

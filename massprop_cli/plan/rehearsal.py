@@ -13,7 +13,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.actuators.actuator import called
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.plan.guess import Guess
+from massprop_cli.plan.guess import Guess, refused, unstated
 from massprop_cli.plan.limits import used
 from massprop_cli.testbed import bound, exchange, mission
 from massprop_cli.testbed.conditions import Control
@@ -58,7 +58,7 @@ class Rehearsal:
         source = bound.noise_free(self.scenario(segments, cycles))
         every = np.tile(bodies, (len(seeds), 1))
         change = MemberChange(bound.as_bodies(every), np.zeros((3, len(every))))
-        flight = fly(source, np.repeat(seeds, len(bodies)).tolist(), changes={0: change})
+        flight = fly(source, np.repeat(seeds, len(bodies)).tolist(), changes={0: change}, fine=False)
         return flight.issued, used(flight)
 
     def information(self, cycles: int, issued: Array, bodies: Array) -> Array:
@@ -68,7 +68,7 @@ class Rehearsal:
         (:meth:`massprop_cli.plan.choose.PlanGoal.covariance`).
         """
         scale = np.array([[0.0, 0.0, 0.0, self.vehicle.thrust.scale_sigma]])
-        return bound.information(self.scenario((), cycles), issued, bodies, scale if self.vehicle.spinning else bound.NOTHING)
+        return bound.information(self.scenario((), cycles), issued, bodies, scale if self.vehicle.spinning else bound.NOTHING, fine=False)
 
     @property
     def axes(self) -> tuple[Axis, ...]:
@@ -123,29 +123,13 @@ def rehearsal(vehicle: VehicleSource, guess: Guess, off: Sequence[str] = ()) -> 
             else f"{vehicle.source}: no actuators to plan with: it has no jets; add [[jets]], or for a vehicle that takes wrench commands "
             "state its full torque and force in a guess file ([actuators] max_torque_n_m, max_force_n)"
         )
-    _check_noise(vehicle, guess)
-    if stated.cycle.command_delay_cycles == "auto" and limits.delay_cycles is None:
-        raise InputError(f'{vehicle.source}: cycle.command_delay_cycles is "auto"; state it, or in a guess file actuators.delay_cycles')
-    if stated.thrust.lag_s == "auto" and limits.lag_s is None:
-        raise InputError(f'{vehicle.source}: thrust.lag_s is "auto"; state it, or in a guess file actuators.lag_s')
+    lacking = unstated(stated, guess.file.sensors, limits)
+    if lacking:
+        raise refused(vehicle, lacking)
     kept = stated.model_copy(update={"jets": jets, "phases": (), "docking": None, "columns": {}})
     if stated.thrust.failures:  # of another log
         kept = kept.model_copy(update={"thrust": stated.thrust.model_copy(update={"failures": ()})})
     return Rehearsal(kept, guess, _control(kept, guess), guess.source)
-
-
-def _check_noise(vehicle: VehicleSource, guess: Guess) -> None:
-    real, stated = guess.file.sensors, vehicle.vehicle.imu
-    for key, logged in (("gyro_noise_rad_s", real.gyro_axes), ("accel_noise_m_s2", real.accel_axes)):
-        if not logged:
-            continue
-        own = getattr(real, key)
-        level = getattr(stated, key) if own is None else own
-        if not level:
-            said = "is 0" if level == 0 else "is not stated"
-            raise InputError(
-                f"{vehicle.source}: imu.{key} {said}; no precision can be planned without the noise: state one sigma of a cycle's mean"
-            )
 
 
 def _control(vehicle: Vehicle, guess: Guess) -> Control:

@@ -26,13 +26,13 @@ NOTHING = np.zeros((0, 4))
 """No unknown beside quantities and rates."""
 
 
-def information(source: ScenarioSource, issued: Array, values: Array, beside: Array = NOTHING) -> Array:
+def information(source: ScenarioSource, issued: Array, values: Array, beside: Array = NOTHING, fine: bool = True) -> Array:
     """(S, K, 13 + n, the same) each cycle's information on the ten quantities (S, 10), the rate at the start and what is ``beside`` (n, 4).
 
     In units of :func:`natural_sizes`, rad/s and one sigma of what is beside them, by (S, K, C) commands issued. Information adds up: the
-    bound after cycle k is the inverse of the sum so far.
+    bound after cycle k is the inverse of the sum so far. ``fine`` as of :func:`massprop_cli.testbed.simulate.fly`.
     """
-    slopes = sensitivities(source, [0] * len(values), issued, values, 0, beside)
+    slopes = sensitivities(source, [0] * len(values), issued, values, 0, beside, fine)
     members, unknowns = slopes.shape[:2]
     by_cycle = np.moveaxis(slopes.reshape(members, unknowns, issued.shape[1], -1), 1, 2)
     sizes = np.concatenate([[natural_sizes(body) for body in values], np.ones((members, unknowns - 10))], 1)
@@ -48,7 +48,9 @@ def noise_free(source: ScenarioSource) -> ScenarioSource:
     return ScenarioSource(source.scenario.model_copy(update={"sensors": sensors, "fuel": None}), source.source)
 
 
-def sensitivities(source: ScenarioSource, seeds: Sequence[int], issued: Array, values: Array, start: int, beside: Array) -> Array:
+def sensitivities(
+    source: ScenarioSource, seeds: Sequence[int], issued: Array, values: Array, start: int, beside: Array, fine: bool = True
+) -> Array:
     """(S, 13 + n, K N, a) whitened change of each record, of the axes that are logged.
 
     By one unit of each of the ten quantities (S, 10) and the rate at cycle ``start``, and by one sigma of what is ``beside`` them (n, 4).
@@ -61,9 +63,8 @@ def sensitivities(source: ScenarioSource, seeds: Sequence[int], issued: Array, v
     bodies = np.repeat(values, 2 * unknowns, 0) + both[:, :10]
     others = (both[:, 13:] @ beside).T
     change = MemberChange(as_bodies(bodies), both[:, 10:13].T, others[:3], 1 + others[3])
-    flown = fly(
-        noise_free(source), np.repeat(seeds, 2 * unknowns).tolist(), issued=np.repeat(issued, 2 * unknowns, 0), changes={start: change}
-    )
+    every = np.repeat(seeds, 2 * unknowns).tolist()
+    flown = fly(noise_free(source), every, issued=np.repeat(issued, 2 * unknowns, 0), changes={start: change}, fine=fine)
     sensors, stated = scenario.sensors, scenario.vehicle.imu
     whitened = np.concatenate(
         [

@@ -53,20 +53,21 @@ class Cycles:
         issued: Array | None,
         changes: Mapping[int, MemberChange],
         running: RunningOf | None = None,
+        fine: bool = True,
     ) -> None:
         """``issued`` (K, C) or (S, K, C) goes in place of the scenario's plan; :class:`InputError` where that can't be flown.
 
-        ``running`` makes the estimator that the control may ask for.
+        ``running`` makes the estimator that the control may ask for. Without ``fine`` any IMU has as few bins as one that averages.
         """
         self.source, self.seeds, self.changes = source, seeds, changes
         scenario = self.scenario = source.scenario
         rngs = self.rngs = {name: [np.random.default_rng([seed, i]) for seed in seeds] for i, name in enumerate(STREAMS)}
         self.members, self.period = len(seeds), scenario.vehicle.cycle.period_s
-        bins = self.bins = _bins(scenario)
-        self.width = self.period / bins
+        self.bins = _bins(scenario, fine)
+        self.width = self.period / self.bins
         self.allocated = mission.allocation(source)
         self.plan = mission.plan(scenario, self.allocated, rngs["plan"]) if issued is None else None
-        edges = self.width * np.arange(bins + 1)
+        edges = self.width * np.arange(self.bins + 1)
         jets, spun = (None, None) if issued is None else np.split(issued, [issued.shape[-1] - exchange.channels(scenario.vehicle)], -1)
         self.actuators = _actuators(scenario, rngs["pulses"], edges, jets)
         self.open_loop = self.plan is None or not (self.plan.held.any() or self.plan.held_by_wheels.any())
@@ -259,13 +260,14 @@ def _setting(scenario: Scenario, members: int, edges_s: Array) -> Setting:
     return Setting(scenario.vehicle, scenario.actuators, members, scenario.cycles, records, scenario.delay_cycles, rate, edges_s)
 
 
-def _bins(scenario: Scenario) -> int:
+def _bins(scenario: Scenario, fine: bool) -> int:
     """Bins in a cycle: a multiple of the records, and of the ticks where there are a moderate number of them."""
     records, tick = scenario.sensors.records_per_cycle, scenario.tick_s
     ticks = round(scenario.vehicle.cycle.period_s / tick) if tick else 1
     base = int(np.lcm(records, ticks)) if ticks <= 4 * BINS and np.lcm(records, ticks) <= 10 * BINS else records
     imu = scenario.vehicle.imu
-    least = BINS if imu.measures != "sample" and imu.gyro_filter is None and imu.accel_filter is None else FINE
+    averages = imu.measures != "sample" and imu.gyro_filter is None and imu.accel_filter is None
+    least = FINE if fine and not averages else BINS
     return base * -(-least // base)
 
 

@@ -122,16 +122,17 @@ def fly(
     changes: Mapping[int, MemberChange] | None = None,
     progress: Progress | None = None,
     running: RunningOf | None = None,
+    fine: bool = True,
 ) -> SimulatedFlight:
     """Fly one member per seed.
 
     ``issued`` (K, C) or (S, K, C) flies recorded commands open loop instead of the plan; ``changes`` happen at the start of their cycle.
-    ``running`` makes the estimator that the control may take its body from. :class:`InputError` where the plan can't be flown or the motion
-    runs away.
+    ``running`` makes the estimator that the control may take its body from. ``fine`` is as of :class:`Cycles`. :class:`InputError` where
+    the plan can't be flown or the motion runs away.
     """
     scenario = source.scenario
     period, cycles, phases = scenario.vehicle.cycle.period_s, scenario.cycles, scenario.phases
-    flying = Cycles(source, seeds, issued, changes or {}, running)
+    flying = Cycles(source, seeds, issued, changes or {}, running, fine)
     ends = [int(min(cycles, np.floor(phase.end_s / period + 1e-6))) for phase in phases]
     truth = np.zeros((len(seeds), len(phases), 10))
     k = 0
