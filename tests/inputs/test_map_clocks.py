@@ -165,12 +165,14 @@ def test_samples_whose_stamps_scatter_and_of_which_some_are_lost_stay_samples(re
     assert np.isin(values(table, columns.GYRO[:1]), streams["imu/wx"][0]).all()
 
 
-def test_samples_with_a_command_each_on_one_clock_stay_samples() -> None:
-    """Commands act from the sample with their stamp on, whatever the rounding of the line through their stamps."""
+@pytest.mark.parametrize("lost", [(), (500, 1200, 1201, 3000)])
+def test_samples_with_a_command_each_on_one_clock_stay_samples(lost: tuple[int, ...]) -> None:
+    """Commands act from the sample with their stamp on; where samples were lost their records are put back, empty, for the commands."""
     streams = motion(command_hz=200.0)
     time_s = streams["imu/t"][0]
     streams |= {path: (np.round(time_s / 0.005), "cmd/t", said[2]) for path, said in streams.items() if path.startswith("cmd/")}
     streams["cmd/t"] = (time_s, "", "s")
+    streams |= {path: (np.delete(said[0], lost), *said[1:]) for path, said in streams.items() if path.startswith(("imu/w", "imu/t"))}
     text = WRENCH_MAP.replace('[accelerometer]\npaths = "imu/a?"\nvalues = "sample"\n', "")
     table = made(streams, text + "[records]\nsamples = 1\nper_cycle = 1\n")
     assert table.made is not None
@@ -178,6 +180,8 @@ def test_samples_with_a_command_each_on_one_clock_stay_samples() -> None:
     issued_s = table.columns[columns.COMMAND_TIME].numbers()
     end_s = table.columns[columns.TIME].numbers()
     np.testing.assert_allclose(issued_s, end_s - 0.005, atol=1e-9)
+    none = np.isnan(values(table, columns.GYRO)).all(1)
+    np.testing.assert_allclose(end_s[none], np.array(lost) * 0.005, atol=1e-9)
     np.testing.assert_allclose(values(table, columns.WRENCH[:1])[:, 0], np.round(issued_s / 0.005), atol=1e-6)
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, IntArray, median
+from massprop_cli.base.arrays import Array, BoolArray, IntArray, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import resample, streamcommands
@@ -14,6 +14,7 @@ from massprop_cli.inputs.formats.clocks import GAP
 from massprop_cli.inputs.formats.mapfile import Records
 from massprop_cli.inputs.formats.signals import QuantitySignal, Signals
 from massprop_cli.inputs.formats.streamcommands import LIKE, SAME, STAMPED, StreamCommand
+from massprop_cli.inputs.logtable import EMPTY, MISSING
 
 LOST = 1.5
 """Times the usual interval: more is told of as a lost sample, even where it is no gap."""
@@ -123,21 +124,18 @@ def at_own_times(streams: Streams, records: Records, edges: Array) -> dict[str, 
     if issued is None and (not one_each or any(command.signal.paths for command in streams.commands)):
         return None
     issued_s, scatter_s, of_them = issued or (np.zeros(0), 0.0, np.zeros(0, int))
-    time_s = gyro.times.s
     slack_s = SAME * gyro.times.step_s
-    within = slice(*np.searchsorted(time_s, edges[[0, -1]] + slack_s).tolist())
-    time_s = time_s[within]
-    # a command that was issued as a sample was taken is in the record after it
-    own = (issued_s > time_s[0] - gyro.times.step_s - slack_s) & (issued_s < time_s[-1] - slack_s)
-    rows = np.searchsorted(time_s, issued_s[own] + slack_s)
-    if issued and (len(rows) < 2 or (np.diff(rows) < 1).any()):
+    within = slice(*np.searchsorted(gyro.times.s, edges[[0, -1]] + slack_s).tolist())
+    placed = _placed(gyro.times.s[within], issued_s, gyro.times.step_s)
+    if placed is None:
         return None
+    time_s, kept, own, rows = placed
     zero = streams.zero(records, edges)
     made: dict[str, Array] = {columns.TIME: time_s - zero}
-    made |= signals.as_recorded(streams.imu, within)
+    made |= {name: _in_rows(values, kept, len(time_s)) for name, values in signals.as_recorded(streams.imu, within).items()}
     for signal, kind in streams.imu:
         signals.made.append(
-            f"{signal.key}: {len(time_s)} values ({kind}) every {gyro.times.step_s:.6g} s by {gyro.times.path!r}, as recorded"
+            f"{signal.key}: {len(kept)} values ({kind}) every {gyro.times.step_s:.6g} s by {gyro.times.path!r}, as recorded"
         )
     if issued is None:
         return made | streams.beside(time_s, records.per_cycle * gyro.times.step_s)
@@ -153,6 +151,30 @@ def at_own_times(streams: Streams, records: Records, edges: Array) -> dict[str, 
         gaps = f"; {lost.size} gap(s), the first after {issued_s[lost[0]] - zero:.9g} s: a command that was lost there moves every value"
     signals.made.append(f"commands: {len(rows)} every {usual_s:.6g} s, at their own times{evened}{gaps}")
     return made | streams.beside(time_s, median(np.diff(issued_s)))
+
+
+def _placed(time_s: Array, issued_s: Array, step_s: float) -> tuple[Array, IntArray, BoolArray, IntArray] | None:
+    """Times of records, which of them were recorded, the commands within them, and the rows of these; None where a row would have two.
+
+    A command that was issued as a sample was taken is in the record after it. Records that were lost are put back, empty, where commands
+    were issued in them.
+    """
+    slack_s = SAME * step_s
+    own: BoolArray = (issued_s > time_s[0] - step_s - slack_s) & (issued_s < time_s[-1] - slack_s)
+    number = np.concatenate([[0], np.cumsum(_intervals(np.diff(time_s), step_s))])
+    whole = np.interp(np.arange(number[-1] + 1), number, time_s)
+    for times, kept in ((time_s, np.arange(len(time_s))), (whole, number)):
+        rows = np.searchsorted(times, issued_s[own] + slack_s)
+        if not len(issued_s) or (len(rows) > 1 and (np.diff(rows) > 0).all()):
+            return times, kept, own, rows
+    return None
+
+
+def _intervals(steps_s: Array, step_s: float) -> IntArray:
+    """(n,) usual intervals in each: several where records were lost, and no more than a log may lack."""
+    several = np.round(steps_s / step_s).astype(int)
+    found = np.where((steps_s > LOST * step_s) & (several <= MISSING), several, 1)
+    return found if (found - 1).sum() <= EMPTY * len(found) else np.ones_like(found)
 
 
 def _issued(commands: Sequence[StreamCommand], cycles_s: Array) -> tuple[Array, float, IntArray] | None:
