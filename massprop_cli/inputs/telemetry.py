@@ -37,6 +37,8 @@ LONGEST_S = 0.06
 PACE, CRYSTALS, CRYSTAL = 0.0025, 9e-5, 1e-5
 """Part by which recorded cycles may be longer or shorter than stated, by other clocks than crystals, by two crystals, and by one that is
 calibrated: with increments and a wrench, inertia follows its square."""
+SHARED = 0.99
+"""Part of the commands that bear the stamps of records, from which on both are by one clock."""
 JITTER = 0.02
 """Part of the usual interval that intervals may scatter by: each counts with its own length, commands do not."""
 ROBUST = 1.4826
@@ -149,12 +151,13 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     """Check a table: :class:`InputError` names file, row (Parquet, from 0) or line (CSV), column, value and remedy."""
     whole = LogTable(table, vehicle.columns)
     source, twice = lostrecords.once(lostrecords.without_lone_pulses(whole))
-    stamped = stamps.examined(source, vehicle, source.required("time_s"))
+    recorded_s = source.required("time_s")
+    stamped = stamps.examined(source, vehicle, recorded_s)
     source, time_s = lostrecords.put_back(source, stamped.time_s, vehicle)
     interval_s, notices = _intervals(source, time_s, stamped.remedy)
     rebuilt = [Notice("clock-rebuilt", f"{source.name('time_s')}: {stamped.message}")] if stamped.message else []
     pulsed = pulses.commands(whole, vehicle, float(time_s[0] - interval_s[0]), float(time_s[-1]))
-    command_s = _command_times(source, time_s, stamped.moved_s) if pulsed is None else pulsed.issued_s
+    command_s = _command_times(source, time_s, recorded_s, stamped) if pulsed is None else pulsed.issued_s
     records, command_s, pace = _grouped(source, time_s, interval_s, command_s, vehicle.cycle.period_s)
     n = source.table.rows // records * records
     imu = imurecords.read(source, vehicle, time_s, interval_s)
@@ -216,13 +219,15 @@ def _grouped(
     return records, command_s, pace
 
 
-def _command_times(source: LogTable, time_s: Array, moved_s: Array | None) -> Array | None:
-    """(M,) when commands were issued, in the rows :attr:`LogTable.issued`; ``moved_s`` (n,) was taken off the clock at each row."""
+def _command_times(source: LogTable, time_s: Array, recorded_s: Array, stamped: stamps.Stamps) -> Array | None:
+    """(M,) when commands were issued, in the rows :attr:`LogTable.issued`, by the clock as it was put right."""
     if not source.has(COMMAND_TIME):
         return None
     issued_s = source.optional(COMMAND_TIME)
     rows = np.flatnonzero(~np.isnan(issued_s))
-    found = issued_s[rows] - (0.0 if moved_s is None else moved_s[rows])
+    found = issued_s[rows] - (0.0 if stamped.moved_s is None else stamped.moved_s[rows])
+    if stamped.moved_s is None and (np.diff(recorded_s) > 0).all():
+        found = _as_rebuilt(found, recorded_s, stamped.time_s)
     if len(rows) < 2:
         raise InputError(f"{source.table.path}, column {source.name(COMMAND_TIME)}: {len(rows)} command(s); a log needs at least two")
     source.refuse(np.isinf(issued_s), COMMAND_TIME, lambda row: f"{issued_s[row]} is not a finite number; correct or cut the record")
@@ -238,6 +243,13 @@ def _command_times(source: LogTable, time_s: Array, moved_s: Array | None) -> Ar
         )
     source.issued = rows
     return frozen(found)
+
+
+def _as_rebuilt(issued_s: Array, recorded_s: Array, time_s: Array) -> Array:
+    """(M,) times of commands that bear the stamps of records as these were recorded, by the stamps as they were rebuilt."""
+    row = np.minimum(np.searchsorted(recorded_s, issued_s), len(recorded_s) - 1)
+    same = recorded_s[row] == issued_s
+    return np.where(same, time_s[row], issued_s) if same.sum() > SHARED * len(same) else issued_s
 
 
 def _intervals(source: LogTable, time_s: Array, remedy: str = "") -> tuple[Array, list[Notice]]:

@@ -76,6 +76,21 @@ def test_records_that_are_lost_beside_them_are_put_back_where_no_command_is() ->
         log_of({name: np.delete(values, [ISSUED[8] - 1, ISSUED[8]]) for name, values in made.items()}, measures="sample")
 
 
+@pytest.mark.parametrize("shared", [True, False])
+def test_commands_with_the_stamps_of_records_stay_with_them_where_these_are_rebuilt(shared: bool) -> None:
+    """Commands by a clock of their own keep their times: the IMU's stamps scatter, not theirs."""
+    made = recorded()
+    even_s = made[columns.TIME].copy()
+    made[columns.TIME] += np.random.default_rng(2).normal(0, 5e-4, ROWS)
+    made[columns.COMMAND_TIME][ISSUED] = made[columns.TIME][ISSUED - 1] if shared else even_s[ISSUED] - 0.004
+    used = vehicle_of(made, measures="sample")
+    log = read(at_hand(Path("log.csv"), made), used.model_copy(update={"imu": used.imu.model_copy(update={"clock_even": True})}))
+    assert log.command_s is not None
+    expected = log.time_s[ISSUED[: len(log.command_s)] - 1] if shared else even_s[ISSUED][: len(log.command_s)] - 0.004
+    np.testing.assert_allclose(log.command_s, expected, atol=1e-12)
+    np.testing.assert_allclose(np.diff(log.time_s), STEP_S, rtol=1e-2)
+
+
 def test_wheels_take_the_torque_of_each_command() -> None:
     """Its momentum grows between commands' times, 0.07 s each, once it acts."""
     made = recorded()
