@@ -74,13 +74,8 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     screening = max(driven or screenings, key=lambda one: one.misfit)
     if screening.chance and (elsewhere := _elsewhere(case, pieces)) is not None:
         screening, screenings = elsewhere, [elsewhere]
-    if screening.free.dead:
-        return Diagnosis(unknown=DEAD)
-    shown = seen(screening.case)
-    if shown is not None:
-        return Diagnosis((Explanation(shown.code, shown.message, None),))
-    if vehicle.on_pedestal and not len(screening.free.fired) and not vehicle.swings:
-        return Diagnosis()  # of a swing ratios are told, and of no body what it leaves
+    if (at_sight := _at_sight(screening)) is not None:
+        return at_sight
     screening = about_its_body(screening)
     alone, rarely = _alone(screening), sparse(screening.case) or lost(log)
     if rarely and not any(map(_whole, alone)):
@@ -110,6 +105,18 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     unanswered = not moved and screening.loud
     explained = not unanswered and (wandering.close or with_it)
     return Diagnosis() if explained else _unexplained(screening, UNANSWERED if unanswered else _in_vain(screening))
+
+
+def _at_sight(screening: Screening) -> Diagnosis | None:
+    """What is said before any hypothesis is fitted; None where hypotheses are to tell."""
+    if screening.free.dead:
+        return Diagnosis(unknown=DEAD)
+    shown = seen(screening.case)
+    if shown is not None:
+        return Diagnosis((Explanation(shown.code, shown.message, None),))
+    vehicle = screening.case.vehicle
+    # a swing tells ratios, so that there is no body of which anything could be left
+    return Diagnosis() if vehicle.on_pedestal and not len(screening.free.fired) and not vehicle.swings else None
 
 
 def _elsewhere(case: Case, pieces: Sequence[slice]) -> Screening | None:
