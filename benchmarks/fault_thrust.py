@@ -202,6 +202,8 @@ def _delay(s: Subject, rng: Random, cycles: float) -> Drawn | None:
 
 def _drift(s: Subject, rng: Random) -> Drawn | None:
     """Command k stands in the IMU's row k, whichever clock is the faster."""
+    if s.vehicle.spinning:
+        return None  # tachometers would have a clock, too
     total = rng.uniform(1.0, 1.5)
     faster = total / s.cycles
     if float(s.vehicle.cycle.command_delay_cycles) > total and rng.random() < 0.5:
