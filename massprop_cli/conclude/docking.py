@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_cli import QUANTITIES, UNITS
+from massprop_cli import CG, QUANTITIES, UNITS
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import elements, parallel_axis, tensor
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import PLANAR, Conclusion, Estimate, Verdict
 from massprop_cli.estimate.known import MISMATCH, off_by
-from massprop_cli.estimate.quantities import by_scale, condition, open_scale
-from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.estimate.quantities import by_first_moment, by_scale, condition, open_scale
+from massprop_cli.inputs.vehicle import Known, Vehicle
 
 SIGNIFICANT = 3.0
 """Two phases are before and after docking, unless told otherwise, if their masses differ by more than this many sigmas."""
@@ -51,7 +51,8 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
         z = (known.value - found[i]) / np.sqrt(slope[i] @ joint @ slope[i] + known.sigma**2)
         if abs(z) > MISMATCH:
             belied.append(f"docking.known.{name} = {known.value:g} {off_by(z)}")
-        values, joint = condition(values, joint, slope[i], known.value, float(found[i]), known.sigma)
+        turning = 0.0 if vehicle.on_air_bearing and name not in CG else None
+        values, joint = _conditioned(values, joint, slope[i], known, float(found[i]), turning)
         found, slope = difference(values[:10], values[10:]), difference_slope(values[:10], values[10:])
     apart = without_part(vehicle.environment.kind)
     covariance = slope @ joint @ slope.T
@@ -126,9 +127,23 @@ def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array
                 joint[i], joint[:, i] = 0.0, 0.0
                 joint[i, i] = one.sigma**2
             else:
-                values, joint = condition(values, joint, np.eye(20)[i], one.value, float(values[i]), one.sigma)
+                turning = vehicle.bearing_mass_kg if vehicle.on_air_bearing and QUANTITIES[i % 10] not in CG else None
+                values, joint = _conditioned(values, joint, np.eye(20)[i], one, float(values[i]), turning)
     values[[9, 19]] -= vehicle.bearing_mass_kg
     return values, joint
+
+
+def _conditioned(
+    values: Array, joint: Array, slope: Array, known: Known, expected: float, bearing_mass_kg: float | None
+) -> tuple[Array, Array]:
+    """Both phases' quantities (20,) conditioned on what is ``known``; beside a bearing's mass straight in the first moments about it."""
+    found, covariance = condition(values, joint, slope, known.value, expected, known.sigma)
+    if bearing_mass_kg is not None:
+        halves, by = by_first_moment(values.reshape(2, 10), found.reshape(2, 10), bearing_mass_kg)
+        found, whole = halves.ravel(), np.zeros((20, 20))
+        whole[:10, :10], whole[10:, 10:] = by
+        covariance = whole @ covariance @ whole.T
+    return found, covariance
 
 
 def without_part(environment: str) -> BoolArray:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import elements
 from massprop_cli.conclude import docking
-from tests import faulty
+from massprop_cli.inputs.vehicle import Known, Phase
+from tests import faulty, flight
 from tests.analysed import SAMPLES, analysed
 
 
@@ -121,3 +123,26 @@ def test_an_error_common_to_all_thrust_is_the_same_in_both_phases() -> None:
     assert unsure is not None
     assert unsure[0] == told[0]
     assert unsure[1] == pytest.approx(np.hypot(told[1], 0.02 * told[0]), rel=1e-9)
+
+
+def test_weighed_masses_leave_the_first_moments_of_both_phases_on_a_bearing() -> None:
+    """By hand: each moment is told to a part in a million and each mass to 2.5 %, two sigmas off the weighed one."""
+    part, bearing = 3.0, np.array([0.0, 0.0, 0.1])
+    alone = np.array([0.35, 0, 0, 2.5, 0, 2.0, 0.01, -0.02, 0.09, 20.0])
+    combined = np.array([1.35, 0, 0, 3.5, 0, 3.0, 0.03, -0.01, 0.08, 26.0])
+    known = [Known(value=float(one[9]), sigma=1e-4) for one in (alone, combined)]
+    phases = [Phase(name=name, start_s=10.0 * i, end_s=10.0 * i + 10, known={"mass": known[i]}) for i, name in enumerate(("a", "b"))]
+    environment = {"bearing_position_m": bearing.tolist(), "bearing_mass_kg": part}
+    vehicle = flight.vehicle("air_bearing", environment=environment).model_copy(update={"phases": tuple(phases)})
+
+    def told(true: Array, phase: Phase) -> SimpleNamespace:
+        moment, mass, values, spread = (true[9] - part) * (true[6:9] - bearing), 1.05 * true[9], true.copy(), 1e-12 * np.eye(10)
+        values[6:9], values[9] = bearing + moment / (mass - part), mass
+        slope = np.append(-moment / (mass - part) ** 2, 1.0)  # of CG and mass by mass
+        spread[6:, 6:] += (0.025 * mass) ** 2 * np.outer(slope, slope)
+        return SimpleNamespace(bare=(values, spread), phase=phase, thrust_scale_sigma=0.0)
+
+    values, joint = docking._joint((told(alone, phases[0]), told(combined, phases[1])), vehicle)  # type: ignore[arg-type]
+    np.testing.assert_allclose(values.reshape(2, 10)[:, 6:9], [alone[6:9], combined[6:9]], atol=2e-6)
+    np.testing.assert_allclose(values[[9, 19]], [17.0, 23.0], atol=1e-3)
+    assert np.sqrt(np.diag(joint).reshape(2, 10)[:, 6:9]).max() < 3e-6
