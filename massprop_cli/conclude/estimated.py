@@ -137,8 +137,6 @@ def _found_in_quiet(diagnosis: Diagnosis, plain: AsStated) -> bool:
 
 
 def _doubted(examination: Examined, begun: Ready, answer: Estimates[Resolved]) -> list[Doubt]:
-    if all(one.silent for one in answer.settled):
-        return []
     names = channel_names(begun.log, answer.used)
     push = pushing(channel_wrench(begun.log, answer.used)[:, 3:], always_together(begun.log))
     first = len(names) - len(answer.used.momentum_wrench)

@@ -23,10 +23,6 @@ from massprop_cli.prepare.stream import Stream
 if TYPE_CHECKING:
     from massprop_cli.estimate.residual import Residual
 
-SILENT = 4.0
-"""Sigmas in all. Whatever is wrong leaves no more of itself than is left in all, and by less nothing is refuted
-(:mod:`massprop_cli.estimate.residualtest`). Without noise, the six biases of the sensors alone leave their squares: 16 in one log of 70."""
-
 
 class Stages(NamedTuple):
     """What a log says up to S of its cycles, all about its last estimate: of ixx … izz, CG and 1/m."""
@@ -114,8 +110,8 @@ class History:
 
     @property
     def silent(self) -> bool:
-        """Whether all that is left is less than :data:`SILENT` sigmas, as of a log without noise."""
-        return self.left() < SILENT**2
+        """Whether all that is left is less than one sigma, as of a log without noise."""
+        return self.left() < 1.0
 
 
 def phase_cycles(phase: Phase, end_s: Array, usable: BoolArray) -> slice:

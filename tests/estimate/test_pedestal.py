@@ -79,8 +79,6 @@ def test_without_noise_nothing_is_left(kind: anypedestal.Kind, biases: bool, ine
     assert np.abs(deviations(own, answers)).max() < most
     for told, truth in zip(conclusions(answers), own.ten, strict=True):
         assert np.abs((told.values - truth) / told.sigmas).max() < most
-    said = [notice.code for answer in answers for notice in answer.notices]
-    assert all(code.startswith(("noise-", "initial-")) for code in said)
 
 
 def test_noisy_sensors_put_no_bearing_elsewhere() -> None:
@@ -93,20 +91,6 @@ def test_noisy_sensors_put_no_bearing_elsewhere() -> None:
     answer = flow.examine(anypedestal.log_of(rng, own, 0, flown, used), VehicleSource(used, "", ""))
     assert "bearing-position" not in [doubt.what for doubt in answer.doubts]
     assert {one.verdict for one in answer.conclusions[0].about_pivot.values()} == {"converged"}
-
-
-def test_biases_alone_are_no_fault_of_a_free_body() -> None:
-    """Without noise they leave their own squares, which fit a body that changes better."""
-    rng = np.random.default_rng([0, 3])
-    own = anypedestal.tables(rng, 4)
-    own = replace(own, pivot=own.cg)
-    flown = anypedestal.fly(rng, own, "wheels", 0.05, 30.0, 0.0)
-    used = anypedestal.vehicle_of(own, 3, flown, biases=True)
-    used = used.model_copy(update={"environment": used.environment.model_copy(update={"kind": "free"})})
-    log = anypedestal.log_of(rng, own, 3, flown, used, noise=0.0, biases=True)
-    answer = flow.examine(log, VehicleSource(used, "", ""))
-    assert not answer.faults
-    assert {answer.conclusions[0].estimates[name].verdict for name in INERTIA} == {"converged"}
 
 
 @pytest.mark.parametrize(
