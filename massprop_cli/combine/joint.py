@@ -17,14 +17,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli import QUANTITIES
+from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import ROUNDING, Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import elements, tensor
 from massprop_cli.conclude import docking
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Verdict
-from massprop_cli.estimate.quantities import by_first_moment, by_scale_beside
+from massprop_cli.estimate.quantities import by_first_moment, by_scale_beside, transformed
 from massprop_cli.model.plant import BearingBody, Reference
 from massprop_cli.result.build import estimate_items, matrix
 from massprop_cli.result.schema import DockedObject, PhaseItem, VehicleInfo, WarningItem
@@ -158,24 +158,34 @@ def is_body(values: Array) -> bool:
 def _bare(piece: Piece) -> tuple[Array, Array]:
     """By the log alone: without what is known, and with the thrust taken as exact."""
     values, covariance = piece.values.copy(), piece.covariance.copy()
-    at = np.flatnonzero(np.isfinite(values) & np.isfinite(np.diag(covariance)))
-    values[np.setdiff1d(np.arange(10), at)] = np.nan
-    if piece.known:
-        information = np.linalg.inv(covariance[np.ix_(at, at)])
-        vector = information @ values[at]
-        before = np.diag(information).copy()
-        for name, (value, sigma) in piece.known.items():
-            row = np.flatnonzero(at == QUANTITIES.index(name))
-            information[row, row] -= 1 / sigma**2
-            vector[row] -= value / sigma**2
-        left = np.diag(information) > ROUNDING * before
-        values[at[~left]] = np.nan
-        at, information, vector = at[left], information[np.ix_(left, left)], vector[left]
-        spread = np.linalg.inv(information)
-        values[at], covariance[np.ix_(at, at)] = spread @ vector, spread
-        values, covariance = _by_first_moment(piece, piece.values, values, covariance)
+    told = np.isfinite(values) & np.isfinite(np.diag(covariance))
+    values[~told] = np.nan
+    values, covariance = _without(values, covariance, {name: one for name, one in piece.known.items() if name in CG})
+    others = _without(values, covariance, {name: one for name, one in piece.known.items() if name not in CG})
+    values, covariance = _by_first_moment(piece, values, *others)
     scaled = piece.by_scale(values)
     covariance = covariance - piece.scale_sigma**2 * np.outer(scaled, scaled)
+    return values, covariance
+
+
+def _without(values: Array, covariance: Array, known: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:
+    """Of a Gaussian (10,), (10, 10) what was known is taken out; NaN where nothing is left."""
+    if not known:
+        return values, covariance
+    values, covariance = values.copy(), covariance.copy()
+    at = np.flatnonzero(np.isfinite(values))
+    information = np.linalg.inv(covariance[np.ix_(at, at)])
+    vector = information @ values[at]
+    before = np.diag(information).copy()
+    for name, (value, sigma) in known.items():
+        row = np.flatnonzero(at == QUANTITIES.index(name))
+        information[row, row] -= 1 / sigma**2
+        vector[row] -= value / sigma**2
+    left = np.diag(information) > ROUNDING * before
+    values[at[~left]] = np.nan
+    at, information, vector = at[left], information[np.ix_(left, left)], vector[left]
+    spread = np.linalg.inv(information)
+    values[at], covariance[np.ix_(at, at)] = spread @ vector, spread
     return values, covariance
 
 
@@ -263,14 +273,16 @@ def with_shared(values: Array, covariance: Array, pieces: Sequence[Piece]) -> tu
     # what makes one log doubt the thrust holds for all of them: it is the same
     covariance = covariance + max(piece.scale_sigma for piece in pieces) ** 2 * np.outer(scaled, scaled)
     shared = dict.fromkeys((name, value, sigma) for piece in pieces for name, (value, sigma) in piece.known.items())
-    for name, value, sigma in shared:
+    for name, value, sigma in sorted(shared, key=lambda one: one[0] != "mass"):  # as mass_first
         i = QUANTITIES.index(name)
         if not np.isfinite(values[i]):
+            covariance[i] = covariance[:, i] = 0.0
             values[i], covariance[i, i] = value, sigma**2
             continue
-        gain = np.nan_to_num(covariance[:, i]) / (covariance[i, i] + sigma**2)
-        covariance = covariance - np.outer(gain, np.nan_to_num(covariance[i]))
-        values, covariance = _by_first_moment(pieces[0], values, values + gain * (value - values[i]), covariance)
+        before, gain = values, np.nan_to_num(covariance[:, i]) / (covariance[i, i] + sigma**2)
+        values, covariance = values + gain * (value - values[i]), covariance - np.outer(gain, np.nan_to_num(covariance[i]))
+        if name not in CG:
+            values, covariance = _by_first_moment(pieces[0], before, values, covariance)
     return values, covariance
 
 
@@ -279,7 +291,7 @@ def _by_first_moment(piece: Piece, before: Array, after: Array, covariance: Arra
     if piece.bearing is None:
         return after, covariance
     values, slope = by_first_moment(before[None], after[None], piece.bearing.bearing_mass)
-    return values[0], slope[0] @ covariance @ slope[0].T
+    return values[0], transformed(covariance[None], slope)[0]
 
 
 def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, combined: PhaseItem) -> DockedObject:

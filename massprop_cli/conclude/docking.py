@@ -11,7 +11,7 @@ from massprop_cli.base.rigidbody import elements, parallel_axis, tensor
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import PLANAR, Conclusion, Estimate, Verdict
 from massprop_cli.estimate.known import MISMATCH, off_by
-from massprop_cli.estimate.quantities import by_first_moment, by_scale, condition, open_scale
+from massprop_cli.estimate.quantities import by_first_moment, by_scale, condition, mass_first, open_scale
 from massprop_cli.inputs.vehicle import Known, Vehicle
 
 SIGNIFICANT = 3.0
@@ -46,7 +46,7 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
     found = difference(values[:10], values[10:])
     slope = difference_slope(values[:10], values[10:])
     belied = list[str]()
-    for name, known in (vehicle.docking.known if vehicle.docking else {}).items():
+    for name, known in mass_first(vehicle.docking.known if vehicle.docking else {}):
         i = QUANTITIES.index(name)
         z = (known.value - found[i]) / np.sqrt(slope[i] @ joint @ slope[i] + known.sigma**2)
         if abs(z) > MISMATCH:
@@ -113,7 +113,7 @@ def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array
     known = [
         (10 * half + QUANTITIES.index(name), one)
         for half, conclusion in enumerate(() if thesis else pair)
-        for name, one in vehicle.in_phase(conclusion.phase).known.items()
+        for name, one in mass_first(vehicle.in_phase(conclusion.phase).known)
     ]
     untold = [(i, one) for i, one in known if not np.isfinite(values[i])]  # as the mass where nothing pushes
     for i, one in untold:

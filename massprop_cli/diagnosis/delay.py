@@ -200,11 +200,11 @@ def by_commands_alone(log: Log, vehicle: Vehicle, near: Timing) -> FoundTiming |
 
     try:
         at = line_minimum(cost, [near.delay], 1.0, FINEST)
+        least, bent = cost(at), (cost(at - FINEST) - 2 * cost(at) + cost(at + FINEST)) / FINEST**2
+        clear = min(cost(at - 1), cost(at + 1)) - least > CLEARLY * log.cycles
     except InputError:
         return None  # of a log that is too short
-    least = cost(at)
-    bent = (cost(at - FINEST) - 2 * least + cost(at + FINEST)) / FINEST**2
-    if not (np.isfinite(bent) and bent > 0 and min(cost(at - 1), cost(at + 1)) - least > CLEARLY * log.cycles):
+    if not (np.isfinite(bent) and bent > 0 and clear):
         return None
     sigma = float(np.sqrt(2 / bent))
     return FoundTiming(near._replace(delay=at), Timing(sigma, 0.0), np.inf, covariance=np.array([[sigma**2]]))

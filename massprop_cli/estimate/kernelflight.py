@@ -17,6 +17,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import elements
 from massprop_cli.estimate import compiled
 from massprop_cli.estimate.compiled import CHUNK, TOLD
+from massprop_cli.estimate.quantities import mass_first
 from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.actuators.wheel import WheelLog
 from massprop_cli.inputs.telemetry import Log
@@ -206,7 +207,7 @@ def rule_of(vehicle: Vehicle, tolerances: tuple[float, float, float], relative: 
 
     ``gate``: sigmas of a sensor's innovation in one cycle beyond which the reading is not used; 0: all are.
     """
-    known = [number for name, k in vehicle.known.items() for number in (QUANTITIES.index(name), k.value, k.sigma)]
+    known = [number for name, k in mass_first(vehicle.known) for number in (QUANTITIES.index(name), k.value, k.sigma)]
     rule = (vehicle.thrust.scale_sigma, vehicle.convergence.count, relative, *tolerances)
     beyond: Array = sum((elements(device.beyond_reported) for device in vehicle.spinning), np.zeros(6))
     return np.array([*rule, *beyond, gate, len(vehicle.known), *known], dtype=float)

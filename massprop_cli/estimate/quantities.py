@@ -16,6 +16,7 @@ inertia is the one that answers to their columns; the reported one has them in i
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TypeVar
 
 import numpy as np
 
@@ -24,9 +25,10 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import COLUMNS, MOMENTS, ROWS, elements
 from massprop_cli.estimate.pivot import AboutCg, about_cg, by_thrust_scale
 from massprop_cli.estimate.rows import Parameters
-from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehicle import Quantity, Vehicle
 from massprop_cli.model.momentum import relative_scales
 
+T = TypeVar("T")
 UNTOLD = 0.3
 """A relative sigma of 1/m above this says nothing about m; ..."""
 FAINT = 0.03
@@ -51,14 +53,14 @@ def quantities(told: Parameters, vehicle: Vehicle) -> tuple[Array, Array]:
         shared = open_scale(vehicle) ** 2 * proportional[:, :, None] * proportional[:, None, :]
     full: Array = data + shared + found.by_mass
     before = _moments(data)
-    for name, known in vehicle.known.items():
+    for name, known in mass_first(vehicle.known):
         if vehicle.on_pedestal and name == "mass":
             continue
         stated = values
         values, full, data = _condition(values, full, data, QUANTITIES.index(name), known.value, known.sigma)
         if vehicle.on_air_bearing and name not in CG:
             values, slope = by_first_moment(stated, values, vehicle.bearing_mass_kg)
-            full, data = (slope @ spread @ slope.transpose(0, 2, 1) for spread in (full, data))
+            full, data = transformed(full, slope), transformed(data, slope)
     # an axis is no more uncertain than what is known leaves it
     kept = _moments(data) / np.maximum(before, np.finfo(float).tiny)
     wider = _curved(told.relative * np.sqrt(np.maximum(kept, 0.0)))
@@ -66,21 +68,34 @@ def quantities(told: Parameters, vehicle: Vehicle) -> tuple[Array, Array]:
     return values, (full + full.transpose(0, 2, 1)) / 2  # of a swing's wide scale little is left, and rounding of that
 
 
+def mass_first(known: Mapping[Quantity, T]) -> list[tuple[Quantity, T]]:
+    """What is known, in the order in which it is taken in: on a bearing a CG tells of a mass that is not weighed yet."""
+    return sorted(known.items(), key=lambda one: one[0] != "mass")
+
+
 def by_first_moment(before: Array, after: Array, bearing_mass_kg: float) -> tuple[Array, Array]:
-    """Ten quantities (K, 10) of a body on a bearing, and their derivative by those ``after`` a straight step from ``before``.
+    """Ten quantities (K, 10) of a body on a bearing, and their (K, 10, 10) derivative by those ``after`` a straight step from ``before``.
 
     A log tells the first moment m_r s, s = c − b, m_r = m − m_b, far better than either, so that the step is straight in that instead of s:
-    ``s' = (m_r s + m_r δs + s δm) / (m_r + δm) = s + δs m_r / (m_r + δm)``.
+    ``s' = (m_r s + m_r δs + s δm) / (m_r + δm) = s + δs m_r / (m_r + δm)``. Where no mass is told the step is as it was.
     """
-    turning, later = before[:, 9:] - bearing_mass_kg, after[:, 9:] - bearing_mass_kg
-    with np.errstate(invalid="ignore", divide="ignore"):
-        told = (turning > 0) & (later > 0)
-        part = np.where(told, turning / later, 1.0)
-        moved = part * (after - before)[:, 6:9]
-        by_mass = np.where(told, -moved / later, 0.0)
-    slope = np.repeat(np.eye(10)[None], len(after), 0)
-    slope[:, range(6, 9), range(6, 9)], slope[:, 6:9, 9] = part, by_mass
-    return np.hstack([after[:, :6], before[:, 6:9] + moved, after[:, 9:]]), slope
+    with np.errstate(invalid="ignore"):
+        told = (before[:, 9] > bearing_mass_kg) & (after[:, 9] > bearing_mass_kg)
+    later = after[told, 9:] - bearing_mass_kg
+    part = (before[told, 9:] - bearing_mass_kg) / later
+    moved = part * (after - before)[told, 6:9]
+    found, slope, own = after.copy(), np.repeat(np.eye(10)[None], len(after), 0), np.repeat(np.eye(10)[None], len(later), 0)
+    found[told, 6:9] = before[told, 6:9] + moved
+    own[:, range(6, 9), range(6, 9)], own[:, 6:9, 9] = part, -moved / later
+    slope[told] = own
+    return found, slope
+
+
+def transformed(covariance: Array, slope: Array) -> Array:
+    """Covariances (K, 10, 10) by the derivatives (K, 10, 10) of what they are of; NaN of what is not told spreads no further."""
+    found, turned = covariance.copy(), (slope != np.eye(10)).any((1, 2))
+    found[turned] = slope[turned] @ covariance[turned] @ slope[turned].transpose(0, 2, 1)
+    return found
 
 
 def _translating(told: Parameters, vehicle: Vehicle) -> AboutCg:

@@ -89,3 +89,14 @@ def test_on_board_a_weighed_mass_does_the_same() -> None:
     (told,) = flow.examine(log, VehicleSource(vehicle, "", "")).histories
     np.testing.assert_allclose(said.values[-1], told.values[-1], atol=1e-6 * told.sigmas[-1].min())
     np.testing.assert_allclose(said.sigmas[-1], told.sigmas[-1], rtol=1e-6)
+
+
+def test_inertia_that_is_known_takes_nothing_from_a_log_that_tells_no_mass() -> None:
+    source, flight = flown()
+    truth = source.scenario.truth.values
+    inertia, mass = f"known.izz={{value={truth[5]}, sigma=0.01}}", f"known.mass={{value={truth[9]}, sigma=0.01}}"
+    alone = concluded(flight, 0, inertia)
+    assert {alone.estimates[name].verdict for name in ("ixx", "izz")} == {"converged"}
+    first, last = concluded(flight, 0, inertia, mass), concluded(flight, 0, mass, inertia)
+    assert {one.verdict for one in first.estimates.values()} == {"converged"}
+    np.testing.assert_allclose(first.values, last.values, rtol=1e-9)
