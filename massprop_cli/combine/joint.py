@@ -160,9 +160,10 @@ def _bare(piece: Piece) -> tuple[Array, Array]:
     values, covariance = piece.values.copy(), piece.covariance.copy()
     told = np.isfinite(values) & np.isfinite(np.diag(covariance))
     values[~told] = np.nan
-    values, covariance = _without(values, covariance, {name: one for name, one in piece.known.items() if name in CG})
-    others = _without(values, covariance, {name: one for name, one in piece.known.items() if name not in CG})
-    values, covariance = _by_first_moment(piece, values, *others)
+    # a mass, and what else is no CG, was taken in first
+    for group in (CG, [name for name in QUANTITIES if name not in CG]):
+        without = _without(values, covariance, {name: one for name, one in piece.known.items() if name in group})
+        values, covariance = _by_first_moment(group[0], piece, values, *without)
     scaled = piece.by_scale(values)
     covariance = covariance - piece.scale_sigma**2 * np.outer(scaled, scaled)
     return values, covariance
@@ -281,16 +282,15 @@ def with_shared(values: Array, covariance: Array, pieces: Sequence[Piece]) -> tu
             continue
         before, gain = values, np.nan_to_num(covariance[:, i]) / (covariance[i, i] + sigma**2)
         values, covariance = values + gain * (value - values[i]), covariance - np.outer(gain, np.nan_to_num(covariance[i]))
-        if name not in CG:
-            values, covariance = _by_first_moment(pieces[0], before, values, covariance)
+        values, covariance = _by_first_moment(name, pieces[0], before, values, covariance)
     return values, covariance
 
 
-def _by_first_moment(piece: Piece, before: Array, after: Array, covariance: Array) -> tuple[Array, Array]:
+def _by_first_moment(name: str, piece: Piece, before: Array, after: Array, covariance: Array) -> tuple[Array, Array]:
     """A step of values, on a bearing straight in the first moment about it."""
     if piece.bearing is None:
         return after, covariance
-    values, slope = by_first_moment(before[None], after[None], piece.bearing.bearing_mass)
+    values, slope = by_first_moment(name, before[None], after[None], piece.bearing.bearing_mass)
     return values[0], transformed(covariance[None], slope)[0]
 
 

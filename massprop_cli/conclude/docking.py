@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_cli import CG, QUANTITIES, UNITS
+from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import elements, parallel_axis, tensor
@@ -51,8 +51,7 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
         z = (known.value - found[i]) / np.sqrt(slope[i] @ joint @ slope[i] + known.sigma**2)
         if abs(z) > MISMATCH:
             belied.append(f"docking.known.{name} = {known.value:g} {off_by(z)}")
-        turning = 0.0 if vehicle.on_air_bearing and name not in CG else None
-        values, joint = _conditioned(values, joint, slope[i], known, float(found[i]), turning)
+        values, joint = _conditioned(values, joint, slope[i], (name, known), float(found[i]), 0.0 if vehicle.on_air_bearing else None)
         found, slope = difference(values[:10], values[10:]), difference_slope(values[:10], values[10:])
     apart = without_part(vehicle.environment.kind)
     covariance = slope @ joint @ slope.T
@@ -127,19 +126,20 @@ def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array
                 joint[i], joint[:, i] = 0.0, 0.0
                 joint[i, i] = one.sigma**2
             else:
-                turning = vehicle.bearing_mass_kg if vehicle.on_air_bearing and QUANTITIES[i % 10] not in CG else None
-                values, joint = _conditioned(values, joint, np.eye(20)[i], one, float(values[i]), turning)
+                beside = vehicle.bearing_mass_kg if vehicle.on_air_bearing else None
+                values, joint = _conditioned(values, joint, np.eye(20)[i], (QUANTITIES[i % 10], one), float(values[i]), beside)
     values[[9, 19]] -= vehicle.bearing_mass_kg
     return values, joint
 
 
 def _conditioned(
-    values: Array, joint: Array, slope: Array, known: Known, expected: float, bearing_mass_kg: float | None
+    values: Array, joint: Array, slope: Array, known: tuple[str, Known], expected: float, bearing_mass_kg: float | None
 ) -> tuple[Array, Array]:
-    """Both phases' quantities (20,) conditioned on what is ``known``; beside a bearing's mass straight in the first moments about it."""
-    found, covariance = condition(values, joint, slope, known.value, expected, known.sigma)
+    """Both phases' quantities (20,) conditioned on what is ``known``, by name; on a bearing as :func:`by_first_moment` does it."""
+    name, one = known
+    found, covariance = condition(values, joint, slope, one.value, expected, one.sigma)
     if bearing_mass_kg is not None:
-        halves, by = by_first_moment(values.reshape(2, 10), found.reshape(2, 10), bearing_mass_kg)
+        halves, by = by_first_moment(name, values.reshape(2, 10), found.reshape(2, 10), bearing_mass_kg)
         found, whole = halves.ravel(), np.zeros((20, 20))
         whole[:10, :10], whole[10:, 10:] = by
         covariance = whole @ covariance @ whole.T

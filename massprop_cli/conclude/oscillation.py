@@ -27,7 +27,6 @@ from massprop_cli.diagnosis.lackoffit import correlation
 from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.residualtest import DOUBTFUL, deviate, threshold
-from massprop_cli.estimate.sizing import held
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import BLOCK, Source, apart
@@ -71,7 +70,7 @@ def swinging(history: History, samples: Source, used: Resolved, stated: Vehicle,
     periods = periods[periods >= SEEN * apart_cycles]
     if history.reference is None or not len(periods):
         return {}
-    found = lagged(history, samples, held(used))
+    found = lagged(history, samples, used.held_axes)
     sigmas = swings(found, periods, np.array([correlation(used), 1.0]))
     # where disturbances had to be sized something is known to be amiss: then chance may show a sensor's own answers in one of ten logs
     own_rate = 10 * DOUBTFUL if sized(used, stated) else DOUBTFUL

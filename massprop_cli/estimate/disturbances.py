@@ -14,7 +14,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.initial import beginning
-from massprop_cli.estimate.sizing import Levels, held
+from massprop_cli.estimate.sizing import Levels
 from massprop_cli.estimate.unexplained import residual_growth
 from massprop_cli.inputs.estimatorsettings import UNWIDENED
 from massprop_cli.inputs.notice import Notice
@@ -74,7 +74,7 @@ def misfit(histories: Sequence[History], vehicle: Resolved, sized: bool = False)
     if adapted:
         over_long[:3] = 0.0  # a slow torque is in the model by then; only its size is judged
     excess = np.maximum(over_white, over_long)
-    excess[held(vehicle)] = 0.0  # no torque acts there, nor does the body tell of them
+    excess[vehicle.held_axes] = 0.0  # no torque acts there, nor does the body tell of them
     return np.where(excess > 0, excess, np.nan)
 
 
@@ -120,7 +120,7 @@ def gross_misfit(samples: Source, cycles: Sequence[slice], vehicle: Resolved) ->
             e = residual_growth(samples, piece, reference, vehicle)
             left = e.variance + 2 * e.lagged
             excess[:3][left > GROSS * (noise + _stated_growth(samples, piece, reference, vehicle))] = np.inf
-    excess[held(vehicle)] = np.nan
+    excess[vehicle.held_axes] = np.nan
     return excess
 
 

@@ -58,8 +58,8 @@ def quantities(told: Parameters, vehicle: Vehicle) -> tuple[Array, Array]:
             continue
         stated = values
         values, full, data = _condition(values, full, data, QUANTITIES.index(name), known.value, known.sigma)
-        if vehicle.on_air_bearing and name not in CG:
-            values, slope = by_first_moment(stated, values, vehicle.bearing_mass_kg)
+        if vehicle.on_air_bearing:
+            values, slope = by_first_moment(name, stated, values, vehicle.bearing_mass_kg)
             full, data = transformed(full, slope), transformed(data, slope)
     # an axis is no more uncertain than what is known leaves it
     kept = _moments(data) / np.maximum(before, np.finfo(float).tiny)
@@ -73,14 +73,15 @@ def mass_first(known: Mapping[Quantity, T]) -> list[tuple[Quantity, T]]:
     return sorted(known.items(), key=lambda one: one[0] != "mass")
 
 
-def by_first_moment(before: Array, after: Array, bearing_mass_kg: float) -> tuple[Array, Array]:
+def by_first_moment(name: str, before: Array, after: Array, bearing_mass_kg: float) -> tuple[Array, Array]:
     """Ten quantities (K, 10) of a body on a bearing, and their (K, 10, 10) derivative by those ``after`` a straight step from ``before``.
 
-    A log tells the first moment m_r s, s = c − b, m_r = m − m_b, far better than either, so that the step is straight in that instead of s:
-    ``s' = (m_r s + m_r δs + s δm) / (m_r + δm) = s + δs m_r / (m_r + δm)``. Where no mass is told the step is as it was.
+    The step (kg m², m, kg) is to a known quantity of this ``name``. A log tells the first moment m_r s, s = c − b, m_r = m − m_b, far
+    better than s or m_r, so that the step is straight in that: ``s' = (m_r s + m_r δs + s δm) / (m_r + δm) = s + δs m_r / (m_r + δm)``.
+    It is as it was to a CG that is known, and where no mass is told.
     """
     with np.errstate(invalid="ignore"):
-        told = (before[:, 9] > bearing_mass_kg) & (after[:, 9] > bearing_mass_kg)
+        told = (before[:, 9] > bearing_mass_kg) & (after[:, 9] > bearing_mass_kg) & (name not in CG)
     later = after[told, 9:] - bearing_mass_kg
     part = (before[told, 9:] - bearing_mass_kg) / later
     moved = part * (after - before)[told, 6:9]

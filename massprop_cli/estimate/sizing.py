@@ -17,7 +17,6 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.whitening import Disturbance, Driven, each, independent
-from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.regressors import integrals_about
 from massprop_cli.model.resolved import Resolved
@@ -128,13 +127,8 @@ def _piece(samples: Source, cycles: slice, vehicle: Resolved) -> _Piece | None:
     used: BoolArray = np.asarray((~here.executed.ignored[:, :3]).any(1))
     driven = independent(Driven(step, rate, used, 0.0, held=True))
     weights = _weights(reference, median(here.executed.duration_s), noise)
-    weights[held(vehicle)] = 0.0
+    weights[vehicle.held_axes] = 0.0
     return _Piece(driven, weights, noise)
-
-
-def held(vehicle: Vehicle) -> list[int]:
-    """Rate channels of a body that slides on a table, about which it does not turn."""
-    return [0, 1] if vehicle.environment.kind == "planar" else []
 
 
 def _weights(reference: Reference, cycle_s: float, noise: float) -> Array:

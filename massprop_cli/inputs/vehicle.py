@@ -230,6 +230,11 @@ class Vehicle(Section):
         return all(name in self.known for name in ("ixx", "iyy", "izz"))
 
     @property
+    def held_axes(self) -> list[int]:
+        """Body axes about which nothing turns it: X and Y of a body that slides on a table."""
+        return [0, 1] if self.environment.kind == "planar" else []
+
+    @property
     def swings(self) -> bool:
         """Whether a log may have no command: on a pedestal, of known inertia."""
         return self.on_pedestal and self.knows_inertia
