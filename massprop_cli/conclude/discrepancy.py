@@ -51,9 +51,11 @@ UNITS = {"direction": "rad"}
 """Of what has another unit elsewhere."""
 
 
+IMPULSE = ("thrust", "rise", "fall")
+"""Error parameters by which a channel's impulse is another than stated."""
 BEYOND = 2.0
-"""Prior sigmas of an error in the thrust of one channel that stands out, beyond which what is stated is refuted: one that gives less than
-40 %. Others may stand for what no error parameter is: real flights have biases and places of that size."""
+"""Prior sigmas of one of these, where it stands out, beyond which what is stated is refuted: of a jet that gives less than 40 %, or takes
+0.6 cycles more to open. Others may stand for what no error parameter is: real flights have biases and places of that size."""
 TELLS = {
     "thrust": "a calibration of the thrust",
     "timing": "commands and IMU on one clock, or a stated delay and lag",
@@ -89,6 +91,8 @@ class ErrorColumn(NamedTuple):
     """The axis or the channel, if it has several."""
     usual: float
     """One sigma of it in the vehicle file of a careful lab."""
+    least: float = -np.inf
+    """Least physical error, in this sigma."""
 
     def said(self, error: float) -> str:
         """In words, of an error in its usual sigma."""
@@ -119,7 +123,7 @@ class Discrepancy:
     """What the log tells by itself of single error parameters, in words: likely causes, and no proof of one."""
 
     farthest: float
-    """The largest of these in the thrust of a channel, over what may physically be (its prior)."""
+    """The largest of these in the impulse of a channel, over what may physically be (its prior)."""
 
     @property
     def refuted(self) -> bool:
@@ -148,7 +152,7 @@ class Discrepancy:
 def discrepancy(samples: Stream, timing: Timing, used: Resolved, settled: History, plain: PlainFits, i: int) -> Discrepancy | None:
     """Of phase number ``i``; None where there is no fit, or nothing finite."""
     supposed, units, columns = _columns(Setup(samples.log, used, timing), samples, float(settled.natural_sizes[CG]))
-    fitted = partial(_fitted, samples, settled, plain.consider.about(supposed), units)
+    fitted = partial(_fitted, samples, settled, plain.consider.about(supposed), units, np.array([one.least for one in columns]))
     fit = fitted(used, settled.reference)
     if fit is None:
         return None
@@ -168,21 +172,22 @@ def discrepancy(samples: Stream, timing: Timing, used: Resolved, settled: Histor
     full[0] += spun**2 * np.outer(scaled, scaled)
     shares = _shares(fit, columns) | {STORED if spun else COMMON: (common + spun) * np.abs(scaled)}
     said = tuple(columns[at].said(float(fit.errors[at])) for at in fit.freed)
-    sizes = [columns[at].usual * abs(float(fit.errors[at])) for at in fit.freed if columns[at].name == "thrust"]
-    return Discrepancy(
-        values[0], full[0], (bare[0][0], bare[1][0]), fit.scale, common, shares, said, max(sizes, default=0.0) / BY_NAME["thrust"].prior
-    )
+    impulse = [
+        (BY_NAME[columns[at].name].prior, columns[at].usual * float(fit.errors[at])) for at in fit.freed if columns[at].name in IMPULSE
+    ]
+    farthest = max((abs(error) / prior for prior, error in impulse), default=0.0)
+    return Discrepancy(values[0], full[0], (bare[0][0], bare[1][0]), fit.scale, common, shares, said, farthest)
 
 
 def _fitted(
-    samples: Stream, settled: History, consider: Consider, units: Array, vehicle: Resolved, reference: Reference | None
+    samples: Stream, settled: History, consider: Consider, units: Array, least: Array, vehicle: Resolved, reference: Reference | None
 ) -> ErrorFit | None:
     """Beside all error parameters, with the noise and the disturbances of ``vehicle``; None where nothing finite comes of it."""
     if reference is None:
         return None
     with np.errstate(all="ignore"):
         try:
-            found = error_fit(samples, settled.cycles, reference, vehicle.in_phase(settled.phase), consider, units)
+            found = error_fit(samples, settled.cycles, reference, vehicle.in_phase(settled.phase), consider, units, least)
         except np.linalg.LinAlgError:
             return None
     finite = np.isfinite(found.mean).all() and np.isfinite(found.covariance).all() and found.mean[MU] > 0
@@ -223,7 +228,8 @@ def _columns(setup: Setup, samples: Stream, size_m: float) -> tuple[Consider, Ar
             changed = variant(one, setup, samples, axis)
             if changed is not None:
                 variants.append(of_motion(changed, one, setup.vehicle, axis))
-                columns.append(ErrorColumn(one.name, "XYZ"[axis] if one.size > 1 else "", _usual(one, size_m)))
+                usual = _usual(one, size_m)
+                columns.append(ErrorColumn(one.name, "XYZ"[axis] if one.size > 1 else "", usual, one.least(setup) / usual))
     sigmas = {name: _usual(one, size_m) for name, one in BY_NAME.items() if one.per_channel}
     jets = setup.vehicle.jets if setup.log.command_kind == "jets" else ()
     pushes = channels_otherwise(jets, channel_wrench(setup.log, setup.vehicle), sigmas)

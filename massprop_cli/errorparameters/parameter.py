@@ -248,7 +248,7 @@ class ErrorParameter:
 
     def least(self, setup: Setup) -> float:
         """The error by which the stated value is at its least, in ``unit``; of jets, where each is."""
-        now = 0.0 if self.key is None else float(setup.value(self.key).max(initial=0.0))
+        now = 0.0 if self.key is None or np.isinf(self.lowest) else float(setup.value(self.key).max(initial=0.0))
         return (self.lowest - now) / self.scale(setup.vehicle)
 
     def sigma(self, vehicle: Vehicle) -> float:

@@ -117,16 +117,33 @@ def posed_segments(
     )
 
 
-def error_fit(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider, usual: Array) -> ErrorFit:
-    """Of one phase about ``reference``; ``usual`` (e,) are one sigma of each assumption of ``consider``, in its unit."""
+def error_fit(
+    samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider, usual: Array, least: Array
+) -> ErrorFit:
+    """Of one phase about ``reference``; ``usual`` (e,) are one sigma of each assumption of ``consider``, in its unit.
+
+    ``least`` (e,) are the least errors that are physical, in their usual sigma. One that would have to be less stands for something else,
+    and is held at none.
+    """
     segments = posed_segments(samples, cycles, reference, vehicle, consider, SEGMENTS)
-    posed = segments.rows
-    posed = [rows * np.concatenate([np.ones(rows.shape[1] - len(usual) - 1), -usual, [1.0]]) for rows in posed]
-    first, size = posed[0].shape[1] - len(usual) - 1, len(usual)
+    posed = [rows * np.concatenate([np.ones(rows.shape[1] - len(usual) - 1), -usual, [1.0]]) for rows in segments.rows]
+    count = int((~samples.unread).sum()) * (cycles.stop - cycles.start)
+    while True:
+        found = _beside_errors(segments, posed, len(usual), count)
+        below = least - np.sqrt(np.diag(found.left)) - found.errors
+        if below.max(initial=0.0) <= 0:
+            return found
+        at = len(usual) + 1 - int(below.argmax())
+        for rows in posed:
+            rows[:, -at] = 0.0
+
+
+def _beside_errors(segments: PosedSegments, posed: Sequence[Array], size: int, count: int) -> ErrorFit:
+    """Of rows with so many error parameters, in their usual sigma, and of so many measurements."""
+    first = posed[0].shape[1] - size - 1
     own = slice(first - 10, first)
     triangle = triangle_of(np.vstack(posed))
-    count = int((~samples.unread).sum()) * (cycles.stop - cycles.start) - first
-    s, noise, freed = _told(triangle[first:, first:], count)
+    s, noise, freed = _told(triangle[first:, first:], count - first)
     sigma = np.full(size, max(s, LEAST))
     sigma[freed] = WIDE
     prior = np.eye(size, triangle.shape[1], first) * (noise / sigma)[:, None]

@@ -22,7 +22,7 @@ from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.model.geometry import channels_otherwise
+from massprop_cli.model.geometry import WrenchChanges, channels_otherwise
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from tests import faulty
@@ -81,8 +81,10 @@ def test_errors_of_jets_are_what_the_estimator_finds_where_they_are_stated(monke
     assert fit.history.reference is not None
     pushes = channels_otherwise(vehicle.jets, vehicle.jet_wrench, USUAL)
     monkeypatch.setattr(discrepancy, "_told", lambda *_: (1.0, 1.0, []))
-    own = plain.used.in_phase(phase)
-    found = discrepancy.error_fit(begun.samples, cycles, fit.history.reference, own, Consider(pushes=pushes), np.ones(len(pushes.channels)))
+    own, open_ended = plain.used.in_phase(phase), np.full(len(pushes.channels), -np.inf)
+    found = discrepancy.error_fit(
+        begun.samples, cycles, fit.history.reference, own, Consider(pushes=pushes), np.ones(len(pushes.channels)), open_ended
+    )
     sigmas = {"thrust_sigma": USUAL["thrust"], "position_sigma_m": USUAL["position"], "direction_sigma_rad": USUAL["direction"]}
     stated = faulty.stated(vehicle, *(f"jets.{i}.{key}={size}" for i in range(len(vehicle.jets)) for key, size in sigmas.items()))
     other = ready(log, VehicleSource(stated, "", ""), lambda *_: None)
@@ -92,6 +94,30 @@ def test_errors_of_jets_are_what_the_estimator_finds_where_they_are_stated(monke
     values, full = quantities(Parameters(found.mean[None], covariance[None], (own_sigmas / found.mean)[None, MOMENTS]), own)
     np.testing.assert_allclose(np.sqrt(np.diag(full[0])), beside.sigmas[-1], rtol=0.02)
     assert (np.abs(values[0] - beside.values[-1]) < 0.1 * beside.sigmas[-1]).all()
+
+
+def test_an_error_beyond_what_is_physical_is_none() -> None:
+    """As if it had never been a column; one in the range changes nothing."""
+    log, vehicle = flown()
+    begun = ready(log, VehicleSource(faulty.pushing(vehicle, {vehicle.jets[0].name: 1.2}), "", ""), lambda *_: None)
+    plain = as_stated(begun.samples, begun.phases, begun.stated, begun.consider)
+    fit = plain.fits[0]
+    assert fit is not None
+    assert fit.history.reference is not None
+    pushes = channels_otherwise(vehicle.jets, vehicle.jet_wrench, {"thrust": USUAL["thrust"], "position": 0.0, "direction": 0.0})
+    others = WrenchChanges(pushes.channels[1:], pushes.wrench[1:], pushes.kinds[1:])
+    own, reference, cycles = plain.used.in_phase(begun.phases[0][0]), fit.history.reference, begun.phases[0][1]
+
+    def fitted(changes: WrenchChanges, least: float) -> discrepancy.ErrorFit:
+        usual, bounds = np.ones(len(changes.channels)), np.full(len(changes.channels), -np.inf)
+        bounds[0] = least
+        return discrepancy.error_fit(begun.samples, cycles, reference, own, Consider(pushes=changes), usual, bounds)
+
+    whole, bounded, without = fitted(pushes, -np.inf), fitted(pushes, 0.0), fitted(others, -np.inf)
+    assert whole.errors[0] == pytest.approx(-(1 - 1 / 1.2) / USUAL["thrust"], rel=0.1)
+    np.testing.assert_allclose(fitted(pushes, whole.errors[0]).mean, whole.mean, rtol=1e-12)
+    np.testing.assert_allclose(bounded.errors[1:], without.errors, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(bounded.mean, without.mean, rtol=1e-9)
 
 
 def _noisy(used: Resolved, stated: Vehicle) -> Resolved:
