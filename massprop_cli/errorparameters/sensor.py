@@ -60,6 +60,7 @@ def _scale(sensor: Literal["gyro", "accel"]) -> ErrorParameter:
         no_sigma=_CALIBRATE,
         size=3,
         sensor=sensor,
+        lowest=-0.5,  # what shows less is in another unit
         shown=lambda error, _: np.diag(np.exp(error)),
         columns=columns,
         bends="with gravity" if sensor == "gyro" else "never",
