@@ -365,6 +365,10 @@ def _of_jets(log: Log, samples: Samples, cycles: slice, reference: Reference, ve
 
 
 def _change(early: Samples, late: Samples, step: float, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:
-    """Derivative of the response, (K − 1, 3, 1) and (K, 3, 1), per cycle of what differs between two readings by ``step``."""
+    """Derivative of the response less what was read, (K − 1, 3, 1) and (K, 3, 1), per cycle by which two readings are ``step`` apart.
+
+    On a bearing the specific force is read as it was when the gyro's motion was, so that it differs by a sensor's own lateness, too.
+    """
     (growth_early, push_early), (growth_late, push_late) = (response(s, cycles, reference, vehicle) for s in (early, late))
-    return (growth_late - growth_early)[..., None] / step, (push_late - push_early)[..., None] / step
+    read_early, read_late = (s.part(cycles).specific_force_m_s2 for s in (early, late))
+    return (growth_late - growth_early)[..., None] / step, (push_late - read_late - push_early + read_early)[..., None] / step

@@ -157,6 +157,19 @@ def test_a_cutoff_is_found_with_its_sigma() -> None:
             assert abs(low_pass.cutoff - 45.0) < 4.5 * low_pass.cutoff_sigma_hz
 
 
+def test_on_a_bearing_the_weight_tells_how_late_the_accelerometer_is() -> None:
+    """As well as the gyro's rates tell it of the gyro: the specific force turns with the attitude."""
+    ((answer, deviation),) = found_of(
+        8, anyimu.Imu(200.0, "mean", 1, 40.0, gyro_noise=2e-4, accel_noise=0.02), 0.14, auto=True, count=1, bearing=True
+    )
+    gyro, accelerometer = answer.vehicle.imu.gyro_filter, answer.vehicle.imu.accel_filter
+    assert gyro is not None
+    assert accelerometer is not None
+    assert accelerometer.cutoff_sigma_hz < 1.4 * gyro.cutoff_sigma_hz
+    assert abs(1 / accelerometer.cutoff - 1 / gyro.cutoff) < 2 * np.pi * 1e-4
+    assert np.abs(deviation).max() < 4
+
+
 def with_latency(used: Vehicle, delay: float | Literal["auto"]) -> Vehicle:
     """The vehicle file with both latencies to be found."""
     low_passes = {name: getattr(used.imu, name).model_copy(update={"latency_s": "auto"}) for name in ("gyro_filter", "accel_filter")}
