@@ -20,6 +20,7 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model import kernelargs
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.sensor import KernelEffect, Recorder, kernel_effect
+from massprop_cli.prepare.stored import free_inertia
 from massprop_cli.prepare.timing import Timing
 
 FILTERS = ("gyro_filter", "accel_filter")
@@ -30,6 +31,7 @@ class GyroAttitude(NamedTuple):
 
     kernel_effect: KernelEffect | None
     pulsed: bool
+    free_inertia: Array
     attitude_logged: bool = False
 
 
@@ -124,7 +126,7 @@ def told(source: VehicleSource, log_path: Path) -> Constants:
 def _leg(name: str, recorder: Recorder, vehicle: Resolved, cycles: slice) -> Leg:
     # on a pedestal no motion depends on the mass
     own = vehicle.model_copy(update={"known": {}}) if vehicle.on_pedestal else vehicle
-    carried = GyroAttitude(kernel_effect(recorder, own), own.thrust.pulse_sigma > 0)
+    carried = GyroAttitude(kernel_effect(recorder, own), own.thrust.pulse_sigma > 0, free_inertia(1, own))
     return Leg(name, compiled.table(carried, own), _rule(own), cycles, own)
 
 

@@ -31,7 +31,7 @@ VEHICLE = (
     ),
 )
 """Members of mp_vehicle in the order of its table, before each wheel's, and how many numbers each has; 0: one whole number."""
-OF_WHEEL = (("axis", slice(0, 3)), ("spin_sigma", slice(3, 4)), ("spin_inertia", slice(4, 5)))
+OF_WHEEL = (("axis", slice(0, 3)), ("spin_sigma", slice(3, 4)), ("spin_inertia", slice(4, 5)), ("free_inertia", slice(5, 6)))
 """The same of each wheel, and where they stand among its own."""
 COMMANDS = (
     *(("jets", 0), ("commands", 0), ("records", 0), ("waits", 0), ("period_s", 1), ("delay_s", 1), ("memory_s", 1), ("late", 1)),
@@ -128,7 +128,7 @@ def _body(table: Array, names: Sequence[tuple[str, int]]) -> str:
 
 
 def _wheels(table: Array) -> str:
-    each = table[_length(VEHICLE) :].reshape(-1, 5)
+    each = table[_length(VEHICLE) :].reshape(-1, 6)
     if not len(each):
         return ""
     members = ((name, ", ".join(_list(row[own]) if name == "axis" else _number(row[own][0]) for row in each)) for name, own in OF_WHEEL)

@@ -72,6 +72,7 @@ mp_vehicle mp_vehicle_of(const double *table) {
         table = mp_copied(vehicle.axis[w], table, 3);
         table = mp_copied(&vehicle.spin_sigma[w], table, 1);
         table = mp_copied(&vehicle.spin_inertia[w], table, 1);
+        table = mp_copied(&vehicle.free_inertia[w], table, 1);
     }
     return vehicle;
 }

@@ -120,11 +120,24 @@ void mp_precession(const mp_real rate[3], const mp_real rate_dot[3], const mp_re
     }
 }
 
-/* The same of what all wheels store. */
-static void precessing(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_bin *here, int b, mp_real torque[3], mp_real late[3]) {
-    mp_real mean[3], growing[3], bin_s = cycle->duration_s / R(vehicle->bins);
+void mp_mean_rate_dot(const mp_vehicle *vehicle, const mp_bin *bins, mp_real out[3]) {
+    int b, i;
+    for (i = 0; i < 3; i++) out[i] = R(0);
+    for (b = 0; b < vehicle->bins; b++)
+        for (i = 0; i < 3; i++) out[i] += bins[b].rate_dot[i] / R(vehicle->bins);
+}
+
+void mp_by_wheels(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_bin *here, int b, const mp_real steady[3], mp_real torque[3],
+                  mp_real late[3]) {
+    mp_real mean[3], growing[3], beyond[3], bin_s = cycle->duration_s / R(vehicle->bins);
+    int w, i;
     mp_momentum_of(vehicle, cycle, b, -1, mean, growing);
     mp_precession(here->rate, here->rate_dot, mean, growing, bin_s * bin_s / R(12), torque, late);
+    for (i = 0; i < 3; i++) beyond[i] = here->rate_dot[i] - steady[i];
+    for (w = 0; w < vehicle->wheels; w++) {
+        mp_real along = vehicle->free_inertia[w] * mp_dot(vehicle->axis[w], beyond);
+        for (i = 0; i < 3; i++) torque[i] += vehicle->axis[w][i] * along;
+    }
 }
 
 /* Mean reading less mean rate, as far as commands make it: their response behind the sensor's kernel, less the motion by bins. */
@@ -159,7 +172,8 @@ void mp_within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, c
     for (i = 0; i < 3; i++) coning[i] = R(0);
     for (again = 0; again < PASSES; again++) {
         mp_real change[3] = {R(0), R(0), R(0)}, behind[3] = {R(0), R(0), R(0)}, turned[3] = {R(0), R(0), R(0)}, coned[3] = {R(0), R(0), R(0)};
-        mp_real grown[2][3] = {{R(0), R(0), R(0)}, {R(0), R(0), R(0)}};
+        mp_real grown[2][3] = {{R(0), R(0), R(0)}, {R(0), R(0), R(0)}}, steady[3];
+        mp_mean_rate_dot(vehicle, bins, steady);
         if (vehicle->curvature != R(0) && again > 0)
             for (i = 0; i < 2; i++) coupled(about, channels, rates[i], bin_s * R(count), grown[i]);
         for (b = 0; b < count; b++) {
@@ -171,7 +185,7 @@ void mp_within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, c
                 memcpy(acts[0], here->wrench, sizeof acts[0]);
                 memcpy(acts[1], cycle->skew[b], sizeof acts[1]);
                 if (vehicle->wheels > 0) {
-                    precessing(vehicle, cycle, here, b, torque[0], torque[1]);
+                    mp_by_wheels(vehicle, cycle, here, b, steady, torque[0], torque[1]);
                     for (i = 0; i < 3; i++) {
                         acts[0][i] += torque[0][i];
                         acts[1][i] += torque[1][i];

@@ -19,5 +19,11 @@ void mp_momentum_of(const mp_vehicle *vehicle, const mp_cycle *cycle, int b, int
 /* Torque -w x h of momentum on the vehicle in a bin, mean, and its first moment about the bin's middle over its length. */
 void mp_precession(const mp_real rate[3], const mp_real rate_dot[3], const mp_real mean[3], const mp_real growing[3], mp_real squared,
                    mp_real torque[3], mp_real late[3]);
+/* Angular acceleration, mean over the bins. */
+void mp_mean_rate_dot(const mp_vehicle *vehicle, const mp_bin *bins, mp_real out[3]);
+/* All that wheels do by the motion: that of what they store; and what those whose speed relative to the body is read at a cycle's end take
+ * less of the angular acceleration than in its mean, `steady`. */
+void mp_by_wheels(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_bin *here, int b, const mp_real steady[3], mp_real torque[3],
+                  mp_real late[3]);
 
 #endif

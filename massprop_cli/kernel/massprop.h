@@ -102,6 +102,7 @@ typedef struct {
     mp_real axis[MP_SPUN][3]; /* of positive speed */
     mp_real spin_sigma[MP_SPUN]; /* of its spin inertia, relative */
     mp_real spin_inertia[MP_SPUN]; /* kg m^2 about it */
+    mp_real free_inertia[MP_SPUN]; /* of it, by which what it stores follows the body's rate within a cycle */
 } mp_vehicle;
 
 /* Whether it is on a bearing or a pedestal. Compiled without, what only these want is left out. */

@@ -44,16 +44,21 @@ static void sensed(const mp_cycle *cycle, const mp_real up[3], mp_real forced[2]
     }
 }
 
-/* To the impulses under the halves of the window and over the cycle: torque by what wheels store, -w x h, which `one` alone stores by a
- * unit of its scale, or all (-1). */
+/* To the impulses under the halves of the window and over the cycle: torque by wheels and the motion; or -w x h alone of what `one` stores
+ * by a unit of its scale. All of them: -1. */
 static void stored(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_bin *bins, int one, mp_real rising[3], mp_real falling[3],
                    mp_real whole[3]) {
     int count = vehicle->bins, b, i;
-    mp_real bin_s = cycle->duration_s / R(count), made[2][3] = {{R(0), R(0), R(0)}, {R(0), R(0), R(0)}};
+    mp_real bin_s = cycle->duration_s / R(count), made[2][3] = {{R(0), R(0), R(0)}, {R(0), R(0), R(0)}}, steady[3];
+    mp_mean_rate_dot(vehicle, bins, steady);
     for (b = 0; b < count; b++) {
         mp_real mean[3], growing[3], torque[3], late[3];
-        mp_momentum_of(vehicle, cycle, b, one, mean, growing);
-        mp_precession(bins[b].rate, bins[b].rate_dot, mean, growing, bin_s * bin_s / R(12), torque, late);
+        if (one < 0) {
+            mp_by_wheels(vehicle, cycle, bins + b, b, steady, torque, late);
+        } else {
+            mp_momentum_of(vehicle, cycle, b, one, mean, growing);
+            mp_precession(bins[b].rate, bins[b].rate_dot, mean, growing, bin_s * bin_s / R(12), torque, late);
+        }
         for (i = 0; i < 3; i++) {
             windowed(made[0] + i, made[1] + i, torque[i], b, count, bin_s);
             made[0][i] += late[i] / R(count);

@@ -65,7 +65,8 @@ def vehicle_numbers(samples: Mounted, vehicle: Vehicle, noise: Sequence[float] =
     known = vehicle.known.get("mass")
     mass_kg = vehicle.pedestal_mass_kg if vehicle.on_pedestal else known.value if known else 0.0
     wheels = [
-        (*wheel.direction, wheel.spin_inertia_sigma_kg_m2 / wheel.spin_inertia_kg_m2, wheel.spin_inertia_kg_m2) for wheel in vehicle.wheels
+        (*wheel.direction, wheel.spin_inertia_sigma_kg_m2 / wheel.spin_inertia_kg_m2, wheel.spin_inertia_kg_m2, free)
+        for wheel, free in zip(vehicle.wheels, samples.free_inertia, strict=True)
     ]
     numbers = (
         *(KINDS.index(environment.kind), *states, vehicle.estimator.bins_per_cycle, samples.pulsed),

@@ -44,6 +44,10 @@ class Mounted(Protocol):
     def pulsed(self) -> bool:
         """Whether impulses have errors of their own: of pulses, or because a command was lost."""
 
+    @property
+    def free_inertia(self) -> Array:
+        """(A,) by how much each device's momentum relative to the body follows its rate within a cycle, kg m²."""
+
 
 class Source(Mounted, Protocol):
     """The control cycles of a log, of which any part can be had."""
@@ -120,6 +124,11 @@ class Samples:
     def pulsed(self) -> bool:
         """Of all of them."""
         return self.executed.pulse_covariance is not None
+
+    @property
+    def free_inertia(self) -> Array:
+        """(A,) by how much each device's momentum relative to the body follows its rate within a cycle, kg m²."""
+        return np.zeros(0) if self.executed.stored is None else self.executed.stored.free_inertia
 
     @property
     def unread(self) -> BoolArray:

@@ -29,10 +29,17 @@ class Stored:
     """(K, B, A) its first moment about the bin's middle, over the bin's length, N m s²."""
     begun: Array
     """(A,) what it was when the log began, N m s."""
+    free_inertia: Array
+    """(A,) by how much momentum relative to the body follows its rate within a cycle, kg m²."""
 
     def part(self, cycles: slice) -> Stored:
         """Of some cycles."""
         return replace(self, mean=self.mean[cycles], skew=self.skew[cycles])
+
+    @property
+    def released(self) -> Array:
+        """(3, 3) inertia of the body that these leave out within a cycle, J a aᵀ of each."""
+        return np.asarray(self.axis.T @ (self.free_inertia[:, None] * self.axis))
 
     def precession(self, rate_rad_s: Array) -> Array:
         """(K, 3) torque −ω × h of mean rates (K, 3) and mean momenta, N m."""
@@ -64,7 +71,13 @@ def turned(
     skew = held_moment / length - held / 2
     # on a table, what they do about Z alone
     axis = np.concatenate([device.axes for device in vehicle.spinning]) * vehicle.environment.moving[:3]
-    return list(torques), Stored(axis, frozen((held / length).reshape(shape)), frozen(skew.reshape(shape)), frozen(begun))
+    mean, first = frozen((held / length).reshape(shape)), frozen(skew.reshape(shape))
+    return list(torques), Stored(axis, mean, first, frozen(begun), free_inertia(log.records_per_cycle, vehicle))
+
+
+def free_inertia(records_per_cycle: int, vehicle: Vehicle) -> Array:
+    """(A,) of :class:`Stored`: of speeds that are read once in each cycle, at its end."""
+    return np.array([inertia for device in vehicle.spinning for inertia in device.free_inertia]) * (records_per_cycle == 1)
 
 
 def first_known_s(log: Log, vehicle: Vehicle) -> float:

@@ -20,7 +20,7 @@ from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.compensate import Before, Samples, biased_attitude, compensate, felt
 from massprop_cli.prepare.measured import measured
 from massprop_cli.prepare.sensor import kernel_effect, shown_late_s
-from massprop_cli.prepare.stored import last_known_s
+from massprop_cli.prepare.stored import free_inertia, last_known_s
 from massprop_cli.prepare.sums import of_records
 from massprop_cli.prepare.timing import Timing
 
@@ -64,6 +64,7 @@ class Stream:
         self.unread = unread(self.log, vehicle)
         self.kernel_effect = kernel_effect(self.log, alignment.vehicle)
         self.pulsed = vehicle.thrust.pulse_sigma > 0 or lost_commands(self.log)
+        self.free_inertia = free_inertia(self.log.records_per_cycle, vehicle)
         begun = at_first(vehicle, self._motion(slice(0, 1))[0][0], shown_late_s(self.log, vehicle)[0])
         self._edges = [(begun, BiasSeen.none(), 0.0)]
         self._held, self._least = slice(0, 0), LEAST

@@ -77,6 +77,14 @@ def test_without_noise_nothing_is_left(imu: anyimu.Imu, period_s: float, most: f
         assert np.abs(deviation).max() < most
 
 
+def test_a_wheel_that_a_pulse_turns_the_body_about_is_left_behind_within_the_cycle() -> None:
+    """Of wheels with 0.2 % of the body's inertia, read once in a cycle: taken to turn evenly they show a delay that is none."""
+    quiet = anyimu.Imu(20.0, "increment", gyro_noise=3e-5, accel_noise=0.005)
+    for answer, deviation in found_of(4, quiet, 0.05, wheels="speed", noise=0.0):
+        assert not [notice.code for notice in answer.notices if not notice.code.startswith("noise")]
+        assert np.abs(deviation).max() < 0.3
+
+
 @pytest.mark.thorough
 @pytest.mark.seeds
 @pytest.mark.numerical

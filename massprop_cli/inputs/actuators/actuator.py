@@ -146,6 +146,11 @@ class MomentumDevice(Actuator):
     def momentum(self, said: MomentumLog, log: LogTimes) -> Grown:
         """What it holds in time."""
 
+    @property
+    def free_inertia(self) -> Array:
+        """(a,) by how much its momentum along each axis follows the body's rate between two readings of its speed, kg m²."""
+        return np.zeros(len(self.axes))
+
     def scatter(self, said: MomentumLog, weight: Array) -> float:  # noqa: ARG002
         """One sigma [N m s] by which its momentum scatters from record to record, each of the ``weight`` (n,) of its rate squared: 0."""
         return 0.0

@@ -135,6 +135,12 @@ class Wheel(actuator.MomentumDevice):
         return np.asarray((int(self.column == "speed") - int(self.locked_in_inertia)) * self.locked)
 
     @property
+    def free_inertia(self) -> Array:
+        """(1,) a motor's torque is even from one reading of the speed to the next, and so is the growth of J (W + a · ω)."""
+        exact = not (self.speed_latency_s or self.speed_window_s or self.torque_steps_s)
+        return np.array([self.spin_inertia_kg_m2 * (exact and self.column == "speed")])
+
+    @property
     def unknowns(self) -> tuple[actuator.Unknown, ...]:
         """By speed its inertia, relative; by torque the speed that it began with, rad/s, and the torque, relative. Its axis, rad."""
         relative = self.spin_inertia_sigma_kg_m2 / self.spin_inertia_kg_m2
