@@ -8,7 +8,7 @@ from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.docking import difference_slope
 from massprop_cli.report import digits, vocabulary
-from massprop_cli.result.schema import BY_OBJECT, Assumption, DockedObject, Effect, PhaseItem, Result
+from massprop_cli.result.schema import Assumption, DockedObject, Effect, PhaseItem, Result
 
 TOLD = 5.0
 """Sigmas of misfit from which on the log itself would tell that an assumption is one step off."""
@@ -87,8 +87,7 @@ def implied_thrust(body: PhaseItem | DockedObject) -> str:
     if isinstance(body, DockedObject) or body.implied_thrust_scale is None:
         return ""
     found = body.implied_thrust_scale
-    stated = "stated thrust, or momentum of wheels" if found.by == BY_OBJECT else "stated thrust"
-    return f"the {found.by.replace('.', ' ')} implies {digits.with_sigma(found.value, found.sigma)} of the {stated}"
+    return f"the {found.by.replace('.', ' ')} implies {digits.with_sigma(found.value, found.sigma)} of the stated {found.of}"
 
 
 KINDS = {

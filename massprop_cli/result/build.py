@@ -211,8 +211,9 @@ def _implied(conclusion: Conclusion, vehicle: Vehicle) -> schema.ImpliedScale | 
     if known is None or variance <= 0 or not np.isfinite(mass + variance) or mass <= 0:
         return None
     value = known.value / mass
+    of = schema.MOMENTUM if vehicle.spinning and vehicle.thrust.scale_sigma > 0 else schema.THRUST
     return schema.ImpliedScale(
-        by="known.mass", value=value, sigma=value * float(np.hypot(known.sigma / known.value, np.sqrt(variance) / mass))
+        by="known.mass", of=of, value=value, sigma=value * float(np.hypot(known.sigma / known.value, np.sqrt(variance) / mass))
     )
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from massprop_cli import PIVOT
 from massprop_cli.base.errors import InputError
-from massprop_cli.result.schema import DockedObject, EstimateItem, ExpectationFile, Expected, ImpliedScale, PhaseItem, Result
+from massprop_cli.result.schema import DockedObject, EstimateItem, ExpectationFile, Expected, ImpliedScale, PhaseItem, Result, either
 
 if TYPE_CHECKING:
     from massprop_cli.inputs.expect import Expectations, Wanted
@@ -22,7 +22,9 @@ def judge(found: Result, expectations: Expectations) -> Result:
     """The result with every estimate tested against its expectation; :class:`InputError` where it lacks a phase that is expected."""
     names = [phase.name for phase in found.phases]
     own = _by_name(expectations, names)
-    phases = [_phase(phase, _asked(expectations, items(phase), expectations.every | own.get(phase.name, {}))) for phase in found.phases]
+    phases = [
+        _phase(found, phase, _asked(expectations, items(phase), expectations.every | own.get(phase.name, {}))) for phase in found.phases
+    ]
     docked = found.docked_object
     if expectations.docked and docked is None:
         raise InputError(
@@ -62,19 +64,19 @@ def apart(every: Mapping[str, _Kind]) -> tuple[dict[str, _Kind], dict[str, _Kind
     return ten, {name.removeprefix(PIVOT): item for name, item in every.items() if name.startswith(PIVOT)}
 
 
-def _phase(phase: PhaseItem, wanted: dict[str, Wanted]) -> PhaseItem:
+def _phase(found: Result, phase: PhaseItem, wanted: dict[str, Wanted]) -> PhaseItem:
     ten, about = apart(_estimates(items(phase), wanted))
-    scale = phase.implied_thrust_scale or _implied(phase, wanted.get("mass"))
+    scale = phase.implied_thrust_scale or _implied(phase, wanted.get("mass"), either(found.vehicle))
     return phase.model_copy(update={"estimates": ten, "about_pivot": about, "implied_thrust_scale": scale})
 
 
-def _implied(phase: PhaseItem, mass: Wanted | None) -> ImpliedScale | None:
-    """The part of the stated thrust that makes the estimated mass the expected one."""
+def _implied(phase: PhaseItem, mass: Wanted | None, of: str) -> ImpliedScale | None:
+    """The part of what is stated that makes the estimated mass the expected one."""
     found = phase.estimates["mass"]
     if mass is None or found.value is None or found.sigma is None or not found.value > 0:
         return None
     scale = mass.value / found.value
-    return ImpliedScale(by="expected mass", value=scale, sigma=scale * found.sigma / found.value)
+    return ImpliedScale(by="expected mass", of=of, value=scale, sigma=scale * found.sigma / found.value)
 
 
 def _by_name(expectations: Expectations, names: list[str]) -> dict[str, dict[str, Wanted]]:

@@ -203,12 +203,26 @@ BY_OBJECT = "added object"
 """Of an implied scale: of a joint result."""
 
 
+THRUST, MOMENTUM = "thrust", "momentum of wheels"
+"""What an implied scale is of."""
+
+
 class ImpliedScale(Item):
-    """The thrust, as a part of what the vehicle file states, that a mass from elsewhere implies; without jets, momentum of wheels."""
+    """The thrust, as a part of what the vehicle file states, that a mass from elsewhere implies; or the momentum of wheels."""
 
     by: str = Field(description='where the mass comes from: "known.mass", "expected mass" or "added object"')
-    value: float = Field(description="thrust over stated thrust; 1 if the vehicle file is right; without jets, momentum of wheels likewise")
+    of: str = Field(
+        THRUST,
+        description='"thrust"; "momentum of wheels" where there are no jets, or wheels tell the scale of the thrust (thrust.scale_sigma); '
+        "or either, where the result does not say which",
+    )
+    value: float = Field(description="over what is stated; 1 if the vehicle file is right")
     sigma: float
+
+
+def either(vehicle: VehicleInfo) -> str:
+    """What a mass from elsewhere tells the scale of, as far as a result says."""
+    return f"{THRUST}, or {MOMENTUM}" if vehicle.wheels and vehicle.jets else MOMENTUM if vehicle.wheels else THRUST
 
 
 class SegmentItem(Item):

@@ -74,4 +74,6 @@ def test_what_a_known_mass_says_of_the_thrust_is_a_sentence() -> None:
     assert assumptions.implied_thrust(phase) == "the known mass implies 1.0341 ± 0.0021 of the stated thrust"
     (expected,) = result(phases=[recorded.phase() | {"implied_thrust_scale": scale | {"by": "expected mass"}}]).phases
     assert assumptions.implied_thrust(expected).startswith("the expected mass implies")
+    (wheeled,) = result(phases=[recorded.phase() | {"implied_thrust_scale": scale | {"of": "momentum of wheels"}}]).phases
+    assert assumptions.implied_thrust(wheeled).endswith("of the stated momentum of wheels")
     assert assumptions.implied_thrust(result().phases[0]) == ""

@@ -106,6 +106,17 @@ def test_beside_wheels_no_scale_is_added_to_what_logs_and_phases_have_alike() ->
         np.testing.assert_allclose(np.diag(joint)[10 * half :][:6], np.diag(conclusion.bare[1])[:6], rtol=1e-9)
 
 
+def test_where_wheels_tell_the_scale_of_thrust_a_weighed_mass_implies_their_momentum() -> None:
+    """The thrust is 0.95 of what is stated, and the wheels are what is stated."""
+    _, flight = flown("wheels-and-jets", "actuators.scale=0.95", seconds=20)
+    weighed = f"known.mass={{value={TRUTH[9]}, sigma={1e-4 * TRUTH[9]}}}"
+    (phase,) = build.result(estimated(flight, "thrust.scale_sigma=0.05", weighed)).phases
+    implied = phase.implied_thrust_scale
+    assert implied is not None
+    assert implied.of == "momentum of wheels"
+    assert abs(implied.value - 1) < 4 * implied.sigma < 0.04
+
+
 def test_where_wheels_tell_little_of_the_scale_logs_have_it_alike_all_the_same() -> None:
     """Drawn: what a log tells of an unknown scale, its prior beside that, and how much of the error is then the prior's."""
     rng = np.random.default_rng(1)
