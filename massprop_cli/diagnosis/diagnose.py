@@ -15,6 +15,7 @@ from itertools import chain, islice
 
 import numpy as np
 
+from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis import change, delay, hypotheses
 from massprop_cli.diagnosis.channelpairs import swapped, two_channels, wired
 from massprop_cli.diagnosis.comparison import Fitted, fitted
@@ -294,12 +295,13 @@ def _changed(screening: Screening, whole: Screening, rest: Callable[[], Undistur
     kept = rest()
     if kept is not None and (len(kept.kept_s) > 1 or kept.answered < ANSWERED):
         return None  # what acts for a time, or nothing that is commanded, tells of no other body
+    thrust, imu = _or_thrust(screening, sides), _or_imu(screening, sides)
     message = (
-        f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release{_or_thrust(screening, sides)}; "
+        f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release{thrust}{imu}; "
         "give the vehicle file [[phases]] that end and begin there "
         "(estimator.split_on_change = true does it): what is estimated over the change is no body's"
     ) + ("; what [known] states is of neither part then: state it under [[phases]]" if case.vehicle.known else "")
-    return Diagnosis((Explanation("mass-change", message, Correction(("estimator.split_on_change=true",)), time),))
+    return Diagnosis((Explanation("mass-change", message, None if imu else Correction(("estimator.split_on_change=true",)), time),))
 
 
 def _or_thrust(screening: Screening, sides: Sequence[Screening | None]) -> str:
@@ -312,6 +314,15 @@ def _or_thrust(screening: Screening, sides: Sequence[Screening | None]) -> str:
     if not screening.model.thrusting or np.ptp(by) > PROPORTION * part or abs(part - 1) < PROPORTION:
         return ""
     return f", or if all thrust is {part:.3g} of what it was from then on, as by another supply pressure"
+
+
+def _or_imu(screening: Screening, sides: Sequence[Screening | None]) -> str:
+    """That another IMU may record from then on, where the CG alone changes and no thrust tells where it is."""
+    before, after = (side.stated.value("theta") for side in sides if side is not None)
+    turned = np.abs(tensor(after[:6]) @ np.linalg.inv(tensor(before[:6])) - np.eye(3)).max()
+    if screening.model.thrusting or screening.model.bearing is not None or turned > PROPORTION:
+        return ""
+    return ", or if another IMU, some way off, records from then on: the CG alone changes, and no thrust tells where it is"
 
 
 def _pair(screening: Screening, alone: Sequence[Refit], worst: float) -> Diagnosis | None:

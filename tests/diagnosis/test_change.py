@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis import change
 from massprop_cli.estimate.triangle import Triangle
@@ -65,6 +67,23 @@ def test_a_docking_before_the_busiest_cycles_of_a_long_log_is_named() -> None:
     flown = fly("free-flyer", "duration_s=95.0", f"plan=[{before}, {after}]", *docks, one_phase)
     (said,) = [notice.message for notice in faulty.examined(flown.log(0), flown.vehicle).notices if notice.code == "mass-change"]
     assert abs(float(said.split("at once at ")[1].split(" s")[0]) - 500 * 0.05) <= 0.1
+
+
+def test_where_the_cg_alone_changes_and_nothing_pushes_it_may_be_another_imu() -> None:
+    """The spare IMU, 0.3 m from the first, records from half time on: no thrust tells that the CG stays."""
+    turns = 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], start_s=0, end_s=40}]', "duration_s=40"
+    near = np.array(fly("wheels", *turns).vehicle.imu.position_m)
+    first, spare = (
+        fly("wheels", *turns, f"vehicle.imu.position_m={(near + by).tolist()}") for by in (np.zeros(3), np.array([0, 0.24, 0.18]))
+    )
+    log = first.log(0)
+    half = len(log.time_s) // 2
+    other = replace(log, delta_v_imu_m_s=frozen(np.vstack([log.delta_v_imu_m_s[:half], spare.log(0).delta_v_imu_m_s[half:]])))
+    analysis = faulty.examined(other, first.vehicle)
+    (said,) = [notice.message for notice in analysis.notices if notice.code == "mass-change"]
+    assert "another IMU" in said
+    assert abs(float(said.split("at once at ")[1].split(" s")[0]) - 20) < 0.2
+    assert not analysis.mended
 
 
 def test_nothing_is_said_of_a_stretch_too_short_to_have_two_sides() -> None:
