@@ -36,8 +36,8 @@ def with_steps(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[Vehicle, lis
     As stated where it is.
     """
     # a sample of the rate shows what speeds of wheels at the records' ends do, however they came there
-    by_records = log.records_per_cycle == 1 and not log.sampled[0]
-    wheels = [f"wheels.{n}" for n, wheel in enumerate(vehicle.wheels) if wheel.column == "speed" and by_records]
+    wheels = [f"wheels.{n}" for n, wheel in enumerate(vehicle.wheels) if wheel.column == "speed" and not log.sampled[0]]
+    by_records = bool(wheels) or (log.records_per_cycle == 1 and not log.sampled[0])
     rotors = [f"rotors.{n}" for n, apart in enumerate(log.cycles_apart) if apart == 1 and log.command_s is None]
     gyros = [f"control_moment_gyros.{n}" for n in range(len(vehicle.control_moment_gyros)) if not (wheels or rotors or log.sampled[0])]
     own, setup = wheels or rotors or gyros, Setup(log, vehicle, timing)
@@ -45,7 +45,7 @@ def with_steps(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[Vehicle, lis
         return vehicle, []
     key = "torque_steps_s" if wheels or rotors else "gimbal_steps_s"
     log = bounded(log, vehicle, timing, [slice(0, log.cycles)], LONGEST)[0]
-    record_s = log.records_per_cycle * float(np.median(log.interval_s))
+    record_s = (1 if wheels else log.records_per_cycle) * float(np.median(log.interval_s))
     motion = motion_of(timing.of(log, vehicle))
 
     def stated(key: str, part: float) -> Vehicle:

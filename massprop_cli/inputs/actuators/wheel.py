@@ -79,8 +79,8 @@ class Wheel(actuator.MomentumDevice):
     )
     torque_steps_s: NonNegative | None = Field(
         None,
-        description="from a record's end until the torque on the wheel steps, so that its speed bends there; absent: found in a log of "
-        "one record in each control cycle. For a speed column",
+        description="from a record's end until the torque on the wheel steps, so that its speed bends there; absent: found in the log. "
+        "For a speed column",
     )
     speed_error_in_noise: bool = Field(
         False,
