@@ -80,24 +80,21 @@ def fits(patterns: Sequence[str], below: str) -> bool:
 def applied(file: CampaignFile, base: str, log: FoundLog, below: str) -> FoundLog:
     """The log with what the file says of it."""
     said: Sequence[Said] = [file, *(rule for rule in file.match if fits(rule.logs, below))]
-    vehicle = _last([one.vehicle for one in said])
-    mapped = _last([one.map for one in said])
-    expect = _last([one.expect for one in said])
-    require = _last([one.require for one in said])
+
+    def last(key: str) -> Any:
+        return next((value for one in reversed(said) if (value := getattr(one, key)) is not None), None)
+
+    files: dict[str, Any] = {
+        key: None if (named := last(key)) is None else location.join(base, named) for key in ("vehicle", "map", "expect")
+    }
     settings = Settings(
-        vehicle=None if vehicle is None else location.join(base, vehicle),
-        map=None if mapped is None else location.join(base, mapped),
+        **files,
         assignments=tuple(assignment for one in said for assignment in _assignments(one)),
-        expect=None if expect is None else location.join(base, expect),
-        require=require or (),
+        require=last("require") or (),
         report=file.report,
-        allow_contradicted=bool(_last([one.allow_contradicted for one in said])),
+        allow_contradicted=bool(last("allow_contradicted")),
     )
     return replace(log, settings=settings, tags=tuple(dict.fromkeys(tag for one in said for tag in one.tags)))
-
-
-def _last(stated: Sequence[Any]) -> Any:
-    return next((value for value in reversed(stated) if value is not None), None)
 
 
 def _assignments(said: Said) -> list[str]:

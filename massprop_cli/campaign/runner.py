@@ -7,9 +7,12 @@ import signal
 import subprocess
 import sys
 import threading
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
-from typing import IO, Any, Protocol
+from itertools import islice
+from typing import Protocol
 
 from massprop_cli.base import exits, onethread
 from massprop_cli.base.dataclass import dataclass
@@ -57,44 +60,33 @@ class LocalExecutor:
 
     def run(self, tasks: Sequence[Task]) -> Iterator[tuple[int, Produced | None]]:
         """See :class:`Executor`."""
-        stop = threading.Event()
-        done: queue.Queue[tuple[int, Produced | None] | BaseException] = queue.Queue()
-        ahead = threading.Semaphore(2 * self.jobs)
-        waiting = iter(range(len(tasks)))
-        taking = threading.Lock()
         workers = [Worker() for _ in range(min(self.jobs, len(tasks)))]
+        idle = queue.SimpleQueue[Worker]()
+        for one in workers:
+            idle.put(one)
 
-        def serve(own: Worker) -> None:
-            while True:
-                ahead.acquire()
-                with taking:
-                    index = next(waiting, None)
-                if stop.is_set() or index is None:
-                    return
-                try:
-                    done.put((index, own.work(tasks[index])))
-                except BaseException as error:
-                    done.put(error)
-                    return
+        def done(index: int) -> tuple[int, Produced | None]:
+            own = idle.get()
+            try:
+                return index, own.work(tasks[index])
+            finally:
+                idle.put(own)
 
-        threads = [threading.Thread(target=serve, args=(own,), daemon=True) for own in workers]
-        for thread in threads:
-            thread.start()
+        threads = ThreadPoolExecutor(max(len(workers), 1))
+        waiting = (threads.submit(done, index) for index in range(len(tasks)))
+        ahead = deque(islice(waiting, 2 * self.jobs))
         try:
-            for _ in tasks:
-                found = done.get()
-                if isinstance(found, BaseException):
-                    raise found
-                yield found
-                ahead.release()
+            while ahead:
+                first = next(as_completed(ahead))
+                ahead.remove(first)
+                yield first.result()
+                ahead.extend(islice(waiting, 1))
         finally:
-            stop.set()
-            for own in workers:
-                own.close()
-            for _ in threads:
-                ahead.release()
-            for thread in threads:
-                thread.join()
+            for future in ahead:
+                future.cancel()
+            for one in workers:
+                one.close()
+            threads.shutdown()
 
 
 class Worker:
@@ -113,10 +105,11 @@ class Worker:
             if process is None or process.stdin is None or process.stdout is None:
                 break
             try:
-                send(process.stdin, task)
-                found: Produced | None = receive(process.stdout)
+                pickle.dump(task, process.stdin, pickle.HIGHEST_PROTOCOL)
+                process.stdin.flush()
+                found: Produced | None = pickle.load(process.stdout)
                 return found
-            except (EOFError, OSError, ValueError):
+            except (EOFError, OSError, ValueError, pickle.UnpicklingError):
                 code = self.end()
         how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
         said = f"{task.job.shown}: the process that worked on it died twice ({how}); is there enough memory? Run the batch again"
@@ -155,27 +148,6 @@ class Worker:
         return code
 
 
-_SIZE = 8
-"""Bytes that say how long the next message is."""
-
-
-def send(stream: IO[bytes], message: object) -> None:
-    """One message."""
-    content = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
-    stream.write(len(content).to_bytes(_SIZE, "big"))
-    stream.write(content)
-    stream.flush()
-
-
-def receive(stream: IO[bytes]) -> Any:
-    """The next message; EOFError where there is none, or half of one."""
-    size = stream.read(_SIZE)
-    content = stream.read(int.from_bytes(size, "big")) if len(size) == _SIZE else b""
-    if len(size) < _SIZE or len(content) < int.from_bytes(size, "big"):
-        raise EOFError
-    return pickle.loads(content)
-
-
 def main() -> None:
     """Work until told no more. What anything prints goes to stderr, so that it can't disturb the messages."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -183,7 +155,8 @@ def main() -> None:
     os.dup2(2, 1)
     while True:
         try:
-            task = receive(sys.stdin.buffer)
-            send(messages, work.process(task.job, task.known, task.sent))
-        except (EOFError, BrokenPipeError):
+            task = pickle.load(sys.stdin.buffer)
+            pickle.dump(work.process(task.job, task.known, task.sent), messages, pickle.HIGHEST_PROTOCOL)
+            messages.flush()
+        except (EOFError, BrokenPipeError, pickle.UnpicklingError):
             os._exit(0)
