@@ -29,16 +29,14 @@ def cubic(wanted: Array, at: Array, values: Array) -> Array:
 
     if len(at) < 2:
         return np.full(np.shape(wanted), values[0])
-    found: Array = CubicHermiteSpline(at, values, np.gradient(values, at))(np.clip(wanted, at[0], at[-1]))
-    return found
+    return np.asarray(CubicHermiteSpline(at, values, np.gradient(values, at))(np.clip(wanted, at[0], at[-1])))
 
 
 def spline(wanted: Array, at: Array, values: Array) -> Array:
     """Values (n,) at other times by cubics whose slope and curvature go on from one to the next."""
     from scipy.interpolate import CubicSpline
 
-    found: Array = CubicSpline(at, values)(wanted)
-    return found
+    return np.asarray(CubicSpline(at, values)(wanted))
 
 
 MUCH = 1e6
@@ -74,8 +72,7 @@ def root_beside_unit(ahead: Array) -> Array:
     """(K, n, n) lower-triangular root of ``1 + ahead aheadᵀ``, never squared: a prediction from hardly anything is huge."""
     count, rows, _ = ahead.shape
     upper = triangle_of(np.concatenate([ahead.transpose(0, 2, 1), np.broadcast_to(np.eye(rows), (count, rows, rows))], 1))
-    found: Array = (upper * np.sign(np.einsum("kii->ki", upper))[..., None]).transpose(0, 2, 1)
-    return found
+    return np.asarray((upper * np.sign(np.einsum("kii->ki", upper))[..., None]).transpose(0, 2, 1))
 
 
 def grown(triangle: Array, rows: Array) -> Array:

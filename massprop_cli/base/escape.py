@@ -47,11 +47,11 @@ def message(text: str) -> str:
     return shown if len(shown) <= _MESSAGE else f"{shown[: _MESSAGE - _END]} … {shown[-_END:]}"
 
 
-def rich(text: str, longest: int = LONGEST) -> str:
+def rich(text: str) -> str:
     """One line for a table or line that rich prints, whose own marks it must not hold."""
     from rich.markup import escape
 
-    return escape(line(text, longest))
+    return escape(line(text))
 
 
 def document(found: BaseModel, end: str = "\n") -> str:

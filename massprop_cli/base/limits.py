@@ -88,9 +88,9 @@ def content(path: Path, what: str) -> bytes:
     return data
 
 
-def copied(path: Path, what: str) -> Content:
-    """The same as it was when it was opened, of a large one without holding it in memory."""
-    with _opened(path, what) as (file, size):
+def copied(path: Path) -> Content:
+    """A log as it was when it was opened, a large one without holding it in memory."""
+    with _opened(path, "log") as (file, size):
         return spill.copied(file, size)
 
 

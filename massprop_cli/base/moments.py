@@ -40,8 +40,7 @@ class Moments:
         """(c,) mean product of each row and the one before; two rows are the least."""
         pairs = self.count - 1
         ends = 2 * self._sum - self._first - self._last
-        found: Array = self._products / pairs - self._mean * ends / pairs + self._mean**2
-        return found
+        return np.asarray(self._products / pairs - self._mean * ends / pairs + self._mean**2)
 
     @property
     def _mean(self) -> Array:

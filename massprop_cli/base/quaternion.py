@@ -40,8 +40,7 @@ def matrices(attitude_wxyz: Array) -> Array:
 
 def inverse(unit_wxyz: Array) -> Array:
     """(..., 4) quaternions of the turns back."""
-    found: Array = unit_wxyz * np.array([1.0, -1.0, -1.0, -1.0])
-    return found
+    return np.asarray(unit_wxyz * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
 def turns_between(attitude_wxyz: Array) -> Array:

@@ -47,16 +47,14 @@ def inverse(matrix: Array) -> Array:
     """Of well-conditioned (K, 3, 3), by cofactors; numpy's own takes several times as long."""
     cofactors = cross(matrix[:, [1, 2, 0]], matrix[:, [2, 0, 1]])
     determinant = np.einsum("ki,ki->k", matrix[:, 0], cofactors[:, 0])
-    found: Array = cofactors.transpose(0, 2, 1) / determinant[:, None, None]
-    return found
+    return np.asarray(cofactors.transpose(0, 2, 1) / determinant[:, None, None])
 
 
 def rotation(vector: Array) -> Array:
     """(..., 3, 3) rotation by rotation vectors (..., 3) in rad (Rodrigues)."""
     angle = np.sqrt((vector**2).sum(-1))[..., None, None]
     turn = cross_matrix(vector)
-    found: Array = np.eye(3) + np.sinc(angle / np.pi) * turn + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (turn @ turn)
-    return found
+    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * turn + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (turn @ turn))
 
 
 def mean_rotation(vector: Array) -> Array:
@@ -66,14 +64,12 @@ def mean_rotation(vector: Array) -> Array:
     angle = np.sqrt(square)
     # (θ − sin θ) / θ³ where it doesn't cancel
     cubic = np.where(square > 0.01, (1 - np.sinc(angle / np.pi)) / np.maximum(square, 0.01), (1 - square / 20 * (1 - square / 42)) / 6)
-    found: Array = np.eye(3) + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * turn + cubic * (turn @ turn)
-    return found
+    return np.asarray(np.eye(3) + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * turn + cubic * (turn @ turn))
 
 
 def spread(arm: Array) -> Array:
     """S(d) = ``d·d 1 − d dᵀ``, (..., 3, 3) m², of arms d (..., 3)."""
-    found: Array = (arm**2).sum(-1)[..., None, None] * np.eye(3) - arm[..., :, None] * arm[..., None, :]
-    return found
+    return np.asarray((arm**2).sum(-1)[..., None, None] * np.eye(3) - arm[..., :, None] * arm[..., None, :])
 
 
 def spread_by_arm(arm: Array) -> Array:
@@ -99,8 +95,7 @@ def inertia_regressor(v: Array) -> Array:
 
 def times(matrix: Array, v: Array) -> Array:
     """``matrix @ v`` for stacks of vectors, in an order of sums that does not depend on the size of the stack."""
-    found: Array = np.einsum("...ij,...j->...i", matrix, v)
-    return found
+    return np.asarray(np.einsum("...ij,...j->...i", matrix, v))
 
 
 def angular_acceleration(inertia: Array, cg: Array, rate: Array, torque: Array, force: Array) -> Array:

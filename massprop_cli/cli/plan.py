@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated, Literal
 
-from massprop_cli.base import exits
+from massprop_cli.base import exits, foldername
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import printed, progress, put
@@ -59,7 +59,7 @@ def plan(
     from massprop_cli.base import files
     from massprop_cli.plan import flow, page, table
 
-    folder = out or flow.default_folder(vehicle)
+    folder = out or Path("massprop-out") / foldername.safe(f"{vehicle.parent.resolve().name}-{vehicle.stem}-plan")
     files.check_own(folder, ("scenario.toml",), "plan.json")
     off = tuple(name.strip() for name in without.split(",")) if without else ()
     limits = {

@@ -110,5 +110,4 @@ def _rest(log: Log, vehicle: Vehicle) -> Array:
     start_s = log.command_start_s[:, None]
     last = np.maximum.accumulate(np.where(log.command > 0, start_s, -np.inf), axis=0)
     before = np.vstack([np.full((1, last.shape[1]), -np.inf), last[:-1]])
-    found: Array = -np.expm1(-np.maximum(start_s - before - vehicle.cycle.period_s, 0.0) / RESTED_S)
-    return found
+    return np.asarray(-np.expm1(-np.maximum(start_s - before - vehicle.cycle.period_s, 0.0) / RESTED_S))

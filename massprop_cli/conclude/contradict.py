@@ -93,7 +93,7 @@ def by_faults(
         apart |= ~(np.abs(values - conclusion.values) <= AGREES * conclusion.sigmas)
     for found in mended:
         if found is not None and all(fault.cure is not None for fault in faults) and _settles(conclusion, found, apart):
-            touched &= ~_agree(conclusion, found)
+            touched &= [not _same(conclusion.estimates[name], found.estimates[name]) for name in QUANTITIES]
     touched |= apart
     return Contradiction(tuple(dict.fromkeys(Reason.of("named-fault", message=fault.notice.message) for fault in faults)), touched)
 
@@ -109,10 +109,6 @@ def _settles(stated: Conclusion, mended: Conclusion, apart: BoolArray) -> bool:
         wider = (mended.sigmas / stated.sigmas)[~apart]
     wider = wider[np.isfinite(wider)]
     return not wider.size or median(wider) < STRAINED
-
-
-def _agree(stated: Conclusion, mended: Conclusion) -> BoolArray:
-    return np.array([_same(stated.estimates[name], mended.estimates[name]) for name in QUANTITIES])
 
 
 def _same(one: Estimate, other: Estimate) -> bool:
@@ -189,8 +185,7 @@ def _own_variance(conclusion: Conclusion, vehicle: Vehicle) -> Array:
     """(10,) variance of each value that the log's noise makes: without the thrust's stated scale, and what is known."""
     known: dict[str, float] = {name: one.sigma for name, one in vehicle.in_phase(conclusion.phase).known.items()}
     common = in_common(by_scale(conclusion.values, vehicle), conclusion.covariance, known, vehicle)
-    variance: Array = np.maximum(conclusion.sigmas**2 - common**2, 0.0)
-    return variance
+    return np.asarray(np.maximum(conclusion.sigmas**2 - common**2, 0.0))
 
 
 def by_lost(causal: History, settled: History) -> Contradiction | None:

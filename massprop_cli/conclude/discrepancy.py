@@ -156,7 +156,8 @@ def discrepancy(samples: Stream, timing: Timing, used: Resolved, settled: Histor
     fit = fitted(used, settled.reference)
     if fit is None:
         return None
-    if _other(plain.vehicle, used):
+    plainly = plain.vehicle
+    if (plainly.imu, plainly.environment, plainly.estimator) != (used.imu, used.environment, used.estimator):
         free = fitted(plain.vehicle, plain.references[i])
         fit = fit if free is None else fit.widened(free)
     vehicle = used.in_phase(settled.phase)
@@ -192,11 +193,6 @@ def _fitted(
             return None
     finite = np.isfinite(found.mean).all() and np.isfinite(found.covariance).all() and found.mean[MU] > 0
     return found if finite else None
-
-
-def _other(one: Resolved, other: Resolved) -> bool:
-    """Whether noise levels or disturbances differ."""
-    return (one.imu, one.environment, one.estimator) != (other.imu, other.environment, other.estimator)
 
 
 def _shares(found: ErrorFit, columns: Sequence[ErrorColumn]) -> dict[str, Array]:

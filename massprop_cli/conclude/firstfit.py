@@ -161,8 +161,7 @@ def _turned(scattered: Array, samples: Source, inertia: Array) -> float:
         stored = part.executed.stored
         assert stored is not None
         momentum = part.rate_rad_s @ inertia + stored.mean.mean(1) @ stored.axis
-        found: Array = (cross(scattered[:, None], momentum[None]) ** 2).sum(0)
-        return found
+        return np.asarray((cross(scattered[:, None], momentum[None]) ** 2).sum(0))
 
     return _largest(gathered(samples, slice(0, len(samples)), square).mean(0, keepdims=True))
 

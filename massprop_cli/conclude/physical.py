@@ -65,16 +65,13 @@ def _of_ball(conclusion: Conclusion) -> Breach | None:
     away = BEYOND * np.array([mass.sigma, _sigma(conclusion, np.ones(3))])
     least, most = ((conclusion.rotating_mass + part * away[0], trace - part * away[1]) for part in (1, -1))
     if least[1] > 0 and density(*least) < THINNEST:
-        said = f"mass and inertia are those of a ball of {_radius(*least):.3g} m and {density(*least):.2g} kg/m^3, thinner than air"
+        radius = float(np.sqrt(least[1] / least[0] / 1.2))
+        said = f"mass and inertia are those of a ball of {radius:.3g} m and {density(*least):.2g} kg/m^3, thinner than air"
         return Breach(f"{said}: unless most of it is far out, check the units of torques and forces", True, False)
     if most[0] > 0 and density(*most) > DENSEST:
         said = f"mass and inertia are those of a ball of {density(*most):.2g} kg/m^3, denser than any matter"
         return Breach(f"{said}: check the units of the gyro, of torques and of forces", True, False, True)
     return None
-
-
-def _radius(mass: float, trace: float) -> float:
-    return float(np.sqrt(trace / mass / 1.2))
 
 
 def _not_positive(conclusion: Conclusion, low: float) -> Breach:
@@ -103,8 +100,7 @@ def nearest_consistent(inertia: Array) -> Array:
     moments, axes = np.linalg.eigh(inertia)
     candidates = [_PAIRS @ np.maximum(solver @ moments, 0.0) for solver in _solvers()]
     nearest = min(candidates, key=lambda sums: float(((sums - moments) ** 2).sum()))
-    consistent: Array = (axes * nearest) @ axes.T
-    return consistent
+    return np.asarray((axes * nearest) @ axes.T)
 
 
 @cache

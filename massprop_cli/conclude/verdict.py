@@ -115,8 +115,7 @@ class Conclusion:
     def principal_moments(self) -> Array:
         """(3,) ascending, kg m²; NaN unless the whole inertia is informed."""
         told = all(self.estimates[name].verdict in ("converged", "not_converged") for name in INERTIA)
-        moments: Array = np.linalg.eigvalsh(self.inertia) if told and np.isfinite(self.inertia).all() else np.full(3, np.nan)
-        return moments
+        return np.asarray(np.linalg.eigvalsh(self.inertia) if told and np.isfinite(self.inertia).all() else np.full(3, np.nan))
 
 
 def conclude(history: History, vehicle: Vehicle) -> Conclusion:
@@ -260,8 +259,7 @@ def _informed(values: Array, sigmas: Array, natural_sizes: Array, vehicle: Vehic
     if vehicle.estimator.method == "thesis":
         settings = vehicle.estimator.thesis
         prior = np.minimum(prior, np.sqrt(np.array([*settings.p1, settings.p2])))
-    informed: BoolArray = sigmas < HALVED * prior
-    return informed
+    return np.asarray(sigmas < HALVED * prior)
 
 
 def tolerances(history: History, vehicle: Vehicle) -> Array:

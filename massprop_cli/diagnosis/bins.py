@@ -71,8 +71,7 @@ def _residual(parts: Sequence[Samples], expected: Sequence[tuple[Array, Array]])
     """
     grown = np.concatenate([np.diff(part.rate_rad_s, axis=0) - steps for part, (steps, _) in zip(parts, expected, strict=True)])
     felt = np.concatenate([part.specific_force_m_s2 - force for part, (_, force) in zip(parts, expected, strict=True)])
-    sizes: Array = np.array([median(np.abs(column)) for column in (*(grown / np.sqrt(2)).T, *felt.T)]) / MEDIAN
-    return sizes
+    return np.asarray(np.array([median(np.abs(column)) for column in (*(grown / np.sqrt(2)).T, *felt.T)]) / MEDIAN)
 
 
 def _squares(parts: Iterable[Array]) -> float:
@@ -95,5 +94,4 @@ def _as_acted(off: Array, acted: Array) -> Array:
     The gyro's noise is each rate's, not each growth's; the unknown rate at the beginning takes the mean.
     """
     grown = np.cumsum(np.concatenate([np.zeros((1, 3)), off]), axis=0)
-    found: Array = acted.T @ (grown - grown.mean(0))
-    return found
+    return np.asarray(acted.T @ (grown - grown.mean(0)))

@@ -46,7 +46,9 @@ def wired(screening: Screening) -> list[Refit]:
 def two_channels(screening: Screening, one_fits: bool) -> Diagnosis | None:
     """The thrust of any two channels at once; where one cause fits already, only if both are off by more than :data:`SLIGHT`."""
     likeliest = _likeliest(screening, hypotheses.two_channels(screening.model, screening.names))
-    fitting = (one for one in _tried(screening, likeliest) if one.fits and not (one_fits and _has_slight(one.fitted)))
+    fitting = [one for one in _tried(screening, likeliest) if one.fits]
+    if one_fits:  # a channel that is hardly off stands for a misfit of another kind
+        fitting = [one for one in fitting if not (np.abs(one.fitted.factors - 1) < SLIGHT).any()]
     refit = min(fitting, key=lambda one: one.score, default=None)
     if refit is None:
         return None
@@ -71,8 +73,3 @@ def _likeliest(screening: Screening, supposed: Sequence[Hypothesis]) -> list[Fit
 def _tried(screening: Screening, likeliest: Sequence[Fitted]) -> list[Refit]:
     refits = (tried(screening, one) for one in likeliest if not hopeless(screening, one, beyond(screening)))
     return [refit for refit in refits if refit is not None]
-
-
-def _has_slight(found: Fitted) -> bool:
-    """Whether a channel is hardly off: it stands for a misfit of another kind."""
-    return bool((np.abs(found.factors - 1) < SLIGHT).any())

@@ -90,14 +90,12 @@ class Free:
     @property
     def pure(self) -> Array:
         """(6,) pure error: mean square of what no coefficients explain, (rad/s)² and (m/s²)²."""
-        found: Array = np.concatenate([told.left / told.spare for told in (self.gyro, self.accelerometer)])
-        return found
+        return np.concatenate([told.left / told.spare for told in (self.gyro, self.accelerometer)])
 
     @property
     def variance(self) -> Array:
         """(6,) the same, not below what is lost within a cycle."""
-        found: Array = np.maximum(self.pure, (RESOLUTION * self.signal) ** 2)
-        return found
+        return np.asarray(np.maximum(self.pure, (RESOLUTION * self.signal) ** 2))
 
 
 def free_response(
@@ -151,5 +149,4 @@ def _free(design: Design, turning: ReducedLeastSquares, beside: tuple[Disturbanc
 
 def waves(count: int, most: int) -> Array:
     """(count, most) cosines of one and more half-waves."""
-    found: Array = np.cos(np.pi * np.outer((np.arange(count) + 0.5) / count, np.arange(1, most + 1)))
-    return found
+    return np.asarray(np.cos(np.pi * np.outer((np.arange(count) + 0.5) / count, np.arange(1, most + 1))))

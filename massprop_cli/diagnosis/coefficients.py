@@ -24,7 +24,6 @@ from massprop_cli.diagnosis.precession import PER_AXIS
 from massprop_cli.diagnosis.verticals import walking
 from massprop_cli.errorparameters.environment import LEVEL
 from massprop_cli.errorparameters.table import BY_COLUMN, BY_NAME, ENTRIES, TABLE
-from massprop_cli.inputs.actuators.actuator import Actuator
 from massprop_cli.inputs.commands import CommandKind
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import centripetal, gamma, products, products_by_rate, products_turned
@@ -132,8 +131,7 @@ class Model:
 
     def cg(self, x: Array) -> Array:
         """(3,) from O."""
-        centre: Array = self.plant.parameters(x[:THETA])[MOMENT] + x[self.place("bearing")]
-        return centre
+        return np.asarray(self.plant.parameters(x[:THETA])[MOMENT] + x[self.place("bearing")])
 
     @property
     def uncertain(self) -> Array:
@@ -342,16 +340,13 @@ class Model:
 
 def _devices(vehicle: Vehicle, first: int) -> dict[str, tuple[tuple[int, ...], ...]]:
     found: dict[str, tuple[tuple[int, ...], ...]] = {}
-    for device, one in zip(vehicle.spinning, _stating(vehicle), strict=True):
+    # a rotor that turns is no wheel
+    stating = [one for _, own in vehicle.actuators for one in own if one.device is not None]
+    for device, one in zip(vehicle.spinning, stating, strict=True):
         own, first = tuple(range(first, first + len(device.axes))), first + len(device.axes)
         if one is device:
             found[device.TABLE] = (*found.get(device.TABLE, ()), own)
     return found
-
-
-def _stating(vehicle: Vehicle) -> list[Actuator]:
-    """The actuators whose devices the vehicle's are: a rotor that turns is no wheel."""
-    return [one for _, own in vehicle.actuators for one in own if one.device is not None]
 
 
 def _acting(vehicle: Vehicle, kind: CommandKind) -> tuple[Array, Array, Array]:

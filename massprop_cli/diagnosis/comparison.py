@@ -83,8 +83,7 @@ class Fitted:
 
     def sigma(self, name: str) -> Array:
         """One sigma of an entry of x, as far as its own unknowns go."""
-        found: Array = np.sqrt(((self.hypothesis.free[self.model.place(name)] * self.spread) ** 2).sum(1))
-        return found
+        return np.asarray(np.sqrt(((self.hypothesis.free[self.model.place(name)] * self.spread) ** 2).sum(1)))
 
     def finding(self, names: Sequence[str], stated: Setup, corrected: Setup) -> FittedHypothesis:
         """What sentences and settings are made of; ``names`` of the channels that fired."""
@@ -97,8 +96,7 @@ class Fitted:
     @cached_property
     def moved(self) -> Array:
         """(d,) the unknowns, each over what is to be expected of it."""
-        found: Array = np.linalg.lstsq(self.hypothesis.free[10:], (self.x - self.model.stated)[10:], rcond=None)[0]
-        return found
+        return np.asarray(np.linalg.lstsq(self.hypothesis.free[10:], (self.x - self.model.stated)[10:], rcond=None)[0])
 
     def along(self, part: float) -> Array:
         """(nx,) x with the unknowns that many times as far from what is stated."""
@@ -116,8 +114,7 @@ def compared(model: Model, free: Free, variance: Array, supposed: Sequence[Hypot
     """(H, 6) chi-square of each hypothesis before anything is fitted but a body by plain regression."""
     rows = _Rows.of_all(model, free, variance, supposed)
     x, _ = rows.begun(supposed)
-    found: Array = (rows.left(x) ** 2).sum(1) + rows.rest
-    return found
+    return np.asarray((rows.left(x) ** 2).sum(1) + rows.rest)
 
 
 def fitted(
@@ -221,8 +218,7 @@ def _begun(rows: _Rows, supposed: Sequence[Hypothesis], theta: Array | None, the
 def _least(rows: _Rows, x: Array, others: Array) -> Array:
     """(H, nx) of each two beginnings the one that leaves less."""
     better = (rows.left(others) ** 2).sum((1, 2)) < (rows.left(x) ** 2).sum((1, 2))
-    found: Array = np.where(better[:, None], others, x)
-    return found
+    return np.where(better[:, None], others, x)
 
 
 class _Descent:
@@ -276,16 +272,14 @@ class _Descent:
         """(H, n) one sigma of each unknown, by the slopes of the last step."""
         flat = self.slopes.reshape(len(self.x), -1, self.slopes.shape[-1])
         covariance = np.linalg.inv(np.swapaxes(flat, 1, 2) @ flat + np.diag(self.pulled**2))
-        found: Array = np.sqrt(np.maximum(np.einsum("hii->hi", covariance), 0.0))
-        return found
+        return np.asarray(np.sqrt(np.maximum(np.einsum("hii->hi", covariance), 0.0)))
 
 
 def is_body(theta: Array) -> BoolArray:
     """(H,) whether θ (H, 10) may be a body's."""
     good = np.isfinite(theta).all(-1)
     principal = np.linalg.eigvalsh(tensor(np.nan_to_num(theta[:, J])))
-    found: BoolArray = good & (principal[:, 0] > 1e-4 * np.abs(principal[:, 2])) & (theta[:, MU] > 0)
-    return found
+    return np.asarray(good & (principal[:, 0] > 1e-4 * np.abs(principal[:, 2])) & (theta[:, MU] > 0))
 
 
 @dataclass(frozen=True)

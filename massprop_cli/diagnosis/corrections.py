@@ -252,8 +252,7 @@ def _both_turned(found: Fitted) -> Array | None:
     if not (same and rigid) or np.abs(turns[0] - np.eye(3)).max() < ROUNDING:
         return None
     left, _, right = np.linalg.svd(turns[0].T @ found.model.mounting)
-    nearest: Array = left @ right
-    return nearest
+    return np.asarray(left @ right)
 
 
 def _unit(base: Array) -> float:
@@ -365,8 +364,7 @@ def at_once(found: Fitted) -> bool:
 def exact_of(found: Fitted) -> Array:
     """What factors are exactly, of those that it moves, in the nearest case that is no matter of degree."""
     cases = np.array([-1.0, 0.0, *([RPM] if found.model.devices.get("wheels") else [])])
-    own: Array = cases[np.abs(found.factors[:, None] - cases).argmin(1)]
-    return own
+    return np.asarray(cases[np.abs(found.factors[:, None] - cases).argmin(1)])
 
 
 def certain(found: Fitted) -> bool:

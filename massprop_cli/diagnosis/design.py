@@ -89,8 +89,7 @@ class Design:
     @property
     def heard(self) -> Array:
         """(K,) by which the specific force is weighted: noise over what scatters beside it, one sigma."""
-        found: Array = np.ones(len(self.mean)) if self.scatter is None else 1 / np.sqrt(1 + self.scatter.felt)
-        return found
+        return np.asarray(np.ones(len(self.mean)) if self.scatter is None else 1 / np.sqrt(1 + self.scatter.felt))
 
     @property
     def driven(self) -> Driven:
@@ -327,8 +326,7 @@ def _columns(
 
 def _acting(channels: Channels, cycles: slice) -> BoolArray:
     """(C,) which channels have a column: those that acted, and all that store momentum, which turns with the body."""
-    found: BoolArray = (channels.whole[cycles] != 0).any(0) | (np.arange(len(channels.wrench)) >= channels.thrusting)
-    return found
+    return np.asarray((channels.whole[cycles] != 0).any(0) | (np.arange(len(channels.wrench)) >= channels.thrusting))
 
 
 def _parabola(moved: Sequence[tuple[Array, Array]], at: float) -> tuple[list[Array], list[Array]]:

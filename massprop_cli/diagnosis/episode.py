@@ -211,5 +211,4 @@ def _pulses(screening: Screening, channel: int) -> Array:
     """(n,) when each of a channel's pulses begins, by the commands' clock."""
     log, vehicle, timing, *_ = screening.case
     begin_s = log.command_start_s + timing.delay * vehicle.cycle.period_s
-    found: Array = begin_s[log.command[:, screening.free.fired[channel]] > 0]
-    return found
+    return np.asarray(begin_s[log.command[:, screening.free.fired[channel]] > 0])

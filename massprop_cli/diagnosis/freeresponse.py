@@ -91,5 +91,4 @@ def _left(moved: Array, causes: Array) -> Array:
     size = np.sqrt((causes**2).sum(0))
     told = causes[:, size > 0] / size[size > 0]
     # jets that always fire together are one: a factorisation would take a direction of rounding for the other
-    left: Array = moved - told @ np.linalg.lstsq(told, moved, rcond=ROUNDING)[0]
-    return left
+    return np.asarray(moved - told @ np.linalg.lstsq(told, moved, rcond=ROUNDING)[0])

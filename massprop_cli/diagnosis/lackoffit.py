@@ -188,8 +188,7 @@ def _weights(here: Samples, to_rate: Array, reference: Reference, vehicle: Resol
 
 
 def _quietest(variance: Array) -> Array:
-    found: Array = variance.min(1, keepdims=True)
-    return found
+    return np.asarray(variance.min(1, keepdims=True))
 
 
 @dataclass(frozen=True)
@@ -280,11 +279,9 @@ def _quick(values: Array, weight: Array, within: int) -> Array:
 
     def around(summed: Array) -> Array:
         total = np.concatenate([np.zeros_like(summed[:, :1]), np.cumsum(summed, axis=1)], 1)
-        found: Array = total[:, last] - total[:, first]
-        return found
+        return np.asarray(total[:, last] - total[:, first])
 
-    quick: Array = values - around(weight * values) / around(weight)
-    return quick
+    return np.asarray(values - around(weight * values) / around(weight))
 
 
 def _whole(executed: Aligned) -> Array:

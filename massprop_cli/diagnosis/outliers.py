@@ -280,15 +280,13 @@ def _usual(rate: Array) -> Array:
     """
     first, last = (2 * rate[[1, -2]] - rate[[2, -3]])[:, None] if len(rate) > RUN else rate[[1, -2], None]
     before, after = np.vstack([first, rate[:-1]]), np.vstack([rate[1:], last])
-    middle: Array = np.sort(np.stack([before, rate, after]), axis=0)[1]
-    return middle
+    return np.asarray(np.sort(np.stack([before, rate, after]), axis=0)[1])
 
 
 def _busy(commands: Array) -> BoolArray:
     """(K + 1,) where something was commanded in a step or the one before."""
     some = (commands != 0).any(1)
-    found: BoolArray = np.append(some, False) | np.append(False, some)
-    return found
+    return np.asarray(np.append(some, False) | np.append(False, some))
 
 
 def _residual(motion: Array, commands: Array, before: Array, beside: Array, used: BoolArray) -> Array:
@@ -302,8 +300,7 @@ def _residual(motion: Array, commands: Array, before: Array, beside: Array, used
         size = np.sqrt((columns[used] ** 2).sum(0))
         columns = columns[:, size > 0] / size[size > 0]
         if used.sum() >= SPARE * columns.shape[1]:
-            rest: Array = motion - columns @ np.linalg.lstsq(columns[used], motion[used], rcond=1e-9)[0]
-            return rest
+            return np.asarray(motion - columns @ np.linalg.lstsq(columns[used], motion[used], rcond=1e-9)[0])
     return np.zeros_like(motion)
 
 

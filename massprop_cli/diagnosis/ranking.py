@@ -75,7 +75,9 @@ class Ranking:
         for channel, own in self._of.items():
             left = self._left[channel]
             if not known >= set(own) and left.sum() <= most:
-                waiting.append((self._earliest(left, own), 0, channel))
+                # no less than with the price of one that is dead or the other way round
+                earliest = self._likelihood(left) + 2 * float(np.log(min(self._alternatives[i] for i in own)))
+                waiting.append((earliest, 0, channel))
         heapq.heapify(waiting)
         while waiting:
             score, fit, which = heapq.heappop(waiting)
@@ -92,10 +94,6 @@ class Ranking:
             self._fit_channel(which)
             for i in self._of[which]:
                 heapq.heappush(waiting, (self._found[i][0], 1, i))
-
-    def _earliest(self, left: Array, own: Sequence[int]) -> float:
-        """The least score of those that leave no less than that: with the price of one that is dead or the other way round."""
-        return self._likelihood(left) + 2 * float(np.log(min(self._alternatives[i] for i in own)))
 
     def _fit_channel(self, channel: int) -> None:
         """All of a channel's own."""

@@ -191,14 +191,13 @@ def _short_pulses(case: Case, motion: MeasuredMotion) -> Iterator[Supposed]:
     shortest = float(on[on > 0].min(initial=period_s)) / period_s
     for key in ("thrust.least_on_s", "thrust.dead_on_s"):
         if case.setup.value(key)[0] == 0 and shortest < SHORT[-1]:
-            left = partial(_left_by, case, motion, key)
+
+            def left(cycles: float, key: str = key) -> float:
+                return _left(case, motion, {key: max(cycles, 0.0) * period_s})
+
             by = line_minimum(left, [cycles for cycles in SHORT if cycles > shortest], SHORT[0], NEAR / 8)
             further: States = {key: (by + sigma_at(left, by)) * period_s}
             yield Supposed(("short-pulses",), {key: by * period_s}, (further,) if key == "thrust.least_on_s" else ())
-
-
-def _left_by(case: Case, motion: MeasuredMotion, key: str, cycles: float) -> float:
-    return _left(case, motion, {key: max(cycles, 0.0) * case.vehicle.cycle.period_s})
 
 
 def _later(case: Case, motion: MeasuredMotion, jet: int) -> Supposed:

@@ -267,5 +267,4 @@ def _left(answers: Array, sigmas: Array, place: Array, wrench: Array, orders: Ar
     weighed, aim = (design * weight[None, :, :, None]).reshape(count, -1, 10), (wanted * weight).reshape(count, -1)
     weighed = weighed / np.maximum(np.sqrt((weighed**2).sum(1, keepdims=True)), TINY)
     solved = np.linalg.pinv(weighed) @ aim[..., None]
-    found: Array = ((aim - (weighed @ solved)[..., 0]) ** 2).sum(1)
-    return found
+    return np.asarray(((aim - (weighed @ solved)[..., 0]) ** 2).sum(1))

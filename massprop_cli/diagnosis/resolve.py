@@ -6,6 +6,7 @@ As stated; as found in the log, where the vehicle file says "auto"; or between t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError, UntoldError
 from massprop_cli.diagnosis import delay, segment
 from massprop_cli.diagnosis.delay import FoundTiming, Rated
-from massprop_cli.diagnosis.samplededges import beside_samples, gyro_alone, stepped
+from massprop_cli.diagnosis.samplededges import beside_samples, stepped
 from massprop_cli.errorparameters.setup import Setup, rebuilt
 from massprop_cli.errorparameters.table import BY_NAME, TABLE
 from massprop_cli.estimate import noiselevels
@@ -154,8 +155,7 @@ def _stated_covariance(vehicle: Vehicle, names: Sequence[str]) -> Array:
         if set(pair) <= set(names):
             both = names.index(pair[0]), names.index(pair[1])
             correlation[both] = correlation[both[::-1]] = value
-    found: Array = sigma @ correlation @ sigma
-    return found
+    return np.asarray(sigma @ correlation @ sigma)
 
 
 def stated_timing(stated: Vehicle, found: Timing = Timing(0.0, 0.0)) -> Timing:  # noqa: B008  a constant
@@ -253,7 +253,7 @@ def _detected(
 ) -> FoundTiming | None:
     part, used, within = _bounded(log, vehicle, start)
     if "accel_latency" not in unknown and stepped(log, vehicle, start) is not None:
-        part = gyro_alone(part)
+        part = replace(part, axes=(*part.axes[:3], False, False, False))  # whose steps would be taken for slopes
     return delay.detect(part, used, within, start, list(unknown), prior)
 
 

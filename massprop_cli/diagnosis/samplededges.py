@@ -50,11 +50,6 @@ def stepped(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[float, float] |
     return (float(np.median(late)), float(np.ptp(late))) if late.size > MANY * acting_s.size else None
 
 
-def gyro_alone(log: Log) -> Log:
-    """Without the accelerometer, whose steps would be taken for slopes."""
-    return replace(log, axes=(*log.axes[:3], False, False, False))
-
-
 def beside_samples(
     log: Log, vehicle: Resolved, pieces: Sequence[slice], found: FoundTiming, late_s: float, scatter_s: float
 ) -> FoundTiming:

@@ -247,8 +247,7 @@ class Screening:
 
     def likelihoods(self, left: Array) -> Array:
         """The same (...,) of each (..., 6)."""
-        found: Array = (self._counts * np.log1p(left / self._counts)).sum(-1)
-        return found
+        return np.asarray((self._counts * np.log1p(left / self._counts)).sum(-1))
 
     @cached_property
     def _counts(self) -> Array:

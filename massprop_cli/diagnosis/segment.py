@@ -39,8 +39,7 @@ def busiest(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, longest: i
 
 def edges_of(first: int, stop: int) -> IntArray:
     """(≤ BLOCKS + 1,) edges of equal parts of these cycles, both ends among them."""
-    found: IntArray = np.unique(np.linspace(first, stop, BLOCKS + 1).astype(int))
-    return found
+    return np.asarray(np.unique(np.linspace(first, stop, BLOCKS + 1).astype(int)))
 
 
 def bounded(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice], longest: int) -> tuple[Log, Sequence[slice]]:
@@ -58,8 +57,7 @@ def bounded(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice],
 
 def _most(log: Log) -> Array:
     """(C,) the most that each channel is commanded."""
-    found: Array = np.maximum(np.abs(log.command).max(0), np.finfo(float).tiny)
-    return found
+    return np.asarray(np.maximum(np.abs(log.command).max(0), np.finfo(float).tiny))
 
 
 def _effort(log: Log, piece: slice, most: Array) -> Array:
@@ -68,5 +66,4 @@ def _effort(log: Log, piece: slice, most: Array) -> Array:
     if log.command_s is None:
         return each[piece]
     cycle = np.minimum(np.searchsorted(log.cycle_end_s, log.command_s), log.cycles - 1)
-    found: Array = np.asarray(np.bincount(cycle, each, log.cycles), dtype=float)[piece]
-    return found
+    return np.asarray(np.asarray(np.bincount(cycle, each, log.cycles), dtype=float)[piece])

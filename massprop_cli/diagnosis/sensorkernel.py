@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache, partial
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -103,16 +103,12 @@ def found(log: Log, source: VehicleSource, say: Progress, unfit: bool = False) -
     sought, nearest = (
         replace(source, vehicle=vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=kind | own)}))
         for own in (
-            {key: LowPass(order=one.order, **_left_open(one)) for key, one in filters.items()},
+            {key: LowPass(order=one.order, **{"cutoff_hz" if one.order else "latency_s": "auto"}) for key, one in filters.items()},
             {key: _likeliest(costs, key, one).low_pass(vehicle) for key, one in filters.items()},
         )
     )
     log = replace(log, sampled=(sampled, sampled), notices=(*log.notices, _notice(best, sampled and open_kind)))
     return KernelsFound(log, sought, nearest, any(one.later for one in best))
-
-
-def _left_open(one: _Kernel) -> dict[str, Any]:
-    return {"cutoff_hz": "auto"} if one.order else {"latency_s": "auto"}
 
 
 def _likeliest(costs: Mapping[_Kernel, tuple[float, float]], key: str, best: _Kernel) -> _Kernel:
@@ -262,14 +258,13 @@ def _best(costs: Mapping[_Kernel, tuple[float, float]], others: Mapping[tuple[_K
         pair = least(0, kind), least(1, kind)
         clear = next((one for one in pair if one.order), None)
         pairs.append(pair if clear is None else (least(0, kind, clear), least(1, kind, clear)))
-    total = {pair: costs[pair[0]][0] + costs[pair[1]][1] + UNUSUAL * _averaged_late(*pair) for pair in pairs} | dict(others)
+    total = {(gyro, accelerometer): costs[gyro][0] + costs[accelerometer][1] for gyro, accelerometer in pairs}
+    for gyro, accelerometer in total:
+        if not gyro.sampled and (gyro.order or accelerometer.order):  # sensors that average hardly have a low-pass before
+            total[gyro, accelerometer] += UNUSUAL
+    total.update(others)
     best = min(total, key=lambda pair: total[pair])
     return best if total[best] < sum(costs[plain]) - CLEAR else None
-
-
-def _averaged_late(gyro: _Kernel, accelerometer: _Kernel) -> bool:
-    """Whether means are said to be behind a low-pass: sensors that average hardly have one before."""
-    return not gyro.sampled and bool(gyro.order or accelerometer.order)
 
 
 def _notice(best: tuple[_Kernel, _Kernel], sampled: bool) -> Notice:

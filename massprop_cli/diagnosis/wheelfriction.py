@@ -82,8 +82,7 @@ def _left(case: Case, motion: MeasuredMotion, states: States) -> Array:
 def _beside(parts: Array, step: Array) -> Array:
     """A step further on the one way or the other, or as far as none falls below 0."""
     room = [min([1.0, *(parts[down] / -way[down])]) for way in (step, -step) for down in [way < 0]]
-    found: Array = parts + (step * room[0] if room[0] >= room[1] else -step * room[1])
-    return found
+    return np.asarray(parts + (step * room[0] if room[0] >= room[1] else -step * room[1]))
 
 
 def _bounded(rows: Array, told: Array) -> Array:

@@ -88,8 +88,7 @@ class Reduced:
         if not self._slow.shape[1]:
             return rows
         base = np.linalg.qr(weight * self._slow[self.design.used[:, 1]])[0]
-        found: Array = rows - base @ (base.T @ rows)
-        return found
+        return np.asarray(rows - base @ (base.T @ rows))
 
     def likeliest(self, channel: int, near: Window | None = None) -> Window | None:
         """The window of one channel that leaves least, between edges of equal parts, and any cycles near those of another window.
@@ -120,8 +119,7 @@ class Reduced:
             return edges
         at = [int(np.searchsorted(edges, edge)) for edge in (near.first, near.stop) if 0 < edge < edges[-1]]
         around = [np.arange(edges[max(i - 2, 0)], edges[min(i + 2, len(edges) - 1)] + 1) for i in at]
-        found: IntArray = np.unique(np.concatenate([edges, *around]))
-        return found
+        return np.asarray(np.unique(np.concatenate([edges, *around])))
 
     def _cycles(self, first: int, stop: int) -> tuple[int, int, float, float]:
         """A window's cycles, and when they begin and end."""

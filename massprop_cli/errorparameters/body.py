@@ -28,7 +28,8 @@ def _walked(finding: FittedHypothesis) -> float:
 
 
 def _heavier(setup: Setup, error: Array) -> Setup:
-    return setup._replace(vehicle=setup.vehicle.with_momentum(1 + float(error[0])))
+    heavier = {kind.TABLE: tuple(one.scaled(1 + float(error[0])) for one in own) for kind, own in setup.vehicle.actuators}
+    return setup._replace(vehicle=setup.vehicle.model_copy(update=heavier))
 
 
 def _spin(setup: Setup) -> str:

@@ -275,8 +275,7 @@ class ErrorParameter:
 
     def error(self, by: float, axis: int = 0) -> Array:
         """(size,) of one component."""
-        found: Array = by * np.eye(self.size)[axis]
-        return found
+        return np.asarray(by * np.eye(self.size)[axis])
 
     def ends(self, setup: Setup) -> tuple[float, float]:
         """Errors between which a derivative is taken, in ``unit``: both sides of what is stated where it is far from linear."""

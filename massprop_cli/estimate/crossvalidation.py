@@ -68,7 +68,7 @@ def cross_validation(samples: Source, cycles: slice, reference: Reference, vehic
 
     :class:`numpy.linalg.LinAlgError` where the numbers are too far apart.
     """
-    found = posed_segments(samples, cycles, reference, vehicle, consider, SEGMENTS)
+    found = posed_segments(samples, cycles, reference, vehicle, consider)
     size = len(consider.covariance)
     first = found.rows[0].shape[1] - 1 - size
     spread = np.linalg.cholesky(consider.covariance) if size else np.zeros((0, 0))
@@ -92,8 +92,7 @@ def cross_validation(samples: Source, cycles: slice, reference: Reference, vehic
 
 def _scatter(values: Array) -> Array:
     """(n,) of values (1 + S, n): the estimate, and where each segment moves it."""
-    found: Array = np.sqrt(((values[1:] - values[0]) ** 2).sum(0))
-    return found
+    return np.asarray(np.sqrt(((values[1:] - values[0]) ** 2).sum(0)))
 
 
 def _solved(rows: list[Array]) -> tuple[Array, Array]:

@@ -188,8 +188,7 @@ def _commanded(samples: Samples) -> Array:
     """(K,) square of the mean torque about O that commands give in each cycle, (N m)²."""
     channels = samples.executed.channels
     torque = channels.whole @ channels.wrench[:, :3] / samples.executed.duration_s[:, None]
-    found: Array = (torque**2).sum(1)
-    return found
+    return np.asarray((torque**2).sum(1))
 
 
 def disturbance_notices(stated: Resolved, used: Resolved, excess: Array, samples: Source) -> list[Notice]:

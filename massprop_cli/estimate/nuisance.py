@@ -124,6 +124,5 @@ def _whitened(root: Array, left: Array) -> Array:
     """(K, m, c) what is left (K, m, c), over the root (K, m, m) of its noise."""
     own = np.einsum("kii->ki", root)
     if np.count_nonzero(root) == np.count_nonzero(own):
-        found: Array = left / own[..., None]
-        return found
+        return np.asarray(left / own[..., None])
     return np.linalg.solve(root, left)

@@ -119,8 +119,7 @@ def predicted(samples: Source, cycles: slice, reference: Reference, vehicle: Res
 def value(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, passes: int) -> Array:
     """(10,) what so many passes from ``reference`` on give, and no more of it."""
     regression = Regression(samples, cycles, vehicle, Consider())
-    found: Array = quantities(regression.row(_last_pass(regression, reference, passes, bound=False).run), vehicle)[0][0]
-    return found
+    return np.asarray(quantities(regression.row(_last_pass(regression, reference, passes, bound=False).run), vehicle)[0][0])
 
 
 class Led(NamedTuple):

@@ -192,8 +192,7 @@ class Regression(Triangle):
         """(10,) of the departures that end a triangle's unknowns."""
         count = triangle.shape[1] - 11 - self.assumed
         own = triangle[count : count + 10, count : count + 10]
-        found: Array = scale * np.sqrt((np.linalg.inv(own) ** 2).sum(1))
-        return found
+        return np.asarray(scale * np.sqrt((np.linalg.inv(own) ** 2).sum(1)))
 
     def stands(self, run: Run, most: float = STALE) -> bool:
         """Whether the second order that was neglected, relative move times move in sigmas, doesn't show."""
@@ -289,8 +288,7 @@ class Regression(Triangle):
 
         def variance(kept: BoolArray) -> Array:
             root = slopes @ np.linalg.inv(triangle_of(triangle[:, kept])[-10:, -10:])
-            found: Array = (root**2).sum(1)
-            return found
+            return np.asarray((root**2).sum(1))
 
         return {kind: variance(of == of) - variance(of != kind) for kind in dict.fromkeys(of[of != ""])}
 

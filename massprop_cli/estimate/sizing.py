@@ -133,5 +133,4 @@ def _piece(samples: Source, cycles: slice, vehicle: Resolved) -> _Piece | None:
 
 def _weights(reference: Reference, cycle_s: float, noise: float) -> Array:
     inverse = np.linalg.inv(reference.inertia)
-    found: Array = np.einsum("ij,ij->i", inverse, inverse) * (cycle_s / noise) ** 2
-    return found
+    return np.asarray(np.einsum("ij,ij->i", inverse, inverse) * (cycle_s / noise) ** 2)

@@ -60,8 +60,7 @@ class Left(NamedTuple):
 
 def _mean(values: Array, read: BoolArray) -> Array:
     """(3,) of those of (n, 3) that were read."""
-    found: Array = (values * read).sum(0) / np.maximum(np.count_nonzero(read, 0), 1)
-    return found
+    return np.asarray((values * read).sum(0) / np.maximum(np.count_nonzero(read, 0), 1))
 
 
 def unfelt(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Left:

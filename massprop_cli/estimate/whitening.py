@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -46,9 +47,10 @@ class ReducedLeastSquares(NamedTuple):
     volume: float = 0.0
     """Log determinant of the covariance that was whitened, for noise of unit variance."""
 
-    def cost(self, further: Array | float = 0.0) -> float:
-        """−2 log likelihood of free noise levels if ``further`` (3,) is left beyond what no coefficients explain."""
-        return float((self.spare * np.log((self.left + further) / self.spare + TINY)).sum()) + self.volume
+    @property
+    def cost(self) -> float:
+        """−2 log likelihood of free noise levels and free coefficients."""
+        return float((self.spare * np.log(self.left / self.spare + TINY)).sum()) + self.volume
 
 
 class Driven(NamedTuple):
@@ -84,7 +86,7 @@ def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tup
     Where some are ``likely`` no others are tried.
     """
     if likely:
-        best = min(each(rates, likely), key=_cost)
+        best = min(each(rates, likely), key=attrgetter("cost"))
         return best.told, (best.beside,) if best.beside != NONE else ()
     (best,) = each(rates, [NONE])
     if best.told.left.mean() <= EXPLAINED * stated * best.told.spare:
@@ -165,7 +167,7 @@ def _restricted(told: ReducedLeastSquares, diagonal: Array, beside: Disturbance,
     """Log determinant of the information, by the diagonal of its root, and −2 log restricted likelihood with the price of a disturbance."""
     taken = 2 * float(np.log(np.abs(diagonal)).sum())
     added = int(beside.white > 0) + int(beside.walk > 0)
-    return taken, told.cost() + 3 * taken + 3 * np.log(len(rates.rate)) * added
+    return taken, told.cost + 3 * taken + 3 * np.log(len(rates.rate)) * added
 
 
 class Beside(NamedTuple):
@@ -178,10 +180,6 @@ class Beside(NamedTuple):
     1971); for noise of unit variance, of each axis."""
     cost: float
     """−2 log likelihood of free noise levels, restricted to what no coefficients explain, with the price of the disturbance."""
-
-
-def _cost(one: Beside) -> float:
-    return one.cost
 
 
 def each(rates: Driven, disturbances: Sequence[Disturbance], distinct: BoolArray | None = None) -> list[Beside]:
@@ -206,8 +204,7 @@ def each(rates: Driven, disturbances: Sequence[Disturbance], distinct: BoolArray
 
 def _distinct(triangle: Array) -> BoolArray:
     """(p,) which columns are no sum of those before them."""
-    found: BoolArray = np.abs(np.diag(triangle)) > SAME * np.linalg.norm(triangle, axis=0)
-    return found
+    return np.asarray(np.abs(np.diag(triangle)) > SAME * np.linalg.norm(triangle, axis=0))
 
 
 def _innovations(rates: Driven, disturbances: Sequence[Disturbance]) -> tuple[Array, Array]:

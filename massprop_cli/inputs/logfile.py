@@ -27,7 +27,7 @@ def read_table(path: Path, map_file: Path | None = None) -> Table:
     if limits.is_folder(path):
         raise InputError(f"{path}: is a folder; name the log file itself, or all logs in it with massprop batch {path}")
     try:
-        data = limits.copied(path, "log")
+        data = limits.copied(path)
     except FileNotFoundError:
         # a path takes the second slash of a URL away
         url = "; massprop batch reads URLs, this takes a file" if _URL.match(str(path)) else ""

@@ -90,10 +90,6 @@ class Phase(Section):
             raise ValueError(f"phase {self.name!r} ends at {self.end_s} s, not after its start at {self.start_s} s")
         return self
 
-    def overlaps(self, other: Self) -> bool:
-        """Whether a cycle may be of both."""
-        return max(self.start_s, other.start_s) < min(self.end_s, other.end_s)
-
 
 class Docking(Section):
     """Which phases are before and after docking."""
@@ -148,7 +144,7 @@ class Vehicle(Section):
         if self.thrust.nominal_pa is not None and not jets:
             raise ValueError("thrust.nominal_pa is the pressure that jets are fed with, and there are no [[jets]]; leave it out")
         for first, second in combinations(self.phases, 2):
-            if first.overlaps(second):
+            if max(first.start_s, second.start_s) < min(first.end_s, second.end_s):
                 raise ValueError(
                     f"phases {first.name!r} ({first.start_s:g} to {first.end_s:g} s) and {second.name!r} ({second.start_s:g} to "
                     f"{second.end_s:g} s) overlap; end one where the other starts, or estimate each in a run of its own"
@@ -297,10 +293,6 @@ class Vehicle(Section):
                 return None
             changed[kind.TABLE] = tuple(found)
         return self.model_copy(update=changed)
-
-    def with_momentum(self, factor: float) -> Self:
-        """The vehicle with so many times the momentum in everything that stores it."""
-        return self.model_copy(update={kind.TABLE: tuple(one.scaled(factor) for one in own) for kind, own in self.actuators})
 
 
 ACTUATORS: dict[str, type[Actuator]] = {

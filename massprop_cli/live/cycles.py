@@ -152,5 +152,4 @@ class Gatherer:
 
 def _summed(own: list[tuple[Record, float]], names: tuple[str, ...], rates: bool) -> Array:
     each = np.array([[record.numbers[name] * (interval if rates else 1.0) for name in names] for record, interval in own])
-    found: Array = each.sum(0)
-    return found
+    return np.asarray(each.sum(0))

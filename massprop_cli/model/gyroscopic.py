@@ -47,8 +47,7 @@ def products_by_rate(rate: Array) -> Array:
 def products_turned(turn: Array) -> Array:
     """(..., 6, 6) matrix of the products of ``turn @ ω`` in those of ω."""
     (i, k), (j, m) = (np.meshgrid(own, own, indexing="ij") for own in (ROWS, COLUMNS))
-    found: Array = turn[..., i, k] * turn[..., j, m] + (k != m) * turn[..., i, m] * turn[..., j, k]
-    return found
+    return np.asarray(turn[..., i, k] * turn[..., j, m] + (k != m) * turn[..., i, m] * turn[..., j, k])
 
 
 def centripetal(arm: Array) -> Array:

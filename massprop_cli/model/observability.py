@@ -64,8 +64,7 @@ def _weighed(rows: Array, vehicle: Vehicle) -> Array:
     if not vehicle.on_pedestal:
         return np.zeros((0, 10))
     index = [QUANTITIES.index(name) for name in vehicle.known if name in INERTIA]
-    found: Array = np.eye(10)[index] * np.sqrt((rows**2).sum((0, 1)))
-    return found
+    return np.asarray(np.eye(10)[index] * np.sqrt((rows**2).sum((0, 1))))
 
 
 def _in_row_space(rows: Array) -> BoolArray:
@@ -74,8 +73,7 @@ def _in_row_space(rows: Array) -> BoolArray:
     scaled = rows / np.where(seen, size, 1.0)
     _, values, right = singular(scaled)
     null = right[values < ROUNDING * max(values[0], TINY)]
-    found: BoolArray = seen & ~(np.abs(null) > 1e-6).any(0)
-    return found
+    return np.asarray(seen & ~(np.abs(null) > 1e-6).any(0))
 
 
 def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved) -> tuple[Array, BoolArray]:

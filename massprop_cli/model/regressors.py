@@ -317,8 +317,7 @@ def expected(samples: Source, cycles: slice, reference: Reference, vehicle: Vehi
 def _bounded(derivative: Array) -> Array:
     """(K, 3, 3) the derivative, made smaller where an error would turn by more than ``STEEP`` within a step: it says nothing there."""
     size = np.sqrt((derivative**2).sum((1, 2)))
-    found: Array = derivative * np.minimum(1.0, STEEP / np.maximum(size, STEEP))[:, None, None]
-    return found
+    return np.asarray(derivative * np.minimum(1.0, STEEP / np.maximum(size, STEEP))[:, None, None])
 
 
 def integrals_about(samples: Samples, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array, Array]:
@@ -336,5 +335,4 @@ def _by_axis(channels: Array, onto: Array) -> Array:
     """(K, 3, c) what Φ makes of channels (K, C) in combinations ``onto`` (N, c) of its coefficients."""
     count = 3 * channels.shape[1]
     by_channel = onto[:count].reshape(3, -1, onto.shape[1])
-    found: Array = np.einsum("kc,acm->kam", channels, by_channel)
-    return found
+    return np.asarray(np.einsum("kc,acm->kam", channels, by_channel))

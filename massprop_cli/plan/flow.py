@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli.base import escape, exits, files, foldername
+from massprop_cli.base import escape, exits, files
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.estimate.quantities import alone
@@ -130,8 +130,3 @@ def write(made: WrittenPlan, folder: Path, pages: dict[str, str]) -> None:
         for name, text in {"scenario.toml": made.scenario, **pages, "plan.json": escape.document(made.plan)}.items():
             stage.save(name, text)
         stage.place()
-
-
-def default_folder(vehicle: Path) -> Path:
-    """massprop-out/FOLDER-STEM-plan, of the vehicle file's folder and name."""
-    return Path("massprop-out") / foldername.safe(f"{vehicle.parent.resolve().name}-{vehicle.stem}-plan")

@@ -125,8 +125,7 @@ def _covariance(sides: list[PredictionSide], slopes: list[Array], at: IntArray) 
     own = sum((side.scale_sigma**2 * np.outer(one, one) for side, one in zip(sides, scaled, strict=True)), np.zeros_like(slopes[0]))
     left = max(side.scale_sigma for side in sides) * (scaled[0] - scaled[1])
     across = slopes[0] @ sides[0].shared @ (slopes[1] @ sides[1].shared).T
-    found: Array = _apart(sides, slopes, at) + (np.outer(left, left) - own - across - across.T)[np.ix_(at, at)]
-    return found
+    return np.asarray(_apart(sides, slopes, at) + (np.outer(left, left) - own - across - across.T)[np.ix_(at, at)])
 
 
 def _distance(d: Array, covariance: Array, apart: Array) -> tuple[float, int]:

@@ -34,8 +34,7 @@ def capability(log: Log, vehicle: Vehicle) -> Array:
     wrench = channel_wrench(log, vehicle)
     if log.command_kind != "wrench":
         return wrench
-    found: Array = wrench[np.append((log.command != 0).any(0), np.ones(len(vehicle.momentum_wrench), dtype=bool))]
-    return found
+    return np.asarray(wrench[np.append((log.command != 0).any(0), np.ones(len(vehicle.momentum_wrench), dtype=bool))])
 
 
 def channel_wrench(log: Log, vehicle: Vehicle) -> Array:

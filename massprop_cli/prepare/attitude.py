@@ -46,8 +46,7 @@ def integrate_attitude(initial_wxyz: Array, turns: Array, turn_before: Array | N
     while reach < len(attitude):
         attitude[reach:] = quaternion_product(attitude[:-reach], attitude[reach:])
         reach *= 2
-    found: Array = attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
-    return found
+    return np.asarray(attitude / np.linalg.norm(attitude, axis=1, keepdims=True))
 
 
 def at_first(vehicle: Vehicle, rate_rad_s: Array, late_s: float) -> Array:

@@ -33,13 +33,9 @@ def undone(log: Log, vehicle: Vehicle) -> Log:
         return log
     turned = _undone(log.delta_theta_imu_rad, log.interval_s, gyro) - np.outer(log.interval_s, vehicle.imu.gyro_bias_rad_s)
     velocity = _undone(log.delta_v_imu_m_s, log.interval_s, accelerometer)
-    velocity = velocity if vehicle.imu.accel_axes == "imu" else _halfway(velocity, turned)
+    if vehicle.imu.accel_axes != "imu":  # into the axes that the IMU has halfway through each record
+        velocity = (rotation(-turned / 2) @ velocity[:, :, None])[..., 0]
     return replace(log, delta_theta_imu_rad=turned, delta_v_imu_m_s=velocity)
-
-
-def _halfway(velocity: Array, turned: Array) -> Array:
-    """(n, 3) velocity increments in the axes that the IMU has halfway through each record, of those in the axes of the record's start."""
-    return (rotation(-turned / 2) @ velocity[:, :, None])[..., 0]
 
 
 def _undone(increments: Array, interval_s: Array, lag_s: float) -> Array:
@@ -49,8 +45,7 @@ def _undone(increments: Array, interval_s: Array, lag_s: float) -> Array:
     mean = increments / interval_s[:, None]
     kept = np.exp(-interval_s / lag_s)[:, None]
     before = np.concatenate([mean[:1], mean[:-1]])
-    found: Array = interval_s[:, None] * (mean - kept * before) / (1 - kept)
-    return found
+    return np.asarray(interval_s[:, None] * (mean - kept * before) / (1 - kept))
 
 
 def applied(values: Array, step_s: float, lag_s: float) -> Array:

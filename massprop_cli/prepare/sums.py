@@ -17,8 +17,7 @@ CANCELLED = 1e-12
 
 def of_records(each: Array, records: int) -> Array:
     """(K, 3) sums of records (n, 3), so many to each cycle. By einsum: numpy's sum is slow over rows of three."""
-    found: Array = np.einsum("kri->ki", each.reshape(-1, records, 3))
-    return found
+    return np.asarray(np.einsum("kri->ki", each.reshape(-1, records, 3)))
 
 
 def windows(integral: Array, moment: Array, duration: Array) -> tuple[Array, Array]:

@@ -148,8 +148,7 @@ def at_times(time_s: Array, readings: Array, latency_s: float, window_s: float, 
     banded[0, 1:] += 1.0
     banded[0, :-1] += 1.0
     banded[1, :-1] -= 1.0
-    found: Array = solveh_banded(banded, right, lower=True)[before:]
-    return found
+    return np.asarray(solveh_banded(banded, right, lower=True)[before:])
 
 
 def _weight(knot_s: Array, first: int, end_s: Array, window_s: float) -> Array:

@@ -109,11 +109,6 @@ def array(matrix: Matrix | None) -> Array:
     return np.full((3, 3), np.nan) if matrix is None else np.array(matrix, dtype=float)
 
 
-def other_convention(matrix: Array) -> Array:
-    """The same inertia with products in the positive-integral convention."""
-    return np.asarray(matrix * (2 * np.eye(3) - 1))
-
-
 def ellipsoid(phase: PhaseItem, bearing_mass_kg: float) -> Ellipsoid | None:
     """Semi-axes a with a² = 5 p / m, p the second moment ∫ x² dm = (sum of the moments) / 2 − own moment."""
     mended = phase.physical.nearest_consistent is not None

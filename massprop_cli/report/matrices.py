@@ -53,7 +53,7 @@ def matrices(phase: PhaseItem | DockedObject, bearing_mass_kg: float, about_orig
         ("the CG", about_cg, body.inertia_sigmas(phase), verdicts),
         ("O", about_origin, body.about_origin_sigmas(phase, bearing_mass_kg), o_verdicts),
     ):
-        for convention, shown in (("tensor", matrix), ("positive integral", body.other_convention(matrix))):
+        for convention, shown in (("tensor", matrix), ("positive integral", matrix * (2 * np.eye(3) - 1))):
             found.append(Grid(f"About {point}, {convention}", _grid(shown, sigmas, told)))
     return found
 

@@ -36,8 +36,7 @@ def information(source: ScenarioSource, issued: Array, values: Array, beside: Ar
     members, unknowns = slopes.shape[:2]
     by_cycle = np.moveaxis(slopes.reshape(members, unknowns, issued.shape[1], -1), 1, 2)
     sizes = np.concatenate([[natural_sizes(body) for body in values], np.ones((members, unknowns - 10))], 1)
-    found: Array = by_cycle @ np.swapaxes(by_cycle, -1, -2) * (sizes[:, :, None] * sizes[:, None, :])[:, None]
-    return found
+    return np.asarray(by_cycle @ np.swapaxes(by_cycle, -1, -2) * (sizes[:, :, None] * sizes[:, None, :])[:, None])
 
 
 def noise_free(source: ScenarioSource) -> ScenarioSource:
@@ -73,8 +72,7 @@ def sensitivities(
         ],
         -1,
     ).reshape(members, 2, unknowns, -1, 6)[..., list(scenario.sensors.axes)] / (np.sqrt(records) * period / records)
-    found: Array = (whitened[:, 0] - whitened[:, 1]) / (2 * np.array(sizes)[:, :, None, None])
-    return found
+    return np.asarray((whitened[:, 0] - whitened[:, 1]) / (2 * np.array(sizes)[:, :, None, None]))
 
 
 def natural_sizes(values: Array) -> Array:

@@ -221,8 +221,7 @@ class Cycles:
         """(3, S, N) what records show of means (3, S, bins), which grow by so much from a bin's middle to its end."""
         per_record = (3, self.members, self.records * (mean.shape[-1] // self.bins), -1)
         if sensor.response is None:
-            found: Array = mean.reshape(per_record).mean(-1)
-            return found
+            return np.asarray(mean.reshape(per_record).mean(-1))
         return sensor.response.records((mean - grown).reshape(per_record), (mean + grown).reshape(per_record), self.width)
 
     def _burn(self, k: int, burn_s: Array) -> None:

@@ -103,8 +103,7 @@ class Sensor:
             step = np.diff(whole, axis=-1, prepend=0.0)
             self._left = exact - whole[..., -1]
         self.increments[:, :, cycles] = step.reshape(*step.shape[:2], -1, self.increments.shape[-1])
-        found: Array = step.sum(-1)
-        return found
+        return np.asarray(step.sum(-1))
 
     def _lowpassed(self, seen: Array) -> Array:
         """(3, S, N) records of a cycle after a first-order low-pass, which began at rest with the first."""

@@ -54,8 +54,7 @@ class Allocation:
         used = np.nan_to_num(self.on_time_share)
         positive, negative = np.maximum(demand, 0.0), np.maximum(-demand, 0.0)
         share = np.einsum("...a,ac->...c", positive, used[:, 0]) + np.einsum("...a,ac->...c", negative, used[:, 1])
-        found: Array = np.clip(share, -1.0, 1.0)
-        return found
+        return np.asarray(np.clip(share, -1.0, 1.0))
 
 
 def allocation(source: ScenarioSource) -> Allocation:

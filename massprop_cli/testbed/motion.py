@@ -38,14 +38,12 @@ def cross(a: Array, b: Array) -> Array:
 
 def dot(a: Array, b: Array) -> Array:
     """Scalar product of vectors whose components come first."""
-    found: Array = (a * b).sum(0)
-    return found
+    return np.asarray((a * b).sum(0))
 
 
 def apply(matrix: Array, v: Array) -> Array:
     """(3, 3, …) times (3, …)."""
-    found: Array = (matrix * v).sum(1)
-    return found
+    return np.asarray((matrix * v).sum(1))
 
 
 def paired(a: Array, b: Array) -> Array:
@@ -254,8 +252,7 @@ def quaternions(rotation: Array) -> Array:
 
 def compose(a: Array, b: Array) -> Array:
     """Hamilton product of quaternions (4, …): first ``a``, then ``b`` in the turned axes."""
-    found: Array = (a[:, None] * (b.take(PARTNERS, 0) * SIGNS.reshape(4, 4, *(1,) * (b.ndim - 1)))).sum(0)
-    return found
+    return np.asarray((a[:, None] * (b.take(PARTNERS, 0) * SIGNS.reshape(4, 4, *(1,) * (b.ndim - 1)))).sum(0))
 
 
 def compose_all(turns: Array) -> Array:
@@ -275,5 +272,4 @@ def vertical(attitude: Array) -> Array:
 def to_world(attitude: Array, v: Array) -> Array:
     """Vectors (3, …) from body to world axes."""
     twice = 2 * cross(attitude[1:], v)
-    found: Array = v + attitude[0] * twice + cross(attitude[1:], twice)
-    return found
+    return np.asarray(v + attitude[0] * twice + cross(attitude[1:], twice))

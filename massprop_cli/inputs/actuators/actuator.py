@@ -256,8 +256,7 @@ def refuse_other_units(
 
 def unit(axis: Vector) -> Array:
     """(3,) of length one."""
-    found: Array = np.array(axis) / np.linalg.norm(axis)
-    return found
+    return np.asarray(np.array(axis) / np.linalg.norm(axis))
 
 
 def pointing(what: str) -> AfterValidator:

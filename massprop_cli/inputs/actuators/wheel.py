@@ -125,14 +125,10 @@ class Wheel(actuator.MomentumDevice):
         return self.direction[None]
 
     @property
-    def locked(self) -> Array:
-        """(3, 3) J a aᵀ, what the wheel adds about its axis to a body that it is locked to, kg m²."""
-        return np.asarray(self.spin_inertia_kg_m2 * np.outer(self.direction, self.direction))
-
-    @property
     def beyond_reported(self) -> Array:
         """(3, 3) the inertia by a column of speed has the wheel locked, and by a column of torque without it."""
-        return np.asarray((int(self.column == "speed") - int(self.locked_in_inertia)) * self.locked)
+        locked = self.spin_inertia_kg_m2 * np.outer(self.direction, self.direction)
+        return np.asarray((int(self.column == "speed") - int(self.locked_in_inertia)) * locked)
 
     @property
     def free_inertia(self) -> Array:

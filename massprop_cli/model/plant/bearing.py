@@ -207,5 +207,4 @@ class BearingBody(Plant):
 
 def level(up: Array, v: Array) -> Array:
     """The part of vectors that lies in the level plane, P v."""
-    found: Array = v - up * np.einsum("...i,...i->...", up, v)[..., None]
-    return found
+    return np.asarray(v - up * np.einsum("...i,...i->...", up, v)[..., None])

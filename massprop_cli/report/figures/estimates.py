@@ -11,7 +11,7 @@ from massprop_cli.report import digits, vocabulary
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
 from massprop_cli.report.figures.recording import Columns, Covered, covered
-from massprop_cli.report.figures.series import AxisRange, broken, padded, parts_of, row_at, said, settled, thin
+from massprop_cli.report.figures.series import AxisRange, broken, padded, parts_of, said, settled, thin
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import EstimateItem, PhaseItem
 
@@ -62,7 +62,7 @@ def _range(name: str, phase: PhaseItem, columns: Columns) -> AxisRange | None:
 def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: bool, recorded: Recorded, power: int) -> Panel:
     item = phase.estimates[name]
     value, sigma, time_s = columns[name], columns[f"{name}_sigma"], columns["time_s"]
-    final = None if item.final_at_s is None else row_at(time_s, item.final_at_s)
+    final = [] if item.final_at_s is None else [int(np.argmin(np.abs(time_s - item.final_at_s)))]
     limits = _range(name, phase, columns)
     heading = f"{vocabulary.SYMBOLS[name]}{f', phase {line(phase.name, 20)}' if several else ''}, {_frame(name, recorded)}"
 
@@ -75,7 +75,7 @@ def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: 
             return
         axis.values(axes, limits, heading, vocabulary.unit(item.unit), power)
         blank = ~(sigma <= limits.high - limits.low)
-        rows = thin(np.where(blank, np.nan, value), [] if final is None else [final], parts_of(len(recorded.history)))
+        rows = thin(np.where(blank, np.nan, value), final, parts_of(len(recorded.history)))
         rows = broken(rows, blank)
         colour = palette.RED if item.verdict == "contradicted" else palette.BLUE
         _series(axes, f"{name}-{{}}-{number}", colour, time_s, value, sigma, rows)

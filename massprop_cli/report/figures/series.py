@@ -69,11 +69,6 @@ def parts_of(phases: int) -> int:
     return max(LEAST, 2 * BUCKETS // (1 + phases))
 
 
-def row_at(time_s: Array, moment_s: float) -> int:
-    """The row whose time is nearest."""
-    return int(np.argmin(np.abs(time_s - moment_s)))
-
-
 def settled(values: Array, sigmas: Array) -> AxisRange | None:
     """The range in which the settled part can be read: values ± 3 sigmas; ``None`` if nothing is finite."""
     told = np.flatnonzero(np.isfinite(values) & np.isfinite(sigmas))

@@ -52,8 +52,7 @@ def autocorrelation(pieces: list[Array]) -> Array:
     """(LAGS, a) of phases one after the other: Σ z[k + lag] z[k] / Σ z[k]², not across their borders."""
     total = np.maximum(sum((z**2).sum(0) for z in pieces), TINY)
     sums = [sum((z[lag:] * z[:-lag]).sum(0) for z in pieces if len(z) > lag) for lag in range(1, LAGS + 1)]
-    found: Array = np.array([np.zeros(total.shape) + one for one in sums]) / total
-    return found
+    return np.asarray(np.array([np.zeros(total.shape) + one for one in sums]) / total)
 
 
 def running(z: Array) -> Array:

@@ -34,8 +34,7 @@ class OnTable(Dynamics):
     @cached_property
     def inverse(self) -> Array:
         """(3, 3, S) of I_zz alone."""
-        found: Array = np.diag(YAW)[..., None] / self.bodies.inertia[2, 2]
-        return found
+        return np.asarray(np.diag(YAW)[..., None] / self.bodies.inertia[2, 2])
 
     def fixed(self, attitude: Array) -> Array:
         """(3, S) what holds it on the slope."""
