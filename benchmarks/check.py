@@ -38,7 +38,7 @@ from massprop_cli.base.arrays import Array  # noqa: E402
 from massprop_cli.base.errors import InputError  # noqa: E402
 from massprop_cli.check.finding import Finding  # noqa: E402
 from massprop_cli.check.flow import seen, with_estimate  # noqa: E402
-from massprop_cli.check.sampling import sampling  # noqa: E402
+from massprop_cli.check.signals import sampling  # noqa: E402
 from massprop_cli.flow import Analysis  # noqa: E402
 from massprop_cli.inputs.vehiclefile import VehicleSource  # noqa: E402
 from massprop_cli.result import build  # noqa: E402

@@ -9,11 +9,8 @@ from massprop_cli import __version__, flow, job
 from massprop_cli.base import exits, files
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.check.attitude import attitude, on_table
-from massprop_cli.check.commands import commands, never_fired
 from massprop_cli.check.finding import Check, ExpectedQuantity, Finding, Grade, Subject, finding
-from massprop_cli.check.sampling import sampling
-from massprop_cli.check.sensors import sensors
+from massprop_cli.check.signals import attitude, commands, never_fired, on_table, sampling, sensors
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import logfile, telemetry, vehiclefile
 from massprop_cli.inputs.notice import Notice

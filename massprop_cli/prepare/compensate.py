@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from massprop_cli.base.arrays import Array, BoolArray, frozen
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.quaternion import inverse, matrices, rotation_vector, turns_between
 from massprop_cli.base.rigidbody import cross, lever_arm, times
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.align import Aligned
@@ -25,7 +27,6 @@ from massprop_cli.prepare.attitude import (
     world_up_b,
 )
 from massprop_cli.prepare.attitudefilter import Measured
-from massprop_cli.prepare.roomtorque import with_torque
 from massprop_cli.prepare.sensor import KernelEffect
 
 
@@ -290,3 +291,34 @@ def acceleration(samples: Samples, vehicle: Vehicle) -> Array:
 def biased_attitude(attitude_logged: bool, vehicle: Vehicle) -> bool:
     """Whether the attitude is integrated from a gyro that has a bias, of which gravity alone tells."""
     return vehicle.pivoted and not attitude_logged and vehicle.imu.gyro_bias_sigma_rad_s > 0
+
+
+def with_torque(aligned: Aligned, attitude_wxyz: Array, torque_n_m: Array) -> tuple[Aligned, Array]:
+    """What acts with the torque (3,), world axes, of a body with the attitudes (K + 1, 4) at the cycles' edges; and (K, 3) its mean.
+
+    Within a cycle it is the parabola through both edges with the curvature ``θ × (θ × τ)`` of an even turn θ from one to the other.
+    """
+    edges, turn = times(matrices(inverse(attitude_wxyz)), torque_n_m), rotation_vector(turns_between(attitude_wxyz))
+    bent = cross(turn, cross(turn, (edges[:-1] + edges[1:]) / 2))
+    bins = aligned.impulse_bins.shape[1]
+    at = ((np.arange(bins) + 0.5) / bins)[:, None]
+    first, step, curve = (part[:, None] for part in (edges[:-1], np.diff(edges, axis=0), bent))
+    duration = aligned.duration_s[:, None, None]
+    mean = first + at * step - curve / 2 * (at * (1 - at) - 1 / (12 * bins**2))
+    late = (step - curve * (0.5 - at)) / (12 * bins**2)
+    impulse, skew = mean * duration / bins, late * duration
+    whole = impulse.sum(1)
+    rising = (at * impulse + skew / bins).sum(1)
+
+    def added(acting: Array, by: Array) -> Array:
+        return frozen(np.concatenate([acting[..., :3] + by, acting[..., 3:]], -1))
+
+    acting = replace(
+        aligned,
+        impulse_bins=added(aligned.impulse_bins, impulse),
+        skew_bins=added(aligned.skew_bins, skew),
+        rising=added(aligned.rising, rising),
+        falling=added(aligned.falling, whole - rising),
+        whole=added(aligned.whole, whole),
+    )
+    return acting, frozen(whole / aligned.duration_s[:, None])

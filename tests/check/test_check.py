@@ -15,8 +15,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.quaternion import rotation_vector, turns_between
 from massprop_cli.check import flow
 from massprop_cli.check.finding import Check, rows
-from massprop_cli.check.sampling import sampling
-from massprop_cli.check.sensors import UNLIKELY, standing
+from massprop_cli.check.signals import UNLIKELY, sampling, standing
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.require import requirements
 from massprop_cli.testbed import output, scenario

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from massprop_cli.check.attitude import on_table
+from massprop_cli.check.signals import on_table
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed import scenario, simulate

@@ -11,7 +11,7 @@ import pytest
 from massprop_cli import job
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.check.sampling import sampling
+from massprop_cli.check.signals import sampling
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.formats.clocks import outlying

@@ -5,7 +5,7 @@ import pytest
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.quaternion import quaternion_of, quaternion_product
-from massprop_cli.prepare.roomtorque import with_torque
+from massprop_cli.prepare.compensate import with_torque
 from massprop_cli.prepare.timing import Timing
 from tests.flown import fly
 

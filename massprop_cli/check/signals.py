@@ -1,0 +1,289 @@
+"""What a log's signals show by themselves: sampling, gyro and accelerometer, commands, logged attitude."""
+
+from functools import partial
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, BoolArray, median
+from massprop_cli.base.quaternion import matrices, rotation_vector, turns_between
+from massprop_cli.base.rigidbody import times
+from massprop_cli.check.finding import Finding, finding, rows
+from massprop_cli.inputs.clipped import at_extremes
+from massprop_cli.inputs.formats.clocks import outlying
+from massprop_cli.inputs.logtable import GAP, LONG
+from massprop_cli.inputs.tablefile import Place
+from massprop_cli.inputs.telemetry import JITTER, Log, jitter
+from massprop_cli.inputs.vehicle import Vehicle
+
+STUCK = 6
+"""Equal values in a row of a channel that never repeats itself otherwise."""
+UNLIKELY = 1e-9
+"""Chance below which a run of equal values is no chance."""
+COARSE = 3.0
+"""Smallest step over the noise of a record above which values lie on a staircase."""
+ROUNDING = 1e-12
+_finding = partial(finding, "imu")
+
+
+def sensors(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
+    """Findings of gyro and accelerometer."""
+    imu, found = vehicle.imu, []
+    rates = (
+        ("gyro", log.rate_columns, log.delta_theta_imu_rad, imu.gyro_noise_rad_s, imu.gyro_range_rad_s),
+        ("accelerometer", log.force_columns, log.delta_v_imu_m_s, imu.accel_noise_m_s2, imu.accel_range_m_s2),
+    )
+    noisy = all(noise != 0 for _, _, _, noise, _ in rates)
+    both = np.concatenate([log.delta_theta_imu_rad, log.delta_v_imu_m_s], 1)
+    repeated = np.concatenate([[False], _same(both).all(1)])
+    if noisy and repeated.mean() > 0.01:
+        said = f"{100 * repeated.mean():.3g} % of the records repeat the one before in all six channels: the log is faster than the IMU"
+        found.append(_finding("repeated-record", "fault", said, "log each sample once, or with its own time", rows(repeated, place)))
+    for (name, columns, increments, noise, limit), logged in zip(rates, (log.axes[:3], log.axes[3:]), strict=True):
+        clipped = at_extremes(increments, log.interval_s)
+        for axis, column in enumerate(columns):
+            if not logged[axis] and column not in log.empty:
+                continue
+            values = increments[:, axis] / log.interval_s
+            found += _channel(name, column, values, noise, limit, clipped[:, axis], repeated, place)
+        found += _coarse(name, increments / log.interval_s[:, None], noise, log.records_per_cycle)
+    return found
+
+
+def _same(values: Array) -> BoolArray:
+    """Whether each value is the one before, but for the rounding of a multiplication by its interval."""
+    return np.asarray(np.abs(np.diff(values, axis=0)) <= ROUNDING * np.abs(values[1:]))
+
+
+def _channel(
+    name: str, column: str, values: Array, noise: float | None, limit: float | None, clipped: BoolArray, repeated: BoolArray, place: Place
+) -> list[Finding]:
+    if _same(values).all():
+        if noise == 0:
+            return []  # a perfect sensor of an axis that is left alone
+        remedy = "see to the sensor and its channel in the recorder"
+        return [_finding("dead-axis", "fault", f"{column} is {values[0]:g} throughout: the {name}'s axis is dead", remedy)]
+    found = []
+    if limit is not None:
+        full = np.abs(values) >= 0.999 * limit
+        said = f"{column} at the {name}'s range in {int(full.sum())} records"
+        remedy = "fly a gentler motion, or widen the sensor's range; the phase before is good"
+    else:
+        full = clipped
+        said = f"{column} is {float(values[np.argmax(full)]):.6g} per second in {int(full.sum())} records and never beyond: clipped"
+        remedy = f"state the {name}'s range in the vehicle file if it is one, and fly a gentler motion"
+    if full.any():
+        found.append(_finding(f"{name}-saturated", "fault", said, remedy, rows(full, place)))
+        full = np.abs(values) >= 0.999 * (np.abs(values[full][0]) if limit is None else limit)
+    run = standing(values, repeated) & ~full  # at the end of its range it stands still
+    if noise != 0 and run.any():
+        remedy = "see to the sensor; cut these records ([[phases]])"
+        said = f"{column} stands still in {int(run.sum())} records while others move"
+        found.append(_finding("stuck", "fault", said, remedy, rows(run, place)))
+    return found
+
+
+def standing(values: Array, repeated: BoolArray) -> BoolArray:
+    """Records in runs of equal values longer than chance makes them of a channel that repeats itself as often as this does elsewhere."""
+    same = np.concatenate([[False], _same(values)]) & ~repeated
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
+    starts, ends = edges[::2], edges[1::2]
+    long = ends - starts
+    elsewhere = (same.sum() - long + 1) / (len(values) - long + 1)
+    unlikely = (long >= STUCK - 1) & (len(values) * elsewhere**long < UNLIKELY)
+    found = np.zeros(len(values), dtype=bool)
+    for start, end in zip(starts[unlikely], ends[unlikely], strict=True):
+        found[start - 1 : end] = True
+    return found
+
+
+def _coarse(name: str, values: Array, noise: float | None, records: int) -> list[Finding]:
+    if not noise:
+        return []
+    # sorted, not np.unique, which imports masked arrays
+    steps = [(step := np.diff(np.sort(axis)))[step > 1e-9 * np.abs(axis).max()] for axis in values.T]
+    coarsest = max((float(step.min()) for step in steps if len(step) > 1), default=0.0)
+    if coarsest <= COARSE * noise * np.sqrt(records):
+        return []
+    said = f"the {name} counts in steps of {coarsest:.3g} per second, {coarsest / (noise * np.sqrt(records)):.3g} times its stated noise"
+    return [_finding("quantised", "fault", said, f"state the noise with the step in it (step / sqrt(12)), or log the {name} finer")]
+
+
+def sampling(time_s: Array, place: Place) -> list[Finding]:
+    """Findings of the time column; ``place`` names a row."""
+    bad = ~np.isfinite(time_s)
+    if len(time_s) < 2 or bad.any() or outlying(time_s)[0].any():
+        return []  # reading the log says so
+    steps = np.concatenate([[np.nan], np.diff(time_s)])
+    forward = steps[1:][steps[1:] > 0]
+    if not len(forward):
+        return []
+    usual = median(forward)
+    found = []
+    for code, which, what, remedy in (
+        ("duplicate-time", steps == 0, "records with the time of the one before", "drop the copies, or let the recorder write finer times"),
+        ("time-back", steps < 0, "steps of the clock back", "sort the log, or cut it where the clock was set"),
+        ("gap", steps > GAP * usual, f"gaps of more than {GAP:g} usual intervals", "split the log there, a file each"),
+    ):
+        if which.any():
+            worst = float(np.max(np.abs(steps[which])))
+            size = "" if code == "duplicate-time" else f", the largest of {worst:.6g} s"
+            said = f"{what}: {int(which.sum())} (usual interval {usual:.6g} s{size})"
+            found.append(finding("sampling", code, "unusable", said, remedy, rows(which, place)))
+    if found:
+        return found
+    scatter = jitter(steps[1:])
+    if scatter > JITTER:
+        off = np.abs(steps - usual) > 3 * scatter * usual
+        remedy = "stamp records by the IMU's own clock, not at arrival, or state even = true under their clock in a map file"
+        said = f"intervals scatter by {100 * scatter:.2g} % of {usual:.6g} s"
+        found.append(finding("sampling", "jitter", "fault", said, remedy, rows(off, place)))
+    short = steps < usual / LONG
+    if short.any() and scatter <= JITTER:
+        said = f"{int(short.sum())} intervals shorter than {1 / LONG:.2g} of the usual {usual:.6g} s"
+        remedy = "see that the recorder dropped and made up nothing"
+        found.append(finding("sampling", "short-interval", "note", said, remedy, rows(short, place)))
+    return found
+
+
+ALWAYS = 0.98
+"""Part of the cycles, and of each, from which on a jet counts as never off."""
+TOGETHER = 0.05
+"""Part of the cycles in which a jet and its opposite may fire for the same moment."""
+ALIKE = 1e-6
+
+
+def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
+    """Findings of jets or wrench; ``place`` names a row."""
+    if not log.command.any() and not any(one.moved for one in log.spinning):
+        remedy = "see that commands were recorded, under the vehicle file's names"
+        return [finding("commands", "nothing-commanded", "fault", "no command other than 0 in the whole log", remedy)]
+    if log.command_kind != "jets":
+        return []
+    share = log.command / vehicle.cycle.period_s
+    found = []
+    for number, jet in enumerate(vehicle.jets):
+        if (share[:, number] > ALWAYS).mean() > ALWAYS:
+            said = f"jet {jet.name} is on in every cycle, all of it"
+            remedy = "see whether its column holds what was executed; is it a constant?"
+            found.append(finding("commands", "jet-always-on", "fault", said, remedy))
+    for first, second in _opposed(vehicle):
+        # of two on-times in one cycle at least this much overlaps or wastes thrust
+        both = np.minimum(share[:, first], share[:, second]) > TOGETHER
+        if both.mean() > TOGETHER:
+            names = f"{vehicle.jets[first].name} and {vehicle.jets[second].name}"
+            said = f"jets {names} push against each other in {int(both.sum())} cycles: their errors stay and their thrust cancels"
+            where = rows(_in_rows(log, both), place)
+            found.append(finding("commands", "opposed-jets", "note", said, "allocate the commands so that only one of them fires", where))
+    return found
+
+
+def _in_rows(log: Log, commanded: BoolArray) -> BoolArray:
+    """(n,) of records, what is true of commands."""
+    if log.command_s is None:
+        return np.repeat(commanded, log.records_per_cycle)
+    found = np.zeros(len(log.time_s), dtype=bool)
+    found[np.minimum(np.searchsorted(log.time_s, log.command_s[commanded]), len(found) - 1)] = True
+    return found
+
+
+def never_fired(log: Log, vehicle: Vehicle) -> list[str]:
+    """Jets, or components of the wrench, that were not commanded once."""
+    by_kind = {
+        "jets": [jet.name for jet in vehicle.jets],
+        "wrench": [f"{kind} {axis}" for kind in ("torque", "force") for axis in "xyz"],
+        "rotors": [rotor.name for rotor in vehicle.rotors],
+    }
+    names = by_kind[log.command_kind]
+    idle = [name for name, column in zip(names, log.command.T, strict=True) if not column.any()]
+    return [*idle, *(one.name for one, said in zip(vehicle.spinning, log.spinning, strict=True) if not said.moved)]
+
+
+def _opposed(vehicle: Vehicle) -> list[tuple[int, int]]:
+    wrench: Array = vehicle.jet_wrench
+    size = np.abs(wrench).max(initial=0.0)  # of momentum devices alone there are none
+    return [
+        (i, j)
+        for i in range(len(wrench))
+        for j in range(i + 1, len(wrench))
+        if np.abs(wrench[i] + wrench[j]).max() <= ALIKE * size and wrench[i].any()
+    ]
+
+
+MISFIT = 0.2
+"""Part of the gyro's turning by which the logged one may differ, but for white noise of both."""
+LEAST = 8
+"""Logged turns of which anything is said."""
+STILL = 1e-3
+"""rad; below this much turning in all, nothing can be said."""
+TILTED = 0.05
+"""rad between the mean specific force and the vertical: pushes of jets average out to less."""
+
+
+ROCKING = 0.05
+"""Part of the yaw rate that the other two may be on a table: an IMU that is three degrees out of level."""
+
+
+def _fault(code: str, said: str, remedy: str) -> Finding:
+    return finding("attitude", code, "fault", said, remedy)
+
+
+def on_table(log: Log, vehicle: Vehicle) -> list[Finding]:
+    """Findings of an IMU that should turn about the body's Z alone and feel gravity along it; nothing but on a table."""
+    if vehicle.environment.kind != "planar":
+        return []
+    mount, found = np.array(vehicle.imu.body_from_imu), []
+    felt = (log.delta_v_imu_m_s @ mount.T / log.interval_s[:, None]).mean(0)
+    off = float(np.linalg.norm(felt - [0.0, 0.0, vehicle.environment.gravity_m_s2])) if all(log.axes[3:]) else 0.0
+    if off > TILTED * vehicle.environment.gravity_m_s2:
+        said = f"the accelerometer feels {', '.join(f'{x:.4g}' for x in felt)} m/s^2 along the body's X, Y and Z on the mean; Z points up"
+        remedy = "correct imu.body_from_imu, the accelerometer's signs and unit, or environment.gravity_m_s2"
+        found.append(_fault("table-gravity", said, remedy))
+    rate = log.delta_theta_imu_rad @ mount.T / log.interval_s[:, None]
+    slow = rate - rate.mean(0)
+    noise = (vehicle.imu.gyro_noise_rad_s or 0.0) * np.sqrt(log.records_per_cycle)
+    rocking, yaw = (float(np.sqrt(max((part**2).sum(1).mean() - part.shape[1] * noise**2, 0.0))) for part in (slow[:, :2], slow[:, 2:]))
+    if rocking > ROCKING * yaw and rocking > noise:
+        said = f"the vehicle yaws by {yaw:.3g} rad/s (rms), and the gyro shows {rocking:.3g} rad/s about the axes that lie in the table"
+        found.append(_fault("table-rocking", said, "correct imu.body_from_imu; or see to the pads, on which the vehicle rocks"))
+    return found
+
+
+def attitude(log: Log, vehicle: Vehicle) -> list[Finding]:
+    """Findings of logged quaternions; nothing where none are logged."""
+    if log.attitude_wxyz is None:
+        return []
+    mount = np.array(vehicle.imu.body_from_imu)
+    found = []
+    rows = np.flatnonzero(np.isfinite(log.attitude_wxyz[:, 0]))
+    turned = np.diff(np.cumsum(log.delta_theta_imu_rad @ mount.T, 0)[rows], axis=0)
+    logged = rotation_vector(turns_between(log.attitude_wxyz[rows]))
+    if len(logged) < LEAST:
+        return []
+    size = float(np.sqrt((turned**2).sum()))
+    # what wanders slowly is the gyro's bias, which has a warning of its own
+    off = turned - logged - (turned - logged).mean(0)
+    noise = (vehicle.imu.gyro_noise_rad_s or 0.0) * vehicle.cycle.period_s / np.sqrt(log.records_per_cycle)
+    # and white noise of the attitude itself comes back in the next turn with the other sign
+    scatter = max(float(-(off[1:] * off[:-1]).mean()), 0.0)
+    left = float(np.sqrt(max((off**2).sum() - off.size * (noise**2 + 2 * scatter), 0.0)))
+    if np.sqrt((turned**2).sum()) > STILL and left > MISFIT * size:
+        inverse = float(np.sqrt(((turned + logged - (turned + logged).mean(0)) ** 2).sum()))
+        hint = "it turns the other way: is it body from world? Give its conjugate" if inverse < left / 2 else "are both in the same axes?"
+        said = f"the logged attitude turns otherwise than the gyro: {100 * left / max(size, STILL):.3g} % of its turning is unexplained"
+        found.append(_fault("attitude-gyro", said, f"{hint} (quat_* is wxyz, world from body; imu.body_from_imu)"))
+    if vehicle.pivoted and all(log.axes[3:]):
+        found += _gravity(log, mount)
+    return found
+
+
+def _gravity(log: Log, mount: Array) -> list[Finding]:
+    assert log.attitude_wxyz is not None
+    rows = np.isfinite(log.attitude_wxyz[:, 0])
+    felt = (log.delta_v_imu_m_s @ mount.T / log.interval_s[:, None])[rows]
+    world = times(matrices(log.attitude_wxyz[rows]), felt).mean(0)
+    angle = float(np.arctan2(np.hypot(world[0], world[1]), world[2]))
+    if angle <= TILTED:
+        return []
+    said = f"specific force in world axes is {angle:.3g} rad ({np.degrees(angle):.3g}°) off the vertical on the mean"
+    remedy = "correct the attitude's reference (Z up), imu.body_from_imu, or the accelerometer's signs"
+    return [_fault("attitude-gravity", said, remedy)]
