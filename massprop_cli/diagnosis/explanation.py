@@ -10,6 +10,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis import UNKNOWN, hypotheses
+from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Correction, applied, around, certain, correction_of, skewed
 from massprop_cli.diagnosis.delay import FoundTiming, near
 from massprop_cli.diagnosis.hypothesis import Hypothesis
@@ -152,17 +153,16 @@ def _in_proportion(screening: Screening, refit: Refit) -> Refit | None:
         part = next((part for part in found.parts if part.hypothesis.code == "thrust-scale" and part.hypothesis.subject == whole), None)
         if part is None or not whole or not other or not (factor := float(np.median(part.factors))) > 0:
             continue
-        instead = hypotheses.scaled(model, names, other, 1 / factor)
-        rest = [own.hypothesis for own in found.parts if own is not part]
         x = found.x.copy()
         x[model.place("thrust")] /= factor  # and the body, of which nothing is said
-        return _instead(screening, refit, instead.beside(*rest) if rest else instead, x)
+        return _instead(screening, refit, part, hypotheses.scaled(model, names, other, 1 / factor), x)
     return None
 
 
-def _instead(screening: Screening, refit: Refit, supposed: Hypothesis, x: Array) -> Refit | None:
-    """The same motion by another cause."""
-    found = replace(refit.fitted, hypothesis=supposed, x=x)
+def _instead(screening: Screening, refit: Refit, part: Fitted, other: Hypothesis, x: Array) -> Refit | None:
+    """The same motion by another cause in the place of one part."""
+    rest = [own.hypothesis for own in refit.fitted.parts if own is not part]
+    found = replace(refit.fitted, hypothesis=other.beside(*rest) if rest else other, x=x)
     case = applied(screening.case, found)
     return None if case is None else replace(refit, fitted=found, case=case)
 
@@ -180,9 +180,8 @@ def _about_another_point(screening: Screening, refit: Refit) -> Refit | None:
         part = next((part for part in found.parts if part.hypothesis.code == one.code), None)
         if part is None or part.hypothesis.start or (one is point and certain(part)):
             continue
-        rest = [own.hypothesis for own in found.parts if own is not part]
         x = np.where(one.moved, model.stated, found.x) - other.free @ error / np.abs(other.free).max()
-        return _instead(screening, refit, other.beside(*rest) if rest else other, x)
+        return _instead(screening, refit, part, other, x)
     return None
 
 

@@ -202,32 +202,29 @@ def _short_pulses(case: Case, motion: MeasuredMotion) -> Iterator[Supposed]:
 
 def _later(case: Case, motion: MeasuredMotion, jet: int) -> Supposed:
     """With pulses of one jet later by what explains most."""
-    key, stated_s, period_s = f"jets.{jet}.delay_s", case.vehicle.jets[jet].delay_s, case.vehicle.cycle.period_s
-
-    def states(cycles: float) -> States:
-        return {key: max(stated_s + cycles * period_s, 0.0)}
-
-    def left(cycles: float) -> float:
-        return _left(case, motion, states(cycles))
-
-    by = line_minimum(left, (0.5, 1.0, 1.5, 2.0), 0.5, NEAR)
-    sigma = sigma_at(left, by)
-    return Supposed(("jet-late",), states(by), (states(by + sigma),))
+    return _all_later(case, motion, "jet-late", {f"jets.{jet}.delay_s": case.vehicle.jets[jet].delay_s}, (0.5, 1.0, 1.5, 2.0), 0.5)
 
 
 def _tachometers_later(case: Case, motion: MeasuredMotion) -> Supposed:
     """With speeds of wheels later than stated, all by as much, as of one motor controller's filter or bus: by what explains most."""
-    period_s, wheels = case.vehicle.cycle.period_s, case.vehicle.wheels
+    by_speed = {n: wheel.speed_latency_s for n, wheel in enumerate(case.vehicle.wheels) if wheel.column == "speed"}
+    stated_s = {f"wheels.{n}.speed_latency_s": latency_s for n, latency_s in by_speed.items()}
+    return _all_later(case, motion, "speed-late", stated_s, (0.1, 0.2, 0.4, 0.8, 1.6), 0.2)
+
+
+def _all_later(
+    case: Case, motion: MeasuredMotion, code: str, stated_s: Mapping[str, float], begun: Sequence[float], step: float
+) -> Supposed:
+    """With all of these keys later than stated by as much, from so many cycles ``begun`` on, by what explains most."""
 
     def states(cycles: float) -> States:
-        by_speed = {n: wheel.speed_latency_s for n, wheel in enumerate(wheels) if wheel.column == "speed"}
-        return {f"wheels.{n}.speed_latency_s": max(stated_s + cycles * period_s, 0.0) for n, stated_s in by_speed.items()}
+        return {key: max(stated + cycles * case.vehicle.cycle.period_s, 0.0) for key, stated in stated_s.items()}
 
     def left(cycles: float) -> float:
         return _left(case, motion, states(cycles))
 
-    by = line_minimum(left, (0.1, 0.2, 0.4, 0.8, 1.6), 0.2, NEAR)
-    return Supposed(("speed-late",), states(by), (states(by + sigma_at(left, by)),))
+    by = line_minimum(left, begun, step, NEAR)
+    return Supposed((code,), states(by), (states(by + sigma_at(left, by)),))
 
 
 def _before_its_twin(case: Case) -> Iterator[Supposed]:

@@ -30,29 +30,20 @@ from massprop_cli.model.sensitivity import Consider, variant
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
-_NAMES = {
-    "delay": "command delay",
-    "lag": "thrust lag",
-    "gyro_cutoff": "gyro's cutoff",
-    "accel_cutoff": "accelerometer's cutoff",
-    "gyro_latency": "gyro's latency",
-    "accel_latency": "accelerometer's latency",
+SOUGHT = {
+    "delay": ("the command delay", "the delay in cycles (cycle.command_delay_cycles)"),
+    "lag": ("the thrust lag", "the lag in seconds (thrust.lag_s)"),
+    "gyro_cutoff": ("the gyro's cutoff", "the gyro's cutoff (imu.gyro_filter.cutoff_hz)"),
+    "accel_cutoff": ("the accelerometer's cutoff", "the accelerometer's cutoff (imu.accel_filter.cutoff_hz)"),
+    "gyro_latency": ("the gyro's latency", "the gyro's latency (imu.gyro_filter.latency_s)"),
+    "accel_latency": ("the accelerometer's latency", "the accelerometer's latency (imu.accel_filter.latency_s)"),
 }
-REMEDIES = {
-    "delay": "the delay in cycles (cycle.command_delay_cycles)",
-    "lag": "the lag in seconds (thrust.lag_s)",
-    "gyro_cutoff": "the gyro's cutoff (imu.gyro_filter.cutoff_hz)",
-    "accel_cutoff": "the accelerometer's cutoff (imu.accel_filter.cutoff_hz)",
-    "gyro_latency": "the gyro's latency (imu.gyro_filter.latency_s)",
-    "accel_latency": "the accelerometer's latency (imu.accel_filter.latency_s)",
-}
+"""Error parameters that a vehicle file may leave to be found: what each is called, and what to state."""
 PHASE = 0.1
 """Part of a record: one sigma of when an IMU on a clock of its own takes its samples by the commands' clock, unless it is stated."""
 LONGEST = 4800
 """Cycles that delay and lag are looked for in: beyond, they are known to a ten-thousandth of a cycle, and fits hold all cycles at once."""
 LATENCIES = ("gyro_latency", "accel_latency")
-SOUGHT = ("delay", "lag", "gyro_cutoff", "accel_cutoff", *LATENCIES)
-"""Error parameters that a vehicle file may leave to be found."""
 PAIRS = (
     ("delay", "lag"),
     ("gyro_cutoff", "delay"),
@@ -206,8 +197,8 @@ def _found(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
             found = delay.by_commands_alone(part, vehicle, coarse) or found
     if found is None:
         raise UntoldError(
-            f"{log.path}: {' and '.join(f'the {_NAMES[name]}' for name in unknown)} cannot be estimated from this log; its commands "
-            f"explain too little of its motion{_compared(log, rated)}. State {' and '.join(REMEDIES[name] for name in unknown)}; of "
+            f"{log.path}: {' and '.join(SOUGHT[name][0] for name in unknown)} cannot be estimated from this log; its commands "
+            f"explain too little of its motion{_compared(log, rated)}. State {' and '.join(SOUGHT[name][1] for name in unknown)}; of "
             "commands that are stamped after they act bring the clocks together first (clock.offset_s of a map)",
             () if coarse is None else _likeliest(Setup(log, vehicle, coarse), unknown),
         )
