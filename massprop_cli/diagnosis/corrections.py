@@ -323,22 +323,18 @@ def around(case: Case, found: Fitted) -> tuple[Correction, ...]:
     if _both_turned(found) is not None:
         for name in MOUNTING.entries:
             stated[found.model.place(name)] = True
-    corrections = []
-    for states in found.hypothesis.further:
-        if all(SIGMA_KEYS.get(key) in found.hypothesis.states for key in states):
-            continue
-        further = replace(found, hypothesis=replace(found.hypothesis, states=states))
-        then = applied(case, further)
-        correction = None if then is None else correction_of(case, then, further)
-        corrections += [] if correction is None else [correction]
+    further = [
+        replace(found, hypothesis=replace(found.hypothesis, states=states))
+        for states in found.hypothesis.further
+        if not all(SIGMA_KEYS.get(key) in found.hypothesis.states for key in states)
+    ]
     # what the log doesn't tell of may be as far off as what it tells of
     far = np.where(found.spread > UNTOLD, max(1.0, float(np.abs(found.moved).max(initial=0.0))), 1.0)
-    for move, sigma in zip(found.hypothesis.free.T, far * found.spread, strict=True):
-        further = replace(found, x=found.x + sigma * move)
-        then = None if at_once(found) or move[stated].any() else applied(case, further)
-        correction = None if then is None else correction_of(case, then, further)
-        corrections += [] if correction is None else [correction]
-    return tuple(corrections)
+    moves = () if at_once(found) else zip(found.hypothesis.free.T, far * found.spread, strict=True)
+    further += [replace(found, x=found.x + sigma * move) for move, sigma in moves if not move[stated].any()]
+    cases = ((applied(case, one), one) for one in further)
+    corrections = (None if then is None else correction_of(case, then, one) for then, one in cases)
+    return tuple(one for one in corrections if one is not None)
 
 
 def skewed(correction: Correction | None, found: Fitted) -> tuple[Correction, ...]:
