@@ -23,6 +23,11 @@ def frozen(array: Array) -> Array:
     return view
 
 
+def runs(rows: BoolArray) -> IntArray:
+    """(n, 2) where rows that are True in a row begin, and the row after their last."""
+    return np.flatnonzero(np.diff(rows, prepend=False, append=False)).reshape(-1, 2)
+
+
 def cubic(wanted: Array, at: Array, values: Array) -> Array:
     """Values (n,) at other times: cubics with the mean slopes there (Hermite; Catmull & Rom 1974); outside, the nearest."""
     from scipy.interpolate import CubicHermiteSpline

@@ -2,10 +2,9 @@
 
 from typing import Literal
 
-import numpy as np
 from pydantic import Field
 
-from massprop_cli.base.arrays import BoolArray
+from massprop_cli.base.arrays import BoolArray, runs
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.inputs.tablefile import Place
 from massprop_cli.result.schema import Item
@@ -75,10 +74,10 @@ def finding(subject: Subject, code: str, grade: Grade, what: str, remedy: str, w
 
 def rows(where: BoolArray, place: Place) -> str:
     """The first run of rows that are True in words, and how many more there are; ``place`` names a row as a person finds it."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(int), [0]])))
-    if not len(edges):
+    found = runs(where).tolist()
+    if not found:
         return ""
-    first, last = int(edges[0]), int(edges[1]) - 1
+    first, last = found[0][0], found[0][1] - 1
     named = place(first) if first == last else f"{place(first)} to {place(last).partition(' ')[2]}"
-    more = len(edges) // 2 - 1
+    more = len(found) - 1
     return f"{named}, and {more} more place{'s' if more > 1 else ''}" if more else named

@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, median
+from massprop_cli.base.arrays import Array, BoolArray, median, runs
 from massprop_cli.base.quaternion import matrices, rotation_vector, turns_between
 from massprop_cli.base.rigidbody import times
 from massprop_cli.check.finding import Finding, finding, rows
@@ -85,8 +85,7 @@ def _channel(
 def standing(values: Array, repeated: BoolArray) -> BoolArray:
     """Records in runs of equal values longer than chance makes them of a channel that repeats itself as often as this does elsewhere."""
     same = np.concatenate([[False], _same(values)]) & ~repeated
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
-    starts, ends = edges[::2], edges[1::2]
+    starts, ends = runs(same).T
     long = ends - starts
     elsewhere = (same.sum() - long + 1) / (len(values) - long + 1)
     unlikely = (long >= STUCK - 1) & (len(values) * elsewhere**long < UNLIKELY)

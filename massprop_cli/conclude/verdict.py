@@ -10,7 +10,7 @@ import numpy as np
 
 from massprop_cli import CG, INERTIA, QUANTITIES, UNITS
 from massprop_cli.base import spill
-from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.arrays import Array, BoolArray, runs
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import parallel_axis, tensor
 from massprop_cli.conclude.reason import Reason
@@ -283,6 +283,4 @@ def allowed(kind: str, given: float | None, relative: bool) -> float:
 
 def _stretches(steady: BoolArray, count: int) -> list[tuple[int, int, int]]:
     """Runs of at least ``count`` steady updates: first row, the row at which the count was reached, last row."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], steady, [False]]).astype(int)))
-    runs = zip(edges[::2], edges[1::2], strict=True)
-    return [(int(a), int(a) + count - 1, int(b) - 1) for a, b in runs if b - a >= count]
+    return [(begin, begin + count - 1, end - 1) for begin, end in runs(steady).tolist() if end - begin >= count]

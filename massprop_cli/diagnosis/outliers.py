@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, IntArray, frozen, median
+from massprop_cli.base.arrays import Array, BoolArray, IntArray, frozen, median, runs
 from massprop_cli.inputs.logtable import LONG
 from massprop_cli.inputs.marked import BY_CHANCE
 from massprop_cli.inputs.notice import Notice
@@ -197,8 +197,7 @@ def _search(log: Log, vehicle: Vehicle, samples: Stream, pieces: Sequence[slice]
 def _judged(sigmas: Array, rows: int) -> SensorOutliers:
     """What is far out, if that is little and apart from all else."""
     far = sigmas > SIGMAS
-    begins = np.flatnonzero(np.diff(far, prepend=False, append=False))
-    for start, stop in zip(begins[::2], begins[1::2], strict=True):
+    for start, stop in runs(far):
         far[start:stop] &= stop - start <= RUN
     out = np.flatnonzero(far)
     between = int(((sigmas > TAIL) & (sigmas <= SIGMAS)).sum())

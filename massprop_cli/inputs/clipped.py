@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base import spill
-from massprop_cli.base.arrays import Array, BoolArray, median
+from massprop_cli.base.arrays import Array, BoolArray, median, runs
 from massprop_cli.inputs.held import SAME, repeats
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.telemetry import SATURATED, Log
@@ -100,8 +100,7 @@ def _commanded(log: Log) -> BoolArray:
 
 def _runs(rows: BoolArray) -> list[tuple[int, int]]:
     """Of ``STANDS`` and more in a row, where they begin and end."""
-    edges = np.flatnonzero(np.diff(rows.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-    return [(int(start), int(stop)) for start, stop in edges if stop - start >= STANDS]
+    return [(start, stop) for start, stop in runs(rows).tolist() if stop - start >= STANDS]
 
 
 def standing(increments: Array, others: Array, interval_s: Array, commanded: BoolArray, late: int) -> BoolArray:
@@ -116,16 +115,16 @@ def standing(increments: Array, others: Array, interval_s: Array, commanded: Boo
     if len(axes) < 2:
         return none
     repeating = np.sum(axes, 0)
-    runs, found = _runs(repeating == len(axes)), none.copy()
+    stood, found = _runs(repeating == len(axes)), none.copy()
     for axis, values in zip(axes, moving, strict=True):
         for start, stop in _runs(axis & (repeating == 1)) if len(axes) > 2 else ():
             rate = values / interval_s  # at its extreme it saturates
             same = SAME * abs(rate[start])
             found[start - 1 : stop] |= rate.min() < rate[start] - same and rate[start] + same < rate.max()
-    if not runs and not found.any():
+    if not stood and not found.any():
         return none
     moves = ~np.logical_and.reduce([repeats(axis / interval_s) for axis in others.T])
-    for start, stop in runs:
+    for start, stop in stood:
         found[start - 1 : stop] = moves[start:stop].all() or commanded[start : max(stop - late, start)].any()
     if found.mean() > MOSTLY or any(float(axis[~found].mean()) > FINE for axis in axes):
         return none

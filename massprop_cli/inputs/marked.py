@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from massprop_cli.base.arrays import TINY, Array, BoolArray, IntArray
+from massprop_cli.base.arrays import TINY, Array, BoolArray, IntArray, runs
 
 SAME, STANDS = 0.05, 10
 """Part of the records that may repeat the one before, and how many in a row: of more, a sensor resolves no more, or stands still."""
@@ -73,7 +73,7 @@ def _at_once(axes: IntArray, every: int) -> BoolArray:
     """The rows in which so many ``axes`` (n,) are ``every`` one; none where these are many, or by chance, as of a coarse sensor."""
     rows = np.asarray(axes == every)
     by_chance = int((axes == every - 1).sum()) > BY_CHANCE * int(rows.sum())
-    lengths = np.diff(np.flatnonzero(np.diff(rows, prepend=False, append=False)))[::2]
+    lengths = np.diff(runs(rows), axis=1)
     few = rows.mean() <= SAME and lengths.max(initial=0) <= STANDS
     return rows if few and every >= ENOUGH and not by_chance else np.zeros_like(rows)
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, frozen
+from massprop_cli.base.arrays import Array, BoolArray, frozen, runs
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.telemetry import Log
@@ -355,6 +355,5 @@ def _lost(log: Log, vehicle: Vehicle, delay_cycles: float, lag_s: float, cycles:
 
 def _changes(command: Array, lost: BoolArray) -> Array:
     """(C,) the most that commands (K, C) change by in as many cycles as were lost in a row at most (K,)."""
-    edges = np.flatnonzero(np.diff(lost.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-    longest = int(np.diff(edges, axis=1).max(initial=1))
+    longest = int(np.diff(runs(lost), axis=1).max(initial=1))
     return np.asarray(np.max([np.abs(command[n:] - command[:-n]).max(0) for n in range(1, longest + 1)], 0))
