@@ -320,7 +320,7 @@ def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, 
     covariance = slope @ joint_covariance @ slope.T
     verdict, reason = _of_sides(single, combined)
     contradictions = _contradictions(single, combined)
-    if docking.backwards(found, covariance):
+    if docking.backwards(float(found[9]), covariance):
         verdict, reason = "contradicted", _swapped(float(found[9]))
         contradictions.append(str(reason))
     estimates = estimate_items(docking.estimates_of(found, covariance, verdict, reason, apart))
@@ -362,8 +362,10 @@ def _contradictions(single: PhaseItem, combined: PhaseItem) -> list[str]:
 
 def backwards(docked: DockedObject | None) -> list[WarningItem]:
     """That the object has less than no mass."""
-    mass = None if docked is None else docked.estimates["mass"].value
-    return [] if mass is None or mass > 0 else [WarningItem(code="docked-mass", message=str(_swapped(mass)))]
+    mass = None if docked is None else docked.estimates["mass"]
+    if mass is None or mass.value is None or mass.reason_code != "docked-lighter":
+        return []
+    return [WarningItem(code="docked-mass", message=str(_swapped(mass.value)))]
 
 
 def _swapped(mass: float) -> Reason:

@@ -57,7 +57,7 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
     covariance = slope @ joint @ slope.T
     settled = all(conclusion.estimates[QUANTITIES[i]].verdict == "converged" for conclusion in pair for i in np.flatnonzero(~apart))
     contradictions = [of_phase(c.phase.name, c.contradiction) for c in pair if c.causes]
-    less = backwards(found, covariance)
+    less = backwards(float(found[9]), covariance)
     verdict: Verdict = "contradicted" if contradictions or less or belied else "converged" if settled else "not_converged"
     reason = Reason("phases-converged" if settled else "phases-not-converged")
     if contradictions:
@@ -72,9 +72,9 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
     return Docked(pair[0].phase.name, pair[1].phase.name, estimates, covariance, "; ".join(contradictions), tuple(belied))
 
 
-def backwards(found: Array, covariance: Array) -> bool:
-    """Whether an object (10,) with its covariance (10, 10) has less than no mass, beyond chance: its sides were swapped."""
-    return bool(found[9] < -SIGNIFICANT * np.sqrt(covariance[9, 9]))
+def backwards(mass: float, covariance: Array) -> bool:
+    """Whether an object of ``mass`` with its covariance (10, 10) has less than none, beyond chance: its sides were swapped."""
+    return bool(mass < -SIGNIFICANT * np.sqrt(covariance[9, 9]))
 
 
 def lighter(mass: float, after: str, before: str, remedy: str) -> Reason:
@@ -93,6 +93,8 @@ def estimates_of(found: Array, covariance: Array, verdict: Verdict, reason: Reas
     if not told and verdict != "contradicted":
         verdict, reason = "unobservable", Reason("sides-untold")
     sigmas = np.sqrt(np.diag(covariance)) if told else found
+    if verdict == "converged" and found[9] < SIGNIFICANT * sigmas[9]:
+        verdict, reason = "not_converged", Reason.of("docked-faint", mass=float(found[9]), sigma=float(sigmas[9]))
     estimates = {}
     for i, name in enumerate(QUANTITIES):
         value, sigma = (float(found[i]), float(sigmas[i])) if told and not apart[i] else (None, None)

@@ -14,7 +14,7 @@ from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.constancy import changing
 from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known, by_lost, by_misfit, by_no_body, by_size, together, unheld
 from massprop_cli.conclude.discrepancy import Discrepancy, discrepancy, with_discrepancy, with_touched
-from massprop_cli.conclude.docking import Docked, docked_object, lighter, masses_apart
+from massprop_cli.conclude.docking import Docked, backwards, docked_object, lighter, masses_apart
 from massprop_cli.conclude.lostcommands import unexecuted
 from massprop_cli.conclude.oscillation import swinging
 from massprop_cli.conclude.physical import breach
@@ -203,7 +203,7 @@ def _docking_notices(docked: Docked | None, conclusions: tuple[Conclusion, ...],
         )
         return [Notice("no-docked-object", message)]
     mass = docked.estimates["mass"].value if docked else None
-    if docked is None or mass is None or mass > 0:
+    if docked is None or mass is None or not backwards(mass, docked.covariance):
         return [Notice("known-mismatch", f"docked object: {message}") for message in (docked.belied if docked else ())]
     return [Notice("docked-mass", str(lighter(mass, f"phase {docked.after}", f"phase {docked.before}", "correct [docking]")))]
 

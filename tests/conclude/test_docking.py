@@ -11,6 +11,7 @@ from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import elements
 from massprop_cli.conclude import docking
+from massprop_cli.conclude.reason import Reason
 from massprop_cli.inputs.vehicle import Known, Phase
 from tests import faulty, flight
 from tests.analysed import SAMPLES, analysed
@@ -77,6 +78,17 @@ def test_an_object_that_weighs_less_than_nothing_is_contradicted() -> None:
     assert "contradicted" not in {item.verdict for one in found.conclusions for item in one.estimates.values()}
 
 
+@pytest.mark.parametrize("mass", [-0.32, 0.19])
+def test_an_object_of_less_than_three_sigmas_of_mass_may_be_none(mass: float) -> None:
+    """Whether the sign of its mass is right is chance: no warning, and nothing converged."""
+    found, covariance = np.array([*np.ones(6), *np.zeros(3), mass]), np.diag([*np.full(9, 1e-6), 0.39**2])
+    estimates = docking.estimates_of(found, covariance, "converged", Reason("phases-converged"), np.zeros(10, dtype=bool))
+    assert {one.verdict for one in estimates.values()} == {"not_converged"}
+    assert "may be none; weigh it" in str(estimates["mass"].reason)
+    assert not docking.backwards(mass, covariance)
+    assert docking.backwards(-1.2, covariance)
+
+
 @pytest.mark.parametrize(("factor", "told"), [(1.0, True), (1.1, False)])
 def test_a_known_mass_of_the_object_that_the_log_refutes_is_contradicted(factor: float, told: bool) -> None:
     log, used = faulty.sample("docking")
@@ -110,7 +122,7 @@ def test_an_object_that_is_released_is_found_as_one_that_docks() -> None:
 
 def test_what_may_be_nothing_at_all_is_no_contradiction() -> None:
     for mass, said in ((-0.2, False), (-0.4, True), (np.nan, False)):
-        assert docking.backwards(np.full(10, mass), 0.01 * np.eye(10)) == said
+        assert docking.backwards(mass, 0.01 * np.eye(10)) == said
 
 
 def test_an_error_common_to_all_thrust_is_the_same_in_both_phases() -> None:
