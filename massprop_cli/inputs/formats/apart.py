@@ -78,7 +78,7 @@ def _read(path: Path, found: Kind, told: dict[str, Any], numbers: Path) -> Read:
         values = np.fromfile(numbers, np.dtype(one["type"]), one["rows"], offset=at)
         at += values.nbytes
         streams.append(recording.stream(one["path"], values, one["clock"], one["unit"]))
-    return Read(streams, told["parameters"], told["vehicle"], told["map"])
+    return Read(streams, told["parameters"], told["vehicle"], told["map"], told["unread"])
 
 
 def _unreadable(said: str) -> Numbers:
@@ -121,6 +121,7 @@ def _told(path: Path, module: str, numbers: Path) -> dict[str, Any]:
             "parameters": dict(said.parameters),
             "vehicle": said.vehicle,
             "map": said.map,
+            "unread": dict(said.unread),
         }
 
 

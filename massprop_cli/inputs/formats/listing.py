@@ -31,13 +31,14 @@ class Listed:
     unit: str
     clock: str
     note: str
-    """no numbers (text, or damaged), constant, increasing."""
+    """no numbers (text, or damaged), constant, increasing; of what isn't read why, and what to do."""
 
 
 def listed(read: Recording) -> list[Listed]:
-    """All streams in the file's order."""
+    """All streams in the file's order, and after them what the file holds that isn't read."""
     clocks = Clocks(read)
-    return [_listed(clocks, one) for one in read.streams.values()]
+    unread = [Listed(path, 0, None, None, None, "", "", f"not read: it {why}") for path, why in read.unread.items()]
+    return [*(_listed(clocks, one) for one in read.streams.values()), *unread]
 
 
 def _listed(clocks: Clocks, one: RecordedStream) -> Listed:

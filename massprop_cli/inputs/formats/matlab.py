@@ -1,4 +1,4 @@
-"""MATLAB files of versions 5 to 7.3 by mat-io (BSD), with MATLAB's own paths: ``imu.gyro(:,1)``, ``runs(2).t`` of a struct array."""
+"""MATLAB files of versions 5 to 7.3 by mat-io (BSD), with MATLAB's own paths: ``imu.gyro(:,1)``, ``runs(2).t``, ``ts.Data(:,1)``."""
 
 import io
 import tempfile
@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from massprop_cli.base import limits
+from massprop_cli.inputs.formats import matlabobjects
 from massprop_cli.inputs.formats.recording import Numbers, Read, RecordedStream, stream, whole
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -30,7 +31,9 @@ def read(path: Path, data: bytes) -> Read:
         file = Path(aside) / "recording.mat"
         file.write_bytes(data)
         variables = matio.load_from_mat(str(file), add_table_attrs=True)
-    return Read([one for name, value in variables.items() if not name.startswith("__") for one in _streams(name, value, 0)])
+    found = _Found()
+    streams = [one for name, value in variables.items() if not name.startswith("__") for one in found.streams(name, value)]
+    return Read(streams, unread=found.unread)
 
 
 def _check_size(path: Path, data: bytes) -> None:
@@ -57,21 +60,52 @@ def _check_size(path: Path, data: bytes) -> None:
         at += size
 
 
-def _streams(path: str, value: Any, depth: int) -> Iterator[RecordedStream]:
-    if depth > _DEEPEST:
-        return
-    if isinstance(value, pd.DataFrame):
-        yield from _table(path, value)
-    elif isinstance(value, dict):
-        for name, part in value.items():
-            yield from _streams(f"{path}.{name}", part, depth + 1)
-    elif isinstance(value, np.ndarray) and value.dtype.names:
-        for number, element in enumerate(value.ravel(order="F"), 1):
-            place = path if value.size == 1 else f"{path}({number})"
-            for name in value.dtype.names:
-                yield from _streams(f"{place}.{name}", element[name], depth + 1)
-    elif isinstance(value, np.ndarray) and value.dtype.kind in "iufb" and value.size > 1:
-        yield from _columns(path, value)
+class _Found:
+    """What a file's variables hold."""
+
+    def __init__(self) -> None:
+        self.unread: dict[str, str] = {}
+        """Objects without numbers that can be read, by their paths."""
+        self._entered: set[int] = set()
+
+    def streams(self, path: str, value: Any, depth: int = 0) -> Iterator[RecordedStream]:
+        """A stream for each vector or column of numbers, however deep."""
+        if depth > _DEEPEST:
+            return
+        if isinstance(value, pd.DataFrame):
+            yield from _table(path, value)
+        elif isinstance(value, dict):
+            for name, part in value.items():
+                yield from self.streams(f"{path}.{name}", part, depth + 1)
+        elif matlabobjects.is_object(value):
+            yield from self._object(path, value, depth)
+        elif isinstance(value, np.ndarray) and value.dtype.names:
+            for number, element in enumerate(value.ravel(order="F"), 1):
+                place = path if value.size == 1 else f"{path}({number})"
+                for name in value.dtype.names:
+                    yield from self.streams(f"{place}.{name}", element[name], depth + 1)
+        elif isinstance(value, np.ndarray) and value.dtype == object:
+            begin, end = "()" if hasattr(value, "classname") else "{}"
+            for number, element in enumerate(value.ravel(order="F"), 1):
+                yield from self.streams(f"{path}{begin}{number}{end}", element, depth + 1)
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "iufb" and value.size > 1:
+            yield from _columns(path, value)
+
+    def _object(self, path: str, value: Any, depth: int) -> Iterator[RecordedStream]:
+        """Of a timeseries its times and samples, of any other object what its properties hold, each object once."""
+        if matlabobjects.is_timeseries(value):
+            try:
+                yield from matlabobjects.timeseries(path, value)
+            except matlabobjects.UnreadableError as error:
+                self.unread[path] = f"is a MATLAB timeseries {error}; {matlabobjects.REMEDY}"
+            return
+        if id(value) in self._entered:
+            return
+        self._entered.add(id(value))
+        held = [one for name, part in value.properties.items() for one in self.streams(f"{path}.{name}", part, depth + 1)]
+        yield from held
+        if not held and not any(name.startswith(f"{path}.") for name in self.unread):
+            self.unread[path] = f"is a MATLAB object of class {value.classname}, which only MATLAB reads; {matlabobjects.REMEDY}"
 
 
 def _columns(path: str, value: Numbers) -> Iterator[RecordedStream]:

@@ -42,7 +42,8 @@ def draft(read: Recording) -> str:
     """The text of a map file, with its questions."""
     found, clocks = vectors(read), listing.Clocks(read)
     chosen: dict[str, Vector] = {}
-    lines = ["schema = 1", f'# drafted from {read.path.name} ({read.kind}); answer every "?", and drop what is not wanted', ""]
+    lines = ["schema = 1", f'# drafted from {read.path.name} ({read.kind}); answer every "?", and drop what is not wanted']
+    lines += [*(f"# not read: {one!r} {why}" for one, why in read.unread.items()), ""]
     for quantity in SENSORS:
         lines += _section(clocks, quantity, found, chosen)
     jets = [path for path in read.streams if re.fullmatch(r"jet_.+_s", listing.leaf(path)) and not _NO_VALVE.search(path)]

@@ -40,8 +40,10 @@ def read(path: Path, data: Content) -> Recording:
     for one in counted(path, said.streams):
         streams.setdefault(one.path, one)
     if not any(one.rows for one in streams.values()):
+        for unread, why in said.unread.items():
+            raise InputError(f"{path}, {unread!r}: {why}")
         raise InputError(f"{path}: holds no numbers; record the log again")
-    return Recording(path, spill.digest(data), found.name, streams, said.parameters, said.vehicle, said.map)
+    return Recording(path, spill.digest(data), found.name, streams, said.parameters, said.vehicle, said.map, said.unread)
 
 
 def read_table(path: Path, data: Content) -> Read:
@@ -72,7 +74,8 @@ def joined(folder: Path, parts: Sequence[Recording]) -> Recording:
     streams = {path: _joined([part.streams[path] for part in parts if path in part.streams]) for path in paths}
     limits.NUMBERS.check(str(folder), sum(one.rows for one in streams.values()))
     digest = parts[0].sha256 if len(parts) == 1 else hashlib.sha256("".join(part.sha256 for part in parts).encode()).hexdigest()
-    return Recording(folder, digest, parts[0].kind, streams)
+    unread = {path: why for part in parts for path, why in part.unread.items()}
+    return Recording(folder, digest, parts[0].kind, streams, unread=unread)
 
 
 def files(folder: Path) -> list[Path]:

@@ -61,6 +61,13 @@ class Recording:
     """A vehicle file within."""
     map: str | None = None
     """A map file within."""
+    unread: Mapping[str, str] = field(default_factory=dict)
+    """What the file holds and no reader can read, by its path: what it is, and what to do."""
+
+    def why_unread(self, path: str) -> str:
+        """Why there are no streams below a path; empty where the file holds nothing unreadable there."""
+        above = next((part for part in self.unread if path == part or path.startswith(tuple(part + mark for mark in "/.({["))), None)
+        return "" if above is None else f"{above!r} {self.unread[above]}"
 
 
 @dataclass(frozen=True)
@@ -71,6 +78,7 @@ class Read:
     parameters: Mapping[str, float] = field(default_factory=dict)
     vehicle: str | None = None
     map: str | None = None
+    unread: Mapping[str, str] = field(default_factory=dict)
 
 
 _ASIDE = re.compile(r"['\"]?(<_io\.BytesIO[^>]*>|\S*\brecording\.\w+)['\"]?")

@@ -256,6 +256,8 @@ class Signals:
         found: list[str | float] = list(said) if not isinstance(said, str) else list(fitting(said, list(self.recording.streams)))
         if isinstance(said, str) and len(found) != count:
             listed = ", ".join(map(repr, found[:_SHOWN])) + (", …" if len(found) > _SHOWN else "")
+            if not found and (why := self.recording.why_unread(said)):
+                raise self.error(key, said, why)
             hint = listed or f"nothing{nearest(said, self.recording.streams, 'the nearest path is')}"
             raise self.error(key, said, f"the pattern fits {len(found)} paths, not {count}: {hint}; massprop columns lists all")
         if len(found) != count:
@@ -265,6 +267,8 @@ class Signals:
     def _stream(self, key: str, path: str) -> RecordedStream:
         found = self.recording.streams.get(path)
         if found is None:
+            if why := self.recording.why_unread(path):
+                raise self.error(key, path, why)
             hint = nearest(path, self.recording.streams, "the nearest is")
             raise self.error(key, path, f"no such path in this {self.recording.kind}{hint}; massprop columns lists all")
         if found.rows == 0:

@@ -9,7 +9,7 @@ from massprop_cli.inputs.formats.recording import RecordedStream, Recording
 
 _MARKS = (
     (re.compile(r"\[(?::,)?(\d)(?:,:)?\]$"), 0),
-    (re.compile(r"\((?::,)?(\d)(?:,:)?\)$"), 1),
+    (re.compile(r"\((?::,)?(\d)(?:,1)*(?:,:)?\)$"), 1),
     (re.compile(r"(?<![a-zA-Z])([wxyzWXYZ])(?![a-zA-Z])(?!.*(?<![a-zA-Z])[wxyzWXYZ](?![a-zA-Z]))"), 0),
     (re.compile(r"([wxyzWXYZ])$"), 0),
     (re.compile(r"(?<=\D)(\d)$"), 0),
