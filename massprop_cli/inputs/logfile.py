@@ -25,6 +25,7 @@ def read_table(path: Path, map_file: Path | None = None) -> Table:
 
         return mapped.of(reading.load(path), mapfile.find(path, map_file))
     if limits.is_folder(path):
+        reading.check_no_bag(path)
         raise InputError(f"{path}: is a folder; name the log file itself, or all logs in it with massprop batch {path}")
     try:
         data = limits.copied(path)

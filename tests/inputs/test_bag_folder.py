@@ -71,6 +71,19 @@ def test_an_incomplete_folder_is_refused_in_one_line(names: tuple[str, ...], sai
         read_table(tmp_path)
 
 
+def test_a_folder_without_metadata_is_its_only_file(tmp_path: Path) -> None:
+    path, map_file = written("ROS 2 bag", tmp_path)
+    plain, folder = read_table(path, map_file), tmp_path / "run"
+    folder.mkdir()
+    path.rename(folder / "run_0.db3")
+    table = read_table(folder, map_file)
+    assert (table.path, table.sha256, table.rows) == (folder, plain.sha256, plain.rows)
+    (folder / "run_1.db3").write_bytes((folder / "run_0.db3").read_bytes())
+    for read in (reading.load, read_table):
+        with pytest.raises(InputError, match=r"holds 2 files of ROS 2 bags and no metadata.yaml; [^\n]*ros2 bag reindex [^\n]*/run_0.db3$"):
+            read(folder)
+
+
 def test_any_other_folder_is_still_no_log(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is a folder; name the log file itself"):
         read_table(tmp_path)

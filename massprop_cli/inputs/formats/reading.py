@@ -19,6 +19,8 @@ def load(path: Path) -> Recording:
     """A recording from its file, or from the folder of a ROS 2 bag."""
     if is_bag(path):
         return joined(path, [load(file) for file in files(path)])
+    if limits.is_folder(path):
+        check_no_bag(path)
     try:
         return read(path, limits.content(path, "log"))
     except FileNotFoundError:
@@ -64,8 +66,26 @@ _LISTED = re.compile(r"^\s*-\s+['\"]?([^'\"\n]+\.(?:mcap|db3)(?:\.\w+)?)['\"]?\s
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is such a folder."""
-    return limits.is_folder(path) and (path / METADATA).is_file()
+    """Whether a path is such a folder, or one with a single file of a bag, whose metadata.yaml is lost."""
+    return limits.is_folder(path) and ((path / METADATA).is_file() or len(_stored(path)) == 1)
+
+
+def check_no_bag(folder: Path) -> None:
+    """:class:`InputError` where a folder holds several files of bags and nothing says which belong together."""
+    stored = _stored(folder)
+    if stored:
+        raise InputError(
+            f"{folder}: holds {len(stored)} files of ROS 2 bags and no {METADATA}; if they are one bag, make it with ros2 bag reindex "
+            f"{folder}; else name one of them, as {stored[0]}"
+        )
+
+
+def _stored(folder: Path) -> list[Path]:
+    """A folder's files of bags, in the order of their names."""
+    try:
+        return sorted(path for path in folder.iterdir() if path.suffix in STORAGE and path.is_file())
+    except OSError:  # not to be listed
+        return []
 
 
 def joined(folder: Path, parts: Sequence[Recording]) -> Recording:
@@ -80,6 +100,8 @@ def joined(folder: Path, parts: Sequence[Recording]) -> Recording:
 
 def files(folder: Path) -> list[Path]:
     """Its files in the order of metadata.yaml, which is that of time; :class:`InputError` where one is missing or packed."""
+    if not (folder / METADATA).is_file():
+        return _stored(folder)
     text = limits.content(folder / METADATA, "map file").decode(errors="replace")
     names = list(dict.fromkeys(Path(name).name for name in _LISTED.findall(text)))
     packed = next((name for name in names if not name.endswith(STORAGE)), None)
