@@ -27,26 +27,39 @@ def read(path: Path, data: bytes) -> Read:
             unpacked += record.uncompressed_size
             limits.NUMBERS.check(str(path), unpacked // 8)
     decoders: dict[int, Decode | None] = {}
-    streams = list(rosmessages.collected(path, _messages(data, decoders)))
-    if decoders and not any(decoders.values()):
+    unread: dict[str, tuple[int, str, str]] = {}
+    streams = list(rosmessages.collected(path, _messages(data, decoders, unread)))
+    if decoders and not any(decoders.values()) and not any(encoding == "cdr" for _, encoding, _ in unread.values()):
         raise InputError(f"{path}: none of its topics is of ROS or JSON messages; convert it, for instance with mcap convert")
-    return Read(streams)
+    return Read(streams, unread={topic: _left_out(*said) for topic, said in unread.items()})
 
 
-def _messages(data: bytes, decoders: dict[int, Decode | None]) -> Iterator[tuple[str, str, int, Any]]:
+def _left_out(count: int, encoding: str, kind: str) -> str:
+    """What is said of a topic whose messages can't be decoded."""
+    if encoding == "cdr":
+        return rosmessages.undefined(count, kind)
+    return f"has {count} messages of type {kind or 'unknown'} in {encoding or 'no encoding'}; write them as JSON or ROS messages"
+
+
+def _messages(
+    data: bytes, decoders: dict[int, Decode | None], unread: dict[str, tuple[int, str, str]]
+) -> Iterator[tuple[str, str, int, Any]]:
     for schema, channel, message in NonSeekingReader(io.BytesIO(data)).iter_messages():
         if channel.id not in decoders:
             decoders[channel.id] = _decoder(channel.message_encoding, schema)
         decode = decoders[channel.id]
         if decode is not None:
             yield channel.topic, "" if schema is None else schema.name, message.log_time, decode(message.data)
+        else:
+            count = unread.get(channel.topic, (0, "", ""))[0]
+            unread[channel.topic] = count + 1, channel.message_encoding, "" if schema is None else schema.name
 
 
 def _decoder(encoding: str, schema: Any) -> Decode | None:
     """How a channel's messages are read; None where they can't be."""
     if encoding == "json":
         return json.loads
-    if schema is None or (encoding, schema.encoding) not in (("cdr", "ros2msg"), ("ros1", "ros1msg")):
+    if schema is None or (encoding, schema.encoding) not in (("cdr", "ros2msg"), ("ros1", "ros1msg")) or not schema.data:
         return None
     store = get_typestore(Stores.EMPTY)
     name = schema.name if "/msg/" in schema.name else schema.name.replace("/", "/msg/")

@@ -19,7 +19,9 @@ def read(path: Path, data: bytes) -> Read:
         file.write_bytes(data)
         # bags of ROS 2 before Iron carry no definitions: those of the standard's messages have stayed the same
         with AnyReader([file], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
-            return Read(list(rosmessages.collected(path, _messages(bag))))
+            streams = list(rosmessages.collected(path, _messages(bag)))
+            others = [one for one in bag.connections if one.msgtype not in bag.typestore.fielddefs]
+            return Read(streams, unread={one.topic: rosmessages.undefined(one.msgcount, one.msgtype) for one in others})
 
 
 def _messages(bag: AnyReader) -> Iterator[tuple[str, str, int, Any]]:

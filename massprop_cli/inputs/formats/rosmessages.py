@@ -22,6 +22,15 @@ _UNITS = {
 """What the standard's own messages state (REP 103: SI)."""
 
 
+def undefined(count: int, kind: str) -> str:
+    """What is said of a topic whose messages' definition is not in the file."""
+    package = kind.partition("/")[0]
+    return (
+        f"has {count} messages of type {kind}, and the file has no definition of that type; on a computer where the ROS package {package} "
+        "is installed, convert the bag to MCAP, which stores definitions (ros2 bag convert, storage_id: mcap), or record it as MCAP"
+    )
+
+
 class Topic:
     """The messages of one topic as they come."""
 
