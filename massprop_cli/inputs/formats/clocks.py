@@ -128,6 +128,17 @@ def covered(length: RecordedStream) -> float:
     return float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else np.nan
 
 
+def uncovered(streams: Mapping[str, RecordedStream], paths: Sequence[str], step_s: float) -> str:
+    """Why increments don't cover the time since the one before, where the file says what they cover; else empty."""
+    length = covering(streams, paths) if paths else None
+    if length is None or covers_all(length, [step_s]):
+        return ""
+    return (
+        f"an increment covers {covered(length):.6g} by {length.path!r}, and they come every {step_s:.6g} s: what happened in between is "
+        'lost. Log all of them, or map rates instead (values = "sample" or "mean"), or correct the clock'
+    )
+
+
 def covers_all(length: RecordedStream, step_s: Sequence[float]) -> bool:
     """Whether increments cover their interval, for any of these; their lengths' unit is seldom recorded, and any is taken."""
     recorded = units.factor(length.unit, units.TIME)

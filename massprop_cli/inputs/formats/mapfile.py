@@ -42,12 +42,30 @@ class Clock(Section):
     offset_s: FiniteFloat = Field(0.0, description="added, to bring clocks together that began apart")
 
 
+class Where(Section):
+    """Rows of a table that are one sensor's."""
+
+    column: Path_ = Field(description="the column that tells sensors apart, such as their numbers")
+    is_: Path_ | FiniteFloat | tuple[Path_ | FiniteFloat, ...] = Field(
+        alias="is", description="the value of the rows that are meant, a number or a text, or several of them"
+    )
+
+    @property
+    def values(self) -> tuple[str | float, ...]:
+        """Of the rows that are meant."""
+        return self.is_ if isinstance(self.is_, tuple) else (self.is_,)
+
+
+_WHERE = 'of a table with several sensors the rows of one: { column = "id", is = 1 }; absent: all rows'
+
+
 class Mapped(Section):
     """Where a quantity is in the file."""
 
     unit: Path_ | None = Field(None, description=_AS_RECORDED)
     scale: Real = Field(1.0, description="a further factor, after the unit")
     clock: Clock | None = Field(None, description="absent: the file's, or the map's own [clock]")
+    where: Where | None = Field(None, description=_WHERE)
 
     @model_validator(mode="after")
     def _scales(self) -> Self:
@@ -140,6 +158,7 @@ class Attitude(Section):
         ("x", "y", "z"), description='which of the axes of its body are x, y, z of the vehicle\'s: ["x", "-y", "-z"] of forward-right-down'
     )
     clock: Clock | None = None
+    where: Where | None = Field(None, description=_WHERE)
 
 
 class Records(Section):

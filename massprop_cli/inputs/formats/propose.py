@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats import listing, units
+from massprop_cli.inputs.formats import listing, selection, units
 from massprop_cli.inputs.formats.clocks import covered, covering, covers_all
 from massprop_cli.inputs.formats.recording import RecordedStream, Recording
 from massprop_cli.inputs.formats.vectors import COMMANDS, SENSORS, Vector, VectorName, attitudes, fitting, vectors
@@ -92,10 +92,20 @@ def _section(clocks: listing.Clocks, quantity: VectorName, found: Sequence[Vecto
     lines.append(f"paths = {json.dumps(vector.paths, ensure_ascii=False)}{_said(clocks, vector)}")
     lines += _clock(clocks, vector.paths[0])
     if quantity in SENSORS:
-        return [*lines, *_sensor(clocks, quantity, vector), ""]
+        return [*lines, *_where(clocks, vector), *_sensor(clocks, quantity, vector), ""]
     if listing.leaf(vector.paths[0]) in columns.WRENCH:
         return [*lines, f'unit = "{next(iter(quantity.rates))}"   # by its name', 'frame = "body"   # by its name', ""]
     return [*lines, *_unit(quantity, vector), 'frame = "?"   # "body", or "world", which wants [attitude]', ""]
+
+
+def _where(clocks: listing.Clocks, vector: Vector) -> list[str]:
+    """The question which sensor of several in one table is meant."""
+    one = vector.streams[0]
+    found = selection.sensors(clocks.streams, one.rows, np.flatnonzero(np.isfinite(np.asarray(one.values, np.float64))), None)
+    if found is None:
+        return []
+    column, values = json.dumps(found.column, ensure_ascii=False), selection.stated(found.values, " or ")
+    return [f'where = {{ column = {column}, is = "?" }}   # {values}: rows alternate between them, as of several sensors in one table']
 
 
 def _covering(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> tuple[RecordedStream, bool] | None:

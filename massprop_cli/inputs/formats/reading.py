@@ -55,7 +55,7 @@ def read_table(path: Path, data: Content) -> Read:
     for name, cells in table.columns.items():
         load: Callable[[], Numbers] = cells.counts if cells.instants else cells.recorded
         unit = cells.instants or cells.unit or units.behind(name)[1]
-        streams.append(RecordedStream(name, table.rows, load, unit=unit, place=cells.place))
+        streams.append(RecordedStream(name, table.rows, load, unit=unit, place=cells.place, texts=cells.texts))
     return Read(streams, vehicle=table.embedded_vehicle, map=table.embedded_map)
 
 

@@ -34,6 +34,8 @@ class RecordedStream:
     """As recorded; empty where none is."""
     place: Callable[[int], str] = field(default="sample {}".format, repr=False)
     """How a person finds one of them."""
+    texts: Callable[[], list[str | None]] | None = field(default=None, repr=False)
+    """The cells as text, None for an empty one; None where the file has numbers alone."""
 
     @cached_property
     def values(self) -> Numbers:

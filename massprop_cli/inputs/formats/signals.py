@@ -6,14 +6,24 @@ from typing import Any, Literal
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.arrays import Array, BoolArray, IntArray
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats import clocks, listing, resample, units
+from massprop_cli.inputs.formats import attitudes, clocks, listing, resample, selection, units
 from massprop_cli.inputs.formats.clocks import Times
-from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Mapped, MappedJet, MappedSensor, MappedVector, MappedWrench, MapSource
+from massprop_cli.inputs.formats.mapfile import (
+    Attitude,
+    Clock,
+    Mapped,
+    MappedJet,
+    MappedSensor,
+    MappedVector,
+    MappedWrench,
+    MapSource,
+    Where,
+)
 from massprop_cli.inputs.formats.recording import Numbers, RecordedStream, Recording, fitting
 from massprop_cli.inputs.held import moving_mean, on_a_beat
 from massprop_cli.inputs.logtable import EMPTY
@@ -78,8 +88,9 @@ class Signals:
         if mean := moving_mean(found.values):
             problem = f"each reading is a moving mean over {mean} of them; record it as it was measured, or keep every one in {mean}"
             raise self.error(key, found.paths[0], problem)
-        if said.values == "increment" and found.paths:
-            self._check_covering(found)
+        lost = clocks.uncovered(self.recording.streams, found.paths, found.times.step_s) if said.values == "increment" else ""
+        if lost:
+            raise self.error(key, found.paths[0], lost)
         return found
 
     def imu(self) -> list[tuple[QuantitySignal, resample.Values]]:
@@ -99,18 +110,6 @@ class Signals:
             made |= dict(zip(increments if kind == "increment" else rates, signal.values[rows].T, strict=True))
         return made
 
-    def _check_covering(self, found: QuantitySignal) -> None:
-        """Increments cover the time since the one before, where the file says what they cover."""
-        length = clocks.covering(self.recording.streams, found.paths)
-        if length is not None and not clocks.covers_all(length, [found.times.step_s]):
-            raise self.error(
-                found.key,
-                found.paths[0],
-                f"an increment covers {clocks.covered(length):.6g} by {length.path!r}, and they come every {found.times.step_s:.6g} s: "
-                'what happened in between is lost. Log all of them, or map rates instead (values = "sample" or "mean"), or '
-                "correct the clock",
-            )
-
     def wrenches(self) -> list[tuple[str, MappedWrench, dict[str, float], tuple[str, ...]]]:
         """Commanded torque and force where the map has them: key, entry, units, columns."""
         torque, force = self.map.torque, self.map.force
@@ -125,11 +124,11 @@ class Signals:
         stream = self._stream(key, said.path)
         clock = self._clock_of(key, [said.path], said.clock)
         if said.bit is not None:
-            return self._signal(key, [stream.path], self._bit(key, stream, said.bit)[:, None], clock), True
+            return self._signal(key, [stream.path], self._bit(key, stream, said.bit)[:, None], clock, said.where), True
         known = {unit: value for unit, value in units.TIME.items() if unit != "ns"} | units.SHARE
         factor, unit = self._factor(key, stream, said, known)
         values = (self._numbers(key, stream, empty=True) + said.offset) * (factor * said.scale)
-        signal = self._signal(key, [stream.path], values[:, None], clock)
+        signal = self._signal(key, [stream.path], values[:, None], clock, said.where)
         return signal, unit in units.SHARE
 
     def _bit(self, key: str, stream: RecordedStream, bit: int) -> Array:
@@ -156,28 +155,22 @@ class Signals:
     def _number(self, key: str, said: Mapped, path: str, known: Mapping[str, float]) -> tuple[QuantitySignal, str]:
         stream = self._stream(key, path)
         factor, unit = self._factor(key, stream, said, known)
-        values = self._numbers(key, stream, empty=self._apart) * (factor * said.scale)
-        return self._signal(key, [stream.path], values[:, None], self._clock_of(key, [path], said.clock)), unit
+        values = self._numbers(key, stream, empty=self._apart or said.where is not None) * (factor * said.scale)
+        return self._signal(key, [stream.path], values[:, None], self._clock_of(key, [path], said.clock), said.where), unit
 
     def attitude(self, said: Attitude) -> QuantitySignal:
         """Unit quaternions wxyz, the file's own world from body."""
         paths = [str(path) for path in self._paths("attitude", said.paths, 4)]
-        columns = [self._numbers("attitude", self._stream("attitude", path), empty=self._apart) for path in paths]
-        quaternion = self._together("attitude", paths, columns)
-        if said.order == "xyzw":
-            quaternion = quaternion[:, [3, 0, 1, 2]]
-        at = self._stream("attitude", paths[0]).place
-        norm = np.linalg.norm(quaternion, axis=1)
-        bad = np.flatnonzero(np.abs(norm - 1) > 1e-2)
-        if bad.size:
-            raise self.error(
-                "attitude", paths[0], f"the quaternion's norm is {norm[bad[0]]:.4g} at {at(int(bad[0]))}, not 1; are these four its parts?"
-            )
-        quaternion = quaternion / norm[:, None]
-        if said.turns == "body_from_world":
-            quaternion = quaternion * np.array([1, -1, -1, -1])
-        quaternion = resample.about_axes(quaternion, said.axes)
-        return self._signal("attitude", paths, quaternion, self._clock_of("attitude", paths, said.clock))
+        columns = [self._numbers("attitude", self._stream("attitude", path), self._apart or said.where is not None) for path in paths]
+        recorded = self._together("attitude", paths, columns)
+        recorded = np.where(self._chosen("attitude", paths, said.where, len(recorded))[:, None], recorded, np.nan)
+        try:
+            quaternion = attitudes.quaternions(said, recorded)
+        except attitudes.NormError as bad:
+            at = self._stream("attitude", paths[0]).place(bad.row)
+            problem = f"the quaternion's norm is {bad.norm:.4g} at {at}, not 1; are these four its parts?"
+            raise self.error("attitude", paths[0], problem) from None
+        return self._signal("attitude", paths, quaternion, self._clock_of("attitude", paths, said.clock), said.where)
 
     def vector(self, key: str, said: MappedVector, known: Mapping[str, float]) -> QuantitySignal:
         """Three axes, turned as the map says, of units that are ``known``; of a command in the frame that the map states."""
@@ -200,7 +193,7 @@ class Signals:
         turned = np.stack([values[:, "xyz".index(axis[-1])] * (-1 if axis[0] == "-" else 1) for axis in said.axes], 1)
         if not named:
             return self._throughout(key, turned[0])
-        return self._signal(key, named, turned, self._clock_of(key, named, said.clock))
+        return self._signal(key, named, turned, self._clock_of(key, named, said.clock), said.where)
 
     def _throughout(self, key: str, values: Array) -> QuantitySignal:
         """What the map states itself, at the gyro's times."""
@@ -208,20 +201,32 @@ class Signals:
         times = self._gyro or self._times("gyro", self._clock_of("gyro", gyro, self.map.gyro.clock))
         return QuantitySignal(key, (), np.broadcast_to(values, (len(times.s), len(values))), times)
 
-    def _signal(self, key: str, paths: Sequence[str], values: Array, clock: Clock) -> QuantitySignal:
+    def _signal(self, key: str, paths: Sequence[str], values: Array, clock: Clock, where: Where | None) -> QuantitySignal:
         rows = self._stream(f"{key}.clock", clock.path or "").rows
         if rows != len(values):
             raise self.error(key, paths[0], f"has {len(values)} samples and its clock {clock.path!r} {rows}; name the clock it has")
-        held = self._held(key, paths, values) if self._apart else np.ones(rows, dtype=bool)
-        return QuantitySignal(key, tuple(paths), values[held], self._times(key, clock, held))
+        held = self._chosen(key, paths, where, rows)
+        if where is not None:
+            self.made.append(f"{key}: the {held.sum()} of {rows} rows whose {where.column!r} is {selection.stated(where.values, ' or ')}")
+        if self._apart:
+            own = np.flatnonzero(held)
+            held[own] = self._held(key, paths, values[own], own)
+        return QuantitySignal(key, tuple(paths), values[held], self._times(key, clock, held, where is None))
+
+    def _chosen(self, key: str, paths: Sequence[str], where: Where | None, rows: int) -> BoolArray:
+        """(rows,) which the map means."""
+        found = np.ones(rows, dtype=bool) if where is None else selection.rows_of(self.recording, where, rows)
+        if isinstance(found, str):
+            raise self.error(key, paths[0], found)
+        return found
 
     @property
     def _apart(self) -> bool:
         """Whether streams have clocks of their own; then a row of a table may hold samples of some of them alone."""
         return self.map.records is not None
 
-    def _held(self, key: str, paths: Sequence[str], values: Array) -> BoolArray:
-        """(n,) which rows hold a sample, which has a number for every axis."""
+    def _held(self, key: str, paths: Sequence[str], values: Array, rows: IntArray) -> BoolArray:
+        """(n,) which of the file's ``rows`` hold a sample, which has a number for every axis."""
         empty = np.isnan(values)
         # an axis that the map states as a number has one in every row
         recorded = empty.any(0) | (values != values[0]).any(0)
@@ -237,7 +242,7 @@ class Signals:
         some = np.flatnonzero(empty.any(1) & ~none)
         if none.all() or some.size:
             row = int(some[0]) if some.size else 0
-            where = self._stream(key, paths[0]).place(row)
+            where = self._stream(key, paths[0]).place(int(rows[row]))
             problem = "no sample has a number" if none.all() else f"a number is missing at {where}, beside other axes'; correct the row"
             raise self.error(key, paths[0], problem)
         if none.any():
@@ -350,7 +355,7 @@ class Signals:
             _ = stream.values  # texts that are no times are told as that: no unit would help
         return self._factor(key, stream, clock, units.TIME)[0]
 
-    def _times(self, key: str, clock: Clock, rows: BoolArray | None = None) -> Times:
+    def _times(self, key: str, clock: Clock, rows: BoolArray | None = None, whole: bool = False) -> Times:
         path = clock.path or ""
         held = (clock, b"" if rows is None or rows.all() else rows.tobytes())
         if held not in self._clocks:
@@ -364,11 +369,14 @@ class Signals:
                 seconds = np.asarray(values, np.float64) * (factor * clock.scale) + clock.offset_s
             if clock.nanoseconds is not None:
                 seconds += 1e-9 * np.asarray(self._counts(key, clock.nanoseconds, rows), np.float64)
+            own = np.arange(len(seconds)) if rows is None else np.flatnonzero(rows)
+            stream = self._stream(key, path)
+            several = selection.sensors(self.recording.streams, stream.rows, own, seconds) if whole and key in _SENSORS else None
+            if several is not None:
+                raise self.error(key, path, several.said)
             if clock.even and np.diff(seconds).any():
                 seconds = self._even(key, path, seconds)
-            own = np.arange(len(seconds)) if rows is None else np.flatnonzero(rows)
-            place = self._stream(key, path).place
-            problem = clocks.problem(seconds, lambda at: place(int(own[at])), float(self._zero), key in _SENSORS)
+            problem = clocks.problem(seconds, lambda at: stream.place(int(own[at])), float(self._zero), key in _SENSORS)
             if problem:
                 raise self.error(f"{key}.clock", path, problem)
             self._clocks[held] = Times(path, seconds, float(self._zero))
