@@ -75,6 +75,8 @@ class Made:
     """What was resampled, integrated or turned, in words."""
     sampled: tuple[bool, bool] = (False, False)
     """Whether rates of the gyro, specific force of the accelerometer are samples at their times."""
+    heading: bool = False
+    """Whether the attitude is a heading alone, that of a planar table."""
 
 
 def columns_of(path: Path, data: Content) -> Table:

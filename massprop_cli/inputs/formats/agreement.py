@@ -28,6 +28,11 @@ attitude that was smoothed or came late turns otherwise in what is fast alone.""
 
 def check(path: Path, made: Made, vehicle: Vehicle, theta_imu: Array, force_imu: Array, attitude: Array | None) -> None:
     """:class:`InputError` where gyro (n, 3) rad, accelerometer (n, 3) m/s² and attitude (n, 4) contradict each other."""
+    if made.heading and vehicle.environment.kind != "planar":
+        raise InputError(
+            f"{path}: [attitude] of {made.map} is a heading alone, which is the attitude of a planar table, and environment.kind is "
+            f'"{vehicle.environment.kind}"; map quaternions, or state kind = "planar" if the vehicle is on a table'
+        )
     rows = np.flatnonzero([] if attitude is None else np.isfinite(attitude[:, 0]))
     if attitude is None or len(rows) < 2:
         return
@@ -46,6 +51,12 @@ def check(path: Path, made: Made, vehicle: Vehicle, theta_imu: Array, force_imu:
     while _rms(turns(edges)[1]) > _FAR and 2 * len(edges) < len(rows):
         edges = _edges(len(rows), 2 * len(edges))
     turned, wanted = turns(edges)
+    varied = _rms(turned - turned.mean(0))  # without a drift
+    if made.heading and _rms(wanted) < _NEAR / 2 <= varied * _TOGETHER:
+        raise InputError(
+            f"{path}: the gyro turns by {varied:.3g} rad where the heading turns by {_rms(wanted):.3g} rad (rms); is this "
+            f"the vehicle's heading, and is its unit right? Correct [attitude] or [gyro] of {made.map}"
+        )
     _compare(path, made, "gyro", turned, wanted, _NEAR / 2, {"as it is": 1.0, "deg": DEG, "rad": 1 / DEG})
     if _rms(wanted) >= _NEAR / 2:
         _check_scale(path, made, *turns(edges[::_LONGER] if len(edges) > _LONGER * _LEAST else edges))
@@ -82,7 +93,8 @@ def _compare(path: Path, made: Made, key: str, measured: Array, wanted: Array, l
         problem = f"it agrees the other way round: state scale = -1.0 under [{key}], or correct the attitude's turns and world ([attitude])"
     else:
         problem = (
-            f"no order of axes and no unit corrects that; are the quaternion's order, turns and world right ([attitude]), and [{key}]?"
+            "no order of axes and no unit of it corrects that; are order, turns, world and the unit of a heading right ([attitude]), and "
+            f"[{key}]?"
         )
     raise InputError(
         f"{path}: [{key}] of {made.map} and the logged attitude contradict each other by {now:.2g} of what the attitude says; {problem}"

@@ -19,7 +19,13 @@ class NormError(Exception):
 
 
 def quaternions(said: Attitude, recorded: Array) -> Array:
-    """(n, 4) unit quaternions wxyz of the file's own world from body, of recorded ones (n, 4); :class:`NormError` where one is none."""
+    """(n, 4) unit quaternions wxyz of the file's own world from body, of recorded ones (n, 4), or headings (n, 1) in rad.
+
+    :class:`NormError` where one is none.
+    """
+    if said.order == "heading":
+        half, none = recorded[:, 0] / 2, np.zeros(len(recorded))
+        recorded = np.stack([np.cos(half), none, none, np.sin(half)], 1)
     found = recorded[:, [3, 0, 1, 2]] if said.order == "xyzw" else recorded
     norm = np.linalg.norm(found, axis=1)
     bad = np.flatnonzero(np.abs(norm - 1) > _NORM)

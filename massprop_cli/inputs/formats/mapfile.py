@@ -148,10 +148,15 @@ class Supply(Mapped):
 
 
 class Attitude(Section):
-    """Logged quaternion."""
+    """Logged quaternion, or on a planar table the heading alone."""
 
-    paths: Path_ | tuple[Path_, ...] = Field(description="four paths, or one pattern that fits four")
-    order: Literal["wxyz", "xyzw"] = Field(description="of the paths")
+    paths: Path_ | tuple[Path_, ...] = Field(description="four paths, or one pattern that fits four; of a heading one path")
+    order: Literal["wxyz", "xyzw", "heading"] = Field(
+        description="of the paths; heading, on a planar table: one angle about the vertical, from the world's x to the body's, about the "
+        "world's z"
+    )
+    unit: Path_ | None = Field(None, description=f"of a heading: rad, deg; {_AS_RECORDED}")
+    scale: Real = Field(1.0, description="of a heading: a further factor, after the unit")
     turns: Literal["world_from_body", "body_from_world"] = "world_from_body"
     world: Literal["z_up", "z_down"] = Field("z_up", description="of the file's world; with z_down (NED) the log's is turned half about x")
     axes: Axes = Field(
@@ -159,6 +164,18 @@ class Attitude(Section):
     )
     clock: Clock | None = None
     where: Where | None = Field(None, description=_WHERE)
+
+    @model_validator(mode="after")
+    def _is_a_heading(self) -> Self:
+        if self.order != "heading":
+            if self.unit is not None or self.scale != 1:
+                raise ValueError('unit and scale are of a heading alone; drop them, or state order = "heading"')
+        elif self.axes[2] != ("-z" if self.world == "z_down" else "z"):
+            up = '["x", "-y", "-z"] with world = "z_down"' if self.world == "z_down" else 'z as the last of them with world = "z_up"'
+            raise ValueError(f"on a table the vehicle's z points up, and a heading is about the world's z: state axes = {up}")
+        elif self.scale == 0:
+            raise ValueError("scale is zero")
+        return self
 
 
 class Records(Section):

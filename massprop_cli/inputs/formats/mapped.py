@@ -33,7 +33,8 @@ def of(read: Recording, source: MapSource | None) -> Table:
         streams, edges = oncycles.streams_of(signals, records)
         made = oncycles.at_own_times(streams, records, edges) or oncycles.on_cycles_of(streams, records, edges)
     signals.made.extend(_further(signals))
-    time_s, by = made[columns.TIME], Made(source.source, source.sha256, tuple(_together(signals.made)), signals.sampled)
+    heading = source.map.attitude is not None and source.map.attitude.order == "heading"
+    time_s, by = made[columns.TIME], Made(source.source, source.sha256, tuple(_together(signals.made)), signals.sampled, heading)
     found = tablefile.at_hand(read.path, made, lambda row: f"record {row} as mapped (time_s = {time_s[row]:.9g})")
     return replace(found, sha256=read.sha256, embedded_vehicle=read.vehicle, made=by)
 

@@ -34,6 +34,8 @@ _ROTORS = re.compile(r"motor|(?<![a-z])fan(?![a-z])", re.IGNORECASE)
 _SPEEDS = re.compile(r"(?<![a-z])(rpm|rw|esc|wheel|rotor|prop)(?![a-z])", re.IGNORECASE)
 _GIMBALS = re.compile(r"gimbal|(?<![a-z])cmg(?![a-z])", re.IGNORECASE)
 """How speeds of wheels and rotors, and angles of gimbals, are called."""
+_HEADINGS = re.compile(r"(?:.*_)?(?:heading|yaw|psi|azimuth)(?:_?(?:angle|rad|deg))?", re.IGNORECASE)
+"""How an angle about the vertical is called."""
 _ASK_INCREMENTS = '"increment", by its unit, if each covers all the time since the one before and none was left out when they were logged'
 _ASK_VALUES = '"sample": the rate at its time; "mean": since the one before; "increment": the change since the one before'
 
@@ -261,8 +263,12 @@ def _clock(clocks: listing.Clocks, path: str) -> list[str]:
 
 
 def _attitude(clocks: listing.Clocks, found: Sequence[Vector]) -> list[str]:
-    """Optional, so a comment."""
-    lines = []
+    """Optional, so a comment; of a name that is a heading's, which is one on a planar table."""
+    lines: list[str] = []
+    for one in [one for path, one in clocks.streams.items() if _HEADINGS.fullmatch(listing.leaf(path))][:_MANY]:
+        lines += ["# [attitude]   # optional, on a planar table", f"# paths = [{json.dumps(one.path, ensure_ascii=False)}]"]
+        lines += [f"# {line}" for line in _clock(clocks, one.path)]
+        lines += ['# order = "heading"', *([] if one.unit else ['# unit = "?"   # rad or deg']), '# world = "?"   # "z_up" or "z_down"', ""]
     for vector in attitudes(found)[:_MANY]:
         px4 = vector.stem.startswith("vehicle_attitude")
         order = '"wxyz"' if vector.axes == "wxyz" or px4 else '"?"   # "wxyz" or "xyzw"'

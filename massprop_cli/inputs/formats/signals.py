@@ -160,9 +160,11 @@ class Signals:
 
     def attitude(self, said: Attitude) -> QuantitySignal:
         """Unit quaternions wxyz, the file's own world from body."""
-        paths = [str(path) for path in self._paths("attitude", said.paths, 4)]
+        paths = [str(path) for path in self._paths("attitude", said.paths, 1 if said.order == "heading" else 4)]
         columns = [self._numbers("attitude", self._stream("attitude", path), self._apart or said.where is not None) for path in paths]
         recorded = self._together("attitude", paths, columns)
+        if said.order == "heading":
+            recorded = recorded * (self._factor("attitude", self._stream("attitude", paths[0]), said, units.ANGLE)[0] * said.scale)
         recorded = np.where(self._chosen("attitude", paths, said.where, len(recorded))[:, None], recorded, np.nan)
         try:
             quaternion = attitudes.quaternions(said, recorded)
@@ -290,7 +292,7 @@ class Signals:
             )
         return values
 
-    def _factor(self, key: str, stream: RecordedStream, stated: Mapped | Clock, known: Mapping[str, float]) -> tuple[float, str]:
+    def _factor(self, key: str, stream: RecordedStream, stated: Mapped | Clock | Attitude, known: Mapping[str, float]) -> tuple[float, str]:
         """To SI by the unit that is stated or recorded; it is refused where these contradict each other."""
         said, recorded = stated.unit, units.plain(stream.unit)
         text = said or recorded
