@@ -158,8 +158,7 @@ class LogTable:
         grid = values.reshape(-1, records)
         first = grid[:, 0] if self.lost is None else self._first(grid, self.lost[:n].reshape(-1, records))
         every = np.repeat(first, records)
-        missing = "no command in the first row of its control cycle; write one (0 for none)"
-        self.refuse(np.isnan(every), column, lambda row: missing + self._lost(row))
+        self.refuse(np.isnan(every), column, lambda row: self._uncommanded(row, values, records))
         held = (
             "differs from {:g} in the first row of its control cycle; commands change at cycle starts only: check cycle.period_s and the "
             "first row"
@@ -167,6 +166,32 @@ class LogTable:
         differs = ~np.isnan(values) & (values != every)
         self.refuse(differs, column, lambda row: f"{values[row]:g} {held.format(every[row])}{self._lost(row)}")
         return np.ascontiguousarray(first)
+
+    def _uncommanded(self, row: int, values: Array, records: int) -> str:
+        """Why a cycle has no command (n,) in its first row: none was written, or rows were put back where the clock stepped alone."""
+        missing, stepped = "no command in the first row of its control cycle", self._stepped(row)
+        if not stepped:
+            return f"{missing}; write one (0 for none){self._lost(row)}"
+        assert self.lost is not None
+        between = np.diff(np.flatnonzero(~np.isnan(values[~self.lost[: len(values)]])))
+        whole = f" (commands come every {records} rows in the file, as if none were)" if (between == records).all() else ""
+        return (
+            f"{missing}: {stepped}. Is a record missing there? If not{whole}, the clock stepped: state imu.clock_even = true. If one is, "
+            "write a command in the first row of each cycle (0 for none)"
+        )
+
+    def _stepped(self, row: int) -> str:
+        """The last long interval before a row for which rows were put back; empty where there is none."""
+        if self.lost is None:
+            return ""
+        recorded = np.flatnonzero(~self.lost)
+        own = recorded[: np.searchsorted(recorded, row) + 1]
+        long = np.flatnonzero(np.diff(own) > 1)
+        if not len(long):
+            return ""
+        time_s, before, at = self.required(TIME), own[long[-1]], own[long[-1] + 1]
+        step, usual = time_s[at] - time_s[before], median(np.diff(time_s[recorded]))
+        return f"the time goes on by {step:.6g} s at {self.place(int(at))}, not by {usual:.6g} s"
 
     def _first(self, grid: Array, lost: BoolArray) -> Array:
         """(K,) the command of each cycle (K, records): where its first row is lost that of another row, or else of the cycle before."""
@@ -188,6 +213,8 @@ class LogTable:
 
     def _lost(self, row: int) -> str:
         """Where a record is missing before a row, from which on all cycles are others; empty where none is."""
+        if stepped := self._stepped(row):
+            return f"; or {stepped}: if no record is missing there, state imu.clock_even = true"
         steps = np.diff(self.required(TIME)[: row + 1])
         long = np.flatnonzero(steps > LONG * median(steps)) if len(steps) else steps
         if not len(long):

@@ -274,3 +274,36 @@ def test_rows_that_stand_twice_are_left_out_and_stamps_that_do_are_refused(later
     twice[TIME] = whole[TIME][np.searchsorted(whole[TIME], twice[TIME] - later_s)]
     with pytest.raises(InputError, match="time stands still"):
         log_of(twice, vehicle)
+
+
+def test_a_clock_that_steps_by_a_record_is_asked_about() -> None:
+    """Five records a cycle, commands in the first of each: a row that is put back moves all that follow."""
+    sample = Path(__file__).parents[2] / "sample_logs" / "high-rate"
+    table = pq.read_table(sample / "log.parquet")[:2000]
+    whole, vehicle = (
+        {name: table.column(name).to_numpy().copy() for name in table.column_names},
+        vehiclefile.load(sample / "vehicle.toml").vehicle,
+    )
+    each, usual = log_of(whole, vehicle).records_per_cycle, float(np.median(np.diff(whole[TIME])))
+    at = 61 * each + 2
+    whole[TIME][at:] += 0.9 * usual
+    step = rf"the time goes on by {1.9 * usual:.6g} s at row {at}, not by {usual:.6g} s"
+    said = rf"no command in the first row of its control cycle: {step}. Is a record missing there\?"
+    whole_file = (
+        rf"If not \(commands come every {each} rows in the file, as if none were\), the clock stepped: state imu.clock_even = true. If one"
+    )
+    with pytest.raises(InputError, match=rf"^[^\n]*{said} {whole_file} is, write a command[^\n]*$"):
+        log_of(whole, vehicle)
+    even = vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update={"clock_even": True})})
+    assert log_of(whole, even).cycles == 2000 // each
+    # in every row: the command of the next cycle is in this one's last row
+    every = {name: np.repeat(values[::each], each) if name.startswith("jet_") else values for name, values in whole.items()}
+    with pytest.raises(InputError, match=rf"check cycle.period_s and the first row; or {step}: if no record is missing there, state"):
+        log_of(every, vehicle)
+    # without a step it is a command that was not written
+    unwritten = {name: values.copy() for name, values in whole.items()}
+    unwritten[TIME][at:] -= 0.9 * usual
+    jets = [name for name in whole if name.startswith("jet_")]
+    unwritten[jets[0]][60 * each] = np.nan
+    with pytest.raises(InputError, match=r"no command in the first row of its control cycle; write one \(0 for none\)$"):
+        log_of(unwritten, vehicle)
