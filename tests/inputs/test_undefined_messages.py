@@ -84,3 +84,21 @@ def test_a_topic_of_an_mcap_file_that_cannot_be_decoded(encoding: str, said: str
     assert list(read.streams) == ["/rate/@log_time", "/rate/x"]
     with pytest.raises(InputError, match=said):
         raise InputError(read.why_unread("/rcs/on[0]"))
+
+
+def test_the_standards_messages_need_no_definition_in_an_mcap_file(tmp_path: Path) -> None:
+    from mcap.writer import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    vector = store.types["geometry_msgs/msg/Vector3"]
+    with (tmp_path / "run.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        rate = writer.register_channel("/rate", "cdr", writer.register_schema(vector.__msgtype__, "", b""))
+        for n in range(4):
+            writer.add_message(rate, n, bytes(store.serialize_cdr(vector(0.1, 0.2, 0.3 * n), vector.__msgtype__)), n)
+        writer.finish()
+    read = reading.load(tmp_path / "run.mcap")
+    assert not read.unread
+    np.testing.assert_allclose(read.streams["/rate/z"].values, 0.3 * np.arange(4))

@@ -3,6 +3,7 @@
 import io
 import json
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -59,10 +60,14 @@ def _decoder(encoding: str, schema: Any) -> Decode | None:
     """How a channel's messages are read; None where they can't be."""
     if encoding == "json":
         return json.loads
-    if schema is None or (encoding, schema.encoding) not in (("cdr", "ros2msg"), ("ros1", "ros1msg")) or not schema.data:
+    if schema is None:
+        return None
+    name = schema.name if "/msg/" in schema.name else schema.name.replace("/", "/msg/")
+    if not schema.data and encoding == "cdr":
+        store = get_typestore(Stores.ROS2_HUMBLE)  # the standard's messages have stayed the same
+        return partial(store.deserialize_cdr, typename=name) if name in store.fielddefs else None
+    if (encoding, schema.encoding) not in (("cdr", "ros2msg"), ("ros1", "ros1msg")):
         return None
     store = get_typestore(Stores.EMPTY)
-    name = schema.name if "/msg/" in schema.name else schema.name.replace("/", "/msg/")
     store.register(get_types_from_msg(schema.data.decode(), name))
-    of = store.deserialize_cdr if encoding == "cdr" else store.deserialize_ros1
-    return lambda raw: of(raw, name)
+    return partial(store.deserialize_cdr if encoding == "cdr" else store.deserialize_ros1, typename=name)
