@@ -102,8 +102,11 @@ def residual_growth(samples: Source, cycles: slice, reference: Reference, vehicl
         here = samples.part(piece)
         growth, read = np.diff(here.rate_rad_s, axis=0), ~here.executed.ignored[:, :3]
         used = read[1:] & read[:-1]
+        left = growth * used
         for _ in range(2):
             system = linearise(samples, piece, near, vehicle)
+            if not np.isfinite(system.transition).all():
+                break  # beside a body that is far off, fast turns run away
             step, left = _fit(system.transition[:, RATE][..., _told(samples, vehicle)], growth - system.steps, used)
             near = stepped(near, parameters(near) + step[PARAMETERS]) or near
         found.append((left, used))
