@@ -52,15 +52,19 @@ static int taken_in(mp_flight *flight, int usable, mp_values *out, int *made) {
 }
 
 int mp_flight_step(mp_flight *flight, const mp_flown *flown, mp_values *out, int *made) {
-    int completed = 0, usable = 0, status = mp_preprocess_step(&flight->preprocess, flown, &flight->cycle, &completed, &usable);
+    int completed = 0, usable = 0, status;
     *made = 0;
+    if (!flight->pass.ready) return MP_ORDER;
+    status = mp_preprocess_step(&flight->preprocess, flown, &flight->cycle, &completed, &usable);
     if (status != MP_OK || !completed) return status;
     return taken_in(flight, usable, out, made);
 }
 
 int mp_flight_last(mp_flight *flight, mp_values *out, int *made) {
-    int completed = 0, usable = 0, status = mp_preprocess_last(&flight->preprocess, &flight->cycle, &completed, &usable);
+    int completed = 0, usable = 0, status;
     *made = 0;
+    if (!flight->pass.ready) return MP_ORDER;
+    status = mp_preprocess_last(&flight->preprocess, &flight->cycle, &completed, &usable);
     if (status != MP_OK || !completed) return status;
     return taken_in(flight, usable, out, made);
 }

@@ -17,7 +17,7 @@ typedef struct {
     mp_row row;
 } mp_flight;
 
-/* Before the first cycle. MP_LIMIT where the tables are beyond a limit. */
+/* Before the first cycle. MP_LIMIT where the tables are beyond a limit: until a begin succeeds, every call then returns MP_ORDER. */
 int mp_flight_begin(mp_flight *flight, const mp_commands *commands, const mp_vehicle *vehicle, const mp_rule *rule);
 
 /* One control cycle on, at its end. `made` is 1 where `out` says something new: see mp_preprocess_step for when it comes one call later.

@@ -282,7 +282,7 @@ typedef struct {
     mp_room room;
 } mp_pass;
 
-/* Begin. MP_LIMIT: more bins than MP_BINS, a bearing without MP_CHANNELS, more states than MP_BEGINNINGS. */
+/* Begin. MP_LIMIT: more bins than MP_BINS, a bearing without MP_CHANNELS, more states than MP_BEGINNINGS; mp_step then returns MP_ORDER. */
 int mp_begin(mp_pass *pass, const mp_vehicle *vehicle);
 
 /* Take one cycle in, and say what is known after it. MP_ORDER before mp_begin. `gate` (NULL: none): sigmas of the innovation of gyro and

@@ -18,6 +18,7 @@
 int mp_begin(mp_pass *pass, const mp_vehicle *vehicle) {
     mp_layout layout;
     int status = mp_laid_out(vehicle, &layout);
+    pass->ready = 0;
     if (status != MP_OK) return status;
     memset(pass, 0, offsetof(mp_pass, ring));
     pass->vehicle = *vehicle;

@@ -18,6 +18,7 @@
 int mp_preprocess_begin(mp_preprocess *preprocess, const mp_commands *table, const mp_vehicle *vehicle) {
     mp_real ramps = R(0), latest = R(0);
     int i;
+    preprocess->ready = 0;
     if (table->commands > MP_COMMANDS || (!table->jets && table->commands != 6)) return MP_LIMIT;
     if (vehicle->bins < 2 || vehicle->bins > MP_BINS || vehicle->wheels > MP_WHEELS || !(table->period_s > R(0))) return MP_LIMIT;
     for (i = 0; i < table->commands; i++) ramps = mp_max(ramps, table->rise_s[i] + table->fall_s[i] + table->own_delay_s[i]);
@@ -299,8 +300,9 @@ int mp_preprocess_step(mp_preprocess *preprocess, const mp_flown *flown, mp_cycl
 }
 
 int mp_preprocess_last(mp_preprocess *preprocess, mp_cycle *cycle, int *made, int *usable) {
-    *made = preprocess->holding;
+    *made = 0;
     if (!preprocess->ready) return MP_ORDER;
+    *made = preprocess->holding;
     if (preprocess->holding) completed(preprocess, &preprocess->waiting, cycle, usable);
     preprocess->holding = 0;
     return MP_OK;
