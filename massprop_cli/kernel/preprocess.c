@@ -12,7 +12,8 @@
 #define MOST_FORCE R(1e4) /* m/s^2 of specific force */
 #define MOST R(1e9)       /* of any command or speed */
 #define LATE R(1e-3)      /* part of a period by which an on-time may be longer, and counts as all of it */
-#define LONGEST R(5)      /* periods that a cycle lasts, at most */
+#define LONGEST R(5)      /* periods that a cycle lasts, at most, */
+#define SHORTEST R(1e-3)  /* and at least: over less, increments and impulses are no rates and torques of numbers that can be held */
 #define OVERLAP R(0.5)    /* part of a period by which a cycle may begin before the end of the last: stamps scatter */
 
 int mp_preprocess_begin(mp_preprocess *preprocess, const mp_commands *table, const mp_vehicle *vehicle) {
@@ -249,7 +250,7 @@ static void completed(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle
 void mp_preprocess_without_gyro(mp_preprocess *preprocess, const mp_real rate[3], mp_cycle *cycle) {
     preprocess->turned = preprocess->before;
     cycle->deaf[0] = 1;
-    turned(preprocess, rate, cycle);
+    turned(preprocess, beyond(rate, MOST_TURN / cycle->duration_s) ? preprocess->before.rate : rate, cycle);
 }
 
 void mp_preprocess_without_accelerometer(mp_cycle *cycle) {
@@ -271,7 +272,7 @@ static int is_finite(const mp_preprocess *preprocess, const mp_flown *flown) {
 static int follows(const mp_preprocess *preprocess, const mp_flown *flown) {
     mp_real period_s = preprocess->table.period_s, beginning = flown->end_s - flown->duration_s;
     mp_real rounding = R(4) * MP_EPSILON * mp_abs(flown->end_s);
-    if (!(flown->duration_s > R(0) && flown->duration_s <= LONGEST * period_s)) return 0;
+    if (!(flown->duration_s >= SHORTEST * period_s && flown->duration_s <= LONGEST * period_s)) return 0;
     return !preprocess->told || (flown->end_s > preprocess->end_s && beginning >= preprocess->end_s - OVERLAP * period_s - rounding);
 }
 

@@ -112,7 +112,8 @@ int mp_preprocess_begin(mp_preprocess *preprocess, const mp_commands *table, con
  * executed had been commanded before the first cycle. */
 int mp_preprocess_step(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle *cycle, int *made, int *usable);
 
-/* The cycle that was completed last, without its reading of the gyro, in whose place a rate stands, or of the accelerometer. */
+/* The cycle that was completed last, without its reading of the gyro, in whose place a rate stands (if a vehicle can turn so fast, or else
+ * the rate of the cycle before), or without its reading of the accelerometer. */
 void mp_preprocess_without_gyro(mp_preprocess *preprocess, const mp_real rate[3], mp_cycle *cycle);
 void mp_preprocess_without_accelerometer(mp_cycle *cycle);
 

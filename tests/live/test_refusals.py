@@ -1,7 +1,6 @@
 """What a flight refuses: no refused call changes it, and none of what it takes stops it."""
 
 import ctypes
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -18,6 +17,8 @@ OK, NOT_FINITE, TIME, LIMIT, ORDER = range(5)
 """enum mp_status of massprop.h"""
 BINS = 5
 """Where a vehicle's table has them."""
+END, DURATION, THETA, VELOCITY, COMMAND = 0, 1, 2, 5, 11
+"""Where a cycle's numbers begin."""
 
 
 class Memory:
@@ -36,11 +37,16 @@ class Memory:
         self.flight.library.mp_host_flown(self.flight.memory, *counts, pointer(fed), ctypes.c_int(cycle is None), *outputs)
         return status.value
 
-    def begin(self, edit: Callable[[Array, Array], None]) -> int:
-        """The status of a begin with tables that are edited."""
+    def bytes(self) -> bytes:
+        """All that it keeps."""
+        return ctypes.string_at(self.flight.memory, self.flight.library.mp_host_flight_size())
+
+    def begin(self, delay_s: float | None = None, bins: float | None = None) -> int:
+        """The status of a begin, with another delay of the commands or another number of bins."""
         leg = self.constants.legs[0]
         commands, vehicle = self.constants.commands.copy(), leg.vehicle.copy()
-        edit(commands, vehicle)
+        commands[DELAY_S] = commands[DELAY_S] if delay_s is None else delay_s
+        vehicle[BINS] = vehicle[BINS] if bins is None else bins
         return int(self.flight.library.mp_host_fly(self.flight.memory, pointer(commands), pointer(vehicle), pointer(leg.rule)))
 
     def phase(self, bins: float) -> int:
@@ -51,22 +57,14 @@ class Memory:
         return int(self.flight.library.mp_host_phase(self.flight.memory, pointer(vehicle), pointer(leg.rule)))
 
 
-def too_late(commands: Array, vehicle: Array) -> None:
-    commands[DELAY_S] = 1e9
-
-
-def too_coarse(commands: Array, vehicle: Array) -> None:
-    vehicle[BINS] = 1
-
-
-@pytest.mark.parametrize("edit", [too_late, too_coarse])
-def test_after_a_begin_that_failed_nothing_is_flown_until_one_succeeds(edit: Callable[[Array, Array], None]) -> None:
+@pytest.mark.parametrize("tables", [{"delay_s": 1e9}, {"bins": 1.0}])
+def test_after_a_begin_that_failed_nothing_is_flown_until_one_succeeds(tables: dict[str, float]) -> None:
     flight, fed = Memory("free-flyer"), cycles("free-flyer")
     assert [flight.step(cycle) for cycle in fed[:100]] == [OK] * 100
-    assert flight.begin(edit) == LIMIT
+    assert flight.begin(**tables) == LIMIT
     assert {flight.step(cycle) for cycle in fed[100:110]} == {ORDER}
     assert flight.step(None) == ORDER
-    assert flight.begin(lambda commands, vehicle: None) == OK
+    assert flight.begin() == OK
     assert {flight.step(cycle) for cycle in fed} == {OK}
     clean = Memory("free-flyer")
     assert {clean.step(cycle) for cycle in fed} == {OK}
@@ -81,3 +79,48 @@ def test_after_a_phase_that_could_not_begin_nothing_is_flown_until_one_does() ->
     assert flight.step(fed[100]) == ORDER
     assert flight.phase(bins) == OK
     assert {flight.step(cycle) for cycle in fed[100:]} == {OK}
+
+
+REFUSED = (
+    *((DURATION, value, TIME) for value in (4.9e-324, 1e-300, 1e-30, 1e-6, 0.0, -0.05, 1e300)),
+    *((END, value, TIME) for value in (0.0, -1e300)),
+    *((column, value, NOT_FINITE) for column in (END, DURATION, THETA, VELOCITY, COMMAND) for value in (np.nan, np.inf)),
+    *((COMMAND, value, NOT_FINITE) for value in (-1e-300, 0.0501, 1e300)),
+)
+"""Of a cycle which number is what, and what is said of it."""
+
+
+@pytest.mark.parametrize("name", ["free-flyer", "air-bearing"])
+def test_a_cycle_that_is_refused_changes_nothing(name: str) -> None:
+    """Neither a byte of the memory, nor a bit of what is said later."""
+    fed = cycles(name)[:200]
+    flight, clean = Memory(name), Memory(name)
+    for k, cycle in enumerate(fed):
+        if k > 0:
+            column, value, status = REFUSED[k % len(REFUSED)]
+            bad, before = cycle.copy(), flight.bytes()
+            bad[column] = value
+            assert (column, value, flight.step(bad)) == (column, value, status)
+            assert flight.bytes() == before
+        assert flight.step(cycle) == clean.step(cycle) == OK
+    assert np.isfinite(clean.values[0, :10]).any()
+    assert np.array_equal(flight.values[0], clean.values[0], equal_nan=True)
+
+
+@pytest.mark.parametrize("name", ["free-flyer", "air-bearing"])
+def test_whatever_finite_numbers_come_a_refused_call_changes_nothing(name: str) -> None:
+    """Some are refused, others taken as readings that no vehicle moves by; what follows is flown in either case."""
+    fed, random = cycles(name)[:300], np.random.default_rng(1)
+    extremes = np.array([4.9e-324, 1e-308, -1e-300, 1e-30, 1e10, -1e100, 1e150, 1e200, -1e300, 1.7e308, 0.0, -0.0])
+    flight, refused = Memory(name), 0
+    for cycle in fed:
+        bad = cycle.copy()
+        columns = random.random(len(bad)) < np.where(np.arange(len(bad)) < COMMAND, 0.2, 0.01)
+        columns[END] = False  # one that is far ahead is taken, and then all others are of the past
+        bad[columns] = random.choice(extremes, columns.sum())
+        before, status = flight.bytes(), flight.step(bad)
+        assert status in (OK, NOT_FINITE, TIME)
+        assert status == OK or flight.bytes() == before
+        refused += status != OK
+        assert status == OK or flight.step(cycle) == OK
+    assert 30 < refused < 200
