@@ -85,6 +85,11 @@ untold until `mp_begin` or a new recording begins anew. The off-line estimate of
 The vehicle file must state noise levels and delay. At the end massprop estimates the recording (record.csv) like any log. That result also
 includes estimated disturbances, so it may differ from the last line.
 
+Cycles much shorter than a period may issue more commands than the kernel stores for each jet or wrench component (MP_PENDING of
+preprocess.h: 24 that are still to act or still act). Then two neighbouring commands become one with the same impulse, the two whose first
+moment changes least. No reading is used in the cycles in which that command acts. Later cycles are used again: the predicted rate has the
+whole impulse.
+
 On board, as on the ground, sensors may record samples and be behind low-passes with a latency, thrust may lag, jets may have delays of
 their own, and pulses be centred or end in their cycles. Samples are taken to come at even distances within a cycle, on the clock of the
 commands. Beside wheels, sensors must record increments or means without a filter.

@@ -11,45 +11,6 @@
 #define ROUNDED R(1e-9)    /* s by which a sample is before what begins at its time */
 #define FORGOTTEN R(-45)   /* logarithm of what a lag keeps that is below the last digit of anything */
 
-/* The commands of a cycle that starts `after` the present one, to be executed after the delay. */
-int mp_issued(mp_preprocess *preprocess, const mp_flown *flown, mp_real after) {
-    const mp_commands *table = &preprocess->table;
-    int j, full = 0;
-    for (j = 0; j < table->commands; j++) full |= preprocess->pulses[j] == MP_PENDING;
-    if (full) return MP_LIMIT;
-    for (j = 0; j < table->commands; j++) {
-        mp_pulse *pulses = preprocess->pulse[j], *last;
-        mp_real begin = after + table->delay_s + table->own_delay_s[j];
-        int count = preprocess->pulses[j];
-        if (table->jets && !(flown->command[j] > R(0))) continue;
-        if (table->jets) begin += table->late * mp_max(table->period_s - flown->command[j], R(0));
-        last = count > 0 ? pulses + count - 1 : NULL;
-        if (table->jets && last != NULL && !(mp_abs(begin - last->end) > TOUCHING * table->period_s)) {
-            last->end = begin + flown->command[j];
-            continue;
-        }
-        if (!table->jets && last != NULL) last->end = begin;
-        pulses[count].begin = begin;
-        pulses[count].end = table->jets ? begin + flown->command[j] : OPEN;
-        pulses[count].level = table->jets ? R(1) : flown->command[j];
-        preprocess->pulses[j] = count + 1;
-    }
-    return MP_OK;
-}
-
-/* Commands of which something is executed, or may yet be. */
-typedef struct {
-    int count, which[MP_COMMANDS];
-} acting;
-
-static void acting_of(const mp_preprocess *preprocess, acting *out) {
-    const mp_sensor *sensor = preprocess->table.sensor;
-    int j, lags = sensor[MP_MOVES].lags + sensor[MP_GYRO].lags + sensor[MP_ACCELEROMETER].lags;
-    out->count = 0;
-    for (j = 0; j < preprocess->table.commands; j++)
-        if (preprocess->pulses[j] > 0 || lags > 0) out->which[out->count++] = j;
-}
-
 /* A part of a pulse that goes linearly from one level to another. */
 typedef struct {
     mp_real begin, end, from, to;
@@ -65,6 +26,102 @@ static int stretches(const mp_commands *table, int j, const mp_pulse *pulse, str
     out[count++] = (stretch){top, pulse->end, reached, reached};
     if (fall > R(0)) out[count++] = (stretch){pulse->end, pulse->end + reached * fall, reached, R(0)};
     return count;
+}
+
+/* When it has fallen, at the latest. */
+static mp_real over(const mp_commands *table, int j, const mp_pulse *pulse) {
+    return pulse->end + mp_max(R(1), pulse->level) * table->fall_s[j];
+}
+
+/* Its impulse, over the force at full thrust, and the first moment of that. */
+static void moments(const mp_commands *table, int j, const mp_pulse *pulse, mp_real *impulse, mp_real *moment) {
+    stretch part[3];
+    int n, count = stretches(table, j, pulse, part);
+    *impulse = *moment = R(0);
+    for (n = 0; n < count; n++) {
+        mp_real length = part[n].end - part[n].begin, sum = length * (part[n].from + part[n].to) / R(2);
+        *impulse += sum;
+        *moment += part[n].begin * sum + length * length * (part[n].from + R(2) * part[n].to) / R(6);
+    }
+}
+
+/* Two pulses as one from the beginning of the first to the end of the last, with the impulse of both. That is level * held + level^2 *
+ * falling: what falls takes longer from a higher level. By how much the first moment of the impulse changes. */
+static mp_real combined(const mp_commands *table, int j, const mp_pulse *first, const mp_pulse *last, mp_pulse *out) {
+    mp_real impulse[2], moment[2], held, falling, found;
+    moments(table, j, first, &impulse[0], &moment[0]);
+    moments(table, j, last, &impulse[1], &moment[1]);
+    *out = (mp_pulse){mp_min(first->begin, last->begin), mp_max(first->end, last->end), R(2), 1};
+    moments(table, j, out, &falling, &found);
+    out->level = R(1);
+    moments(table, j, out, &held, &found);
+    falling = falling / R(2) - held;
+    held -= falling;
+    impulse[0] += impulse[1];
+    out->level = R(2) * impulse[0] / mp_max(held + MP_SQRT(held * held + R(4) * falling * impulse[0]), MP_TINY);
+    moments(table, j, out, &impulse[0], &found);
+    return mp_abs(found - moment[0] - moment[1]);
+}
+
+/* Room for one more: two neighbours become one. Both are still to come, or both are over: a part of an impulse that has been executed must
+ * not come again. Of those the two of which that changes least: a rate is what it was, but later or sooner. */
+static void make_room(mp_preprocess *preprocess, int j) {
+    const mp_commands *table = &preprocess->table;
+    mp_pulse *pulses = preprocess->pulse[j], both;
+    mp_real now = mp_sampled_later(table) - table->sensor[MP_MOVES].latency_s, least = OPEN, change;
+    int k, chosen = 0;
+    for (k = 0; k < MP_PENDING - 1; k++) {
+        change = combined(table, j, pulses + k, pulses + k + 1, &both);
+        if (pulses[k].begin < now && over(table, j, pulses + k + 1) > now) change = OPEN / R(2);
+        if (!(change < least)) continue;
+        least = change;
+        chosen = k;
+    }
+    (void)combined(table, j, pulses + chosen, pulses + chosen + 1, &both);
+    pulses[chosen] = both;
+    preprocess->pulses[j] = MP_PENDING - 1;
+    memmove(pulses + chosen + 1, pulses + chosen + 2, (size_t)(MP_PENDING - 2 - chosen) * sizeof pulses[0]);
+}
+
+/* The commands of a cycle that starts `after` the present one, to be executed after the delay. */
+void mp_issued(mp_preprocess *preprocess, const mp_flown *flown, mp_real after) {
+    const mp_commands *table = &preprocess->table;
+    int j;
+    for (j = 0; j < table->commands; j++) {
+        mp_pulse *pulses = preprocess->pulse[j], *last;
+        mp_real begin = after + table->delay_s + table->own_delay_s[j];
+        int count = preprocess->pulses[j];
+        if (table->jets && !(flown->command[j] > R(0))) continue;
+        if (table->jets) begin += table->late * mp_max(table->period_s - flown->command[j], R(0));
+        last = count > 0 ? pulses + count - 1 : NULL;
+        if (table->jets && last != NULL && !last->combined && !(mp_abs(begin - last->end) > TOUCHING * table->period_s)) {
+            last->end = begin + flown->command[j];
+            continue;
+        }
+        if (!table->jets && last != NULL) last->end = begin;
+        if (count == MP_PENDING) {
+            make_room(preprocess, j);
+            count = preprocess->pulses[j];
+        }
+        pulses[count].begin = begin;
+        pulses[count].end = table->jets ? begin + flown->command[j] : OPEN;
+        pulses[count].level = table->jets ? R(1) : flown->command[j];
+        pulses[count].combined = 0;
+        preprocess->pulses[j] = count + 1;
+    }
+}
+
+/* Commands of which something is executed, or may yet be. */
+typedef struct {
+    int count, which[MP_COMMANDS];
+} acting;
+
+static void acting_of(const mp_preprocess *preprocess, acting *out) {
+    const mp_sensor *sensor = preprocess->table.sensor;
+    int j, lags = sensor[MP_MOVES].lags + sensor[MP_GYRO].lags + sensor[MP_ACCELEROMETER].lags;
+    out->count = 0;
+    for (j = 0; j < preprocess->table.commands; j++)
+        if (preprocess->pulses[j] > 0 || lags > 0) out->which[out->count++] = j;
 }
 
 /* Integral over a time, and first moment about its beginning, of what command j does before any lag. */
@@ -297,7 +354,7 @@ static void passed(mp_preprocess *preprocess, mp_real duration) {
             pulse.begin -= duration;
             if (pulse.end < OPEN) pulse.end -= duration;
             /* the last is kept a while, since the next command may go on with it */
-            if (!(pulse.end + table->fall_s[j] + latest + (k == preprocess->pulses[j] - 1 ? table->period_s : R(0)) < R(0))) {
+            if (!(over(table, j, &pulse) + latest + (k == preprocess->pulses[j] - 1 ? table->period_s : R(0)) < R(0))) {
                 preprocess->pulse[j][left++] = pulse;
                 continue;
             }
@@ -361,8 +418,23 @@ static void impulses(mp_preprocess *preprocess, const acting *those, mp_cycle *c
     }
 }
 
+/* Neither sensor is used while a combined pulse acts, and as long as any shows it: its impulse is known, its course is not. */
+static void unread(mp_preprocess *preprocess, mp_cycle *cycle) {
+    const mp_commands *table = &preprocess->table;
+    mp_real until = preprocess->unread_s, soonest = cycle->duration_s + mp_sampled_later(table), shown_s = table->memory_s - table->delay_s;
+    int j, k;
+    for (j = 0; j < table->commands; j++)
+        for (k = 0; k < preprocess->pulses[j]; k++) {
+            const mp_pulse *pulse = &preprocess->pulse[j][k];
+            if (pulse->combined && pulse->begin < soonest) until = mp_max(until, over(table, j, pulse) + shown_s);
+        }
+    if (until > R(0)) cycle->deaf[0] = cycle->deaf[1] = 1;
+    preprocess->unread_s = until - cycle->duration_s;
+}
+
 void mp_executed(mp_preprocess *preprocess, mp_cycle *cycle) {
     acting those;
+    unread(preprocess, cycle);
     acting_of(preprocess, &those);
     in_bins(preprocess, &those, cycle->duration_s);
     by_gyro(preprocess, &those, cycle->duration_s);

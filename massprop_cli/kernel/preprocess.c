@@ -277,13 +277,11 @@ static int follows(const mp_preprocess *preprocess, const mp_flown *flown) {
 }
 
 int mp_preprocess_step(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle *cycle, int *made, int *usable) {
-    int status;
     *made = 0;
     if (!preprocess->ready) return MP_ORDER;
     if (!is_finite(preprocess, flown)) return MP_NOT_FINITE;
     if (!follows(preprocess, flown)) return MP_TIME;
-    status = mp_issued(preprocess, flown, preprocess->holding ? preprocess->waiting.duration_s : R(0));
-    if (status != MP_OK) return status;
+    mp_issued(preprocess, flown, preprocess->holding ? preprocess->waiting.duration_s : R(0));
     preprocess->end_s = flown->end_s;
     preprocess->told = 1;
     if (!preprocess->table.waits) {

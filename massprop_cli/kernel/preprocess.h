@@ -9,7 +9,7 @@
 #define MP_COMMANDS 64 /* jets, or the six components of a wrench */
 #endif
 #ifndef MP_PENDING
-#define MP_PENDING 24 /* pulses of one jet that are to come or still act */
+#define MP_PENDING 24 /* pulses of one jet that are to come or still act, each by itself */
 #endif
 #ifndef MP_LAGS
 #define MP_LAGS 2 /* of a sensor, first-order lags in parallel: a pair of complex ones counts once */
@@ -62,6 +62,7 @@ typedef struct {
 
 typedef struct {
     mp_real begin, end, level; /* s from the start of the present cycle */
+    int combined; /* whether it has the impulse of several, for which there was no room; while it acts no sensor is used */
 } mp_pulse;
 
 /* What lags have come to: the signal behind them, and what its first and second integral lack of those before them. */
@@ -95,6 +96,7 @@ typedef struct {
     mp_turned turned, before;  /* by the latest completed cycle, and by the one before it */
     mp_real bias[3];           /* of the gyro, rad/s, as the estimate has it by now */
     mp_real attitude_error[3][5];      /* at the start of the cycle that was completed last, for the first of a phase (mp_pass) */
+    mp_real unread_s; /* from the present cycle's start, for which no sensor is used: a combined pulse acted */
     int pulses[MP_COMMANDS];
     mp_pulse pulse[MP_COMMANDS][MP_PENDING];
     mp_real lagging[MP_COMMANDS][MP_SENSORS][MP_LAGS][2]; /* each lag, times its weight, by pulses that are over */
