@@ -63,6 +63,13 @@ droops or fails for a time, a drifting clock, more than 64 jets or a delay beyon
 
 `massprop export-flight` writes the sources with a vehicle's tables for a flight computer, and a test vector. The flight code must reproduce
 the vector bit for bit. It does on x86-64 with and without sanitizers, and on 32-bit ARM (gcc-arm-linux-gnueabihf under qemu-user).
+
+In your own build, compile all .c files of the folder but `replay.c`, which has the only `main`. Each cycle you fill in an `mp_flown`
+(preprocess.h) and read an `mp_values` (verdict.h). `mp_flown` has no attitude: on a bearing or pedestal the kernel integrates the gyro
+from the vehicle file's initial attitude on, and free flight needs none. The members of `mp_flight` are not an interface: `preprocess` has
+the commands in flight and the attitude, `pass` the estimate. Every call returns a status. On any status but MP_OK nothing has changed,
+but after a refused begin the steps return MP_ORDER until a begin succeeds.
+
 `massprop live` makes the same calls while records arrive on standard input:
 
     tail -f telemetry.csv | massprop live --vehicle vehicle.toml --out flight | controller
@@ -132,7 +139,7 @@ def optimised(where: Path) -> str:
 
 def soaked(where: Path, *arguments: str, as_flown: bool = False) -> list[list[str]]:
     """The lines of kernel_soak.c, built as pip builds the kernel, or as the flight folder's Makefile does."""
-    sources = [str(path) for path in where.glob("*.c") if path.name not in ("replay.c", "size.c")]
+    sources = [str(path) for path in where.glob("*.c") if path.name != "replay.c"]
     level = optimised(where).split() if as_flown else [flag for flag in FLAGS if flag.startswith("-O")]
     flags = ["-std=c99", *level, "-ffp-contract=off", *limits(where), f"-I{where}"]
     subprocess.run(["cc", *flags, *sources, str(SOAK), "-o", str(where / "soak"), "-lm"], check=True)
@@ -212,7 +219,7 @@ def sizes(where: Path) -> None:
     if shutil.which(ARM) is None:
         print(f"Not measured: {ARM} is not installed here.\n")
         return
-    sources = [path for path in where.glob("*.c") if path.name not in ("replay.c", "size.c")]
+    sources = [path for path in where.glob("*.c") if path.name != "replay.c"]
     (where / "state.c").write_text('#include "flight.h"\nmp_flight state;\nmp_cycle held[MP_HELD];\nmp_run ring[MP_CHECKPOINTS];\n')
     flags = [*M4F, "-std=c99", "-ffp-contract=off", *limits(where)]
     for source in sources:

@@ -45,7 +45,7 @@ def contents(resolved: Constants) -> dict[str, str]:
     """Each file's text."""
     sources = sorted(path for path in SOURCES.iterdir() if path.suffix in (".c", ".h") and path.name not in HOST)
     found = {path.name: path.read_text(encoding="utf-8") for path in sources}
-    found |= {name: (TEMPLATES / name).read_text(encoding="utf-8") for name in ("replay.c", "size.c")}
+    found |= {"replay.c": (TEMPLATES / "replay.c").read_text(encoding="utf-8")}
     found |= {"table.h": tables.header(resolved), "table.c": tables.source(resolved)}
     if resolved.log is not None:
         if kernel().library is None:

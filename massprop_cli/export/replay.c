@@ -1,5 +1,5 @@
-/* Flies a test vector: vector.txt on standard input, on standard output what flight.h says after each cycle.
- * The only file here that reads and writes; it is no part of what flies. */
+/* Flies a test vector: vector.txt on standard input, on standard output what flight.h says after each cycle. `replay size`: RAM of the state.
+ * The only file here that reads and writes, and the only one with a main; it is no part of what flies. */
 #include <stdint.h>
 #include <stdio.h>
 #include <string.h>
@@ -46,9 +46,16 @@ static int cycle(mp_flown *flown) {
     return 1;
 }
 
-int main(void) {
+static int sizes(void) {
+    unsigned long whole = (unsigned long)sizeof flight, held = (unsigned long)sizeof flight.pass.held, ring = (unsigned long)sizeof flight.pass.ring;
+    printf("sizeof(mp_flight) = %lu bytes: cycles held %lu, checkpoints %lu, all else %lu\n", whole, held, ring, whole - held - ring);
+    return 0;
+}
+
+int main(int argc, char **argv) {
     int phase;
     long count, k;
+    if (argc > 1) return strcmp(argv[1], "size") == 0 ? sizes() : 2;
     while (scanf("%d %ld", &phase, &count) == 2) {
         mp_values values;
         int made;

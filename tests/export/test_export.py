@@ -26,6 +26,23 @@ pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"the causal pa
 ARM, QEMU = "arm-linux-gnueabihf-gcc", "qemu-arm"
 
 
+OWN = """#include <stdio.h>
+
+#include "table.h"
+
+static mp_flight flight;
+
+int main(void) {
+    mp_flown flown = {0};
+    mp_values values;
+    int made, begun = mp_flight_begin(&flight, &mp_commands_table, &mp_vehicle_table[0], &mp_rule_table[0]);
+    flown.end_s = flown.duration_s = mp_commands_table.period_s;
+    printf("%d %d %lu\\n", begun, mp_flight_step(&flight, &flown, &values, &made), (unsigned long)sizeof flight);
+    return 0;
+}
+"""
+
+
 def exported(name: str, out: Path, *assignments: str) -> Path:
     source = vehiclefile.load(SAMPLES / name / "vehicle.toml", assignments)
     folder.write(resolve.told(source, SAMPLES / name / "log.parquet"), out)
@@ -74,6 +91,20 @@ def linked(where: Path, built: Path) -> Path:
 def test_its_own_test_passes(built: Path) -> None:
     assert (built / "replayed.txt").read_text() == (built / "expected.txt").read_text()
     assert flies_its_vector(built, "replay")
+
+
+def test_all_sources_but_the_replay_link_with_a_main_of_ones_own(built: Path, tmp_path: Path) -> None:
+    """What a flight computer's build takes up, by a pattern."""
+    assert {path.name for path in built.glob("*.c")} - {*defined(built, "KERNEL"), "table.c"} == {"replay.c"}
+    (tmp_path / "own.c").write_text(OWN)
+    objects = [str(path) for path in built.glob("replay-*.o") if path.name != "replay-replay.o"]
+    command = ["cc", *defined(built, "LIMITS"), f"-I{built}", str(tmp_path / "own.c"), *objects, "-o", str(tmp_path / "own"), "-lm"]
+    subprocess.run(command, check=True)
+    said = subprocess.run([tmp_path / "own"], capture_output=True, text=True, check=True).stdout
+    sizes = subprocess.run([built / "replay", "size"], capture_output=True, text=True, check=True).stdout
+    whole, held, checkpoints, others = (int(number) for number in re.findall(r"\d+", sizes))
+    assert said == f"0 0 {whole}\n"
+    assert held + checkpoints + others == whole
 
 
 @pytest.mark.seeds
