@@ -169,6 +169,16 @@ static void widened(mp_real ratio, mp_values *out) {
     }
 }
 
+/* Where forces beyond any vehicle's have left no number, nothing is told. */
+static void checked(mp_values *out) {
+    int i;
+    for (i = 0; i < 10; i++) {
+        if (mp_finite(&out->value[i], 1) && mp_finite(&out->sigma[i], 1)) continue;
+        out->told[i] = 0;
+        out->value[i] = out->sigma[i] = R(0);
+    }
+}
+
 void mp_report(const mp_rule *rule, const mp_pass *pass, const mp_row *row, mp_steady *steady, mp_values *out) {
     mp_real trace = pass->estimate.inertia[0][0] + pass->estimate.inertia[1][1] + pass->estimate.inertia[2][2];
     mp_real ratio;
@@ -181,6 +191,7 @@ void mp_report(const mp_rule *rule, const mp_pass *pass, const mp_row *row, mp_s
     quantities(rule, &pass->vehicle, row, out);
     ratio = excess(row, steady);
     if (ratio > R(1)) widened(ratio, out);
+    checked(out);
     for (i = 0; i < 10; i++) {
         mp_real moment = i >= 6 && i < 9 && MP_ON_PEDESTAL(&pass->vehicle) ? R(1) / pass->estimate.mu : R(1); /* for a metre of the CG */
         mp_real size = i < 6 ? trace : i < 9 ? MP_SQRT(trace * pass->estimate.mu) * moment : R(1) / pass->estimate.mu;

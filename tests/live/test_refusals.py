@@ -8,9 +8,12 @@ import pytest
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate.compiled import TOLD
 from massprop_cli.estimate.kernelflight import DELAY_S, VALUES, Flight
+from massprop_cli.export import resolve
 from massprop_cli.export.resolve import Constants
+from massprop_cli.inputs import vehiclefile
 from massprop_cli.kernel import kernel, pointer
-from tests.live.test_gate import cycles, resolved
+from tests.analysed import SAMPLES
+from tests.live.test_gate import UNTOLD, cycles, resolved
 
 pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"the causal pass runs on {kernel().name}")
 OK, NOT_FINITE, TIME, LIMIT, ORDER = range(5)
@@ -124,3 +127,20 @@ def test_whatever_finite_numbers_come_a_refused_call_changes_nothing(name: str) 
         refused += status != OK
         assert status == OK or flight.step(cycle) == OK
     assert 30 < refused < 200
+
+
+@pytest.mark.parametrize("seed", [1120, 1603])
+def test_no_value_is_told_where_torques_that_no_vehicle_has_leave_no_number(seed: int) -> None:
+    """Up to 9e8 N m and N, which are commands that the kernel takes."""
+    constants = resolve.stated(vehiclefile.load(SAMPLES / "air-bearing" / "vehicle.toml", ["jets=[]"]))
+    random, count = np.random.default_rng(seed), 120
+    fed = np.zeros((count, COMMAND + 6))
+    fed[:, END], fed[:, DURATION] = np.arange(1, count + 1) * 0.05, 0.05
+    fed[:, THETA:8] = random.normal(0.0, 0.005, (count, 6))
+    some = random.random((count, 6)) < random.choice([0.01, 0.03, 0.1, 0.3])
+    fed[:, COMMAND:] = np.where(some, random.choice([9e8, -3e8, 1e4, -1e6, 1e2, 0.01, 5e-2, 1e-3, 0, 0], (count, 6)), 0)
+    leg = constants.legs[0]
+    found = Flight(constants.commands, leg.vehicle, leg.rule).step(fed, last=True)
+    told = found.verdicts != UNTOLD
+    assert np.isfinite(found.values[told]).all()
+    assert np.isfinite(found.sigmas[told]).all()
