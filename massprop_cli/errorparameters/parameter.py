@@ -247,9 +247,10 @@ class ErrorParameter:
         return size if self.key is None else min(size, self.prior)
 
     def least(self, setup: Setup) -> float:
-        """The error by which the stated value is at its least, in ``unit``; of jets, where each is."""
+        """The error by which the stated value is at its least, in ``unit``; of jets, where each is. None (-inf) of a part of nothing."""
         now = 0.0 if self.key is None or np.isinf(self.lowest) else float(setup.value(self.key).max(initial=0.0))
-        return (self.lowest - now) / self.scale(setup.vehicle)
+        scale = self.scale(setup.vehicle)
+        return (self.lowest - now) / scale if scale else -np.inf
 
     def sigma(self, vehicle: Vehicle) -> float:
         """One sigma that the vehicle file states, in ``unit``; 0: none, or of another environment."""

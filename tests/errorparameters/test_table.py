@@ -165,3 +165,10 @@ def test_the_page_of_assumptions_has_every_step() -> None:
 def test_the_page_is_the_table() -> None:
     assert PAGE.read_text(encoding="utf-8") == page(), "python -m website.errorparameters"
     assert all(f"(warnings/{code}.md)" in page() for code in CODES)
+
+
+def test_what_is_a_part_of_nothing_has_no_least_error() -> None:
+    """Of a bearing that moves nothing along, whose log may misfit as well as another."""
+    flown = flight.standard("air_bearing", 60)
+    setup = Setup(flown.log(), changed(flown.used, ["environment.bearing_mass_kg=0"]), Timing(2.0, 0.3))
+    assert BY_NAME["bearing_mass_kg"].least(setup) == -np.inf
