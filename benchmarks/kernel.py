@@ -68,7 +68,8 @@ In your own build, compile all .c files of the folder but `replay.c`, which has 
 (preprocess.h) and read an `mp_values` (verdict.h). `mp_flown` has no attitude: on a bearing or pedestal the kernel integrates the gyro
 from the vehicle file's initial attitude on, and free flight needs none. The members of `mp_flight` are not an interface: `preprocess` has
 the commands in flight and the attitude, `pass` the estimate. Every call returns a status. On any status but MP_OK nothing has changed,
-but after a refused begin the steps return MP_ORDER until a begin succeeds.
+but after a refused begin the steps return MP_ORDER until a begin succeeds. A cycle a million periods or more
+after the last is refused: after such a pause, begin again.
 
 `massprop live` makes the same calls while records arrive on standard input:
 

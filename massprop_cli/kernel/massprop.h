@@ -65,7 +65,7 @@ typedef double mp_real;
 enum mp_status {
     MP_OK = 0,
     MP_NOT_FINITE = 1, /* a number that isn't finite, or a command that none can be; the state is unchanged */
-    MP_TIME = 2,       /* a cycle far too short or too long, or one that does not follow the last; the state is unchanged */
+    MP_TIME = 2,       /* a cycle far too short or too long, or not after the last, or a million periods after it; the state is unchanged */
     MP_LIMIT = 3,      /* a vehicle beyond a limit */
     MP_ORDER = 4       /* a call before the one that must go first */
 };

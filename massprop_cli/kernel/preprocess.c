@@ -14,6 +14,7 @@
 #define LATE R(1e-3)      /* part of a period by which an on-time may be longer, and counts as all of it */
 #define LONGEST R(5)      /* periods that a cycle lasts, at most, */
 #define SHORTEST R(1e-3)  /* and at least: over less, increments and impulses are no rates and torques of numbers that can be held */
+#define GAP R(1e6)        /* periods from the last cycle to the next, at most: later ones would all come before a stamp that is wrong */
 #define OVERLAP R(0.5)    /* part of a period by which a cycle may begin before the end of the last: stamps scatter */
 
 int mp_preprocess_begin(mp_preprocess *preprocess, const mp_commands *table, const mp_vehicle *vehicle) {
@@ -268,12 +269,14 @@ static int is_finite(const mp_preprocess *preprocess, const mp_flown *flown) {
     return fine && mp_finite(flown->delta_theta, 3) && mp_finite(flown->delta_v, 3);
 }
 
-/* Whether a cycle has a length that can be, and does not begin before the end of the last one. */
+/* Whether a cycle has a length that can be, and does not begin before the end of the last one, nor an age after it. */
 static int follows(const mp_preprocess *preprocess, const mp_flown *flown) {
     mp_real period_s = preprocess->table.period_s, beginning = flown->end_s - flown->duration_s;
     mp_real rounding = R(4) * MP_EPSILON * mp_abs(flown->end_s);
     if (!(flown->duration_s >= SHORTEST * period_s && flown->duration_s <= LONGEST * period_s)) return 0;
-    return !preprocess->told || (flown->end_s > preprocess->end_s && beginning >= preprocess->end_s - OVERLAP * period_s - rounding);
+    if (!preprocess->told) return 1;
+    if (!(beginning <= preprocess->end_s + GAP * period_s)) return 0;
+    return flown->end_s > preprocess->end_s && beginning >= preprocess->end_s - OVERLAP * period_s - rounding;
 }
 
 int mp_preprocess_step(mp_preprocess *preprocess, const mp_flown *flown, mp_cycle *cycle, int *made, int *usable) {
