@@ -237,9 +237,22 @@ def _begun(rng: np.random.Generator, own: Bodies) -> tuple[Array, Array]:
 
 
 def fly(
-    rng: np.random.Generator, own: Bodies, imu: Imu, period_s: float, duration_s: float, delay_s: float, parts: int = 8, noise: float = 1.0
+    rng: np.random.Generator,
+    own: Bodies,
+    imu: Imu,
+    period_s: float,
+    duration_s: float,
+    delay_s: float,
+    parts: int = 8,
+    noise: float = 1.0,
+    held: bool = False,
 ) -> Flown:
-    """Pulses of whole ``parts`` of a control cycle, each of which some jets fire in; ``noise`` is a factor on the IMU's."""
+    """Pulses of whole ``parts`` of a control cycle, each of which some jets fire in; ``noise`` is a factor on the IMU's.
+
+    Drives give the wheels torques; or, ``held``, as much growth of their speed relative to the body, whatever that does.
+    """
+    if held:  # locked to the body but for that growth
+        own = replace(own, inertia=own.inertia + np.einsum("vw,vwi,vwj->vij", own.spin_inertia, own.axis, own.axis))
     count, cycles, tick, jets = len(own.mass), int(duration_s / period_s), period_s / parts, own.jet_force.shape[1]
     on = np.where(rng.random((count, cycles, jets)) < 0.15, rng.integers(1, parts + 1, (count, cycles, jets)), 0)
     on[:, : int(1.0 / period_s)] = 0
@@ -258,7 +271,8 @@ def fly(
     times = times[(times <= taken[-1] + 1e-12) & np.append(True, np.diff(times) > 1e-10)]
     plant, wrench = _Plant(own), np.concatenate([cross(own.jet_position, own.jet_force), own.jet_force], -1)
     rate, q = _begun(rng, own)
-    along = own.spin_inertia * (own.spin_begun + np.einsum("vwk,vk->vw", own.axis, rate))
+    turned = np.einsum("vwk,vk->vw", own.axis, rate) * (not held)
+    along = own.spin_inertia * (own.spin_begun + turned)
     nothing = np.zeros((count, 6))
     acting = np.concatenate([nothing, np.einsum("vw,vwk->vk", along, own.axis), np.zeros((count, 3))], 1)
     low_pass = _Lowpass(imu, np.concatenate([rate, plant.moved(rate, q, acting)[1]], 1))
@@ -277,7 +291,7 @@ def fly(
             along = along + h * driven
             summed = summed + low_pass.step(seen, h)
         while at < len(taken) and taken[at] <= end + 1e-10:
-            speed[at] = along / own.spin_inertia - np.einsum("vwk,vk->vw", own.axis, rate)
+            speed[at] = along / own.spin_inertia - np.einsum("vwk,vk->vw", own.axis, rate) * (not held)
             found[at] = low_pass.out(seen[2]) if imu.measures == "sample" else (summed - previous) / lasting_s
             previous, first_q = summed, q if at == FIRST - 1 else first_q
             at += 1

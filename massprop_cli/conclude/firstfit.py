@@ -17,6 +17,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross
 from massprop_cli.diagnosis.preprocessing import Ready, ready
+from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.estimate.phases import AsStated, Progress, as_stated
 from massprop_cli.inputs.actuators.wheel import Wheel
@@ -47,15 +48,30 @@ def first_fits(log: Log, source: VehicleSource, say: Progress) -> tuple[Ready, A
     if begun.stated.estimator.method == "thesis":
         return begun, None
 
+    first, driven = _as_driven(_fitted(begun), log, source, say)
+
     def less(bias: Array) -> _First:
         known = tuple((np.array(begun.stated.imu.body_from_imu).T @ bias).tolist())
-        return _fitted(ready(log, replace(source, vehicle=stating(source.vehicle, {"imu.gyro_bias_rad_s": known})), say))
+        return _fitted(ready(log, replace(driven, vehicle=stating(driven.vehicle, {"imu.gyro_bias_rad_s": known})), say))
 
-    return _with_unsampled_thrust(_with_scattered_speeds(_without_its_bias(_fitted(begun), less)))
+    return _with_unsampled_thrust(_with_scattered_speeds(_without_its_bias(first, less)))
 
 
 def _fitted(begun: Ready) -> _First:
     return _First(begun, as_stated(begun.samples, begun.phases, begun.stated, begun.consider))
+
+
+def _as_driven(first: _First, log: Log, source: VehicleSource, say: Progress) -> tuple[_First, VehicleSource]:
+    """The fit, and the vehicle file, with what the wheels' drives hold between readings, where nothing states it and thrust shows it."""
+    own = [f"wheels.{n}.holds" for n, wheel in enumerate(first.begun.stated.wheels) if wheel.holds is None]
+    if not own or not first.begun.samples.free_inertia.any() or not log.command.any():
+        return first, source
+    held = replace(source, vehicle=stating(source.vehicle, dict.fromkeys(own, "speed")))
+    other = _fitted(ready(log, held, say))
+    if not other.plain.chi_square < first.plain.chi_square - CLEAR:
+        return first, source
+    said = "holds of wheels is not stated; the log shows that their drives hold the growth of their speed, and not a torque"
+    return other._replace(begun=other.begun._replace(notices=[*other.begun.notices, Notice("noise-estimated", said)])), held
 
 
 def _without_its_bias(first: _First, less: Callable[[Array], _First]) -> _First:

@@ -60,11 +60,16 @@ class AsStated(NamedTuple):
         return not (np.isnan(self.excess).all() and np.isnan(self.gross).all())
 
     @property
+    def chi_square(self) -> float:
+        """Squares of the residual of the fits, over the noise."""
+        return sum(fit.history.left() for fit in self.fits if fit is not None)
+
+    @property
     def left(self) -> float:
-        """Mean squared residual of the fits, over the noise."""
+        """Mean of them."""
         fitted = [fit.history for fit in self.fits if fit is not None]
         count = sum(one.moments().count * int((~one.unread).sum()) for one in fitted)
-        return sum(one.left() for one in fitted) / max(count, 1)
+        return self.chi_square / max(count, 1)
 
     @property
     def dubious(self) -> bool:

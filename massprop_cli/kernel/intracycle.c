@@ -136,7 +136,11 @@ void mp_by_wheels(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_bin
     for (i = 0; i < 3; i++) beyond[i] = here->rate_dot[i] - steady[i];
     for (w = 0; w < vehicle->wheels; w++) {
         mp_real along = vehicle->free_inertia[w] * mp_dot(vehicle->axis[w], beyond);
-        for (i = 0; i < 3; i++) torque[i] += vehicle->axis[w][i] * along;
+        mp_real behind = vehicle->free_inertia[w] * mp_dot(vehicle->axis[w], here->late);
+        for (i = 0; i < 3; i++) {
+            torque[i] += vehicle->axis[w][i] * along;
+            late[i] += vehicle->axis[w][i] * behind;
+        }
     }
 }
 
@@ -165,6 +169,7 @@ void mp_within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, c
         for (i = 0; i < 3; i++) {
             bins[b].rate[i] = mean[i];
             bins[b].rate_dot[i] = R(0);
+            bins[b].late[i] = R(0);
             bins[b].up[i] = cycle->up[0][i];
         }
     }

@@ -68,12 +68,12 @@ def motion_within(samples: Samples, reference: Reference, phi_map: ResponseMap) 
     plant = phi_map.plant
     wrench, skew = by_component(impulse / bin_s), by_component(skew)
     rate, up = (by_component(np.broadcast_to(v[:, None], shape)) for v in (mean, up_start))
-    motion = Motion(wrench, rate, np.zeros_like(rate), up)
+    motion = Motion(wrench, rate, np.zeros_like(rate), up, np.zeros_like(rate))
     ups = up_start, up_start
     coning: Array = np.zeros_like(mean)
     stored = executed.stored
     driven: Array = np.zeros(3)
-    late: Array = driven
+    late: Array = np.zeros_like(rate)
     shown, grown = _mean_offset(samples, response, plant), np.zeros_like(mean)
     for again in range(_REFINEMENTS):
         coupled = times(response[:, -6:], products(motion.rate))
@@ -100,7 +100,7 @@ def motion_within(samples: Samples, reference: Reference, phi_map: ResponseMap) 
             middle = turned - angle / 2 - rate_dot * bin_s**2 / 12 + coned - cone / 2
             up, end = (_turned(up_start, vector) for vector in (middle, turned[:, -1:] + coned[:, -1:]))
             ups, coning = (up_start, end[:, 0]), coned[:, -1]
-        motion = Motion(motion.wrench, rate, rate_dot, up)
+        motion = Motion(motion.wrench, rate, rate_dot, up, late)
         if samples.kernel_effect is not None:
             turning = times(response[:, -6:], products(start + change[:, -1]) - products(start))
             grown = samples.kernel_effect.curvature_s2 * turning / executed.duration_s[:, None]

@@ -79,7 +79,8 @@ def made_by_motion(stored: Stored | None, damping: Array, motion: Motion, bin_s:
     precessing = None
     if stored is not None:
         mean, late = _precession(motion, stored.mean @ stored.axis, stored.skew @ stored.axis, bin_s)
-        precessing = mean + (motion.rate_dot - motion.rate_dot.mean(1, keepdims=True)) @ stored.released, late
+        beyond = motion.rate_dot - motion.rate_dot.mean(1, keepdims=True)
+        precessing = mean + beyond @ stored.released, late + motion.late @ stored.released
     if not damping.any():
         return precessing
     torque, late = -damping * motion.rate, -damping * motion.rate_dot * bin_s**2 / 12

@@ -82,6 +82,11 @@ class Wheel(actuator.MomentumDevice):
         description="from a record's end until the torque on the wheel steps, so that its speed bends there; absent: found in the log. "
         "For a speed column",
     )
+    holds: Literal["torque", "speed"] | None = Field(
+        None,
+        description="what the wheel's drive keeps even from one reading to the next: its motor's torque, so that its speed relative to the "
+        "body bends as the body's rate does, or the growth of that speed; absent: found in the log. For a speed column",
+    )
     speed_error_in_noise: bool = Field(
         False,
         description="whether imu.gyro_noise_rad_s and environment.disturbance_torque_n_m have in them what speed_sigma_rad_s and "
@@ -132,8 +137,8 @@ class Wheel(actuator.MomentumDevice):
 
     @property
     def free_inertia(self) -> Array:
-        """(1,) a motor's torque is even from one reading of the speed to the next, and so is the growth of J (W + a · ω)."""
-        exact = not (self.speed_latency_s or self.speed_window_s or self.torque_steps_s)
+        """(1,) where a motor's torque is even from one reading of the speed to the next, so is the growth of J (W + a · ω)."""
+        exact = not (self.speed_latency_s or self.speed_window_s or self.torque_steps_s or self.holds == "speed")
         return np.array([self.spin_inertia_kg_m2 * (exact and self.column == "speed")])
 
     @property

@@ -60,6 +60,8 @@ class Motion:
     """(K, B, 3) angular acceleration, rad/s²."""
     up: Array
     """(K, B, 3) world vertical in body axes; zeros in free flight."""
+    late: Array
+    """(K, B, 3) first moment of the angular acceleration about the bin's middle over its length, rad/s, as far as torque makes it."""
 
     @property
     def rotation(self) -> Array:
