@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, TINY, Array, frozen, median
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import wheelfriction
+from massprop_cli.diagnosis.commandlimits import limits
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Case
 from massprop_cli.diagnosis.freeresponse import MeasuredMotion, motion_of, unexplained_by
@@ -31,18 +32,14 @@ from massprop_cli.errorparameters.table import PRIORS
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.prepare.actuators import LATE
 
-PARTS = np.geomspace(1.0, 0.05, 16)
-"""Of the largest command, at which a component of a wrench may end."""
 SHORT = (0.05, 0.1, 0.2, 0.3, 0.4)
 """Cycles that valves may take at least."""
-FINEST = 1e-5
-"""Step at which the search for them ends."""
 EARLIER = (1, 2, 3)
 """Cycles by which commands of one jet may be logged before those of another one that fires with it, or all of them after they act."""
 SHARPENED, FARTHEST = 4, 3.0
 """Rounds at most, two at least, in which values are moved to the greatest likelihood; sigmas by which one may be moved in each."""
-ALIKE_TO, MORE = 3, 0.1
-"""Digits of −2 log likelihood behind the point to which scales are alike; by how much values that are moved must explain more."""
+MORE = 0.1
+"""By how much values that are moved must explain more."""
 NEARLY, LEFT = 0.5, 0.01
 """Part of the cost of what is stated, above which values are not about right, and moved no further. And of the variance of a torque beside
 the log, above which a correction doesn't explain it."""
@@ -64,9 +61,9 @@ def otherwise(screening: Screening, alone: Sequence[Refit]) -> list[Refit]:
     least = min(_left(one, motion, {}) for one in (case, *seen_alike))
     found = []
     every = [(one, least - CLEAR) for one in _supposed(case, motion)]
-    every += [(one, np.inf) for one in (*_before_its_twin(case), *wheelfriction.supposed(case, motion))]
+    every += [(one, np.inf) for one in (*_limited(case, motion), *_before_its_twin(case), *wheelfriction.supposed(case, motion))]
     for one, most in every:
-        if _left(case, None if one.codes == ("accel-axes",) else motion, one.states, one.later) < most:
+        if most == np.inf or _left(case, None if one.codes == ("accel-axes",) else motion, one.states, one.later) < most:
             refit = _sharpened(screening, one.fitted(screening))
             # what is led to another delay is that delay
             found += [refit] if refit is not None and abs(refit.case.timing.delay - case.timing.delay - one.later) < ANOTHER else []
@@ -148,19 +145,26 @@ def _supposed(case: Case, motion: MeasuredMotion) -> Iterator[Supposed]:
     """What is put to the test."""
     if case.vehicle.imu.accel_axes == "imu":
         yield Supposed(("accel-axes",), {"imu.accel_axes": "start"})
-    if case.log.command_kind == "wrench" and case.vehicle.thrust.wrench_limits is None:
-        later, found = 0.0, _limits(case, motion)
-        if found is not None and case.vehicle.cycle.command_delay_cycles == "auto":  # what is cut off has moved it
-            later = _delay_beside(case, motion, found[0])
-            found = _limits(case._replace(timing=case.timing.moved(("delay",), (later,))), motion) or found
-        if found is not None:
-            yield Supposed(("commands-limited",), *found, later, PRIORS["delay"] if later else 0.0)
     if any(wheel.column == "speed" for wheel in case.vehicle.wheels):
         yield _tachometers_later(case, motion)
     if case.log.command_kind == "jets" and case.log.command.any():
         yield from _pulses_elsewhere(case, motion)
         yield from _short_pulses(case, motion)
         yield from (_later(case, motion, jet) for jet in _likeliest_later(case))
+
+
+def _limited(case: Case, motion: MeasuredMotion) -> Iterator[Supposed]:
+    """Of a commanded wrench no more than some limits acting, and with another delay where that explains more: what is cut off moves it."""
+    found = limits(case, motion) if case.log.command_kind == "wrench" and case.vehicle.thrust.wrench_limits is None else None
+    if found is None:
+        return
+    later, sought = _delay_beside(case, motion, found.states), case.vehicle.cycle.command_delay_cycles == "auto"
+    again = limits(case, motion, later) if sought or abs(later) > NEAR else None
+    if again is None or not sought:
+        yield Supposed(("commands-limited",), found.states, found.further)
+    if again is not None and (sought or again.cost < found.cost - CLEAR):
+        codes = ("commands-limited",) if sought else ("commands-limited", "delay-mismatch")
+        yield Supposed(codes, again.states, again.further, again.later, PRIORS["delay"])
 
 
 def _delay_beside(case: Case, motion: MeasuredMotion, states: States) -> float:
@@ -287,34 +291,3 @@ def _left(case: Case, motion: MeasuredMotion | None, states: States, later: floa
         return sum(unexplained_by(case.log, stating(case.vehicle, states), timing, motion=motion))
     except (InputError, np.linalg.LinAlgError):
         return np.inf
-
-
-def _limits(case: Case, motion: MeasuredMotion) -> tuple[States, tuple[States, ...]] | None:
-    """Of each component, by which commands explain most, and with each that was sought one sigma away; None where it is more without any.
-
-    One part of each one's largest command, as of an allocation that saturates; of a component by itself only where that explains more: of
-    commands that are as large whenever there are any a limit is a scale. So of limits that explain as much it is the largest.
-    """
-    largest = np.abs(case.log.command).max(0)
-    commanded = np.flatnonzero(largest)
-    largest[largest == 0] = 1.0
-    parts: Array = np.ones(len(largest))
-
-    def states(which: Sequence[int], part: float) -> States:
-        changed = parts.copy()
-        changed[list(which)] = part
-        return {"thrust.wrench_limits": tuple((changed * largest).tolist())}
-
-    def left(which: Sequence[int], part: float) -> float:
-        return round(_left(case, motion, states(which, part)), ALIKE_TO) if part > 0 else np.inf
-
-    least, further = _left(case, motion, {}), list[States]()
-    for which in (commanded.tolist(), *([int(i)] for i in commanded)):
-        by = cache(partial(left, which))
-        part = line_minimum(by, PARTS.tolist(), float(PARTS[0] - PARTS[1]), NEAR)
-        part = line_minimum(by, [part], NEAR, FINEST) if by(part) < least else part
-        if by(part) < least - CLEAR:
-            least, sigma = by(part), sigma_at(by, part)
-            further.append(states(which, part + sigma))
-            parts[list(which)] = part
-    return (states((), 1.0), tuple(further)) if further else None

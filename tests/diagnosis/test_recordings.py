@@ -62,6 +62,18 @@ def saturated_late(log: Log, used: Vehicle, truth: Array) -> tuple[Log, Vehicle]
     return saturated(log, changed(used, ['cycle.command_delay_cycles="auto"']), truth, 0.7)
 
 
+def saturated_a_little(log: Log, used: Vehicle, _: Array) -> tuple[Log, Vehicle]:
+    """Forces alone, by a few percent at most, each by another part."""
+    rng, force = np.random.default_rng(1), np.arange(6) >= 3
+    peaks = (np.abs(log.command) > 0.999 * np.abs(log.command).max(0)) & (rng.random(log.command.shape) < 0.5) & force
+    return replace(log, command=np.where(peaks, log.command * rng.uniform(1.0, 1.05, peaks.shape), log.command)), used
+
+
+def saturated_and_later(log: Log, used: Vehicle, truth: Array) -> tuple[Log, Vehicle]:
+    """A delay that is stated wrongly besides."""
+    return saturated(log, changed(used, ["cycle.command_delay_cycles=2.4"]), truth)
+
+
 def normalised(log: Log, used: Vehicle, _: Array) -> tuple[Log, Vehicle]:
     return replace(log, command=log.command / np.append(np.abs(log.command[:, :3]).max(0), np.ones(3))), used
 
@@ -86,6 +98,7 @@ def examined(mistake: Mistake) -> tuple[Analysis, Array]:
         (saturated, "commands-limited", "thrust.wrench_limits"),
         pytest.param(far_beyond, "commands-limited", "thrust.wrench_limits", marks=pytest.mark.thorough),
         pytest.param(saturated_late, "commands-limited", "thrust.wrench_limits", marks=pytest.mark.thorough),
+        (saturated_a_little, "commands-limited", "thrust.wrench_limits"),
         (normalised, "commands-normalised", ""),
     ],
 )
@@ -97,7 +110,38 @@ def test_what_a_commanded_wrench_may_be_otherwise_is_named(mistake: Mistake, cod
         assert found.mended[0].settings[0].startswith(f"{key}=")
 
 
-@pytest.mark.parametrize("mistake", [about_its_cg, saturated, far_beyond, pytest.param(saturated_late, marks=pytest.mark.thorough)])
+def test_limits_are_named_beside_a_wrong_delay() -> None:
+    found, _ = examined(saturated_and_later)
+    assert {"commands-limited", "delay-mismatch"} <= {notice.code for notice in found.notices}
+    assert dict(setting.split("=", 1) for setting in found.mended[0].settings).keys() >= {
+        "thrust.wrench_limits",
+        "cycle.command_delay_cycles",
+    }
+
+
+def test_a_limit_is_as_uncertain_as_the_log_leaves_it_and_none_is_where_none_acts() -> None:
+    found, _ = examined(saturated_a_little)
+    limits, uncertain = (
+        json.loads(setting.partition("=")[2].replace('"thrust.wrench_limits" =', '"limits":')) for setting in found.mended[0].settings
+    )
+    acted, asked = (np.abs(log.command).max(0) for log in (flight().log(0), found.log))
+    np.testing.assert_allclose(limits[3:], acted[3:], rtol=2e-3)
+    assert (np.array(limits[:3]) >= asked[:3] * (1 - 1e-8)).all()
+    for one in uncertain:
+        np.testing.assert_allclose(one["limits"], limits, rtol=5e-3)
+
+
+@pytest.mark.parametrize(
+    "mistake",
+    [
+        about_its_cg,
+        saturated,
+        saturated_a_little,
+        saturated_and_later,
+        far_beyond,
+        pytest.param(saturated_late, marks=pytest.mark.thorough),
+    ],
+)
 def test_mended_by_its_key_values_are_within_their_sigmas(mistake: Mistake) -> None:
     found, true = examined(mistake)
     estimates = found.mended[0].conclusions[0].estimates
