@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -23,7 +23,10 @@ from massprop_cli.conclude.score import by_doubts, hanging, unseen
 from massprop_cli.conclude.verdict import Conclusion, contradicted, in_doubt
 from massprop_cli.conclude.whiteness import unlike_noise
 from massprop_cli.diagnosis import UNKNOWN
-from massprop_cli.diagnosis.inspection import normalised
+from massprop_cli.diagnosis.corrections import Case
+from massprop_cli.diagnosis.design import Designs
+from massprop_cli.diagnosis.normalised import FEWEST, ones
+from massprop_cli.diagnosis.screening import busiest, screened
 from massprop_cli.estimate.discrepancy import LEAST
 from massprop_cli.estimate.disturbances import beyond_commands, sized
 from massprop_cli.estimate.history import History
@@ -34,8 +37,6 @@ from massprop_cli.model.resolved import Resolved
 
 AT_ORIGIN = (4.0, 0.005)
 """Sigmas, and part of the vehicle's size, within which a CG is at O."""
-FEWEST = 2
-"""Components of a wrench that are commanded, below which a largest value of 1 may be chance."""
 SWINGS = 8.0
 """Cycles beyond which what swings on is no misfit of timing."""
 
@@ -48,13 +49,17 @@ def judged(found: Analysis, mended: Sequence[MendedAnswer] = ()) -> Analysis:
     each = [_one(found, i, mended) for i in range(len(found.conclusions))]
     told = tuple(one.discrepancy for one in each)
     at_origin = [_at_origin(found, i, one.conclusion) for i, one in enumerate(each)]
-    ones, hanging = _normalised_in_vain(found)
+    scaled_alike, hanging = _untold_scale(found)
     scaled = dict.fromkeys(hanging, Reason.of("scale-untold"))
     untold = [scaled | (dict.fromkeys(CG, Reason.of("wrench-point-untold")) if at else {}) for at in at_origin]
     conclusions = tuple(in_doubt(one.conclusion, reasons) for one, reasons in zip(each, untold, strict=True))
     docked = docked_object(conclusions, found.vehicle)
     named = any(fault.notice.code != UNKNOWN for fault in found.faults)
-    notices = (*_discrepancies(conclusions, told, named), *_notices(found, conclusions, docked, at_origin), *_normalised(ones))
+    notices = (
+        *_discrepancies(conclusions, told, named),
+        *_notices(found, conclusions, docked, at_origin),
+        *_normalised(scaled_alike, found.unknown),
+    )
     factors = tuple(one.factor for one in each)
     return replace(
         found, conclusions=conclusions, docked=docked, notices=notices, lack_of_fit=factors, mended=tuple(mended), discrepancies=told
@@ -208,29 +213,41 @@ def _docking_notices(docked: Docked | None, conclusions: tuple[Conclusion, ...],
     return [Notice("docked-mass", str(lighter(mass, f"phase {docked.after}", f"phase {docked.before}", "correct [docking]")))]
 
 
-def _normalised_in_vain(found: Analysis) -> tuple[list[str], tuple[str, ...]]:
-    """The command components, each of which has the largest value 1 in a log that fits, and the quantities that hang on their scale.
+def _untold_scale(found: Analysis) -> tuple[list[str], tuple[str, ...]]:
+    """The command components, each of which has the largest value 1 in a log without a cause, and the quantities that hang on their scale.
 
     A scale common to all shows in no motion, and one of all torques, or of all forces, hardly. Empty where that is not so, or known values
-    tell the scale.
+    or the log tell the scale.
     """
     log, known = found.log, set(found.vehicle.known)
     if log.command_kind != "wrench" or found.faults or found.vehicle.thrust.wrench_limits is not None:
         return [], ()
-    moved, ones = np.abs(log.command).max(0) > 0, normalised(log)
+    moved, named = np.abs(log.command).max(0) > 0, set(ones(log))
     for own, scaled in ((slice(0, 6), (*INERTIA, "mass")), (slice(0, 3), (*INERTIA, *CG)), (slice(3, 6), ("mass", *CG))):
         names = [name for name, moves in zip(WRENCH[own], moved[own], strict=True) if moves]
         told = any(name in known and (name != "mass" or moved[3:].any()) for name in scaled)
-        if len(names) >= FEWEST and set(names) <= set(ones) and not told:
-            return names, scaled
+        if len(names) >= FEWEST and set(names) <= named and not told:
+            # one that all have in common shows nowhere, but is hardly that of torques and of forces
+            every = len(names) == moved.sum()
+            return (names if every else [], ()) if _scales_told(found) else (names, scaled)
     return [], ()
 
 
-def _normalised(ones: Sequence[str]) -> Iterator[Notice]:
+def _scales_told(found: Analysis) -> bool:
+    """Whether a log that fits tells that the scale of such columns is 1, in one of its phases."""
+    if found.unknown:
+        return False
+    case = Case(found.log, cast("Resolved", found.vehicle), found.timing, Designs())
+    each = (screened(*busiest(case, settled.cycles)) for settled in found.settled)
+    return any(screening is not None and screening.scales_told for screening in each)
+
+
+def _normalised(ones: Sequence[str], unknown: str) -> Iterator[Notice]:
     if ones:
-        said = f"the largest values of {', '.join(ones)} are all 1, as of commands that are normalised; the log fits with any scale of them"
+        said = f"the largest values of {', '.join(ones)} are all 1, as of commands that are normalised"
+        fits = "" if unknown else "; the log fits with any scale of them"
         remedy = "state the scale of each under [columns]; or, if 1 N m and 1 N are what they are limited to, thrust.wrench_limits"
-        yield Notice("commands-normalised", f"{said}. If they are not in N m and N, {remedy}")
+        yield Notice("commands-normalised", f"{said}{fits}. If they are not in N m and N, {remedy}")
 
 
 def _at_origin(found: Analysis, i: int, conclusion: Conclusion) -> bool:

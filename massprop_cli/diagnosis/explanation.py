@@ -9,7 +9,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.diagnosis import UNKNOWN, hypotheses
+from massprop_cli.diagnosis import UNKNOWN, hypotheses, normalised
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Correction, applied, around, certain, correction_of, skewed
 from massprop_cli.diagnosis.delay import FoundTiming, near
@@ -122,7 +122,9 @@ def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = (),
     if not sure:
         message = f"log and vehicle file don't fit, cause unknown: {message}"
     others = (correction_of(screening.case, rival.case, rival.fitted) for rival in rivals)
-    correction = correction_of(screening.case, refit.case, refit.fitted)
+    # a scale that all commands have in common shows nowhere: no correction is right
+    scaled = normalised.CODE in codes(refit)
+    correction = None if scaled else correction_of(screening.case, refit.case, refit.fitted)
     near = (*around(screening.case, refit.fitted), *skewed(correction, refit.fitted))
     instead = (*(other for other in others if other is not None), *_of_the_others(correction), *heavier)
     return tuple(Explanation(code, message, correction, around=near, rivals=instead) for code in dict.fromkeys(sure or [UNKNOWN]))
@@ -198,8 +200,15 @@ def _of_what_turns(refit: Refit) -> tuple[str, tuple[Correction, ...]]:
 
 
 def _said(screening: Screening, refit: Refit) -> list[tuple[str, str]]:
-    """(code, words) of each cause; a delay that is to be found is none beside another, which the search for it did not know of."""
+    """(code, words) of each cause; a delay that is to be found is none beside another, which the search for it did not know of.
+
+    Nor is another scale beside normalised commands, of which each has one.
+    """
     said = [words_of(part, screening.names, screening.case, refit.case) for part in refit.fitted.parts]
+    if normalised.CODE in dict(said):
+        said = [one for one in said if one[0] not in ("thrust-scale", normalised.CODE)] + [
+            one for one in said if one[0] == normalised.CODE
+        ][:1]
     sought = screening.case.vehicle.cycle.command_delay_cycles == "auto"
     return [one for one in said if one[0] != "delay-mismatch" or not sought] or said
 

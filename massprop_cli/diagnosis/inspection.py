@@ -1,4 +1,4 @@
-"""What the numbers of a log that doesn't fit show by themselves, before any hypothesis: units, gravity, commands that were not logged."""
+"""What the numbers of a log that doesn't fit show by themselves, before any hypothesis: gravity, commands that were not logged."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import numpy as np
 from massprop_cli.base.arrays import ROUNDING, TINY, Array, median
 from massprop_cli.diagnosis.corrections import Case
 from massprop_cli.inputs.actuators.rotor import SPEED
-from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.logtable import LONG
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.telemetry import Log
@@ -18,8 +17,6 @@ RARELY, MOSTLY, LEAST = range(2, 41), 0.98, 12
 UNEQUAL, NEXT_TO = 30.0, 0.75
 """−2 log likelihood ratio, per cycle of the n, by which residual variances differ; and the least of them over their mean. The latter is
 0.77 or more of slow controllers with another fault, and 0.68 or less where commands are missing."""
-NORMALISED = 1e-6
-"""Away from 1, of the largest value of a column that is divided by its largest value."""
 WEIGHT, ONE_WAY = 0.03, 0.5
 """Part of gravity within which an accelerometer feels it; part of its usual size beyond which a mean force may hold a vehicle up."""
 
@@ -27,11 +24,6 @@ WEIGHT, ONE_WAY = 0.03, 0.5
 def seen(case: Case) -> Notice | None:
     """What the numbers themselves show of a log that doesn't fit."""
     log, environment = case.log, case.vehicle.environment
-    if log.command_kind == "wrench":
-        ones = normalised(log)
-        if max(sum("torque" in name for name in ones), sum("force" in name for name in ones)) > 1:
-            words = f"the largest values of {', '.join(ones)} are 1: they are normalised, and not in N m and N; state the scale of each"
-            return Notice("commands-normalised", f"{words} under [columns]")
     if environment.kind != "free":
         return None
     samples = case.timing.of(log, case.vehicle)
@@ -42,11 +34,6 @@ def seen(case: Case) -> Notice | None:
         return None
     words = f'the accelerometer feels {felt:.4g} m/s^2 (median), as on the ground, and environment.kind is "free"'
     return Notice("gravity-felt", f'{words}; state "air_bearing", "pedestal" or "planar"')
-
-
-def normalised(log: Log) -> list[str]:
-    """Columns of a commanded wrench whose largest value is 1."""
-    return [name for name, most in zip(WRENCH, np.abs(log.command).max(0), strict=True) if abs(most - 1) < NORMALISED]
 
 
 def sparse(case: Case) -> str:

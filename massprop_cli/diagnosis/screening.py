@@ -14,7 +14,7 @@ import numpy as np
 from massprop_cli.base.arrays import TINY, Array, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.diagnosis import hypotheses, segment
+from massprop_cli.diagnosis import hypotheses, normalised, segment
 from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_response
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted, compared, fitted
@@ -55,6 +55,8 @@ UPRIGHT, AS_WELL, UPSET = 4, 1.05, 0.8
 that are as well and less."""
 
 
+TOLD = 2.0, 0.1
+"""Sigmas from 1, and sigma, of a scale that the log tells to be 1."""
 END = 5
 """Cycles of a piece that are its end."""
 
@@ -257,9 +259,25 @@ class Screening:
     def ranked(self) -> Ranking:
         """Every hypothesis that leaves less than what is stated, the most likely first."""
         listed = hypotheses.listed(self.model, self.names)
-        supposed = [*listed, *self._likely_turns(), *self._pushing_more()]
+        own = normalised.suspected(self.names, (self.case.whole or (self.case.log,))[0])
+        every = [*listed, *normalised.supposed(self.model, self.names, own), *self._likely_turns(), *self._pushing_more()]
+        supposed = normalised.renamed(every, own)
         most = self.score(self.stated.chi_square, self.stated) - CLEAR
         return Ranking(self.model, self.free, supposed, self.score, self.likelihood, most)
+
+    @property
+    def scales_told(self) -> bool:
+        """Whether the log tells the scale of columns whose largest value is 1, and it is 1.
+
+        Where that is all that is commanded, whether it tells that of torques beside forces: no one number normalises both.
+        """
+        own = normalised.suspected(self.names, (self.case.whole or (self.case.log,))[0])
+        supposed = normalised.supposed(self.model, self.names, own)[:1]
+        if not supposed or (len(own) == len(self.names) and len({"torque" in name for name in own}) < 2):
+            return False
+        (found,) = fitted(self.model, self.free, self.free.variance, supposed, self.stated.value("theta"))
+        near = np.abs(found.moved) < TOLD[0] * found.spread
+        return bool((near & (normalised.SIZE * found.spread < TOLD[1])).all())
 
     def _pushing_more(self) -> list[Hypothesis]:
         """The channels that push giving another part of what is stated than those that only turn, from where it is most likely on.

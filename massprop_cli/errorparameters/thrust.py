@@ -319,6 +319,7 @@ _ALL_COMMANDS = "all commands act the other way: commands are what acts on the v
 _OTHER_WAY = "{who} {push} the other way than stated{turned}"
 _ABOUT_CG = "commanded torques are about the CG, {point} mm from O, and not about O"
 _LIMITED = "of commanded wrenches no more acts than {limits}, as of an allocation that saturates"
+_NORMALISED = "the largest values of {columns}, which are 1, are those of normalised commands, and not in N m and N"
 _LATER = "pulses of jet {jet} begin {later:.3g} s later than stated of all"
 _SHORT = "pulses that are commanded for less than {short:.3g} s {does}"
 _SPEEDS_LATER = "speeds of wheels are {later:.3g} s older than stated"
@@ -359,6 +360,12 @@ SPECIAL_CASES = (
         Wording(_RUBBING, "state coulomb_friction_n_m and viscous_friction_n_m_s of each wheel", _rubbing),
     ),
     SpecialCase("commands-limited", "commands-limited", lambda _: True, Wording(_LIMITED, "state thrust.wrench_limits", _limits)),
+    SpecialCase(
+        "commands-normalised",
+        "commands-normalised",
+        lambda _: True,
+        Wording(_NORMALISED, "state the scale of each under [columns]", lambda finding: {"columns": ", ".join(finding.subject)}),
+    ),
     SpecialCase("rotor-spin", "rotor-spin", lambda _: True, Wording(_SPUN, "correct it, or swap two of a motor's wires", who)),
     *(
         SpecialCase(code, code, lambda _: True, Wording(_SWAPPED, "swap wires, columns or entries", _swapped))

@@ -42,7 +42,7 @@ def test_the_specific_force_along_the_table_is_that_of_the_cg_and_the_lever_arm(
     position = np.array([0.09, -0.05, 0.12])
     spin = np.array([lever_arm(w[None], a[None], np.eye(3)).T for w, a in zip(rate, rate_dot, strict=True)])
     centripetal = np.array([lever_arm(w[None], 0 * a[None], np.eye(3)).T for w, a in zip(rate, rate_dot, strict=True)])
-    bins = Motion(wrench[:, None], rate[:, None], rate_dot[:, None], 0 * rate[:, None])
+    bins = Motion(wrench[:, None], rate[:, None], rate_dot[:, None], 0 * rate[:, None], 0 * rate[:, None])
     whole = np.concatenate([wrench, products(rate)], -1)
     felt = PLANT.felt(BODY, bins, Turning(whole, rate_dot, centripetal, spin), position)
     phi, _ = PLANT.coefficients(PLANT.theta(BODY))

@@ -20,7 +20,7 @@ def motion(rate_dot: Array | None = None) -> Motion:
     up = rng.normal(0, 1, (3, 4, 3))
     up /= np.linalg.norm(up, axis=-1, keepdims=True)
     wrench, rate, guess = rng.normal(0, 2, (3, 4, 6)), rng.normal(0, 1, (3, 4, 3)), rng.normal(0, 2, (3, 4, 3))
-    return Motion(wrench, rate, guess if rate_dot is None else rate_dot, up)
+    return Motion(wrench, rate, guess if rate_dot is None else rate_dot, up, np.zeros_like(rate))
 
 
 def force_at_centre(plant: FreeBody | BearingBody, moving: Motion) -> Array:
