@@ -214,19 +214,21 @@ def _docking_notices(docked: Docked | None, conclusions: tuple[Conclusion, ...],
 
 
 def _untold_scale(found: Analysis) -> tuple[list[str], tuple[str, ...]]:
-    """The command components, each of which has the largest value 1 in a log without a cause, and the quantities that hang on their scale.
+    """The command components, each of which has the largest value 1, and the quantities that hang on their scale.
 
     A scale common to all shows in no motion, and one of all torques, or of all forces, hardly. Empty where that is not so, or known values
-    or the log tell the scale.
+    or the log tell the scale; no components where another cause has a name.
     """
     log, known = found.log, set(found.vehicle.known)
-    if log.command_kind != "wrench" or found.faults or found.vehicle.thrust.wrench_limits is not None:
+    if log.command_kind != "wrench" or found.vehicle.thrust.wrench_limits is not None:
         return [], ()
     moved, named = np.abs(log.command).max(0) > 0, set(ones(log))
     for own, scaled in ((slice(0, 6), (*INERTIA, "mass")), (slice(0, 3), (*INERTIA, *CG)), (slice(3, 6), ("mass", *CG))):
         names = [name for name, moves in zip(WRENCH[own], moved[own], strict=True) if moves]
         told = any(name in known and (name != "mass" or moved[3:].any()) for name in scaled)
         if len(names) >= FEWEST and set(names) <= named and not told:
+            if found.faults:  # which move other values, perhaps
+                return [], scaled
             # one that all have in common shows nowhere, but is hardly that of torques and of forces
             every = len(names) == moved.sum()
             return (names if every else [], ()) if _scales_told(found) else (names, scaled)

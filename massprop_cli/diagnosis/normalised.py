@@ -50,11 +50,15 @@ def supposed(model: Model, names: Sequence[str], own: Sequence[str]) -> list[Hyp
     return [Hypothesis(CODE, tuple(own), units, start=start, rare=LIKELY) for start in starts]
 
 
-def renamed(listed: Sequence[Hypothesis], own: Sequence[str]) -> list[Hypothesis]:
-    """With what says that some of these give another part of what is stated as one that says that they are normalised."""
-    return [
-        replace(one, code=CODE, subject=tuple(own), rare=LIKELY)
-        if own and one.code == "thrust-scale" and not one.start and set(one.subject) <= set(own)
-        else one
-        for one in listed
-    ]
+def renamed(listed: Sequence[Hypothesis], names: Sequence[str], own: Sequence[str]) -> list[Hypothesis]:
+    """With what says that some of these give another part of what is stated as one that says that they are normalised.
+
+    Or that all the others do: as well these do, and the body is another.
+    """
+    others = set(names) - set(own)
+
+    def scales(one: Hypothesis) -> bool:
+        about, whole = set(one.subject), all(begin > 0 for begin in one.start.values())
+        return one.code == "thrust-scale" and whole and bool(about) and (about <= set(own) or about == others)
+
+    return [replace(one, code=CODE, subject=tuple(own), rare=LIKELY) if own and scales(one) else one for one in listed]

@@ -261,7 +261,7 @@ class Screening:
         listed = hypotheses.listed(self.model, self.names)
         own = normalised.suspected(self.names, (self.case.whole or (self.case.log,))[0])
         every = [*listed, *normalised.supposed(self.model, self.names, own), *self._likely_turns(), *self._pushing_more()]
-        supposed = normalised.renamed(every, own)
+        supposed = normalised.renamed(every, self.names, own)
         most = self.score(self.stated.chi_square, self.stated) - CLEAR
         return Ranking(self.model, self.free, supposed, self.score, self.likelihood, most)
 

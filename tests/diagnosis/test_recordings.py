@@ -194,6 +194,17 @@ def test_forces_that_are_limited_to_one_newton_are_none_that_are_normalised() ->
         assert [notice.code for notice in faulty.examined(log, faulty.stated(flown.vehicle, key)).notices] == [code]
 
 
+def test_torques_over_one_number_are_no_scale_of_the_forces() -> None:
+    """Which makes the same motion, and a body of another size."""
+    same = ("vehicle.jets=[]", "actuators.max_torque_n_m=[0.4, 0.4, 0.4]", "actuators.max_force_n=[2.0, 2.0, 2.0]")
+    flown = fly("free-flyer", *PLAN, *same, *ASIDE, *QUIET)
+    log = flown.log(0)
+    found = faulty.examined(replace(log, command=log.command / np.repeat([0.4, 1.0], 3)), flown.vehicle)
+    assert [notice.code for notice in found.notices if notice.code != "unphysical-inertia"] == ["commands-normalised"]
+    assert not {found.conclusions[0].estimates[name].verdict for name in INERTIA} & {"converged"}
+    assert not found.mended
+
+
 def test_a_scale_of_torques_alone_is_untold_where_no_force_is_commanded() -> None:
     plan = 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], start_s=0.0, end_s=15.0}]'
     torques = ("vehicle.jets=[]", "actuators.max_torque_n_m=[0.4, 0.4, 0.4]", "actuators.max_force_n=[0.0, 0.0, 0.0]")
