@@ -155,7 +155,7 @@ SENTENCES: dict[Code, str] = {
     "phases-not-converged": "not every quantity of both phases converged",
     "phases-contradicted": "log and vehicle file contradict each other in {phases}",
     "docked-lighter": "the docked object's mass is {mass:.4g} kg: {after} weighs less than {before}; {remedy}",
-    "docked-faint": "the docked object's mass is {mass:.4g} ± {sigma:.2g} kg, which may be none; weigh it (docking.known.mass)",
+    "docked-faint": "the docked object's mass is {mass:.4g} ± {sigma:.2g} kg, which may be none; weigh it",
     "no-docked-object": "no docked object",
     "sides-converged": "both sides converged",
     "sides-not-converged": "not every quantity of both sides converged",

@@ -322,7 +322,8 @@ def _or_imu(screening: Screening, sides: Sequence[Screening | None]) -> str:
     turned = np.abs(tensor(after[:6]) @ np.linalg.inv(tensor(before[:6])) - np.eye(3)).max()
     if screening.model.thrusting or screening.model.bearing is not None or turned > PROPORTION:
         return ""
-    return ", or if another IMU, some way off, records from then on: the CG alone changes, and no thrust tells where it is"
+    where = "the CG alone changes, and no thrust tells where it is: then estimate each part with its own imu.position_m"
+    return f", or if another IMU, some way off, records from then on ({where})"
 
 
 def _pair(screening: Screening, alone: Sequence[Refit], worst: float) -> Diagnosis | None:

@@ -67,6 +67,12 @@ def test_times_that_are_a_beginning_and_a_step(tmp_path: Path) -> None:
     np.testing.assert_allclose(clock.values, 60 * (0.5 + 0.25 * np.arange(40)))
 
 
+def test_times_in_whole_minutes_are_seconds_whatever_whole_numbers_they_are(tmp_path: Path) -> None:
+    minutes = np.arange(40, dtype=np.uint8)[:, None]
+    clock = saved(tmp_path / "log.mat", {"w": timeseries(RATES, minutes, "minutes")}).streams["w.Time"]
+    np.testing.assert_array_equal(clock.values, 60.0 * np.arange(40))
+
+
 def test_samples_in_columns_have_matlabs_index(tmp_path: Path) -> None:
     read = saved(tmp_path / "log.mat", {"w": timeseries(RATES.T.reshape(3, 1, 40), units="milliseconds", first=False)})
     assert read.streams["w.Time"].unit == "ms"

@@ -71,10 +71,9 @@ def _beside(gyro: QuantitySignal, signal: QuantitySignal, signals: Signals) -> Q
     """The signal, once it is seen to be on the gyro's clock."""
     own, its = signal.times, gyro.times
     if own is not its and (len(own.s) != len(its.s) or (own.s != its.s).any()):
-        path = signal.paths[0] if signal.paths else ""
-        raise signals.error(
-            signal.key, path, f"its clock {own.path!r} is not the gyro's, {its.path!r}; state [records] in the map, onto which both are put"
-        )
+        path, rows = signal.paths[0] if signal.paths else "", " of other rows (where)" if own.path == its.path else ""
+        said = f"its clock {own.path!r}{rows} is not the gyro's, {its.path!r}; state [records] in the map, onto which both are put"
+        raise signals.error(signal.key, path, said)
     return signal
 
 

@@ -61,7 +61,7 @@ def _times(held: Mapping[str, Any], info: Mapping[str, Any], data: Numbers) -> t
             raise UnreadableError("without times")
         begun = 0.0 if start is None else float(start.ravel()[0])
         times = begun + float(step.ravel()[0]) * np.arange(int(length.ravel()[0]))
-    return times.ravel() * factor, unit
+    return times.ravel() if factor == 1 else times.ravel().astype(float) * factor, unit
 
 
 def _components(data: Numbers, count: int, time_first: bool) -> Iterator[tuple[str, Numbers]]:
