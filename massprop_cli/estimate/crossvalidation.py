@@ -68,7 +68,7 @@ def cross_validation(samples: Source, cycles: slice, reference: Reference, vehic
 
     :class:`numpy.linalg.LinAlgError` where the numbers are too far apart.
     """
-    found = posed_segments(samples, cycles, reference, vehicle, consider)
+    found = posed_segments(samples, cycles, reference, vehicle, consider, SEGMENTS)
     size = len(consider.covariance)
     first = found.rows[0].shape[1] - 1 - size
     spread = np.linalg.cholesky(consider.covariance) if size else np.zeros((0, 0))

@@ -99,11 +99,13 @@ class PosedSegments(NamedTuple):
     """... and (10, 10) their derivatives by the departures of θ as they stand in the rows."""
 
 
-def posed_segments(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider) -> PosedSegments:
-    """A phase in :data:`SEGMENTS` equal segments of time, or fewer where it is short."""
+def posed_segments(
+    samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider, count: int
+) -> PosedSegments:
+    """A phase in ``count`` equal segments of time, or fewer where it is short."""
     plant = plant_of(vehicle)
     theta = plant.theta(reference)
-    ends = np.unique(np.linspace(cycles.start, cycles.stop, SEGMENTS + 1).astype(int)[1:])
+    ends = np.unique(np.linspace(cycles.start, cycles.stop, count + 1).astype(int)[1:])
     edges = [cycles.start, *ends[ends > cycles.start + 1].tolist()]
     stops = [[*range(first + AT_ONCE, end, AT_ONCE), end] for first, end in pairwise(edges)]
     begun = frozenset([cycles.start, *chain(*stops)])
@@ -123,7 +125,7 @@ def error_fit(
     ``least`` (e,) are the least errors that are physical, in their usual sigma. One that would have to be less stands for something else,
     and is held at none.
     """
-    segments = posed_segments(samples, cycles, reference, vehicle, consider)
+    segments = posed_segments(samples, cycles, reference, vehicle, consider, SEGMENTS)
     posed = [rows * np.concatenate([np.ones(rows.shape[1] - len(usual) - 1), -usual, [1.0]]) for rows in segments.rows]
     count = int((~samples.unread).sum()) * (cycles.stop - cycles.start)
     while True:
