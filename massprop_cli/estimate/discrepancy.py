@@ -131,7 +131,7 @@ def error_fit(
     while True:
         found = _beside_errors(segments, posed, len(usual), count)
         below = least - np.sqrt(np.diag(found.left)) - found.errors
-        if below.max(initial=0.0) <= 0:
+        if not below.max(initial=0.0) > 0:
             return found
         at = len(usual) + 1 - int(below.argmax())
         for rows in posed:
