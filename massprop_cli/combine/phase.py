@@ -23,7 +23,7 @@ from massprop_cli.inputs.vehicle import ASSUMED_KG, Phase
 from massprop_cli.model.plant import BearingBody
 from massprop_cli.result.build import estimate_items, matrix, physical
 from massprop_cli.result.read import Recorded
-from massprop_cli.result.schema import BY_OBJECT, DockedObject, ImpliedScale, PhaseItem, VehicleInfo, WarningItem, either
+from massprop_cli.result.schema import BY_OBJECT, DockedObject, ImpliedScale, PhaseItem, VehicleInfo, WarningItem, implied_of
 from massprop_cli.testbed.bound import natural_sizes
 
 INFORMED = 0.5
@@ -152,7 +152,7 @@ def by_object(before: Gathered, after: Gathered, text: str) -> tuple[list[Phased
             f"mass and place stated by --added do not fit the logs (chi-square {found.chi_square:.4g} of {found.freedom}): check its mass, "
             "its position from O in body axes, and that nothing else was changed"
         )
-    scale = ImpliedScale(by=BY_OBJECT, of=either(vehicle), value=found.scale[0], sigma=found.scale[1])
+    scale = ImpliedScale(by=BY_OBJECT, of=implied_of(vehicle), value=found.scale[0], sigma=found.scale[1])
     sides = [
         phased(of._replace(joint=replace(of.joint, values=values, covariance=covariance), scale=scale, against=against))
         for of, (values, covariance) in zip((before, after), found.sides, strict=True)

@@ -94,6 +94,10 @@ class ErrorColumn(NamedTuple):
     least: float = -np.inf
     """Least physical error, in this sigma."""
 
+    def beyond(self, error: float) -> float:
+        """Of an error in its usual sigma, so many prior ones."""
+        return abs(error) * self.usual / BY_NAME[self.name].prior
+
     def said(self, error: float) -> str:
         """In words, of an error in its usual sigma."""
         one, own = BY_NAME[self.name], f" ({self.of})" if self.of else ""
@@ -156,8 +160,7 @@ def discrepancy(samples: Stream, timing: Timing, used: Resolved, settled: Histor
     fit = fitted(used, settled.reference)
     if fit is None:
         return None
-    plainly = plain.vehicle
-    if (plainly.imu, plainly.environment, plainly.estimator) != (used.imu, used.environment, used.estimator):
+    if any(getattr(plain.vehicle, part) != getattr(used, part) for part in ("imu", "environment", "estimator")):  # by what was sized
         free = fitted(plain.vehicle, plain.references[i])
         fit = fit if free is None else fit.widened(free)
     vehicle = used.in_phase(settled.phase)
@@ -173,10 +176,7 @@ def discrepancy(samples: Stream, timing: Timing, used: Resolved, settled: Histor
     full[0] += spun**2 * np.outer(scaled, scaled)
     shares = _shares(fit, columns) | {STORED if spun else COMMON: (common + spun) * np.abs(scaled)}
     said = tuple(columns[at].said(float(fit.errors[at])) for at in fit.freed)
-    impulse = [
-        (BY_NAME[columns[at].name].prior, columns[at].usual * float(fit.errors[at])) for at in fit.freed if columns[at].name in IMPULSE
-    ]
-    farthest = max((abs(error) / prior for prior, error in impulse), default=0.0)
+    farthest = max((columns[at].beyond(float(fit.errors[at])) for at in fit.freed if columns[at].name in IMPULSE), default=0.0)
     return Discrepancy(values[0], full[0], (bare[0][0], bare[1][0]), fit.scale, common, shares, said, farthest)
 
 

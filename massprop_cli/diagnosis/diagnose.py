@@ -51,7 +51,7 @@ WITH_IT = 0.5
 """Part of what a cause leaves that was fitted alone, more than which one that goes with it doesn't leave: beside a tilted IMU
 a weak jet left up to 0.26 (docs/faults.md, weak-tilted)."""
 PROPORTION = 0.02
-"""Part by which bodies that answer all thrust in one proportion differ at most."""
+"""Part by which bodies differ at most that answer all thrust in one proportion, or differ in the CG alone."""
 NOTHING = 0.5
 """Sigmas of chance within which what is left is nothing more."""
 ANSWERED = 30.0

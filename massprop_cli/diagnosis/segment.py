@@ -66,4 +66,4 @@ def _effort(log: Log, piece: slice, most: Array) -> Array:
     if log.command_s is None:
         return each[piece]
     cycle = np.minimum(np.searchsorted(log.cycle_end_s, log.command_s), log.cycles - 1)
-    return np.asarray(np.asarray(np.bincount(cycle, each, log.cycles), dtype=float)[piece])
+    return np.asarray(np.bincount(cycle, each, log.cycles), dtype=float)[piece]

@@ -73,14 +73,14 @@ def _precession(motion: Motion, momentum: Array, skew: Array, bin_s: Array) -> t
 def made_by_motion(stored: Stored | None, damping: Array, motion: Motion, bin_s: Array) -> tuple[Array, Array] | None:
     """(K, B, 3) torque −ω × h − d ω, mean of each bin, N m; its first moment about the bin's middle over its length, N m s.
 
-    And what wheels, whose speed J relative to the body is read at a cycle's end, take less of ω̇ than in its mean: J a aᵀ (ω̇ − ω̇ of the
-    cycle). ``damping`` is d (3,), N m s; ``bin_s`` (K, 1, 1). None where there is neither.
+    And J a aᵀ (ω̇ − ω̇'), ω̇' the mean of the cycle: what wheels of spin inertia J that are read at its end take less of ω̇ than in that
+    mean. ``damping`` is d (3,), N m s; ``bin_s`` (K, 1, 1). None where there is neither.
     """
     precessing = None
     if stored is not None:
         mean, late = _precession(motion, stored.mean @ stored.axis, stored.skew @ stored.axis, bin_s)
         beyond = motion.rate_dot - motion.rate_dot.mean(1, keepdims=True)
-        precessing = mean + beyond @ stored.released, late + motion.late @ stored.released
+        precessing = mean + beyond @ stored.free_tensor, late + motion.late @ stored.free_tensor
     if not damping.any():
         return precessing
     torque, late = -damping * motion.rate, -damping * motion.rate_dot * bin_s**2 / 12

@@ -37,8 +37,8 @@ class Stored:
         return replace(self, mean=self.mean[cycles], skew=self.skew[cycles])
 
     @property
-    def released(self) -> Array:
-        """(3, 3) inertia of the body that these leave out within a cycle, J a aᵀ of each."""
+    def free_tensor(self) -> Array:
+        """(3, 3) J a aᵀ of each, by which the body's inertia is less within a cycle than in its mean, kg m²."""
         return np.asarray(self.axis.T @ (self.free_inertia[:, None] * self.axis))
 
     def precession(self, rate_rad_s: Array) -> Array:

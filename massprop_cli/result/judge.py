@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from massprop_cli import PIVOT
 from massprop_cli.base.errors import InputError
-from massprop_cli.result.schema import DockedObject, EstimateItem, ExpectationFile, Expected, ImpliedScale, PhaseItem, Result, either
+from massprop_cli.result.schema import DockedObject, EstimateItem, ExpectationFile, Expected, ImpliedScale, PhaseItem, Result, implied_of
 
 if TYPE_CHECKING:
     from massprop_cli.inputs.expect import Expectations, Wanted
@@ -66,7 +66,7 @@ def apart(every: Mapping[str, _Kind]) -> tuple[dict[str, _Kind], dict[str, _Kind
 
 def _phase(found: Result, phase: PhaseItem, wanted: dict[str, Wanted]) -> PhaseItem:
     ten, about = apart(_estimates(items(phase), wanted))
-    scale = phase.implied_thrust_scale or _implied(phase, wanted.get("mass"), either(found.vehicle))
+    scale = phase.implied_thrust_scale or _implied(phase, wanted.get("mass"), implied_of(found.vehicle))
     return phase.model_copy(update={"estimates": ten, "about_pivot": about, "implied_thrust_scale": scale})
 
 

@@ -104,6 +104,7 @@ def test_rows_of_one_sensor_that_a_counter_numbers_are_kept(tmp_path: Path) -> N
         ("imu_id", '"5"', r"where: no row has \"5\" in column 'imu_id', which holds 3, 7"),
         ("imu", "3", r"where names no path of this table, 'imu'; massprop columns lists all"),
         ("imu_id", '"?"', r'gyro.where.is is still "\?"'),
+        ("imu_id", "[]", r"is = \[\] selects no row; state a value"),
     ],
 )
 def test_a_selection_of_no_row_is_refused(column: str, value: str, said: str, tmp_path: Path) -> None:

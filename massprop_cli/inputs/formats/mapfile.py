@@ -50,6 +50,12 @@ class Where(Section):
         alias="is", description="the value of the rows that are meant, a number or a text, or several of them"
     )
 
+    @model_validator(mode="after")
+    def _selects_some(self) -> Self:
+        if not self.values:
+            raise ValueError("is = [] selects no row; state a value, or several")
+        return self
+
     @property
     def values(self) -> tuple[str | float, ...]:
         """Of the rows that are meant."""

@@ -31,7 +31,7 @@ def read(path: Path, data: bytes) -> Read:
         file = Path(aside) / "recording.mat"
         file.write_bytes(data)
         variables = matio.load_from_mat(str(file), add_table_attrs=True)
-    found = _Found()
+    found = _Variables()
     streams = [one for name, value in variables.items() if not name.startswith("__") for one in found.streams(name, value)]
     return Read(streams, unread=found.unread)
 
@@ -60,7 +60,7 @@ def _check_size(path: Path, data: bytes) -> None:
         at += size
 
 
-class _Found:
+class _Variables:
     """What a file's variables hold."""
 
     def __init__(self) -> None:

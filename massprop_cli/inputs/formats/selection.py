@@ -63,7 +63,7 @@ def stated(values: Sequence[float | str], between: str = ", ") -> str:
 
 
 @dataclass(frozen=True)
-class Sensors:
+class SensorColumn:
     """A column that seems to tell the sensors of one table apart."""
 
     column: str
@@ -80,7 +80,7 @@ class Sensors:
         )
 
 
-def sensors(streams: Mapping[str, RecordedStream], count: int, rows: IntArray, times_s: Array | None) -> Sensors | None:
+def sensors(streams: Mapping[str, RecordedStream], count: int, rows: IntArray, times_s: Array | None) -> SensorColumn | None:
     """The column of a table of ``count`` rows whose few values alternate with the records in ``rows`` (n,): one that is called so.
 
     Where something is wrong with the ``times_s`` (n,) of all, also another by each of whose values nothing is.
@@ -98,7 +98,7 @@ def sensors(streams: Mapping[str, RecordedStream], count: int, rows: IntArray, t
         alternates = float((np.diff(code) != 0).mean()) >= _ALTERNATES and float(each.min()) >= _SHARE / len(values)
         wrong = times_s is None or any(_is_wrong(times_s[code == n]) for n in range(len(values)))
         if alternates and (_is_called(stream) or not wrong):
-            return Sensors(stream.path, values)
+            return SensorColumn(stream.path, values)
     return None
 
 
