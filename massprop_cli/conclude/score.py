@@ -94,14 +94,16 @@ def doubts(
     cross, own = gram[0, 1:].copy(), np.einsum("ei,ef,fi->i", along, gram[1:, 1:], along)
     # a factor on what was measured is one on its noise too, and of that an innovation is proof of nothing
     cross[[*scales[0], *scales[1]]] -= np.sum([noise * response.gram[0, 0] / noise.sum() for response, noise in told], 0)
-    cross = cross @ along
+    # no inner product is larger (Cauchy and Schwarz), as where a log has less noise than is stated
+    most = np.sqrt(gram[0, 0] * own)
+    cross = np.clip(cross @ along, -most, most)
     # what is stated to be uncertain may be off by that much
     uncertain = np.concatenate([[t.sigma for t in found.varied], np.zeros(len(whats) - len(found.varied))])
     with np.errstate(divide="ignore", invalid="ignore"):
         sizes = np.nan_to_num(np.abs(cross) / own)
         sigmas = np.nan_to_num(sizes / np.sqrt(max(found.scatter, 1.0) / own + uncertain**2))
-    most = np.array([t.most for t in found.varied])
-    sigmas[: len(most)] *= own[: len(most)] > most**-2
+    largest = np.array([t.most for t in found.varied])
+    sigmas[: len(largest)] *= own[: len(largest)] > largest**-2
     shifts = [None if response is None else response.shift @ along for response in found.responses]
     limit = threshold(REFUTED, 2 * len(whats))  # it may be more or less
 

@@ -80,6 +80,8 @@ class History:
     notices: tuple[Notice, ...] = ()
     belied: Mapping[str, str] = field(default_factory=dict)
     """Known quantities that the log contradicts, each with why."""
+    unexplained: float = np.inf
+    """Of an off-line fit: chi-square, without what unknown beginnings add by standing off what is stated of them."""
     residual: Residual | None = None
     """Of an off-line fit: what its values leave of rate and specific force."""
     stages: Callable[[], Stages] | None = None
@@ -111,7 +113,7 @@ class History:
     @property
     def silent(self) -> bool:
         """Whether all that is left is less than one sigma, as of a log without noise."""
-        return self.left() < 1.0
+        return min(self.left(), self.unexplained) < 1.0
 
 
 def phase_cycles(phase: Phase, end_s: Array, usable: BoolArray) -> slice:

@@ -78,7 +78,7 @@ def settle(
         passed += [after] if len(passed) < STAGES and after.at >= stops[len(passed)] else []
     # of a long phase they are had at once, and nothing of it is held for them
     stages = partial(_stages, regression, last, passed) if last.held else partial(Stages, *_stages(regression, last, passed))
-    history = replace(told.history(phase, last.run.estimate), residual=left, stages=stages)
+    history = replace(told.history(phase, last.run.estimate), residual=left, stages=stages, unexplained=last.run.unexplained)
     return Settled(history, last.stands, last.run.bound)
 
 

@@ -110,7 +110,8 @@ class Regression(Triangle):
         told = layout.torque if bound or pivoted else slice(0, 0)
         pushed = self.state(run, told, phi, others, reference.acceleration)
         estimate = replace(phi_map.reference(theta, bias), response=response, scale=scale, damping=damping, acceleration=pushed)
-        return replace(run, estimate=estimate, bound=bound, stuck=stuck), chi_square
+        drawn = others[self.uncertain :] / self.prior[self.prior > 0]
+        return replace(run, estimate=estimate, bound=bound, stuck=stuck, unexplained=chi_square - float(drawn @ drawn)), chi_square
 
     def state(self, run: Run, block: slice, phi: Array, others: Array, before: Array) -> Array:
         """The states of a block in the last cycle, by φ (N,) and by ``others``; what they were ``before`` where there are none yet."""

@@ -62,6 +62,8 @@ class Run:
     """(M + 1 + e + u, the same) of whitened rows: on the M = m + N unknown beginnings and φ; measured, by assumptions, by the geometry."""
     stuck: bool = False
     """Whether the search for the estimate ended where no further step leads to a body, though the data want one."""
+    unexplained: float = np.inf
+    """Chi-square of the estimate, without what biases and other unknown beginnings add to it by standing off what is stated of them."""
 
 
 class Triangle:

@@ -93,6 +93,20 @@ def test_noisy_sensors_put_no_bearing_elsewhere() -> None:
     assert {one.verdict for one in answer.conclusions[0].about_pivot.values()} == {"converged"}
 
 
+def test_biases_alone_are_no_fault_of_a_free_body() -> None:
+    """Without noise they add their own squares to chi-square, which a body that changes would explain better."""
+    rng = np.random.default_rng([0, 3])
+    own = anypedestal.tables(rng, 4)
+    own = replace(own, pivot=own.cg)
+    flown = anypedestal.fly(rng, own, "wheels", 0.05, 30.0, 0.0)
+    used = anypedestal.vehicle_of(own, 3, flown, biases=True)
+    used = used.model_copy(update={"environment": used.environment.model_copy(update={"kind": "free"})})
+    log = anypedestal.log_of(rng, own, 3, flown, used, noise=0.0, biases=True)
+    answer = flow.examine(log, VehicleSource(used, "", ""))
+    assert not answer.faults
+    assert {answer.conclusions[0].estimates[name].verdict for name in INERTIA} == {"converged"}
+
+
 @pytest.mark.parametrize(
     ("kind", "count", "inertia"),
     [
