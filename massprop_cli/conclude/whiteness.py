@@ -44,10 +44,10 @@ FREEDOM, SPREAD = np.array([30, 33]), np.array([1.5, 1.0])
 def unlike_noise(history: History, used: Resolved) -> dict[str, Reason]:
     """Why values are not to be called converged whose sigmas rest on disturbances that are no noise, by quantity; all where rates jump."""
     disturbed = used.environment.disturbance_torque_n_m + used.environment.disturbance_walk_n_m > 0
-    along, tail, count = left(history.normalised)
+    counted = any(wheel.speed_error_in_noise for wheel in used.wheels)
+    along, tail, count = left(history.normalised, 1.0 if counted else TINY)
     power, heavy = (along**2).sum(0).reshape(2, 3).sum(1), tail.reshape(2, 3).max(1)
     widened = used.estimator.accel_noise_scale != UNWIDENED
-    # coarse counts leave as little as is stated of what they don't show, in a few cycles
     correlated = (power > COLOURED) & (deviate(count * power / FREEDOM / SPREAD, FREEDOM) > threshold(DOUBTFUL, len(SENSORS)))
     failed = (np.array([disturbed, widened]) & correlated) | (heavy > HEAVY)
     if not failed.any():
@@ -72,14 +72,17 @@ def resting(history: History, channels: BoolArray) -> list[str]:
     return [name for name, part in zip(QUANTITIES, share, strict=True) if part > PART]
 
 
-def left(normalised: Array) -> tuple[Array, Array, int]:
-    """(11, 6) r_k and (6,) K of whitened innovations (K, 6), and how many cycles tell; zeros of too few."""
+def left(normalised: Array, least: float = TINY) -> tuple[Array, Array, int]:
+    """(11, 6) r_k and (6,) K of whitened innovations (K, 6), and how many cycles tell; zeros of too few.
+
+    Over their variance, or the ``least`` that it counts for: what is left of coarse counts is as much as is expected in a few cycles alone.
+    """
     rows = normalised[np.isfinite(normalised).all(1)]
     count = len(rows)
     if count < LEAST:
         return np.zeros((len(LAGS), 6)), np.zeros(6), count
     clipped = np.clip(rows, -CLIP, CLIP)
-    power = np.maximum((clipped**2).sum(0), TINY)
+    power = np.maximum((clipped**2).sum(0), least * count)
     along = np.array([(clipped[lag:] * clipped[:-lag]).sum(0) / power for lag in LAGS])
     along[0, :3] = 0.0
-    return along, (rows**4).mean(0) / np.maximum((rows**2).mean(0) ** 2, TINY) - 3, count
+    return along, (rows**4).mean(0) / np.maximum((rows**2).mean(0), least) ** 2 - 3, count

@@ -106,12 +106,11 @@ def _undelayed(log: Log, vehicle: Vehicle) -> list[_Speeds]:
     for place, (wheel, said) in enumerate(zip(vehicle.spinning, log.spinning, strict=True)):
         if not (isinstance(wheel, Wheel) and isinstance(said, WheelLog)) or said.speed_rad_s is None or said.corrected:
             continue
-        sigma, after_s = wheel.reading_sigma(said), wheel.torque_steps_s or 0.0
-        late = (wheel.speed_latency_s + after_s, wheel.speed_window_s)
+        begun, after_s = said.start_rad_s is not None, wheel.torque_steps_s or 0.0
+        readings, variance, _ = wheel.uncounted(np.append([said.start_rad_s] * begun, said.speed_rad_s).astype(float))
+        sigma, late = float(np.sqrt(variance.mean())), (wheel.speed_latency_s + after_s, wheel.speed_window_s)
         if sigma == 0 and not any(late):
             continue
-        begun = said.start_rad_s is not None
-        readings = np.append([said.start_rad_s] * begun, said.speed_rad_s).astype(float)
         walk = float(np.mean(np.diff(readings) ** 2)) if len(readings) > 1 else 0.0
         noise = max(TRUSTED**2, (FINER * sigma) ** 2 / walk) if walk else 1.0
         values = at_times(time_s + after_s, readings, *late, noise)[int(not begun) :] if any(late) and walk else readings

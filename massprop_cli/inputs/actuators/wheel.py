@@ -16,7 +16,7 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field
 
-from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.arrays import Array, IntArray, frozen
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.actuators import actuator
@@ -30,10 +30,12 @@ ON_WHEEL = actuator.LogColumn(
 )
 FOR_A_PARABOLA = 8
 """Records, of which fewer make one too noisy at its end."""
-
-
 DISTINCT, WHOLE = 10, 1e-4
 """Values of a column that are needed to tell a step, and parts of it by which each may be off a whole multiple."""
+STANDS = 16
+"""Records for which a speed may go evenly while its count stands still."""
+BENDS = 0.05
+"""Part of all records at which the change of a count may itself change by more than one: by no more where a speed goes evenly."""
 
 
 def step_of(values: Array) -> float:
@@ -43,6 +45,26 @@ def step_of(values: Array) -> float:
         return 0.0
     counts = values / apart.min()
     return float(apart.min()) if np.abs(counts - counts.round()).max() < WHOLE else 0.0
+
+
+def uncounted(counts: Array) -> tuple[Array, Array, IntArray]:
+    """(n,) what whole ``counts`` (n,) stand for, (n,) the variance of each, and (n,) for how many records each stands still.
+
+    Where a count changes by one, what is counted is midway between both, at some moment between their records. From one such moment to the
+    next it goes evenly; or, where it turns back, along a parabola to the count. A moment's error, evenly within a record, counts by the
+    slope, 1/(12 L²) of a count that stands for L. Of what turns back, or stands for long, 1/24 is left, and of what changes faster 1/12.
+    """
+    places, edge = np.arange(len(counts)), np.flatnonzero(np.diff(counts))
+    run = np.searchsorted(edge, places)
+    length = np.diff(edge, prepend=-1, append=len(counts) - 1)[run]
+    change = np.concatenate([[0.0], np.diff(counts)[edge], [0.0]])
+    enters, leaves = change[run], change[run + 1]
+    part = (places - np.append(-1, edge)[run] - 0.5) / length
+    inner = (np.abs(enters) == 1) & (np.abs(leaves) == 1)
+    on = inner & (enters == leaves)
+    values = np.where(on, counts + enters * (part - 0.5), counts - inner * enters * (part - 0.5) ** 2 * 2)
+    variance = np.where(on & (length <= STANDS), 1 / length**2, np.where(inner, 0.5, 1.0)) / 12
+    return values, variance, length
 
 
 class Wheel(actuator.MomentumDevice):
@@ -188,23 +210,28 @@ class Wheel(actuator.MomentumDevice):
         pairs = [(wheel.start_rad_s, one.speed_rad_s) for wheel, one in zip(own, said, strict=True) if isinstance(one, WheelLog)]
         actuator.refuse_other_units(source, "speed of each wheel", "start_rad_s", actuator.SPEEDS, pairs)
 
-    def reading_sigma(self, said: "WheelLog") -> float:
-        """Of a logged speed, rad/s: noise, and a twelfth of a step's square."""
-        if said.speed_rad_s is None:
-            return 0.0
-        return float(np.hypot(self.speed_sigma_rad_s, self._step(said.speed_rad_s) / np.sqrt(12)))
+    def uncounted(self, speed: Array) -> tuple[Array, Array, IntArray]:
+        """Logged speeds (n,) as :func:`uncounted` says, in rad/s, and the variance of each by noise and by counts.
 
-    def _step(self, speed: Array) -> float:
-        return step_of(speed) if self.speed_step_rad_s is None else self.speed_step_rad_s
+        They stay as logged where torque bends them by counts, or noise makes a count change back and forth.
+        """
+        step = step_of(speed) if self.speed_step_rad_s is None else self.speed_step_rad_s
+        if step == 0:
+            return speed, np.full(len(speed), self.speed_sigma_rad_s**2), np.ones(len(speed), dtype=int)
+        counts = np.round(speed / step)
+        values, variance, length = uncounted(counts)
+        if np.mean(np.abs(np.diff(counts, 2)) > 1) > BENDS:
+            values, variance = counts, np.full(len(counts), 1 / 12)
+        return step * values, self.speed_sigma_rad_s**2 + step**2 * variance, length
 
     def scatter(self, said: actuator.MomentumLog, weight: Array) -> float:
-        """By its tachometer: noise, and a twelfth of a step's square, which counts as often as a count stands still, by ``weight``."""
+        """By its tachometer: noise, and what counts leave open, which counts as often as a count stands still, by ``weight``."""
         if not isinstance(said, WheelLog) or said.speed_rad_s is None or self.speed_error_in_noise:
             return 0.0
-        begins = np.flatnonzero(np.diff(said.speed_rad_s, prepend=np.nan))
-        lengths = np.diff(begins, append=len(said.speed_rad_s))
-        held = float(lengths @ np.add.reduceat(weight, begins) / weight.sum()) if weight.any() else 1.0
-        return self.spin_inertia_kg_m2 * float(np.sqrt(self.speed_sigma_rad_s**2 + held * self._step(said.speed_rad_s) ** 2 / 12))
+        _, variance, length = self.uncounted(said.speed_rad_s)
+        noise = self.speed_sigma_rad_s**2
+        each = noise + length * (variance - noise)
+        return self.spin_inertia_kg_m2 * float(np.sqrt(np.average(each, weights=weight if weight.any() else None)))
 
     def momentum(self, said: actuator.MomentumLog, log: actuator.LogTimes) -> actuator.Grown:
         """By its speed where that bends, relative to the body; or all of it, by the torque on it over each cycle, less friction."""
