@@ -10,7 +10,7 @@ SAME = 1e-9
 """Part of a reading within which another is the same: what dividing by the interval leaves."""
 STRETCH, FEWEST, QUIETEST, WIDEST = 64, 16, 4, 12
 """Readings of a stretch; stretches at least; of how many the quietest is taken; readings that a moving mean is over at most."""
-HALF, OTHERS = 0.25, 0.12
+HALF, OTHERS = 0.35, 0.15
 """Correlation of differences beyond which they go against one another, and up to which the others may. By chance it scatters by 0.03."""
 IN_STEP = 0.4
 """Part of the squares of differences that is on one beat, beyond which they are the commands': by chance 0.3 at most, of commands 0.7."""
