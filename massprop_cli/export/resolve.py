@@ -1,5 +1,6 @@
 """What a flight starts with: a vehicle in which nothing is left to be found, phase by phase."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -111,6 +112,8 @@ def stated(source: VehicleSource, jets: bool | None = None, records: int = 0) ->
 def told(source: VehicleSource, log_path: Path) -> Constants:
     """With what a log tells of noise levels, disturbances and timing, and the log itself as it was flown."""
     table = logfile.read_table(log_path)
+    wheels = tuple(wheel.model_copy(update={"between_counts": False}) for wheel in source.vehicle.wheels)
+    source = replace(source, vehicle=source.vehicle.model_copy(update={"wheels": wheels}))
     with np.errstate(all="ignore"):
         found = flow.examine(telemetry.read(table, source.vehicle), source)
     if found.log.command_s is not None:

@@ -10,11 +10,13 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from massprop_cli import CG, INERTIA, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis
+from massprop_cli.export import resolve
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.actuators.wheel import uncounted
 from massprop_cli.inputs.tablefile import at_hand
@@ -70,8 +72,8 @@ def flown(seed: int) -> tuple[Array, Array, Array]:
     return speeds[FINE::FINE], increments(rate), increments(felt)
 
 
-def estimated(seed: int, step: float) -> Analysis:
-    """By speeds in whole steps, or exact ones."""
+def recorded(seed: int, step: float) -> tuple[dict[str, Array], VehicleSource]:
+    """The columns of a log with speeds in whole steps, or exact ones, and its vehicle file."""
     speeds, turned, pushed = flown(seed)
     rng, made = np.random.default_rng(seed), {columns.TIME: RECORD_S * np.arange(1, len(speeds) + 1)}
     for names, values, noise in ((columns.DELTA_THETA, turned, NOISE[0]), (columns.DELTA_V, pushed, NOISE[1])):
@@ -83,7 +85,13 @@ def estimated(seed: int, step: float) -> Analysis:
     imu = {"position_m": IMU.tolist(), "gyro_noise_rad_s": NOISE[0], "accel_noise_m_s2": NOISE[1]}
     wheels = [{"name": f"w{n}", "axis": axis, **spin} for n, axis in enumerate(np.eye(3).tolist())]
     used = Vehicle.model_validate({"schema": 1, "cycle": {"period_s": PERIOD_S}, "imu": imu, "wheels": wheels})
-    return flow.examine(read(at_hand(Path("counted"), made), used), VehicleSource(used, "counted", ""))
+    return made, VehicleSource(used, "counted", "")
+
+
+def estimated(seed: int, step: float) -> Analysis:
+    """The estimate of such a log."""
+    made, source = recorded(seed, step)
+    return flow.examine(read(at_hand(Path("counted"), made), source.vehicle), source)
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.thorough), pytest.param(3, marks=pytest.mark.thorough)])
@@ -99,3 +107,16 @@ def test_slow_wheels_in_whole_rpm_tell_nearly_what_exact_ones_do(seed: int) -> N
         assert one.verdict == "converged"
         assert abs(one.value - truth) < 4 * one.sigma
         assert one.sigma < 4 * best.sigma
+
+
+def test_on_board_a_count_is_all_that_is_known_yet(tmp_path: Path) -> None:
+    """The noise with which a flight of the same vehicle starts is that of counts: an estimate on board waits for no later change."""
+    made, source = recorded(1, RPM)
+    pd.DataFrame(made).to_parquet(tmp_path / "log.parquet")
+    on_board = resolve.told(source, tmp_path / "log.parquet").vehicle.imu.gyro_noise_rad_s
+    on_ground = estimated(1, RPM).vehicle.imu.gyro_noise_rad_s
+    assert on_board is not None
+    assert on_ground is not None
+    by_counts = RPM * SPIN / np.linalg.eigvalsh(BODY)[0] / np.sqrt(12 * PERIOD_S / RECORD_S)
+    assert on_board**2 - NOISE[0] ** 2 > by_counts**2
+    assert on_board > 1.5 * on_ground

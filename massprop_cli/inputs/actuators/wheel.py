@@ -93,6 +93,11 @@ class Wheel(actuator.MomentumDevice):
     speed_step_rad_s: NonNegative | None = Field(
         None, description="of which logged speeds are whole multiples; absent: found in the log. For a speed column"
     )
+    between_counts: bool = Field(
+        True,
+        description="whether a speed in steps is taken between two counts from when the count changes, which on board is not known yet; "
+        "false: each is the count. For a speed column",
+    )
     speed_window_s: NonNegative = Field(
         0.0, description="over which each logged speed is a mean, as of counted pulses; 0: it is that of an instant. For a speed column"
     )
@@ -213,14 +218,14 @@ class Wheel(actuator.MomentumDevice):
     def uncounted(self, speed: Array) -> tuple[Array, Array, IntArray]:
         """Logged speeds (n,) as :func:`uncounted` says, in rad/s, and the variance of each by noise and by counts.
 
-        They stay as logged where torque bends them by counts, or noise makes a count change back and forth.
+        They stay as logged where that is stated, torque bends them by counts, or noise makes a count change back and forth.
         """
         step = step_of(speed) if self.speed_step_rad_s is None else self.speed_step_rad_s
         if step == 0:
             return speed, np.full(len(speed), self.speed_sigma_rad_s**2), np.ones(len(speed), dtype=int)
         counts = np.round(speed / step)
         values, variance, length = uncounted(counts)
-        if np.mean(np.abs(np.diff(counts, 2)) > 1) > BENDS:
+        if not self.between_counts or np.mean(np.abs(np.diff(counts, 2)) > 1) > BENDS:
             values, variance = counts, np.full(len(counts), 1 / 12)
         return step * values, self.speed_sigma_rad_s**2 + step**2 * variance, length
 
