@@ -36,6 +36,8 @@ FINER = ((1.2, 64), (0.6, 32), (0.3, 16), (0.15, 8))
 (tests/estimate/test_fast_turns.py)."""
 SELDOM = 0.98
 """Part of the cycles that turn by less."""
+CLEARER = 0.5
+"""Part of the stated sigma of the attitudes' latency, below which the log itself tells it: so much better that what is stated adds little."""
 
 
 class Ready(NamedTuple):
@@ -101,7 +103,7 @@ def _with_attitude(log: Log, vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
     if shown is None:
         return vehicle, []
     found, told = {}, []
-    if vehicle.imu.attitude_latency_s == "auto":
+    if vehicle.imu.attitude_latency_s == "auto" or shown.latency_sigma_s < CLEARER * vehicle.imu.attitude_latency_sigma_s:
         found = {"attitude_latency_s": shown.latency_s, "attitude_latency_sigma_s": shown.latency_sigma_s}
     if vehicle.imu.attitude_sigma_rad is None:
         found["attitude_sigma_rad"] = sigma = shown.noise.attitude_rad

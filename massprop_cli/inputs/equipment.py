@@ -121,7 +121,10 @@ class Imu(Section):
     attitude_latency_s: NonNegative | Literal["auto"] = Field(
         0.0, description='time by which each logged attitude is older than its time_s; "auto": estimated from the log'
     )
-    attitude_latency_sigma_s: NonNegative = Field(0.0, description="one sigma of attitude_latency_s; goes into every sigma")
+    attitude_latency_sigma_s: NonNegative = Field(
+        0.0,
+        description="one sigma of attitude_latency_s; goes into every sigma. Where the log tells the latency to half of it, that is used",
+    )
     attitude_misalignment_sigma_rad: NonNegative = Field(
         0.0, le=0.3, description="constant turn of the logged attitude's body axes from the vehicle's, about each axis; estimated"
     )
