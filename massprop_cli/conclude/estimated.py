@@ -43,8 +43,8 @@ OTHER_CUTOFFS = (
     'found with the stated one; state cutoff_hz = "auto", or its cutoff_sigma_hz, in [imu.gyro_filter] and [imu.accel_filter]'
 )
 SEVERAL = 2
-"""Cycles with commands, by which hundreds of hypotheses are refuted too seldom: of clean logs a third had a cause named, of those with three
-one in fifty."""
+"""Cycles with commands, by which too few of hundreds of hypotheses are refuted: of clean logs a third had a cause named, of those with
+three one in fifty."""
 UNITS = {"gyro-units", "accel-units", "column-kind"}
 """Causes that readings are smaller or larger by."""
 
@@ -200,7 +200,7 @@ def _baffled(told: Checked, used: Vehicle, begun: Ready) -> str:
 
 def _hardly_commanded(log: Log) -> bool:
     """Whether commands act in so few cycles that any of many things explains what follows them; a swing has none, and needs none."""
-    return not log.spinning and 0 < np.count_nonzero(log.command.any(1)) <= SEVERAL
+    return not log.spinning and 0 < int(np.count_nonzero(log.command.any(1))) <= SEVERAL
 
 
 def _unread(log: Log) -> list[Notice]:

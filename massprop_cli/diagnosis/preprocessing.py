@@ -37,7 +37,7 @@ FINER = ((1.2, 64), (0.6, 32), (0.3, 16), (0.15, 8))
 SELDOM = 0.98
 """Part of the cycles that turn by less."""
 CLEARER = 0.5
-"""Part of the stated sigma of the attitudes' latency, below which the log itself tells it: so much better that what is stated adds little."""
+"""Part of the stated sigma of the attitudes' latency, below which the log tells it: so much better that what is stated adds little."""
 
 
 class Ready(NamedTuple):
