@@ -85,4 +85,4 @@ def left(normalised: Array, least: float = TINY) -> tuple[Array, Array, int]:
     power = np.maximum((clipped**2).sum(0), least * count)
     along = np.array([(clipped[lag:] * clipped[:-lag]).sum(0) / power for lag in LAGS])
     along[0, :3] = 0.0
-    return along, (rows**4).mean(0) / np.maximum((rows**2).mean(0), least) ** 2 - 3, count
+    return along, (rows**4).mean(0) / np.maximum((rows**2).mean(0) ** 2, least) - 3, count

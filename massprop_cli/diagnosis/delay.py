@@ -64,6 +64,8 @@ SHORT, FARTHER = 0.1, 2.0
 constant by which that one is longer."""
 LITTLE = 0.05
 """Sigmas of a cutoff."""
+BELOW = 4.0
+"""Sigmas by which chance puts a lag below none at most."""
 CUTOFFS_HZ = (300.0, 180.0, 110.0, 70.0, 45.0, 28.0, 18.0, 11.0, 7.0)
 """Of low-passes searched."""
 LATENCIES_S = (0.0, 0.0015, 0.003, 0.006, 0.012)
@@ -138,7 +140,8 @@ def detect(
     ``prior``: one sigma of what is stated of each, cycles; 0: nothing is. None where the log can't tell.
     """
     begun = now = Setup(log, vehicle, start)
-    last, references = np.zeros(len(unknown)), dict[int, Reference]()
+    last: Array = np.zeros(len(unknown))
+    references = dict[int, Reference]()
     sharp = np.array([1 / sigma**2 if sigma else 0.0 for sigma in prior or [0.0] * len(unknown)])
     first = np.array([cycles_of(begun, name) for name in unknown])
     for _ in range(STEPS if list(unknown) == ["delay"] else MORE_STEPS):
@@ -151,9 +154,10 @@ def detect(
         steps = covariance @ (information @ found.steps - sharp * (found.steps + at - first))
         # two that look alike go to and fro, and one at a whole cycle, where what the motion depends on has a corner
         steps = steps / 2 if steps @ last < -(last @ last) * (len(unknown) == 1) / 2 else steps
-        sizes = [1.0 if name in AT_ANY_TIME else max(1.0, own) if name == "lag" else own for name, own in zip(unknown, at, strict=True)]
-        most = LEAP * np.array(sizes)
-        last = np.clip(steps, -most, most)
+        longer = steps > 0  # of a time constant: by half of itself, or of one that delays visibly
+        least = [1.0 if name in (*AT_ANY_TIME, "lag") else SHORT * up for name, up in zip(unknown, longer, strict=True)]
+        sizes = [one if name in AT_ANY_TIME else max(one, own) for name, one, own in zip(unknown, least, at, strict=True)]
+        last = bounded(steps, covariance, LEAP * np.array(sizes))
         now = shifted(now, unknown, last)
         moved = np.abs([cycles_of(now, name) - own for name, own in zip(unknown, at, strict=True)])
         sigmas = np.sqrt(np.diag(covariance))
@@ -163,10 +167,25 @@ def detect(
     else:
         return None
     limits = [PRIOR / 2 * max(1.0, now.timing.lag) if name == "lag" else PRIOR / 2 for name in unknown]
-    if not (sigmas < limits).all():
+    if not (sigmas < limits).all() or now.timing.lag < -BELOW * _sigmas(unknown, covariance).lag:
         return None
     imu = now.vehicle.imu if set(unknown) - {"delay", "lag"} else None
     return FoundTiming(now.timing, _sigmas(unknown, covariance), found.after, tuple(unknown), covariance, imu)
+
+
+def bounded(steps: Array, covariance: Array, most: Array) -> Array:
+    """(n,) the likeliest steps of which none is larger than ``most`` (n,): what a bounded one leaves, those that look like it take up.
+
+    Bounded by itself, a delay that is to be exchanged for time constants would go by half a cycle, and these by thousandths of one.
+    """
+    found, bounded = steps.copy(), np.zeros(len(steps), dtype=bool)
+    while (over := np.where(bounded, 0.0, np.abs(found) / most)).max() > 1:
+        worst = int(over.argmax())
+        bounded[worst], found[worst] = True, np.copysign(most[worst], found[worst])
+        free = ~bounded
+        by = covariance[np.ix_(free, bounded)] @ np.linalg.inv(covariance[np.ix_(bounded, bounded)])
+        found[free] = steps[free] + by @ (found - steps)[bounded]
+    return found
 
 
 def contradicted(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: FoundTiming, names: Sequence[str]) -> bool:

@@ -110,7 +110,7 @@ class Regression(Triangle):
         told = layout.torque if bound or pivoted else slice(0, 0)
         pushed = self.state(run, told, phi, others, reference.acceleration)
         estimate = replace(phi_map.reference(theta, bias), response=response, scale=scale, damping=damping, acceleration=pushed)
-        drawn = others[self.uncertain :] / self.prior[self.prior > 0]
+        drawn = others[self.uncertain :] / self.prior[self.prior > 0][: self.free]
         return replace(run, estimate=estimate, bound=bound, stuck=stuck, unexplained=chi_square - float(drawn @ drawn)), chi_square
 
     def state(self, run: Run, block: slice, phi: Array, others: Array, before: Array) -> Array:
