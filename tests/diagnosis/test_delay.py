@@ -193,3 +193,17 @@ def test_a_response_that_runs_away_tells_no_delay() -> None:
         wild = replace(found.log, delta_theta_imu_rad=size * found.log.delta_theta_imu_rad)
         with np.errstate(all="ignore"):  # as the command does
             assert delay.detect(wild, resolved(found.vehicle), [history.cycles], found.timing, ["delay"]) is None
+
+
+def test_bounded_steps_are_the_likeliest_of_those_allowed() -> None:
+    """Of what is free the gradient of the likelihood vanishes; what is alone is bounded by itself, and none beyond its bound."""
+    rng = np.random.default_rng(1)
+    for _ in range(100):
+        root = rng.normal(size=(3, 4))
+        covariance, steps, most = root @ root.T, 3 * rng.normal(size=3), rng.uniform(0.2, 3, 3)
+        found = delay.bounded(steps, covariance, most)
+        assert (np.abs(found) <= most * (1 + 1e-12)).all()
+        slope = np.linalg.solve(covariance, found - steps)
+        free = np.abs(found) < most * (1 - 1e-9)
+        np.testing.assert_allclose(slope[free], 0.0, atol=1e-9 * np.abs(slope).max(initial=1.0))
+        assert (delay.bounded(steps[:1], covariance[:1, :1], most[:1]) == np.clip(steps[:1], -most[:1], most[:1])).all()

@@ -179,6 +179,22 @@ def test_a_cutoff_is_found_with_its_sigma() -> None:
             assert abs(low_pass.cutoff - 45.0) < 4.5 * low_pass.cutoff_sigma_hz
 
 
+def test_delay_and_both_cutoffs_are_found_together() -> None:
+    """They look alike; the search had gone to a delay of a whole cycle, with no low-pass and a chi-square of thousands."""
+    imu, rng, period_s, delay = anyimu.Imu(order=1, cutoff_hz=24.0, gyro_noise=5e-4, accel_noise=0.01), np.random.default_rng(6), 0.1, 0.79
+    own = anyimu.bodies(rng, 1, bearing=True)
+    flown = anyimu.fly(rng, own, imu, period_s, 30.0, delay * period_s)
+    used = anyimu.vehicle_of(own, 0, flown, imu, period_s, delay * period_s, auto=True)
+    used = used.model_copy(update={"cycle": used.cycle.model_copy(update={"command_delay_cycles": "auto"})})
+    answer = flow.examine(anyimu.log_of(flown, 0, imu, used), VehicleSource(used, "any-imu", ""))
+    assert answer.detected is not None
+    assert abs(answer.timing.delay - delay) < 4 * answer.detected.sigma.delay
+    for low_pass in (answer.vehicle.imu.gyro_filter, answer.vehicle.imu.accel_filter):
+        assert low_pass is not None
+        assert abs(low_pass.cutoff - 24.0) < 4 * low_pass.cutoff_sigma_hz < 20.0
+    assert_within_four_sigmas(answer, anyimu.truth_of(own, 0))
+
+
 def test_on_a_bearing_the_weight_tells_how_late_the_accelerometer_is() -> None:
     """As well as the gyro's rates tell it of the gyro: the specific force turns with the attitude."""
     ((answer, deviation),) = found_of(
