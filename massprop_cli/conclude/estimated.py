@@ -42,9 +42,9 @@ OTHER_CUTOFFS = (
     "log and vehicle file don't fit, cause unknown: the log would fit better with another cutoff of a low-pass and another delay than was "
     'found with the stated one; state cutoff_hz = "auto", or its cutoff_sigma_hz, in [imu.gyro_filter] and [imu.accel_filter]'
 )
-SEVERAL = 2
-"""Cycles with commands, by which too few of hundreds of hypotheses are refuted: of clean logs a third had a cause named, of those with
-three one in fifty."""
+FEW = 2
+"""Cycles with commands that refute too few of hundreds of hypotheses: of clean logs with so few, in which no body is found, a third had
+another cause than a delay named, of those with three one in forty (tests/conclude/test_few_commands.py)."""
 UNITS = {"gyro-units", "accel-units", "column-kind"}
 """Causes that readings are smaller or larger by."""
 
@@ -114,6 +114,8 @@ def _by_default(begun: Ready, plain: AsStated, check: bool, say: Progress) -> tu
         diagnosis = _diagnosis(begun, plain.used, say, refuted)
         if diagnosis is not None and not (plain.dubious or refuted) and not _found_in_quiet(diagnosis, plain):
             diagnosis = None  # noise that was stated too large is no fault
+        if diagnosis is not None and not plain.misfit and _of_few_commands(diagnosis, begun.log):
+            diagnosis = None
     size = begun.stated.estimator.adapt_noise and not (diagnosis and diagnosis.explanations)
     # what a wrong model leaves is a torque: noise would take half of it, and tell the sigmas nothing of the other
     noisier = diagnosis is not None and not diagnosis.unknown
@@ -141,6 +143,12 @@ def _found_in_quiet(diagnosis: Diagnosis, plain: AsStated) -> bool:
     return bool(codes) and (not silent or codes <= UNITS)
 
 
+def _of_few_commands(diagnosis: Diagnosis, log: Log) -> bool:
+    """Whether what commands hardly tell, and no fit refutes, is laid to more than their time."""
+    few = not log.spinning and 0 < int(np.count_nonzero(log.command.any(1))) <= FEW
+    return few and not {one.code for one in diagnosis.explanations} <= {"delay-mismatch"}
+
+
 def _doubted(examination: Examined, begun: Ready, answer: Estimates[Resolved]) -> list[Doubt]:
     names = channel_names(begun.log, answer.used)
     push = pushing(channel_wrench(begun.log, answer.used)[:, 3:], always_together(begun.log))
@@ -162,12 +170,12 @@ def _of_matter(begun: Ready, plain: AsStated) -> Diagnosis | None:
 
 
 def _diagnosis(begun: Ready, used: Resolved, say: Progress, refuted: bool = False) -> Diagnosis | None:
-    """None where causes are not looked for: of a sensor that saturates or stands still, or of hardly any command.
+    """None where causes are not looked for: of a sensor that saturates or stands still.
 
     Where no hypothesis explains the log of rotors, other readings of the columns are fitted; of control moment gyros before all else. A log
     that has ``refuted`` a cutoff has a cause, known or unknown.
     """
-    if _unread(begun.log) or _hardly_commanded(begun.log):
+    if _unread(begun.log):
         return None
     say("looking for the cause", 1.0)
     from massprop_cli.diagnosis import diagnose, rereading  # nine modules that a clean log does without
@@ -196,11 +204,6 @@ def _baffled(told: Checked, used: Vehicle, begun: Ready) -> str:
         f"log and vehicle file don't fit, cause unknown: beside the disturbance that stands for what is left the log would fit better by "
         f"{sigmas(first.sigmas)} sigma with another {what}; so it is no disturbance, and if not that, something that goes with the commands"
     )
-
-
-def _hardly_commanded(log: Log) -> bool:
-    """Whether commands act in so few cycles that any of many things explains what follows them; a swing has none, and needs none."""
-    return not log.spinning and 0 < int(np.count_nonzero(log.command.any(1))) <= SEVERAL
 
 
 def _unread(log: Log) -> list[Notice]:

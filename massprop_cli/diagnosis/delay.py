@@ -154,10 +154,7 @@ def detect(
         steps = covariance @ (information @ found.steps - sharp * (found.steps + at - first))
         # two that look alike go to and fro, and one at a whole cycle, where what the motion depends on has a corner
         steps = steps / 2 if steps @ last < -(last @ last) * (len(unknown) == 1) / 2 else steps
-        longer = steps > 0  # of a time constant: by half of itself, or of one that delays visibly
-        least = [1.0 if name in (*AT_ANY_TIME, "lag") else SHORT * up for name, up in zip(unknown, longer, strict=True)]
-        sizes = [one if name in AT_ANY_TIME else max(one, own) for name, one, own in zip(unknown, least, at, strict=True)]
-        last = bounded(steps, covariance, LEAP * np.array(sizes))
+        last = bounded(steps, covariance, LEAP * np.array([*map(_size, unknown, at, steps)]))
         now = shifted(now, unknown, last)
         moved = np.abs([cycles_of(now, name) - own for name, own in zip(unknown, at, strict=True)])
         sigmas = np.sqrt(np.diag(covariance))
@@ -173,18 +170,25 @@ def detect(
     return FoundTiming(now.timing, _sigmas(unknown, covariance), found.after, tuple(unknown), covariance, imu)
 
 
-def bounded(steps: Array, covariance: Array, most: Array) -> Array:
-    """(n,) the likeliest steps of which none is larger than ``most`` (n,): what a bounded one leaves, those that look like it take up.
+def _size(name: str, own: float, step: float) -> float:
+    """What the largest step is a part of, cycles: of a time constant itself, or one that delays visibly where it becomes longer."""
+    if name in AT_ANY_TIME:
+        return 1.0
+    return max(own, 1.0 if name == "lag" else SHORT * (step > 0))
 
-    Bounded by itself, a delay that is to be exchanged for time constants would go by half a cycle, and these by thousandths of one.
+
+def bounded(steps: Array, covariance: Array, most: Array) -> Array:
+    """(n,) steps of which none is larger than ``most`` (n,), and the others are the likeliest with those that are as large.
+
+    Those are the conditional means of a normal distribution of mean ``steps`` (n,) and ``covariance`` (n, n), all in cycles. Bounded by
+    itself, a delay that is to be exchanged for time constants would go by half a cycle, and these by thousandths of one.
     """
-    found, bounded = steps.copy(), np.zeros(len(steps), dtype=bool)
-    while (over := np.where(bounded, 0.0, np.abs(found) / most)).max() > 1:
+    found, held = steps.copy(), np.zeros(len(steps), dtype=bool)
+    while (over := np.where(held, 0.0, np.abs(found) / most)).max() > 1:
         worst = int(over.argmax())
-        bounded[worst], found[worst] = True, np.copysign(most[worst], found[worst])
-        free = ~bounded
-        by = covariance[np.ix_(free, bounded)] @ np.linalg.inv(covariance[np.ix_(bounded, bounded)])
-        found[free] = steps[free] + by @ (found - steps)[bounded]
+        held[worst], found[worst] = True, np.copysign(most[worst], found[worst])
+        gain = covariance[np.ix_(~held, held)] @ np.linalg.inv(covariance[np.ix_(held, held)])
+        found[~held] = steps[~held] + gain @ (found - steps)[held]
     return found
 
 

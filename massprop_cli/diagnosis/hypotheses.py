@@ -292,8 +292,7 @@ def mountings(model: Model) -> list[Hypothesis]:
     ]
     for read in own:
         if np.abs(read - np.eye(3)).max() > ROUNDING:
-            if np.abs(read - np.eye(3))[model.turns].max(initial=0.0) > ROUNDING:  # on a table two axes show nothing
-                found.append(Hypothesis("imu-mounting", ("gyro",), none, gyro=read))
+            found.append(Hypothesis("imu-mounting", ("gyro",), none, gyro=read))
             found.append(Hypothesis("imu-mounting", ("accelerometer",), none, accelerometer=read))
     return found
 

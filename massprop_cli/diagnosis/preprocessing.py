@@ -12,7 +12,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import outliers
 from massprop_cli.diagnosis.bins import with_bins
 from massprop_cli.diagnosis.delay import FoundTiming
-from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertain_timing, with_pace, with_phase, with_timing
+from massprop_cli.diagnosis.resolve import NARROWER, found_timing, stated_timing, uncertain_timing, with_pace, with_phase, with_timing
 from massprop_cli.diagnosis.torquesteps import with_steps
 from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.estimate.history import phases_of
@@ -36,8 +36,6 @@ FINER = ((1.2, 64), (0.6, 32), (0.3, 16), (0.15, 8))
 (tests/estimate/test_fast_turns.py)."""
 SELDOM = 0.98
 """Part of the cycles that turn by less."""
-CLEARER = 0.5
-"""Part of the stated sigma of the attitudes' latency, below which the log tells it: so much better that what is stated adds little."""
 
 
 class Ready(NamedTuple):
@@ -103,7 +101,7 @@ def _with_attitude(log: Log, vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
     if shown is None:
         return vehicle, []
     found, told = {}, []
-    if vehicle.imu.attitude_latency_s == "auto" or shown.latency_sigma_s < CLEARER * vehicle.imu.attitude_latency_sigma_s:
+    if vehicle.imu.attitude_latency_s == "auto" or shown.latency_sigma_s < NARROWER * vehicle.imu.attitude_latency_sigma_s:
         found = {"attitude_latency_s": shown.latency_s, "attitude_latency_sigma_s": shown.latency_sigma_s}
     if vehicle.imu.attitude_sigma_rad is None:
         found["attitude_sigma_rad"] = sigma = shown.noise.attitude_rad

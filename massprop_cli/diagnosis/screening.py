@@ -346,10 +346,11 @@ class Screening:
 
     @cached_property
     def turns(self) -> list[Hypothesis]:
-        """Units and mountings."""
-        log = self.case.log
+        """Units and mountings, but of what shows nothing: on a table a gyro's axes X and Y."""
+        log, same, about = self.case.log, np.eye(3), self.model.turns
         units = hypotheses.units(self.model, median(log.interval_s), log.rate_columns[0].startswith("delta"))
-        return [*units, *hypotheses.mountings(self.model)]
+        every = [*units, *hypotheses.mountings(self.model)]
+        return [one for one in every if not (np.allclose(one.gyro[about], same[about]) and np.allclose(one.accelerometer, same))]
 
     @cached_property
     def _gravity(self) -> list[float]:

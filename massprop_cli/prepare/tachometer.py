@@ -107,7 +107,7 @@ def _undelayed(log: Log, vehicle: Vehicle) -> list[_Speeds]:
         if not (isinstance(wheel, Wheel) and isinstance(said, WheelLog)) or said.speed_rad_s is None or said.corrected:
             continue
         begun, after_s = said.start_rad_s is not None, wheel.torque_steps_s or 0.0
-        readings, variance, _ = wheel.uncounted(np.append([said.start_rad_s] * begun, said.speed_rad_s).astype(float))
+        readings, variance, _ = wheel.dequantised_speed(np.append([said.start_rad_s] * begun, said.speed_rad_s).astype(float))
         sigma, late = float(np.sqrt(variance.mean())), (wheel.speed_latency_s + after_s, wheel.speed_window_s)
         if sigma == 0 and not any(late):
             continue

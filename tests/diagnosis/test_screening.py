@@ -85,6 +85,14 @@ def test_another_unit_is_fitted_whose_body_regression_does_not_find() -> None:
     assert 1 / best.value("theta")[9] == pytest.approx(flown.truth[0][0][9], rel=0.02)
 
 
+def test_on_a_table_no_unit_or_mounting_is_supposed_of_axes_that_show_nothing() -> None:
+    """The gyro's X and Y are noise there, which fits in degrees as well as in radians."""
+    turns = look_of(fly("planar").log(0), fly("planar").vehicle).turns
+    same = np.eye(3)
+    assert any(not np.allclose(one.gyro, same) for one in turns)
+    assert all(not np.allclose(one.gyro[2], same[2]) or not np.allclose(one.accelerometer, same) for one in turns)
+
+
 SCATTER = {
     "impulses": "vehicle.thrust.pulse_sigma=0.01",
     "torques": "vehicle.environment.disturbance_torque_n_m=0.002",

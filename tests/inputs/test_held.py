@@ -54,6 +54,24 @@ def test_a_moving_mean_is_told_with_how_many_readings_it_is_over(mean: int) -> N
     assert moving_mean(smooth) == mean
 
 
+def test_of_moving_means_beneath_a_motion_nearly_all_are_told_and_of_commands_none() -> None:
+    """Of a hundred each: white noise and a motion in steps; and commands that last 1.2 to 6 readings, beneath noise."""
+    told = false = 0
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        mean, count, beat = int(rng.integers(2, 9)), int(rng.choice([1500, 3000, 6000])), float(rng.uniform(1.2, 6))
+        steps = np.repeat(3 * rng.normal(size=(count // 25 + 2, 3)), 25, 0)[: count + mean - 1] * rng.random(3)
+        readings = rng.normal(size=steps.shape) + steps * (np.sin(np.arange(len(steps)) / 400) > 0)[:, None]
+        sums = np.cumsum(np.concatenate([np.zeros((1, 3)), readings]), 0)
+        told += moving_mean((sums[mean:] - sums[:-mean]) / mean) == mean
+        at = np.arange(count + 1) / beat
+        commanded = np.cumsum(np.concatenate([np.zeros((1, 3)), rng.normal(size=(int(at[-1]) + 2, 3))]), 0)
+        within = np.stack([np.interp(at, np.arange(len(axis)), axis) for axis in commanded.T], 1)
+        false += moving_mean(beat * np.diff(within, axis=0) * rng.uniform(0.2, 4) + rng.normal(size=(count, 3))) > 0
+    assert told >= 95
+    assert false == 0
+
+
 FILTERED = {
     "white": MANY,
     "in a turn": MANY + 50 * TURNING,

@@ -47,7 +47,7 @@ def step_of(values: Array) -> float:
     return float(apart.min()) if np.abs(counts - counts.round()).max() < WHOLE else 0.0
 
 
-def uncounted(counts: Array) -> tuple[Array, Array, IntArray]:
+def dequantised(counts: Array) -> tuple[Array, Array, IntArray]:
     """(n,) what whole ``counts`` (n,) stand for, (n,) the variance of each, and (n,) for how many records each stands still.
 
     Where a count changes by one, what is counted is midway between both, at some moment between their records. From one such moment to the
@@ -215,8 +215,8 @@ class Wheel(actuator.MomentumDevice):
         pairs = [(wheel.start_rad_s, one.speed_rad_s) for wheel, one in zip(own, said, strict=True) if isinstance(one, WheelLog)]
         actuator.refuse_other_units(source, "speed of each wheel", "start_rad_s", actuator.SPEEDS, pairs)
 
-    def uncounted(self, speed: Array) -> tuple[Array, Array, IntArray]:
-        """Logged speeds (n,) as :func:`uncounted` says, in rad/s, and the variance of each by noise and by counts.
+    def dequantised_speed(self, speed: Array) -> tuple[Array, Array, IntArray]:
+        """Logged speeds (n,) as :func:`dequantised` says, in rad/s, and the variance of each by noise and by counts.
 
         They stay as logged where that is stated, torque bends them by counts, or noise makes a count change back and forth.
         """
@@ -224,7 +224,7 @@ class Wheel(actuator.MomentumDevice):
         if step == 0:
             return speed, np.full(len(speed), self.speed_sigma_rad_s**2), np.ones(len(speed), dtype=int)
         counts = np.round(speed / step)
-        values, variance, length = uncounted(counts)
+        values, variance, length = dequantised(counts)
         if not self.between_counts or np.mean(np.abs(np.diff(counts, 2)) > 1) > BENDS:
             values, variance = counts, np.full(len(counts), 1 / 12)
         return step * values, self.speed_sigma_rad_s**2 + step**2 * variance, length
@@ -233,7 +233,7 @@ class Wheel(actuator.MomentumDevice):
         """By its tachometer: noise, and what counts leave open, which counts as often as a count stands still, by ``weight``."""
         if not isinstance(said, WheelLog) or said.speed_rad_s is None or self.speed_error_in_noise:
             return 0.0
-        _, variance, length = self.uncounted(said.speed_rad_s)
+        _, variance, length = self.dequantised_speed(said.speed_rad_s)
         noise = self.speed_sigma_rad_s**2
         each = noise + length * (variance - noise)
         return self.spin_inertia_kg_m2 * float(np.sqrt(np.average(each, weights=weight if weight.any() else None)))
