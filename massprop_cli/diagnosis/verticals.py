@@ -28,7 +28,7 @@ def verticals_by_errors(samples: Samples, vehicle: Vehicle) -> list[tuple[str, A
     moved = np.stack(list(changes.values()))
     ups = verticals(np.concatenate([rate + ANGLE * moved, rate - ANGLE * moved]), samples.executed.duration_s, samples.up_b[0])
     slopes = (ups[: len(moved)] - ups[len(moved) :]) / (2 * ANGLE)
-    (world,) = matrices(at_first(vehicle, rate[0], samples.executed.late_s[0])[None])
+    (world,) = matrices(at_first(vehicle, rate, samples.executed.duration_s, samples.executed.late_s[0])[None])
     level = verticals(np.broadcast_to(rate, (2, *rate.shape)), samples.executed.duration_s, world[:2])
     return [*zip(LEVEL, level, strict=True), *zip(changes, slopes, strict=True)]
 

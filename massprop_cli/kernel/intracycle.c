@@ -156,10 +156,10 @@ static void mean_offset(const mp_vehicle *vehicle, const mp_cycle *cycle, const 
     driven(vehicle, about, beyond, zero, cycle->up[0], out);
 }
 
-/* Rate, angular acceleration and vertical in each bin, the rate and the vertical at both ends, and what the rotation vector has beyond the
- * mean rate's. */
+/* Rate, angular acceleration and vertical in each bin, the rate and the vertical at both ends, and the rotation vector less the mean reading
+ * times the duration. */
 void mp_within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, const mp_reference *about, const mp_real mean[3],
-               mp_bin *bins, mp_real rates[2][3], mp_real ups[2][3], mp_real coning[3]) {
+               mp_bin *bins, mp_real rates[2][3], mp_real ups[2][3], mp_real beyond[3]) {
     const mp_real zero[3] = {R(0), R(0), R(0)};
     int count = vehicle->bins, again, b, i;
     mp_real bin_s = cycle->duration_s / R(count), shown[3] = {R(0), R(0), R(0)};
@@ -174,7 +174,7 @@ void mp_within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, c
         }
     }
     for (i = 0; i < 3; i++) ups[0][i] = ups[1][i] = cycle->up[0][i];
-    for (i = 0; i < 3; i++) coning[i] = R(0);
+    for (i = 0; i < 3; i++) beyond[i] = R(0);
     for (again = 0; again < PASSES; again++) {
         mp_real change[3] = {R(0), R(0), R(0)}, behind[3] = {R(0), R(0), R(0)}, turned[3] = {R(0), R(0), R(0)}, coned[3] = {R(0), R(0), R(0)};
         mp_real grown[2][3] = {{R(0), R(0), R(0)}, {R(0), R(0), R(0)}}, steady[3];
@@ -238,7 +238,7 @@ void mp_within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, c
         if (!MP_ON_BEARING(vehicle)) continue;
         for (i = 0; i < 3; i++) {
             turned[i] += coned[i];
-            coning[i] = coned[i];
+            beyond[i] = turned[i] - mean[i] * cycle->duration_s;
         }
         tilted(cycle->up[0], turned, ups[1]);
     }

@@ -9,9 +9,9 @@ typedef struct {
     mp_real wrench[6], late[3], driven[3], rate[3], rate_dot[3], up[3];
 } mp_bin;
 
-/* Of all bins, the rate and the vertical at both ends, and what the rotation vector has beyond the mean rate's. */
+/* Of all bins, the rate and the vertical at both ends, and the rotation vector less the mean reading times the duration. */
 void mp_within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, const mp_reference *about, const mp_real mean[3],
-               mp_bin *bins, mp_real rates[2][3], mp_real ups[2][3], mp_real coning[3]);
+               mp_bin *bins, mp_real rates[2][3], mp_real ups[2][3], mp_real beyond[3]);
 /* On a bearing whose base slides: what the CG's own swing adds to the angular acceleration. */
 void mp_swing(const mp_reference *about, const mp_bin *here, mp_real out[3]);
 /* Momentum of wheels, mean and first moment of a bin: of one, or of all (-1). */

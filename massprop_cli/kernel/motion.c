@@ -441,7 +441,7 @@ static void scaled(const mp_vehicle *vehicle, const mp_layout *layout, const mp_
 
 void mp_motion_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about, mp_motion *out) {
     mp_bin bins[MP_BINS];
-    mp_real rates[2][3], ups[2][3], coning[3], before[3], taken[3], whole[MP_CHANNELS];
+    mp_real rates[2][3], ups[2][3], beyond[3], before[3], taken[3], whole[MP_CHANNELS];
     int i;
     out->duration_s = cycle->duration_s;
     for (i = 0; i < 3; i++) {
@@ -451,11 +451,11 @@ void mp_motion_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_c
         out->push[1][i] = cycle->falling[3 + i];
         out->rate[i] = cycle->rate[i] - about->bias[i];
     }
-    mp_within(vehicle, layout->channels, cycle, about, out->rate, bins, rates, ups, coning);
+    mp_within(vehicle, layout->channels, cycle, about, out->rate, bins, rates, ups, beyond);
     mp_cross(before, cycle->rate, taken); /* what the attitude was carried by took for coning */
     for (i = 0; i < 3; i++) {
         taken[i] *= cycle->duration_s / R(12);
-        out->carried[i] = cycle->carried[i] + taken[i] - coning[i] / cycle->duration_s;
+        out->carried[i] = cycle->carried[i] + taken[i] - beyond[i] / cycle->duration_s;
     }
     integrals(vehicle, layout, cycle, about, bins, rates, ups, out, whole);
     felt(vehicle, layout, cycle, about, bins, out);

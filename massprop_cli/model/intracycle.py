@@ -49,8 +49,9 @@ class Within(NamedTuple):
     """(K, 3) the rate at the start and at the end of each cycle."""
     ups: tuple[Array, Array]
     """(K, 3) the vertical there."""
-    coning: Array
-    """(K, 3) what the rotation vector of each cycle has beyond its mean rate's, rad, where the vertical counts."""
+    beyond: Array
+    """(K, 3) rotation vector of each cycle less its mean reading times its duration, rad, where the vertical counts: coning, and the
+    difference between mean rate and mean reading that commands make."""
     damping: Array
     """(3,) of the reference, N m s."""
 
@@ -70,7 +71,7 @@ def motion_within(samples: Samples, reference: Reference, phi_map: ResponseMap) 
     rate, up = (by_component(np.broadcast_to(v[:, None], shape)) for v in (mean, up_start))
     motion = Motion(wrench, rate, np.zeros_like(rate), up, np.zeros_like(rate))
     ups = up_start, up_start
-    coning: Array = np.zeros_like(mean)
+    beyond: Array = np.zeros_like(mean)
     stored = executed.stored
     driven: Array = np.zeros(3)
     late: Array = np.zeros_like(rate)
@@ -99,12 +100,12 @@ def motion_within(samples: Samples, reference: Reference, phi_map: ResponseMap) 
             coned = _summed(cone)
             middle = turned - angle / 2 - rate_dot * bin_s**2 / 12 + coned - cone / 2
             up, end = (_turned(up_start, vector) for vector in (middle, turned[:, -1:] + coned[:, -1:]))
-            ups, coning = (up_start, end[:, 0]), coned[:, -1]
+            ups, beyond = (up_start, end[:, 0]), turned[:, -1] + coned[:, -1] - mean * executed.duration_s[:, None]
         motion = Motion(motion.wrench, rate, rate_dot, up, late)
         if samples.kernel_effect is not None:
             turning = times(response[:, -6:], products(start + change[:, -1]) - products(start))
             grown = samples.kernel_effect.curvature_s2 * turning / executed.duration_s[:, None]
-    return Within(theta, response, motion, (start, start + change[:, -1]), ups, coning, reference.damping)
+    return Within(theta, response, motion, (start, start + change[:, -1]), ups, beyond, reference.damping)
 
 
 def _mean_offset(samples: Samples, response: Array, plant: Plant) -> Array:
@@ -125,7 +126,7 @@ def turned_beyond(within: Within, samples: Samples) -> Array:
     """
     duration_s = samples.executed.duration_s[:, None]
     taken = cross(samples.rate_rad_s - samples.rate_step_rad_s, samples.rate_rad_s) * duration_s**2 / 12
-    return (within.coning - taken) / duration_s
+    return (within.beyond - taken) / duration_s
 
 
 def _beside(wrench: Array, torque: Array | float) -> Array:

@@ -49,9 +49,15 @@ def integrate_attitude(initial_wxyz: Array, turns: Array, turn_before: Array | N
     return np.asarray(attitude / np.linalg.norm(attitude, axis=1, keepdims=True))
 
 
-def at_first(vehicle: Vehicle, rate_rad_s: Array, late_s: float) -> Array:
-    """(4,) attitude where the motion begins that a gyro shows ``late_s`` later than it is labelled, the stated one being at the label."""
-    return quaternion_product(np.array(vehicle.environment.initial_attitude_wxyz), quaternion_of(rate_rad_s * late_s))
+def at_first(vehicle: Vehicle, rate_rad_s: Array, duration_s: Array, late_s: float) -> Array:
+    """(4,) attitude at the start of the motion that the first cycle shows, ``late_s`` after the label, at which the stated attitude holds.
+
+    ``rate_rad_s`` (K, 3) and ``duration_s`` (K,) of the first cycles. The rate in between follows from a line through the first two.
+    """
+    rate = rate_rad_s[0]
+    if len(rate_rad_s) > 1:
+        rate = rate - (rate_rad_s[1] - rate) * (duration_s[0] + late_s) / (duration_s[0] + duration_s[1])
+    return quaternion_product(np.array(vehicle.environment.initial_attitude_wxyz), quaternion_of(rate * late_s))
 
 
 def rotation_vectors(turns: Array, turn_before: Array | None = None) -> Array:

@@ -194,9 +194,9 @@ class Before:
     """Sum of the squares of all cycles' lengths by then: its root times the gyro's noise is what that has carried the attitude off by."""
 
     @staticmethod
-    def begun(rate_rad_s: Array, vehicle: Vehicle, late_s: float) -> Before:
-        """What a log begins with at its first rate (3,), which the gyro shows ``late_s`` later than it is labelled."""
-        return Before(rate_rad_s, np.zeros(3), at_first(vehicle, rate_rad_s, late_s), BiasSeen.none(), 0.0)
+    def begun(rate_rad_s: Array, duration_s: Array, vehicle: Vehicle, late_s: float) -> Before:
+        """Start of a log with rates (K, 3) in cycles of ``duration_s`` (K,), which the gyro shows ``late_s`` later than they are labelled."""
+        return Before(rate_rad_s[0], np.zeros(3), at_first(vehicle, rate_rad_s, duration_s, late_s), BiasSeen.none(), 0.0)
 
 
 def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None, measured: Measured | None = None) -> Samples:
@@ -208,7 +208,7 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None,
     """
     body_from_imu = np.array(vehicle.imu.body_from_imu)
     rate = times(body_from_imu, aligned.rate_imu_rad_s)
-    before = before or Before.begun(rate[0], vehicle, aligned.late_s[0])
+    before = before or Before.begun(rate, aligned.duration_s, vehicle, aligned.late_s[0])
     up: Array = np.zeros((len(rate) + 1, 3))
     carried, error, attitude = rate, np.broadcast_to(0.0, (len(rate), 3, 5)), None
     if measured is not None:

@@ -59,9 +59,10 @@ def measured(log: Log, vehicle: Vehicle, gyro: float | Array = 1.0) -> Measured 
         for oldest in list(made)[: len(made) - KEPT + 1]:
             del made[oldest]
         found = given(log, vehicle, gyro)
-        made[key] = (
-            None if found is None else _measured(found, at_first(vehicle, found.motion.turns[0] / found.motion.duration_s[0], late_s))
-        )
+        made[key] = None
+        if found is not None:
+            duration_s = found.motion.duration_s
+            made[key] = _measured(found, at_first(vehicle, found.motion.turns / duration_s[:, None], duration_s, late_s))
     return made[key]
 
 

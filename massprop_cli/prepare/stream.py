@@ -65,7 +65,8 @@ class Stream:
         self.kernel_effect = kernel_effect(self.log, alignment.vehicle)
         self.pulsed = vehicle.thrust.pulse_sigma > 0 or lost_commands(self.log)
         self.free_inertia = free_inertia(self.log.records_per_cycle, vehicle)
-        begun = at_first(vehicle, self._motion(slice(0, 1))[0][0], shown_late_s(self.log, vehicle)[0])
+        first = slice(0, min(2, len(self)))
+        begun = at_first(vehicle, self._motion(first)[0], cycle_edges(self.log, first)[1], shown_late_s(self.log, vehicle)[0])
         self._edges = [(begun, BiasSeen.none(), 0.0)]
         self._held, self._least = slice(0, 0), LEAST
         self._samples: Samples | None = None
