@@ -204,7 +204,7 @@ def _said(screening: Screening, refit: Refit) -> list[tuple[str, str]]:
 
     Nor is another scale beside normalised commands, of which each has one.
     """
-    said = [words_of(part, screening.names, screening.case, refit.case) for part in refit.fitted.parts]
+    said = list(dict.fromkeys(words_of(part, screening.names, screening.case, refit.case) for part in refit.fitted.parts))
     if normalised.CODE in dict(said):
         said = [one for one in said if one[0] not in ("thrust-scale", normalised.CODE)] + [
             one for one in said if one[0] == normalised.CODE

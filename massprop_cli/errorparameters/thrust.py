@@ -127,9 +127,12 @@ def _rubbing(finding: FittedHypothesis) -> Mapping[str, object]:
 def _ramps(finding: FittedHypothesis) -> Mapping[str, object]:
     rise, fall = (2e3 * finding.mean(name) * finding.stated.period_s for name in ("rise", "fall"))
     by = rise or fall
-    longer = f"thrust takes {abs(by):.3g} ms {'longer' if by > 0 else 'less'}"
-    if rise and fall:
+    first, second = (f"{abs(part):.3g} ms {'longer' if part > 0 else 'less'}" for part in (by, fall))
+    longer = f"thrust takes {first}"
+    if rise and fall and first == second:
         return {"ramps": f"{longer} to rise and to fall than rise_s and fall_s say", "them": "them"}
+    if rise and fall:
+        return {"ramps": f"{longer} to rise than rise_s says, and {second} to fall than fall_s says", "them": "them"}
     ramp, valve, gives = ("rise", "opens", by < 0) if rise else ("fall", "closes", by > 0)
     effect = f"of a valve that {valve} {abs(by) / 2:.3g} ms {'later' if by > 0 else 'earlier'}, so each pulse gives"
     return {"ramps": f"{longer} to {ramp} than {ramp}_s says, as {effect} {'more' if gives else 'less'}", "them": "it"}

@@ -58,6 +58,8 @@ def test_a_ramp_says_what_a_valve_does_and_what_each_pulse_gives() -> None:
     assert words_of("thrust-rise", finding(rise=np.array([0.1]), fall=np.array([0.1])))[1].endswith(
         "than rise_s and fall_s say; correct them"
     )
+    both = words_of("thrust-rise", finding(rise=np.array([0.1]), fall=np.array([0.05])))[1]
+    assert f"{200 * cycle_s:.3g} ms longer to rise than rise_s says, and {100 * cycle_s:.3g} ms longer to fall than fall_s says" in both
 
 
 def test_a_commanded_component_has_the_scale_of_its_column_as_its_remedy() -> None:
