@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -44,19 +44,21 @@ class Spin:
 
 
 class Exchanger(ABC):
-    """All devices of one kind."""
+    """All devices of one kind, of S members through K cycles of N records."""
 
-    issued: Array
-    """(S, K, C) commands of each cycle."""
+    TABLE: ClassVar[str]
+    """Of the vehicle file."""
 
-    @abstractmethod
     def __init__(self, setting: Setting) -> None:
-        """At the start."""
+        self.setting, self.edges_s = setting, setting.edges_s
+        self.period_s, self.records = setting.vehicle.cycle.period_s, setting.records
+        self.issued: Array = np.zeros((setting.members, setting.cycles, self.channels(setting.vehicle)))
+        """(S, K, C) commands of each cycle."""
 
-    @staticmethod
-    @abstractmethod
-    def channels(vehicle: Vehicle) -> int:
+    @classmethod
+    def channels(cls, vehicle: Vehicle) -> int:
         """C, how many commands each cycle has."""
+        return len(getattr(vehicle, cls.TABLE))
 
     @staticmethod
     @abstractmethod
@@ -90,9 +92,9 @@ class Exchanger(ABC):
         """(S, K N) what each device does after each record, by the log column of that."""
 
     @property
-    @abstractmethod
     def columns(self) -> Mapping[str, Array]:
         """(S, K N) what the vehicle file says that the log has of them; NaN in cells that are empty."""
+        return self.turning
 
 
 def held(issued: Array, cycle: int, delay_cycles: float, period_s: float, edges_s: Array) -> Array:

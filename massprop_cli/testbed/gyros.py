@@ -20,25 +20,20 @@ DAMPED = 1e-3
 
 
 class Gyros(Exchanger):
-    """The G gyros of S members through K cycles of N records."""
+    """The G gyros; they are commanded gimbal rates, rad/s."""
+
+    TABLE = "control_moment_gyros"
 
     def __init__(self, setting: Setting) -> None:
-        self.setting, self.gyros, self.edges_s = setting, setting.vehicle.control_moment_gyros, setting.edges_s
-        self.period_s, self.records, self.limit = setting.vehicle.cycle.period_s, setting.records, setting.real.max_gimbal_rate_rad_s or 0.0
+        super().__init__(setting)
+        self.gyros, self.limit = setting.vehicle.control_moment_gyros, setting.real.max_gimbal_rate_rad_s or 0.0
         self.along, self.across = _axes(setting.vehicle)
         self.start_h = setting.real.wheel_scale * _momenta(setting.vehicle)
         shape = (setting.members, setting.cycles * self.records, len(self.gyros))
-        self.issued = np.zeros((setting.members, setting.cycles, len(self.gyros)))
-        """Gimbal rates, rad/s."""
         self.angle, self.faded = np.zeros(shape), np.zeros(shape[1])
         """(S, K N, G) after each record, rad; and (K N,) what is left of the rotors' speeds."""
         start = np.array([gyro.start_gimbal_rad or 0.0 for gyro in self.gyros])
         self._angle = np.repeat(start[None], setting.members, 0)
-
-    @staticmethod
-    def channels(vehicle: Vehicle) -> int:
-        """G."""
-        return len(vehicle.control_moment_gyros)
 
     @staticmethod
     def full(vehicle: Vehicle, real: TrueActuators) -> Array:
@@ -99,11 +94,6 @@ class Gyros(Exchanger):
             if gyro.h_n_m_s is None:
                 found[f"cmg_{gyro.name}_rad_s"] = np.repeat((gyro.start_rad_s or 0.0) * self.faded[None], len(self.angle), 0)
         return found
-
-    @property
-    def columns(self) -> Mapping[str, Array]:
-        """The same."""
-        return self.turning
 
     def _turned(self, angle: Array) -> Array:
         """(3, S, …, G) the spin axes at gimbal angles (S, …, G)."""

@@ -16,27 +16,22 @@ from massprop_cli.testbed.motion import Bodies, CycleMotion
 
 
 class Wheels(Exchanger):
-    """The W wheels of S members through K cycles of N records."""
+    """The W wheels; they are commanded torques, N m."""
+
+    TABLE = "wheels"
 
     def __init__(self, setting: Setting) -> None:
-        vehicle, count = setting.vehicle, len(setting.vehicle.wheels)
-        self.setting, self.wheels, self.edges_s = setting, vehicle.wheels, setting.edges_s
-        self.period_s, self.records = vehicle.cycle.period_s, setting.records
-        self.axis = _axes(vehicle)
+        super().__init__(setting)
+        vehicle = setting.vehicle
+        self.wheels, self.axis = vehicle.wheels, _axes(vehicle)
         self.share = -np.linalg.pinv(self.axis.T * vehicle.environment.moving[:3, None])
         self.inertia = setting.real.wheel_scale * np.array([wheel.spin_inertia_kg_m2 for wheel in self.wheels])
         self.scaled = [wheel.scaled(setting.real.wheel_scale) for wheel in self.wheels]
         self.limit = setting.real.max_wheel_torque_n_m or 0.0
-        self.issued = np.zeros((setting.members, setting.cycles, count))
-        self.speed = np.zeros((setting.members, setting.cycles * self.records, count))
+        self.speed = np.zeros((setting.members, setting.cycles * self.records, len(self.wheels)))
         """(S, K N, W) relative to the body, after each record, rad/s."""
         start = np.array([wheel.start_rad_s or 0.0 for wheel in self.wheels])
         self._held = np.repeat((self.inertia * (start + self.axis @ np.array(setting.rate_rad_s)))[None], setting.members, 0)
-
-    @staticmethod
-    def channels(vehicle: Vehicle) -> int:
-        """W."""
-        return len(vehicle.wheels)
 
     @staticmethod
     def full(vehicle: Vehicle, real: TrueActuators) -> Array:
