@@ -173,16 +173,14 @@ class Dynamics:
         inverse = self.inverse[..., None]
         driven, gathered = apply(inverse, self.moment(wrench.mean)), apply(inverse, self.moment(wrench.gathered))
         rest = np.zeros_like(driven)
-        state = MotionIterate(
-            rate[..., None] + h * np.cumsum(driven, -1), np.zeros_like(driven), driven, rest, rest + fixed[..., None], rest
-        )
+        state = MotionIterate(rest, driven, rest + fixed[..., None], rate[..., None] + h * np.cumsum(driven, -1), rest, rest)
         momentum = paired(rest + wrench.momentum, rest + wrench.momentum_slope)
         constant = FixedTerms(driven, gathered, momentum, (np.zeros((3, 1, 1)) + wrench.damping)[:, None])
         open_members, bins = np.ones(rate.shape[1], dtype=bool), np.arange(driven.shape[-1])
         for _ in range(ITERATIONS):
             found = self._iterate(state, rate, fixed, constant, wrench, h)
-            fastest = np.abs(found.end).max((0, 2))[:, None]
-            moved = np.abs(found.end - state.end).max(0) > TOLERANCE * (1 + fastest)
+            fastest = np.abs(found.ends).max((0, 2))[:, None]
+            moved = np.abs(found.ends - state.ends).max(0) > TOLERANCE * (1 + fastest)
             near = ((bins - moved.argmax(1)[:, None]) * (h * fastest) < WINDOW) | ~moved.any(1)[:, None]
             # a member's own convergence alone decides when it stops, so that its bytes don't depend on who flies beside it
             chosen = open_members[:, None] & near
@@ -190,12 +188,12 @@ class Dynamics:
             open_members = open_members & moved.any(1)
             if not open_members.any():
                 break
-        return CycleMotion(state.mean, state.dot, state.fixed, state.end)
+        return state
 
     def _iterate(self, state: MotionIterate, rate: Array, fixed: Array, driven: FixedTerms, wrench: Wrench, h: float) -> MotionIterate:
-        start = np.concatenate([rate[..., None], state.end[..., :-1]], -1)
+        start = np.concatenate([rate[..., None], state.ends[..., :-1]], -1)
         mean = start + driven.gathered + h / 2 * state.rest - h * h / 12 * state.rest_slope
-        turning = paired(mean, state.dot)
+        turning = paired(mean, state.rate_dot)
         momentum = apply(self.inertia[:, :, None, :, None], turning) + driven.momentum
         # bin means of products of what changes linearly: product of the means + product of the slopes h²/12
         gyric = cross(turning[:, :, None], momentum[:, None])
@@ -203,7 +201,7 @@ class Dynamics:
         rest = -apply(self.inverse[:, :, None, :, None], torque + driven.damping * turning)
         held = self.held(Loose(turning, rest), driven, state, fixed, wrench, h)
         dot = driven.mean + held.rest
-        return MotionIterate(rate[..., None] + h * np.cumsum(dot, -1), mean, dot, held.rest, held.fixed, held.rest_slope)
+        return MotionIterate(mean, dot, held.fixed, rate[..., None] + h * np.cumsum(dot, -1), held.rest, held.rest_slope)
 
     def specific_force(self, motion: CycleMotion, force: Array, position: Array, width_s: float) -> Array:
         """(3, S, B) mean specific force at ``position`` (3,) [m from O], body axes, m/s²; ``force`` (3, S, B) N."""
@@ -221,20 +219,15 @@ def lever(motion: CycleMotion, arm: Array, width_s: float) -> Array:
 
 
 @dataclass(frozen=True)
-class MotionIterate:
-    """One iterate: rates at the bins' ends, bin means, ω̇, its part that is not the commands', what stands still, slope of that part."""
+class MotionIterate(CycleMotion):
+    """One iterate of it, with the part of ω̇ that is not the commands', and the slope of that part."""
 
-    end: Array
-    mean: Array
-    dot: Array
     rest: Array
-    fixed: Array
     rest_slope: Array
 
     def where(self, chosen: Array, other: MotionIterate) -> MotionIterate:
         """The other one's where ``chosen`` (S, B)."""
-        fields = ("end", "mean", "dot", "rest", "fixed", "rest_slope")
-        return MotionIterate(*(np.where(chosen, getattr(other, name), getattr(self, name)) for name in fields))
+        return MotionIterate(**{name: np.where(chosen, each, getattr(self, name)) for name, each in vars(other).items()})
 
 
 def rotation_vectors(motion: CycleMotion, width_s: float) -> Array:
