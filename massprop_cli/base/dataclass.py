@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import MISSING, FrozenInstanceError
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -23,6 +23,11 @@ else:
             return dataclasses.dataclass(init=False, eq=False, repr=False)(plain)
 
         return made
+
+
+def sliced(record: Any, names: Iterable[str], rows: slice) -> dict[str, Any]:
+    """These fields of a record, some rows of each; None where it has none."""
+    return {name: None if (whole := getattr(record, name)) is None else whole[rows] for name in names}
 
 
 class _Frozen:
@@ -68,4 +73,4 @@ def _compared(record: Any) -> tuple[Any, ...]:
     return tuple(getattr(record, name) for name, item in record.__dataclass_fields__.items() if item.compare)
 
 
-__all__ = ["dataclass"]
+__all__ = ["dataclass", "sliced"]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, BoolArray, frozen, median
-from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.dataclass import dataclass, sliced
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands, imurecords, lostrecords, pulses, stamps, supply
 from massprop_cli.inputs.actuators.actuator import MomentumLog
@@ -106,14 +106,14 @@ class Log:
     def part(self, first: int, stop: int) -> Log:
         """Of control cycles from ``first`` to before ``stop`` alone."""
         rows, cycles = slice(first * self.records_per_cycle, stop * self.records_per_cycle), slice(first, stop)
-        parts = (
-            (("time_s", "interval_s", "delta_theta_imu_rad", "delta_v_imu_m_s", "attitude_wxyz"), rows),
-            (("ignored", "uncommanded"), cycles),
-            (("command", "command_s"), cycles if self.command_s is None else self._issued(first, stop)),
+        return replace(
+            self,
+            **sliced(self, ("time_s", "interval_s", "delta_theta_imu_rad", "delta_v_imu_m_s", "attitude_wxyz"), rows),
+            **sliced(self, ("ignored", "uncommanded"), cycles),
+            **sliced(self, ("command", "command_s"), cycles if self.command_s is None else self._issued(first, stop)),
+            spinning=tuple(one.part(rows) for one in self.spinning),
+            began_s=self.origin_s,
         )
-        own: dict[str, Any] = {name: getattr(self, name) for names, _ in parts for name in names}
-        own = {name: own[name] if own[name] is None else own[name][at] for names, at in parts for name in names}
-        return replace(self, **own, spinning=tuple(one.part(rows) for one in self.spinning), began_s=self.origin_s)
 
     @property
     def origin_s(self) -> float:

@@ -18,7 +18,7 @@ import numpy as np
 
 from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, IntArray, median
-from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.dataclass import dataclass, sliced
 from massprop_cli.base.quaternion import inverse, quaternion_of, quaternion_product, rotation_vector
 from massprop_cli.base.rigidbody import mean_rotation, rotation, times
 from massprop_cli.kernel import call, kernel
@@ -57,8 +57,8 @@ class Measured:
     def part(self, cycles: slice) -> Measured:
         """Of these cycles."""
         edges = slice(cycles.start, cycles.stop + 1)
-        drawn, offset, share, noise = (one[cycles] for one in (self.drawn_rad, self.offset_rad, self.share, self.noise_rad))
-        return Measured(self.attitude_wxyz[edges], drawn, offset, share, noise, self.known[edges], self.covariance[edges])
+        own = sliced(self, ("drawn_rad", "offset_rad", "share", "noise_rad"), cycles)
+        return Measured(**own, **sliced(self, ("attitude_wxyz", "known", "covariance"), edges))
 
 
 class GyroTurns(NamedTuple):

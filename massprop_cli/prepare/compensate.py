@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_cli.base.arrays import Array, BoolArray, frozen
-from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.dataclass import dataclass, sliced
 from massprop_cli.base.quaternion import inverse, matrices, rotation_vector, turns_between
 from massprop_cli.base.rigidbody import cross, lever_arm, times
 from massprop_cli.inputs.vehicle import Vehicle
@@ -143,16 +143,13 @@ class Samples:
 
     def part(self, cycles: slice) -> Samples:
         """Of these cycles alone, a slice with both ends given."""
-        return Samples(
+        of_imu = ("rate_rad_s", "rate_step_rad_s", "carried_rad_s", "attitude_error_rad", "specific_force_m_s2")
+        return replace(
+            self,
+            **sliced(self, (*of_imu, "room_torque_n_m"), cycles),
             executed=self.executed.part(cycles),
-            rate_rad_s=self.rate_rad_s[cycles],
-            rate_step_rad_s=self.rate_step_rad_s[cycles],
-            carried_rad_s=self.carried_rad_s[cycles],
-            attitude_error_rad=self.attitude_error_rad[cycles],
-            specific_force_m_s2=self.specific_force_m_s2[cycles],
             up_b=self.up_b[cycles.start : cycles.stop + 1],
             measured=None if self.measured is None else self.measured.part(cycles),
-            room_torque_n_m=None if self.room_torque_n_m is None else self.room_torque_n_m[cycles],
         )
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.arrays import Array, frozen
-from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.dataclass import dataclass, sliced
 from massprop_cli.base.rigidbody import cross, times
 from massprop_cli.inputs.actuators.actuator import LogTimes
 from massprop_cli.inputs.telemetry import Log
@@ -34,7 +34,7 @@ class Stored:
 
     def part(self, cycles: slice) -> Stored:
         """Of some cycles."""
-        return replace(self, mean=self.mean[cycles], skew=self.skew[cycles])
+        return replace(self, **sliced(self, ("mean", "skew"), cycles))
 
     @property
     def free_tensor(self) -> Array:
