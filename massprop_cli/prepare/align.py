@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, frozen, runs
-from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.dataclass import dataclass, sliced
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -27,7 +27,7 @@ from massprop_cli.prepare.clock import by_commands_clock, cycle_edges, pace
 from massprop_cli.prepare.sensor import KernelEffect, Recorder, SensorKernel, kernel_effect, moving, sensors, shown, shown_late_s
 from massprop_cli.prepare.signal import Signal, window_integrals
 from massprop_cli.prepare.stored import Stored, first_known_s, turned
-from massprop_cli.prepare.sums import of_records, windows, wrenches
+from massprop_cli.prepare.sums import Wrenches, of_records, windows, wrenches
 from massprop_cli.prepare.tachometer import at_bends
 
 LAGS_FORGOTTEN = 10.0
@@ -60,7 +60,7 @@ class Channels:
 
 
 @dataclass(frozen=True)
-class Aligned:
+class Aligned(Wrenches):
     """IMU data and executed wrench per control cycle. ``K`` cycles, ``B`` bins in each; wrench = torque about O, force."""
 
     start_s: Array
@@ -71,16 +71,6 @@ class Aligned:
     """(K, 3) mean rate, IMU axes."""
     specific_force_imu_m_s2: Array
     """(K, 3) mean specific force, IMU axes."""
-    impulse_bins: Array
-    """(K, B, 6) impulse of the wrench in equal parts of each cycle, N m s and N s, body axes."""
-    skew_bins: Array
-    """(K, B, 6) first moment of the same about the middle of its part, over the part's length: positive where it comes late."""
-    rising: Array
-    """(K, 6) impulse weighted with the rising half of the triangular window."""
-    falling: Array
-    """(K, 6) impulse weighted with the falling half; ``rising + falling`` is the cycle's impulse as the gyro shows it."""
-    whole: Array
-    """(K, 6) the cycle's impulse as the accelerometer shows it."""
     channels: Channels
     """What each command channel did, in terms of its full thrust."""
     pulse_covariance: Array | None
@@ -113,20 +103,14 @@ class Aligned:
 
     def part(self, cycles: slice) -> Aligned:
         """Of some of its cycles."""
-        channels, pulses = self.channels, self.pulse_covariance
+        of_imu = ("start_s", "duration_s", "rate_imu_rad_s", "specific_force_imu_m_s2", "usable", "ignored")
+        of_commands = ("impulse_bins", "skew_bins", "rising", "falling", "whole", "pulse_covariance", "uncommanded")
         return replace(
             self,
-            **{name: getattr(self, name)[cycles] for name in _PER_CYCLE},
-            channels=replace(channels, **{name: getattr(channels, name)[cycles] for name in ("rising", "falling", "whole")}),
-            pulse_covariance=None if pulses is None else pulses[cycles],
+            **sliced(self, (*of_imu, *of_commands), cycles),
+            channels=replace(self.channels, **sliced(self.channels, ("rising", "falling", "whole"), cycles)),
             stored=None if self.stored is None else self.stored.part(cycles),
         )
-
-
-_PER_CYCLE = (
-    *("start_s", "duration_s", "rate_imu_rad_s", "specific_force_imu_m_s2", "impulse_bins", "skew_bins"),
-    *("rising", "falling", "whole", "usable", "ignored", "uncommanded"),
-)
 
 
 class Impulses(NamedTuple):
@@ -274,7 +258,7 @@ def align(
         duration_s=frozen(duration),
         rate_imu_rad_s=frozen(of_records(log.delta_theta_imu_rad[each], records) / over[0][:, None]),
         specific_force_imu_m_s2=frozen(of_records(log.delta_v_imu_m_s[each], records) / over[1][:, None]),
-        **{name: frozen(part) for name, part in together._asdict().items()},
+        **{name: frozen(part) for name, part in vars(together).items()},
         channels=channels,
         pulse_covariance=_pulse_covariance(channels.whole[:, : made.thrusting], lost, wrench[: made.thrusting], vehicle.thrust.pulse_sigma),
         uncommanded=np.zeros(len(duration), dtype=bool) if lost is None else np.asarray((lost > 0).any(1)),

@@ -3,11 +3,10 @@
 A cycle's sum is the same whatever other cycles there are.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 
 AT_ONCE = 512
 """Cycles whose products are held at once."""
@@ -39,19 +38,20 @@ def net(part: Array, wrench: Array) -> Array:
     return np.ascontiguousarray(np.moveaxis(found, 0, -1))
 
 
-class Wrenches(NamedTuple):
-    """What all channels make together. K cycles, B bins; torque about O and force."""
+@dataclass(frozen=True)
+class Wrenches:
+    """What all channels make together. K cycles, B bins, which are equal parts of each; torque about O and force, body axes."""
 
     impulse_bins: Array
     """(K, B, 6) N m s and N s."""
     skew_bins: Array
-    """(K, B, 6) first moment of the same about the middle of its bin, over the bin's length."""
+    """(K, B, 6) first moment of the same about the middle of its bin, over the bin's length: positive where it comes late."""
     rising: Array
     """(K, 6) impulse under the rising half of the triangular window."""
     falling: Array
-    """(K, 6) under the falling half."""
+    """(K, 6) under the falling half; ``rising + falling`` is the cycle's impulse as the gyro shows it."""
     whole: Array
-    """(K, 6) in all, as the accelerometer shows it."""
+    """(K, 6) the cycle's impulse as the accelerometer shows it."""
 
 
 def wrenches(integral: Array, moment: Array, duration: Array, each: tuple[Array, Array, Array], wrench: Array) -> Wrenches:
