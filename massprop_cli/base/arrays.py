@@ -1,7 +1,7 @@
 """The array type, freezing arrays that a stage hands on, and the factorisations that all square-root forms share."""
 
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,24 @@ def spline(wanted: Array, at: Array, values: Array) -> Array:
     from scipy.interpolate import CubicSpline
 
     return np.asarray(CubicSpline(at, values)(wanted))
+
+
+Numbers = TypeVar("Numbers", Array, ComplexArray)
+
+
+def recursion(added: Numbers, kept: Numbers, least: float = 0.0) -> Numbers:
+    """(…, n) y, ``y[k] = added[k] + kept[k] y[k − 1]`` after y[0] = added[0], with twice the reach in each pass.
+
+    Until no more than ``least`` of anything is kept.
+    """
+    found, kept, reach = added.copy(), kept.copy(), 1
+    kept[..., 0] = 0.0
+    while reach < found.shape[-1] and np.abs(kept).max() > least:
+        found[..., reach:] += kept[..., reach:] * found[..., :-reach]
+        kept[..., reach:] = kept[..., reach:] * kept[..., :-reach]
+        kept[..., :reach] = 0.0
+        reach *= 2
+    return found
 
 
 MUCH = 1e6

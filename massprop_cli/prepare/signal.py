@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, ComplexArray, IntArray
+from massprop_cli.base.arrays import Array, ComplexArray, IntArray, recursion
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.kernel import call, kernel
 
@@ -67,18 +67,12 @@ class Course(NamedTuple):
         return Course(time, lasting, level, rising, first, second)
 
     def lagged(self, lags: Lags) -> Lags:
-        """(P, E) what lags (P, 1) are at as each event comes: y[e + 1] = d[e] y[e] + f[e], with twice the reach in each pass."""
+        """(P, E) what lags (P, 1) are at as each event comes: y[e + 1] = d[e] y[e] + f[e]."""
         during = np.exp(-self.lasting_s / lags)
         rest = 1.0 - during
         forced = self.level[:-1] * rest + self.rising[:-1] * (self.lasting_s - lags * rest)
-        kept, found = (np.concatenate([np.zeros_like(lags), each], 1) for each in (during, forced))
-        reach = 1
-        while reach < found.shape[1] and np.abs(kept).max() > FORGOTTEN:
-            found[:, reach:] += kept[:, reach:] * found[:, :-reach]
-            kept[:, reach:] = kept[:, reach:] * kept[:, :-reach]
-            kept[:, :reach] = 0.0
-            reach *= 2
-        return found
+        kept, added = (np.concatenate([np.zeros_like(lags), each], 1) for each in (during, forced))
+        return recursion(added, kept, FORGOTTEN)
 
 
 def joined(parts: Sequence[Signal]) -> Signal:

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from massprop_cli.base.arrays import Array, IntArray, frozen
+from massprop_cli.base.arrays import Array, IntArray, frozen, recursion
 from massprop_cli.inputs.actuators.actuator import Actuator, LogColumn, own_column, pointing, unit
 from massprop_cli.inputs.actuators.wheel import Wheel, WheelLog
 from massprop_cli.inputs.formats.units import PLAIN, SPIN
@@ -250,18 +250,7 @@ def _departures(rotor: Held) -> tuple[Array, Array]:
     while True:
         lag = np.where(rising, rotor.up_s, rotor.down_s)
         lags = np.where(lag > 0, lag, 1.0)
-        found = _summed(steps, np.exp(-length / lags) * (lag > 0))
+        found = recursion(steps, np.roll(np.exp(-length / lags) * (lag > 0), 1))
         before, rising = rising, found < 0
         if rotor.up_s == rotor.down_s or (rising == before).all():
             return found * (lag > 0), lags
-
-
-def _summed(steps: Array, kept: Array) -> Array:
-    """(K,) d of steps s (K,): ``d[k + 1] = s[k + 1] + kept[k] d[k]``, with twice the reach in each pass."""
-    found, kept, reach = steps.copy(), np.append(0.0, kept[:-1]), 1
-    while reach < len(found):
-        found[reach:] += kept[reach:] * found[:-reach]
-        kept[reach:] *= kept[:-reach].copy()
-        kept[:reach] = 0.0
-        reach *= 2
-    return found
