@@ -8,8 +8,8 @@ from massprop_cli.base.arrays import TINY, Array, BoolArray, frozen
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.testbed import exchange
+from massprop_cli.testbed.conditions import full_thrust
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
-from massprop_cli.testbed.thrustcurve import full_thrust
 from massprop_cli.testbed.timeline import AXES, TURNS, Segment
 
 MISSED = 1e-6
@@ -45,9 +45,8 @@ class Allocation:
 
     def largest(self, axis: int, by_wheels: bool) -> tuple[float, float]:
         """Torque or force about an axis, + and −."""
-        if by_wheels:
-            return float(self.full_by_wheels[axis]), float(self.full_by_wheels[axis])
-        return float(self.full[axis, 0]), float(self.full[axis, 1])
+        positive, negative = (self.full_by_wheels[axis],) * 2 if by_wheels else self.full[axis]
+        return float(positive), float(negative)
 
     def commands(self, demand: Array) -> Array:
         """(S, …, C) part of the cycle that each channel is on, or of its full value, from (S, …, 6) demand; limited to 1."""
@@ -164,17 +163,12 @@ def plan(scenario: Scenario, allocated: Allocation, rngs: list[np.random.Generat
         for axis in [AXES.index(name) for name in segment.driven]:
             ways = allocated.largest(axis, by_wheels)
             # of a negative level the first way is the other one
-            positive, negative = (_strength(segment, full) for full in (ways if segment.level > 0 else reversed(ways)))
+            full = ways if segment.level > 0 else reversed(ways)
+            positive, negative = ((segment.torque_n_m or segment.force_n or segment.level * most) for most in full)
             for member, rng in enumerate(rngs):
                 pattern = _pattern(segment, end - start, rng)
                 demand[member, start:end, axis] += np.where(pattern > 0, positive, negative) * pattern
     return found
-
-
-def _strength(segment: Segment, full: float) -> float:
-    """Torque or force of a segment's pulses in one direction, N m or N, with the sign of its level."""
-    stated = segment.torque_n_m or segment.force_n
-    return stated if stated is not None else segment.level * full
 
 
 def _pattern(segment: Segment, cycles: int, rng: np.random.Generator) -> Array:

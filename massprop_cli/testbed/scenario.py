@@ -21,8 +21,8 @@ from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.equipment import Failure
 from massprop_cli.inputs.section import Positive
 from massprop_cli.inputs.vehicle import Docking, Phase, Vehicle
-from massprop_cli.testbed import exchange, thrustcurve
-from massprop_cli.testbed.conditions import Body, Control, Fuel, Initial, Sensors, TrueActuators, TrueDisturbance
+from massprop_cli.testbed import exchange
+from massprop_cli.testbed.conditions import Body, Control, Fuel, Initial, Sensors, TrueActuators, TrueDisturbance, rotor_problem
 from massprop_cli.testbed.timeline import LONGEST, TURNS, WHOLE, Event, Segment, Timed
 
 MOST_NUMBERS = 400_000_000
@@ -195,7 +195,7 @@ class Scenario(Timed):
         turned_by = any(self.turned_by_wheels(s) for s in self.plan)
         problem = exchange.problem(self.vehicle, self.actuators, self.truth.inertia, turned_by)
         lag_s = self.vehicle.thrust.lag_s if self.actuators.lag_s is None else self.actuators.lag_s
-        problem = problem or thrustcurve.problem(self.vehicle, self.actuators, lag_s == 0)
+        problem = problem or rotor_problem(self.vehicle, self.actuators, lag_s == 0)
         if problem:
             raise ValueError(problem)
         if turned_by and not exchange.channels(self.vehicle):
