@@ -28,12 +28,28 @@ _VALUES = {
 """What a number is, where a standard says so."""
 _NO_VALVE = re.compile(r"temp|enable|press|count|status|fault|volt|current", re.IGNORECASE)
 """What is told of a jet beside its command."""
-_VALVES = re.compile(r"jet|valve|thr(uster)?(?![a-z])|solenoid|actuator|pwm|duty|on_?time", re.IGNORECASE)
-_ROTORS = re.compile(r"motor|(?<![a-z])fan(?![a-z])", re.IGNORECASE)
-"""How commands of valves and of rotors are called (PX4: ``actuator_motors/control[0]``)."""
-_SPEEDS = re.compile(r"(?<![a-z])(rpm|rw|esc|wheel|rotor|prop)(?![a-z])", re.IGNORECASE)
-_GIMBALS = re.compile(r"gimbal|(?<![a-z])cmg(?![a-z])", re.IGNORECASE)
-"""How speeds of wheels and rotors, and angles of gimbals, are called."""
+_DRIVEN = {
+    "jets": re.compile(r"jet|valve|thr(uster)?(?![a-z])|solenoid|actuator|pwm|duty|on_?time", re.IGNORECASE),
+    "rotors": re.compile(r"motor|(?<![a-z])fan(?![a-z])", re.IGNORECASE),
+    "wheels": re.compile(r"(?<![a-z])(rpm|rw|esc|wheel|rotor|prop)(?![a-z])", re.IGNORECASE),
+    "control_moment_gyros": re.compile(r"gimbal|(?<![a-z])cmg(?![a-z])", re.IGNORECASE),
+}
+"""How commands of valves and of rotors (PX4: ``actuator_motors/control[0]``), speeds, and angles of gimbals are called; the last fit holds."""
+_TABLES = {
+    "jets": (
+        "or, instead of [torque] and [force], for each jet",
+        "",
+        "s, ms, us: on-time of the control cycle; open (0 to 1) or %: the valve's state",
+    ),
+    "rotors": ("or, instead of [torque] and [force], for each rotor", "", "1 or %: its command; rad/s or rpm: its speed"),
+    "wheels": (
+        "for each wheel or rotor",
+        "   # or [rotors.NAME]",
+        "rad/s or rpm: its speed; N m: the torque on a wheel; 1 or %: a rotor's command",
+    ),
+    "control_moment_gyros": ("for each control moment gyro", "", "rad or deg: the gimbal's angle"),
+}
+"""Of each table of a map: for what it is, what stands behind its name, and its units."""
 _HEADINGS = re.compile(r"(?:.*_)?(?:heading|yaw|psi|azimuth)(?:_?(?:angle|rad|deg))?", re.IGNORECASE)
 """How an angle about the vertical is called."""
 _ASK_INCREMENTS = '"increment", by its unit, if each covers all the time since the one before and none was left out when they were logged'
@@ -199,45 +215,22 @@ def _jet(clocks: listing.Clocks, path: str) -> list[str]:
 
 def _actuators(clocks: listing.Clocks) -> list[str]:
     """Streams that may be of jets, rotors, wheels or gimbals, for whoever has those beside or instead of a wrench."""
-    kinds: dict[str, list[str]] = {"jets": [], "rotors": [], "wheels": [], "gimbals": []}
+    paths: dict[str, list[str]] = {table: [] for table in _DRIVEN}
     for path, stream in clocks.streams.items():
-        turns = _SPEEDS.search(path) or stream.unit.lower() == "rpm"
-        found = (("gimbals", _GIMBALS.search(path)), ("wheels", turns), ("rotors", _ROTORS.search(path)), ("jets", _VALVES.search(path)))
-        kind = next((kind for kind, match in found if match), None)
+        tables = [table for table, called in _DRIVEN.items() if called.search(path) or (table == "wheels" and stream.unit.lower() == "rpm")]
         clock = listing.leaf(path) in (*listing.CLOCK_NAMES, "timestamp_sample")
-        if kind and not clock and not _NO_VALVE.search(path) and clocks.samples(stream):
-            kinds[kind].append(path)
-    each = "or, instead of [torque] and [force], for each {} of the vehicle file a table such as"
-    valve = "s, ms, us: on-time of the control cycle; open (0 to 1) or %: the valve's state"
-    speed = "rad/s or rpm: its speed; N m: the torque on a wheel; 1 or %: a rotor's command"
-    return [
-        *_table(clocks, each.format("jet"), "[jets.NAME]", kinds["jets"], valve),
-        *_table(clocks, each.format("rotor"), "[rotors.NAME]", kinds["rotors"], "1 or %: its command; rad/s or rpm: its speed"),
-        *_table(
-            clocks,
-            "for each wheel or rotor of the vehicle file a table such as",
-            "[wheels.NAME]   # or [rotors.NAME]",
-            kinds["wheels"],
-            speed,
-        ),
-        *_table(
-            clocks,
-            "for each control moment gyro of the vehicle file a table such as",
-            "[control_moment_gyros.NAME]",
-            kinds["gimbals"],
-            "rad or deg: the gimbal's angle",
-        ),
-    ]
+        if tables and not clock and not _NO_VALVE.search(path) and clocks.samples(stream):
+            paths[tables[-1]].append(path)
+    return [line for table, own in paths.items() if own for line in _table(clocks, table, own)]
 
 
-def _table(clocks: listing.Clocks, intro: str, table: str, paths: Sequence[str], unit: str) -> list[str]:
+def _table(clocks: listing.Clocks, table: str, paths: Sequence[str]) -> list[str]:
     """A table of an actuator as a comment, with the paths that may be its own."""
-    if not paths:
-        return []
+    whose, behind, unit = _TABLES[table]
     more = len(paths) - _ACTUATORS
     return [
-        f"# {intro}",
-        f"# {table}",
+        f"# {whose} of the vehicle file a table such as",
+        f"# [{table}.NAME]{behind}",
         *(f"# path = {json.dumps(path, ensure_ascii=False)}" for path in paths[:_ACTUATORS]),
         *([f"# ... and {more} more, which massprop columns lists"] if more > 0 else []),
         *(f"# {line}" for line in _clock(clocks, paths[0])),

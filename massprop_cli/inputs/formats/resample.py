@@ -1,13 +1,16 @@
 """Streams on a log's records and cycles: rates are integrated and increments summed over records, commands averaged over cycles."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, IntArray
+from massprop_cli.base.errors import InputError
 from massprop_cli.base.quaternion import inverse, matrices, quaternion_product
 from massprop_cli.base.rigidbody import times
+from massprop_cli.inputs.equipment import OFF_UNIT
+from massprop_cli.inputs.formats.mapfile import Attitude
 
 Values = Literal["sample", "mean", "increment"]
 Holds = Literal["until_next", "since_last"]
@@ -95,6 +98,25 @@ def z_up(quaternions: Array, world: Literal["z_up", "z_down"]) -> Array:
     """(n, 4) the same attitudes from a world whose z is up: one with z down is turned half about its x."""
     w, x, y, z = quaternions.T
     return quaternions if world == "z_up" else np.stack([-x, w, -z, y], 1)
+
+
+def quaternions(said: Attitude, recorded: Array, refused: Callable[[int, float], InputError]) -> Array:
+    """(n, 4) unit quaternions wxyz of the file's own world from body, of recorded ones (n, 4), or headings (n, 1) in rad.
+
+    ``refused`` says of a row what is wrong with its norm.
+    """
+    if said.order == "heading":
+        half, none = recorded[:, 0] / 2, np.zeros(len(recorded))
+        recorded = np.stack([np.cos(half), none, none, np.sin(half)], 1)
+    found = recorded[:, [3, 0, 1, 2]] if said.order == "xyzw" else recorded
+    norm = np.linalg.norm(found, axis=1)
+    bad = np.flatnonzero(np.abs(norm - 1) > OFF_UNIT)
+    if bad.size:
+        raise refused(int(bad[0]), float(norm[bad[0]]))
+    found = found / norm[:, None]
+    if said.turns == "body_from_world":
+        found = inverse(found)
+    return about_axes(found, said.axes)
 
 
 def about_axes(quaternions: Array, axes: Sequence[str]) -> Array:

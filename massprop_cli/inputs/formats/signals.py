@@ -11,19 +11,8 @@ from massprop_cli.base.configfile import nearest
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats import attitudes, clocks, listing, resample, selection, units
+from massprop_cli.inputs.formats import clocks, listing, mapfile, resample, selection, units
 from massprop_cli.inputs.formats.clocks import Times
-from massprop_cli.inputs.formats.mapfile import (
-    Attitude,
-    Clock,
-    Mapped,
-    MappedJet,
-    MappedSensor,
-    MappedVector,
-    MappedWrench,
-    MapSource,
-    Where,
-)
 from massprop_cli.inputs.formats.recording import Numbers, RecordedStream, Recording, fitting
 from massprop_cli.inputs.held import moving_mean, on_a_beat
 from massprop_cli.inputs.logtable import EMPTY
@@ -51,7 +40,7 @@ class QuantitySignal:
 class Signals:
     """A recording under a map. Every error names the file, the path in it, and what the map should say."""
 
-    def __init__(self, recording: Recording, source: MapSource) -> None:
+    def __init__(self, recording: Recording, source: mapfile.MapSource) -> None:
         self.recording, self.map, self.source = recording, source.map, source.source
         self.made: list[str] = []
         """What was done, for whoever reads the result."""
@@ -59,7 +48,7 @@ class Signals:
         """Of sensors whose readings are repeated, that they are."""
         self.sampled = False, False
         """Whether what is handed on of gyro and accelerometer are samples at their times."""
-        self._clocks: dict[tuple[Clock, bytes], Times] = {}
+        self._clocks: dict[tuple[mapfile.Clock, bytes], Times] = {}
         self._gyro: Times | None = None
         self._zero = Fraction(0)
         records = self.map.records
@@ -73,7 +62,7 @@ class Signals:
         """What is wrong with a path under a key of the map."""
         return InputError(f"{self.recording.path}, {path!r}: {problem} ([{key}] of {self.source})")
 
-    def sensor(self, key: str, said: MappedSensor, rates: Mapping[str, float], increments: Mapping[str, float]) -> QuantitySignal:
+    def sensor(self, key: str, said: mapfile.MappedSensor, rates: Mapping[str, float], increments: Mapping[str, float]) -> QuantitySignal:
         """Gyro or accelerometer, the sensor's axes turned as the map says."""
         found = self.vector(key, said, increments if said.values == "increment" else rates)
         self._gyro = found.times if key == "gyro" else self._gyro
@@ -110,13 +99,13 @@ class Signals:
             made |= dict(zip(increments if kind == "increment" else rates, signal.values[rows].T, strict=True))
         return made
 
-    def wrenches(self) -> list[tuple[str, MappedWrench, dict[str, float], tuple[str, ...]]]:
+    def wrenches(self) -> list[tuple[str, mapfile.MappedWrench, dict[str, float], tuple[str, ...]]]:
         """Commanded torque and force where the map has them: key, entry, units, columns."""
         torque, force = self.map.torque, self.map.force
         both = (("torque", torque, units.TORQUE, columns.WRENCH[:3]), ("force", force, units.FORCE, columns.WRENCH[3:]))
         return [(key, wrench, known, names) for key, wrench, known, names in both if wrench is not None]
 
-    def jet(self, name: str, said: MappedJet) -> tuple[QuantitySignal, bool]:
+    def jet(self, name: str, said: mapfile.MappedJet) -> tuple[QuantitySignal, bool]:
         """On-times in s, or openings from 0 to 1; and whether it is these."""
         key = f"jets.{name}"
         if said.path == 0:
@@ -152,13 +141,13 @@ class Signals:
             signal, unit = self._number("supply", self.map.supply, self.map.supply.path, units.VOLTAGE | units.PRESSURE)
             yield signal, columns.PRESSURE if unit in units.PRESSURE else columns.SUPPLY, "instant", "until_next"
 
-    def _number(self, key: str, said: Mapped, path: str, known: Mapping[str, float]) -> tuple[QuantitySignal, str]:
+    def _number(self, key: str, said: mapfile.Mapped, path: str, known: Mapping[str, float]) -> tuple[QuantitySignal, str]:
         stream = self._stream(key, path)
         factor, unit = self._factor(key, stream, said, known)
         values = self._numbers(key, stream, empty=self._apart or said.where is not None) * (factor * said.scale)
         return self._signal(key, [stream.path], values[:, None], self._clock_of(key, [path], said.clock), said.where), unit
 
-    def attitude(self, said: Attitude) -> QuantitySignal:
+    def attitude(self, said: mapfile.Attitude) -> QuantitySignal:
         """Unit quaternions wxyz, the file's own world from body."""
         paths = [str(path) for path in self._paths("attitude", said.paths, 1 if said.order == "heading" else 4)]
         columns = [self._numbers("attitude", self._stream("attitude", path), self._apart or said.where is not None) for path in paths]
@@ -166,15 +155,15 @@ class Signals:
         if said.order == "heading":
             recorded = recorded * (self._factor("attitude", self._stream("attitude", paths[0]), said, units.ANGLE)[0] * said.scale)
         recorded = np.where(self._chosen("attitude", paths, said.where, len(recorded))[:, None], recorded, np.nan)
-        try:
-            quaternion = attitudes.quaternions(said, recorded)
-        except attitudes.NormError as bad:
-            at = self._stream("attitude", paths[0]).place(bad.row)
-            problem = f"the quaternion's norm is {bad.norm:.4g} at {at}, not 1; are these four its parts?"
-            raise self.error("attitude", paths[0], problem) from None
-        return self._signal("attitude", paths, quaternion, self._clock_of("attitude", paths, said.clock), said.where)
 
-    def vector(self, key: str, said: MappedVector, known: Mapping[str, float]) -> QuantitySignal:
+        def refused(row: int, norm: float) -> InputError:
+            at = self._stream("attitude", paths[0]).place(row)
+            return self.error("attitude", paths[0], f"the quaternion's norm is {norm:.4g} at {at}, not 1; are these four its parts?")
+
+        turned = resample.quaternions(said, recorded, refused)
+        return self._signal("attitude", paths, turned, self._clock_of("attitude", paths, said.clock), said.where)
+
+    def vector(self, key: str, said: mapfile.MappedVector, known: Mapping[str, float]) -> QuantitySignal:
         """Three axes, turned as the map says, of units that are ``known``; of a command in the frame that the map states."""
         paths = self._paths(key, said.paths, 3)
         streams = [self._stream(key, path) if isinstance(path, str) else None for path in paths]
@@ -203,7 +192,7 @@ class Signals:
         times = self._gyro or self._times("gyro", self._clock_of("gyro", gyro, self.map.gyro.clock))
         return QuantitySignal(key, (), np.broadcast_to(values, (len(times.s), len(values))), times)
 
-    def _signal(self, key: str, paths: Sequence[str], values: Array, clock: Clock, where: Where | None) -> QuantitySignal:
+    def _signal(self, key: str, paths: Sequence[str], values: Array, clock: mapfile.Clock, where: mapfile.Where | None) -> QuantitySignal:
         rows = self._stream(f"{key}.clock", clock.path or "").rows
         if rows != len(values):
             raise self.error(key, paths[0], f"has {len(values)} samples and its clock {clock.path!r} {rows}; name the clock it has")
@@ -215,7 +204,7 @@ class Signals:
             held[own] = self._held(key, paths, values[own], own)
         return QuantitySignal(key, tuple(paths), values[held], self._times(key, clock, held, where is None))
 
-    def _chosen(self, key: str, paths: Sequence[str], where: Where | None, rows: int) -> BoolArray:
+    def _chosen(self, key: str, paths: Sequence[str], where: mapfile.Where | None, rows: int) -> BoolArray:
         """(rows,) which the map means."""
         found = np.ones(rows, dtype=bool) if where is None else selection.rows_of(self.recording, where, rows)
         if isinstance(found, str):
@@ -292,7 +281,9 @@ class Signals:
             )
         return values
 
-    def _factor(self, key: str, stream: RecordedStream, stated: Mapped | Clock | Attitude, known: Mapping[str, float]) -> tuple[float, str]:
+    def _factor(
+        self, key: str, stream: RecordedStream, stated: mapfile.Mapped | mapfile.Clock | mapfile.Attitude, known: Mapping[str, float]
+    ) -> tuple[float, str]:
         """To SI by the unit that is stated or recorded; it is refused where these contradict each other."""
         said, recorded = stated.unit, units.plain(stream.unit)
         text = said or recorded
@@ -313,13 +304,13 @@ class Signals:
                 raise self.error(key, stream.path, f"the map says unit {said!r}, and the file {stream.unit!r}, which is none here: {cure}")
         return factor, units.plain(text)
 
-    def _clock_of(self, key: str, paths: Sequence[str | float], said: Clock | None) -> Clock:
+    def _clock_of(self, key: str, paths: Sequence[str | float], said: mapfile.Clock | None) -> mapfile.Clock:
         """The clock with a path: of the quantity, of the stream as the file says, of the map for those of which it says none."""
         named = [path for path in paths if isinstance(path, str)]
         own = next((self._stream(key, path).clock for path in named), "")
         common = self.map.clock
         if own and own != common.path:
-            common = Clock() if common.path else common.model_copy(update={"unit": None})
+            common = mapfile.Clock() if common.path else common.model_copy(update={"unit": None})
         stated = said or common
         if stated.path is None and not own:
             like = self.clocks_like(named[0])[:_SHOWN] if named else []
@@ -347,17 +338,17 @@ class Signals:
         return counts.astype(np.int64) if counts.dtype.kind == "u" else counts
 
     @staticmethod
-    def _exact(clock: Clock, value: Any, factor: float) -> Fraction:
+    def _exact(clock: mapfile.Clock, value: Any, factor: float) -> Fraction:
         """A time in seconds, without rounding."""
         return Fraction(value.item()) * Fraction(str(factor)) * Fraction(str(clock.scale)) + Fraction(clock.offset_s)
 
-    def _time_factor(self, key: str, clock: Clock) -> float:
+    def _time_factor(self, key: str, clock: mapfile.Clock) -> float:
         stream = self._stream(key, clock.path or "")
         if not (clock.unit or stream.unit):
             _ = stream.values  # texts that are no times are told as that: no unit would help
         return self._factor(key, stream, clock, units.TIME)[0]
 
-    def _times(self, key: str, clock: Clock, rows: BoolArray | None = None, whole: bool = False) -> Times:
+    def _times(self, key: str, clock: mapfile.Clock, rows: BoolArray | None = None, whole: bool = False) -> Times:
         path = clock.path or ""
         held = (clock, b"" if rows is None or rows.all() else rows.tobytes())
         if held not in self._clocks:
