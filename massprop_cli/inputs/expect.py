@@ -168,12 +168,10 @@ def load(path: Path) -> Expectations:
 
 def parse(text: str, path: Path) -> Expectations:
     """The same from the file's text; ``path`` is for its kind and for messages."""
-    as_json = path.suffix.lower() == ".json"
-    data = tables(text, str(path), as_json)
-    check_place(data, str(path))
+    data, lines = tables(text, path)
     truth = data.get("schema") == TRUTH or ("schema" not in data and any(key in data for key in _OLDER))
     model: type[ExpectFile | TruthFile] = TruthFile if truth else ExpectFile
-    file = configfile.validate(model, _spelt_out(data), str(path), "" if as_json else text)
+    file = configfile.validate(model, _spelt_out(data), str(path), lines)
     every = file.all if isinstance(file, ExpectFile) else PivotedBody()
     default = (file.tolerance if isinstance(file, ExpectFile) else None) or FOUR_SIGMA
 
@@ -193,10 +191,16 @@ def parse(text: str, path: Path) -> Expectations:
     return found
 
 
-def tables(text: str, source: str, as_json: bool) -> dict[str, Any]:
-    """Parsed TOML or JSON; :class:`InputError` where it is neither, or a key stands twice."""
-    if not as_json:
-        return configfile.parse_toml(text, source)
+def tables(text: str, path: Path) -> tuple[dict[str, Any], str]:
+    """Parsed TOML or JSON, and the text where that has lines to name; :class:`InputError` where it is neither, or keys are out of place."""
+    as_json = path.suffix.lower() == ".json"
+    data = _from_json(text, str(path)) if as_json else configfile.parse_toml(text, str(path))
+    _check_place(data, str(path))
+    return data, "" if as_json else text
+
+
+def _from_json(text: str, source: str) -> dict[str, Any]:
+    """Parsed JSON; :class:`InputError` where it is none, or a key stands twice."""
 
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)
@@ -214,7 +218,7 @@ def tables(text: str, source: str, as_json: bool) -> dict[str, Any]:
     return data
 
 
-def check_place(data: Mapping[str, Any], source: str) -> None:
+def _check_place(data: Mapping[str, Any], source: str) -> None:
     """Refuse what stands where it can't be read, with what to write instead."""
     loose = next((key for key in data if key in QUANTITIES), None)
     if loose is not None:

@@ -214,17 +214,12 @@ def held(imu: ImuRecords, interval_s: Array, own: bool) -> list[Notice]:
 
 def saturation(vehicle: Vehicle, theta: Array, velocity: Array, interval_s: Array) -> list[Notice]:
     """Warnings of a range that was reached; increments of angle [rad] and velocity [m/s] of each record, (n, 3), over its length (n,)."""
+    gyro = "gyro", theta, vehicle.imu.gyro_range_rad_s, "rad/s"
+    accelerometer = "accelerometer", velocity, vehicle.imu.accel_range_m_s2, "m/s^2"
     found = []
-    for name, increments, limit, unit in (
-        ("gyro", theta, vehicle.imu.gyro_range_rad_s, "rad/s"),
-        ("accelerometer", velocity, vehicle.imu.accel_range_m_s2, "m/s^2"),
-    ):
+    for name, increments, limit, unit in (gyro, accelerometer):
         count = 0 if limit is None else int(_beyond(increments, interval_s, 0.999 * limit).any(1).sum())
         if count:
-            found.append(
-                Notice(
-                    f"{name}-saturated",
-                    f"{count} record(s) at the {name}'s range of {limit:g} {unit}; what they hid is not in the estimate",
-                )
-            )
+            said = f"{count} record(s) at the {name}'s range of {limit:g} {unit}; what they hid is not in the estimate"
+            found.append(Notice(f"{name}-saturated", said))
     return found

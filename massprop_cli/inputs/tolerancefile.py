@@ -131,10 +131,8 @@ def load(path: Path | None, max_sigma: float) -> Gate:
     if path is None:
         return Gate(fallback)
     text = configfile.read_text(path, "tolerance file")
-    as_json = path.suffix.lower() == ".json"
-    data = expect.tables(text, str(path), as_json)
-    expect.check_place(data, str(path))
-    file = configfile.validate(ToleranceFile, data, str(path), "" if as_json else text)
+    data, lines = expect.tables(text, path)
+    file = configfile.validate(ToleranceFile, data, str(path), lines)
     limits = [file.all, file.docked, *file.phases]
     pivots = [stated.about_pivot for stated in (file.all, *file.phases)]
     stated_at = [*((one, QUANTITIES) for one in limits), *((one, ABOUT_PIVOT) for one in pivots)]
