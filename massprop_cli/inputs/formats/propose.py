@@ -34,7 +34,7 @@ _DRIVEN = {
     "wheels": re.compile(r"(?<![a-z])(rpm|rw|esc|wheel|rotor|prop)(?![a-z])", re.IGNORECASE),
     "control_moment_gyros": re.compile(r"gimbal|(?<![a-z])cmg(?![a-z])", re.IGNORECASE),
 }
-"""How commands of valves and of rotors (PX4: ``actuator_motors/control[0]``), speeds, and angles of gimbals are called; the last fit holds."""
+"""How commands of valves and of rotors (PX4: ``actuator_motors/control[0]``), speeds, angles of gimbals are called; the last fit holds."""
 _TABLES = {
     "jets": (
         "or, instead of [torque] and [force], for each jet",
