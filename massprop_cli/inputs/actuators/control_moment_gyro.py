@@ -142,15 +142,12 @@ class ControlMomentGyro(actuator.MomentumDevice):
         """Gimbal angles, and speeds where the momentum is not stated."""
         angle = source.required(GIMBAL.of(self.name))[:n]
         turn = np.abs(np.diff(np.unwrap(angle)))
-        fast = np.flatnonzero(np.maximum(turn, np.abs(np.diff(angle)) - 2 * np.pi) > FASTEST_RAD)
-        if fast.size:
-            row = int(fast[0]) + 1
-            raise source.error(
-                row,
-                GIMBAL.of(self.name),
-                f"{angle[row]:g} rad, after {angle[row - 1]:g} rad in the record before: no gimbal turns by more than {FASTEST_RAD:g} rad "
-                "within a record; is it in radians ([columns] can scale it), are records missing?",
-            )
+        fast = np.append(False, np.maximum(turn, np.abs(np.diff(angle)) - 2 * np.pi) > FASTEST_RAD)
+        said = (
+            f"{{:g}} rad, after {{:g}} rad in the record before: no gimbal turns by more than {FASTEST_RAD:g} rad within a record; is it "
+            "in radians ([columns] can scale it), are records missing?"
+        ).format
+        source.refuse(fast, GIMBAL.of(self.name), lambda row: said(angle[row], angle[row - 1]))
         speed = source.required(SPEED.of(self.name))[:n] if self.h_n_m_s is None else None
         return GyroLog(frozen(np.unwrap(angle)), None if speed is None else frozen(speed), None)
 
