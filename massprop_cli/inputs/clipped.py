@@ -60,13 +60,11 @@ def with_unstated(log: Log) -> Log:
             sensor = code.removesuffix("-saturated")
             listed = ", ".join(str(row) for row in rows[:LISTED]) + (", …" if len(rows) > LISTED else "")
             key = "imu.gyro_range_rad_s" if sensor == "gyro" else "imu.accel_range_m_s2"
-            found.append(
-                Notice(
-                    code,
-                    f"{len(rows)} record(s), rows (from 0) {listed}, repeat the {sensor}'s extreme of {limit:.6g} {unit}: it saturates. "
-                    f"What they hid is not in the estimate; state {key}, or use a wider range",
-                )
+            said = (
+                f"{len(rows)} record(s), rows (from 0) {listed}, repeat the {sensor}'s extreme of {limit:.6g} {unit}: it saturates. What "
+                f"they hid is not in the estimate; state {key}, or use a wider range"
             )
+            found.append(Notice(code, said))
     return replace(log, notices=tuple(found)) if len(found) > len(log.notices) else log
 
 

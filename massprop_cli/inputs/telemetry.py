@@ -270,15 +270,12 @@ def _intervals(source: LogTable, time_s: Array, remedy: str = "") -> tuple[Array
     long = np.flatnonzero(steps > LONG * usual)
     notices = []
     if long.size:
-        row = int(long[0]) + 1
-        notices.append(
-            Notice(
-                "long-interval",
-                f"{long.size} record(s) longer than {LONG:g} times the median interval of {usual:.6g} s, the first at "
-                f"{source.place(row)} ({steps[long[0]]:.6g} s); each counts with its own length. A record that was lost took its command "
-                "with it: where values are contradicted, split the log there",
-            )
+        said = (
+            f"{long.size} record(s) longer than {LONG:g} times the median interval of {usual:.6g} s, the first at "
+            f"{source.place(int(long[0]) + 1)} ({steps[long[0]]:.6g} s); each counts with its own length. A record that was lost took its "
+            "command with it: where values are contradicted, split the log there"
         )
+        notices.append(Notice("long-interval", said))
     interval_s = spill.empty(len(time_s))
     interval_s[0], interval_s[1:] = usual, steps
     return interval_s, notices

@@ -107,26 +107,20 @@ def _tell(progress: Callable[[str, float], None] | None, before: float, share: f
 def warnings(source: ScenarioSource) -> list[Notice]:
     """What can be flown but is unlikely to be meant."""
     scenario = source.scenario
-    bodies = {"truth": scenario.truth, "docked": scenario.docked}
-    found = [
-        Notice(
-            "unphysical-inertia", f"{source.source}: [{name}] breaks the triangle inequality of principal moments, which no real body does"
-        )
-        for name, body in bodies.items()
+    said = [
+        ("unphysical-inertia", f"[{name}] breaks the triangle inequality of principal moments, which no real body does")
+        for name, body in (("truth", scenario.truth), ("docked", scenario.docked))
         if body is not None and body.breaks_triangle
     ]
-    docks = [
-        event.at(scenario.vehicle.cycle.period_s) * scenario.vehicle.cycle.period_s for event in scenario.events if event.kind == "dock"
-    ]
-    found += [
-        Notice(
-            "phase-over-docking",
-            f"{source.source}: phase {phase.name!r} goes on over the docking at {at:g} s; its truth is that of its end",
-        )
+    period_s = scenario.vehicle.cycle.period_s
+    docks = [event.at(period_s) * period_s for event in scenario.events if event.kind == "dock"]
+    said += [
+        ("phase-over-docking", f"phase {phase.name!r} goes on over the docking at {at:g} s; its truth is that of its end")
         for phase in scenario.phases
         for at in docks
         if phase.start_s < at < phase.end_s
     ]
+    found = [Notice(code, f"{source.source}: {message}") for code, message in said]
     allocated = mission.allocation(source)
     for number, segment in enumerate(scenario.plan, 1):
         asked = segment.torque_n_m or segment.force_n or 0.0
@@ -134,12 +128,8 @@ def warnings(source: ScenarioSource) -> list[Notice]:
         least = min((min(allocated.largest(AXES.index(axis), by_wheels)) for axis in segment.driven), default=asked)
         if asked > least * (1 + 1e-9):
             unit = "N m" if segment.torque_n_m else "N"
-            found.append(
-                Notice(
-                    "plan-saturates",
-                    f"{source.source}, plan segment {number}: asks for {asked:g} {unit}, the vehicle gives {least:.4g} at most",
-                )
-            )
+            message = f"{source.source}, plan segment {number}: asks for {asked:g} {unit}, the vehicle gives {least:.4g} at most"
+            found.append(Notice("plan-saturates", message))
     return found
 
 
