@@ -93,27 +93,23 @@ class Kind:
     name: str
     module: str
     """In this package."""
+    endings: tuple[str, ...]
+    """Of its files' names; .csv and .tsv may end in .gz besides."""
     extra: str = ""
     """Of the distribution, where it needs one."""
 
 
-_MATLAB, _HDF5, _ULOG = Kind("MATLAB file", "matlab", "matlab"), Kind("HDF5 file", "hdf5", "hdf5"), Kind("PX4 ULog", "ulog", "ulog")
-_BAG, _MCAP, _MDF = Kind("ROS bag", "rosbag", "ros"), Kind("MCAP file", "mcapfile", "mcap"), Kind("MDF4 file", "mdf", "mdf")
-TABLE = Kind("table", "reading")
-KINDS = {
-    ".parquet": TABLE,
-    ".csv": TABLE,
-    ".tsv": TABLE,
-    ".mat": _MATLAB,
-    ".h5": _HDF5,
-    ".hdf5": _HDF5,
-    ".ulg": _ULOG,
-    ".bag": _BAG,
-    ".db3": _BAG,
-    ".mcap": _MCAP,
-    ".mf4": _MDF,
-}
-"""By the end of a file's name; .csv and .tsv may end in .gz besides."""
+TABLE = Kind("table", "reading", (".parquet", ".csv", ".tsv"))
+_ALL = (
+    TABLE,
+    Kind("MATLAB file", "matlab", (".mat",), "matlab"),
+    Kind("HDF5 file", "hdf5", (".h5", ".hdf5"), "hdf5"),
+    Kind("PX4 ULog", "ulog", (".ulg",), "ulog"),
+    Kind("ROS bag", "rosbag", (".bag", ".db3"), "ros"),
+    Kind("MCAP file", "mcapfile", (".mcap",), "mcap"),
+    Kind("MDF4 file", "mdf", (".mf4",), "mdf"),
+)
+KINDS = {ending: kind for kind in _ALL for ending in kind.endings}
 SUFFIXES = (*KINDS, ".csv.gz", ".tsv.gz")
 
 
@@ -132,11 +128,8 @@ def kind(path: Path) -> Kind:
     """The format of a file by its name; :class:`InputError` where it is none."""
     found = KINDS.get(suffix(path))
     if found is None or (path.suffix.lower() == ".gz" and suffix(path) not in (".csv", ".tsv")):
-        named = (
-            "; a table of text is read once it is renamed to .csv or .tsv"
-            if path.suffix.lower() in (".txt", ".lvm", ".dat", ".asc")
-            else ""
-        )
+        of_text = path.suffix.lower() in (".txt", ".lvm", ".dat", ".asc")
+        named = "; a table of text is read once it is renamed to .csv or .tsv" if of_text else ""
         *others, last = (name for name in SUFFIXES if name not in (".parquet", ".csv"))
         also = f"{', '.join(others)} or {last}"
         raise InputError(f"{path}: unknown kind of file {path.suffix!r}; a log is .parquet or .csv, a recording also {also}{named}")
