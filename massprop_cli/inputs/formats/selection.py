@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -86,7 +86,8 @@ def sensors(streams: Mapping[str, RecordedStream], count: int, rows: IntArray, t
     Where something is wrong with the ``times_s`` (n,) of all, also another by each of whose values nothing is.
     """
     in_doubt = times_s is not None and _is_wrong(times_s)
-    for stream in _like(streams, count, in_doubt):
+    like = [one for one in streams.values() if one.rows == count and (in_doubt or _is_called(one))]
+    for stream in sorted(like, key=_is_called, reverse=True):
         try:
             cells = _cells(stream)[rows]
         except InputError:
@@ -112,14 +113,6 @@ def _is_wrong(times_s: Array) -> bool:
 
 def _is_called(stream: RecordedStream) -> bool:
     return _CALLED.fullmatch(listing.leaf(stream.path)) is not None
-
-
-def _like(streams: Mapping[str, RecordedStream], count: int, every: bool) -> Iterator[RecordedStream]:
-    """Columns of a table, those called so first, the others where ``every`` one is asked for."""
-    of_table = [one for one in streams.values() if one.rows == count]
-    yield from filter(_is_called, of_table)
-    if every:
-        yield from (one for one in of_table if not _is_called(one))
 
 
 def _few(cells: Array) -> tuple[tuple[float | str, ...], IntArray]:
