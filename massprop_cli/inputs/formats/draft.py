@@ -74,10 +74,8 @@ def _imu(found: Traits) -> list[str]:
         lines.append(f"# gyro_bias_sigma_rad_s = ...   # left out, no bias is supposed: {_AT_REST}")
     lines.append("# accel_bias_sigma_m_s2 = ...   # turn the vehicle over at rest: half the difference of what each axis feels up and down")
     for key, clipped in (("gyro_range_rad_s", found.gyro_clipped), ("accel_range_m_s2", found.accel_clipped)):
-        if clipped is not None:
-            lines.append(f"{key} = {clipped:.9g}   # several records stand at just this, the largest")
-        else:
-            lines.append(f"# {key} = ...   # data sheet; the log reaches no limit")
+        unknown = f"# {key} = ...   # data sheet; the log reaches no limit"
+        lines.append(unknown if clipped is None else f"{key} = {clipped:.9g}   # several records stand at just this, the largest")
     return lines
 
 

@@ -54,7 +54,7 @@ def _streams(item: h5py.Dataset) -> Iterator[RecordedStream]:
                 view = item.fields(field)
                 for n in range(shape[0]) if shape else [None]:
                     own = f"{path}/{field}" if n is None else f"{path}/{field}[{n}]"
-                    yield RecordedStream(own, len(item), partial(_field, view, n), clock, unit)
+                    yield RecordedStream(own, len(item), partial(_part, view, (), () if n is None else (slice(None), n)), clock, unit)
     elif item.dtype.kind in "iufb":
         rows, columns = (item.shape[0], 1) if item.ndim == 1 else item.shape
         if item.ndim == 1:
@@ -65,13 +65,9 @@ def _streams(item: h5py.Dataset) -> Iterator[RecordedStream]:
             yield from (RecordedStream(f"{path}[{n},:]", columns, partial(_part, item, (n,)), clock, unit) for n in range(rows))
 
 
-def _part(item: Any, at: tuple[Any, ...]) -> Numbers:
-    return whole(np.asarray(item[at] if at else item[:]))
-
-
-def _field(view: Any, component: int | None) -> Numbers:
-    values = np.asarray(view[:])
-    return whole(values if component is None else values[:, component])
+def _part(item: Any, at: tuple[Any, ...], within: tuple[Any, ...] = ()) -> Numbers:
+    """What is there, and of that a component."""
+    return whole(np.asarray(item[at] if at else item[:])[within])
 
 
 def _text(item: Any, name: str) -> str | None:
