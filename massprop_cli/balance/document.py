@@ -130,10 +130,8 @@ class Balance(Item):
 def moment(value: Array, covariance: Array, gravity: float) -> Moment:
     """In all units, of κ (3,) kg m and its covariance (3, 3)."""
     sigma = np.sqrt(np.maximum(np.diag(covariance)[:3], 0.0))
-    of = {name: (factor * value).tolist() for name, factor in (("kg_m", 1.0), ("g_cm", G_CM), ("n_m", gravity))}
-    return Moment(
-        **of, **{f"sigma_{name}": (factor * sigma).tolist() for name, factor in (("kg_m", 1.0), ("g_cm", G_CM), ("n_m", gravity))}
-    )
+    units, both = {"kg_m": 1.0, "g_cm": G_CM, "n_m": gravity}, (("", value), ("sigma_", sigma))
+    return Moment(**{f"{of}{name}": (factor * part).tolist() for name, factor in units.items() for of, part in both})
 
 
 def hang(hanging: Hanging) -> Hang:

@@ -13,7 +13,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.actuators.rotor import thrust_integrals
 from massprop_cli.inputs.columns import WRENCH
-from massprop_cli.inputs.equipment import Jet, Thrust
+from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.supply import SupplyLevel
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -143,12 +143,6 @@ def signals(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s: 
     return [joined(parts) for parts in each], lag_s
 
 
-def valved(on_s: Array, thrust: Thrust) -> Array:
-    """(jets, K) how long valves are open by commands of so long, each by itself."""
-    lasts_s = np.where(on_s > 0, np.maximum(on_s, thrust.least_on_s), 0.0)
-    return np.where(on_s < thrust.dead_on_s, 0.0, lasts_s)
-
-
 def jet_integrals(
     start_s: Array, on_s: Array, vehicle: Vehicle, edges_s: Array, lag_s: float, supply: SupplyLevel | None = None
 ) -> tuple[Array, Array]:
@@ -170,7 +164,8 @@ def opened(start_s: Array, on_s: Array, vehicle: Vehicle, supply: SupplyLevel | 
     """
     thrust, strength = vehicle.thrust, strengths(start_s, vehicle)
     # what doesn't open takes nothing from others
-    on_s = valved(np.where(strength == 0, 0.0, on_s), thrust)
+    on_s = np.where(strength == 0, 0.0, on_s)
+    on_s = np.where(on_s < thrust.dead_on_s, 0.0, np.where(on_s > 0, np.maximum(on_s, thrust.least_on_s), 0.0))
     lasting = [(strength, on_s)]
     for droop, while_open in ((thrust.droop, True), (thrust.cycle_droop, False)):
         lasting += [(-droop * strength, beside_s) for beside_s in beside_others(on_s, while_open)] if droop else []

@@ -57,9 +57,8 @@ class Wrenches:
 def wrenches(integral: Array, moment: Array, duration: Array, each: tuple[Array, Array, Array], wrench: Array) -> Wrenches:
     """Of integrals, moments and ``duration`` as :func:`windows` takes them, and of ``each`` of three windows; :func:`net` of all."""
     parts = []
-    for first in range(
-        0, max(len(duration), 1), AT_ONCE
-    ):  # of many channels and bins the products are several times as large as their sums
+    # of many channels and bins the products are several times as large as their sums
+    for first in range(0, max(len(duration), 1), AT_ONCE):
         own = slice(first, first + AT_ONCE)
         late = moment[own] / (duration[own] / integral.shape[1])[:, None, None] - integral[own] / 2
         parts.append((*net(np.stack([integral[own], late]), wrench), *net(np.stack([one[own] for one in each]), wrench)))
