@@ -14,7 +14,7 @@ from massprop_cli.base import escape, files
 from massprop_cli.base.errors import InputError
 from massprop_cli.combine import assumed, logs, pivot, twice
 from massprop_cli.combine.joint import backwards, docked_object
-from massprop_cli.combine.phase import Part, Phased, by_object, gathered, together_phase
+from massprop_cli.combine.phase import Part, Phased, by_object, gathered, phased
 from massprop_cli.diagnosis.preprocessing import Ready
 from massprop_cli.result import rendered
 from massprop_cli.result.read import MEMBERS, Recorded, check_same, labels
@@ -40,7 +40,7 @@ def together(recorded: Sequence[Recorded], ready: Callable[[Recorded], Ready] = 
         [Part(label, one, one.result.phases[i], partial(ready, one)) for label, one in zip(names, recorded, strict=True)]
         for i in range(len(own[0]))
     ]
-    return _result(recorded, names, [together_phase(own[0][i], part) for i, part in enumerate(parts)], None)
+    return _result(recorded, names, [phased(gathered(own[0][i], part)) for i, part in enumerate(parts)], None)
 
 
 def together_docked(
@@ -51,24 +51,24 @@ def together_docked(
 ) -> Result:
     """The vehicle alone, with the object, and the object, each of several results; ``added`` states the object: it is the scale of all."""
     # a log may hold both: its phases are told apart
-    sides = before, after
-    for side in sides:
+    for side in (before, after):
         twice.refuse(side)
-    recorded = [*sides[0], *sides[1]]
+    recorded = [*before, *after]
     names = labels(recorded)
     _check_alike(recorded, bearing=False)
-    for side in sides:
+    for side in (before, after):
         _check_alike(side, bearing=True)
     sided = [*("before" for _ in before), *("after" for _ in after)]
     parts = [Part(label, one, _chosen(one, side), partial(ready, one)) for label, one, side in zip(names, recorded, sided, strict=True)]
     alone, joined = parts[: len(before)], parts[len(before) :]
     twice.refuse_across(*([(part.recorded, part.phase) for part in side] for side in (alone, joined)))
+    both = gathered("before", alone), gathered("after", joined)
     if added is not None:
-        found, docked = by_object(gathered("before", alone), gathered("after", joined), added)
+        found, docked = by_object(*both, added)
         result = _result(recorded, names, found, docked)
         result.provenance.settings["added"] = added
         return result
-    single, combined = together_phase("before", alone), together_phase("after", joined)
+    single, combined = map(phased, both)
     docked = docked_object((alone[0].vehicle, joined[0].vehicle), single.item, combined.item)
     return _result(recorded, names, [single, combined], docked)
 

@@ -106,7 +106,7 @@ def joint(pieces: Sequence[Piece], wide: bool = False) -> Joint:
         chi_square += float(left @ information[np.ix_(at, at)] @ left)
         ranks += int(at.sum())
     apart = tuple(_apart(number, linear, told) for number in range(len(pieces)))
-    bare = _back(bearing, values, covariance) if bearing else _to_quantities(values, covariance, curved)
+    bare = _back(bearing, values, covariance) if bearing else _to_linear(values, covariance, curved)
     together = _together(alone, [piece.alike for piece in pieces])
     bare = bare[0], _widened(bare[1], together.added)
     back, spread = with_shared(*bare, pieces)
@@ -211,16 +211,12 @@ def linear(values: Array, curved: bool, bearing: BearingBody | None = None) -> t
 
 
 def _to_linear(values: Array, covariance: Array, curved: bool, bearing: BearingBody | None = None) -> tuple[Array, Array]:
-    """θ and its covariance from the ten quantities; without a bearing the same way leads back."""
+    """θ and its covariance from the ten quantities; without a bearing the same way leads back: I = J⁻¹ and m = 1/(1/m)."""
     theta, slope = linear(values, curved, bearing)
     at = np.isfinite(values)
     found = np.full((10, 10), np.nan)
     found[np.ix_(at, at)] = (slope[np.ix_(at, at)] @ covariance[np.ix_(at, at)]) @ slope[np.ix_(at, at)].T
     return theta, found
-
-
-_to_quantities = _to_linear
-"""I = J⁻¹ and m = 1/(1/m): the transformation is its own inverse."""
 
 
 def _back(bearing: BearingBody, theta: Array, covariance: Array) -> tuple[Array, Array]:

@@ -86,11 +86,6 @@ def piece(vehicle: VehicleInfo, phase: PhaseItem, alike: Array | None = None) ->
     return Piece(values, covariance, phase.known, scale_sigma(vehicle, phase), bearing, alike=common)
 
 
-def together_phase(name: str, parts: Sequence[Part]) -> Phased:
-    """Added up, or fitted at once."""
-    return phased(gathered(name, parts))
-
-
 def gathered(name: str, parts: Sequence[Part]) -> Gathered:
     """Added up, or fitted at once, without verdicts."""
     return Gathered(name, parts, *_joint(name, parts))
