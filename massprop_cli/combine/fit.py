@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli import QUANTITIES
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.combine import logs
 from massprop_cli.combine.joint import Joint, Piece, with_shared
@@ -52,9 +52,13 @@ def partial(piece: Piece, environment: EnvironmentKind) -> bool:
 
 def without_inertia(piece: Piece) -> Piece:
     """What it can add where its log can't be had."""
-    values, covariance = piece.values.copy(), piece.covariance.copy()
-    values[:6], covariance[:6], covariance[:, :6] = np.nan, np.nan, np.nan
+    values, covariance = _without(piece.values, piece.covariance, np.arange(10) < 6)
     return replace(piece, values=values, covariance=covariance)
+
+
+def _without(values: Array, covariance: Array, untold: BoolArray) -> tuple[Array, Array]:
+    """NaN where nothing is told."""
+    return np.where(untold, np.nan, values), np.where(untold[:, None] | untold, np.nan, covariance)
 
 
 def fitted(behind: Sequence[Behind], pieces: Sequence[Piece]) -> Joint | None:
@@ -122,13 +126,4 @@ def _quantities(found: Fit, vehicle: Vehicle) -> tuple[Array, Array]:
         nine, spread = about_pivot(values, covariance, np.array(vehicle.environment.bearing_position_m), 1 / found.told.mean[:, MU])
         values, covariance = np.full((1, 10), np.nan), np.full((1, 10, 10), np.nan)
         values[:, :9], covariance[:, :9, :9] = nine, spread
-    return _told(values[0], covariance[0])
-
-
-def _told(values: Array, covariance: Array) -> tuple[Array, Array]:
-    """NaN where no log tells anything."""
-    sigma = np.sqrt(np.diag(covariance))
-    untold = sigma > UNTOLD * natural_sizes(values)
-    values, covariance = values.copy(), covariance.copy()
-    values[untold], covariance[untold], covariance[:, untold] = np.nan, np.nan, np.nan
-    return values, covariance
+    return _without(values[0], covariance[0], np.sqrt(np.diag(covariance[0])) > UNTOLD * natural_sizes(values[0]))

@@ -7,9 +7,8 @@ import numpy as np
 
 from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.actuators.actuator import MomentumLog
+from massprop_cli.inputs.actuators.actuator import MomentumLog, refuse_strangers
 from massprop_cli.inputs.columns import PULSE_START, WRENCH, is_jet, jet
 from massprop_cli.inputs.equipment import Cycle
 from massprop_cli.inputs.logtable import LogTable
@@ -38,10 +37,7 @@ def commands(source: LogTable, vehicle: Vehicle, records: int, n: int, pulsed: P
         return "rotors", _rotors(source, vehicle, records, n)
     jets = [name.removeprefix("jet_").removesuffix("_s") for name in logged if is_jet(name)]
     known = [each.name for each in vehicle.jets]
-    for name in jets:
-        if name not in known:
-            hint = nearest(name, known, "the nearest jet is") or "; it has no [[jets]] at all"
-            raise InputError(f"{path}: column {jet(name)!r} names a jet that the vehicle file lacks{hint}. Add it to the vehicle file")
+    refuse_strangers(source, {jet(name): name for name in jets}, known, "jet", "jets")
     wrench = any(source.has(name) for name in WRENCH)
     if jets and wrench:
         raise InputError(f"{path}: has both jet_* and cmd_* columns; keep the one kind that was executed")
@@ -138,7 +134,8 @@ def momentum(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[
     """What the log's n rows say of each of :attr:`massprop_cli.inputs.vehicle.Vehicle.spinning`."""
     found: list[MomentumLog] = []
     for kind, own in vehicle.actuators:
-        kind.refuse_strangers(source, [one.name for one in own])
+        named = {column: name for column in source.logged if (name := kind.named(column)) is not None}
+        refuse_strangers(source, named, [one.name for one in own], kind.NOUN, kind.TABLE)
         stored = [one for one in own if one.device is not None]
         said = [one.read(source, records, n) for one in stored]
         summed = next((one.name for one, it in zip(stored, said, strict=True) if it.integrated), None)

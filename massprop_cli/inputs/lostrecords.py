@@ -17,7 +17,7 @@ from massprop_cli.inputs.imurecords import ImuRecords
 from massprop_cli.inputs.logtable import LONG, MISSING, WHOLE, LogTable, between_known
 from massprop_cli.inputs.marked import holds_both, repeated, zeros
 from massprop_cli.inputs.notice import Notice
-from massprop_cli.inputs.tablefile import Cells, Table
+from massprop_cli.inputs.tablefile import Cells
 from massprop_cli.inputs.vehicle import Vehicle
 
 SHARE = 0.25
@@ -36,7 +36,7 @@ def without_lone_pulses(source: LogTable) -> LogTable:
         return source
     own = [source.optional(name) for name in (TIME, *DELTA_THETA, *DELTA_V, *GYRO, *ACCEL) if source.has(name)]
     rows = np.flatnonzero(~np.isnan(own).all(0))
-    return source if len(rows) == source.table.rows else LogTable(_spread(source.table, rows, np.zeros(len(rows), bool)), source.columns)
+    return source if len(rows) == source.table.rows else _of_rows(source, rows)
 
 
 def once(source: LogTable) -> tuple[LogTable, list[Notice]]:
@@ -51,7 +51,7 @@ def once(source: LogTable) -> tuple[LogTable, list[Notice]]:
         return source, []
     rows = np.delete(np.arange(source.table.rows), again)
     said = f"{source.name('time_s')}: {len(again)} row(s) are those before once more, the first at {source.place(int(again[0]))}: left out"
-    return LogTable(_spread(source.table, rows, np.zeros(len(rows), dtype=bool)), source.columns), [Notice("clock-rebuilt", said)]
+    return _of_rows(source, rows), [Notice("clock-rebuilt", said)]
 
 
 def put_back(source: LogTable, time_s: Array, vehicle: Vehicle) -> tuple[LogTable, Array]:
@@ -74,7 +74,7 @@ def put_back(source: LogTable, time_s: Array, vehicle: Vehicle) -> tuple[LogTabl
     lost[ahead + place] = False
     times = np.interp(np.arange(len(rows)) - ahead, place, time_s)
     times[:ahead] -= usual * np.arange(ahead, 0, -1)
-    return LogTable(_spread(source.table, rows, lost), source.columns, lost), times
+    return _of_rows(source, rows, lost), times
 
 
 def _told_at_own_times(source: LogTable) -> bool:
@@ -111,19 +111,17 @@ def _begins(source: LogTable, place: IntArray, per_cycle: int) -> int:
     return most if np.mean(np.array(residues) == most) > MOSTLY else 0
 
 
-def _spread(table: Table, rows: IntArray, lost: BoolArray) -> Table:
-    """The table with these of its rows, empty where they are ``lost``; a lost row's place is that of the next."""
+def _of_rows(source: LogTable, rows: IntArray, lost: BoolArray | None = None) -> LogTable:
+    """The log with these of its rows, empty where they are ``lost``; a lost row's place is that of the next."""
 
     def place(row: int) -> str:
-        return table.place(int(rows[row]))
+        return source.place(int(rows[row]))
 
-    columns = {name: replace(cells, read=partial(_taken, cells, rows, lost), place=place) for name, cells in table.columns.items()}
-    return replace(table, columns=columns, rows=len(rows), place=place)
+    def taken(cells: Cells) -> object:
+        return cells.read().take(pa.array(rows, mask=lost))
 
-
-def _taken(cells: Cells, rows: IntArray, lost: BoolArray) -> object:
-    """Arrow's array of these rows of a column."""
-    return cells.read().take(pa.array(rows, mask=lost))
+    columns = {name: replace(cells, read=partial(taken, cells), place=place) for name, cells in source.table.columns.items()}
+    return LogTable(replace(source.table, columns=columns, rows=len(rows), place=place), source.columns, lost)
 
 
 class LeftOut(NamedTuple):

@@ -81,18 +81,6 @@ class Actuator(Section):
         return next((name for one in cls.COLUMNS if (name := one.named(column)) is not None), None)
 
     @classmethod
-    def refuse_strangers(cls, source: LogTable, known: Sequence[str]) -> None:
-        """:class:`InputError` where a column is called after an actuator that the vehicle file does not have."""
-        for column in source.logged:
-            name = cls.named(column)
-            if name is not None and name not in known:
-                hint = nearest(name, known, f"the nearest {cls.NOUN} is") or f"; it has no [[{cls.TABLE}]] at all"
-                raise InputError(
-                    f"{source.table.path}: column {column!r} names a {cls.NOUN} that the vehicle file lacks{hint}. "
-                    "Add it to the vehicle file"
-                )
-
-    @classmethod
     @abstractmethod
     def draft(cls, name: str, has: LogColumn, span: str) -> list[str]:
         """Lines of a drafted vehicle file for an actuator of which the log has a column that runs over ``span`` (empty: unknown)."""
@@ -222,6 +210,16 @@ class MomentumLog(Protocol):
 
     def part(self, rows: slice) -> Self:
         """Of some records; ValueError where it is integrated."""
+
+
+def refuse_strangers(source: LogTable, columns: Mapping[str, str], known: Sequence[str], noun: str, table: str) -> None:
+    """:class:`InputError` where one of ``columns`` is called after something that the vehicle file does not have, by their names."""
+    for column, name in columns.items():
+        if name not in known:
+            hint = nearest(name, known, f"the nearest {noun} is") or f"; it has no [[{table}]] at all"
+            raise InputError(
+                f"{source.table.path}: column {column!r} names a {noun} that the vehicle file lacks{hint}. Add it to the vehicle file"
+            )
 
 
 def called(devices: Sequence[MomentumDevice]) -> str:

@@ -46,12 +46,6 @@ class Streams:
         """Those that are read off at records' ends."""
         return [*([] if self.attitude is None else [self.attitude]), *(signal for signal, _ in self.instants)]
 
-    @property
-    def unbroken(self) -> list[QuantitySignal]:
-        """Those of them that must be there all the time: a logged attitude only where commands are turned with it."""
-        turns = any(wrench.frame == "world" for _, wrench, _, _ in self.signals.wrenches())
-        return self.slow if turns else [signal for signal, _ in self.instants]
-
     def zero(self, records: Records, edges: Array) -> float:
         """What time_s counts from, by the gyro's clock less the recording's zero."""
         if records.zero == "file" or not edges[0]:
@@ -92,7 +86,9 @@ def streams_of(signals: Signals, records: Records) -> tuple[Streams, Array]:
 def on_cycles_of(streams: Streams, records: Records, edges: Array) -> dict[str, Array]:
     """The log's columns by the contract's names, summed over records between ``edges``."""
     signals = streams.signals
-    _check(signals, edges, [sensor for sensor, _ in streams.imu], streams.unbroken)
+    turned = any(wrench.frame == "world" for _, wrench, _, _ in signals.wrenches())
+    # a logged attitude must be there all the time only where commands are turned with it
+    _check(signals, edges, [sensor for sensor, _ in streams.imu], streams.slow if turned else [signal for signal, _ in streams.instants])
     made: dict[str, Array] = {columns.TIME: edges[1:] - streams.zero(records, edges)}
     length = median(np.diff(edges))
     for (signal, kind), names in zip(streams.imu, (columns.DELTA_THETA, columns.DELTA_V), strict=False):
