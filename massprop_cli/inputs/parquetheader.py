@@ -25,8 +25,8 @@ _BY_PREFIXES = 7
 _DEEPEST, _LISTED = 16, 2**14
 """Levels of structs, and items of a list, that a header may have."""
 _BINARY, _LIST, _SET, _STRUCT = 8, 9, 10, 12
-_FIXED = {3: 1, 7: 8, 13: 16}
-"""Bytes of a byte, a double and a UUID."""
+_FIXED = {1: 1, 2: 1, 3: 1, 7: 8, 13: 16}
+"""Bytes of a truth value in a list, a byte, a double and a UUID."""
 _Fields = Mapping[int, Any]
 
 
@@ -211,8 +211,6 @@ def _value(data: Content, at: int, kind: int, depth: int) -> tuple[Any, int]:
         return _struct(data, at, depth + 1)
     if kind in (_LIST, _SET):
         return _list(data, at, depth)
-    if kind in (1, 2):
-        return None, at + 1
     if kind in _FIXED:
         return None, at + _FIXED[kind]
     # Parquet has no maps

@@ -28,6 +28,7 @@ FAR = 0.1
 LEAP = 0.75
 """Records by which a clock's leap is more than scatter."""
 ROBUST = 1.4826
+"""Median absolute deviation to standard deviation, of a normal distribution."""
 SPANS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 24, 48)
 """Records over which the usual interval is measured: packets of so many come evenly."""
 MOSTLY = 0.85

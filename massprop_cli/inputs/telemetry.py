@@ -41,8 +41,6 @@ SHARED = 0.99
 """Part of the commands that bear the stamps of records, from which on both are by one clock."""
 JITTER = 0.02
 """Part of the usual interval that intervals may scatter by: each counts with its own length, commands do not."""
-ROBUST = 1.4826
-"""Median absolute deviation to standard deviation, of a normal distribution."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +142,7 @@ class Log:
 def jitter(interval_s: Array) -> float:
     """By what part of the usual interval all of them (n,) scatter: the median deviation, as one sigma of a normal distribution."""
     usual = median(interval_s)
-    return ROBUST * median(np.abs(interval_s - usual)) / usual
+    return stamps.ROBUST * median(np.abs(interval_s - usual)) / usual
 
 
 def read(table: Table, vehicle: Vehicle) -> Log:

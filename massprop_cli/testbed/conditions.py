@@ -7,6 +7,7 @@ from pydantic import Field, FiniteFloat, model_validator
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import tensor
 from massprop_cli.inputs.actuators.rotor import Rotor
 from massprop_cli.inputs.equipment import Droop, Failure
 from massprop_cli.inputs.section import ZERO, NonNegative, Positive, Section, Vector
@@ -46,8 +47,7 @@ class Body(Section):
     @property
     def inertia(self) -> Array:
         """(3, 3) about the CG, kg m²."""
-        ixx, ixy, ixz, iyy, iyz, izz = self.values[:6]
-        return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+        return tensor(self.values[:6])
 
     @property
     def breaks_triangle(self) -> bool:

@@ -69,9 +69,8 @@ def allocation(source: ScenarioSource) -> Allocation:
         share = _on_times((scenario.vehicle.jet_wrench * scenario.vehicle.environment.moving).tobytes())
     else:
         limits = np.concatenate([scenario.actuators.max_torque_n_m or (0.0,) * 3, scenario.actuators.max_force_n or (0.0,) * 3])
-        with np.errstate(divide="ignore"):
-            unit = np.diag(np.where(limits > 0, 1 / limits, np.nan))
-        share = np.where(np.isnan(np.diag(unit))[:, None, None], np.nan, np.stack([np.nan_to_num(unit), -np.nan_to_num(unit)], 1))
+        unit = np.diag(1 / np.where(limits > 0, limits, np.nan))
+        share = np.where(limits[:, None, None] > 0, np.stack([unit, -unit], 1), np.nan)
     if full is None:
         peak = np.abs(share).max(-1)
         full = np.where(np.isnan(peak), 0.0, 1 / np.where(peak > 0, peak, np.nan))

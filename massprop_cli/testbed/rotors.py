@@ -12,15 +12,12 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.inputs.actuators.rotor import COMMAND, SPEED
+from massprop_cli.inputs.actuators.rotor import COMMAND, NODES, SPEED, WEIGHTS
 from massprop_cli.inputs.columns import SUPPLY
 from massprop_cli.testbed.actuators import Actuators
 from massprop_cli.testbed.conditions import curve, thrust
 from massprop_cli.testbed.exchanger import Spin
 from massprop_cli.testbed.motion import Bodies
-
-NODES, WEIGHTS = (each / 2 for each in np.polynomial.legendre.leggauss(5))
-"""Of Gauss's rule from −½ to ½."""
 
 
 class Rotors(Actuators):

@@ -60,7 +60,7 @@ def _on_rows(signals: Signals) -> dict[str, Array]:
     for name, jet in said.jets.items():
         on, share = signals.jet(name, jet)
         if share:
-            raise signals.error(on.key, on.paths[0], "a valve's state wants control cycles to be summed over; state [records] in the map")
+            raise signals.refused(on, "a valve's state wants control cycles to be summed over; state [records] in the map")
         made[columns.jet(name)] = _beside(gyro, on, signals).values[:, 0]
     for signal, column, _, _ in signals.spinners():
         made[column] = _beside(gyro, signal, signals).values[:, 0]
@@ -71,9 +71,9 @@ def _beside(gyro: QuantitySignal, signal: QuantitySignal, signals: Signals) -> Q
     """The signal, once it is seen to be on the gyro's clock."""
     own, its = signal.times, gyro.times
     if own is not its and (len(own.s) != len(its.s) or (own.s != its.s).any()):
-        path, rows = signal.paths[0] if signal.paths else "", " of other rows (where)" if own.path == its.path else ""
+        rows = " of other rows (where)" if own.path == its.path else ""
         said = f"its clock {own.path!r}{rows} is not the gyro's, {its.path!r}; state [records] in the map, onto which both are put"
-        raise signals.error(signal.key, path, said)
+        raise signals.refused(signal, said)
     return signal
 
 

@@ -293,9 +293,8 @@ def _check(signals: Signals, edges: Array, sensors: Sequence[QuantitySignal], sl
     length = median(np.diff(edges))
     for signal in sensors:
         if signal.paths and signal.times.step_s > 1.01 * length:
-            raise signals.error(
-                signal.key,
-                signal.paths[0],
+            raise signals.refused(
+                signal,
                 f"{signals.again.get(signal.key, 'comes')} every {signal.times.step_s:.6g} s; records of {length:.6g} s would be made up. "
                 "Make records at least as long",
             )
@@ -309,9 +308,8 @@ def _check(signals: Signals, edges: Array, sensors: Sequence[QuantitySignal], sl
         wide = lost[(steps[lost] > length) & (steps[lost] > GAP * times.step_s)]
         if wide.size:
             at = inside[wide[0]]
-            raise signals.error(
-                signal.key,
-                signal.paths[0],
+            raise signals.refused(
+                signal,
                 f"a gap of {steps[wide[0]]:.6g} s after {at + times.zero_s:.13g} s (usual interval {times.step_s:.6g} s); "
                 "take one side of it with records.start_s or end_s",
             )

@@ -62,6 +62,10 @@ class Signals:
         """What is wrong with a path under a key of the map."""
         return InputError(f"{self.recording.path}, {path!r}: {problem} ([{key}] of {self.source})")
 
+    def refused(self, signal: QuantitySignal, problem: str) -> InputError:
+        """What is wrong with the samples of a quantity."""
+        return self.error(signal.key, signal.paths[0] if signal.paths else "", problem)
+
     def sensor(self, key: str, said: mapfile.MappedSensor, rates: Mapping[str, float], increments: Mapping[str, float]) -> QuantitySignal:
         """Gyro or accelerometer, the sensor's axes turned as the map says."""
         found = self.vector(key, said, increments if said.values == "increment" else rates)
@@ -73,13 +77,13 @@ class Signals:
                 f"repeats each reading {usual:.3g} times: the sensor measures every {every:.6g} s, and the file holds its last reading "
                 f"in between; state [records], interval_s = {every:.6g}, by which each counts once"
             )
-            raise self.error(key, found.paths[0], problem)
+            raise self.refused(found, problem)
         if mean := moving_mean(found.values):
             problem = f"each reading is a moving mean over {mean} of them; record it as it was measured, or keep every one in {mean}"
-            raise self.error(key, found.paths[0], problem)
+            raise self.refused(found, problem)
         lost = clocks.uncovered(self.recording.streams, found.paths, found.times.step_s) if said.values == "increment" else ""
         if lost:
-            raise self.error(key, found.paths[0], lost)
+            raise self.refused(found, lost)
         return found
 
     def imu(self) -> list[tuple[QuantitySignal, resample.Values]]:

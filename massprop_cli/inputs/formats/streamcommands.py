@@ -62,9 +62,8 @@ def _check_open(signals: Signals, valves: Sequence[QuantitySignal]) -> None:
         return
     most = float(widest.values.max())
     if 0 < most < AJAR:
-        raise signals.error(
-            widest.key,
-            widest.paths[0],
+        raise signals.refused(
+            widest,
             f"no valve is open by more than {most:.4g} ({100 * most:.3g} %) in all of this recording; a state is 0 or 1, or up to 100 %. "
             'If it is the on-time of a control cycle, state unit = "s", "ms" or "us"; if it is 0 to 1, unit = "open"; if it is the share '
             'of a cycle that a valve is open, unit = "s" with scale = the length of a cycle',
@@ -80,7 +79,7 @@ def on_cycles(signals: Signals, command: StreamCommand, cycles: Array) -> Array:
             if command.holds == "since_last":
                 problem = "an on-time once a cycle is that of the cycle in which it is stamped, whatever holds says; drop holds, and where"
                 problem += f" stamps come at the cycle's end state clock.offset_s = {-length:.6g} for it"
-                raise signals.error(signal.key, signal.paths[0], problem)
+                raise signals.refused(signal, problem)
             count, first = resample.in_each(signal.times.s, cycles, _EARLY)
         else:  # in every record, which counts by its middle
             middle = step / 2 if command.holds == "until_next" else -step / 2
@@ -88,9 +87,8 @@ def on_cycles(signals: Signals, command: StreamCommand, cycles: Array) -> Array:
         wrong = np.flatnonzero((count < 1) | _differing(signal.values[:, 0], first, count))
         if wrong.size:
             at = cycles[wrong[0]] + signal.times.zero_s
-            raise signals.error(
-                signal.key,
-                signal.paths[0],
+            raise signals.refused(
+                signal,
                 f"{_counted(signal, first, count, int(wrong[0]))} in the control cycle of {length:.6g} s at {at:.13g} s; each cycle wants "
                 "one (0 where the jet is off), or the same in all of its records: correct the length of cycles or their beginning "
                 "([records])" + _astray(int(count[wrong[0]])) + _another_clock(signals, signal),
