@@ -104,8 +104,7 @@ def _runs(rows: BoolArray) -> list[tuple[int, int]]:
 def standing(increments: Array, others: Array, interval_s: Array, commanded: BoolArray, late: int) -> BoolArray:
     """(n,) records in which a sensor repeats its reading on all axes, run by run, while the other one (n, 3) moves.
 
-    Or where what was ``commanded`` (n,), ``late`` records before the run's end or earlier, moved neither. Or on one axis while its others
-    move.
+    Also where commands (n,) at least ``late`` records before the run's end moved neither sensor, and on one axis while its others move.
     """
     moving = [axis for axis in increments.T if np.ptp(axis) > 0]
     axes = [repeats(axis / interval_s) for axis in moving]

@@ -22,8 +22,8 @@ ROUNDED = 1e-6
 BRIEF, SHORTEST_S = 0.015, 2e-3
 """Part of a control cycle, and time, below which no valve is of use at its longest: on-times a thousandth or a hundredth as long."""
 FULL, FEW = 5, 4
-"""On-times of just one record, and none longer, are no chance if so many are, and of so few records a cycle: each record was one. Of more
-a pulse as short may be all that was wanted."""
+"""So many on-times of exactly one record, none longer, in cycles of at most so many records, are commands of single records. In a cycle of
+more records such short pulses may be meant."""
 IDLE = 0.5
 """Part of all on-times that may stand at their least, where that isn't 0."""
 

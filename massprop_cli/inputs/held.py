@@ -42,9 +42,8 @@ def on_a_beat(readings: Array) -> BoolArray:
 def moving_mean(readings: Array) -> int:
     """Over how many readings each of (n, axes) is a moving mean; 0 where none is.
 
-    Of a moving mean over m of readings with white noise the first differences are those of readings m apart: they go with the ones m before
-    by −½, and with no others. By the quietest stretches, of most axes alike. Beneath commands that are drawn anew every m readings they go
-    so too, but on one beat.
+    White noise under a moving mean over m readings has first differences that correlate by −½ with those m before, and with no others. The
+    quietest segments decide, and most axes must agree. Commands that change every m readings correlate alike, but on one beat.
     """
     count = len(readings) // STRETCH
     if count < FEWEST:

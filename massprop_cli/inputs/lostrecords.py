@@ -40,10 +40,7 @@ def without_lone_pulses(source: LogTable) -> LogTable:
 
 
 def once(source: LogTable) -> tuple[LogTable, list[Notice]]:
-    """The log without rows that stand twice: with all cells of the row before, and its stamp or one hardly later.
-
-    As it is where a stamp alone stands twice.
-    """
+    """The log without duplicate rows: all cells as in the row before, the stamp the same or hardly later. A stamp alone is no duplicate."""
     steps = np.diff(source.required("time_s"))
     again = np.flatnonzero((steps >= 0) & (steps <= SOON * (median(steps) if len(steps) else 0.0))) + 1
     others = (cells.read() for name, cells in source.table.columns.items() if name != source.name("time_s"))

@@ -79,7 +79,7 @@ def _at_once(axes: IntArray, every: int) -> BoolArray:
 
 
 def holds_both(sensors: Sequence[Array], rows: IntArray, before: int) -> bool:
-    """Whether records ``rows`` hold what was lost before them, too, by increments (n, 3); so far ``before`` is one that holds its own.
+    """Whether increments (n, 3) in ``rows`` also hold the motion of the record lost before; the one ``before`` them holds its own alone.
 
     Each sensor weighs by how little it changes from one record to the next: noise and pulses tell nothing.
     """

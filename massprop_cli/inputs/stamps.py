@@ -151,7 +151,7 @@ def _decided(source: LogTable, vehicle: Vehicle, time_s: Array, usual_s: float, 
 def _usual(time_s: Array) -> tuple[float, int]:
     """The usual interval, and over how many records it comes most evenly: leaps, packets and scatter are left out.
 
-    Where all are whole numbers of the middle one, and few of them several, records are missing: however regularly they are, it is that.
+    Where all intervals are whole multiples of the median, and few are longer than it, records are missing: the median is the usual one.
     """
     steps = np.diff(time_s)
     times = steps / max(median(steps), TINY)

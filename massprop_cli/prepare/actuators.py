@@ -157,10 +157,10 @@ LATE = {"begin": 0.0, "centre": 0.5, "end": 1.0}
 
 
 def opened(start_s: Array, on_s: Array, vehicle: Vehicle, supply: SupplyLevel | None = None) -> list[Opened]:
-    """Parts of the thrust, of on-times (jets, K) in cycles from ``start_s`` on, that sum to what jets give: pulses, less what they lose.
+    """Parts of the thrust that sum to what jets give, of on-times (jets, K) in cycles from ``start_s`` on: pulses, less their droop.
 
-    Beside each further jet that is the droop's part of a pulse that lasts while both are open, or of its whole pulse. While a jet fails it
-    gives another part of its thrust, and each pulse gives as much of it as the supply's pressure has in its middle.
+    For each further jet a pulse loses its droop while both are open, or over its whole length. A failure scales the pulses that begin in
+    it, and the supply's pressure in a pulse's middle scales the pulse.
     """
     thrust, strength = vehicle.thrust, strengths(start_s, vehicle)
     # what doesn't open takes nothing from others
@@ -199,9 +199,9 @@ def together(log: Log) -> int:
 
 
 def beside_others(on_s: Array, while_open: bool) -> Iterator[Array]:
-    """(jets, K) how long each jet is open beside a second one, then beside a third, and so on: while both are, or all its pulse.
+    """(jets, K) how long each jet is open beside a second one, then a third, and so on; its whole pulse unless ``while_open``.
 
-    All pulses of a cycle begin at once. Of the other jets the one at a place is the next by its on-time.
+    All pulses of a cycle begin at once, so the other jets are ordered by their on-times.
     """
     order = np.argsort(-on_s, axis=0, kind="stable")
     longest, rank = np.take_along_axis(on_s, order, 0), np.argsort(order, axis=0, kind="stable")

@@ -58,7 +58,7 @@ def applied(values: Array, step_s: float, lag_s: float) -> Array:
 
 
 def narrowed(lag_s: float, record_s: float, records: int) -> float:
-    """Log of what of a cycle's variance no earlier cycle tells, after a low-pass over before: both of white noise in ``records`` records.
+    """Log of the innovation variance of cycles' means behind a low-pass over that without one, of white noise in ``records`` records.
 
     The innovation variance of the decimated means (Szegő 1915: its log is the mean log spectral density).
     """

@@ -99,7 +99,7 @@ def last_known_s(log: Log, vehicle: Vehicle) -> float:
 
 
 def _unsure(log: Log, vehicle: Vehicle) -> tuple[int, int]:
-    """Records at a log's beginning and end in which angles of gimbals that bend within records, or are smooth, hang on what was beyond.
+    """How many records at a log's beginning and end have gimbal angles that depend on what was before and after the log.
 
     With a part x of a record before each bend, an error at an end fades by x / (1 − x) from one bend to the next.
     """
@@ -129,9 +129,9 @@ def _times(log: Log, vehicle: Vehicle, delay_s: float) -> LogTimes:
 
 
 def _signals(time_s: Array, momentum: Array, begin_s: float, end_s: float) -> tuple[Signal, Signal]:
-    """The torque along an axis, N m, and the momentum, N m s, which grows evenly between times by the commands' clock; near a time.
+    """The torque along an axis, N m, and the momentum, N m s, linear between times by the commands' clock, as far as a span needs them.
 
-    What it is before its first time, it was all along.
+    Before its first time the momentum is constant.
     """
     near = slice(max(int(np.searchsorted(time_s, begin_s, "right")) - 1, 0), int(np.searchsorted(time_s, end_s)) + 1)
     time_s, momentum = time_s[near], momentum[near]

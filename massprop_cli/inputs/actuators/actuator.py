@@ -21,9 +21,9 @@ from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.section import Section, Vector
 
 DEAD = 1e-9
-"""Part of its momentum that a device has that does nothing: none is no number that a vehicle file takes."""
+"""Part of its momentum that stands for a device that does nothing, since a vehicle file takes no 0."""
 NEAR = 0.02
-"""Part of itself within which a first reading is what is stated of it in another unit."""
+"""Relative tolerance within which a first reading is the stated value in another unit."""
 SPEEDS = {
     30 / np.pi: "it is in rpm",
     np.pi / 30: "{} is in rpm",

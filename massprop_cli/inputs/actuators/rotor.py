@@ -136,9 +136,9 @@ class Rotor(Actuator):
     def unsampled(self, x: Array, each: int) -> float:
         """One sigma of thrust [N] by what a rotor did between speeds ``x`` (K,), of which one in ``each`` cycles was logged.
 
-        A curve through every second one of those is off by E₂ at one between, through every fourth by E₄: through all, in the mean between
-        neighbours, by ⅔ E₂ E₂ / E₄, whether a speed is smooth or wanders (E₄ = √2 E₂). For m cycles it is off to the same side, which is in
-        each a white error of m times the variance.
+        A curve through every second speed misses those between by E₂ (rms), one through every fourth by E₄. So a curve through all misses
+        what lies between two by ⅔ E₂² / E₄ in the mean, whether the speed is smooth or wanders (E₄ = √2 E₂). The error keeps its sign over
+        m cycles: that counts as white noise of m times the variance in each.
         """
         if not each or len(x) < FEW * each:
             return 0.0

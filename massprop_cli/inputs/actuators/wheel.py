@@ -50,9 +50,9 @@ def step_of(values: Array) -> float:
 def dequantised(counts: Array) -> tuple[Array, Array, IntArray]:
     """(n,) what whole ``counts`` (n,) stand for, (n,) the variance of each, and (n,) for how many records each stands still.
 
-    Where a count changes by one, what is counted is midway between both, at some moment between their records. From one such moment to the
-    next it goes evenly; or, where it turns back, along a parabola to the count. A moment's error, evenly within a record, counts by the
-    slope, 1/(12 L²) of a count that stands for L. Of what turns back, or stands for long, 1/24 is left, and of what changes faster 1/12.
+    Where a count changes by one, the value is midway between both counts at some moment between their records. It is linear from one such
+    moment to the next; where it turns back, a parabola to the count. The moment is uniform within a record, so the variance of a count
+    that stands for L records is 1/(12 L²); it is 1/24 where the value turns back or stands for long, 1/12 where it changes faster.
     """
     places, edge = np.arange(len(counts)), np.flatnonzero(np.diff(counts))
     run = np.searchsorted(edge, places)
@@ -250,9 +250,9 @@ class Wheel(actuator.MomentumDevice):
         return actuator.Grown(time_s, self._driven(said, time_s, log)[None])
 
     def _turning_at(self, log: actuator.LogTimes, moment_s: float) -> float:
-        """The body's own rate about the axis when the first torque acts, by the records before: those after it have answered already.
+        """The body's own rate about the axis when the first torque acts, by the records before: later ones already show that torque.
 
-        What a parabola (of few records a line) through those of two cycles comes to then; where there is none, that of the first.
+        A parabola (of few records a line) through two cycles is extrapolated; without records before, it is the first record's rate.
         """
         end_s, cycle = log.edge_s[1:], round(log.period_s / log.interval_s[0])
         last = int(np.searchsorted(end_s, moment_s + 1e-6 * log.interval_s[0], "right"))

@@ -54,9 +54,9 @@ class Times:
 
     @property
     def step_s(self) -> float:
-        """The usual interval: the mean of those that are no gaps, as the median of times that are rounded is off.
+        """The usual interval: the mean of all but gaps, since rounded times have a biased median.
 
-        Of a clock that only scatters but for lost rows, even one of them is a gap.
+        Where nearly all intervals are alike, one lost row is a gap.
         """
         steps = np.diff(self.s)
         usual = median(steps)

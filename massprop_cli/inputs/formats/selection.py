@@ -81,9 +81,9 @@ class SensorColumn:
 
 
 def sensors(streams: Mapping[str, RecordedStream], count: int, rows: IntArray, times_s: Array | None) -> SensorColumn | None:
-    """The column of a table of ``count`` rows whose few values alternate with the records in ``rows`` (n,): one that is called so.
+    """The column of a table of ``count`` rows that numbers sensors: its few values alternate with the records in ``rows`` (n,).
 
-    Where something is wrong with the ``times_s`` (n,) of all, also another by each of whose values nothing is.
+    It is called like one. Where the ``times_s`` (n,) of all rows are no clock, it may have any name if its values part them into clocks.
     """
     in_doubt = times_s is not None and _is_wrong(times_s)
     like = [one for one in streams.values() if one.rows == count and (in_doubt or _is_called(one))]
