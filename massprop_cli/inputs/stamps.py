@@ -231,18 +231,16 @@ def _even(source: LogTable, vehicle: Vehicle, time_s: Array, usual_s: float, los
 
 
 def _on_even_clock(time_s: Array, number: Array, period_s: float) -> Array:
-    """(n,) times of records that are so many intervals from the first (n,), through the middle of their stamps."""
-    every = _nominal(time_s, number, period_s) * number
-    return np.asarray(median(time_s - every) + every)
+    """(n,) times of records that are so many intervals from the first (n,), through the middle of their stamps.
 
-
-def _nominal(time_s: Array, number: Array, period_s: float) -> float:
-    """The interval of an even clock: an equal part of the control cycle where the stamps allow it, else as they have it."""
+    The interval is an equal part of the control cycle where the stamps allow it, else as they have it.
+    """
     slope = float(np.polyfit(number, time_s, 1)[0])
     # of stamps that step, as of a random walk: those that scatter about their times tell it better
     error = float(np.std(np.diff(time_s) - slope * np.diff(number))) * len(time_s) ** -0.5
     nominal = period_s / max(round(period_s / slope), 1)
-    return nominal if abs(nominal - slope) < min(SIGMAS * error + EXACT * nominal, FURTHEST * nominal) else slope
+    every = number * (nominal if abs(nominal - slope) < min(SIGMAS * error + EXACT * nominal, FURTHEST * nominal) else slope)
+    return np.asarray(median(time_s - every) + every)
 
 
 def _resolution(time_s: Array) -> float:

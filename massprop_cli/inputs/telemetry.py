@@ -225,7 +225,10 @@ def _command_times(source: LogTable, time_s: Array, recorded_s: Array, stamped: 
     rows = np.flatnonzero(~np.isnan(issued_s))
     found = issued_s[rows] - (0.0 if stamped.moved_s is None else stamped.moved_s[rows])
     if stamped.moved_s is None and (np.diff(recorded_s) > 0).all():
-        found = _as_rebuilt(found, recorded_s, stamped.time_s)
+        # commands that bear the stamps of records go with these as they were rebuilt
+        row = np.minimum(np.searchsorted(recorded_s, found), len(recorded_s) - 1)
+        same = recorded_s[row] == found
+        found = np.where(same, stamped.time_s[row], found) if same.sum() > SHARED * len(same) else found
     if len(rows) < 2:
         raise InputError(f"{source.table.path}, column {source.name(COMMAND_TIME)}: {len(rows)} command(s); a log needs at least two")
     source.refuse(np.isinf(issued_s), COMMAND_TIME, lambda row: f"{issued_s[row]} is not a finite number; correct or cut the record")
@@ -241,13 +244,6 @@ def _command_times(source: LogTable, time_s: Array, recorded_s: Array, stamped: 
         )
     source.issued = rows
     return frozen(found)
-
-
-def _as_rebuilt(issued_s: Array, recorded_s: Array, time_s: Array) -> Array:
-    """(M,) times of commands that bear the stamps of records as these were recorded, by the stamps as they were rebuilt."""
-    row = np.minimum(np.searchsorted(recorded_s, issued_s), len(recorded_s) - 1)
-    same = recorded_s[row] == issued_s
-    return np.where(same, time_s[row], issued_s) if same.sum() > SHARED * len(same) else issued_s
 
 
 def _intervals(source: LogTable, time_s: Array, remedy: str = "") -> tuple[Array, list[Notice]]:

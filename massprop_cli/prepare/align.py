@@ -325,19 +325,15 @@ def lost_commands(log: Log) -> bool:
 def _lost(log: Log, vehicle: Vehicle, delay_cycles: float, lag_s: float, cycles: slice, made: Impulses) -> Array | None:
     """(K, C) s of full thrust that commands may have given which were lost: one sigma is the largest command of the log.
 
-    Of rotors, which go on as they were, it is the most that their commands change by in as long.
+    Of rotors, which go on as they were, it is the most that their commands change by in as many cycles as were lost in a row.
     """
     if not lost_commands(log):
         return None
     assert log.uncommanded is not None
-    turn = log.command_kind == "rotors"
-    sigma = _changes(log.command, log.uncommanded) if turn else np.abs(log.command).max(0)
+    turn, sigma = log.command_kind == "rotors", np.abs(log.command).max(0)
+    if turn:
+        longest = int(np.diff(runs(log.uncommanded), axis=1).max(initial=1))
+        sigma = np.max([np.abs(log.command[n:] - log.command[:-n]).max(0) for n in range(1, longest + 1)], 0)
     other = log.command * turn + log.uncommanded[:, None] * sigma
     found = impulses(replace(log, command=frozen(other), uncommanded=None), vehicle, delay_cycles, lag_s, cycles).whole
     return np.abs((found - made.whole if turn else found)[:, : made.thrusting])
-
-
-def _changes(command: Array, lost: BoolArray) -> Array:
-    """(C,) the most that commands (K, C) change by in as many cycles as were lost in a row at most (K,)."""
-    longest = int(np.diff(runs(lost), axis=1).max(initial=1))
-    return np.asarray(np.max([np.abs(command[n:] - command[:-n]).max(0) for n in range(1, longest + 1)], 0))

@@ -216,7 +216,10 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None,
     if attitude is not None:
         up, torque = world_up_b(attitude), np.array(vehicle.environment.room_torque_n_m)
         aligned, steady = with_torque(aligned, attitude, torque) if torque.any() else (aligned, None)
-    force = times(body_from_imu, aligned.specific_force_imu_m_s2) - _steady_force(aligned, vehicle)
+    axes = np.eye(3) if aligned.force_axes is None else aligned.force_axes
+    # what carries the weight on a table, as the IMU's axes that were logged feel it
+    held = axes.T @ np.where(aligned.unread[3:], 0.0, axes @ vehicle.environment.steady_force_m_s2)
+    force = times(body_from_imu, aligned.specific_force_imu_m_s2) - held
     effect = aligned.kernel_effect
     if effect is not None and vehicle.pivoted:  # the weight as it was when the gyro's motion was, and not smeared
         mean = (up[:-1] + up[1:]) / 2
@@ -233,12 +236,6 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None,
         measured=measured,
         room_torque_n_m=steady,
     )
-
-
-def _steady_force(aligned: Aligned, vehicle: Vehicle) -> Array:
-    """(3,) of what carries the weight of a vehicle on a table, body axes, as the IMU's axes that were logged feel it."""
-    axes = np.eye(3) if aligned.force_axes is None else aligned.force_axes
-    return axes.T @ np.where(aligned.unread[3:], 0.0, axes @ vehicle.environment.steady_force_m_s2)
 
 
 def _carried(aligned: Aligned, vehicle: Vehicle, rate: Array, before: Before) -> tuple[Array, Array, Array]:

@@ -106,14 +106,12 @@ class Stream:
         aligned = self.alignment.part(cycles)
         scaled = replace(aligned, rate_imu_rad_s=self.gyro * aligned.rate_imu_rad_s, force_axes=force_axes(self.log, self.vehicle))
         of_these = None if self._measured is None else self._measured.part(cycles)
-        return compensate(scaled, self.vehicle, self._before(cycles.start), of_these)
-
-    def _before(self, cycle: int) -> Before | None:
-        if cycle == 0:
-            return None
+        if cycles.start == 0:
+            return compensate(scaled, self.vehicle, None, of_these)
         carried = self.vehicle.pivoted and self._measured is None
-        rate, turn = self._motion(slice(cycle - 1, cycle))
-        return Before(rate[0], turn[0], *(self._edge(cycle) if carried else self._edges[0]))
+        rate, turn = self._motion(slice(cycles.start - 1, cycles.start))
+        before = Before(rate[0], turn[0], *(self._edge(cycles.start) if carried else self._edges[0]))
+        return compensate(scaled, self.vehicle, before, of_these)
 
     def _edge(self, cycle: int) -> tuple[Array, BiasSeen, float]:
         """What :class:`Before` has of the attitude at the start of a cycle on the grid."""

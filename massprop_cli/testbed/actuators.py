@@ -222,19 +222,14 @@ class Ramp:
 
     def integrals(self, time: Array) -> tuple[Array, Array]:
         """First and second integral from 0 to ``time`` (≥ 0), both (n, len(time))."""
-        value, area = self._primitive(np.concatenate([[0.0], time]))
+        width, times = (self.end - self.start)[:, None], np.concatenate([[0.0], time])
+        x = np.minimum(np.maximum(times - self.start[:, None], 0.0), width)
+        after = np.maximum(times - self.end[:, None], 0.0)
+        part = x * (x / np.where(width > 0, width, 1.0)) / 2
+        # from before the ramp
+        value, area = self.height[:, None] * (part + after), self.height[:, None] * (x * part / 3 + after * width / 2 + after * after / 2)
         at_zero, value = value[:, :1], value[:, 1:]
         return value - at_zero, area[:, 1:] - area[:, :1] - at_zero * time
-
-    def _primitive(self, time: Array) -> tuple[Array, Array]:
-        """First and second integral from before the ramp."""
-        width = (self.end - self.start)[:, None]
-        x = np.minimum(np.maximum(time - self.start[:, None], 0.0), width)
-        after = np.maximum(time - self.end[:, None], 0.0)
-        part = x * (x / np.where(width > 0, width, 1.0)) / 2
-        first = part + after
-        second = x * part / 3 + after * width / 2 + after * after / 2
-        return self.height[:, None] * first, self.height[:, None] * second
 
     def value_at_zero(self) -> Array:
         """(n,) what the ramp adds at time 0."""

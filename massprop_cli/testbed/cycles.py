@@ -75,10 +75,7 @@ class Cycles:
             self.actuators.issue(slice(None), self.allocated.commands(self.plan.demand))
         none: Array = np.zeros(0)
         self._executed = 0, 0, (none, none, none)
-        self.records, rate = scenario.sensors.records_per_cycle, scenario.initial.rate_rad_s
-        sizes = self.members, scenario.cycles, self.records
-        setting = Setting(scenario.vehicle, scenario.actuators, *sizes, scenario.delay_cycles, rate, edges)
-        self.exchange = exchange.Exchange(setting, spun)
+        self.exchange = exchange.Exchange(_setting(scenario, self.members, edges), spun)
         self.gyro, self.accelerometer = imu.gyro(scenario, rngs["gyro"]), imu.accelerometer(scenario, rngs["accelerometer"])
         self.torque = _disturbance(scenario, rngs["disturbance"])
         self.damping = np.array(scenario.disturbance.rate_n_m_s)[:, None, None]
@@ -86,6 +83,7 @@ class Cycles:
         self.body = truth.bodies(scenario.truth, self.members)
         self._moved: tuple[Bodies, Dynamics] | None = None
         self.events = {event.at(self.period): event for event in scenario.events}
+        self.records = scenario.sensors.records_per_cycle
         self.attitude = np.empty((self.members, scenario.cycles * self.records + 1, 4))
         """(S, K N + 1, 4) at the start and after each record."""
         self.rate = np.empty((self.members, scenario.cycles + 1, 3))
@@ -254,6 +252,11 @@ def _onboard(source: ScenarioSource, attitude: Array, running: RunningOf | None)
     if running is None:
         raise InputError(f'{source.source}: control.model = "estimate" wants an estimator aboard; massprop simulate brings one')
     return Onboard(scenario.control, attitude, body, running(scenario.logged, source.source, members))
+
+
+def _setting(scenario: Scenario, members: int, edges_s: Array) -> Setting:
+    records, rate = scenario.sensors.records_per_cycle, scenario.initial.rate_rad_s
+    return Setting(scenario.vehicle, scenario.actuators, members, scenario.cycles, records, scenario.delay_cycles, rate, edges_s)
 
 
 def _bins(scenario: Scenario, fine: bool) -> int:

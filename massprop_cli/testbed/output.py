@@ -171,12 +171,14 @@ def log_table(flight: SimulatedFlight, member: int, scenario: Scenario) -> Any:
     records, rates = scenario.sensors.records_per_cycle, scenario.vehicle.imu.measures != "increment"
     interval_s = scenario.vehicle.cycle.period_s / records if rates else 1.0
     commanded = flight.commanded(member)
+    in_first_record = np.full((len(commanded) * records, commanded.shape[1]), np.nan)
+    in_first_record[::records] = np.round(commanded, 12)  # ticks without the noise of their multiplication
     names = [columns.jet(jet.name) for jet in scenario.vehicle.jets] or list(columns.WRENCH)[: commanded.shape[1]]
     blocks = [
         ([columns.TIME], flight.time_s[:, None]),
         _logged((columns.DELTA_THETA, columns.GYRO)[rates], flight.delta_theta_rad[member] / interval_s, flight.axes[:3]),
         _logged((columns.DELTA_V, columns.ACCEL)[rates], flight.delta_v_m_s[member] / interval_s, flight.axes[3:]),
-        (names, _in_first_record(commanded, records)),
+        (names, in_first_record),
         *(([name], values[member][:, None]) for name, values in flight.columns.items()),
     ]
     if flight.logged_wxyz is not None:
@@ -192,12 +194,6 @@ def log_table(flight: SimulatedFlight, member: int, scenario: Scenario) -> Any:
 
 def _logged(names: Sequence[str], increments: Any, axes: Sequence[bool]) -> tuple[list[str], Any]:
     return [name for name, logged in zip(names, axes, strict=True) if logged], increments[:, np.array(axes)]
-
-
-def _in_first_record(issued: Any, records: int) -> Any:
-    rows = np.full((len(issued) * records, issued.shape[1]), np.nan)
-    rows[::records] = np.round(issued, 12)  # ticks without the noise of their multiplication
-    return rows
 
 
 def truth_of(flight: SimulatedFlight, member: int, scenario: Scenario) -> dict[str, Any]:

@@ -68,10 +68,6 @@ class SimulatedFlight:
             return issued[:, :0]
         return issued
 
-    def _beside(self, path: Path, member: int) -> LogTable:
-        """What its file has beside commands and the IMU."""
-        return LogTable(at_hand(path, {TIME: self.time_s} | {name: values[member] for name, values in self.columns.items()}), {})
-
     @property
     def kind(self) -> dict[str, Any]:
         """What its records are, as :class:`massprop_cli.inputs.telemetry.Log` has it: increments, or samples where the vehicle says so."""
@@ -89,7 +85,7 @@ class SimulatedFlight:
             for axes, increments in ((self.axes[:3], self.delta_theta_rad), (self.axes[3:], self.delta_v_m_s))
         )
         path = Path(f"seed-{self.seeds[member]}")
-        beside = self._beside(path, member)
+        beside = LogTable(at_hand(path, {TIME: self.time_s} | {name: values[member] for name, values in self.columns.items()}), {})
         kind: commands.CommandKind = "jets" if self.vehicle.jets or not self.commanded(member).shape[1] else "wrench"
         command = self.commanded(member)
         if self.vehicle.rotors:
