@@ -57,8 +57,7 @@ def pulses(part: Array, start_s: Array, on_s: Array, jet: Jet, touching_s: float
     """Thrust over full thrust of one jet, of which each pulse gives its ``part``.
 
     A pulse rises linearly from its start, lasts its on-time, then falls from the thrust reached. Pulses that end and begin within
-    ``touching_s`` are one, which steps from part to part. Where scattered times make a pulse begin before the last one ends, both give
-    their whole impulse.
+    ``touching_s`` are one, which steps from part to part. Pulses that overlap, as their times scatter, both give their whole impulse.
     """
     fired = on_s > 0
     begin, end, part = start_s[fired], (start_s + on_s)[fired], part[fired]
@@ -91,8 +90,7 @@ def held(start_s: Array, value: Array) -> Signal:
 def executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s: Array, lag_s: float) -> tuple[Array, Array]:
     """Integral and first moment per bin, (bins, commands), of each jet's thrust fraction, wrench component, or rotor's thrust in N.
 
-    By the commands of the cycles ``issued``, which are executed from ``begin_s`` on, with the lag ``lag_s`` where an actuator has none of
-    its own.
+    Commands of the cycles ``issued`` are executed from ``begin_s`` on, with the lag ``lag_s`` where an actuator has none of its own.
     """
     command = _limited(log.command[issued], vehicle).T
     if log.command_kind == "rotors":

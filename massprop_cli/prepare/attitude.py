@@ -116,10 +116,7 @@ def bias_seen(attitude_wxyz: Array, felt: Array, duration_s: Array, begun: BiasS
 
 
 def freed(attitude_wxyz: Array, turns: Array, off: Array) -> tuple[Array, Array]:
-    """(K + 1, 4) attitude less what it is ``off`` by (K + 1, 3), and (K, 3) the turns by which that is carried from edge to edge.
-
-    ``attitude_wxyz`` (K + 1, 4) and ``turns`` (K, 3) are as integrated.
-    """
+    """(K + 1, 4) integrated attitude less what it is ``off`` by (K + 1, 3), and (K, 3) ``turns`` that carry it from edge to edge."""
     back = quaternion_of(-off)
     step = -2 * turns_between(back)[:, 1:]
     return quaternion_product(back, attitude_wxyz), turns - times(_mean_matrices(attitude_wxyz).transpose(0, 2, 1), step)

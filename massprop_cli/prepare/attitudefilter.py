@@ -161,9 +161,7 @@ def filtered(given: Given, begun: Array, covariance: Array) -> tuple[Array, Arra
 def linear(
     given: Given, about: Measured, begun: Array, sigmas: tuple[float, float, float] | None = None, at: Array | None = None
 ) -> LinearFilter:
-    """LinearFilter about a reference that stays as it is, from its error ``at`` the beginning (3,), 0 by default.
-
-    ``begun`` (3, 3) is the covariance of that.
+    """LinearFilter about a reference that stays as it is, from its error ``at`` the beginning (3,) with the covariance ``begun`` (3, 3).
 
     When a share s of a cycle has gone by, its attitudes measure ``R(−θ s) φ − J s T b − J s δ + μ − ω λ``, δ what turns the reference in
     addition to the gyro. ``sigmas`` of bias, misalignment and latency; None: as stated.

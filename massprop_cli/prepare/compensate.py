@@ -199,9 +199,8 @@ class Before:
 def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None, measured: Measured | None = None) -> Samples:
     """Turn IMU data into body axes and find the vertical: as the gyro carries it, or of the reference attitude of ``measured``.
 
-    Of a whole log, or of a part of it with what it goes on from. The lever arm is not taken out here: :func:`acceleration` does it with
-    the differenced rate, as the thesis does, and the default estimator inside its model, with the angular acceleration that the commands
-    cause.
+    Of a whole log, or of a part of it with what it goes on from. The lever arm stays in: :func:`acceleration` takes it out by the
+    differenced rate, as the thesis does, and the default estimator's model by the angular acceleration that the commands cause.
     """
     body_from_imu = np.array(vehicle.imu.body_from_imu)
     rate = times(body_from_imu, aligned.rate_imu_rad_s)

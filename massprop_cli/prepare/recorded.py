@@ -22,10 +22,9 @@ REACH = 64
 
 
 def undone(log: Log, vehicle: Vehicle) -> Log:
-    """The log without the low-passes that ``imu.gyro_lag_s`` and ``imu.accel_lag_s`` state; that of a steady motion before it began.
+    """The log without the low-passes (as of a steady motion before it) and the gyro bias that ``imu`` states.
 
-    Without the bias that ``imu.gyro_bias_rad_s`` states. With the speeds of wheels at the records' ends. With velocity increments in the
-    IMU's own axes where ``imu.accel_axes`` says that they are in those of each record's start.
+    With the speeds of wheels at the records' ends, and velocity increments in the IMU's own axes whatever ``imu.accel_axes`` says.
     """
     log = tachometer.at_bends(log, vehicle)
     gyro, accelerometer = vehicle.imu.gyro_lag_s, vehicle.imu.accel_lag_s

@@ -57,8 +57,7 @@ def turned(
 ) -> tuple[list[Signal], Stored]:
     """What momentum devices do: the torque along each axis, N m, and the momentum that they hold in bins of edges ``edges_s``.
 
-    There are ``bins`` of these in a cycle; ``by`` gives integrals and first moments in each as the gyro shows them, by what was up to
-    ``before_s`` before.
+    A cycle has ``bins`` of these; ``by`` gives integrals and first moments in each as the gyro shows them, up to ``before_s`` earlier.
     """
     logged = _times(log, vehicle, delay_s)
     whole = [device.momentum(said, logged) for device, said in zip(vehicle.spinning, log.spinning, strict=True)]

@@ -55,10 +55,7 @@ class Cycles:
         running: RunningOf | None = None,
         fine: bool = True,
     ) -> None:
-        """``issued`` (K, C) or (S, K, C) goes in place of the scenario's plan; :class:`InputError` where that can't be flown.
-
-        ``running`` makes the estimator that the control may ask for. Without ``fine`` any IMU has as few bins as one that averages.
-        """
+        """As of :func:`massprop_cli.testbed.simulate.fly`."""
         self.source, self.seeds, self.changes = source, seeds, changes
         scenario = self.scenario = source.scenario
         rngs = self.rngs = {name: [np.random.default_rng([seed, i]) for seed in seeds] for i, name in enumerate(STREAMS)}

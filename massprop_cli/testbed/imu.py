@@ -83,10 +83,7 @@ class Sensor:
         self._last: Array | None = None
 
     def sense(self, cycles: slice, mean: Array, jump: Array | float = 0.0) -> Array:
-        """Log cycles from (3, S, N) what their records show and return the sum of their increments, (3, S).
-
-        ``jump`` (3, S) comes on top of the first increment.
-        """
+        """Log cycles from (3, S, N) what their records show, ``jump`` (3, S) on top of the first; the sum of their increments, (3, S)."""
         seen: Array = apply(self.imu_from_body[..., None, None], mean) + self.bias[:, None, None]
         seen += self.noise[:, :, cycles].reshape(seen.shape)
         if np.ndim(jump):

@@ -37,10 +37,7 @@ def simulate(
     progress: Callable[[str, float], None] | None = None,
     running: RunningOf | None = None,
 ) -> str:
-    """Fly one seed into ``folder``, or ``seeds`` of them into folders seed-N below it; says what was written.
-
-    ``running`` makes the estimator that the control may take its body from.
-    """
+    """Fly one seed into ``folder``, or ``seeds`` of them into folders seed-N below it; says what was written. ``running`` as of fly."""
     with files.writing(folder):
         if seeds is None:
             files.check_own(folder, (f"log.{kind}", "vehicle.toml"), "truth.json")

@@ -215,8 +215,7 @@ class Scenario(Timed):
     def phases(self) -> tuple[Phase, ...]:
         """The vehicle file's phases, or those that events make.
 
-        An event ends the phase before it. A reset begins one; a dock does so if it names one or if no reset follows. Without events:
-        one phase, "all".
+        An event ends a phase. A reset begins one; a dock does so if it names one or no reset follows. Without events: one phase, "all".
         """
         if self.vehicle.phases:
             return self.vehicle.phases

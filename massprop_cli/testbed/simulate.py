@@ -123,8 +123,8 @@ def fly(
     """Fly one member per seed.
 
     ``issued`` (K, C) or (S, K, C) flies recorded commands open loop instead of the plan; ``changes`` happen at the start of their cycle.
-    ``running`` makes the estimator that the control may take its body from. ``fine`` is as of :class:`Cycles`. :class:`InputError` where
-    the plan can't be flown or the motion runs away.
+    ``running`` makes the estimator that the control may take its body from. Without ``fine`` any IMU has as few bins as one that averages.
+    :class:`InputError` where the plan can't be flown or the motion runs away.
     """
     scenario = source.scenario
     period, cycles, phases = scenario.vehicle.cycle.period_s, scenario.cycles, scenario.phases

@@ -152,8 +152,7 @@ def at_own_times(streams: Streams, records: Records, edges: Array) -> dict[str, 
 def _placed(time_s: Array, issued_s: Array, step_s: float) -> tuple[Array, IntArray, BoolArray, IntArray] | None:
     """Times of records, which of them were recorded, the commands within them, and the rows of these; None where a row would have two.
 
-    A command that was issued as a sample was taken is in the record after it. Records that were lost are put back, empty, where commands
-    were issued in them.
+    A command that was issued as a sample was taken is in the record after it. Lost records in which commands were issued come back, empty.
     """
     slack_s = SAME * step_s
     own: BoolArray = (issued_s > time_s[0] - step_s - slack_s) & (issued_s < time_s[-1] - slack_s)

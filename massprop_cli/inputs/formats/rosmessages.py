@@ -39,11 +39,6 @@ class Topic:
         self.time_ns: list[int] = []
         self.rows: list[dict[str, float | int]] = []
 
-    def add(self, time_ns: int, message: Any) -> None:
-        """One message."""
-        self.time_ns.append(time_ns)
-        self.rows.append(dict(_fields(message, "")))
-
     def streams(self) -> Iterator[RecordedStream]:
         """Fields that every message has, on the header's clock where there is one."""
         clock = f"{self.name}/{LOG_TIME}"
@@ -67,7 +62,8 @@ def collected(path: Path, messages: Iterable[tuple[str, str, int, Any]]) -> Iter
     cells = 0
     for name, kind, time_ns, message in messages:
         topic = topics.setdefault(name, Topic(name, kind))
-        topic.add(time_ns, message)
+        topic.time_ns.append(time_ns)
+        topic.rows.append(dict(_fields(message, "")))
         cells += len(topic.rows[-1]) + 1
         limits.NUMBERS.check(str(path), cells)
     for topic in topics.values():
