@@ -141,8 +141,10 @@ def impulses(log: Log, vehicle: Vehicle, delay_cycles: float, lag_s: float, cycl
     usable_s = first_usable_s(log, vehicle, delay_s, lag_s)
     labelled, length = cycle_edges(log, of)
     start, duration = by_commands_clock(log, vehicle, labelled), length * pace(vehicle)
-    # and those whose commands may still act; the one that comes next may go on with a pulse
-    begun, memory_s = log.command_start_s, _memory_s(log, vehicle, delay_s, lag_s)
+    # and those whose commands may still act, but for what a lag keeps below the last digit; the one that comes next may go on with a pulse
+    ramps_s = max((jet.rise_s + jet.fall_s for jet in vehicle.jets), default=0.0)
+    lags_s = LAGS_KEPT * longest_lag_s(vehicle, lag_s) + _shown_s(log, vehicle, LAGS_KEPT)
+    begun, memory_s = log.command_start_s, delay_s + longest_delay_s(vehicle) + 3 * vehicle.cycle.period_s + ramps_s + lags_s
     before = max(int(np.searchsorted(begun, start[0] - memory_s)) - 1, 0)
     issued = slice(before, int(np.searchsorted(begun, max(float(start[-1]), float(labelled[-1])) + 2 * vehicle.cycle.period_s)))
     acted = _Acted(log, vehicle, issued, begun[issued] + delay_s, delay_s, lag_s)
@@ -296,13 +298,6 @@ def _shown_s(log: Recorder, vehicle: Vehicle, lags: float) -> float:
     """How far back what a sensor shows may have been, beyond its record: so many time constants of its low-pass."""
     back = (one.latency_s + lags * float(np.abs(one.lags_s).max(initial=0.0)) for one in sensors(log, vehicle))
     return max(*back, 0.0)
-
-
-def _memory_s(log: Log, vehicle: Vehicle, delay_s: float, lag_s: float) -> float:
-    """How far back what is shown now may have been commanded; what a lag keeps of earlier commands is below the last digit."""
-    ramps = max((jet.rise_s + jet.fall_s for jet in vehicle.jets), default=0.0)
-    lags_s = LAGS_KEPT * longest_lag_s(vehicle, lag_s) + _shown_s(log, vehicle, LAGS_KEPT)
-    return delay_s + longest_delay_s(vehicle) + 3 * vehicle.cycle.period_s + ramps + lags_s
 
 
 def _bin_edges(start: Array, duration: Array, bins: int) -> Array:

@@ -15,7 +15,6 @@ from massprop_cli.testbed.motion import Bodies, CycleMotion, Dynamics, Wrench, c
 from massprop_cli.testbed.onboard import Onboard, RunningOf, nominal
 from massprop_cli.testbed.rotors import Rotors
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
-from massprop_cli.testbed.timeline import Event
 
 BINS = 20
 """At least this many bins in a cycle."""
@@ -144,14 +143,6 @@ class Cycles:
         """The bodies as far as what stores momentum does not follow it."""
         return self.actuators.bare(self.exchange.bare(bodies))
 
-    def _happen(self, event: Event, rate: Array) -> tuple[Bodies, Array, Array | float]:
-        """Body, rate (3, S) and jump of the IMU's velocity after an event; a wheel keeps its momentum, so its speed jumps."""
-        if event.kind == "reset" or self.scenario.docked is None:
-            return self.body, rate, 0.0
-        other = truth.bodies(self.scenario.docked, self.members)
-        combined = truth.joined(self.body, other, self.scenario.vehicle.bearing_mass_kg)
-        return combined, *truth.docked_motion(self._bare(self.body), other, self._bare(combined), rate, self.position, event)
-
     def _check_motion(self, first: int, last: int) -> None:
         """:class:`InputError` where a member turns too fast at the end of a cycle from ``first`` to before ``last``."""
         wild = ~(np.abs(self.rate[:, first + 1 : last + 1]).max(2) <= 1 / self.period)
@@ -163,10 +154,13 @@ class Cycles:
             )
 
     def _begin(self, k: int) -> Array | float:
-        """What happens at the start of a cycle; the jump of the IMU's velocity there."""
+        """What happens at the start of a cycle; the jump of the IMU's velocity there. A wheel keeps its momentum, so its speed jumps."""
         jump: Array | float = 0.0
-        if k in self.events:
-            self.body, after, jump = self._happen(self.events[k], self.rate[:, k].T)
+        if k in self.events and self.events[k].kind == "dock" and self.scenario.docked is not None:
+            alone, other = self.body, truth.bodies(self.scenario.docked, self.members)
+            self.body = truth.joined(alone, other, self.scenario.vehicle.bearing_mass_kg)
+            both = self._bare(alone), other, self._bare(self.body)
+            after, jump = truth.docked_motion(*both, self.rate[:, k].T, self.position, self.events[k])
             self.rate[:, k] = after.T
         if k in self.changes:
             self.body = self.changes[k].bodies
