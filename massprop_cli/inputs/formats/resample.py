@@ -1,7 +1,9 @@
 """Streams on a log's records and cycles: rates are integrated and increments summed over records, commands averaged over cycles."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -10,7 +12,9 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.base.quaternion import inverse, matrices, quaternion_product
 from massprop_cli.base.rigidbody import times
 from massprop_cli.inputs.equipment import OFF_UNIT
-from massprop_cli.inputs.formats.mapfile import Attitude
+
+if TYPE_CHECKING:
+    from massprop_cli.inputs.formats.mapfile import Attitude
 
 Values = Literal["sample", "mean", "increment"]
 Holds = Literal["until_next", "since_last"]
