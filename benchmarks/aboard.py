@@ -6,8 +6,6 @@ The faulty and the clean logs of benchmarks/faults.py, cycle by cycle through wh
 cause is looked for and nothing is sized: a value is contradicted while the latest cycles leave more than the stated noise.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import zlib

@@ -5,8 +5,6 @@
 The bound is each log's own, from the simulator's sensitivities (tests/cramerrao.py).
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections import Counter

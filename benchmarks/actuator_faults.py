@@ -8,8 +8,6 @@ the fault. Columns: logs whose fault is named, with another beside it or none; l
 is unknown or leave a discrepancy; logs of which nothing is said; values that are converged beyond 4 sigma.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

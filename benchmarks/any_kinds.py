@@ -1,7 +1,5 @@
 """What a flight of any vehicle is changed to: an object docks, something is left open, or something isn't as the vehicle file says."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from copy import deepcopy
 from typing import Any, NamedTuple

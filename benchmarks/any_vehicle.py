@@ -9,8 +9,6 @@ with noise of 5 to 500 microrad/s and 1 to 30 mm/s² in a cycle's mean; biases, 
 here and there. All that is uncertain is stated in its vehicle file, so no log has a fault, and whatever is warned of is a false alarm.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections import Counter

@@ -6,8 +6,6 @@ Half of the tables turn by jets, half by wheels. Ballasts weigh other than state
 sigma), which is stated. Printed: what truly remains against what is wanted and its stated sigma, and the check of the second log.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

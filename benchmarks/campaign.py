@@ -6,8 +6,6 @@ Flies 1,000 logs of 400 cycles on the testbed in software (another number: ``--l
 process and with two, and watches the memory of all its processes. Exits with 1 beyond a limit.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import platform

@@ -1,7 +1,5 @@
 """Faults of benchmarks/faults.py and benchmarks/unforeseen.py on vehicles that nobody chose, as kinds of recordings."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """A kind of recordings: what changes a flown log, and what must be said of it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Recordings with records that the recorder lost: whose rows are missing, or hold nothing, zeros or the reading before."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Recordings in other units, axes and frames than their vehicle file says, of sensors that change, and of commands that were others."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Recordings whose time is not the time of their motion: the stamps' fault, or the records'."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -9,8 +9,6 @@ A kind changes the log's columns, or the vehicle file, as a recorder or a person
 ``--pairs``: two kinds at once, drawn at random by the vehicle's number from all of these and from the faults of benchmarks/faults.py.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import time

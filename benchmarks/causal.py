@@ -5,8 +5,6 @@
 Packaged scenarios, seed by seed, through the estimator alone with the noise that the scenario states.
 """
 
-from __future__ import annotations
-
 import argparse
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass

@@ -7,8 +7,6 @@
 Faults are drawn as in benchmarks/faults.py, one seed of each kind on each vehicle. With clean logs the commands are timed.
 """
 
-from __future__ import annotations
-
 import argparse
 import resource
 import shlex

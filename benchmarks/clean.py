@@ -12,8 +12,6 @@ is named, that are contradicted, or refused; values of these environments that a
 beside wheels.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections import Counter

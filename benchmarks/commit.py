@@ -1,7 +1,5 @@
 """Which state of the project a table was made with."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

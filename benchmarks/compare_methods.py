@@ -3,8 +3,6 @@
 python benchmarks/compare_methods.py > docs/methods.md
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 python benchmarks/control.py > docs/control.md
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The root mean square of errors over their sigmas, and how far it scatters by chance where errors of one log are correlated."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

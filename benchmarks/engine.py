@@ -8,8 +8,6 @@ run, the least of several, since machines differ and are shared; memory is the l
 has compiled, as of an installed package.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess

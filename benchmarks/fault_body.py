@@ -1,7 +1,5 @@
 """Faults of the body and its surroundings, and two faults at once."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Commands that are logged otherwise than they acted, in ways that no error parameter describes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

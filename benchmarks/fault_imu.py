@@ -1,7 +1,5 @@
 """Faults of gyro, accelerometer and their mounting."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """All kinds of fault."""
 
-from __future__ import annotations
-
 from fault_body import BODY
 from fault_imu import IMU
 from fault_thrust import THRUST

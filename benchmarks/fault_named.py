@@ -1,7 +1,5 @@
 """What must be said of a fault, and what a fault is."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

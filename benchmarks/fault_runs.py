@@ -1,7 +1,5 @@
 """One fault on one vehicle with one seed: what was said of it, and what it did to the values."""
 
-from __future__ import annotations
-
 import gc
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Faults of jets, commands and their timing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -3,8 +3,6 @@
 What acts on the body is added to its motion to first order, so that these are for free flight. The truth is what the clean flight had.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

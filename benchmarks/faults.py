@@ -7,8 +7,6 @@
 Jet, axis, sign, size and time are drawn from kind, vehicle and seed.
 """
 
-from __future__ import annotations
-
 import argparse
 import statistics
 import sys

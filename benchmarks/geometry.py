@@ -5,8 +5,6 @@
 Each seed flies a vehicle of its own, drawn from the stated uncertainty, by the commands of the stated one; it is estimated as stated.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections import Counter
 from collections.abc import Sequence

@@ -8,8 +8,6 @@ Each set is four random bodies under one IMU (increments, means or samples; no l
 alone, told by their torque or by their speeds. With ``--auto`` cutoffs are left to be found.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections import Counter

@@ -7,8 +7,6 @@ Times are CPU times of one thread. Beside a cycle stands filterpy's update of ni
 where filterpy is installed. Code, RAM and stack for Cortex-M4F want gcc-arm-none-eabi.
 """
 
-from __future__ import annotations
-
 import argparse
 import io
 import json

@@ -6,8 +6,6 @@ A mutant changes one place: a comparison, an arithmetic operator, a number, a co
 tree, against the named tests, until the first failure.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import copy

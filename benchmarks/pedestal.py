@@ -7,8 +7,6 @@ its own flight, by differences: the same actuators' motion once for each of the 
 once a little smaller. Of a free swing inertia is known to a hundredth of its size, and that is in the bound.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

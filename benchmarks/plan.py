@@ -6,8 +6,6 @@ For each: how long the plan is beside what the packaged timeline needs for the s
 their root mean square error, over the sigma that was predicted; and whether every seed keeps the limits.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from pathlib import Path

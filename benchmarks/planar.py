@@ -6,8 +6,6 @@ The packaged scenario "planar", with as much of the weight's pull along the slop
 are flown at once.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections import Counter

@@ -7,8 +7,6 @@ against the second as it is, then with its values moved: along a random directio
 covariance without what all logs of a vehicle share, and by so many of its own sigmas in one value alone, the others as they are.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Iterator

@@ -5,8 +5,6 @@
 Times are of the simulation alone, without start-up and files; the least of several runs, on whatever machine this is.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import time

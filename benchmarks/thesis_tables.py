@@ -6,8 +6,6 @@ Tables 4.1 and 4.2 (scenarios preliminary, refined) and 5.2 to 5.4 (docking). A 
 the thesis's own simulation instead of on an IMU's: see :func:`own_sensing`.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor

@@ -3,8 +3,6 @@
 python benchmarks/thesis_tuning.py > docs/thesis-tuning.md
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.estimate import thesis

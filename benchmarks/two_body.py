@@ -5,8 +5,6 @@
 For each quantity of the object: mean sigma, root mean square error in sigmas, and how often 95 % intervals hold the truth.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from pathlib import Path

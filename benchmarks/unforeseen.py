@@ -4,8 +4,6 @@ python benchmarks/unforeseen.py --seeds 3 > docs/unforeseen.md
 python benchmarks/unforeseen.py --kind slosh --vehicle jets --show
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 import zlib

@@ -5,8 +5,6 @@
 All seeds are flown at once; each has a plan of its own, and so a bound of its own.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``@dataclass(frozen=True)`` of the standard library, all classes with the same methods: made in a fraction of the time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, FrozenInstanceError
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
