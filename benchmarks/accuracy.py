@@ -5,7 +5,6 @@
 The bound is each log's own, from the simulator's sensitivities (tests/cramerrao.py).
 """
 
-import argparse
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -19,7 +18,7 @@ from massprop_cli.base import onethread
 onethread.prefer()
 
 import numpy as np  # noqa: E402
-from commit import commit  # noqa: E402
+from script import commit, counted  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from massprop_cli import QUANTITIES, UNITS, __version__, flow  # noqa: E402
@@ -127,8 +126,7 @@ def _columns(runs: Sequence[Run], method: str, body: int, i: int, limit: float) 
 
 def main() -> None:
     """All scenarios, all seeds."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=200)
+    parser = counted(__doc__, seeds=200)
     parser.add_argument("--scenario", action="append", choices=SCENARIOS)
     arguments = parser.parse_args()
     print(HEAD.format(seeds=arguments.seeds, version=__version__, commit=commit()))

@@ -8,7 +8,6 @@ the fault. Columns: logs whose fault is named, with another beside it or none; l
 is unknown or leave a discrepancy; logs of which nothing is said; values that are converged beyond 4 sigma.
 """
 
-import argparse
 import sys
 import time
 from collections import Counter
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from script import counted
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from massprop_cli.base import onethread
@@ -75,10 +75,7 @@ def _said(fault: Fault, of: Subject, draw: np.random.Generator) -> Told:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=5)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=1)
+    parser = counted(__doc__, count=5, seed=0, jobs=1)
     parser.add_argument("--platform", action="append", choices=list(TABLES))
     parser.add_argument("--fault", action="append", choices=list(FAULTS))
     parser.add_argument("--show", action="store_true", help="what is said of each")

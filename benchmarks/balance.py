@@ -6,11 +6,11 @@ Half of the tables turn by jets, half by wheels. Ballasts weigh other than state
 sigma), which is stated. Printed: what truly remains against what is wanted and its stated sigma, and the check of the second log.
 """
 
-import argparse
 import sys
 from pathlib import Path
 
 import numpy as np
+from script import counted
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from massprop_cli.balance.document import G_CM
@@ -23,9 +23,7 @@ OFFSET_M = 1e-3
 
 def main() -> None:
     """All tables, then the figures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--tables", type=int, default=50)
-    count = parser.parse_args().tables
+    count = counted(__doc__, tables=50).parse_args().tables
     parts = [ran(*one) for one in (("jets", 1, count - count // 2), ("wheels", 2, count // 2))]
     first, rest, z, second, p, masses, reached = (np.concatenate(part) for part in zip(*parts, strict=True))
     print("| | |")

@@ -6,10 +6,8 @@ Flies 1,000 logs of 400 cycles on the testbed in software (another number: ``--l
 process and with two, and watches the memory of all its processes. Exits with 1 beyond a limit.
 """
 
-import argparse
 import os
 import platform
-import resource
 import subprocess
 import sys
 import tempfile
@@ -17,6 +15,8 @@ import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
+
+from script import counted, cpu_s
 
 FASTER = 1.7
 """Two processes on two cores, over one."""
@@ -62,12 +62,6 @@ def children(pid: int) -> list[int]:
         return []
 
 
-def cpu_s() -> float:
-    """CPU time of all processes that have ended below this one, s."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
-
-
 def batch(logs: Path, out: Path, jobs: int) -> Run:
     """Run one campaign and watch it."""
     command = [sys.executable, "-m", "massprop_cli", "batch", str(logs), "--out", str(out), "--jobs", str(jobs), "-q"]
@@ -96,9 +90,7 @@ def batch(logs: Path, out: Path, jobs: int) -> Run:
 
 def main() -> None:
     """Fly, run, print, judge."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--logs", type=int, default=1000)
-    logs = parser.parse_args().logs
+    logs = counted(__doc__, logs=1000).parse_args().logs
     with tempfile.TemporaryDirectory() as aside:
         folder = Path(aside)
         fly = [sys.executable, "-m", "massprop_cli", "simulate", "refined", "--seeds", str(logs), "--out", str(folder / "logs"), "-q"]

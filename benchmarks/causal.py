@@ -5,7 +5,6 @@
 Packaged scenarios, seed by seed, through the estimator alone with the noise that the scenario states.
 """
 
-import argparse
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -15,7 +14,7 @@ from massprop_cli.base import onethread
 onethread.prefer()
 
 import numpy as np  # noqa: E402
-from commit import commit  # noqa: E402
+from script import commit, counted  # noqa: E402
 
 from massprop_cli import __version__  # noqa: E402
 from massprop_cli.base.arrays import Array  # noqa: E402
@@ -26,8 +25,6 @@ from massprop_cli.prepare.timing import Timing  # noqa: E402
 from massprop_cli.testbed import scenario, simulate  # noqa: E402
 
 SCENARIOS = ("preliminary", "refined", "free-flyer", "testbed", "docking")
-LIMITS = {"share": 5e-4, "worst": 8.0}
-"""Share of values more than 4 sigma off, and the farthest of all."""
 
 
 @dataclass(frozen=True)
@@ -64,10 +61,7 @@ def errors(name: str, seed: int) -> Errors:
 
 def main() -> None:
     """One row a scenario."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=50)
-    parser.add_argument("--first", type=int, default=1)
-    arguments = parser.parse_args()
+    arguments = counted(__doc__, seeds=50, first=1).parse_args()
     print(HEAD.format(version=__version__, commit=commit(), seeds=arguments.seeds, first=arguments.first))
     found: list[Errors] = []
     with ProcessPoolExecutor() as pool:

@@ -12,7 +12,6 @@ is named, that are contradicted, or refused; values of these environments that a
 beside wheels.
 """
 
-import argparse
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -23,6 +22,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from script import counted
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from massprop_cli import ABOUT_PIVOT, QUANTITIES, flow
@@ -235,10 +235,8 @@ def flights(platforms: list[str], first: int, count: int) -> Iterator[tuple[str,
 
 def main() -> None:
     """Print the table, then each log of which something false is said."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = counted(__doc__, seed=0, jobs=1)
     parser.add_argument("--count", type=int, default=40, help="vehicles of each platform")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--platform", action="append", choices=list(PLATFORMS))
     parser.add_argument("--twins", action="store_true", help="without noise")
     asked = parser.parse_args()

@@ -4,14 +4,13 @@ python benchmarks/compare_methods.py > docs/methods.md
 """
 
 import json
-from pathlib import Path
 
 import numpy as np
+from script import SAMPLES
 
 from massprop_cli import QUANTITIES, UNITS, job
 from massprop_cli.flow import Analysis
 
-SAMPLES = Path(__file__).parents[1] / "sample_logs"
 HEAD = """# Thesis, default and truth on the sample logs
 
 Made by `python benchmarks/compare_methods.py > docs/methods.md`. Inertia about the CG in body axes, products as the tensor's own

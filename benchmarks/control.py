@@ -3,11 +3,10 @@
 python benchmarks/control.py > docs/control.md
 """
 
-import argparse
 from collections.abc import Sequence
 
 import numpy as np
-from commit import commit
+from script import commit, counted
 
 from massprop_cli import QUANTITIES, __version__
 from massprop_cli.live.legs import OnboardEstimator
@@ -113,9 +112,7 @@ def learned(flight: SimulatedFlight) -> None:
 
 def main() -> None:
     """Fly and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=50)
-    seeds = range(1, parser.parse_args().seeds + 1)
+    seeds = range(1, counted(__doc__, seeds=50).parse_args().seeds + 1)
     print(INTRODUCTION)
     print(f"Made by `python benchmarks/control.py > docs/control.md` at commit {commit()} (massprop {__version__}), {len(seeds)} seeds.\n")
     print("## Where it matters\n")

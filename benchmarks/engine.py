@@ -8,14 +8,12 @@ run, the least of several, since machines differ and are shared; memory is the l
 has compiled, as of an installed package.
 """
 
-import argparse
-import os
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-from commit import commit
+from script import KEPT, commit, counted
 
 from massprop_cli import __version__
 from massprop_cli.testbed import output, scenario, simulate
@@ -55,9 +53,8 @@ def flown(cycles: int, changes: tuple[str, ...], folder: Path) -> Path:
 
 def run(command: list[str]) -> tuple[float, float]:
     """Wall time in s and largest resident set in MB of one run."""
-    environment = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
     launched = [sys.executable, "-S", "-c", LAUNCH, *command]
-    seconds, memory = subprocess.run(launched, capture_output=True, text=True, check=True, env=environment).stdout.split()
+    seconds, memory = subprocess.run(launched, capture_output=True, text=True, check=True, env=KEPT).stdout.split()
     return float(seconds), float(memory)
 
 
@@ -68,7 +65,7 @@ def least(command: list[str]) -> tuple[float, float]:
 
 def main() -> None:
     """One row for each length and kind of log."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = counted(__doc__)
     parser.add_argument("--longest", type=int, default=12000, help="cycles")
     longest = parser.parse_args().longest
     print("# The estimator's time and memory\n")

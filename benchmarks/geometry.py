@@ -5,7 +5,6 @@
 Each seed flies a vehicle of its own, drawn from the stated uncertainty, by the commands of the stated one; it is estimated as stated.
 """
 
-import argparse
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -17,7 +16,7 @@ from massprop_cli.base import onethread
 onethread.prefer()
 
 import numpy as np  # noqa: E402
-from commit import commit  # noqa: E402
+from script import commit, counted  # noqa: E402
 
 from massprop_cli import QUANTITIES, __version__, flow  # noqa: E402
 from massprop_cli.base.arrays import Array  # noqa: E402
@@ -120,9 +119,7 @@ def report(name: str, runs: Sequence[Run]) -> str:
 
 def main() -> None:
     """All scenarios, all seeds."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=100)
-    parser.add_argument("--workers", type=int)
+    parser = counted(__doc__, seeds=100, workers=None)
     parser.add_argument("--scenario", action="append", choices=list(CASES))
     arguments = parser.parse_args()
     print(HEAD.format(seeds=arguments.seeds, version=__version__, commit=commit()))

@@ -8,12 +8,12 @@ Each set is four random bodies under one IMU (increments, means or samples; no l
 alone, told by their torque or by their speeds. With ``--auto`` cutoffs are left to be found.
 """
 
-import argparse
 import sys
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
+from script import counted
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from massprop_cli import QUANTITIES, flow
@@ -73,9 +73,7 @@ def measured(seed: int, auto: bool, said: Counter[str]) -> Array:
 
 def main() -> None:
     """Print a line for each set, and what they come to."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sets", type=int, default=30)
-    parser.add_argument("--first", type=int, default=0)
+    parser = counted(__doc__, sets=30, first=0)
     parser.add_argument("--auto", action="store_true")
     asked, said = parser.parse_args(), Counter[str]()
     z = np.concatenate([measured(seed, asked.auto, said) for seed in range(asked.first, asked.first + asked.sets)])

@@ -7,7 +7,6 @@ Times are CPU times of one thread. Beside a cycle stands filterpy's update of ni
 where filterpy is installed. Code, RAM and stack for Cortex-M4F want gcc-arm-none-eabi.
 """
 
-import argparse
 import io
 import json
 import re
@@ -21,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.csv
 import pyarrow.parquet
-from commit import commit
+from script import SAMPLES, commit, counted
 
 from massprop_cli import QUANTITIES, __version__
 from massprop_cli import kernel as room
@@ -32,7 +31,6 @@ from massprop_cli.kernel import Kernel, kernel, opened
 from massprop_cli.kernel.compile import FLAGS
 from massprop_cli.live import run
 
-SAMPLES = Path(__file__).parents[1] / "sample_logs"
 SOAK = Path(__file__).with_name("kernel_soak.c")
 ARM = "arm-none-eabi-gcc"
 M4F = ["-Os", "-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-DMP_SINGLE", "-fcallgraph-info=su"]
@@ -291,7 +289,7 @@ def last(found: resolve.Constants, leg: resolve.Leg, of: Kernel) -> tuple[np.nda
 
 def main() -> None:
     """All tables."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = counted(__doc__)
     parser.add_argument("--longest", type=int, default=1_000_000, help="cycles")
     longest = parser.parse_args().longest
     print(INTRODUCTION)

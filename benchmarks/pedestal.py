@@ -7,13 +7,13 @@ its own flight, by differences: the same actuators' motion once for each of the 
 once a little smaller. Of a free swing inertia is known to a hundredth of its size, and that is in the bound.
 """
 
-import argparse
 import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 from unittest import mock
 
 import numpy as np
+from script import counted
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from massprop_cli import ABOUT_PIVOT, INERTIA, flow
@@ -121,10 +121,7 @@ def told(seed: int, kind: anypedestal.Kind) -> Told:
 
 def main() -> None:
     """Print a line for each way to turn the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=50)
-    parser.add_argument("--first", type=int, default=5000)
-    asked = parser.parse_args()
+    asked = counted(__doc__, seeds=50, first=5000).parse_args()
     print("| by | rms error / bound | the same, from the least to the largest of nine values | sigma / bound, median | 95 % cover |")
     print("|---|--:|--:|--:|--:|")
     kinds: tuple[anypedestal.Kind, ...] = ("jets", "wheels", "gyros", "swing")

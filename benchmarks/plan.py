@@ -6,7 +6,6 @@ For each: how long the plan is beside what the packaged timeline needs for the s
 their root mean square error, over the sigma that was predicted; and whether every seed keeps the limits.
 """
 
-import argparse
 import tempfile
 from pathlib import Path
 
@@ -17,6 +16,7 @@ onethread.prefer()
 import numpy as np  # noqa: E402
 from correlated import deviate, rms  # noqa: E402
 from scipy.stats import chi2  # noqa: E402
+from script import counted  # noqa: E402
 
 from massprop_cli import QUANTITIES  # noqa: E402
 from massprop_cli import flow as analysis  # noqa: E402
@@ -100,8 +100,7 @@ def report(name: str, seeds: int) -> str:
 
 def main() -> None:
     """All vehicles."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=50)
+    parser = counted(__doc__, seeds=50)
     parser.add_argument("--scenario", action="append", choices=list(PLANS))
     arguments = parser.parse_args()
     seeds = arguments.seeds

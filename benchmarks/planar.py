@@ -6,7 +6,6 @@ The packaged scenario "planar", with as much of the weight's pull along the slop
 are flown at once.
 """
 
-import argparse
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -14,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from commit import commit
+from script import commit, counted
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from massprop_cli import QUANTITIES, UNITS, __version__, flow
@@ -97,9 +96,7 @@ def report(case: str, runs: Sequence[Run], limit: Array) -> str:
 
 def main() -> None:
     """All cases, all seeds."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=100)
-    arguments = parser.parse_args()
+    arguments = counted(__doc__, seeds=100).parse_args()
     print(HEAD.format(seeds=arguments.seeds, version=__version__, commit=commit()))
     limit = bounds(arguments.seeds)
     for case in CASES:

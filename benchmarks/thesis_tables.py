@@ -6,7 +6,6 @@ Tables 4.1 and 4.2 (scenarios preliminary, refined) and 5.2 to 5.4 (docking). A 
 the thesis's own simulation instead of on an IMU's: see :func:`own_sensing`.
 """
 
-import argparse
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -17,6 +16,7 @@ from massprop_cli.base import onethread
 onethread.prefer()
 
 import numpy as np  # noqa: E402
+from script import counted  # noqa: E402
 
 from massprop_cli import CG, INERTIA, QUANTITIES, UNITS, flow  # noqa: E402
 from massprop_cli.base.arrays import Array  # noqa: E402
@@ -154,9 +154,7 @@ def spread(values: Array, size: float) -> str:
 
 def main() -> None:
     """Fly, estimate, print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=50)
-    seeds = parser.parse_args().seeds
+    seeds = counted(__doc__, seeds=50).parse_args().seeds
     runs: dict[str, list[dict[str, Array]]] = {}
     with ProcessPoolExecutor() as pool:
         for name in ("preliminary", "refined", "docking"):

@@ -5,7 +5,6 @@
 For each quantity of the object: mean sigma, root mean square error in sigmas, and how often 95 % intervals hold the truth.
 """
 
-import argparse
 import tempfile
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from massprop_cli.base import escape, onethread
 onethread.prefer()
 
 import numpy as np  # noqa: E402
+from script import counted  # noqa: E402
 
 from massprop_cli import QUANTITIES, UNITS, flow  # noqa: E402
 from massprop_cli.base.arrays import Array  # noqa: E402
@@ -53,9 +53,7 @@ def docked(seed: int) -> tuple[Array, Array]:
 
 def main() -> None:
     """All seeds, then the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=50)
-    count = parser.parse_args().seeds
+    count = counted(__doc__, seeds=50).parse_args().seeds
     found = [docked(seed) for seed in range(1, count + 1)]
     error = np.array([values for values, _ in found]) - OBJECT
     sigma = np.array([np.sqrt(np.diag(covariance)) for _, covariance in found])

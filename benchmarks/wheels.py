@@ -5,12 +5,11 @@
 All seeds are flown at once; each has a plan of its own, and so a bound of its own.
 """
 
-import argparse
 import sys
 from pathlib import Path
 
 import numpy as np
-from commit import commit
+from script import commit, counted
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from massprop_cli import QUANTITIES, UNITS, __version__, flow
@@ -78,8 +77,7 @@ def _table(error: Array, sigma: Array, limits: Array, truth: Array, verdicts: li
 
 def main() -> None:
     """Every case."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=100)
+    parser = counted(__doc__, seeds=100)
     parser.add_argument("--case", action="append", choices=list(CASES))
     arguments = parser.parse_args()
     print(HEAD.format(seeds=arguments.seeds, version=__version__, commit=commit()))
