@@ -6,19 +6,17 @@ The faulty and the clean logs of benchmarks/faults.py, cycle by cycle through wh
 cause is looked for and nothing is sized: a value is contradicted while the latest cycles leave more than the stated noise.
 """
 
-import argparse
 import sys
-import zlib
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from commit import commit
 from fault_kinds import FAULTS
 from fault_runs import PART, SIGMAS
 from fault_vehicles import Body, Case, subject
+from script import commit, counted
 
 from massprop_cli import __version__
 from massprop_cli.base import onethread
@@ -73,7 +71,7 @@ def told(fault: str, vehicle: str, seed: int) -> Told | None:
     flown = subject(vehicle, seed)
     case: Case | None = flown.clean
     if fault:
-        drawn = FAULTS[fault].draw(flown, np.random.default_rng([seed, zlib.crc32(f"{fault} {vehicle}".encode())]))
+        drawn = FAULTS[fault].draw(flown, flown.drawing(fault))
         case = None if drawn is None else drawn.case
     if case is None:
         return None
@@ -114,9 +112,8 @@ def _now(case: Case, end_s: float) -> list[Body]:
 
 def main() -> None:
     """One row for each fault."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = counted(__doc__, seeds=3)
     parser.add_argument("--first", type=int, default=1071, help="seed")
-    parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--clean", type=int, default=60, help="logs without fault of each vehicle, from seed 3001 on")
     options = parser.parse_args()
     onethread.prefer()

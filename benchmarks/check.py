@@ -7,29 +7,25 @@
 Faults are drawn as in benchmarks/faults.py, one seed of each kind on each vehicle. With clean logs the commands are timed.
 """
 
-import argparse
-import resource
 import shlex
 import subprocess
 import sys
 import tempfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from massprop_cli.base import onethread
 
 onethread.prefer()
 
 import numpy as np  # noqa: E402
-from commit import commit  # noqa: E402
 from correlated import deviate, rms  # noqa: E402
 from fault_kinds import FAULTS  # noqa: E402
 from fault_named import CAUSES  # noqa: E402
-from fault_runs import warm_up  # noqa: E402
+from fault_runs import WRONG, warm_up  # noqa: E402
 from fault_vehicles import VEHICLES, Case, subject  # noqa: E402
 from scipy.stats import chi2  # noqa: E402
+from script import SAMPLES, commit, counted, cpu_s  # noqa: E402
 
 from massprop_cli import QUANTITIES, __version__, flow  # noqa: E402
 from massprop_cli.base.arrays import Array  # noqa: E402
@@ -41,9 +37,6 @@ from massprop_cli.flow import Analysis  # noqa: E402
 from massprop_cli.inputs.vehiclefile import VehicleSource  # noqa: E402
 from massprop_cli.result import build  # noqa: E402
 
-SAMPLES = Path(__file__).parents[1] / "sample_logs"
-WRONG = ("--set", "cycle.command_delay_cycles=2.5")
-"""What the sample log doesn't fit, so that a cause is looked for."""
 LOGS: dict[str, tuple[str, ...]] = {
     **{name: (str(SAMPLES / name / "log.parquet"),) for name in ("free-flyer", "air-bearing", "docking", "high-rate")},
     "free-flyer, its delay misstated": (str(SAMPLES / "free-flyer" / "log.parquet"), *WRONG),
@@ -95,7 +88,7 @@ def said(case: Case, name: str) -> Said:
 def faulty(fault: str, vehicle: str, seed: int) -> Said | None:
     """One fault as the fault benchmark draws it; None where the vehicle can't have it."""
     flown = subject(vehicle, seed)
-    drawn = FAULTS[fault].draw(flown, np.random.default_rng([seed, zlib.crc32(f"{fault} {vehicle}".encode())]))
+    drawn = FAULTS[fault].draw(flown, flown.drawing(fault))
     return None if drawn is None else said(drawn.case, vehicle)
 
 
@@ -114,14 +107,9 @@ def times() -> list[str]:
 
 def cpu(*arguments: str) -> float:
     """Seconds that a command takes."""
-
-    def spent() -> float:
-        used = resource.getrusage(resource.RUSAGE_CHILDREN)
-        return used.ru_utime + used.ru_stime
-
-    begin = spent()
+    begin = cpu_s()
     subprocess.run([sys.executable, "-m", "massprop_cli", *arguments], check=False, capture_output=True)
-    return spent() - begin
+    return cpu_s() - begin
 
 
 def fault_table(runs: dict[tuple[str, str], Said]) -> list[str]:
@@ -223,7 +211,7 @@ def _achieved(deviates: Array) -> str:
 
 def main() -> None:
     """Faults, clean logs, time."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = counted(__doc__)
     parser.add_argument("--vehicle", action="append", choices=list(VEHICLES), help="may be repeated")
     parser.add_argument("--fault", action="append", choices=[*FAULTS, "none"], help="may be repeated")
     parser.add_argument("--seed", type=int, default=1001, help="of the faults, and the first of the clean logs")

@@ -6,10 +6,10 @@ from functools import partial
 import numpy as np
 from fault_imu import in_degrees, mounted, right_angle, rotation
 from fault_named import Drawn, Due, Fault, Number, due
-from fault_thrust import Random, failing, stated_forces, unit
-from fault_vehicles import Body, Case, Subject
+from fault_thrust import Random, failing, on_a_jet, stated_forces, unit
+from fault_vehicles import INCREMENTS, Body, Case, Subject
 
-from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.arrays import Array
 from massprop_cli.testbed.truth import STANDARD_GRAVITY
 
 BURNT = 0.05
@@ -20,10 +20,14 @@ NEAR = 10
 """Cycles that a time may be off: nothing tells a change while nothing is commanded."""
 
 
+def _docking(s: Subject) -> int:
+    return next(k for k, kind in s.flight.events if kind == "dock")
+
+
 def _joined(s: Subject, rng: Random) -> Drawn:
     """An object docks, and the vehicle file knows of no phases."""
     if s.vehicle.phases:
-        at = next(k for k, kind in s.flight.events if kind == "dock")
+        at = _docking(s)
         wrong = s.clean
     else:
         at = int(rng.uniform(0.35, 0.65) * s.cycles)
@@ -44,7 +48,7 @@ def _dock_off(s: Subject, rng: Random) -> Drawn | None:
     """The vehicle file says that the object docks earlier or later than it does."""
     if not s.vehicle.phases:
         return None
-    time = next(k for k, kind in s.flight.events if kind == "dock") * s.period_s
+    time = _docking(s) * s.period_s
     off = float(rng.choice([-1, 1])) * rng.uniform(4, 40) * s.period_s
     wrong = s.clean.stating(f"phases.0.end_s={time + off}", f"phases.1.start_s={time + off}")
     what = f"docks at {time:g} s, stated {time + off:.4g}"
@@ -59,16 +63,9 @@ def _glued(s: Subject, rng: Random) -> Drawn | None:
     body, factor = s.source.scenario.truth, rng.uniform(1.15, 1.4)
     second = s.flown(*(f"truth.{name}={factor * getattr(body, name)}" for name in ("ixx", "iyy", "izz", "mass")))
     first, time, row = s.clean, at * s.period_s, at * s.clean.log.records_per_cycle
-    rest = s.cycles - at
+    joints = {**dict.fromkeys(INCREMENTS.values(), (row, first.log.rows - row)), "command": (at, s.cycles - at)}
     glued = first.logging(
-        *(
-            frozen(np.concatenate([a[:n], b[:m]]))
-            for a, b, n, m in (
-                (first.log.delta_theta_imu_rad, second.log.delta_theta_imu_rad, row, first.log.rows - row),
-                (first.log.delta_v_imu_m_s, second.log.delta_v_imu_m_s, row, first.log.rows - row),
-                (first.log.command, second.log.command, at, rest),
-            )
-        )
+        **{name: np.concatenate([getattr(first.log, name)[:n], getattr(second.log, name)[:m]]) for name, (n, m) in joints.items()}
     )
     bodies = (Body(0.0, time, first.bodies[0].values), Body(time, np.inf, second.bodies[0].values))
     wrong = replace(glued, bodies=bodies)
@@ -152,26 +149,20 @@ def _bearing(s: Subject, rng: Random) -> Drawn | None:
     return Drawn(s.clean.stating(f"environment.bearing_position_m={stated.tolist()}"), due("bearing-position"), "bearing 1 mm out of place")
 
 
-def _sign_in_degrees(s: Subject, rng: Random) -> Drawn | None:
-    if not s.fired:
-        return None
-    jet = str(rng.choice(s.fired))
+@on_a_jet
+def _sign_in_degrees(s: Subject, _: Random, jet: str) -> Drawn:
     wrong = in_degrees(stated_forces(s, s.clean, {jet: -1.0}))
     return Drawn(wrong, (*due("jet-sign", channels=[jet]), *due("gyro-units", "degrees")), f"{jet} reversed, gyro in degrees")
 
 
-def _dead_and_turned(s: Subject, rng: Random) -> Drawn | None:
-    if not s.fired:
-        return None
-    jet = str(rng.choice(s.fired))
+@on_a_jet
+def _dead_and_turned(s: Subject, rng: Random, jet: str) -> Drawn:
     wrong = mounted(s, s.flown(failing([jet])), right_angle(rng))
     return Drawn(wrong, (*due("jet-dead", channels=[jet]), Due(("imu-mounting",))), f"{jet} dead, IMU turned by right angles")
 
 
-def _weak_and_tilted(s: Subject, rng: Random) -> Drawn | None:
-    if not s.fired:
-        return None
-    jet = str(rng.choice(s.fired))
+@on_a_jet
+def _weak_and_tilted(s: Subject, rng: Random, jet: str) -> Drawn:
     wrong = mounted(s, stated_forces(s, s.clean, {jet: 1 / 0.8}), rotation(unit(rng), 10.0))
     dues = (*due("thrust-scale", channels=[jet]), *due("imu-mounting", Number(10.0, 1.5)))
     return Drawn(wrong, dues, f"{jet} gives 80 %, IMU tilted by 10 degrees")

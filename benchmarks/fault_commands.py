@@ -7,7 +7,7 @@ import numpy as np
 from fault_thrust import Random, stated_forces
 from fault_vehicles import Case, Subject
 
-from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.arrays import Array
 
 Maker = Callable[[Subject, Random], Case | None]
 
@@ -22,7 +22,7 @@ def commanded(s: Subject) -> bool:
 
 
 def _logged(s: Subject, command: Array) -> Case:
-    return s.clean.logging(command=frozen(command))
+    return s.clean.logging(command=command)
 
 
 def clock(s: Subject) -> Array:

@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 from fault_named import Drawn, Due, Fault, Number, due
 from fault_thrust import Random, turned, unit
-from fault_vehicles import Case, Subject
+from fault_vehicles import INCREMENTS, Case, Subject
 
-from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.imurecords import saturation
 
 GRAVITY = 9.80665
@@ -22,13 +22,13 @@ LONG = {"gyro": "gyro", "accel": "accelerometer"}
 
 def columns(case: Case, sensor: Sensor) -> Array:
     """(n, 3) increments."""
-    return case.log.delta_theta_imu_rad if sensor == "gyro" else case.log.delta_v_imu_m_s
+    found: Array = getattr(case.log, INCREMENTS[sensor])
+    return found
 
 
 def with_columns(case: Case, sensor: Sensor, increments: Array) -> Case:
     """The log with others."""
-    found = frozen(increments)
-    return case.logging(delta_theta=found) if sensor == "gyro" else case.logging(delta_v=found)
+    return case.logging(**{INCREMENTS[sensor]: increments})
 
 
 def noise(subject: Subject, sensor: Sensor) -> float:
@@ -133,7 +133,7 @@ def _swapped(s: Subject, rng: Random) -> Drawn:
     order = np.arange(3)
     pair = rng.choice(3, 2, replace=False)
     order[pair] = order[pair[::-1]]
-    wrong = s.clean.logging(frozen(columns(s.clean, "gyro")[:, order]), frozen(columns(s.clean, "accel")[:, order]))
+    wrong = s.clean.logging(**{name: getattr(s.clean.log, name)[:, order] for name in INCREMENTS.values()})
     return Drawn(wrong, due("imu-mounting"), f"IMU axes {'xyz'[pair[0]]} and {'xyz'[pair[1]]} swapped")
 
 

@@ -1,23 +1,21 @@
 """One fault on one vehicle with one seed: what was said of it, and what it did to the values."""
 
 import gc
-import os
 import subprocess
 import sys
 import tempfile
 import time
 import traceback
-import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from fault_kinds import FAULTS
-from fault_named import CAUSES, SIZED, Drawn, Due
+from fault_named import CAUSES, SIZED, Drawn
 from fault_vehicles import VEHICLES, Body, Case, Subject, subject
+from script import KEPT, SAMPLES, cpu_s
 
 from massprop_cli import QUANTITIES, flow, job
 from massprop_cli.base.arrays import Array
@@ -39,7 +37,7 @@ TELLS = 25.0
 """Chi-square that a fault must leave in the off-line fit, at the noise that is truly there, before any log can tell it: five sigma."""
 OVERLAP = 5
 """Cycles that a phase must share with a true body to be taken as that body's."""
-SAMPLE = Path(__file__).parent.parent / "sample_logs" / "free-flyer" / "log.parquet"
+SAMPLE = SAMPLES / "free-flyer" / "log.parquet"
 WRONG = ("--set", "cycle.command_delay_cycles=2.5")
 """What the sample log doesn't fit, so that a cause is looked for."""
 TIMES = 3
@@ -112,7 +110,7 @@ class Run:
 def run(fault: str, vehicle: str, seed: int) -> Run | None:
     """One run; None where the vehicle can't have the fault."""
     flown = subject(vehicle, seed)
-    drawn = FAULTS[fault].draw(flown, np.random.default_rng([seed, zlib.crc32(f"{fault} {vehicle}".encode())]))
+    drawn = FAULTS[fault].draw(flown, flown.drawing(fault))
     if drawn is None:
         return None
     try:
@@ -187,18 +185,12 @@ def overhead(options: tuple[str, ...]) -> float:
         begin = time.process_time()
         job.of_file(SAMPLE, None, options[1:])
         own.append(time.process_time() - begin)
-        before = os.times()
+        begin = cpu_s()
         with tempfile.TemporaryDirectory() as out:
             command = [sys.executable, "-m", "massprop_cli", "estimate", str(SAMPLE), "-q", "--allow-contradicted", *options, "--out", out]
-            subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True, env=kept())
-        after = os.times()
-        whole.append(after.children_user - before.children_user + after.children_system - before.children_system)
+            subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True, env=KEPT)
+        whole.append(cpu_s() - begin)
     return min(whole) - min(own)
-
-
-def kept() -> dict[str, str]:
-    """The environment, in which Python keeps what it has compiled, as of an installed package."""
-    return {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
 
 
 def warm_up() -> None:
@@ -211,7 +203,8 @@ def _status(found: Analysis, drawn: Drawn, flown: Subject, values: Sequence[Valu
     channels = [jet.name for jet in flown.vehicle.jets] or list(WRENCH)
     named = [n for n in found.notices if n.code in CAUSES]
     met = [any(due.met_by(n, channels) for n in named) for due in drawn.dues]
-    if any(_innocent(n, drawn.dues, channels) for n in named if n.code not in SIZED | flown.kind.said):
+    suspects = [n for n in named if n.code not in SIZED | flown.kind.said]
+    if not all(any(due.met_by(n, channels) for due in drawn.dues) for n in suspects):
         return "wrong"
     if met and all(met):
         return "right"
@@ -221,10 +214,6 @@ def _status(found: Analysis, drawn: Drawn, flown: Subject, values: Sequence[Valu
         return "harmless"
     said = any(n.code in UNKNOWN for n in found.notices) or any(value.verdict == "contradicted" for value in values)
     return "unknown" if said else "silent"
-
-
-def _innocent(notice: Notice, dues: Sequence[Due], channels: Sequence[str]) -> bool:
-    return not any(due.met_by(notice, channels) for due in dues)
 
 
 def _bodies(conclusion: Conclusion, bodies: Sequence[Body], cycle_s: float) -> Array:

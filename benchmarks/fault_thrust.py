@@ -1,13 +1,14 @@
 """Faults of jets, commands and their timing."""
 
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import partial, wraps
 
 import numpy as np
 from fault_named import Drawn, Due, Fault, Number, due
-from fault_vehicles import Case, Subject
+from fault_vehicles import INCREMENTS, Case, Subject
 
-from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.prepare.actuators import together
 
@@ -51,10 +52,18 @@ def failing(jets: list[str]) -> str:
     return "actuators.failures=[" + ", ".join(f'{{jet="{jet}", thrust=0.0}}' for jet in jets) + "]"
 
 
-def _reversed(s: Subject, rng: Random) -> Drawn | None:
-    if not s.fired:
-        return None
-    jet = str(rng.choice(s.fired))
+def on_a_jet(draw: Callable[..., Drawn]) -> Callable[..., Drawn | None]:
+    """A fault of one of the jets that are used, whose name it takes; None where none is."""
+
+    @wraps(draw)
+    def drawn(s: Subject, rng: Random, **sized: float) -> Drawn | None:
+        return draw(s, rng, str(rng.choice(s.fired)), **sized) if s.fired else None
+
+    return drawn
+
+
+@on_a_jet
+def _reversed(s: Subject, _: Random, jet: str) -> Drawn:
     return Drawn(stated_forces(s, s.clean, {jet: -1.0}), due("jet-sign", channels=[jet]), f"{jet} pushes the other way")
 
 
@@ -99,10 +108,8 @@ def _swapped(s: Subject, rng: Random) -> Drawn | None:
     return Drawn(s.clean.stating(*keys), due("jets-swapped", channels=pair), f"{' and '.join(pair)} swapped")
 
 
-def _weak(s: Subject, rng: Random, factor: float) -> Drawn | None:
-    if not s.fired:
-        return None
-    jet = str(rng.choice(s.fired))
+@on_a_jet
+def _weak(s: Subject, _: Random, jet: str, factor: float) -> Drawn:
     return Drawn(stated_forces(s, s.clean, {jet: 1 / factor}), due("thrust-scale", channels=[jet]), f"{jet} gives {factor:.0%}")
 
 
@@ -124,24 +131,20 @@ def _all_thrust(s: Subject, rng: Random) -> Drawn | None:
     if s.vehicle.jets:
         wrong = stated_forces(s, s.clean, {jet.name: 1 / factor for jet in s.vehicle.jets})
     else:
-        wrong = s.clean.logging(command=frozen(s.clean.log.command / factor))
+        wrong = s.clean.logging(command=s.clean.log.command / factor)
     return Drawn(wrong, (), f"all thrust at {factor:.0%}, which no log can tell")
 
 
-def _misplaced(s: Subject, rng: Random, metres: float) -> Drawn | None:
-    if not s.fired:
-        return None
-    jet = str(rng.choice(s.fired))
+@on_a_jet
+def _misplaced(s: Subject, rng: Random, jet: str, metres: float) -> Drawn:
     i = [j.name for j in s.vehicle.jets].index(jet)
     placed = np.array(s.vehicle.jets[i].position_m) + metres * across(rng, np.array(s.vehicle.jets[i].force_n))
     wrong = s.clean.stating(f"jets.{i}.position_m={placed.tolist()}")
     return Drawn(wrong, due("jet-position", channels=[jet]), f"{jet} {metres * 1000:g} mm out of place")
 
 
-def _canted(s: Subject, rng: Random, degrees: float) -> Drawn | None:
-    if not s.fired:
-        return None
-    jet = str(rng.choice(s.fired))
+@on_a_jet
+def _canted(s: Subject, rng: Random, jet: str, degrees: float) -> Drawn:
     i = [j.name for j in s.vehicle.jets].index(jet)
     force = np.array(s.vehicle.jets[i].force_n)
     wrong = s.clean.stating(f"jets.{i}.force_n={turned(force, across(rng, force), degrees).tolist()}")
@@ -154,7 +157,7 @@ def _command(s: Subject, rng: Random, factor: float, code: str) -> Drawn | None:
     i = int(rng.choice(s.driven))
     command = s.clean.log.command.copy()
     command[:, i] /= factor
-    return Drawn(s.clean.logging(command=frozen(command)), due(code, channels=[WRENCH[i]]), f"{WRENCH[i]} gives {factor:.0%}")
+    return Drawn(s.clean.logging(command=command), due(code, channels=[WRENCH[i]]), f"{WRENCH[i]} gives {factor:.0%}")
 
 
 def _forces(s: Subject, _: Random, factor: float) -> Drawn | None:
@@ -163,7 +166,7 @@ def _forces(s: Subject, _: Random, factor: float) -> Drawn | None:
         wrong, who = stated_forces(s, s.clean, dict.fromkeys(diverts, 1 / factor)), diverts
     elif {3, 4, 5} <= set(s.driven):
         command = s.clean.log.command * np.repeat([1.0, 1 / factor], 3)
-        wrong, who = s.clean.logging(command=frozen(command)), list(WRENCH[3:])
+        wrong, who = s.clean.logging(command=command), list(WRENCH[3:])
     else:
         return None
     return Drawn(wrong, due("thrust-scale", channels=who), f"{', '.join(who)} give {factor:g} times what is stated, all others what is")
@@ -212,13 +215,13 @@ def _drift(s: Subject, rng: Random) -> Drawn | None:
     ends = np.concatenate([[0.0], fine.log.time_s])
     sampled = np.concatenate([[0.0], log.time_s]) * (1 - faster)
     white = np.sqrt(log.records_per_cycle) * log.interval_s[:, None]
-    found = []
-    for increments, sigma in ((fine.log.delta_theta_imu_rad, imu.gyro_noise_rad_s), (fine.log.delta_v_imu_m_s, imu.accel_noise_m_s2)):
-        total_so_far = np.vstack([np.zeros(3), np.cumsum(increments, 0)])
-        seen = np.stack([np.interp(sampled, ends, column) for column in total_so_far.T], 1)
-        found.append(frozen(np.diff(seen, axis=0) + (sigma or 0.0) * white * rng.standard_normal((len(log.time_s), 3))))
     # where commands answer what the gyro measures, those of the flight that was sampled
-    wrong = replace(shorter.logging(found[0], found[1], fine.log.command[: log.cycles]), bodies=fine.bodies)
+    found = {"command": fine.log.command[: log.cycles]}
+    for name, sigma in zip(INCREMENTS.values(), (imu.gyro_noise_rad_s, imu.accel_noise_m_s2), strict=True):
+        total_so_far = np.vstack([np.zeros(3), np.cumsum(getattr(fine.log, name), 0)])
+        seen = np.stack([np.interp(sampled, ends, column) for column in total_so_far.T], 1)
+        found[name] = np.diff(seen, axis=0) + (sigma or 0.0) * white * rng.standard_normal((len(log.time_s), 3))
+    wrong = replace(shorter.logging(**found), bodies=fine.bodies)
     return Drawn(wrong, due("clock-drift"), f"IMU clock {faster * 1e6:+.0f} ppm, {abs(faster) * s.cycles:.2f} cycles in all")
 
 

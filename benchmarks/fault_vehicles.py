@@ -1,14 +1,14 @@
 """The vehicles that faults are flown on, and one flight of one of them."""
 
-from __future__ import annotations
-
+import zlib
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -89,6 +89,10 @@ class Body:
     """(10,)"""
 
 
+INCREMENTS = {"gyro": "delta_theta_imu_rad", "accel": "delta_v_imu_m_s"}
+"""What a log calls the increments of each sensor."""
+
+
 @dataclass(frozen=True)
 class Case:
     """A log, the vehicle file that is handed over with it, and the truth."""
@@ -97,38 +101,19 @@ class Case:
     vehicle: Vehicle
     bodies: tuple[Body, ...]
 
-    def stating(self, *assignments: str) -> Case:
+    def stating(self, *assignments: str) -> Self:
         """With other keys in the vehicle file."""
         return replace(self, vehicle=vehiclefile.changed(self.vehicle, assignments))
 
-    def logging(self, delta_theta: Array | None = None, delta_v: Array | None = None, command: Array | None = None) -> Case:
+    def logging(self, **columns: Array) -> Self:
         """With other columns in the log."""
-        log = self.log
-        return replace(
-            self,
-            log=replace(
-                log,
-                delta_theta_imu_rad=log.delta_theta_imu_rad if delta_theta is None else delta_theta,
-                delta_v_imu_m_s=log.delta_v_imu_m_s if delta_v is None else delta_v,
-                command=log.command if command is None else command,
-            ),
-        )
+        return replace(self, log=replace(self.log, **{name: frozen(values) for name, values in columns.items()}))  # type: ignore[arg-type]
 
-    def cut(self, cycles: int) -> Case:
+    def cut(self, cycles: int) -> Self:
         """Its beginning."""
-        log, rows = self.log, cycles * self.log.records_per_cycle
-        return replace(
-            self,
-            log=replace(
-                log,
-                rows=rows,
-                time_s=log.time_s[:rows],
-                interval_s=log.interval_s[:rows],
-                delta_theta_imu_rad=log.delta_theta_imu_rad[:rows],
-                delta_v_imu_m_s=log.delta_v_imu_m_s[:rows],
-                command=log.command[:cycles],
-            ),
-        )
+        rows = cycles * self.log.records_per_cycle
+        begun = {name: getattr(self.log, name)[:rows] for name in ("time_s", "interval_s", *INCREMENTS.values())}
+        return replace(self, log=replace(self.log, rows=rows, command=self.log.command[:cycles], **begun))
 
 
 @dataclass(frozen=True)
@@ -181,6 +166,10 @@ class Subject:
     def clean(self) -> Case:
         """As flown."""
         return case(self.flight)
+
+    def drawing(self, kind: str) -> np.random.Generator:
+        """What decides jet, axis, sign, size and time of a kind of fault."""
+        return np.random.default_rng([self.seed, zlib.crc32(f"{kind} {self.name}".encode())])
 
     def again(self, *keys: str) -> SimulatedFlight:
         """The same seed flown with other keys of the scenario."""

@@ -18,11 +18,11 @@ from massprop_cli.base import onethread
 
 onethread.prefer()
 
-from commit import commit  # noqa: E402
 from fault_kinds import FAULTS  # noqa: E402
 from fault_named import CAUSES  # noqa: E402
 from fault_runs import LONG, TIMES, WRONG, Clean, Run, Status, clean, overhead, run, warm_up  # noqa: E402
 from fault_vehicles import VEHICLES  # noqa: E402
+from script import commit, counted  # noqa: E402
 
 from massprop_cli import __version__  # noqa: E402
 
@@ -39,7 +39,6 @@ MARKS: dict[Status, str] = {
 }
 SLOWEST = 3.0
 """Times its clean twin's CPU time that a log may take."""
-Task = tuple[str, str, int]
 
 
 def main() -> None:
@@ -55,13 +54,13 @@ def main() -> None:
         print(HEAD.format(**told, first=arguments.first, last=seeds[-1] if seeds else "none"))
     with ProcessPoolExecutor(arguments.jobs, initializer=warm_up) as pool:
         if arguments.show:
-            for found in pool.map(_run, tasks):
+            for found in pool.map(run, *zip(*tasks, strict=True)):
                 if found is not None:
                     print(_shown(found), flush=True)
             return
         runs = []
         # the faults of one vehicle and seed are one piece of work: they share its clean flight
-        for done, found in enumerate(pool.map(_run, tasks, chunksize=max(len(faults), 1)), 1):
+        for done, found in enumerate(pool.map(run, *zip(*tasks, strict=True), chunksize=max(len(faults), 1)), 1):
             runs += [] if found is None else [found]
             if done % len(faults) == 0:
                 print(f"{done} of {len(tasks)}", file=sys.stderr, flush=True)
@@ -71,11 +70,11 @@ def main() -> None:
             print(_misses(runs))
         if arguments.clean:
             logs = [(vehicle, seed) for vehicle in vehicles for seed in range(arguments.first, arguments.first + arguments.clean)]
-            print(_clean_table(logs, list(pool.map(_clean, logs, chunksize=8))))
+            print(_clean_table(logs, list(pool.map(clean, *zip(*logs, strict=True), chunksize=8))))
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = counted(__doc__)
     parser.add_argument("--seeds", type=int, default=10, help="of each fault on each vehicle")
     parser.add_argument("--first", type=int, default=1001, help="seed")
     parser.add_argument("--clean", type=int, default=0, metavar="N", help="seeds of each vehicle without fault")
@@ -94,14 +93,6 @@ def _chosen(asked: Sequence[str] | None) -> list[str]:
     if unknown:
         sys.exit(f"--fault {unknown[0]}: not one of {', '.join(FAULTS)}")
     return [name for name in FAULTS if name in asked]
-
-
-def _run(task: Task) -> Run | None:
-    return run(*task)
-
-
-def _clean(log: tuple[str, int]) -> Clean:
-    return clean(*log)
 
 
 def _shown(found: Run) -> str:

@@ -4,9 +4,7 @@ python benchmarks/unforeseen.py --seeds 3 > docs/unforeseen.md
 python benchmarks/unforeseen.py --kind slosh --vehicle jets --show
 """
 
-import argparse
 import time
-import zlib
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -17,18 +15,17 @@ from massprop_cli.base import onethread
 
 onethread.prefer()
 
-from commit import commit  # noqa: E402
 from fault_commands import COMMANDS, commanded  # noqa: E402
 from fault_kinds import FAULTS  # noqa: E402
+from fault_runs import PART, SIGMAS  # noqa: E402
 from fault_unforeseen import UNFORESEEN  # noqa: E402
 from fault_vehicles import VEHICLES, Case, subject  # noqa: E402
+from script import commit, counted  # noqa: E402
 
 from massprop_cli import __version__, flow  # noqa: E402
 from massprop_cli.base.arrays import Array, BoolArray  # noqa: E402
 from massprop_cli.inputs.vehiclefile import VehicleSource  # noqa: E402
 
-FAR, PART = 4.0, 0.005
-"""A value is wrong if it is off by more than this many sigmas and this part of its natural size."""
 USEFUL = 0.02
 """Of its natural size, a sigma that is of use."""
 CHOSEN = ("jets", "bearing", "canted", "wrench")
@@ -70,13 +67,13 @@ class Outcome:
     @property
     def wrong(self) -> BoolArray:
         """(n,) likewise."""
-        return (self.off > FAR) & (self.apart > PART)
+        return (self.off > SIGMAS) & (self.apart > PART)
 
 
 def made(kind: str, vehicle: str, seed: int) -> Case | None:
     """A log; None where the vehicle can't have the fault."""
     flown = subject(vehicle, seed)
-    rng = np.random.default_rng([seed, zlib.crc32(f"{kind} {vehicle}".encode())])
+    rng = flown.drawing(kind)
     if kind == "clean":
         return flown.clean
     if kind in COMMANDS and not commanded(flown):
@@ -111,8 +108,7 @@ def run(kind: str, vehicle: str, seed: int) -> list[Outcome]:
 
 def main() -> None:
     """All kinds on all vehicles."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=3)
+    parser = counted(__doc__, seeds=3)
     parser.add_argument("--first", type=int, default=3001, help="seed")
     parser.add_argument("--kind", action="append", help=f"clean, {', '.join((*UNFORESEEN, *FAULTS))}")
     parser.add_argument("--vehicle", action="append", choices=list(VEHICLES))
@@ -123,23 +119,19 @@ def main() -> None:
     seeds = range(asked.first, asked.first + asked.seeds)
     tasks = [(kind, vehicle, seed) for vehicle in vehicles for seed in seeds for kind in kinds]
     with ProcessPoolExecutor(asked.jobs) as pool:
-        runs = [one for found in pool.map(_run, tasks, chunksize=len(kinds)) for one in found]
+        runs = [one for found in pool.map(run, *zip(*tasks, strict=True), chunksize=len(kinds)) for one in found]
     if asked.show:
         for one in runs:
             print(
                 one.kind, one.vehicle, "widened" if one.widened else "", np.round(one.off, 2), np.round(100 * one.sigmas, 3), one.verdicts
             )
         return
-    print(SKETCH.format(version=__version__, commit=commit(), seeds=asked.seeds, first=asked.first, useful=USEFUL, far=FAR, part=PART))
+    print(SKETCH.format(version=__version__, commit=commit(), seeds=asked.seeds, first=asked.first, useful=USEFUL, far=SIGMAS, part=PART))
     print("\n".join(_table("vehicle", {name: [r for r in runs if r.vehicle == name] for name in vehicles}, runs)))
     print("\n" + "\n".join(_table("kind", {name: [r for r in runs if r.kind == name] for name in kinds}, runs)))
     proof = [r for r in runs if r.vehicle not in CHOSEN]
     print(f"\nThresholds were looked at with {', '.join(CHOSEN)}. Of the others alone: {_line(proof)}.")
     print(f"CPU time of a log: median {np.median([r.seconds for r in runs]):.2f} s, most {max(r.seconds for r in runs):.1f} s.")
-
-
-def _run(task: tuple[str, str, int]) -> list[Outcome]:
-    return run(*task)
 
 
 def _table(title: str, by: dict[str, list[Outcome]], every: Sequence[Outcome]) -> Iterator[str]:
