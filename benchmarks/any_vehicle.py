@@ -9,14 +9,13 @@ with noise of 5 to 500 microrad/s and 1 to 30 mm/s² in a cycle's mean; biases, 
 here and there. All that is uncertain is stated in its vehicle file, so no log has a fault, and whatever is warned of is a false alarm.
 """
 
-import argparse
 import json
 from collections import Counter
 from typing import Any, NamedTuple
 
 import numpy as np
 from any_kinds import KINDS, Kind, drawn_between, turned
-from commit import commit
+from script import commit, counted
 
 from massprop_cli import QUANTITIES, __version__, flow
 from massprop_cli.base.arrays import Array
@@ -123,6 +122,15 @@ def scenario_of(number: int) -> tuple[dict[str, Any], bool]:
     return found | {"plan": plan(draw, cycles, bearing)}, bearing
 
 
+def source_of(data: dict[str, Any]) -> scenario.ScenarioSource:
+    """A scenario as if read from a file."""
+    return scenario.ScenarioSource(scenario.Scenario.model_validate_json(_json(data)), str(data["name"]))
+
+
+def _json(data: dict[str, Any]) -> str:
+    return json.dumps(data, default=np.ndarray.tolist)
+
+
 class Flown(NamedTuple):
     """One log: the bodies that are told of, the truth of each, and what is said."""
 
@@ -140,12 +148,11 @@ def estimated(number: int, kind: Kind | None = None) -> Flown | None:
         return None
     if kind is not None:
         kind.change(data, np.random.default_rng(number + 777_000))
-    plain = json.loads(json.dumps(data, default=np.ndarray.tolist))
-    stated = plain.pop("stated", None)
-    source = scenario.ScenarioSource(scenario.Scenario.model_validate(plain), str(data["name"]))
+    stated = data.pop("stated", None)
+    source = source_of(data)
     try:
         flight = simulate.fly(source, [number])
-        vehicle = flight.vehicle if stated is None else Vehicle.model_validate(stated)
+        vehicle = flight.vehicle if stated is None else Vehicle.model_validate_json(_json(stated))
         found = flow.examine(flight.log(0), VehicleSource(vehicle, "", ""))
     except InputError:
         return None  # it turned over, or left the bearing's range
@@ -226,10 +233,8 @@ def tally(numbers: range, kind: Kind | None = None) -> Tally:
 
 def main() -> None:
     """The page, or one kind's row."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--vehicles", type=int, default=300)
+    parser = counted(__doc__, vehicles=300, first=0)
     parser.add_argument("--each", type=int, default=70, help="vehicles of each kind of flight")
-    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--kind", choices=KINDS, help="of this kind alone")
     asked = parser.parse_args()
     numbers = range(asked.first, asked.first + asked.vehicles)

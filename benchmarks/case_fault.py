@@ -17,7 +17,7 @@ from fault_unforeseen import UNFORESEEN
 from fault_vehicles import Body, Case, Subject
 
 from massprop_cli.base import configfile
-from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import columns as named
 from massprop_cli.inputs import telemetry
 from massprop_cli.inputs.tablefile import columns_of
@@ -124,7 +124,7 @@ def _falling(subject: Subject, rng: np.random.Generator) -> Case:
 def _sparse(subject: Subject, rng: np.random.Generator) -> Case:
     """Of so many commands only the first is logged, and stands for the others."""
     command, every = subject.clean.log.command, int(rng.choice([2, 3, 5, 10]))
-    return subject.clean.logging(command=frozen(command[np.arange(len(command)) // every * every]))
+    return subject.clean.logging(command=command[np.arange(len(command)) // every * every])
 
 
 def _later(subject: Subject, rng: np.random.Generator, sensor: Sensor) -> Case:

@@ -3,15 +3,38 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import numpy as np
 from fault_named import Due
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.columns import TIME
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed.scenario import ScenarioSource
 from massprop_cli.testbed.simulate import SimulatedFlight
 
+Random = np.random.Generator
 Columns = dict[str, Any]
 """A log's columns by the contract's names, as arrays of any type; they are written to a file as they are."""
+
+
+def step_s(columns: Columns) -> float:
+    """The mean interval of its records."""
+    return float(np.diff(np.array(columns[TIME], float)).mean())
+
+
+def per_cycle(columns: Columns, vehicle: Vehicle) -> int:
+    """Records of a control cycle."""
+    return max(1, round(vehicle.cycle.period_s / step_s(columns)))
+
+
+def stacked(columns: Columns, names: tuple[str, ...]) -> Array | None:
+    """(n, names) what a log has of these; None where it has none."""
+    return np.stack([columns[name] for name in names], 1) if names[0] in columns else None
+
+
+def kept(columns: Columns, rows: Any) -> Columns:
+    """Some rows of a log."""
+    return {name: values[rows] for name, values in columns.items()}
 
 
 class Flown(NamedTuple):

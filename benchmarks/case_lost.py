@@ -4,13 +4,12 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from case_kind import Columns, Kind, Made
+from case_kind import Columns, Kind, Made, Random, kept, per_cycle
 
 from massprop_cli.base.arrays import IntArray
 from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V, TIME, WRENCH
 from massprop_cli.inputs.vehicle import Vehicle
 
-Random = np.random.Generator
 APART = 8
 """Records between two places at least."""
 
@@ -21,14 +20,10 @@ def _places(count: int, rng: Random, part: float) -> IntArray:
     return rows[np.diff(rows, prepend=-APART - 1) > APART]
 
 
-def _per_cycle(columns: Columns, vehicle: Vehicle) -> int:
-    return max(1, round(vehicle.cycle.period_s / float(np.diff(columns[TIME]).mean())))
-
-
 def _without(columns: Columns, vehicle: Vehicle, rows: IntArray) -> Made:
     count = len(columns[TIME])
     keep = np.setdiff1d(np.arange(count), rows)
-    return Made({name: values[keep] for name, values in columns.items()}, vehicle, f"{count - len(keep)} of {count}")
+    return Made(kept(columns, keep), vehicle, f"{count - len(keep)} of {count}")
 
 
 def _dropped(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
@@ -38,27 +33,27 @@ def _dropped(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
 
 def _in_a_row(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
     """Two to five control cycles at a time."""
-    per_cycle = _per_cycle(columns, vehicle)
-    starts = _places(len(columns[TIME]) // per_cycle, rng, 0.003)
+    each = per_cycle(columns, vehicle)
+    starts = _places(len(columns[TIME]) // each, rng, 0.003)
     lost = np.concatenate([np.arange(start, start + int(rng.integers(2, 6))) for start in starts])
-    return _without(columns, vehicle, (lost[:, None] * per_cycle + np.arange(per_cycle)).ravel())
+    return _without(columns, vehicle, (lost[:, None] * each + np.arange(each)).ravel())
 
 
 def _within(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
     """The log begins within a control cycle; commands stand in the first row of each, or in all."""
-    each, count = _per_cycle(columns, vehicle), len(columns[TIME])
+    each, count = per_cycle(columns, vehicle), len(columns[TIME])
     if each == 1:
         return None
     begin, every = int(rng.integers(1, each)), rng.random() < 0.5
     commands = [name for name in columns if every and (name.startswith("jet_") or name in WRENCH)]
     whole = columns | {name: np.repeat(columns[name][::each], each)[:count] for name in commands}
-    return Made({name: values[begin:] for name, values in whole.items()}, vehicle, f"from row {begin} of {each}")
+    return Made(kept(whole, slice(begin, None)), vehicle, f"from row {begin} of {each}")
 
 
 def _rows_held(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
     """Whole rows, where each is a control cycle."""
     names = [name for name in columns if name != TIME]
-    return _rewritten(columns, vehicle, rng, None, names) if _per_cycle(columns, vehicle) == 1 else None
+    return _rewritten(columns, vehicle, rng, None, names) if per_cycle(columns, vehicle) == 1 else None
 
 
 def _rewritten(columns: Columns, vehicle: Vehicle, rng: Random, value: float | None, names: Sequence[str]) -> Made:

@@ -1,22 +1,19 @@
 """Recordings in other units, axes and frames than their vehicle file says, of sensors that change, and of commands that were others."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
-from case_kind import Columns, Flown, Kind, Made
+from case_kind import Columns, Flown, Kind, Made, Random, stacked, step_s
 
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION, TIME, WRENCH
+from massprop_cli.inputs.equipment import EnvironmentKind
 from massprop_cli.inputs.vehicle import Vehicle
 
-Random = np.random.Generator
 DEGREE, GRAVITY = np.pi / 180, 9.80665
-
-
-def _step_s(columns: Columns) -> float:
-    return float(np.diff(np.array(columns[TIME], float)).mean())
 
 
 def _times(columns: Columns, names: Sequence[str], factor: float | Array) -> Columns:
@@ -37,13 +34,12 @@ def _one_axis(columns: Columns, vehicle: Vehicle, rng: Random, names: Sequence[s
 
 
 def _rates_as_increments(columns: Columns, vehicle: Vehicle, _: Random, names: Sequence[str]) -> Made:
-    step_s = _step_s(columns)
-    return Made(_times(columns, names, 1 / step_s), vehicle, f"{step_s:g} s")
+    return Made(_times(columns, names, 1 / step_s(columns)), vehicle, f"{step_s(columns):g} s")
 
 
 def _increments_as_rates(columns: Columns, vehicle: Vehicle, _: Random) -> Made:
     names = dict(zip((*DELTA_THETA, *DELTA_V), (*GYRO, *ACCEL), strict=True))
-    return Made({names.get(name, name): values for name, values in columns.items()}, vehicle, f"{_step_s(columns):g} s")
+    return Made({names.get(name, name): values for name, values in columns.items()}, vehicle, f"{step_s(columns):g} s")
 
 
 def _from(columns: Columns, rng: Random) -> tuple[BoolArray, str]:
@@ -69,13 +65,12 @@ def _by_records(columns: Columns, vehicle: Vehicle, _: Random) -> Made:
 def _other_imu(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
     """Another one from some moment on, some way off."""
     late, what = _from(columns, rng)
-    mounting, step_s = np.array(vehicle.imu.body_from_imu), _step_s(columns)
-    turned = np.stack([columns[name] for name in DELTA_THETA], 1) @ mounting.T
-    rate = turned / step_s
+    mounting, lasting = np.array(vehicle.imu.body_from_imu), step_s(columns)
+    rate = np.stack([columns[name] for name in DELTA_THETA], 1) @ mounting.T / lasting
     size = max(float(np.linalg.norm(vehicle.imu.position_m)), 0.03)
     arm = rng.normal(size=3) * 0.3 * size
-    more = np.cross(np.gradient(rate, step_s, axis=0), arm) + np.cross(rate, np.cross(rate, arm))
-    seen = np.stack([columns[name] for name in DELTA_V], 1) + (more * step_s * late[:, None]) @ mounting
+    more = np.cross(np.gradient(rate, lasting, axis=0), arm) + np.cross(rate, np.cross(rate, arm))
+    seen = np.stack([columns[name] for name in DELTA_V], 1) + (more * lasting * late[:, None]) @ mounting
     return Made(columns | dict(zip(DELTA_V, seen.T, strict=True)), vehicle, f"{1e3 * np.linalg.norm(arm):.3g} mm {what}")
 
 
@@ -97,71 +92,59 @@ def _held(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
     return Made(changed, vehicle, f"{names[0]}, each reading {times} times")
 
 
-def _grounded(columns: Columns, vehicle: Vehicle, _: Random) -> Made | None:
-    """Made on the ground, and stated to be free."""
-    if vehicle.environment.kind == "free":
+def _elsewhere(columns: Columns, vehicle: Vehicle, _: Random, stated: EnvironmentKind) -> Made | None:
+    """Made on the ground, and stated to be free; or the other way."""
+    if (vehicle.environment.kind == "free") == (stated == "free"):
         return None
-    environment = vehicle.environment.model_copy(update={"kind": "free"})
-    return Made(columns, vehicle.model_copy(update={"environment": environment}), vehicle.environment.kind)
+    environment = vehicle.environment.model_copy(update={"kind": stated})
+    what = vehicle.environment.kind if stated == "free" else ""
+    return Made(columns, vehicle.model_copy(update={"environment": environment}), what)
 
 
-def _afloat(columns: Columns, vehicle: Vehicle, _: Random) -> Made | None:
-    """Made in free flight, and stated to be on a bearing."""
-    if vehicle.environment.kind != "free":
-        return None
-    environment = vehicle.environment.model_copy(update={"kind": "air_bearing"})
-    return Made(columns, vehicle.model_copy(update={"environment": environment}), "")
-
-
-def _wrench(columns: Columns) -> Array | None:
-    return np.stack([columns[name] for name in WRENCH], 1) if WRENCH[0] in columns else None
-
-
-def _commanding(columns: Columns, vehicle: Vehicle, command: Array | None, what: str) -> Made | None:
-    return None if command is None else Made(columns | dict(zip(WRENCH, command.T, strict=True)), vehicle, what)
-
-
-def _about(columns: Columns, vehicle: Vehicle, rng: Random, flown: Flown, exactly: bool) -> Made | None:
-    """Torques about the CG, or about where a controller has it."""
-    command = _wrench(columns)
+def _commanded(columns: Columns, vehicle: Vehicle, rng: Random, change: Callable[..., tuple[Array, str]], **more: Any) -> Made | None:
+    """Other commands of a vehicle that is commanded by a wrench."""
+    command = stacked(columns, WRENCH)
     if command is None:
         return None
+    changed, what = change(command, rng, **more)
+    return Made(columns | dict(zip(WRENCH, changed.T, strict=True)), vehicle, what)
+
+
+def _about(command: Array, rng: Random, flown: Flown, exactly: bool) -> tuple[Array, str]:
+    """Torques about the CG, or about where a controller has it."""
     point = flown.truth[0][6:9] * (1.0 if exactly else rng.uniform(0.3, 0.7, 3))
     torque = command[:, :3] - np.cross(point, command[:, 3:])
-    return _commanding(columns, vehicle, np.hstack([torque, command[:, 3:]]), f"{1e3 * np.linalg.norm(point):.3g} mm")
+    return np.hstack([torque, command[:, 3:]]), f"{1e3 * np.linalg.norm(point):.3g} mm"
 
 
-def _turned(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
+def _turned(command: Array, rng: Random) -> tuple[Array, str]:
     """In forward-right-down for forward-left-up, or another such convention."""
-    command, about = _wrench(columns), int(rng.integers(3))
-    signs = np.where(np.arange(3) == about, 1.0, -1.0)
-    return _commanding(columns, vehicle, None if command is None else command * np.tile(signs, 2), f"about {'XYZ'[about]}")
+    about = int(rng.integers(3))
+    return command * np.tile(np.where(np.arange(3) == about, 1.0, -1.0), 2), f"about {'XYZ'[about]}"
 
 
-def _milli(columns: Columns, vehicle: Vehicle, _: Random) -> Made | None:
-    command = _wrench(columns)
-    return _commanding(columns, vehicle, None if command is None else command * np.repeat([1e3, 1.0], 3), "")
+def _milli(command: Array, _: Random) -> tuple[Array, str]:
+    return command * np.repeat([1e3, 1.0], 3), ""
 
 
-def _normalised(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
-    command = _wrench(columns)
-    if command is None:
-        return None
+def _normalised(command: Array, rng: Random) -> tuple[Array, str]:
     which = slice(0, 3) if rng.random() < 0.7 else slice(0, 6)
     most = np.nanmax(np.abs(command), 0)  # a command stands in the first of its cycle's rows alone
     command[:, which] /= np.where(most > 0, most, 1.0)[which]
-    return _commanding(columns, vehicle, command, f"{which.stop} components")
+    return command, f"{which.stop} components"
 
 
-def _saturated(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
+def _saturated(command: Array, rng: Random) -> tuple[Array, str]:
     """More is commanded than acts: what is logged are peaks that the allocation cuts off."""
-    command = _wrench(columns)
-    if command is None:
-        return None
     part = float(rng.uniform(0.6, 0.9))
     largest = np.nanmax(np.abs(command), 0)
     peaks = (np.abs(command) > 0.999 * largest) & (rng.random(command.shape) < 0.4) & (largest > 0)
-    return _commanding(columns, vehicle, np.where(peaks, command / part, command), f"{part:.0%}")
+    return np.where(peaks, command / part, command), f"{part:.0%}"
+
+
+def _wrench(what: str, *codes: str, knowing: bool = False, **change: Any) -> Kind:
+    """A kind of other commands."""
+    return Kind(what, partial(_commanded, **change), codes, knowing=knowing)
 
 
 def _jets_round(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
@@ -172,13 +155,9 @@ def _jets_round(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
     return Made(columns | {a: columns[b] for a, b in zip(which, [*which[1:], which[0]], strict=True)}, vehicle, ", ".join(which))
 
 
-def _attitude(columns: Columns) -> Array | None:
-    return np.stack([columns[name] for name in QUATERNION], 1) if QUATERNION[0] in columns else None
-
-
 def _with_attitude(columns: Columns, vehicle: Vehicle, rng: Random, what: str) -> Made | None:
     """In another convention: NED and forward-right-down, xyzw, body from world, late."""
-    told = _attitude(columns)
+    told = stacked(columns, QUATERNION)
     if told is None:
         return None
     w, x, y, z = told.T
@@ -210,16 +189,16 @@ KINDS = {
     "other-imu": Kind("another IMU, some way off, from some moment on", _other_imu, ("imu-position", "mass-change", "cause-unknown")),
     "held": Kind("a slower sensor's latest reading in every record", _held, ("readings-held",)),
     "frozen": Kind("a sensor repeats a reading while it starts", _frozen, ("sensor-frozen", "phase-border")),
-    "grounded": Kind("on the ground, stated to be free", _grounded, ("gravity-felt",)),
-    "afloat": Kind("free, stated to be on a bearing", _afloat, (), ("gravity",)),
-    "wrench-about-cg": Kind("torques about the CG", partial(_about, exactly=True), ("wrench-point",), knowing=True),
-    "wrench-about-point": Kind(
-        "torques about another point", partial(_about, exactly=False), ("wrench-point", "imu-position"), knowing=True
+    "grounded": Kind("on the ground, stated to be free", partial(_elsewhere, stated="free"), ("gravity-felt",)),
+    "afloat": Kind("free, stated to be on a bearing", partial(_elsewhere, stated="air_bearing"), (), ("gravity",)),
+    "wrench-about-cg": _wrench("torques about the CG", "wrench-point", change=_about, exactly=True, knowing=True),
+    "wrench-about-point": _wrench(
+        "torques about another point", "wrench-point", "imu-position", change=_about, exactly=False, knowing=True
     ),
-    "commands-turned": Kind("commands in axes turned by 180 degrees about X, Y or Z", _turned, ("command-sign",)),
-    "torques-milli": Kind("torques in mN m, forces in N", _milli, ("thrust-scale", "known-mismatch", "unphysical-inertia")),
-    "normalised": Kind("commands over their largest value", _normalised, ("commands-normalised",)),
-    "saturated": Kind("commands that the allocation cut off", _saturated, ("commands-limited",)),
+    "commands-turned": _wrench("commands in axes turned by 180 degrees about X, Y or Z", "command-sign", change=_turned),
+    "torques-milli": _wrench("torques in mN m, forces in N", "thrust-scale", "known-mismatch", "unphysical-inertia", change=_milli),
+    "normalised": _wrench("commands over their largest value", "commands-normalised", change=_normalised),
+    "saturated": _wrench("commands that the allocation cut off", "commands-limited", change=_saturated),
     "jets-round": Kind("three jets wired round", _jets_round, ("jets-swapped",)),
     "attitude-ned": Kind("attitude in NED and forward-right-down", partial(_with_attitude, what="ned"), MISFIT),
     "attitude-xyzw": Kind("attitude as xyzw", partial(_with_attitude, what="xyzw"), MISFIT, ("quat",)),

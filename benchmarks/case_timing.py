@@ -1,15 +1,15 @@
 """Recordings whose time is not the time of their motion: the stamps' fault, or the records'."""
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from case_kind import Columns, Kind, Made
+from case_kind import Columns, Kind, Made, Random, kept, per_cycle, step_s
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION, TIME
 from massprop_cli.inputs.vehicle import Vehicle
 
-Random = np.random.Generator
 SPLIT = ("split", "imu.clock_even")
 MOVED = (*DELTA_THETA, *DELTA_V)
 
@@ -20,8 +20,7 @@ def _stamped(columns: Columns, vehicle: Vehicle, time_s: Array, what: str) -> Ma
 
 def _of(columns: Columns) -> tuple[Array, float, int]:
     """Times, their interval, how many."""
-    time_s = np.array(columns[TIME], float)
-    return time_s, float(np.diff(time_s).mean()), len(time_s)
+    return np.array(columns[TIME], float), step_s(columns), len(columns[TIME])
 
 
 def _clean(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
@@ -110,17 +109,12 @@ def _restart(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
 def _cut(columns: Columns, vehicle: Vehicle, rng: Random, restarted: bool) -> Made | None:
     """Some seconds are missing; the clock tells it, or begins again."""
     time_s, _, count = _of(columns)
-    per_cycle = _per_cycle(columns, vehicle)
-    at, lost = int(rng.uniform(0.2, 0.6) * count / per_cycle) * per_cycle, int(rng.integers(40, 80)) * per_cycle
-    keep = np.r_[:at, at + lost : count]
-    left = {name: values[keep] for name, values in columns.items()}
+    each = per_cycle(columns, vehicle)
+    at, lost = int(rng.uniform(0.2, 0.6) * count / each) * each, int(rng.integers(40, 80)) * each
+    left = kept(columns, np.r_[:at, at + lost : count])
     stamps = left[TIME].copy()
     stamps[at:] -= (stamps[at] - time_s[0]) * restarted
     return _stamped(left, vehicle, stamps, f"{lost} rows from {at}")
-
-
-def _per_cycle(columns: Columns, vehicle: Vehicle) -> int:
-    return max(1, round(vehicle.cycle.period_s / _of(columns)[1]))
 
 
 def _late(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
@@ -154,15 +148,12 @@ def _occluded(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
 
 def _as_rates(columns: Columns) -> Columns:
     """The same with mean rates for increments."""
-    step_s = _of(columns)[1]
-    names = dict(zip(MOVED, (*GYRO, *ACCEL), strict=True))
-    return {names.get(name, name): values / step_s if name in names else values for name, values in columns.items()}
+    names, lasting = dict(zip(MOVED, (*GYRO, *ACCEL), strict=True)), step_s(columns)
+    return {names.get(name, name): values / lasting if name in names else values for name, values in columns.items()}
 
 
-def _rates(columns: Columns, vehicle: Vehicle, rng: Random, stamped: object) -> Made | None:
-    assert callable(stamped)
-    made: Made | None = stamped(_as_rates(columns), vehicle, rng)
-    return made
+def _rates(columns: Columns, vehicle: Vehicle, rng: Random, stamped: Callable[..., Made]) -> Made:
+    return stamped(_as_rates(columns), vehicle, rng)
 
 
 REBUILT = ("clock-rebuilt",)

@@ -9,8 +9,6 @@ A kind changes the log's columns, or the vehicle file, as a recorder or a person
 ``--pairs``: two kinds at once, drawn at random by the vehicle's number from all of these and from the faults of benchmarks/faults.py.
 """
 
-import argparse
-import json
 import time
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -24,12 +22,12 @@ import case_lost
 import case_recorded
 import case_timing
 import numpy as np
-from any_vehicle import scenario_of
+from any_vehicle import scenario_of, source_of
 from case_fault import log_of
 from case_kind import Flown, Kind, Made
-from commit import commit
 from fault_named import CAUSES, SIZED, Due
-from fault_runs import PART
+from fault_runs import PART, SIGMAS
+from script import commit, counted
 
 from massprop_cli import __version__, flow
 from massprop_cli.base.arrays import Array
@@ -39,10 +37,8 @@ from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.testbed import output, scenario, simulate
+from massprop_cli.testbed import output, simulate
 
-FAR = 4.0
-"""Sigmas beyond which, and beyond a part of its size, a value is wrong."""
 KINDS: dict[str, Kind] = {**case_recorded.KINDS, **case_timing.KINDS, **case_lost.KINDS, **case_fault.ACTUATED}
 PAIRED: dict[str, Kind] = {
     name: kind for name, kind in {**KINDS, **case_fault.KINDS}.items() if kind.codes or kind.refusals or kind.knowing
@@ -76,7 +72,7 @@ class Value(NamedTuple):
     @property
     def wrong(self) -> bool:
         """Whether it is off."""
-        return abs(self.off) > FAR and self.apart > PART
+        return abs(self.off) > SIGMAS and self.apart > PART
 
 
 @dataclass(frozen=True)
@@ -108,9 +104,7 @@ class Outcome:
 @lru_cache(64)
 def flown(number: int) -> Flown | None:
     """A drawn vehicle's log by its columns; None where the vehicle can't fly its plan."""
-    data, _ = scenario_of(number)
-    plain = json.loads(json.dumps(data, default=np.ndarray.tolist))
-    source = scenario.ScenarioSource(scenario.Scenario.model_validate(plain), str(data["name"]))
+    source = source_of(scenario_of(number)[0])
     try:
         flight = simulate.fly(source, [number])
         table = output.log_table(flight, 0, source.scenario)
@@ -187,10 +181,9 @@ def row(name: str, runs: Sequence[Outcome]) -> str:
 
 def main() -> None:
     """The page, or some kinds of it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = counted(__doc__, variants=12)
     parser.add_argument("--kind", action="append", choices=list(KINDS))
     parser.add_argument("--pairs", type=int, default=0, metavar="N", help="pairs of kinds, instead of kinds")
-    parser.add_argument("--variants", type=int, default=12)
     parser.add_argument("--first", type=int, default=9000, help="number of the first vehicle")
     parser.add_argument("--jobs", type=int, default=None, help="processes")
     parser.add_argument("--show", action="store_true", help="each log by itself")
@@ -199,10 +192,8 @@ def main() -> None:
         if asked.pairs:
             _pairs(list(_some(pool, pair, asked.first, asked.pairs, asked.show)))
             return
-        print(SKETCH.format(version=__version__, commit=commit(), far=FAR, part=PART, variants=asked.variants, first=asked.first))
-        print(
-            "| kind | logs | named | refused | values | converged | wrong (converged) | other causes |\n|---|--:|--:|--:|--:|--:|--:|---|"
-        )
+        print(SKETCH.format(version=__version__, commit=commit(), far=SIGMAS, part=PART, variants=asked.variants, first=asked.first))
+        print(HEAD)
         for name in asked.kind or KINDS:
             runs = list(_some(pool, partial(run, (name,)), asked.first, asked.variants, asked.show))
             print(row(name, runs), flush=True)

@@ -7,13 +7,12 @@ against the second as it is, then with its values moved: along a random directio
 covariance without what all logs of a vehicle share, and by so many of its own sigmas in one value alone, the others as they are.
 """
 
-import argparse
-import json
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from any_vehicle import scenario_of
+from any_vehicle import scenario_of, source_of
+from script import counted
 
 from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array, IntArray
@@ -23,7 +22,7 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.predict.difference import compared
 from massprop_cli.result import build
 from massprop_cli.result.schema import PhaseItem, Result
-from massprop_cli.testbed import scenario, simulate
+from massprop_cli.testbed import simulate
 
 LIMIT = 0.95
 SIGMAS, BETWEEN = (4.0, 6.0, 8.0), (4.0, 12.0)
@@ -42,11 +41,8 @@ def pairs(count: int, first: int) -> Iterator[Pair]:
     """Of so many vehicles that can be flown, from one number on."""
     number = first
     while count:
-        data, _ = scenario_of(number)
-        plain = json.loads(json.dumps(data, default=np.ndarray.tolist))
-        source = scenario.ScenarioSource(scenario.Scenario.model_validate(plain), str(data["name"]))
         try:
-            flight = simulate.fly(source, [number, number + 500_000])
+            flight = simulate.fly(source_of(scenario_of(number)[0]), [number, number + 500_000])
             both = [build.result(flow.examine(flight.log(i), VehicleSource(flight.vehicle, "", ""))) for i in range(2)]
         except InputError:
             both = []  # it turned over, or left the bearing's range
@@ -83,10 +79,7 @@ def tested(pair: Pair, phase: PhaseItem) -> tuple[float, float, int]:
 
 def main() -> None:
     """The figures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pairs", type=int, default=100)
-    parser.add_argument("--first", type=int, default=0)
-    asked = parser.parse_args()
+    asked = counted(__doc__, pairs=100, first=0).parse_args()
     ways = ("along a random direction", "in one value")
     clean: list[float] = []
     failed: dict[tuple[str, float], list[bool]] = {(way, sigmas): [] for way in ways for sigmas in (*SIGMAS, 0.0)}
