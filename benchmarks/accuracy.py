@@ -18,6 +18,7 @@ from massprop_cli.base import onethread
 onethread.prefer()
 
 import numpy as np  # noqa: E402
+from scores import columns  # noqa: E402
 from script import commit, counted  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -97,14 +98,13 @@ def report(name: str, runs: Sequence[Run]) -> str:
     labels = {1: ["all"], 3: ["alone", "combined", "docked object"]}[len(runs[0].true)]
     for body, label in enumerate(labels):
         lines += [f"### {label}", ""] if len(labels) > 1 else []
-        columns = "bias | rms error | rms / bound | sigma / bound | z rms | 95 % covers |"
-        lines += ["| | true | bound |" + "".join(f" {method}: {columns}" for method in METHODS)]
+        headings = "bias | rms error | rms / bound | sigma / bound | z rms | 95 % covers |"
+        lines += ["| | true | bound |" + "".join(f" {method}: {headings}" for method in METHODS)]
         lines += ["|---|--:|--:|" + "--:|" * 6 * len(METHODS)]
         for i, quantity in enumerate(QUANTITIES):
-            limit = float(np.sqrt(np.mean([run.bound[body, i] ** 2 for run in runs])))
-            cells = [f"{quantity} [{UNITS[quantity]}]", f"{runs[0].true[body][i] + 0.0:.6g}", f"{limit:.2g}"]
-            for method in METHODS:
-                cells += _columns(runs, method, body, i, limit)
+            methods = [_columns(runs, method, body, i) for method in METHODS]
+            cells = [f"{quantity} [{UNITS[quantity]}]", f"{runs[0].true[body][i] + 0.0:.6g}", methods[0][0]]
+            cells += [cell for own in methods for cell in own[1:]]
             lines.append("| " + " | ".join(cells).replace("nan %", "–").replace("nan", "–") + " |")
         lines.append("")
     for method in METHODS:
@@ -114,14 +114,9 @@ def report(name: str, runs: Sequence[Run]) -> str:
     return "\n".join(lines)
 
 
-def _columns(runs: Sequence[Run], method: str, body: int, i: int, limit: float) -> list[str]:
-    error = np.array([run.error[method][body, i] for run in runs])
-    sigma = np.array([run.sigma[method][body, i] for run in runs])
-    over = sigma / np.array([run.bound[body, i] for run in runs])
-    z = error / np.where(sigma > 0, sigma, np.nan)
-    rms = float(np.sqrt(np.mean(error**2)))
-    ratios = [f"{rms / limit:.2f}", f"{np.median(over):.2f}", f"{np.sqrt(np.mean(z**2)):.2f}"]
-    return [f"{error.mean():.2g}", f"{rms:.2g}", *ratios, f"{100 * np.mean(np.abs(z) <= 1.96):.1f} %"]
+def _columns(runs: Sequence[Run], method: str, body: int, i: int) -> list[str]:
+    each = ((run.error[method], run.sigma[method], run.bound) for run in runs)
+    return columns(*np.array([[of[body, i] for of in one] for one in each]).T)
 
 
 def main() -> None:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from any_kinds import KINDS, Kind, drawn_between, turned
+from scores import covered, rms_of
 from script import commit, counted
 
 from massprop_cli import QUANTITIES, __version__, flow
@@ -208,7 +209,7 @@ class Tally:
     def row(self, label: str, bearing: bool | None) -> str:
         """Of a table."""
         z = np.abs([*(self.errors[False] if not bearing else ()), *(self.errors[True] if bearing is not False else ())])
-        return f"{label} | {len(z)} | {np.sqrt((z**2).mean()):.2f} | {100 * (z < 1.96).mean():.1f} % | {int((z > FAR).sum())} |"
+        return f"{label} | {len(z)} | {rms_of(z)} | {covered(z)} | {int((z > FAR).sum())} |"
 
     @property
     def way(self) -> str:

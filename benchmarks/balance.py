@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from scores import covered, rms_of
 from script import counted
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -39,7 +40,7 @@ def main() -> None:
 
 
 def _share(z: Array) -> str:
-    return f"{100 * (np.abs(z) < 1.96).mean():.1f} %; {np.sqrt((z**2).mean()):.2f}"
+    return f"{covered(z)}; {rms_of(z)}"
 
 
 def ran(kind: anypedestal.Kind, seed: int, count: int) -> tuple[Array, ...]:

@@ -19,12 +19,12 @@ from massprop_cli.base import onethread
 onethread.prefer()
 
 import numpy as np  # noqa: E402
-from correlated import deviate, rms  # noqa: E402
 from fault_kinds import FAULTS  # noqa: E402
 from fault_named import CAUSES  # noqa: E402
 from fault_runs import WRONG, warm_up  # noqa: E402
 from fault_vehicles import VEHICLES, Case, subject  # noqa: E402
 from scipy.stats import chi2  # noqa: E402
+from scores import deviate, rms  # noqa: E402
 from script import SAMPLES, commit, counted, cpu_s  # noqa: E402
 
 from massprop_cli import QUANTITIES, __version__, flow  # noqa: E402

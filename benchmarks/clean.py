@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scores import covered, rms_of
 from script import counted
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -211,11 +212,7 @@ def row(case: Case, found: list[Told]) -> str:
     z, converged = (np.concatenate([getattr(one, key) for one in found]) for key in ("deviations", "converged"))
     wrong = int((converged.astype(bool) & (np.abs(z) > BEYOND)).sum())
     named = sum(bool(one.codes) for one in found)
-    numbers = (
-        f"{100 * np.mean(np.abs(z) < 1.96):.1f} % | {np.sqrt(np.mean(z**2)):.2f} | {np.abs(z).max(initial=0):.1f}"
-        if len(z)
-        else "- | - | -"
-    )
+    numbers = f"{covered(z)} | {rms_of(z)} | {np.abs(z).max(initial=0):.1f}" if len(z) else "- | - | -"
     counts = (
         wrong,
         named,

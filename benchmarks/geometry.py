@@ -16,6 +16,7 @@ from massprop_cli.base import onethread
 onethread.prefer()
 
 import numpy as np  # noqa: E402
+from scores import covered, rms_of  # noqa: E402
 from script import commit, counted  # noqa: E402
 
 from massprop_cli import QUANTITIES, __version__, flow  # noqa: E402
@@ -108,12 +109,11 @@ def report(name: str, runs: Sequence[Run]) -> str:
     for i, quantity in enumerate(QUANTITIES):
         told = z[np.isfinite(z[:, i]), i]
         if len(told):
-            inside = 100 * (np.abs(told) <= 1.96).mean()
-            lines.append(f"| {quantity} | {np.sqrt((told**2).mean()):.2f} | {inside:.1f} % | {np.nanmedian(widened[:, i]):.3g} |")
+            lines.append(f"| {quantity} | {rms_of(told)} | {covered(told)} | {np.nanmedian(widened[:, i]):.3g} |")
     told = z[np.isfinite(z)]
     counts = Counter(code for run in runs for code in run.warnings)
     warned = ", ".join(f"{code} {n}" for code, n in sorted(counts.items())) or "none"
-    lines += ["", f"Together: z rms {np.sqrt((told**2).mean()):.2f}, the intervals cover {100 * (np.abs(told) <= 1.96).mean():.1f} %."]
+    lines += ["", f"Together: z rms {rms_of(told)}, the intervals cover {covered(told)}."]
     return "\n".join([*lines, f"Warnings: {warned}.", ""])
 
 

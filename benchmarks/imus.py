@@ -13,6 +13,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+from scores import covered, rms_of
 from script import counted
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -78,10 +79,8 @@ def main() -> None:
     asked, said = parser.parse_args(), Counter[str]()
     z = np.concatenate([measured(seed, asked.auto, said) for seed in range(asked.first, asked.first + asked.sets)])
     told = z[np.isfinite(z)]
-    print(
-        f"{len(told)} values: 95 % intervals cover {100 * np.mean(np.abs(told) < 1.96):.1f} %, rms {np.sqrt(np.mean(told**2)):.2f}, "
-        f"{int((np.abs(told) > 4).sum())} beyond 4 sigma; {dict(said)}"
-    )
+    beyond = int((np.abs(told) > 4).sum())
+    print(f"{len(told)} values: 95 % intervals cover {covered(told)}, rms {rms_of(told)}, {beyond} beyond 4 sigma; {dict(said)}")
 
 
 if __name__ == "__main__":

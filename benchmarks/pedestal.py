@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from unittest import mock
 
 import numpy as np
+from scores import covered, rms_of
 from script import counted
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -128,12 +129,8 @@ def main() -> None:
     for kind in kinds:
         error, sigma, limit = (np.array(part) for part in zip(*(told(asked.first + n, kind) for n in range(asked.seeds)), strict=True))
         each = np.sqrt(((error / limit) ** 2).mean(0))
-        covered = 100 * np.mean(np.abs(error / sigma) < 1.96)
-        print(
-            f"| {kind} | {np.sqrt((each**2).mean()):.2f} | {each.min():.2f} to {each.max():.2f} | {np.median(sigma / limit):.3f} | "
-            f"{covered:.1f} % |",
-            flush=True,
-        )
+        range_, over = f"{each.min():.2f} to {each.max():.2f}", f"{np.median(sigma / limit):.3f}"
+        print(f"| {kind} | {rms_of(each)} | {range_} | {over} | {covered(error / sigma)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -14,8 +14,8 @@ from massprop_cli.base import onethread
 onethread.prefer()
 
 import numpy as np  # noqa: E402
-from correlated import deviate, rms  # noqa: E402
 from scipy.stats import chi2  # noqa: E402
+from scores import deviate, rms  # noqa: E402
 from script import counted  # noqa: E402
 
 from massprop_cli import QUANTITIES  # noqa: E402

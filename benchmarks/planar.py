@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scores import columns, covered
 from script import commit, counted
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -79,18 +80,14 @@ def on_table(hold: float, tilt_sigma_rad: float) -> ScenarioSource:
 def report(case: str, runs: Sequence[Run], limit: Array) -> str:
     """One case as Markdown; ``limit`` (S, 4) are the bounds."""
     error, sigma = (np.array([getattr(run, name) for run in runs]) for name in ("error", "sigma"))
-    z, ceiling = error / sigma, np.sqrt((limit**2).mean(0))
     lines = [f"## {case[0].upper()}{case[1:]}", ""]
     lines.append("| | bound | bias | rms error | rms / bound | sigma / bound | z rms | 95 % covers | verdicts |")
     lines.append("|---|--:|--:|--:|--:|--:|--:|--:|---|")
     for j, i in enumerate(TOLD):
-        rms = np.sqrt((error[:, j] ** 2).mean())
         counts = Counter(run.verdicts[j] for run in runs)
-        cells = [f"{QUANTITIES[i]} [{UNITS[QUANTITIES[i]]}]", f"{ceiling[j]:.2g}", f"{error[:, j].mean():.2g}", f"{rms:.2g}"]
-        cells += [f"{rms / ceiling[j]:.2f}", f"{np.median(sigma[:, j] / limit[:, j]):.2f}", f"{np.sqrt((z[:, j] ** 2).mean()):.2f}"]
-        cells += [f"{100 * (np.abs(z[:, j]) <= 1.96).mean():.1f} %", ", ".join(f"{v} {n}" for v, n in sorted(counts.items()))]
-        lines.append("| " + " | ".join(cells) + " |")
-    lines += ["", f"Over the four together the 95 % intervals cover {100 * (np.abs(z) <= 1.96).mean():.1f} %.", ""]
+        cells = [f"{QUANTITIES[i]} [{UNITS[QUANTITIES[i]]}]", *columns(error[:, j], sigma[:, j], limit[:, j])]
+        lines.append(f"| {' | '.join(cells)} | {', '.join(f'{v} {n}' for v, n in sorted(counts.items()))} |")
+    lines += ["", f"Over the four together the 95 % intervals cover {covered(error / sigma)}.", ""]
     return "\n".join(lines)
 
 

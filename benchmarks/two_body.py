@@ -13,6 +13,7 @@ from massprop_cli.base import escape, onethread
 onethread.prefer()
 
 import numpy as np  # noqa: E402
+from scores import covered, rms_of  # noqa: E402
 from script import counted  # noqa: E402
 
 from massprop_cli import QUANTITIES, UNITS, flow  # noqa: E402
@@ -62,8 +63,7 @@ def main() -> None:
     print("|---|--:|---|--:|--:|")
     for i, name in enumerate(QUANTITIES):
         print(f"| {name} | {sigma[:, i].mean():.2g} | {UNITS[name]} | {rms[i]:.2f} | {100 * within[i]:.0f} % |")
-    pooled = np.sqrt(((error / sigma) ** 2).mean())
-    print(f"| all | | | {pooled:.2f} | {100 * (np.abs(error) < 1.96 * sigma).mean():.1f} % |")
+    print(f"| all | | | {rms_of(error / sigma)} | {covered(error / sigma)} |")
 
 
 if __name__ == "__main__":

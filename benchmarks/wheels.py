@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from scores import columns, covered
 from script import commit, counted
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -54,22 +55,15 @@ def _table(error: Array, sigma: Array, limits: Array, truth: Array, verdicts: li
     for i, name in enumerate(QUANTITIES):
         cells = [f"{name} [{UNITS[name]}]", f"{truth[i]:.6g}"]
         if i in told:
-            limit = float(np.sqrt((limits[:, i] ** 2).mean()))
-            cells += [
-                f"{limit:.2g}",
-                f"{error[:, i].mean():.2g}",
-                f"{np.sqrt((error[:, i] ** 2).mean()) / limit:.2f}",
-                f"{np.median(sigma[:, i] / limits[:, i]):.2f}",
-            ]
-            cells += [f"{np.sqrt((z[:, i] ** 2).mean()):.2f}", f"{100 * (np.abs(z[:, i]) < 1.96).mean():.0f} %"]
+            bound, bias, _, *ratios, _ = columns(error[:, i], sigma[:, i], limits[:, i])
+            cells += [bound, bias, *ratios, f"{100 * (np.abs(z[:, i]) < 1.96).mean():.0f} %"]
         else:
             cells += ["–", *["not told"] * 5]
         lines.append(f"| {' | '.join(cells)} |")
-    pooled = 100 * (np.abs(z[:, told]) < 1.96).mean()
-    over = np.sqrt(((error[:, told] / limits[:, told]) ** 2).mean())
+    over, share = np.sqrt(((error[:, told] / limits[:, told]) ** 2).mean()), covered(z[:, told])
     lines += [
         "",
-        f"Pooled: root mean square error {over:.2f} × the bound, 95 % intervals cover {pooled:.1f} %. Logs with a warning: {warned}.",
+        f"Pooled: root mean square error {over:.2f} × the bound, 95 % intervals cover {share}. Logs with a warning: {warned}.",
     ]
     said = "; ".join(", ".join(f"{name} {verdict}" for name, verdict in zip(QUANTITIES, one, strict=True)) for one in verdicts)
     return "\n".join([*lines, f"Verdicts: {said}."])
