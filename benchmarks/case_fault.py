@@ -118,7 +118,7 @@ def _changed(what: str, maker: Callable[[Subject, np.random.Generator], Case | N
 
 def _falling(subject: Subject, rng: np.random.Generator) -> Case:
     """All thrust falls steadily by this part."""
-    return throttled(subject, 1 - float(rng.uniform(0.15, 0.3)) * clock(subject) + np.zeros_like(subject.clean.log.command))
+    return throttled(subject, 1 - float(rng.uniform(0.15, 0.3)) * clock(subject))
 
 
 def _sparse(subject: Subject, rng: np.random.Generator) -> Case:

@@ -31,7 +31,7 @@ def clock(s: Subject) -> Array:
 
 
 def throttled(s: Subject, part: Array) -> Case:
-    """Commands that give as much as they did, of which the log says ``part`` (K, C) times that; right in the mean."""
+    """Commands that give as much as they did, of which the log says ``part`` (K, C or 1) times that; right in the mean."""
     flown, logged = _command(s), _command(s) * part
     mean = float(np.abs(logged).sum() / np.abs(flown).sum())
     if not s.vehicle.jets:
@@ -50,11 +50,11 @@ def _warming(s: Subject, _: Random) -> Case:
 
 def _stepping(s: Subject, rng: Random) -> Case:
     count = len(_command(s))
-    return throttled(s, np.repeat(rng.uniform(0.85, 1.0, 8), -(-count // 8))[:count, None] + np.zeros_like(_command(s)))
+    return throttled(s, np.repeat(rng.uniform(0.85, 1.0, 8), -(-count // 8))[:count, None])
 
 
 def _rippling(s: Subject, rng: Random) -> Case:
-    return throttled(s, 0.9 + 0.1 * np.sin(2 * np.pi * (rng.uniform(3, 8) * clock(s) + rng.uniform())) + np.zeros_like(_command(s)))
+    return throttled(s, 0.9 + 0.1 * np.sin(2 * np.pi * (rng.uniform(3, 8) * clock(s) + rng.uniform())))
 
 
 def _scattering(s: Subject, rng: Random, sigma: float) -> Case:
@@ -77,20 +77,11 @@ def _one_late(s: Subject, rng: Random) -> Case:
     return _logged(s, command)
 
 
-def _flipping(s: Subject, rng: Random) -> Case | None:
+def _from_half_time(s: Subject, rng: Random, factor: float) -> Case:
+    """One channel that gives so many times as much."""
     command = _command(s).copy()
-    command[len(command) // 2 :, _used(s, rng)] *= -1
-    return None if s.vehicle.jets else _logged(s, command)
-
-
-def _weaker_later(s: Subject, rng: Random) -> Case:
-    command = _command(s).copy()
-    command[len(command) // 2 :, _used(s, rng)] *= 0.9
+    command[len(command) // 2 :, _used(s, rng)] *= factor
     return _logged(s, command)
-
-
-def _all_weaker_later(s: Subject, _: Random) -> Case:
-    return throttled(s, np.where(clock(s) < 0.5, 1.0, 0.9) + np.zeros_like(_command(s)))
 
 
 def _missing(s: Subject, rng: Random) -> Case:
@@ -121,7 +112,7 @@ def _delay_alternates(s: Subject, _: Random) -> Case:
 
 COMMANDS: dict[str, tuple[str, Maker]] = {
     "warm-up": ("thrust that grows by 30 % over the first pulses of each jet", _warming),
-    "tank": ("thrust that falls by 20 % over the log", lambda s, _: throttled(s, 0.8 + 0.2 * clock(s) + np.zeros_like(_command(s)))),
+    "tank": ("thrust that falls by 20 % over the log", lambda s, _: throttled(s, 0.8 + 0.2 * clock(s))),
     "supply-ripple": ("thrust that goes up and down by 10 %", _rippling),
     "supply-steps": ("thrust that steps by up to 15 %", _stepping),
     "pulse-scatter-5": ("pulses that scatter by 5 %", partial(_scattering, sigma=0.05)),
@@ -129,9 +120,12 @@ COMMANDS: dict[str, tuple[str, Maker]] = {
     "least-bit": ("4 % of a cycle more in each pulse than was logged", _least_bit),
     "on-times-counted": ("on-times logged in eighths of a cycle", _counted),
     "one-late": ("one channel a cycle later than the others", _one_late),
-    "flips-midway": ("one channel reversed from half time on", _flipping),
-    "weaker-later": ("one channel at 90 % from half time on", _weaker_later),
-    "all-weaker-later": ("all thrust at 90 % from half time on", _all_weaker_later),
+    "flips-midway": (
+        "one channel reversed from half time on",
+        lambda s, rng: None if s.vehicle.jets else _from_half_time(s, rng, -1.0),
+    ),
+    "weaker-later": ("one channel at 90 % from half time on", partial(_from_half_time, factor=0.9)),
+    "all-weaker-later": ("all thrust at 90 % from half time on", lambda s, _: throttled(s, np.where(clock(s) < 0.5, 1.0, 0.9))),
     "commands-missing": ("2 % of the commands are not logged", _missing),
     "commands-disordered": ("3 % of the commands logged a cycle early", _disordered),
     "delay-jumps": ("delay longer by a cycle from half time on", _delay_jumps),

@@ -1,6 +1,5 @@
 """Faults of gyro, accelerometer and their mounting."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Literal
@@ -120,10 +119,6 @@ def _transposed(s: Subject, _: Random) -> Drawn | None:
     return Drawn(mounted(s, s.clean, stated.T @ stated.T), due("imu-mounting"), "imu.body_from_imu transposed")
 
 
-def _turned(s: Subject, rng: Random, turn: Callable[[Random], Array], what: str) -> Drawn:
-    return Drawn(mounted(s, s.clean, turn(rng)), due("imu-mounting"), what)
-
-
 def _tilted(s: Subject, rng: Random, degrees: float) -> Drawn:
     words = (Number(degrees, 0.15 * degrees),)
     return Drawn(mounted(s, s.clean, rotation(unit(rng), degrees)), due("imu-mounting", *words), f"IMU tilted by {degrees:g} degrees")
@@ -156,6 +151,7 @@ def in_degrees(case: Case) -> Case:
     return with_columns(case, "gyro", np.degrees(columns(case, "gyro")))
 
 
+RIGHT_ANGLES = "IMU turned by right angles"
 IMU = (
     Fault("gyro-degrees", "gyro in degrees", partial(_units, sensor="gyro", factor=180 / np.pi, word="degrees", what="gyro in degrees")),
     Fault(
@@ -180,7 +176,7 @@ IMU = (
     Fault("accel-spikes", "accelerometer spikes in 0.5 % of the rows", partial(_outliers, sensor="accel")),
     Fault("noise-low", "noise stated 1.2 to 1.8 times too small: no other cause is due", _quieter),
     Fault("imu-transposed", "IMU mounting transposed", _transposed),
-    Fault("imu-right-angle", "IMU turned by right angles", partial(_turned, turn=right_angle, what="IMU turned by right angles")),
+    Fault("imu-right-angle", RIGHT_ANGLES, lambda s, rng: Drawn(mounted(s, s.clean, right_angle(rng)), due("imu-mounting"), RIGHT_ANGLES)),
     Fault("imu-swapped", "two IMU axes swapped", _swapped),
     Fault("imu-2deg", "IMU tilted by 2°", partial(_tilted, degrees=2.0)),
     Fault("imu-10deg", "IMU tilted by 10°", partial(_tilted, degrees=10.0)),

@@ -83,17 +83,13 @@ def _step_s(s: Subject) -> float:
     return float(s.clean.log.interval_s.mean())
 
 
-def _by_record(s: Subject, of_cycles: Array) -> Array:
-    return np.repeat(of_cycles, s.clean.log.records_per_cycle, axis=0)
-
-
 def _later(values: Array, by: int) -> Array:
     return np.concatenate([values[:by], values[:-by]])
 
 
 def _firing(s: Subject) -> Array:
     """(n, 1) whether anything is commanded."""
-    return _by_record(s, (s.clean.log.command != 0).any(1)[:, None])
+    return np.repeat((s.clean.log.command != 0).any(1)[:, None], s.clean.log.records_per_cycle, axis=0)
 
 
 def _loud(s: Subject, rng: Random, rate: Array, force: Array, gyro: float, accel: float) -> tuple[Array, Array]:
