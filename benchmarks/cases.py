@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import NamedTuple
 
 import case_fault
 import case_lost
@@ -26,13 +25,11 @@ from any_vehicle import scenario_of, source_of
 from case_fault import log_of
 from case_kind import Flown, Kind, Made
 from fault_named import CAUSES, SIZED, Due
-from fault_runs import PART, SIGMAS
+from fault_runs import PART, SIGMAS, Value, against
 from script import commit, counted
 
 from massprop_cli import __version__, flow
-from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Vehicle
@@ -59,22 +56,6 @@ HEAD = """| kind | logs | named | refused | values | converged | wrong (converge
 |---|--:|--:|--:|--:|--:|--:|---|"""
 
 
-class Value(NamedTuple):
-    """One that is given."""
-
-    name: str
-    verdict: str
-    off: float
-    """Error over sigma."""
-    apart: float
-    """... and over its natural size."""
-
-    @property
-    def wrong(self) -> bool:
-        """Whether it is off."""
-        return abs(self.off) > SIGMAS and self.apart > PART
-
-
 @dataclass(frozen=True)
 class Outcome:
     """What is said of one variant."""
@@ -98,7 +79,7 @@ class Outcome:
     @property
     def sure(self) -> list[Value]:
         """Values that are wrong and called converged."""
-        return [value for value in self.values if value.wrong and value.verdict == "converged"]
+        return [value for value in self.values if value.good]
 
 
 @lru_cache(64)
@@ -150,18 +131,9 @@ def run(names: Sequence[str], number: int) -> Outcome | None:
     codes = tuple(dict.fromkeys(notice.code for notice in found.notices))
     named = tuple(any(own) if due else not set(codes) & CAUSES for own, due in zip(met, dues, strict=True))
     sizes = [settled.natural_sizes for settled in found.settled]
-    values = tuple(
-        value for conclusion, own in zip(found.conclusions, sizes, strict=True) for value in _values(conclusion, own, made.truth)
-    )
+    every = (against(conclusion, np.array(made.truth), own) for conclusion, own in zip(found.conclusions, sizes, strict=True))
+    values = tuple(value for own in every for value in own if value.sigma)
     return outcome(named, "", others, codes, values, time.process_time() - begin)
-
-
-def _values(conclusion: Conclusion, sizes: Array, truth: Sequence[Array]) -> Iterator[Value]:
-    """Each against the nearest body."""
-    for i, (name, estimate) in enumerate(conclusion.estimates.items()):
-        if estimate.value is not None and estimate.sigma:
-            away = min((estimate.value - float(body[i]) for body in truth), key=abs)
-            yield Value(name, estimate.verdict, away / estimate.sigma, abs(away) / float(sizes[i]))
 
 
 def pair(number: int) -> Outcome | None:

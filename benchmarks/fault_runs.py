@@ -57,14 +57,29 @@ class Value:
     value: float
     sigma: float
     true: float
+    size: float
+    """Its natural one."""
     verdict: str
-    good: bool
-    """Whether it is called converged and is wrong."""
 
     @property
     def off(self) -> float:
-        """Sigmas."""
-        return abs(self.value - self.true) / self.sigma if self.sigma > 0 else float("inf")
+        """Error in sigmas."""
+        return (self.value - self.true) / self.sigma if self.sigma > 0 else float("inf")
+
+    @property
+    def apart(self) -> float:
+        """Error over its natural size."""
+        return abs(self.value - self.true) / self.size
+
+    @property
+    def wrong(self) -> bool:
+        """Whether it is off, called converged or not."""
+        return abs(self.off) > SIGMAS and self.apart > PART
+
+    @property
+    def good(self) -> bool:
+        """Whether it is called converged and is wrong."""
+        return self.verdict == "converged" and self.wrong
 
 
 @dataclass(frozen=True)
@@ -89,7 +104,7 @@ class Run:
     @property
     def harm(self) -> bool:
         """Whether a value is more than 4 sigma off."""
-        return any(value.off > SIGMAS for value in self.values)
+        return any(abs(value.off) > SIGMAS for value in self.values)
 
     @property
     def good(self) -> tuple[str, ...]:
@@ -122,7 +137,7 @@ def run(fault: str, vehicle: str, seed: int) -> Run | None:
     twin, clean_seconds = _twin(vehicle, seed)
     values = tuple(_values(found, drawn.case.bodies))
     status = _status(found, drawn, flown, values)
-    if status in ("unknown", "silent") and any(v.off > SIGMAS for v in values) and not _tells(drawn.case, found, twin):
+    if status in ("unknown", "silent") and any(abs(v.off) > SIGMAS for v in values) and not _tells(drawn.case, found, twin):
         status = "hidden"
     right = any(all(_fits(c, drawn.case.bodies) for c in answer.conclusions) for answer in found.mended)
     made = Run(fault, vehicle, seed, drawn.what, status, values, right, seconds, clean_seconds, found.notices)
@@ -210,7 +225,7 @@ def _status(found: Analysis, drawn: Drawn, flown: Subject, values: Sequence[Valu
         return "right"
     if any(met):
         return "half"
-    if not any(value.off > SIGMAS for value in values):
+    if not any(abs(value.off) > SIGMAS for value in values):
         return "harmless"
     said = any(n.code in UNKNOWN for n in found.notices) or any(value.verdict == "contradicted" for value in values)
     return "unknown" if said else "silent"
@@ -230,12 +245,15 @@ def _values(found: Analysis, bodies: Sequence[Body]) -> Iterator[Value]:
         true = _bodies(conclusion, bodies, found.vehicle.cycle.period_s)
         sizes = history.natural_sizes.copy()
         sizes[POSITIVE] = np.minimum(sizes[POSITIVE], true[:, POSITIVE].min(0))
-        for i, name in enumerate(QUANTITIES):
-            e = conclusion.estimates[name]
-            if e.value is not None and e.sigma is not None:
-                nearest = float(true[np.abs(true[:, i] - e.value).argmin(), i])
-                good = e.verdict == "converged" and abs(e.value - nearest) > max(SIGMAS * e.sigma, PART * sizes[i])
-                yield Value(conclusion.phase.name, name, e.value, e.sigma, nearest, e.verdict, bool(good))
+        yield from against(conclusion, true, sizes)
+
+
+def against(conclusion: Conclusion, true: Array, sizes: Array) -> Iterator[Value]:
+    """Each value against the nearest of these bodies (B, 10), with natural sizes (10,)."""
+    for i, (name, e) in enumerate(conclusion.estimates.items()):
+        if e.value is not None and e.sigma is not None:
+            nearest = float(true[np.abs(true[:, i] - e.value).argmin(), i])
+            yield Value(conclusion.phase.name, name, e.value, e.sigma, nearest, float(sizes[i]), e.verdict)
 
 
 def _fits(conclusion: Conclusion, bodies: Sequence[Body]) -> bool:

@@ -99,7 +99,8 @@ def _shown(found: Run) -> str:
     lines = [f"{found.fault} on {found.vehicle}, seed {found.seed}: {found.status}; {found.what}"]
     lines += [f"  said      {notice.code}: {notice.message}" for notice in found.notices]
     lines += [
-        f"  {v.phase:9} {v.name:5} {v.value:12.6g} ± {v.sigma:<10.3g} truth {v.true:12.6g} {v.off:9.1f} sigma  {v.verdict}{' !' * v.good}"
+        f"  {v.phase:9} {v.name:5} {v.value:12.6g} ± {v.sigma:<10.3g} truth {v.true:12.6g} {abs(v.off):9.1f} sigma  {v.verdict}"
+        + " !" * v.good
         for v in found.values
     ]
     times = f"{found.ratio:.1f} times the clean twin's, {found.command_ratio:.1f} times as a whole command"
