@@ -69,10 +69,12 @@ class Told(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """A batch that was flown: what makes log and vehicle file of one of its bodies, and its true values by name."""
+    """A batch that was flown: what makes log and vehicle file of one of its bodies, and the true values of each."""
 
     logged: Callable[[int, Case, np.random.Generator, float], tuple[Log, Vehicle]]
-    truth: Callable[[int], dict[str, float]]
+    names: tuple[str, ...]
+    truth: Array
+    """(BATCH, names)"""
     delayed: bool
     """Whether commands act after a delay."""
 
@@ -97,10 +99,7 @@ def by_jets(rng: np.random.Generator, bearing: bool, planar: bool = False) -> Mo
         used = _stated(used, case, environment)
         return anyimu.log_of(replace(flown, gyro=noisy[0], accel=noisy[1]), body, imu, used), used
 
-    def truth(body: int) -> dict[str, float]:
-        return dict(zip(QUANTITIES, anyimu.truth_of(own, body).tolist(), strict=True))
-
-    return Motion(logged, truth, True)
+    return Motion(logged, QUANTITIES, np.array([anyimu.truth_of(own, body) for body in range(BATCH)]), True)
 
 
 def _flat(own: anyimu.Bodies) -> anyimu.Bodies:
@@ -128,10 +127,7 @@ def about_a_point(rng: np.random.Generator, kind: anypedestal.Kind, free: bool =
         log = anypedestal.log_of(draw, own, body, flown, used, noise, case.biases)
         return anypedestal.in_whole_rpm(log) if whole_rpm else log, used
 
-    def truth(body: int) -> dict[str, float]:
-        return dict(zip(QUANTITIES if free else ABOUT_PIVOT, (own.ten if free else own.nine)[body].tolist(), strict=True))
-
-    return Motion(logged, truth, kind == "jets")
+    return Motion(logged, QUANTITIES if free else ABOUT_PIVOT, own.ten if free else own.nine, kind == "jets")
 
 
 def by_rotors(rng: np.random.Generator) -> Motion:
@@ -143,7 +139,7 @@ def by_rotors(rng: np.random.Generator) -> Motion:
         used = _stated(anyrotors.vehicle_of(own, body, flown), case, {})
         return anypedestal.log_of(draw, own, body, flown, used, noise, case.biases), used
 
-    return Motion(logged, lambda body: dict(zip(QUANTITIES, own.ten[body].tolist(), strict=True)), True)
+    return Motion(logged, QUANTITIES, own.ten, True)
 
 
 def _stated(used: Vehicle, case: Case, more: dict[str, Any]) -> Vehicle:
@@ -175,9 +171,10 @@ def estimated(platform: str, seed: int, count: int, noise: float) -> list[Told]:
     number = list(PLATFORMS).index(platform)
     motion, found = PLATFORMS[platform](np.random.default_rng([seed, number])), []
     for body in range(count):
+        truth = dict(zip(motion.names, motion.truth[body].tolist(), strict=True))
         for case in (Case(platform, biases, auto) for biases in (False, True) for auto in (False, True)[: 1 + motion.delayed]):
             log, used = motion.logged(body, case, np.random.default_rng([seed, body, case.biases, number]), noise)
-            found.append(_told(case, BATCH * seed + body, log, used, motion.truth(body)))
+            found.append(_told(case, BATCH * seed + body, log, used, truth))
     return found
 
 

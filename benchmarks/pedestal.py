@@ -8,6 +8,7 @@ once a little smaller. Of a free swing inertia is known to a hundredth of its si
 """
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 from unittest import mock
@@ -35,27 +36,21 @@ class Alike:
         self.own, self.rates, self.normals = np.random.default_rng(seed), rates, 0
         anypedestal.tables(self.own, 1)
 
-    def _drawn(self, name: str, *arguments: float, size: tuple[int, ...]) -> Array:
-        copies = len(self.rates)
-        once = tuple(1 if length == copies else length for length in size)
-        return np.broadcast_to(getattr(self.own, name)(*arguments, size=once), size)
+    def __getattr__(self, name: str) -> Callable[..., Array]:
+        """What a generator draws: arguments, the last of them the size."""
+
+        def drawn(*arguments: Any) -> Array:
+            *of, size = arguments
+            once = tuple(1 if length == len(self.rates) else length for length in size)
+            return np.broadcast_to(getattr(self.own, name)(*of, size=once), size)
+
+        return drawn
 
     def normal(self, mean: float, sigma: float, size: tuple[int, ...]) -> Array:
         """Attitudes first, then rates."""
         self.normals += 1
-        return self._drawn("normal", mean, sigma, size=size) + (self.rates if self.normals == 2 else 0.0)
-
-    def uniform(self, low: float, high: float, size: tuple[int, ...]) -> Array:
-        """Alike."""
-        return self._drawn("uniform", low, high, size=size)
-
-    def random(self, size: tuple[int, ...]) -> Array:
-        """Alike."""
-        return self._drawn("random", size=size)
-
-    def integers(self, low: int, high: int, size: tuple[int, ...]) -> Array:
-        """Alike."""
-        return self._drawn("integers", low, high, size=size)
+        found: Array = self.__getattr__("normal")(mean, sigma, size)
+        return found + (self.rates if self.normals == 2 else 0.0)
 
 
 def bound(seed: int, own: anypedestal.Tables, kind: anypedestal.Kind) -> Array:
