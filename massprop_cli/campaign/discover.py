@@ -63,20 +63,24 @@ def _expanded(named: str) -> list[FoundLog]:
     if location.is_url(named):
         return _expanded_url(named)
     path = Path(named)
-    if path.is_dir():
-        logs = sorted(_walk(path), key=lambda log: _natural(log.parts))
-        if not logs:
-            raise InputError(f"{path}: holds no log ({_KINDS}); name the folder that does")
-        return [_found(log, path) for log in logs]
-    if path.exists() or not _MAGIC.search(named):
-        if not path.exists():
-            raise InputError(f"{path}: no such file or folder; check the path")
+    there = path.exists()
+    if there and not path.is_dir():
         return [_found(path, path.parent)]
-    fixed = Path(*_leading(path.parts))
-    both = sorted(_matching(path, fixed), key=lambda log: _natural(log.parts))
-    if not both:
-        raise InputError(f"{path}: no log fits this pattern; check it, and that it names logs ({_KINDS})")
-    return [_found(log, fixed) for log in both]
+    wild = not there and bool(_MAGIC.search(named))
+    root = Path(*_leading(path.parts)) if wild else path
+    logs = sorted(_matching(path, root) if wild else _walk(path), key=lambda log: _natural(log.parts))
+    if not logs:
+        raise _no_log(str(path), wild, there, "path")
+    return [_found(log, root) for log in logs]
+
+
+def _no_log(named: str, wild: bool, there: bool, what: str) -> InputError:
+    """That a pattern, or a folder that is there or not, gives none."""
+    if wild:
+        return InputError(f"{named}: no log fits this pattern; check it, and that it names logs ({_KINDS})")
+    if there:
+        return InputError(f"{named}: holds no log ({_KINDS}); name the folder that does")
+    return InputError(f"{named}: no such file or folder; check the {what}")
 
 
 def _matching(path: Path, fixed: Path) -> set[Path]:
@@ -101,15 +105,8 @@ def _expanded_url(named: str) -> list[FoundLog]:
     there = set(all_below)
     shown = [file for file in files if not any(part.startswith(".") for part in file.split("/"))]
     logs = [file for file in shown if _may_be_log(PurePosixPath(file), lambda beside: str(beside) in there)]
-    problem = (
-        f"no log fits this pattern; check it, and that it names logs ({_KINDS})"
-        if wild
-        else f"holds no log ({_KINDS}); name the folder that does"
-        if files
-        else "no such file or folder; check the URL"
-    )
     if not logs:
-        raise InputError(f"{named}: {problem}")
+        raise _no_log(named, wild, bool(files), "URL")
     return [_found_url(root, log) for log in sorted(logs, key=lambda log: _natural(log.split("/")))]
 
 
