@@ -10,6 +10,14 @@
 
 static const int FIRST[6] = {0, 0, 0, 1, 1, 2}, SECOND[6] = {0, 1, 2, 1, 2, 2};
 
+/* Three states with this prior sigma where they are wanted: where they begin, -1 where they are not. */
+static int triple_of(mp_layout *layout, int wanted, mp_real sigma, int *end) {
+    int i, begin = *end;
+    if (!wanted) return -1;
+    for (i = 0; i < 3; i++) layout->prior[(*end)++] = sigma;
+    return begin;
+}
+
 int mp_laid_out(const mp_vehicle *vehicle, mp_layout *layout) {
     int i, end = 3;
     layout->channels = vehicle->bearing == 1 ? 15 : 12;
@@ -23,27 +31,10 @@ int mp_laid_out(const mp_vehicle *vehicle, mp_layout *layout) {
     if (layout->channels > MP_CHANNELS || layout->beginnings > MP_BEGINNINGS) return MP_LIMIT;
     if (vehicle->bins < 2 || vehicle->bins > MP_BINS) return MP_LIMIT;
     for (i = 0; i < 3; i++) layout->prior[i] = WIDE;
-    layout->at_bias = layout->at_accel = layout->at_torque = layout->at_tilt = -1;
-    if (vehicle->gyro_bias) {
-        for (i = 0; i < 3; i++) layout->prior[end + i] = vehicle->gyro_bias_sigma;
-        layout->at_bias = end;
-        end += 3;
-    }
-    if (vehicle->accel_bias) {
-        for (i = 0; i < 3; i++) layout->prior[end + i] = vehicle->accel_bias_sigma;
-        layout->at_accel = end;
-        end += 3;
-    }
-    if (vehicle->slow_torque) {
-        for (i = 0; i < 3; i++) layout->prior[end + i] = WIDE;
-        layout->at_torque = end;
-        end += 3;
-    }
-    if (vehicle->tilt) {
-        for (i = 0; i < 3; i++) layout->prior[end + i] = vehicle->gyro_noise;
-        layout->at_tilt = end;
-        end += 3;
-    }
+    layout->at_bias = triple_of(layout, vehicle->gyro_bias, vehicle->gyro_bias_sigma, &end);
+    layout->at_accel = triple_of(layout, vehicle->accel_bias, vehicle->accel_bias_sigma, &end);
+    layout->at_torque = triple_of(layout, vehicle->slow_torque, WIDE, &end);
+    layout->at_tilt = triple_of(layout, vehicle->tilt, vehicle->gyro_noise, &end);
     layout->at_scale = end;
     for (i = 0; i < layout->scales; i++)
         layout->prior[end++] = layout->scale[i] < 0 ? vehicle->thrust_sigma : vehicle->spin_sigma[layout->scale[i]];
