@@ -50,7 +50,7 @@ mean for some hundred cycles.
 
 @dataclass(frozen=True)
 class Told:
-    """One log."""
+    """The outcome of one log on board."""
 
     fault: str
     vehicle: str
@@ -105,13 +105,13 @@ def _of_one(done: Completed, case: Case) -> tuple[BoolArray, BoolArray, BoolArra
 
 
 def _now(case: Case, end_s: float) -> list[Body]:
-    """The bodies of the last two cycles."""
+    """The true bodies during the last two cycles."""
     since = end_s - 2 * case.vehicle.cycle.period_s
     return [body for body in case.bodies if body.start_s < end_s and body.end_s >= since] or list(case.bodies)
 
 
 def main() -> None:
-    """One row for each fault."""
+    """Print the page: one row for each fault."""
     parser = counted(__doc__, seeds=3)
     parser.add_argument("--first", type=int, default=1071, help="seed")
     parser.add_argument("--clean", type=int, default=60, help="logs without fault of each vehicle, from seed 3001 on")
@@ -126,7 +126,7 @@ def main() -> None:
 
 
 def print_page(found: list[Told], options: list[str]) -> None:
-    """docs/aboard.md."""
+    """Print docs/aboard.md."""
     clean, faulty = [one for one in found if not one.fault], [one for one in found if one.fault]
     print(
         PAGE.format(

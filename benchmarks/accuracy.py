@@ -47,7 +47,7 @@ class Run:
 
 
 def one(name: str, seed: int) -> Run:
-    """Fly, bound, estimate by every method."""
+    """Fly one seed, compute its bound, and estimate it by every method."""
     source = scenario.load(name)
     flown = simulate.fly(source, [seed])
     true = np.array([*flown.truth[0], *([flown.docked] if flown.docked is not None else [])])

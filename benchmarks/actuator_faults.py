@@ -34,7 +34,7 @@ SAID = ("disturbance-torque", "gyro-misfit", "accelerometer-misfit", "model-misf
 
 
 class Told(NamedTuple):
-    """What is said of one log."""
+    """What massprop reports on one log."""
 
     status: str
     codes: tuple[str, ...]
@@ -46,7 +46,7 @@ class Told(NamedTuple):
 
 
 def told(platform: str, name: str, seed: int, count: int) -> list[Told]:
-    """Of so many vehicles."""
+    """What massprop reports on each of ``count`` random vehicles with this fault."""
     fault = FAULTS[name]
     found = []
     for i, begun in enumerate(flights(platform, seed, count, fault)):

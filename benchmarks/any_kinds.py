@@ -16,7 +16,7 @@ Data = dict[str, Any]
 
 
 class Kind(NamedTuple):
-    """One of them."""
+    """A kind of change to a flight."""
 
     what: str
     change: Callable[[Data, np.random.Generator], None]
@@ -27,12 +27,12 @@ class Kind(NamedTuple):
 
 
 def drawn_between(draw: np.random.Generator, least: float, most: float) -> float:
-    """Evenly in the logarithm."""
+    """A number, uniform in its logarithm."""
     return float(np.exp(draw.uniform(np.log(least), np.log(most))))
 
 
 def turned(draw: np.random.Generator) -> Array:
-    """(3, 3) any rotation."""
+    """(3, 3) a random rotation."""
     found: Array = np.linalg.qr(draw.normal(size=(3, 3)))[0]
     found *= np.sign(np.linalg.det(found))
     return found
@@ -118,7 +118,7 @@ def _tumbles(data: Data, draw: np.random.Generator) -> None:
 
 
 def _lasts(data: Data, _: np.random.Generator) -> None:
-    """Six times as long."""
+    """The plan flown six times in a row."""
     cycles = data["duration_cycles"]
     data["plan"] = [
         part | {key: part[key] + again * cycles for key in ("start_cycle", "end_cycle")} for again in range(6) for part in data["plan"]
@@ -127,7 +127,7 @@ def _lasts(data: Data, _: np.random.Generator) -> None:
 
 
 def _timing(data: Data, draw: np.random.Generator) -> None:
-    """Delay and lag a tenth and a twentieth of a cycle uncertain, stated."""
+    """Delay and lag differ from what is stated, within the stated sigmas of 0.1 and 0.05 cycles."""
     vehicle, period = data["vehicle"], data["vehicle"]["cycle"]["period_s"]
     delay, lag = vehicle["cycle"]["command_delay_cycles"], float(draw.uniform(0.3, 1.0))
     data["actuators"] = data.get("actuators", {}) | {
@@ -163,7 +163,7 @@ def _drag(data: Data, draw: np.random.Generator) -> None:
 
 
 def _turns_only(data: Data, _: np.random.Generator) -> None:
-    """Nothing pushes it: the mass is weighed."""
+    """No forces; the mass is weighed."""
     data["plan"] = [part for part in data["plan"] if not set(part.get("axes", ())) & {"x", "y", "z"}]
     mass = data["truth"]["mass"]
     data["vehicle"].setdefault("known", {"mass": {"value": mass, "sigma": 1e-3 * mass}})
@@ -256,7 +256,7 @@ def _white_torque(data: Data, draw: np.random.Generator) -> None:
 
 
 def _biased(data: Data, draw: np.random.Generator) -> None:
-    """As those of small IMUs are before they are calibrated."""
+    """Biases as large as those of an uncalibrated small IMU."""
     vehicle = data["vehicle"]
     seconds, bearing = data["duration_cycles"] * vehicle["cycle"]["period_s"], vehicle["environment"]["kind"] == "air_bearing"
     gyro, accel = min(drawn_between(draw, 1e-4, 1e-2), 0.1 / seconds if bearing else 1.0), drawn_between(draw, 1e-2, 0.3)
@@ -286,7 +286,7 @@ def _lag_open(data: Data, draw: np.random.Generator) -> None:
 
 
 def _on_and_on(data: Data, draw: np.random.Generator) -> None:
-    """Roll by turns, then one turn or push at a time that lasts."""
+    """Random roll commands, then one constant command at a time."""
     bearing, part = data["vehicle"]["environment"]["kind"] == "air_bearing", data["duration_cycles"] // 8
     axes = ("roll", "pitch", "yaw") if bearing else ("roll", "pitch", "yaw", "x", "y", "z")
     data["plan"] = [{"motion": "random", "axes": ["roll"], "every_cycles": 5, "max_cycles": 4, "start_cycle": 0, "end_cycle": part - 3}] + [
@@ -310,7 +310,7 @@ def _calibrated(data: Data, draw: np.random.Generator) -> None:
 
 
 def _far_out(data: Data, draw: np.random.Generator) -> None:
-    """Its CG as far from O as the vehicle is large; in free flight."""
+    """The CG is as far from O as the vehicle is large."""
     truth, away = data["truth"], draw.normal(size=3)
     away *= (truth["ixx"] / truth["mass"]) ** 0.5 * draw.uniform(0.3, 1.5) / np.linalg.norm(away)
     for i, name in enumerate(("cg_x", "cg_y", "cg_z")):
@@ -318,7 +318,7 @@ def _far_out(data: Data, draw: np.random.Generator) -> None:
 
 
 def _low_passed(data: Data, draw: np.random.Generator) -> None:
-    """Gyro and accelerometer lag by a tenth of a cycle to three, stated."""
+    """Gyro and accelerometer lag by 0.1 to 3 cycles, as stated."""
     period, imu = data["vehicle"]["cycle"]["period_s"], data["vehicle"]["imu"]
     imu |= {key: period * drawn_between(draw, 0.1, 3) for key in ("gyro_lag_s", "accel_lag_s")}
 

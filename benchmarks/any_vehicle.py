@@ -53,7 +53,7 @@ def jets(draw: np.random.Generator, size: float, torque: Array, force: float) ->
 
 
 def plan(draw: np.random.Generator, cycles: int, bearing: bool) -> list[dict[str, Any]]:
-    """Each axis alone, rest, each push or a closed loop, all together."""
+    """Commands on each axis alone, a pause, forces or a closed loop, then all axes together."""
     part, every = cycles // 8, int(draw.choice([4, 5, 8]))
 
     def segment(motion: str, axes: tuple[str, ...], first: int, last: int, **more: Any) -> dict[str, Any]:
@@ -71,7 +71,7 @@ def plan(draw: np.random.Generator, cycles: int, bearing: bool) -> list[dict[str
 
 
 def scenario_of(number: int) -> tuple[dict[str, Any], bool]:
-    """A vehicle and its flight; whether it is on a bearing."""
+    """A random vehicle and its flight, and whether it is on a bearing."""
     draw = np.random.default_rng(number)
     size, period, cycles = drawn_between(draw, 0.08, 2.5), float(draw.choice([0.01, 0.02, 0.05, 0.1])), int(draw.choice([400, 600, 900]))
     mass, bearing, wrench = drawn_between(draw, 1, 400) * size / 0.5, bool(draw.random() < 0.35), bool(draw.random() < 0.2)
@@ -124,7 +124,7 @@ def scenario_of(number: int) -> tuple[dict[str, Any], bool]:
 
 
 def source_of(data: dict[str, Any]) -> scenario.ScenarioSource:
-    """A scenario as if read from a file."""
+    """The scenario as if read from a file."""
     return scenario.ScenarioSource(scenario.Scenario.model_validate_json(_json(data)), str(data["name"]))
 
 
@@ -133,7 +133,7 @@ def _json(data: dict[str, Any]) -> str:
 
 
 class Flown(NamedTuple):
-    """One log: the bodies that are told of, the truth of each, and what is said."""
+    """What massprop reports on one log: estimates and truth of each body, and warnings."""
 
     bearing: bool
     bodies: list[tuple[dict[str, Estimate], Array]]
@@ -143,7 +143,7 @@ class Flown(NamedTuple):
 
 
 def estimated(number: int, kind: Kind | None = None) -> Flown | None:
-    """What is said of one vehicle's flight; None where it can't be flown so."""
+    """The outcome of one random vehicle's flight; None where it cannot be flown."""
     data, bearing = scenario_of(number)
     if kind is not None and kind.free and bearing:
         return None
@@ -169,7 +169,7 @@ def estimated(number: int, kind: Kind | None = None) -> Flown | None:
 
 
 class Tally:
-    """Of many logs."""
+    """Counts over many logs."""
 
     def __init__(self, said: frozenset[str] = frozenset()) -> None:
         self.said = said
@@ -182,7 +182,7 @@ class Tally:
         self.astray: list[str] = []
 
     def add(self, number: int, flown: Flown | None) -> None:
-        """One more."""
+        """Count one more log."""
         if flown is None:
             self.unflown += 1
             return
@@ -207,25 +207,25 @@ class Tally:
                 self.far.append(f"vehicle {number}, {name}: {self.errors[bearing][-1]:+.1f} sigma")
 
     def row(self, label: str, bearing: bool | None) -> str:
-        """Of a table."""
+        """A row of the table."""
         z = np.abs([*(self.errors[False] if not bearing else ()), *(self.errors[True] if bearing is not False else ())])
         return f"{label} | {len(z)} | {rms_of(z)} | {covered(z)} | {int((z > FAR).sum())} |"
 
     @property
     def way(self) -> str:
-        """How honest the values on the way are."""
+        """Coverage of the values before the end of each log."""
         wrong, absurd, covered = (100 * count / max(self.given, 1) for count in (self.wrong, self.absurd, self.covered))
         far, farther = f"{wrong:.3f} % beyond {FAR:g} sigma", f"{absurd:.3f} % beyond {2 * FAR:g}"
         return f"{self.given:,} values: {far}, {farther}; 95 % covers {covered:.1f} %"
 
     @property
     def alarms(self) -> str:
-        """Warnings that were not due."""
+        """Warnings that the kind of flight does not explain."""
         return ", ".join(f"{code} {count}" for code, count in self.codes.most_common()) or "none"
 
 
 def tally(numbers: range, kind: Kind | None = None) -> Tally:
-    """Of these vehicles."""
+    """Counts over these vehicles."""
     found = Tally(kind.said if kind else frozenset())
     for number in numbers:
         found.add(number, estimated(number, kind))
@@ -233,7 +233,7 @@ def tally(numbers: range, kind: Kind | None = None) -> Tally:
 
 
 def main() -> None:
-    """The page, or one kind's row."""
+    """Print the page, or the row of one kind."""
     parser = counted(__doc__, vehicles=300, first=0)
     parser.add_argument("--each", type=int, default=70, help="vehicles of each kind of flight")
     parser.add_argument("--kind", choices=KINDS, help="of this kind alone")

@@ -23,7 +23,7 @@ OFFSET_M = 1e-3
 
 
 def main() -> None:
-    """All tables, then the figures."""
+    """Run all tables and print the figures."""
     count = counted(__doc__, tables=50).parse_args().tables
     parts = [ran(*one) for one in (("jets", 1, count - count // 2), ("wheels", 2, count // 2))]
     first, rest, z, second, p, masses, reached = (np.concatenate(part) for part in zip(*parts, strict=True))

@@ -27,7 +27,7 @@ _STEP_S = 0.05
 
 @dataclass(frozen=True)
 class Run:
-    """One campaign; memory in MB (1e6 bytes)."""
+    """Time and memory of one campaign; memory in MB (1e6 bytes)."""
 
     seconds: float
     cpu_s: float
@@ -50,7 +50,7 @@ def resident(pid: int) -> float:
 
 
 def children(pid: int) -> list[int]:
-    """Processes that it started."""
+    """Child processes of a process."""
     try:
         return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()] + [
             int(child)
@@ -107,7 +107,7 @@ def main() -> None:
 
 
 def print_report(logs: int, few: Run, runs: dict[int, Run], again: Run) -> None:
-    """docs/campaign.md."""
+    """Print docs/campaign.md."""
     machine = f"{os.cpu_count()} cores ({platform.machine()}, Python {platform.python_version()})"
     print(f"# Speed and memory of `massprop batch`\n\nMade by `python benchmarks/campaign.py > docs/campaign.md` on {machine}:")
     print(f"{logs:,} simulated logs of 400 cycles (scenario refined). Memory is resident memory, the sum over all processes;")

@@ -29,12 +29,12 @@ Draw = Callable[[Subject, np.random.Generator], Drawn | None]
 
 
 class UnreachableError(Exception):
-    """A fault of the flight, of a log that has another fault already."""
+    """A fault that needs another flight, asked of a log that has a fault already."""
 
 
 @dataclass(frozen=True)
 class AnyVehicle(Subject):
-    """A drawn vehicle's log, which may have a fault already."""
+    """A random vehicle's log, which may have a fault already."""
 
     found: Case
     untouched: bool
@@ -42,7 +42,7 @@ class AnyVehicle(Subject):
 
     @property
     def vehicle(self) -> Vehicle:
-        """Its file."""
+        """The vehicle file at hand."""
         return self.found.vehicle
 
     @property
@@ -60,7 +60,7 @@ class AnyVehicle(Subject):
 
 
 def log_of(columns: Columns, vehicle: Vehicle) -> telemetry.Log:
-    """The log, read as from a file of these columns."""
+    """The log as read from a Parquet file of these columns."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -87,7 +87,7 @@ def _made(columns: Columns, vehicle: Vehicle, rng: np.random.Generator, flown: F
 
 
 def _columns(columns: Columns, before: Case, after: Case) -> Columns:
-    """What a log was read from, with what is otherwise in another."""
+    """The columns of the log, with those that the fault changed."""
     log, rows = after.log, after.log.rows
     blocks: list[tuple[tuple[str, ...], Array]] = [(named.DELTA_THETA, log.delta_theta_imu_rad), (named.DELTA_V, log.delta_v_imu_m_s)]
     if log.attitude_wxyz is not None:
@@ -107,7 +107,7 @@ def _of_fault(fault: Fault) -> Kind:
 
 
 def _changed(what: str, maker: Callable[[Subject, np.random.Generator], Case | None], *codes: str) -> Kind:
-    """A kind of another case; any of these codes names it."""
+    """A kind of recording by a case; any of these codes names it."""
 
     def draw(subject: Subject, rng: np.random.Generator) -> Drawn | None:
         case = maker(subject, rng)
@@ -117,18 +117,18 @@ def _changed(what: str, maker: Callable[[Subject, np.random.Generator], Case | N
 
 
 def _falling(subject: Subject, rng: np.random.Generator) -> Case:
-    """All thrust falls steadily by this part."""
+    """All thrust falls steadily by 15 to 30 %."""
     return throttled(subject, 1 - float(rng.uniform(0.15, 0.3)) * clock(subject))
 
 
 def _sparse(subject: Subject, rng: np.random.Generator) -> Case:
-    """Of so many commands only the first is logged, and stands for the others."""
+    """Only the first of every few commands is logged and repeated."""
     command, every = subject.clean.log.command, int(rng.choice([2, 3, 5, 10]))
     return subject.clean.logging(command=command[np.arange(len(command)) // every * every])
 
 
 def _later(subject: Subject, rng: np.random.Generator, sensor: Sensor) -> Case:
-    """By so many records; the first is repeated."""
+    """One sensor is late by 1 to 3 records; its first reading is repeated."""
     readings, by = increments(subject.clean, sensor), int(rng.integers(1, 4))
     return with_columns(subject.clean, sensor, np.concatenate([np.repeat(readings[:1], by, 0), readings[:-by]]))
 

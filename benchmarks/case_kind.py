@@ -18,22 +18,22 @@ Columns = dict[str, Any]
 
 
 def step_s(columns: Columns) -> float:
-    """The mean interval of its records."""
+    """The mean interval of the records, s."""
     return float(np.diff(np.array(columns[TIME], float)).mean())
 
 
 def per_cycle(columns: Columns, vehicle: Vehicle) -> int:
-    """Records of a control cycle."""
+    """The number of records in a control cycle."""
     return max(1, round(vehicle.cycle.period_s / step_s(columns)))
 
 
 def stacked(columns: Columns, names: tuple[str, ...]) -> Array | None:
-    """(n, names) what a log has of these; None where it has none."""
+    """(n, names) these columns of a log; None where it has none of them."""
     return np.stack([columns[name] for name in names], 1) if names[0] in columns else None
 
 
 def kept(columns: Columns, rows: Any) -> Columns:
-    """Some rows of a log."""
+    """The log's columns at these rows."""
     return {name: values[rows] for name, values in columns.items()}
 
 
@@ -49,7 +49,7 @@ class Flown(NamedTuple):
 
 
 class Made(NamedTuple):
-    """One variant."""
+    """A changed recording."""
 
     columns: Columns
     vehicle: Vehicle
@@ -62,7 +62,7 @@ class Made(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """Of recordings."""
+    """A kind of recording."""
 
     what: str
     make: Callable[..., Made | None]

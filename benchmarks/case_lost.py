@@ -15,7 +15,7 @@ APART = 8
 
 
 def _places(count: int, rng: Random, part: float) -> IntArray:
-    """Rows here and there, so large a part of all."""
+    """Random rows, apart from one another: ``part`` of all."""
     rows = np.unique(rng.integers(5, count - APART, max(3, round(part * count))))
     return rows[np.diff(rows, prepend=-APART - 1) > APART]
 
@@ -27,12 +27,12 @@ def _without(columns: Columns, vehicle: Vehicle, rows: IntArray) -> Made:
 
 
 def _dropped(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
-    """Single rows, of control cycles of any number of records."""
+    """Single rows are missing, whatever their place in a control cycle."""
     return _without(columns, vehicle, _places(len(columns[TIME]), rng, 0.005))
 
 
 def _in_a_row(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
-    """Two to five control cycles at a time."""
+    """Two to five control cycles in a row are missing."""
     each = per_cycle(columns, vehicle)
     starts = _places(len(columns[TIME]) // each, rng, 0.003)
     lost = np.concatenate([np.arange(start, start + int(rng.integers(2, 6))) for start in starts])
@@ -51,7 +51,7 @@ def _within(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
 
 
 def _rows_held(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
-    """Whole rows, where each is a control cycle."""
+    """Whole rows repeat the row before, where each row is a control cycle."""
     names = [name for name in columns if name != TIME]
     return _rewritten(columns, vehicle, rng, None, names) if per_cycle(columns, vehicle) == 1 else None
 

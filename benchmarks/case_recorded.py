@@ -43,7 +43,7 @@ def _increments_as_rates(columns: Columns, vehicle: Vehicle, _: Random) -> Made:
 
 
 def _from(columns: Columns, rng: Random) -> tuple[BoolArray, str]:
-    """(n,) rows from some moment on."""
+    """(n,) the rows from a random moment on."""
     count = len(columns[TIME])
     at = int(rng.uniform(0.3, 0.7) * count)
     return np.arange(count) >= at, f"from row {at} of {count}"
@@ -56,14 +56,14 @@ def _unit_changes(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
 
 
 def _by_records(columns: Columns, vehicle: Vehicle, _: Random) -> Made:
-    """Velocity increments in the axes of each record's start."""
+    """Velocity increments in the axes at the start of each record."""
     turned, velocity = (np.stack([columns[name] for name in names], 1) for names in (DELTA_THETA, DELTA_V))
     seen = (rotation(turned / 2) @ velocity[..., None])[..., 0]
     return Made(columns | dict(zip(DELTA_V, seen.T, strict=True)), vehicle, f"{np.abs(turned).max():.2g} rad")
 
 
 def _other_imu(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
-    """Another one from some moment on, some way off."""
+    """An IMU at another place from a random moment on."""
     late, what = _from(columns, rng)
     mounting, lasting = np.array(vehicle.imu.body_from_imu), step_s(columns)
     rate = np.stack([columns[name] for name in DELTA_THETA], 1) @ mounting.T / lasting
@@ -93,7 +93,7 @@ def _held(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
 
 
 def _elsewhere(columns: Columns, vehicle: Vehicle, _: Random, stated: EnvironmentKind) -> Made | None:
-    """Made on the ground, and stated to be free; or the other way."""
+    """Recorded on the ground and stated to be free, or the reverse."""
     if (vehicle.environment.kind == "free") == (stated == "free"):
         return None
     environment = vehicle.environment.model_copy(update={"kind": stated})
@@ -102,7 +102,7 @@ def _elsewhere(columns: Columns, vehicle: Vehicle, _: Random, stated: Environmen
 
 
 def _commanded(columns: Columns, vehicle: Vehicle, rng: Random, change: Callable[..., tuple[Array, str]], **more: Any) -> Made | None:
-    """Other commands of a vehicle that is commanded by a wrench."""
+    """A log with other commands, of a vehicle that is commanded by a wrench."""
     command = stacked(columns, WRENCH)
     if command is None:
         return None
@@ -111,14 +111,14 @@ def _commanded(columns: Columns, vehicle: Vehicle, rng: Random, change: Callable
 
 
 def _about(command: Array, rng: Random, flown: Flown, exactly: bool) -> tuple[Array, str]:
-    """Torques about the CG, or about where a controller has it."""
+    """Torques about the CG, or about the controller's point."""
     point = flown.truth[0][6:9] * (1.0 if exactly else rng.uniform(0.3, 0.7, 3))
     torque = command[:, :3] - np.cross(point, command[:, 3:])
     return np.hstack([torque, command[:, 3:]]), f"{1e3 * np.linalg.norm(point):.3g} mm"
 
 
 def _turned(command: Array, rng: Random) -> tuple[Array, str]:
-    """In forward-right-down for forward-left-up, or another such convention."""
+    """Commands in another axis convention, such as forward-right-down for forward-left-up."""
     about = int(rng.integers(3))
     return command * np.tile(np.where(np.arange(3) == about, 1.0, -1.0), 2), f"about {'XYZ'[about]}"
 
@@ -143,7 +143,7 @@ def _saturated(command: Array, rng: Random) -> tuple[Array, str]:
 
 
 def _wrench(what: str, *codes: str, knowing: bool = False, **change: Any) -> Kind:
-    """A kind of other commands."""
+    """A kind of recording with other commands."""
     return Kind(what, partial(_commanded, **change), codes, knowing=knowing)
 
 

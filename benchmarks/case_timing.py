@@ -19,7 +19,7 @@ def _stamped(columns: Columns, vehicle: Vehicle, time_s: Array, what: str) -> Ma
 
 
 def _of(columns: Columns) -> tuple[Array, float, int]:
-    """Times, their interval, how many."""
+    """Times, mean interval and number of the records."""
     return np.array(columns[TIME], float), step_s(columns), len(columns[TIME])
 
 
@@ -38,7 +38,7 @@ def _bursts(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
 
 
 def _steps(columns: Columns, vehicle: Vehicle, rng: Random, least: float, most: float, times: int) -> Made:
-    """By these parts of the interval, so many times."""
+    """Clock steps of ``least`` to ``most`` intervals, ``times`` times."""
     time_s, step_s, count = _of(columns)
     stamps = time_s.copy()
     sizes = rng.choice([-1, 1], times) * rng.uniform(least, most, times) * step_s
@@ -69,7 +69,7 @@ def _rounded(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
 
 
 def _arrival(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
-    """Late by an exponential time, never before the one above."""
+    """Stamps that are late by an exponential time, in order."""
     time_s, step_s, count = _of(columns)
     late = float(rng.uniform(0.03, 0.5))
     arrived = time_s + rng.exponential(late * step_s, count)
@@ -79,7 +79,7 @@ def _arrival(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
 
 
 def _stalls(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
-    """Held up for a few records, which then come at once."""
+    """Records are held up and then arrive at once."""
     time_s, step_s, count = _of(columns)
     arrived = time_s + rng.normal(0, 0.01 * step_s, count) + 0.03 * step_s
     times = int(rng.integers(3, 10))
@@ -99,7 +99,7 @@ def _wraps(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
 
 
 def _restart(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
-    """The clock begins again, the motion goes on."""
+    """The clock begins again while the motion continues."""
     time_s, step_s, count = _of(columns)
     at = int(rng.integers(count // 10, count * 9 // 10))
     stamps = np.concatenate([time_s[:at], time_s[at:] - time_s[at] + float(rng.uniform(0, 2)) * step_s])
@@ -107,7 +107,7 @@ def _restart(columns: Columns, vehicle: Vehicle, rng: Random) -> Made:
 
 
 def _cut(columns: Columns, vehicle: Vehicle, rng: Random, restarted: bool) -> Made | None:
-    """Some seconds are missing; the clock tells it, or begins again."""
+    """Some seconds are missing; the clock shows it, or begins again."""
     time_s, _, count = _of(columns)
     each = per_cycle(columns, vehicle)
     at, lost = int(rng.uniform(0.2, 0.6) * count / each) * each, int(rng.integers(40, 80)) * each
@@ -118,7 +118,7 @@ def _cut(columns: Columns, vehicle: Vehicle, rng: Random, restarted: bool) -> Ma
 
 
 def _late(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
-    """Some records' increments are 0, and the next has both."""
+    """Some records have zero increments, and the next record has both."""
     if not any(name in columns for name in DELTA_THETA):
         return None
     count = len(columns[TIME])
@@ -135,7 +135,7 @@ def _late(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
 
 
 def _occluded(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
-    """An attitude that was lost for some seconds."""
+    """The attitude is missing for some seconds."""
     if QUATERNION[0] not in columns:
         return None
     count = len(columns[TIME])
@@ -147,7 +147,7 @@ def _occluded(columns: Columns, vehicle: Vehicle, rng: Random) -> Made | None:
 
 
 def _as_rates(columns: Columns) -> Columns:
-    """The same with mean rates for increments."""
+    """The same log with mean rates in place of increments."""
     names, lasting = dict(zip(MOVED, (*GYRO, *ACCEL), strict=True)), step_s(columns)
     return {names.get(name, name): values / lasting if name in names else values for name, values in columns.items()}
 

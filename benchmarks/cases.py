@@ -58,7 +58,7 @@ HEAD = """| kind | logs | named | refused | values | converged | wrong (converge
 
 @dataclass(frozen=True)
 class Outcome:
-    """What is said of one variant."""
+    """What massprop reports on one variant."""
 
     kinds: tuple[str, ...]
     number: int
@@ -73,7 +73,7 @@ class Outcome:
     seconds: float
 
     def among(self, verdict: str) -> int:
-        """How many values have it."""
+        """The number of values with this verdict."""
         return sum(value.verdict == verdict for value in self.values)
 
     @property
@@ -143,7 +143,7 @@ def pair(number: int) -> Outcome | None:
 
 
 def row(name: str, runs: Sequence[Outcome]) -> str:
-    """Of the table."""
+    """A row of the table."""
     values, converged = sum(len(one.values) for one in runs), sum(one.among("converged") for one in runs)
     wrong, sure = sum(value.wrong for one in runs for value in one.values), sum(len(one.sure) for one in runs)
     others = ", ".join(sorted({notice.code for one in runs for notice in one.others})) or "none"
@@ -152,7 +152,7 @@ def row(name: str, runs: Sequence[Outcome]) -> str:
 
 
 def main() -> None:
-    """The page, or some kinds of it."""
+    """Print the page, or some of its kinds."""
     parser = counted(__doc__, variants=12)
     parser.add_argument("--kind", action="append", choices=list(KINDS))
     parser.add_argument("--pairs", type=int, default=0, metavar="N", help="pairs of kinds, instead of kinds")
@@ -172,7 +172,7 @@ def main() -> None:
 
 
 def _some(pool: Executor, one_of: Callable[[int], Outcome | None], first: int, count: int, show: bool) -> Iterator[Outcome]:
-    """So many, of the first vehicles that can have it."""
+    """``count`` outcomes, of the first vehicles that can have the kind."""
     last = first + 6 * count
     while count and first < last:
         for one in pool.map(one_of, range(first, first + count)):
@@ -185,7 +185,7 @@ def _some(pool: Executor, one_of: Callable[[int], Outcome | None], first: int, c
 
 
 def _pairs(runs: Sequence[Outcome]) -> None:
-    """In a few lines."""
+    """Print the totals of pairs."""
     named = [sum(one.named) for one in runs]
     print(f"{len(runs)} logs with two faults: both named in {named.count(2)}, one in {named.count(1)}, none in {named.count(0)};")
     print(f"refused {sum(bool(one.refused) for one in runs)}; another cause is named in {sum(bool(one.others) for one in runs)};")

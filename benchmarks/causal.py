@@ -29,7 +29,7 @@ SCENARIOS = ("preliminary", "refined", "free-flyer", "testbed", "docking")
 
 @dataclass(frozen=True)
 class Errors:
-    """Of one log."""
+    """Counts of errors over sigmas of one log."""
 
     given: int
     possible: int
@@ -41,7 +41,7 @@ class Errors:
 
 
 def errors(name: str, seed: int) -> Errors:
-    """Of one seed."""
+    """Errors over sigmas of one seed at all cycles."""
     flown = simulate.fly(scenario.load(name), [seed])
     log, used = flown.log(0), flown.vehicle
     samples = Timing(float(used.cycle.command_delay_cycles), 0.0).of(log, used)
@@ -60,7 +60,7 @@ def errors(name: str, seed: int) -> Errors:
 
 
 def main() -> None:
-    """One row a scenario."""
+    """Print one row for each scenario."""
     arguments = counted(__doc__, seeds=50, first=1).parse_args()
     print(HEAD.format(version=__version__, commit=commit(), seeds=arguments.seeds, first=arguments.first))
     found: list[Errors] = []

@@ -52,7 +52,7 @@ AGREES = 0.15
 
 @dataclass(frozen=True)
 class Said:
-    """What both say of one log."""
+    """What ``estimate`` and ``check`` report on one log."""
 
     estimate: frozenset[str]
     """Causes that are named."""
@@ -63,17 +63,17 @@ class Said:
 
     @property
     def missed(self) -> frozenset[str]:
-        """Causes that estimate names and that are no fault by the check."""
+        """Causes that ``estimate`` names and ``check`` does not grade as faults."""
         return self.estimate - {one.code for one in self.check if one.grade == "fault"}
 
     @property
     def grades(self) -> set[str]:
-        """Of all that is found."""
+        """Grades of all findings."""
         return {one.grade for one in self.check}
 
 
 def said(case: Case, name: str) -> Said:
-    """Both of one log."""
+    """Run both on one log."""
     looked = [*sampling(case.log.time_s, str), *seen(case.log, case.vehicle, str)]
     own = frozenset(one.code for one in looked)
     try:
@@ -93,7 +93,7 @@ def faulty(fault: str, vehicle: str, seed: int) -> Said | None:
 
 
 def times() -> list[str]:
-    """CPU time of the two commands, from the shell to the end."""
+    """CPU time of the two commands, each as a whole process."""
     lines = ["| log | `estimate` [s of CPU] | `check` [s of CPU] | ratio |", "|---|--:|--:|--:|"]
     with tempfile.TemporaryDirectory() as out:
         cpu("simulate", "free-flyer", "--set", f"duration_s={LONG_S}", "-q", "--out", f"{out}/long")
@@ -106,14 +106,14 @@ def times() -> list[str]:
 
 
 def cpu(*arguments: str) -> float:
-    """Seconds that a command takes."""
+    """CPU time of a command, s."""
     begin = cpu_s()
     subprocess.run([sys.executable, "-m", "massprop_cli", *arguments], check=False, capture_output=True)
     return cpu_s() - begin
 
 
 def fault_table(runs: dict[tuple[str, str], Said]) -> list[str]:
-    """A line for each kind of fault."""
+    """One row for each kind of fault."""
     head = (
         "fault",
         "logs",
@@ -144,7 +144,7 @@ def _counts(runs: Sequence[Said]) -> list[str]:
 
 @dataclass(frozen=True)
 class Clean:
-    """What is said of the clean logs of one vehicle."""
+    """What ``check`` reports on the clean logs of one vehicle."""
 
     logs: int
     faults: int
@@ -154,12 +154,12 @@ class Clean:
 
     @property
     def all(self) -> list[tuple[Array, float]]:
-        """Of all phases."""
+        """Deviates of all phases."""
         return [one for phase in self.deviates.values() for one in phase]
 
 
 def clean(vehicle: str, seeds: range) -> Clean:
-    """Clean logs of one vehicle."""
+    """Check the clean logs of one vehicle."""
     faults, notes, off = 0, 0, dict[str, list[tuple[Array, float]]]()
     for seed in seeds:
         case = subject(vehicle, seed).clean
@@ -176,7 +176,7 @@ def clean(vehicle: str, seeds: range) -> Clean:
 
 
 def clean_table(found: dict[str, Clean]) -> list[str]:
-    """What is said of clean logs."""
+    """One row for the clean logs of each vehicle."""
     lines = [
         "| vehicle | clean logs | with a fault found | with a note | achieved / expected sigma, all quantities |",
         "|---|--:|--:|--:|--:|",
@@ -188,7 +188,7 @@ def clean_table(found: dict[str, Clean]) -> list[str]:
 
 
 def sigma_table(found: dict[str, Clean]) -> list[str]:
-    """Achieved over expected sigma of each quantity of each vehicle and phase."""
+    """Achieved over expected sigma of each quantity, by vehicle and phase."""
     columns = {
         (vehicle if len(one.deviates) == 1 else f"{vehicle}, {phase}"): np.array([error for error, _ in logs])
         for vehicle, one in found.items()
@@ -210,7 +210,7 @@ def _achieved(deviates: Array) -> str:
 
 
 def main() -> None:
-    """Faults, clean logs, time."""
+    """Print the tables of faults, clean logs and times."""
     parser = counted(__doc__)
     parser.add_argument("--vehicle", action="append", choices=list(VEHICLES), help="may be repeated")
     parser.add_argument("--fault", action="append", choices=[*FAULTS, "none"], help="may be repeated")

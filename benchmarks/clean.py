@@ -54,7 +54,7 @@ class Case(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What an estimate came to."""
+    """What massprop reports on one log."""
 
     case: Case
     seed: int
@@ -131,7 +131,7 @@ def about_a_point(rng: np.random.Generator, kind: anypedestal.Kind, free: bool =
 
 
 def by_rotors(rng: np.random.Generator) -> Motion:
-    """Multicopters whose record begins in mid-flight."""
+    """Multicopters whose log begins in flight."""
     own = anyrotors.multicopters(rng, BATCH)
     flown = anyrotors.fly(rng, own, PERIOD_S / 4, 1600)
 
@@ -143,7 +143,7 @@ def by_rotors(rng: np.random.Generator) -> Motion:
 
 
 def _stated(used: Vehicle, case: Case, more: dict[str, Any]) -> Vehicle:
-    """The vehicle file as a case wants it."""
+    """The vehicle file with the biases and the delay of a case."""
     data = used.model_dump(by_alias=True, exclude_unset=True, mode="json") | more
     if case.biases:
         data["imu"] |= {"gyro_bias_sigma_rad_s": BIAS[0], "accel_bias_sigma_m_s2": BIAS[1]}
@@ -167,7 +167,7 @@ PLATFORMS: dict[str, Callable[[np.random.Generator], Motion]] = {
 
 
 def estimated(platform: str, seed: int, count: int, noise: float) -> list[Told]:
-    """What is said of ``count`` bodies of one batch, in every case."""
+    """The outcome of ``count`` bodies of one batch in every case."""
     number = list(PLATFORMS).index(platform)
     motion, found = PLATFORMS[platform](np.random.default_rng([seed, number])), []
     for body in range(count):
@@ -205,7 +205,7 @@ def _told(case: Case, seed: int, log: Log, used: Vehicle, truth: dict[str, float
 
 
 def row(case: Case, found: list[Told]) -> str:
-    """A line of the table."""
+    """A row of the table."""
     z, converged = (np.concatenate([getattr(one, key) for one in found]) for key in ("deviations", "converged"))
     wrong = int((converged.astype(bool) & (np.abs(z) > BEYOND)).sum())
     named = sum(bool(one.codes) for one in found)
@@ -228,7 +228,7 @@ def flights(platforms: list[str], first: int, count: int) -> Iterator[tuple[str,
 
 
 def main() -> None:
-    """Print the table, then each log of which something false is said."""
+    """Print the table, then each log with a false alarm."""
     parser = counted(__doc__, seed=0, jobs=1)
     parser.add_argument("--count", type=int, default=40, help="vehicles of each platform")
     parser.add_argument("--platform", action="append", choices=list(PLATFORMS))

@@ -62,12 +62,12 @@ WORDS = """## In words
 
 
 def impulse(flight: SimulatedFlight) -> np.ndarray:
-    """(S, K) of all jets, N s."""
+    """(S, K) impulse of all jets, N s."""
     return np.asarray(flight.issued @ np.linalg.norm(flight.vehicle.jet_wrench[:, 3:], axis=1))
 
 
 def pointing(flight: SimulatedFlight) -> np.ndarray:
-    """(S, K) degrees between the attitude and that at the start, which is held."""
+    """(S, K) angle between the attitude and the one held, degrees."""
     cosine = np.abs((flight.attitude_wxyz[:, 1:] * flight.attitude_wxyz[:, :1]).sum(-1))
     return np.asarray(np.degrees(2 * np.arccos(np.minimum(cosine, 1.0))))
 
@@ -75,7 +75,7 @@ def pointing(flight: SimulatedFlight) -> np.ndarray:
 def table(
     seeds: Sequence[int], stretches: Sequence[tuple[int, int, str]], assignments: Sequence[str] = (), without: str = ""
 ) -> dict[str, SimulatedFlight]:
-    """A row for each stretch and kind of gains."""
+    """Print one row for each interval and kind of gains."""
     flights = {
         name: simulate.fly(scenario.load("docked-hold", [*own, *assignments]), seeds, running=OnboardEstimator)
         for name, own in GAINS.items()
@@ -111,7 +111,7 @@ def learned(flight: SimulatedFlight) -> None:
 
 
 def main() -> None:
-    """Fly and print."""
+    """Fly and print the page."""
     seeds = range(1, counted(__doc__, seeds=50).parse_args().seeds + 1)
     print(INTRODUCTION)
     print(f"Made by `python benchmarks/control.py > docs/control.md` at commit {commit()} (massprop {__version__}), {len(seeds)} seeds.\n")

@@ -36,7 +36,7 @@ LAUNCH = (
 
 
 def flown(cycles: int, changes: tuple[str, ...], folder: Path) -> Path:
-    """A log of so many cycles, and where it is."""
+    """The path of a log with this number of cycles."""
     source = scenario.load("free-flyer", changes)
     one = source.scenario
     plan = [
@@ -64,7 +64,7 @@ def least(command: list[str]) -> tuple[float, float]:
 
 
 def main() -> None:
-    """One row for each length and kind of log."""
+    """Print one row for each length and kind of log."""
     parser = counted(__doc__)
     parser.add_argument("--longest", type=int, default=12000, help="cycles")
     longest = parser.parse_args().longest

@@ -25,7 +25,7 @@ def _docking(s: Subject) -> int:
 
 
 def _joined(s: Subject, rng: Random) -> Drawn:
-    """An object docks, and the vehicle file knows of no phases."""
+    """An object docks, and the vehicle file states no phases."""
     if s.vehicle.phases:
         at = _docking(s)
         wrong = s.clean
@@ -45,7 +45,7 @@ def _joined(s: Subject, rng: Random) -> Drawn:
 
 
 def _dock_off(s: Subject, rng: Random) -> Drawn | None:
-    """The vehicle file says that the object docks earlier or later than it does."""
+    """The vehicle file states the docking too early or too late."""
     if not s.vehicle.phases:
         return None
     time = _docking(s) * s.period_s
@@ -56,7 +56,7 @@ def _dock_off(s: Subject, rng: Random) -> Drawn | None:
 
 
 def _glued(s: Subject, rng: Random) -> Drawn | None:
-    """Two logs of two bodies, one after the other."""
+    """Logs of two bodies, one after the other."""
     if s.vehicle.phases or s.vehicle.on_air_bearing:
         return None  # phases are stated; the second log's attitude would be another fault
     at = int(rng.uniform(0.4, 0.6) * s.cycles)

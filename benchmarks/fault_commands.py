@@ -17,7 +17,7 @@ def _command(s: Subject) -> Array:
 
 
 def commanded(s: Subject) -> bool:
-    """Whether anything is."""
+    """Whether the log has any command."""
     return bool(_command(s).any())
 
 
@@ -26,7 +26,7 @@ def _logged(s: Subject, command: Array) -> Case:
 
 
 def clock(s: Subject) -> Array:
-    """(K, 1) from 0 to 1."""
+    """(K, 1) time from 0 to 1."""
     return np.linspace(0.0, 1.0, len(_command(s)))[:, None]
 
 
@@ -78,7 +78,7 @@ def _one_late(s: Subject, rng: Random) -> Case:
 
 
 def _from_half_time(s: Subject, rng: Random, factor: float) -> Case:
-    """One channel that gives so many times as much."""
+    """One channel gives ``factor`` times as much from half time on."""
     command = _command(s).copy()
     command[len(command) // 2 :, _used(s, rng)] *= factor
     return _logged(s, command)

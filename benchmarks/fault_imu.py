@@ -20,18 +20,18 @@ LONG = {"gyro": "gyro", "accel": "accelerometer"}
 
 
 def columns(case: Case, sensor: Sensor) -> Array:
-    """(n, 3) increments."""
+    """(n, 3) increments of a sensor."""
     found: Array = getattr(case.log, INCREMENTS[sensor])
     return found
 
 
 def with_columns(case: Case, sensor: Sensor, increments: Array) -> Case:
-    """The log with others."""
+    """The case with other increments of a sensor."""
     return case.logging(**{INCREMENTS[sensor]: increments})
 
 
 def noise(subject: Subject, sensor: Sensor) -> float:
-    """One sigma of a cycle's mean."""
+    """One sigma of the sensor's mean over a cycle."""
     imu = subject.vehicle.imu
     return float((imu.gyro_noise_rad_s if sensor == "gyro" else imu.accel_noise_m_s2) or 0.0)
 
@@ -103,7 +103,7 @@ def mounted(subject: Subject, case: Case, turn: Array) -> Case:
 
 
 def rotation(axis: Array, degrees: float) -> Array:
-    """(3, 3) about a unit vector."""
+    """(3, 3) rotation about a unit vector."""
     return np.stack([turned(column, axis, degrees) for column in np.eye(3)], 1)
 
 
@@ -138,7 +138,7 @@ def _placed(s: Subject, rng: Random, metres: float) -> Drawn:
 
 
 def _quieter(s: Subject, rng: Random) -> Drawn:
-    """No cause is due but noise itself: whatever else is named is wrong."""
+    """The stated noise is too small; any other cause named is wrong."""
     factor = rng.uniform(1.2, 1.8)
     gyro, accel = noise(s, "gyro") / factor, noise(s, "accel") / factor
     return Drawn(
@@ -147,7 +147,7 @@ def _quieter(s: Subject, rng: Random) -> Drawn:
 
 
 def in_degrees(case: Case) -> Case:
-    """Gyro columns in degrees."""
+    """The case with gyro columns in degrees."""
     return with_columns(case, "gyro", np.degrees(columns(case, "gyro")))
 
 

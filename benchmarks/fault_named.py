@@ -32,19 +32,19 @@ SIZED = frozenset({"disturbance-torque"})
 
 @dataclass(frozen=True)
 class Number:
-    """A number that a message must hold."""
+    """A number that the message must state."""
 
     value: float
     within: float
 
     def among(self, text: str) -> bool:
-        """Whether it does."""
+        """Whether a text states it."""
         return any(abs(float(found) - self.value) <= self.within for found in NUMBER.findall(text))
 
 
 @dataclass(frozen=True)
 class Due:
-    """A warning that names one cause rightly."""
+    """A warning that names a cause correctly."""
 
     codes: tuple[str, ...]
     """Any of these."""
@@ -68,7 +68,7 @@ class Due:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A fault with its jet, axis, sign, size and time drawn."""
+    """A fault with its random jet, axis, sign, size and time."""
 
     case: Case
     dues: tuple[Due, ...]
@@ -88,5 +88,5 @@ class Fault:
 
 
 def due(code: str, *words: str | Number, channels: Sequence[str] = ()) -> tuple[Due, ...]:
-    """One warning."""
+    """One due warning."""
     return (Due((code,), words, frozenset(channels)),)

@@ -73,18 +73,18 @@ class Value:
 
     @property
     def wrong(self) -> bool:
-        """Whether it is off, called converged or not."""
+        """Whether the error is beyond both limits."""
         return abs(self.off) > SIGMAS and self.apart > PART
 
     @property
     def good(self) -> bool:
-        """Whether it is called converged and is wrong."""
+        """Whether the value is converged and wrong."""
         return self.verdict == "converged" and self.wrong
 
 
 @dataclass(frozen=True)
 class Run:
-    """What was said of one log."""
+    """What massprop reports on one log with a fault."""
 
     fault: str
     vehicle: str
@@ -113,12 +113,12 @@ class Run:
 
     @property
     def ratio(self) -> float:
-        """CPU time over the clean twin's."""
+        """CPU time over that of the same log without the fault."""
         return self.seconds / self.clean_seconds
 
     @property
     def command_ratio(self) -> float:
-        """The same of `massprop estimate` as a whole."""
+        """The same ratio for the whole `massprop estimate` command."""
         return (self.seconds + overhead(WRONG)) / (self.clean_seconds + overhead(()))
 
 
@@ -146,7 +146,7 @@ def run(fault: str, vehicle: str, seed: int) -> Run | None:
 
 @dataclass(frozen=True)
 class Clean:
-    """What was said of a log without fault."""
+    """What massprop reports on one log without a fault."""
 
     vehicle: str
     codes: tuple[str, ...]
@@ -160,7 +160,7 @@ class Clean:
 
 
 def clean(vehicle: str, seed: int) -> Clean:
-    """Of one."""
+    """Estimate the log without fault of one vehicle and seed."""
     case = subject(vehicle, seed).clean
     found, _ = _examined(case, vehicle)
     codes = {notice.code for notice in found.notices} & CAUSES - VEHICLES[vehicle].said
@@ -181,7 +181,7 @@ def _least_seconds(case: Case, name: str) -> float:
 
 
 def _examined(case: Case, name: str) -> tuple[Analysis, float]:
-    """As the command does it, and its CPU time."""
+    """The analysis of a case, and its CPU time, s."""
     begin = time.process_time()
     with np.errstate(all="ignore"):
         found = flow.examine(case.log, VehicleSource(case.vehicle, name, ""))
@@ -232,7 +232,7 @@ def _status(found: Analysis, drawn: Drawn, flown: Subject, values: Sequence[Valu
 
 
 def _bodies(conclusion: Conclusion, bodies: Sequence[Body], cycle_s: float) -> Array:
-    """(B, 10) what the vehicle truly was during a phase."""
+    """(B, 10) the true bodies during a phase."""
     phase = conclusion.phase
     during = [b.values for b in bodies if min(b.end_s, phase.end_s) - max(b.start_s, phase.start_s) > OVERLAP * cycle_s]
     # pieces shorter than that are those of a body that changes all the time
@@ -240,7 +240,7 @@ def _bodies(conclusion: Conclusion, bodies: Sequence[Body], cycle_s: float) -> A
 
 
 def _values(found: Analysis, bodies: Sequence[Body]) -> Iterator[Value]:
-    """Each value against the nearest of the bodies that its phase had."""
+    """Each value against the nearest true body of its phase."""
     for conclusion, history in zip(found.conclusions, found.histories, strict=True):
         true = _bodies(conclusion, bodies, found.vehicle.cycle.period_s)
         sizes = history.natural_sizes.copy()
@@ -293,5 +293,5 @@ def _tells(case: Case, found: Analysis, twin: Analysis) -> bool:
 
 
 def _innovations(histories: Sequence[History]) -> dict[int, Array]:
-    """Whitened ones (6,) of each cycle, counted from the log's start."""
+    """Whitened innovations (6,) by cycle, counted from the log's start."""
     return {cycle: row for h in histories for cycle, row in zip(range(h.cycles.start, h.cycles.stop), h.normalised, strict=True)}

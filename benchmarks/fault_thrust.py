@@ -20,14 +20,14 @@ Random = np.random.Generator
 
 
 def unit(rng: Random) -> Array:
-    """(3,) a direction."""
+    """(3,) a random direction."""
     drawn = rng.standard_normal(3)
     direction: Array = drawn / np.linalg.norm(drawn)
     return direction
 
 
 def across(rng: Random, force: Array) -> Array:
-    """(3,) a direction across ``force``."""
+    """(3,) a random direction normal to ``force``."""
     drawn = np.cross(force, unit(rng))
     direction: Array = drawn / np.linalg.norm(drawn)
     return direction
@@ -41,19 +41,19 @@ def turned(vector: Array, axis: Array, degrees: float) -> Array:
 
 
 def stated_forces(subject: Subject, case: Case, factors: dict[str, float]) -> Case:
-    """The vehicle file gives these jets so many times the thrust that they have."""
+    """The vehicle file states ``factors`` times the true thrust of these jets."""
     jets = subject.vehicle.jets
     keys = [f"jets.{i}.force_n={[factors[j.name] * x for x in j.force_n]}" for i, j in enumerate(jets) if j.name in factors]
     return case.stating(*keys)
 
 
 def failing(jets: list[str]) -> str:
-    """The scenario's key for jets that give nothing."""
+    """The scenario's key for dead jets."""
     return "actuators.failures=[" + ", ".join(f'{{jet="{jet}", thrust=0.0}}' for jet in jets) + "]"
 
 
 def on_a_jet(draw: Callable[..., Drawn]) -> Callable[..., Drawn | None]:
-    """A fault of one of the jets that are used, whose name it takes; None where none is."""
+    """A fault of a random jet among those that fire, by name; None where none fires."""
 
     @wraps(draw)
     def drawn(s: Subject, rng: Random, **sized: float) -> Drawn | None:
@@ -76,7 +76,7 @@ def _dead(s: Subject, rng: Random, count: int) -> Drawn | None:
 
 
 def _for_a_time(s: Subject, rng: Random, code: str, factors: tuple[float, float], lasting: tuple[float, float] | None) -> Drawn | None:
-    """From one of its pulses on, or for so many parts of them."""
+    """A jet fails from one of its pulses on, or for a part of them."""
     names, log = [one.name for one in s.vehicle.jets], s.clean.log
     often = [jet for jet in s.fired if (log.command[:, names.index(jet)] > 0).sum() >= 4 * LEAST]
     if not often:
@@ -96,7 +96,7 @@ def _for_a_time(s: Subject, rng: Random, code: str, factors: tuple[float, float]
 
 
 def _swapped(s: Subject, rng: Random) -> Drawn | None:
-    """The vehicle file has the one's name at the other's place."""
+    """The vehicle file exchanges the names of two jets."""
     if not s.fired:
         return None
     pair = [str(jet) for jet in rng.choice(s.fired, 2, replace=False)]
@@ -202,7 +202,7 @@ def _delay(s: Subject, rng: Random, cycles: float) -> Drawn | None:
 
 
 def _drift(s: Subject, rng: Random) -> Drawn | None:
-    """Command k stands in the IMU's row k, whichever clock is the faster."""
+    """The IMU's clock drifts; command k stays in the IMU's row k."""
     if s.vehicle.spinning:
         return None  # tachometers would have a clock, too
     total = rng.uniform(1.0, 1.5)

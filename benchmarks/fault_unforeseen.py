@@ -30,7 +30,7 @@ def _measured(case: Case, rate: Array, force: Array) -> Case:
 
 
 def _sensed(change: Callable[[Subject, Random, Array, Array], tuple[Array, Array]]) -> Maker:
-    """Readings turned into something else."""
+    """A fault that changes the readings."""
     return lambda s, rng: _measured(s.clean, *change(s, rng, *_rates(s.clean)))
 
 
@@ -44,7 +44,7 @@ def _body(s: Subject) -> tuple[Array, Array, float]:
 
 
 def _in_body(s: Subject) -> Array:
-    """(n, 3) rates, body axes."""
+    """(n, 3) rates in body axes."""
     found: Array = _rates(s.clean)[0] @ np.array(s.vehicle.imu.body_from_imu).T
     return found
 
@@ -68,7 +68,7 @@ def _pushed(change: Callable[[Subject, Random], tuple[Array, Array]]) -> Maker:
 
 
 def _ringing(values: Array, step_s: float, period_s: float, damping: float) -> Array:
-    """(n, 3) what a resonance makes of values that follow one another by a step."""
+    """(n, 3) the output of a resonance driven by the values, one step apart."""
     natural, steps = 2 * np.pi / period_s, max(1, int(np.ceil(40 * step_s / period_s)))
     at, moving, found = np.zeros(3), np.zeros(3), np.empty_like(values)
     for k, drive in enumerate(values):
@@ -88,12 +88,12 @@ def _later(values: Array, by: int) -> Array:
 
 
 def _firing(s: Subject) -> Array:
-    """(n, 1) whether anything is commanded."""
+    """(n, 1) whether any command is active."""
     return np.repeat((s.clean.log.command != 0).any(1)[:, None], s.clean.log.records_per_cycle, axis=0)
 
 
 def _loud(s: Subject, rng: Random, rate: Array, force: Array, gyro: float, accel: float) -> tuple[Array, Array]:
-    """So many times the noise while anything is commanded."""
+    """Noise ``gyro`` and ``accel`` times as large while any command is active."""
     on = _firing(s) * np.sqrt(s.clean.log.records_per_cycle)
     more = on * gyro * noise(s, "gyro") * rng.standard_normal(rate.shape)
     return rate + more, force + on * accel * noise(s, "accel") * rng.standard_normal(force.shape)
@@ -107,7 +107,7 @@ def _leaking(s: Subject, rng: Random) -> tuple[Array, Array]:
 
 
 def _tied(s: Subject, _: Random) -> tuple[Array, Array]:
-    """An umbilical: a spring by which the body would swing once in two logs."""
+    """An umbilical: a spring with a period of twice the log's duration."""
     rate, lasts = _in_body(s), 2 * len(s.clean.log.command) * s.period_s
     angle = np.cumsum(rate * s.clean.log.interval_s[:, None], 0)
     return -angle @ _body(s)[0].T * (2 * np.pi / lasts) ** 2, np.zeros_like(rate)
@@ -124,7 +124,7 @@ def _rubbing(s: Subject, _: Random) -> tuple[Array, Array]:
 
 
 def _in_room(s: Subject, rng: Random) -> tuple[Array, Array]:
-    """A torque that keeps its direction in the room, as a magnet's."""
+    """A torque with a constant direction in the room, as by a magnet."""
     rate, turn, torque = _in_body(s), np.eye(3), 0.02 * s.full_torque.min() * unit(rng)
     found = np.empty_like(rate)
     for k, (of_one, lasting) in enumerate(zip(rate, s.clean.log.interval_s, strict=True)):
@@ -180,7 +180,7 @@ def _slipping(_s: Subject, rng: Random, rate: Array, force: Array) -> tuple[Arra
 
 
 def _moving(s: Subject, rate: Array, force: Array, by: Array) -> tuple[Array, Array]:
-    """An IMU, or a CG, that is further on by (n, 3)."""
+    """The IMU, or the CG, is displaced by (n, 3)."""
     growing = np.gradient(rate, axis=0) / s.clean.log.interval_s[:, None]
     return rate, force + np.cross(growing, by) + np.cross(rate, np.cross(rate, by))
 
@@ -202,7 +202,7 @@ def _bursts(s: Subject, rng: Random, rate: Array, force: Array) -> tuple[Array, 
 
 
 def _along(values: Array) -> Array:
-    """(n, 1) from 0 to 1."""
+    """(n, 1) time from 0 to 1."""
     return np.linspace(0.0, 1.0, len(values))[:, None]
 
 

@@ -54,7 +54,7 @@ SHORT = ("duration_s = 25.0", EACH_THEN_ALL)
 
 @dataclass(frozen=True)
 class Kind:
-    """A vehicle that is flown again and again."""
+    """A vehicle of the fault benchmark."""
 
     scenario: str
     keys: tuple[str, ...] = ()
@@ -81,7 +81,7 @@ VEHICLES = {
 
 @dataclass(frozen=True)
 class Body:
-    """What the vehicle truly was from one time to another."""
+    """The true body from one time to another."""
 
     start_s: float
     end_s: float
@@ -95,22 +95,22 @@ INCREMENTS = {"gyro": "delta_theta_imu_rad", "accel": "delta_v_imu_m_s"}
 
 @dataclass(frozen=True)
 class Case:
-    """A log, the vehicle file that is handed over with it, and the truth."""
+    """A log, its vehicle file, and the truth."""
 
     log: Log
     vehicle: Vehicle
     bodies: tuple[Body, ...]
 
     def stating(self, *assignments: str) -> Self:
-        """With other keys in the vehicle file."""
+        """The case with other keys in the vehicle file."""
         return replace(self, vehicle=vehiclefile.changed(self.vehicle, assignments))
 
     def logging(self, **columns: Array) -> Self:
-        """With other columns in the log."""
+        """The case with other columns in the log."""
         return replace(self, log=replace(self.log, **{name: frozen(values) for name, values in columns.items()}))  # type: ignore[arg-type]
 
     def cut(self, cycles: int) -> Self:
-        """Its beginning."""
+        """The first cycles of the case."""
         rows = cycles * self.log.records_per_cycle
         begun = {name: getattr(self.log, name)[:rows] for name in ("time_s", "interval_s", *INCREMENTS.values())}
         return replace(self, log=replace(self.log, rows=rows, command=self.log.command[:cycles], **begun))
@@ -118,7 +118,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Subject:
-    """One vehicle and seed, flown without fault."""
+    """The flight of one vehicle and seed without fault."""
 
     name: str
     seed: int
@@ -127,48 +127,48 @@ class Subject:
 
     @property
     def kind(self) -> Kind:
-        """The vehicle's."""
+        """The kind of the vehicle."""
         return VEHICLES[self.name]
 
     @property
     def vehicle(self) -> Vehicle:
-        """Its file."""
+        """The vehicle file."""
         return self.flight.vehicle
 
     @property
     def period_s(self) -> float:
-        """Of a cycle."""
+        """Period of the control cycle, s."""
         return self.vehicle.cycle.period_s
 
     @property
     def cycles(self) -> int:
-        """Of the log."""
+        """Number of cycles of the log."""
         return self.source.scenario.cycles
 
     @cached_property
     def fired(self) -> list[str]:
-        """Jets that are used."""
+        """Names of the jets that fire."""
         used = (self.flight.issued[0] > 0).sum(0) >= SELDOM
         return [jet.name for jet, hit in zip(self.vehicle.jets, used, strict=False) if hit]
 
     @cached_property
     def driven(self) -> list[int]:
-        """Components of a commanded wrench that are used."""
+        """Components of the commanded wrench that are used."""
         return [] if self.vehicle.jets else [int(i) for i in np.flatnonzero((self.flight.issued[0][:, :6] != 0).sum(0) >= SELDOM)]
 
     @cached_property
     def full_torque(self) -> Array:
-        """(3,) that the vehicle gives about each axis, N m."""
+        """(3,) the largest torque about each axis, N m."""
         full: Array = mission.allocation(self.source).full[:3].min(1)
         return full
 
     @cached_property
     def clean(self) -> Case:
-        """As flown."""
+        """The case without fault."""
         return case(self.flight)
 
     def drawing(self, kind: str) -> np.random.Generator:
-        """What decides jet, axis, sign, size and time of a kind of fault."""
+        """The random generator of a kind of fault, the same in every script."""
         return np.random.default_rng([self.seed, zlib.crc32(f"{kind} {self.name}".encode())])
 
     def again(self, *keys: str) -> SimulatedFlight:
@@ -190,12 +190,12 @@ def _fly(name: str, seed: int, keys: tuple[str, ...] = ()) -> SimulatedFlight:
 
 @lru_cache(maxsize=2)
 def subject(name: str, seed: int) -> Subject:
-    """The vehicle's flight without fault."""
+    """The flight of a vehicle and seed without fault."""
     return Subject(name, seed, _source(name), _fly(name, seed))
 
 
 def case(flight: SimulatedFlight) -> Case:
-    """A flight as it was; a phase's truth lasts until the next one's begins."""
+    """The case of a flight; the truth of a phase holds until the next phase begins."""
     ends = [phase.start_s for phase in flight.phases[1:]] + [float("inf")]
     return Case(
         flight.log(0),

@@ -42,7 +42,7 @@ SLOWEST = 3.0
 
 
 def main() -> None:
-    """Faults first, then clean logs."""
+    """Print the tables of faults, then of clean logs."""
     arguments = _arguments()
     vehicles = arguments.vehicle or list(VEHICLES)
     faults = _chosen(arguments.fault)
@@ -86,7 +86,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _chosen(asked: Sequence[str] | None) -> list[str]:
-    """Names of the kinds of fault."""
+    """Names of the chosen kinds of fault."""
     if not asked:
         return list(FAULTS)
     unknown = sorted(set(asked) - set(FAULTS))

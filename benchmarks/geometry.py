@@ -44,7 +44,7 @@ class Run:
 
 
 def one(name: str, seed: int) -> Run:
-    """Draw, fly, estimate as stated."""
+    """Draw a vehicle, fly it, and estimate it as stated."""
     source = scenario.load(name)
     source = shortened(source, CASES[name])
     stated = uncertain(source.scenario.vehicle)
@@ -74,14 +74,14 @@ def changed(source: ScenarioSource, vehicle: Vehicle) -> ScenarioSource:
 
 
 def uncertain(vehicle: Vehicle) -> Vehicle:
-    """With the uncertainty stated."""
+    """The vehicle with stated uncertainties."""
     sigmas = {"thrust_sigma": THRUST, "position_sigma_m": POSITION_M, "direction_sigma_rad": DIRECTION_RAD}
     imu = vehicle.imu.model_copy(update={"position_sigma_m": IMU_M, "mounting_sigma_rad": MOUNTING_RAD})
     return _new(vehicle, [jet.model_copy(update=sigmas) for jet in vehicle.jets], imu)
 
 
 def drawn(vehicle: Vehicle, seed: int) -> Vehicle:
-    """A vehicle that it may be."""
+    """A random vehicle within these uncertainties."""
     rng, imu = np.random.default_rng([seed, 1]), vehicle.imu
     place = np.array(imu.position_m) + imu.position_sigma_m * rng.standard_normal(3)
     mounting = rotation(imu.mounting_sigma_rad * rng.standard_normal(3)) @ np.array(imu.body_from_imu)
@@ -97,7 +97,7 @@ def _jet(jet: Jet, rng: np.random.Generator) -> Jet:
 
 
 def _new(vehicle: Vehicle, jets: Sequence[Jet], imu: object) -> Vehicle:
-    """A copy that has computed nothing yet."""
+    """A copy without cached properties."""
     changes = vehicle.model_copy(update={"jets": tuple(jets), "imu": imu})
     return Vehicle.model_validate(changes.model_dump(by_alias=True))
 

@@ -27,7 +27,7 @@ BODIES, DURATION_S, DELAY, WHEELED = 4, 40.0, 2.0, 0.4
 
 
 def drawn(rng: np.random.Generator, auto: bool) -> tuple[anyimu.Imu, float]:
-    """An IMU and the control's period, s."""
+    """A random IMU and the control period, s."""
     measures = ["increment", "mean", "sample", "sample"][int(rng.integers(4))]
     order = int(rng.integers(1, 3)) if auto else int(rng.integers(3))
     cutoff = 40.0 if order == 1 else float(rng.uniform(20, 100))
@@ -73,7 +73,7 @@ def measured(seed: int, auto: bool, said: Counter[str]) -> Array:
 
 
 def main() -> None:
-    """Print a line for each set, and what they come to."""
+    """Print one line for each set, then the totals."""
     parser = counted(__doc__, sets=30, first=0)
     parser.add_argument("--auto", action="store_true")
     asked, said = parser.parse_args(), Counter[str]()

@@ -125,12 +125,12 @@ def filterpy_us() -> float | None:
 
 
 def limits(where: Path) -> list[str]:
-    """Flags of the vehicle that a folder was made for."""
+    """Compiler flags of the vehicle of a folder."""
     return re.findall(r"-DMP_\w+=\d+", (where / "Makefile").read_text())
 
 
 def optimised(where: Path) -> str:
-    """What the flight folder's Makefile asks the compiler for."""
+    """The optimisation flags of the folder's Makefile."""
     return (where / "Makefile").read_text().partition("OPTIMISED = ")[2].partition("\n")[0]
 
 
@@ -146,7 +146,7 @@ def soaked(where: Path, *arguments: str, as_flown: bool = False) -> list[list[st
 
 
 def costs(where: Path, longest: int) -> None:
-    """Time of a cycle against the flight's length."""
+    """Print the time of a cycle against the length of the flight."""
     beside = filterpy_us()
     print("## A cycle\n\nThe free-flyer sample, then the same body turning freely, with the noise that its vehicle file states.\n")
     print("| cycles | mean of one, us | worst, us | mean / filterpy update | mean / filterpy update, as flown | wrong numbers |")
@@ -161,7 +161,7 @@ def costs(where: Path, longest: int) -> None:
 
 
 def health(where: Path, longest: int) -> None:
-    """What becomes of numbers where there is no noise, or nothing to learn."""
+    """Print the wrong numbers without noise, and without excitation."""
     print("## Long flights\n\nA value, or a stored number, counts as wrong where it is not finite, a sigma where it is")
     print("not positive.\n")
     print("| flight | cycles | wrong numbers |\n|---|--:|--:|")
@@ -211,7 +211,7 @@ def deepest(where: Path) -> int:
 
 
 def sizes(where: Path) -> None:
-    """Of code, state and stack on a Cortex-M4F."""
+    """Print sizes of code, state and stack on a Cortex-M4F."""
     print("## Cortex-M4F, single precision, -Os\n")
     if shutil.which(ARM) is None:
         print(f"Not measured: {ARM} is not installed here.\n")
@@ -241,7 +241,7 @@ def sizes(where: Path) -> None:
 
 
 def built(where: Path, flags: list[str]) -> Kernel:
-    """The kernel with other limits or another precision."""
+    """The kernel compiled with other limits or in another precision."""
     library = where / f"{'-'.join(flag.strip('-') for flag in flags)}.so"
     sources = map(str, sorted(Path(room.__file__).parent.glob("*.c")))
     subprocess.run(["cc", *FLAGS, *flags, *sources, "-o", str(library), "-lm"], check=True)
@@ -256,12 +256,12 @@ def samples() -> Iterator[tuple[str, resolve.Constants]]:
 
 
 def ends(of: Kernel) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Values and sigmas at the end of each of their phases."""
+    """Values and sigmas at the end of each phase."""
     return [last(found, leg, of) for _, found in samples() for leg in found.legs]
 
 
 def precision(where: Path) -> None:
-    """Final errors in double and in single."""
+    """Print final errors in double and single precision."""
     single = built(where, ["-DMP_SINGLE"])
     print("## Single precision\n\nErrors over the sigmas of double precision, at the end of each phase of the sample logs with a truth.\n")
     print("| log | phase | rms, double | rms, single | ratio | largest change |\n|---|---|--:|--:|--:|---|")
@@ -288,7 +288,7 @@ def last(found: resolve.Constants, leg: resolve.Leg, of: Kernel) -> tuple[np.nda
 
 
 def main() -> None:
-    """All tables."""
+    """Print the page."""
     parser = counted(__doc__)
     parser.add_argument("--longest", type=int, default=1_000_000, help="cycles")
     longest = parser.parse_args().longest

@@ -47,7 +47,7 @@ def _unread(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def _changed(node: ast.AST) -> bool:
-    """Changes the node in place; False where it is of no kind that is changed."""
+    """Change the node in place; False for a kind of node that no mutant changes."""
     if isinstance(node, ast.Compare) and type(node.ops[0]) in COMPARE:
         node.ops[0] = COMPARE[type(node.ops[0])]()
     elif isinstance(node, ast.BinOp) and type(node.op) in ARITHMETIC:
@@ -92,7 +92,7 @@ def killed(folder: Path, module: str, text: str, tests: list[str]) -> bool:
 
 
 def main() -> None:
-    """Prints each survivor, then the rate."""
+    """Print each survivor, then the rate."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("module")
     parser.add_argument("tests", nargs="+")

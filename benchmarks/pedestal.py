@@ -37,7 +37,7 @@ class Alike:
         anypedestal.tables(self.own, 1)
 
     def __getattr__(self, name: str) -> Callable[..., Array]:
-        """What a generator draws: arguments, the last of them the size."""
+        """Any other method that draws numbers; its last argument is the size."""
 
         def drawn(*arguments: Any) -> Array:
             *of, size = arguments
@@ -47,7 +47,7 @@ class Alike:
         return drawn
 
     def normal(self, mean: float, sigma: float, size: tuple[int, ...]) -> Array:
-        """Attitudes first, then rates."""
+        """Normal numbers; the second call draws the rates at the start."""
         self.normals += 1
         found: Array = self.__getattr__("normal")(mean, sigma, size)
         return found + (self.rates if self.normals == 2 else 0.0)
@@ -91,7 +91,7 @@ def _moved(own: anypedestal.Tables, moves: Array) -> anypedestal.Tables:
 
 
 class Told(NamedTuple):
-    """(9,) of ``about_pivot``."""
+    """(9,) errors, sigmas and bounds of ``about_pivot``."""
 
     error: Array
     sigma: Array
@@ -99,7 +99,7 @@ class Told(NamedTuple):
 
 
 def told(seed: int, kind: anypedestal.Kind) -> Told:
-    """Of one table."""
+    """The outcome of one table."""
     rng = np.random.default_rng(seed)
     own = anypedestal.tables(rng, 1)
     flown = anypedestal.fly(rng, own, kind, PERIOD_S, DURATION_S)
@@ -116,7 +116,7 @@ def told(seed: int, kind: anypedestal.Kind) -> Told:
 
 
 def main() -> None:
-    """Print a line for each way to turn the table."""
+    """Print one row for each kind of actuator."""
     asked = counted(__doc__, seeds=50, first=5000).parse_args()
     print("| by | rms error / bound | the same, from the least to the largest of nine values | sigma / bound, median | 95 % cover |")
     print("|---|--:|--:|--:|--:|")

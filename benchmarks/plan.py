@@ -45,7 +45,7 @@ COLUMNS = (
 
 
 def made_for(name: str) -> flow.WrittenPlan:
-    """The plan of a packaged vehicle, guessed to be what it is."""
+    """The plan for a packaged vehicle, with the true vehicle as the guess."""
     packaged = scenario.load(name).scenario
     want, allowed = PLANS[name]
     asked = flow.Asked(precise(want), packaged.cycles * packaged.vehicle.cycle.period_s, "worst", allowed)
@@ -81,7 +81,7 @@ def flown(source: ScenarioSource, made: flow.WrittenPlan, seed: int) -> tuple[Ar
 
 
 def report(name: str, seeds: int) -> str:
-    """One vehicle as a line of Markdown."""
+    """One row of the table."""
     made = made_for(name)
     source = scenario.parse(made.scenario, "scenario.toml")
     at = [i for i, item in enumerate(made.plan.quantities.values()) if item.told == "well"]

@@ -67,7 +67,7 @@ def runs_of(case: str, seeds: int) -> list[Run]:
 
 
 def on_table(hold: float, tilt_sigma_rad: float) -> ScenarioSource:
-    """The packaged scenario with another hold."""
+    """The packaged scenario with this hold and this stated sigma of the tilt."""
     source = scenario.load("planar")
     environment = source.scenario.vehicle.environment.model_copy(update={"table_tilt_sigma_rad": tilt_sigma_rad})
     changes = {

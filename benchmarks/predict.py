@@ -38,7 +38,7 @@ class Pair(NamedTuple):
 
 
 def pairs(count: int, first: int) -> Iterator[Pair]:
-    """Of so many vehicles that can be flown, from one number on."""
+    """``count`` pairs, of the first vehicles from ``first`` on that can be flown."""
     number = first
     while count:
         try:
@@ -62,7 +62,7 @@ def noise(result: Result) -> tuple[IntArray, Array, Array]:
 
 
 def moved(result: Result, by: Array) -> PhaseItem:
-    """The first phase with its values moved by (10,)."""
+    """The first phase with its values changed by (10,)."""
     phase = result.phases[0]
     items = {
         name: one if one.value is None else one.model_copy(update={"value": one.value + change})
@@ -78,7 +78,7 @@ def tested(pair: Pair, phase: PhaseItem) -> tuple[float, float, int]:
 
 
 def main() -> None:
-    """The figures."""
+    """Print the figures."""
     asked = counted(__doc__, pairs=100, first=0).parse_args()
     ways = ("along a random direction", "in one value")
     clean: list[float] = []

@@ -8,12 +8,12 @@ from massprop_cli.base.arrays import Array
 
 
 def covered(z: Array) -> str:
-    """How many of errors over sigmas the 95 % intervals hold."""
+    """Share of errors over sigmas within the 95 % interval."""
     return f"{100 * (np.abs(z) <= 1.96).mean():.1f} %"
 
 
 def rms_of(z: Array) -> str:
-    """Their root mean square; 1 is honest."""
+    """Root mean square of errors over sigmas; 1 is expected."""
     return f"{np.sqrt((z**2).mean()):.2f}"
 
 
@@ -33,7 +33,7 @@ def deviate(error: Array, covariance: Array) -> tuple[Array, float]:
 
 
 def rms(deviates: Sequence[tuple[Array, float]]) -> str:
-    """Of all, with its standard error: half that of the mean square, which is 1."""
+    """Root mean square over all logs, with its standard error by chance."""
     of_all = np.sqrt(np.mean([(z**2).mean() for z, _ in deviates]))
     chance = np.sqrt(np.sum([variance for _, variance in deviates])) / len(deviates) / 2
     return f"{of_all:.3f} ± {chance:.3f}"

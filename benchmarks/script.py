@@ -26,6 +26,6 @@ def commit() -> str:
 
 
 def cpu_s() -> float:
-    """CPU time of all processes that have ended below this one, s."""
+    """CPU time of all child processes that have ended, s."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime

@@ -18,7 +18,7 @@ LIMITS = {"one seed": 0.5, "per seed in a batch of 200": 0.020}
 
 
 def least(source: scenario.ScenarioSource, seeds: range, runs: int) -> float:
-    """Least time of ``runs``, s."""
+    """The shortest of ``runs`` times, s."""
     times = []
     for _ in range(runs):
         start = time.perf_counter()

@@ -86,7 +86,7 @@ def with_method(vehicle: Vehicle, method: str) -> Vehicle:
 
 
 def with_docked(values: list[Array], docked: Array | None) -> Array:
-    """(bodies, 10) phases and, after two of them, the docked object."""
+    """(bodies, 10) values of the phases and, after two phases, of the docked object."""
     rows = [*values, docked] if docked is not None and len(values) == 2 else values
     return np.array(rows)
 

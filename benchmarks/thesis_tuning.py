@@ -44,7 +44,7 @@ def tuned(vehicle: Vehicle, p0: float, q: float, r: float) -> Vehicle:
 
 
 def measures(history: History, column: int) -> list[str]:
-    """What the eye sees in a plot of one estimate, as numbers."""
+    """Features of one estimate that a plot shows, as numbers."""
     value, sigma, time = history.values[:, column], history.sigmas[:, column], history.time_s
     idle = (time > IDLE_S[0]) & (time <= IDLE_S[1])
     excited = (time > EXCITED_S[0]) & (time <= EXCITED_S[1])
@@ -60,7 +60,7 @@ def measures(history: History, column: int) -> list[str]:
 
 
 def main() -> None:
-    """Fly once, estimate with each variation, print."""
+    """Fly once, estimate with each variation, and print."""
     source = scenario.load("preliminary")
     flown = simulate.fly(source, [1])
     true = flown.truth[0, 0]

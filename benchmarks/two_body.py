@@ -43,7 +43,7 @@ def result(name: str, seed: int, folder: Path) -> Path:
 
 
 def docked(seed: int) -> tuple[Array, Array]:
-    """(10,) and (10, 10) of the object."""
+    """(10,) values and (10, 10) covariance of the object."""
     with tempfile.TemporaryDirectory() as place:
         alone = result("testbed", seed, Path(place) / "alone")
         joined = result("testbed-joined", seed + BEYOND, Path(place) / "joined")
@@ -53,7 +53,7 @@ def docked(seed: int) -> tuple[Array, Array]:
 
 
 def main() -> None:
-    """All seeds, then the table."""
+    """Fly all seeds and print the table."""
     count = counted(__doc__, seeds=50).parse_args().seeds
     found = [docked(seed) for seed in range(1, count + 1)]
     error = np.array([values for values, _ in found]) - OBJECT

@@ -43,7 +43,7 @@ commit {commit}. `python benchmarks/unforeseen.py --seeds {seeds} --first {first
 
 @dataclass(frozen=True)
 class Outcome:
-    """What was said of one log."""
+    """What massprop reports on one phase of a log."""
 
     kind: str
     vehicle: str
@@ -61,17 +61,17 @@ class Outcome:
 
     @property
     def covered(self) -> BoolArray:
-        """(n,) whether each value is."""
+        """(n,) whether the 95 % interval of each value covers the truth."""
         return self.off < 1.96
 
     @property
     def wrong(self) -> BoolArray:
-        """(n,) likewise."""
+        """(n,) whether the error of each value is beyond both limits."""
         return (self.off > SIGMAS) & (self.apart > PART)
 
 
 def made(kind: str, vehicle: str, seed: int) -> Case | None:
-    """A log; None where the vehicle can't have the fault."""
+    """A log with the fault; None where the vehicle cannot have it."""
     flown = subject(vehicle, seed)
     rng = flown.drawing(kind)
     if kind == "clean":
@@ -85,7 +85,7 @@ def made(kind: str, vehicle: str, seed: int) -> Case | None:
 
 
 def run(kind: str, vehicle: str, seed: int) -> list[Outcome]:
-    """One for each phase."""
+    """The outcome of each phase of one log."""
     case = made(kind, vehicle, seed)
     if case is None:
         return []
@@ -107,7 +107,7 @@ def run(kind: str, vehicle: str, seed: int) -> list[Outcome]:
 
 
 def main() -> None:
-    """All kinds on all vehicles."""
+    """Print the tables of all kinds on all vehicles."""
     parser = counted(__doc__, seeds=3)
     parser.add_argument("--first", type=int, default=3001, help="seed")
     parser.add_argument("--kind", action="append", help=f"clean, {', '.join((*UNFORESEEN, *FAULTS))}")

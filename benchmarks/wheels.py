@@ -29,7 +29,7 @@ TOGETHER = 5
 
 
 def case(name: str, settings: tuple[str, ...], seeds: int) -> str:
-    """One table."""
+    """The table of one case."""
     source = scenario.load(name, settings)
     flown = simulate.fly(source, range(1, seeds + 1))
     truth = flown.truth[0, 0]
@@ -70,7 +70,7 @@ def _table(error: Array, sigma: Array, limits: Array, truth: Array, verdicts: li
 
 
 def main() -> None:
-    """Every case."""
+    """Print the tables of all cases."""
     parser = counted(__doc__, seeds=100)
     parser.add_argument("--case", action="append", choices=list(CASES))
     arguments = parser.parse_args()
