@@ -193,7 +193,7 @@ def _explain(model: type[BaseModel], error: Any, path: list[str]) -> str:
 
 
 def at_key(key: str, problem: str) -> PydanticCustomError:
-    """What a validator of a table raises of one of its keys."""
+    """The error that a validator of a table raises for one of its keys."""
     return PydanticCustomError("key", "{problem}", {KEY: key, "problem": problem})
 
 
@@ -218,13 +218,13 @@ def nearest(name: str, known: Iterable[str], words: str) -> str:
 
 
 def _described(model: type[BaseModel], path: list[str]) -> str:
-    """What a key is for, where its model says so."""
+    """The description of a key, where its model has one."""
     said = [node["properties"].get(path[-1], {}).get("description") for node in _nodes(model, path[:-1]) if "properties" in node]
     return next((f": {text}" for text in said if text), "")
 
 
 def _nodes(model: type[BaseModel], path: list[str]) -> list[dict[str, Any]]:
-    """What may stand at ``path``, found in the model's JSON Schema."""
+    """The nodes of the model's JSON Schema at ``path``."""
     schema = model.model_json_schema()
     definitions = schema.get("$defs", {})
     nodes = [schema]

@@ -29,7 +29,7 @@ def sliced(record: Any, names: Iterable[str], rows: slice) -> dict[str, Any]:
 
 
 class _Frozen:
-    """What all of them share."""
+    """The methods that all frozen classes share."""
 
     __dataclass_fields__: dict[str, Any]
 

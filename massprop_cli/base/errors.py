@@ -17,7 +17,7 @@ class MachineError(InputError):
 
 
 class UntoldError(InputError):
-    """Where a log can't tell its own delay or lag; ``settings`` are the most likely, each with a sigma, if any is likelier than others."""
+    """A log that cannot show its own delay or lag; ``settings``: likely values, each with a sigma, if any are likelier than others."""
 
     def __init__(self, message: str, settings: tuple[str, ...] = ()) -> None:
         super().__init__(message)

@@ -31,7 +31,7 @@ def visible(text: str) -> str:
 
 
 def line(text: str, longest: int = LONGEST) -> str:
-    """The same on one line."""
+    """The text on one line."""
     shown = visible(" ".join(text.split()))
     return shown if len(shown) <= longest else f"{shown[: longest - 1]}…"
 
@@ -42,13 +42,13 @@ def name(text: str) -> str:
 
 
 def message(text: str) -> str:
-    """What is told on one line of a terminal; of a longer text the middle is left out, since the remedy stands at the end."""
+    """The text for one line of a terminal; a longer text loses its middle, since the remedy is at the end."""
     shown = line(text, sys.maxsize)
     return shown if len(shown) <= _MESSAGE else f"{shown[: _MESSAGE - _END]} … {shown[-_END:]}"
 
 
 def rich(text: str) -> str:
-    """One line for a table or line that rich prints, whose own marks it must not hold."""
+    """The text on one line for rich, with rich's own marks escaped."""
     from rich.markup import escape
 
     return escape(line(text))

@@ -98,7 +98,7 @@ def made(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """The same, and hold it against other processes, and clear what a killed one left half-written."""
+    """Make a folder, hold it against other processes, and clear what a killed process left half-written."""
     with made(folder), lock(folder / _LOCK, folder, _PATIENCE_S):
         for left in folder.glob(f"{_BEGIN}*{_PARTIAL}"):
             left.unlink(missing_ok=True)

@@ -66,7 +66,7 @@ _OF_KIND = {"log": LOG, "campaign.json": LOG, "campaign.parquet": LOG, "history.
 
 
 def of(what: str) -> Limit:
-    """How large a file of this kind may be."""
+    """The limit of the size of a kind of file."""
     return _OF_KIND.get(what, CONFIG)
 
 

@@ -6,7 +6,7 @@ from massprop_cli.base.arrays import Array
 
 
 class Moments:
-    """Of rows (N, c), told in any parts."""
+    """Moments of rows (N, c) that are added part by part."""
 
     def __init__(self, columns: int, centred: bool = False) -> None:
         """``centred``: about the mean of all, else about zero."""

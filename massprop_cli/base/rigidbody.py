@@ -44,7 +44,7 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def inverse(matrix: Array) -> Array:
-    """Of well-conditioned (K, 3, 3), by cofactors; numpy's own takes several times as long."""
+    """The inverse of well-conditioned (K, 3, 3), by cofactors; numpy's own takes several times as long."""
     cofactors = cross(matrix[:, [1, 2, 0]], matrix[:, [2, 0, 1]])
     determinant = np.einsum("ki,ki->k", matrix[:, 0], cofactors[:, 0])
     return np.asarray(cofactors.transpose(0, 2, 1) / determinant[:, None, None])

@@ -54,7 +54,7 @@ def copied(file: BinaryIO, size: int) -> Content:
 
 
 def pieces(data: Content, first: int = 0) -> Iterator[bytes]:
-    """What a file holds from a place on, some at a time, each to the end of a line where there is one."""
+    """The content of a file from a place on, in pieces that end with a line where one ends."""
     while first < len(data):
         line = data.rfind(b"\n", first, first + PIECE) if first + PIECE < len(data) else -1
         end = line + 1 or min(first + PIECE, len(data))
@@ -85,7 +85,7 @@ def give_back() -> None:
 
 
 def _file(size: int) -> mmap.mmap | None:
-    """So many bytes of a file without a name, all of them there on the disk; None where there can't be, and of a few."""
+    """A nameless file of ``size`` bytes, allocated on the disk; None where that is not possible, and for a small size."""
     if size < LARGE or not hasattr(mmap, "MADV_DONTNEED"):
         return None
     import tempfile  # a dozen modules that a short log does without

@@ -29,7 +29,7 @@ class Earlier:
 
 
 def read(place: str) -> Earlier:
-    """From the location of a campaign.json, or of the folder that holds it; :class:`InputError` names what is wrong with it."""
+    """Read a campaign.json, or that of a folder; :class:`InputError` names what is wrong with it."""
     folder = not place.endswith(".json") if location.is_url(place) else Path(place).is_dir()
     file = location.join(place, "campaign.json") if folder else place
     content = location.read(file, "campaign.json")
@@ -107,7 +107,7 @@ def _pool(now: Pool | None, before: Pool, gate: Gate) -> Iterator[Beyond]:
 def _difference(
     where: str, quantity: str, new: Numbers | None, old: Numbers | None, allowed: Tolerance, about: Mapping[str, str | None]
 ) -> Iterator[Beyond]:
-    """One quantity; nothing where it is within."""
+    """The difference of one quantity where it is beyond its tolerance."""
     if old is None:
         return
     unit, said = ALL_UNITS[quantity], f"{where}{quantity} in {about['part']}: "

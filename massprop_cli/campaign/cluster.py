@@ -39,7 +39,7 @@ class Differs:
 
 
 def on_worker(task: Task, versions: Mapping[str, str]) -> Produced | Differs | None:
-    """What a thread of a dask worker does. It doesn't raise: an error that the client can't unpickle would never arrive there."""
+    """Run a task on a thread of a dask worker. It never raises: the client could not unpickle every error."""
     try:
         own = work.versions(task.job.settings.report)
         if own != versions:
@@ -100,7 +100,7 @@ class _Flight:
         return len(self._flying) < PER_THREAD * max(self._threads(), 1) and flying + _size(task) <= MOST_BYTES
 
     def _threads(self) -> int:
-        """Of all workers, as they are now; :class:`InputError` where the scheduler doesn't tell."""
+        """The number of threads of all workers; :class:`InputError` where the scheduler does not answer."""
         try:
             return sum(self._client.nthreads().values())
         except Exception:
@@ -145,7 +145,7 @@ class _Flight:
 
 
 def _prepared(tasks: Sequence[Task]) -> Iterator[tuple[int, Task | None, Produced | None]]:
-    """Each task with the files of this machine, one by one; without a task where it is over already."""
+    """Each task with this machine's files, one by one; no task where the outcome is known already."""
     for index, task in enumerate(tasks):
         try:
             sent = work.own_files(task.job)
@@ -188,7 +188,7 @@ def _connected(address: str) -> Iterator[Any]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Without what distributed logs of lost connections; what matters of it is told as an error of ours."""
+    """Silence the log of distributed; its relevant errors become errors of massprop."""
     loggers = [logger for name, logger in logging.root.manager.loggerDict.items() if name.startswith("distributed")]
     levels = [(logger, logger.level) for logger in loggers if isinstance(logger, logging.Logger)]
     for logger, _ in levels:

@@ -75,7 +75,7 @@ def _expanded(named: str) -> list[FoundLog]:
 
 
 def _no_log(named: str, wild: bool, there: bool, what: str) -> InputError:
-    """That a pattern, or a folder that is there or not, gives none."""
+    """The error of a pattern or folder without logs."""
     if wild:
         return InputError(f"{named}: no log fits this pattern; check it, and that it names logs ({_KINDS})")
     if there:
@@ -94,7 +94,7 @@ def _matching(path: Path, fixed: Path) -> set[Path]:
 
 
 def _expanded_url(named: str) -> list[FoundLog]:
-    """The same of a URL, by the same rules."""
+    """The logs at a URL, by the same rules as for a path."""
     if remote.exists(named):
         return [_found_url(location.folder(named), location.name(named))]
     place, *outer = named.split("::", 1)
@@ -154,7 +154,7 @@ def _found(log: Path, root: Path) -> FoundLog:
 
 
 def _absolute(path: Path) -> Path:
-    """Without ".."; a link keeps its own name."""
+    """The absolute path without ".."; a link keeps its own name."""
     return Path(os.path.abspath(path))  # noqa: PTH100
 
 

@@ -42,12 +42,12 @@ class Spread:
 
     @property
     def within(self) -> int:
-        """How many logs lie within two sigmas of the mean."""
+        """The number of logs within two sigmas of the mean."""
         return int((np.abs(self.z) <= WITHIN).sum()) if len(self.samples.value) > 1 else len(self.samples.value)
 
 
 def spreads(group: Group) -> dict[str, Spread]:
-    """Of each quantity that any log tells."""
+    """The values of each quantity that any log gives."""
     values = np.array(group.values)
     found = {}
     for i, name in enumerate(ALL_UNITS):

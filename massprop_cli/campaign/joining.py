@@ -39,17 +39,17 @@ class Joining:
 
     @property
     def allow_contradicted(self) -> bool:
-        """As the campaign's own logs are judged."""
+        """Whether contradictions are accepted, as in the campaign's own logs."""
         return any(job.settings.allow_contradicted for job in self.jobs)
 
     @property
     def jobs(self) -> tuple[Job, ...]:
-        """All of them."""
+        """The jobs of all its logs."""
         return (*self.logs, *self.before, *self.after)
 
 
 def joinings(named: Sequence[str], jobs: Sequence[Job]) -> list[Joining]:
-    """What the campaign files among ``named`` want combined of these jobs; :class:`InputError` where that can't be."""
+    """The combined results that the campaign files among ``named`` ask for; :class:`InputError` where one is not possible."""
     found: list[Joining] = []
     taken = {foldername.same(job.name): f"a log's ({job.shown})" for job in jobs}
     for place in named:

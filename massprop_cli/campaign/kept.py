@@ -31,7 +31,7 @@ def vehicle(found: Result) -> outcome.StatedVehicle:
 
 
 def stated(source: VehicleSource) -> outcome.StatedVehicle:
-    """The same of a vehicle file, where there is no result."""
+    """The vehicle of a vehicle file, where there is no result."""
     of = source.vehicle
     bearing = of.environment.bearing_mass_kg if of.on_air_bearing else 0.0
     return outcome.StatedVehicle(name=of.name, sha256=source.sha256, environment=of.environment.kind, bearing_mass_kg=bearing)
@@ -59,7 +59,7 @@ def of_result(
 
 
 def expected(found: Sequence[ExpectedQuantity]) -> list[PhaseQuantities]:
-    """What a check expects of each phase: sigmas and verdicts, and no values."""
+    """Sigmas and verdicts, without values, that a check expects of each phase."""
     phases: dict[str, dict[str, Value]] = {}
     for one in found:
         phases.setdefault(one.phase, {})[one.quantity] = Value(value=None, sigma=one.sigma, verdict=one.verdict, met=one.reached)
@@ -85,7 +85,7 @@ def bodies(found: Result, used: Vehicle, stated: Vehicle) -> list[PhaseQuantitie
 
 
 def joint_bodies(found: Result) -> list[PhaseQuantities]:
-    """Of a result of several logs; how much of it they share is in its sigmas, and isn't told apart."""
+    """The bodies of a result of several logs; its sigmas include what the logs share, not stated apart."""
     kept = [_phase(phase, None, np.zeros(10)) for phase in found.phases]
     docked = found.docked_object
     return kept + (
@@ -94,7 +94,7 @@ def joint_bodies(found: Result) -> list[PhaseQuantities]:
 
 
 def _phase(phase: PhaseItem, used: Vehicle | None, alike: Array) -> PhaseQuantities:
-    """With what is shared, where the vehicle as it was ``used`` is given; ``alike`` (10,)."""
+    """A phase with its shared sigmas, where the vehicle as it was ``used`` is given; ``alike`` (10,)."""
     own = _values(phase.estimates, None if used is None else shared(phase, used), alike)
     pivot = (None, np.zeros(9)) if used is None or not phase.about_pivot else shared_about_pivot(phase, used, alike)
     return PhaseQuantities(part="phase", name=phase.name, estimates=own, about_pivot=_values(phase.about_pivot, *pivot))
@@ -134,7 +134,7 @@ def shared_about_pivot(phase: PhaseItem, used: Vehicle, alike: Array) -> tuple[A
 
 
 def _doubted(phase: PhaseItem, used: Vehicle) -> Vehicle:
-    """With the thrust as uncertain as a log makes it that does not fit: no log shows an error common to all thrust."""
+    """The vehicle with the thrust as uncertain as the discrepancy of its log makes it; no log shows an error common to all thrust."""
     beyond = phase.discrepancy.thrust_scale_sigma if phase.discrepancy else 0.0
     sigma = float(np.hypot(used.thrust.scale_sigma, beyond))
     return used.model_copy(update={"thrust": used.thrust.model_copy(update={"scale_sigma": sigma})})

@@ -93,12 +93,12 @@ STATES = {1: "internal error", 3: "unusable", 6: "contradicted", 4: "not converg
 
 
 def contradicted(found: Outcome | None) -> int:
-    """In how many quantities a log and its vehicle file contradict each other."""
+    """The number of contradicted quantities."""
     return sum(item.verdict == "contradicted" for body in (found.bodies if found else []) for item in body.items.values())
 
 
 def state(found: Outcome | None) -> str:
-    """What became of a log, in words: what its exit code means, and what was said against its values."""
+    """The outcome in words: the meaning of its exit code, and doubts about its values."""
     code = found.exit_code if found else None
     against = contradicted(found) > 0 and code != exits.CONTRADICTED
     doubt = "contradicted" if against else "with warnings" if found is not None and found.warnings else ""
@@ -124,7 +124,7 @@ def packed(found: OutcomePart) -> bytes:
 
 
 def unpacked(kind: type[_Kind], content: bytes) -> _Kind:
-    """What :func:`packed` packed."""
+    """The outcome that :func:`packed` packed."""
     return kind.model_validate_json(zlib.decompress(content))
 
 

@@ -81,7 +81,7 @@ def page(found: Summary) -> Iterator[str]:
 
 
 def counts(found: Summary) -> str:
-    """How many logs came to what, in words, the worst first; then how many of them all are in doubt."""
+    """The number of logs by outcome, in words, the worst first; then the number in doubt."""
     keys = ((code, "none" if code is None else str(code)) for code in STATES)
     said = [", ".join(f"{found.exit_codes[key]} {STATES[code]}" for code, key in keys if key in found.exit_codes)]
     said += [f"{found.contradicted} contradicted by the vehicle file"] if found.contradicted else []
@@ -91,7 +91,7 @@ def counts(found: Summary) -> str:
 
 
 def _copies(copies: Mapping[str, str]) -> list[str]:
-    """Of each recording that several logs have: these, and that it counts once."""
+    """A sentence for each recording that several logs have: it counts once."""
     found: dict[str, list[str]] = {}
     for name, first in copies.items():
         found.setdefault(first, []).append(name)
@@ -104,7 +104,7 @@ def _copies(copies: Mapping[str, str]) -> list[str]:
 
 
 def told_of(row: CampaignRow) -> str:
-    """What came of a result of several logs, in words."""
+    """The outcome of a result of several logs, in words."""
     doubts = f" ({', '.join(dict.fromkeys(row.outcome.warnings))})" if row.outcome and row.outcome.warnings else ""
     return f"{state(row.outcome)}{doubts}" + (f": {row.outcome.message}" if row.outcome and row.outcome.message else "")
 
@@ -114,7 +114,7 @@ def _entries(found: Summary, names: Sequence[str]) -> Iterator[dict[str, Any]]:
 
 
 def _entry(names: Sequence[str], number: int, row: CampaignRow) -> dict[str, Any]:
-    """What the page says of one log: the quantities ``names`` beside the mass, by part."""
+    """The entry of one log: the quantities ``names`` and the mass, by part."""
     found = row.outcome
     code = found.exit_code if found else None
     sign, mark = _SIGNS[code], _MARKS.get(code, "unobservable")
@@ -147,7 +147,7 @@ def _entry(names: Sequence[str], number: int, row: CampaignRow) -> dict[str, Any
 
 
 def worst(codes: Sequence[str]) -> str:
-    """Of a log's warnings the first that says more than how the log was read or its noise sized; empty without any."""
+    """The first warning about more than reading or noise levels; else the first; empty without any."""
     return next((code for code in codes if code not in _MINOR), codes[0] if codes else "")
 
 
@@ -157,7 +157,7 @@ def _link(name: str, found: Outcome | None) -> str:
 
 
 def title(body: PhaseQuantities | Pool) -> str:
-    """What to call a part of a log."""
+    """The name of a part of a log."""
     return body.name if body.part == "phase" else f"docked: {body.name}"
 
 
@@ -173,7 +173,7 @@ def _cell(item: Value | None) -> QuantityCell:
 
 @dataclass(frozen=True)
 class PooledVehicle:
-    """What one vehicle's logs say together."""
+    """The pooled values of one vehicle's logs."""
 
     pool: Pool
     rows: list[dict[str, str]]
@@ -228,7 +228,7 @@ def _short(ratio: float | None) -> str:
 
 
 def doubts(found: Pool) -> list[str]:
-    """What is wrong with pooling these logs, a sentence each: a mean's sigma means nothing where they contradict each other."""
+    """A sentence for each reason against pooling: where logs contradict each other, the sigma of their mean is not valid."""
     names = [name for name, item in found.items.items() if item.p_value is not None and item.p_value < _UNLIKELY]
     if not names:
         return []

@@ -36,7 +36,7 @@ def parquet(found: Summary) -> bytes:
 
 
 def _texts(row: CampaignRow, found: Outcome | None, body: PhaseQuantities | None) -> dict[str, str | None]:
-    """What a line says in words; None where nothing."""
+    """The texts of a row; None where there is none."""
     vehicle = found.vehicle if found else None
     return {
         "name": row.name,
@@ -55,7 +55,7 @@ def _texts(row: CampaignRow, found: Outcome | None, body: PhaseQuantities | None
 
 
 def _column(quantity: str) -> str:
-    """How a quantity's columns begin: about the pivot as in history.parquet."""
+    """The beginning of a quantity's column names: about the pivot as in history.parquet."""
     return quantity.replace(PIVOT, "pivot_")
 
 
@@ -96,7 +96,7 @@ _ABOUT = ("number", "name", "log", "tags", "outcome", "exit_code", "message", "v
 
 
 def columns(names: Sequence[str]) -> tuple[str, ...]:
-    """Of campaign.csv, in their order."""
+    """The columns of campaign.csv in their order."""
     pairs = ((_column(name), SPELT[ALL_UNITS[name]]) for name in names)
     each = ((f"{name}_{unit}", f"{name}_sigma_{unit}", *(f"{name}_{part}" for part in _PARTS)) for name, unit in pairs)
     return (*_ABOUT, *(column for of_one in each for column in of_one))

@@ -93,7 +93,7 @@ def _shared(found: Sequence[str]) -> set[int]:
 
 
 def _name(log: FoundLog, deep: int, twin: bool) -> str:
-    """Of so many parts of its path; with its suffix where a ``twin`` in its folder has its stem."""
+    """The name by the last ``deep`` parts of the path; with its suffix where a ``twin`` in its folder has its stem."""
     *folders, file = log.parts[-deep:]
     stem, above = foldername.stem(file), log.parts[:-1]
     suffix = [file[len(stem) + 1 :].lower().replace(".", "-")] if twin else []

@@ -87,19 +87,19 @@ class Pool(OutcomePart):
 
 
 def pooled(rows: Iterable[CampaignRow]) -> list[Pool]:
-    """By vehicle, method and part, in the order in which they first appear; of what two logs at least tell."""
+    """Pools by vehicle, method and part, in the order of their first logs; each has two logs at least."""
     return pools_of(grouped(rows))
 
 
 def pools_of(groups: Mapping[Key, Group]) -> list[Pool]:
-    """Of each group of which two logs at least tell something."""
+    """The pool of each group in which two logs at least give a value."""
     pools = [_pool(key, group) for key, group in groups.items() if len(group.numbers) > 1]
     return [found for found in pools if any(quantity.logs > 1 for quantity in found.items.values())]
 
 
 @dataclass(frozen=True)
 class Group:
-    """What is pooled together, log by log."""
+    """The logs that are pooled together."""
 
     numbers: list[int] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
@@ -169,7 +169,7 @@ def _again(values: Sequence[Array]) -> dict[int, int]:
 
 
 class Key(NamedTuple):
-    """What logs have in common that are pooled together."""
+    """The properties that pooled logs have in common."""
 
     vehicle: str
     environment: EnvironmentKind
@@ -179,7 +179,7 @@ class Key(NamedTuple):
 
     @staticmethod
     def of(found: Pool) -> Key:
-        """Of a pool."""
+        """The key of a pool."""
         return Key(found.vehicle, found.environment, found.bearing_mass_kg, found.part, found.name)
 
 

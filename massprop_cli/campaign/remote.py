@@ -25,7 +25,7 @@ def store(url: str) -> tuple[Any, str]:
 
 @contextmanager
 def told(url: str, what: str) -> Iterator[None]:
-    """What a store raises becomes an :class:`InputError` that names the URL and a remedy. Every store raises errors of its own."""
+    """Turn a store's errors into :class:`InputError` with the URL and a remedy. Every store raises errors of its own."""
     try:
         yield
     except InputError:

@@ -98,7 +98,7 @@ class Worker:
         self._closed = False
 
     def work(self, task: Task) -> Produced | None:
-        """What the process makes of a task; it may die of it once."""
+        """Run a task in the process; a process that dies is started once more."""
         code = None
         for _ in range(TRIES):
             process = self._started()

@@ -53,5 +53,5 @@ def _table(pool: Pool) -> Table:
 
 
 def _plain(text: str) -> str:
-    """With the minus that other programs read."""
+    """The text with the minus sign that other programs read."""
     return text.replace("−", "-")

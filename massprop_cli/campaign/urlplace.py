@@ -67,7 +67,7 @@ class Lease:
                 files.rm_file(path)
 
     def _create(self, files: Any, path: str) -> bool:
-        """Whether it is ours now."""
+        """Create the lock object; whether it is this batch's own now."""
         if remote.content_at(files, path) is not None:
             return False
         with suppress(Exception):  # where it is refused because there is one, what is read next says so
@@ -78,7 +78,7 @@ class Lease:
         return self._is_own(remote.content_at(files, path))
 
     def _is_alive(self, files: Any, path: str, found: bytes) -> bool:
-        """Whether it is renewed, or given back and taken anew, while we watch."""
+        """Whether the lock is renewed, or taken anew, while this batch watches it."""
         until = time.monotonic() + SILENT_S
         while time.monotonic() < until:
             time.sleep(min(_LOOK_S, SILENT_S / 4))

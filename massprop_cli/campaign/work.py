@@ -25,7 +25,7 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 
 @dataclass(frozen=True)
 class Produced:
-    """What one job made."""
+    """The outcome of a job and the files it made."""
 
     outcome: Outcome
     made: Mapping[str, bytes] = field(default_factory=dict)
@@ -84,7 +84,7 @@ def _as_shown(job: Job, message: str) -> str:
 
 
 def _companions(job: Job) -> Iterator[tuple[str, bool, list[str]]]:
-    """What comes with a log: what it is, whether it is named, and where it may be, the first that is there."""
+    """The files that belong to a log: kind, whether it is named, and the places to look, in order."""
     settings, log = job.settings, job.log
     beside = [f"{location.stem(log)}.vehicle.toml", "vehicle.toml"], recording.maps_beside(location.name(log)), ()
     stated = ("vehicle file", settings.vehicle), ("map file", settings.map), ("expect file", settings.expect)
@@ -141,7 +141,7 @@ def _base(place: str) -> bytes:
 
 @cache
 def versions(report: bool = False) -> dict[str, str]:
-    """Of the program, and of what else decides a result's bytes, and its page's where there is one."""
+    """Versions of massprop and of the libraries that decide a result's bytes, and its page's where there is one."""
     import platform
     from importlib.metadata import version
 
@@ -211,7 +211,7 @@ def table_of(job: Job, inputs: Inputs) -> Table:
 
 
 def vehicle_of(job: Job, inputs: Inputs, embedded: str | None) -> VehicleSource:
-    """By the contract's order: the named one, the log's own, the one beside it."""
+    """The vehicle, in the contract's order: the named file, the log's own, the file next to the log."""
     stated = job.settings.assignments
     if embedded is not None and job.settings.vehicle is None:
         return vehiclefile.parse(embedded, f"{job.log} (embedded vehicle)", stated)

@@ -82,7 +82,7 @@ def of_table(
     *,
     allow_contradicted: bool = False,
 ) -> Check:
-    """The same of a table and a vehicle at hand."""
+    """The check of a table and a vehicle at hand."""
     vehicle, place = source.vehicle, table.place
     found = sampling(_times(table, vehicle), place)
     unusable = any(one.grade == "unusable" for one in found)
@@ -107,12 +107,12 @@ def of_table(
 
 
 def seen(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
-    """What a log's signals show by themselves, before any estimate; ``place`` names a row."""
+    """Findings of a log's signals alone, before any estimate; ``place`` names a row."""
     return [*sensors(log, vehicle, place), *commands(log, vehicle, place), *attitude(log, vehicle), *on_table(log, vehicle)]
 
 
 def with_estimate(found: Sequence[Finding], estimated: Analysis, told: Result, vehicle: Vehicle) -> list[Finding]:
-    """The same with what the estimate of the log says, ``told`` being its result, but for what is told with its rows already."""
+    """The findings with those of the estimate; ``told`` is its result. A code that has its rows already is not repeated."""
     said = {one.code for one in found}
     # of a log without commands there is no cause to look for but that
     said |= {"cause-unknown"} if "nothing-commanded" in said else set()

@@ -13,7 +13,7 @@ _SIGNS = {"unusable": "✕", "fault": "‼", "note": "○"}
 
 
 def show(found: Check, console: Console) -> None:
-    """What is wrong, and what an estimate of this log gives."""
+    """Print the findings, and the sigmas that an estimate of this log gives."""
     for one in found.findings:
         console.print(
             escape.rich(f"{_SIGNS[one.grade]} {one.grade}, {SUBJECTS[one.subject]}: {one.what} [{one.code}]"), style=_STYLE[one.grade]

@@ -20,7 +20,7 @@ class DocstringCommand(NamedTuple):
 
 
 def told(command: Callable[..., Any]) -> DocstringCommand:
-    """What a command says of itself."""
+    """Text and examples of a command's docstring."""
     text, _, examples = inspect.cleandoc(command.__doc__ or "").partition(EXAMPLES)
     return DocstringCommand(
         re.sub(r"(?<!\n)\n(?!\n)", " ", text).strip(), tuple(line.strip() for line in examples.splitlines() if line.strip())

@@ -66,7 +66,7 @@ class _Answers:
         self.failed: OSError | None = None
 
     def put(self, line: str) -> None:
-        """One line, at once."""
+        """Write one line at once."""
         if self.failed is None:
             try:
                 sys.stdout.write(f"{line}\n")

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def say(message: str, colour: str | None = None) -> None:
-    """One line on stderr. With :func:`put` the only way of foreign text to the terminal beside rich's tables."""
+    """Write one line to stderr. Only this, :func:`put` and rich's tables write foreign text to the terminal."""
     text = f"massprop: {escape.message(message)}"
     typer.echo(typer.style(text, fg=colour) if colour and _coloured() else text, err=True)
 
@@ -64,7 +64,7 @@ def console(no_color: bool) -> Console:
 
 
 def printed(found: BaseModel, table: Callable[[Any, Console], None], as_json: bool, quiet: bool, no_color: bool) -> None:
-    """What a command found on stdout: as JSON, or as its table."""
+    """Print a command's result on stdout: as JSON, or as its table."""
     if as_json:
         sys.stdout.write(escape.document(found))
     elif not quiet:
@@ -87,7 +87,7 @@ def warn(notices: Iterable[Notice | WarningItem], quiet: bool, no_color: bool = 
 
 
 def told_map(made: Made | None, quiet: bool) -> None:
-    """What a map did to make the log, one a line on stderr."""
+    """Print what a map did to make the log, one line each, on stderr."""
     for said in () if quiet or made is None else made.said:
         say(f"map: {said}")
 
@@ -134,7 +134,7 @@ def steps(jobs: Sequence[Job], quiet: bool) -> Iterator[Told | None]:
 
 
 class _Lines:
-    """One line per log. A log that is done before those that go before it waits for them, so that the order is always the same."""
+    """One line per log, in the order of the logs: a log that is done early waits for those before it."""
 
     def __init__(self, jobs: Sequence[Job]) -> None:
         self._jobs = jobs
@@ -148,7 +148,7 @@ class _Lines:
             self._next += 1
 
     def rest(self) -> None:
-        """Those whose turn did not come, after --fail-fast."""
+        """Print logs that still wait, after --fail-fast."""
         for _, step in sorted(self._waiting.items()):
             self.say(step)
 

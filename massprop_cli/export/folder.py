@@ -42,7 +42,7 @@ def write(resolved: Constants, folder: Path) -> list[str]:
 
 
 def contents(resolved: Constants) -> dict[str, str]:
-    """Each file's text."""
+    """The text of each file."""
     sources = sorted(path for path in SOURCES.iterdir() if path.suffix in (".c", ".h") and path.name not in HOST)
     found = {path.name: path.read_text(encoding="utf-8") for path in sources}
     found |= {"replay.c": (TEMPLATES / "replay.c").read_text(encoding="utf-8")}
@@ -65,7 +65,7 @@ def contents(resolved: Constants) -> dict[str, str]:
 
 
 def _told(resolved: Constants) -> dict[str, Any]:
-    """What the README says of this vehicle."""
+    """The values of the README's template."""
     jets, records, waits, delay_s = resolved.commands[[0, kernelflight.RECORDS, kernelflight.WAITS, kernelflight.DELAY_S]].tolist()
     return {
         "name": line(" ".join(resolved.vehicle.name.split())),
@@ -105,5 +105,5 @@ def bits(value: float) -> str:
 
 
 def _cycles(leg: Leg, log: Log) -> Array:
-    """From the log's first cycle on, since commands in flight and the attitude go on."""
+    """The log's cycles from the first on, since commands in flight and the attitude continue."""
     return kernelflight.cycles_of(log, slice(0, min(leg.cycles.stop + 1, log.cycles)), leg.cycles)

@@ -28,7 +28,7 @@ FILTERS = ("gyro_filter", "accel_filter")
 
 
 class GyroAttitude(NamedTuple):
-    """What measures the motion in flight: the attitude by the gyro alone."""
+    """Measurement in flight: the attitude by the gyro alone."""
 
     kernel_effect: KernelEffect | None
     pulsed: bool
@@ -37,7 +37,7 @@ class GyroAttitude(NamedTuple):
 
 
 class FlownRecords(NamedTuple):
-    """How an IMU records in flight."""
+    """The IMU's records in flight."""
 
     sampled: tuple[bool, bool]
     """Whether gyro and accelerometer record samples, not means."""
@@ -110,7 +110,7 @@ def stated(source: VehicleSource, jets: bool | None = None, records: int = 0) ->
 
 
 def told(source: VehicleSource, log_path: Path) -> Constants:
-    """With what a log tells of noise levels, disturbances and timing, and the log itself as it was flown."""
+    """Constants with the log's noise levels, disturbances and timing, and the log itself as flown."""
     table = logfile.read_table(log_path)
     wheels = tuple(wheel.model_copy(update={"between_counts": False}) for wheel in source.vehicle.wheels)
     source = replace(source, vehicle=source.vehicle.model_copy(update={"wheels": wheels}))
@@ -134,7 +134,7 @@ def _leg(name: str, recorder: Recorder, vehicle: Resolved, cycles: slice) -> Leg
 
 
 def _exactly(stated: Vehicle, found: Vehicle) -> Vehicle:
-    """With delay, lag and low-passes as the log shows them, exact unless stated with a sigma. The kernel finds the gyro's bias itself."""
+    """The vehicle with the log's delay, lag and low-passes, exact unless stated with a sigma. The kernel finds the gyro's bias."""
     delay, lag, imu = stated.cycle, stated.thrust, stated.imu
     cycle = {"command_delay_sigma_cycles": 0.0 if delay.command_delay_cycles == "auto" else delay.command_delay_sigma_cycles}
     thrust = {"lag_sigma_s": 0.0 if lag.lag_s == "auto" else lag.lag_sigma_s}

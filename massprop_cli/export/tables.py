@@ -171,5 +171,5 @@ def _number(value: float) -> str:
 
 
 def _comment(text: str) -> str:
-    """What can stand in a comment of C."""
+    """The text with only characters that a comment of C can hold."""
     return "".join(letter if letter.isprintable() and letter.isascii() and letter not in "*/\\" else "_" for letter in text)

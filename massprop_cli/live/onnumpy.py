@@ -55,7 +55,7 @@ class OnNumPy:
         return self._estimated(len(self.rows)) if self.late else None
 
     def _estimated(self, stop: int) -> Reported | None:
-        """Of the last of ``stop`` cycles; None of one of no phase, or whose commands came before the first."""
+        """The estimate after the last of ``stop`` cycles; None for a cycle of no phase, or with commands from before the first."""
         if not stop or self.rows[stop - 1][UNUSED]:
             return None
         ends, lengths = np.array([row[:2] for row in self.rows[:stop]]).T
@@ -74,7 +74,7 @@ class OnNumPy:
         return Reported(rows, values, sigmas, self.steady.verdicts(values[0], sigmas[0], ratio > 1, reference)[None])
 
     def _gated(self, cycles: slice) -> tuple[Rows, Reference | None]:
-        """As :meth:`_passed`; a reading of the last cycle whose innovation is beyond the gate is left out, and that innovation reported."""
+        """The row of :meth:`_passed`; a reading of the last cycle beyond the gate is left out, and its innovation reported."""
         before, gate = copy(self.causal), self.leg.rule[GATE]
         rows, reference = self._passed(cycles)
         gated = before if gate > 0 and before is not None and before.started and not before.run.stuck else None
@@ -113,7 +113,7 @@ class OnNumPy:
         return rows.last(), self.causal.run.estimate if self.causal.started else None
 
     def _log(self, flown: Array) -> Log:
-        """Of all cycles up to now, one record each."""
+        """The log of all cycles up to now, one record each."""
         return Log(
             path=Path("what has arrived"),
             sha256="",
@@ -132,7 +132,7 @@ class OnNumPy:
 
 
 class Steady:
-    """How long each quantity has stood still: ``mp_report`` of massprop_cli/kernel/verdict.c."""
+    """The number of cycles for which each quantity has been steady: ``mp_report`` of massprop_cli/kernel/verdict.c."""
 
     def __init__(self, leg: Leg) -> None:
         _, self.count, self.relative, *tolerances = leg.rule[:6]

@@ -82,7 +82,7 @@ class Record:
 
 
 class StreamReader:
-    """Of one stream."""
+    """Reads the lines of one stream."""
 
     def __init__(self, vehicle: Vehicle, first: str) -> None:
         """``first`` is the stream's first line. :class:`InputError` where it lacks a column that is needed."""
@@ -96,11 +96,11 @@ class StreamReader:
 
     @property
     def header(self) -> str:
-        """As it is kept."""
+        """The header line of the recording."""
         return _line(self.names)
 
     def read(self, line: str) -> Record:
-        """One line; :class:`RecordError` where it is none."""
+        """Read one line; :class:`RecordError` where it is no record."""
         _check_length(line)
         cells = self._cells(line)
         numbers = {name: self._number(name, cells) for name in (*self.columns.required, *self.columns.commands)}
@@ -120,7 +120,7 @@ class StreamReader:
         return Record(numbers, _line([cells[name] for name in self.names] if not self._has(QUATERNION) else self._kept(cells)))
 
     def _kept(self, cells: dict[str, str]) -> list[str]:
-        """A row as it is kept for massprop estimate, which takes a unit quaternion or four empty cells: what is none is left empty."""
+        """A row for the recording; massprop estimate takes a unit quaternion or four empty cells, so any other becomes empty."""
         own = [self._own(name) for name in QUATERNION]
         try:
             norm = math.hypot(

@@ -94,7 +94,7 @@ def _flown(cycles: Iterable[RecordedCycle], gatherer: Gatherer, live: Callable[[
 
 
 def _line(completed: Completed) -> str:
-    """Of JSON."""
+    """The line of JSON of a cycle."""
     found = completed.found
     estimates = {
         name: {
@@ -119,7 +119,7 @@ RECORDED = "record.csv"
 
 @contextmanager
 def recording(folder: Path) -> Iterator[Callable[[str], None]]:
-    """What keeps a line in record.csv, whole, or makes nothing; :class:`InputError` where a recording is there, or no room for one."""
+    """A function that keeps a line in record.csv whole; :class:`InputError` where a recording is there, or no room for one."""
     path = folder / RECORDED
     with ExitStack() as stack:
         with files.writing(path):

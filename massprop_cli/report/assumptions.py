@@ -31,12 +31,12 @@ class Sensitivity:
 
 
 def open_ones(found: Result) -> list[Assumption]:
-    """Those that nothing vouches for: what no log can tell, and what the vehicle file does not state."""
+    """Assumptions that are not verified: the log cannot show them, or the vehicle file does not state them."""
     return [one for one in found.assumptions if not one.stated or one.code in ("thrust-scale", "mass-thrust") or _in_sigma(one)]
 
 
 def _in_sigma(assumption: Assumption) -> bool:
-    """Whether it is an uncertainty that every sigma holds already; its effects are what it adds to them."""
+    """Whether every sigma includes it already; its effects are its part of the sigmas."""
     return assumption.code.startswith("uncertain-")
 
 
@@ -72,18 +72,18 @@ def _noticed(seen_sigma: float | None) -> str:
 
 
 def said(assumption: Assumption) -> str:
-    """One assumption in words."""
+    """An assumption as a sentence."""
     return f"{assumption.message} [{assumption.code}, {'stated by the vehicle file' if assumption.stated else 'a default'}]"
 
 
 def sigma_heading(found: Result) -> str:
-    """What a column of sigmas is called: they hold nothing of the thrust's uncertainty where none is stated, whatever else is known."""
+    """The heading of a column of sigmas; it says so where they include no uncertainty of the thrust."""
     moves = any(assumption.code == "thrust-scale" and assumption.effects for assumption in found.assumptions)
     return EXACT_THRUST if moves and found.vehicle.thrust_scale_sigma == 0 and not found.vehicle.wheels else SIGMA
 
 
 def implied_thrust(body: PhaseItem | DockedObject) -> str:
-    """What a mass from elsewhere says of the thrust; empty where there is none."""
+    """The thrust scale that a mass from elsewhere implies, as text; empty where there is none."""
     if isinstance(body, DockedObject) or body.implied_thrust_scale is None:
         return ""
     found = body.implied_thrust_scale
@@ -108,7 +108,7 @@ NOISE, KNOWN = "noise", "known"
 
 @dataclass(frozen=True)
 class AccuracyLimit:
-    """What a value is known no better than."""
+    """The largest contribution to the error of a value."""
 
     kind: str
     """Noise, known, or what is assumed."""
@@ -120,7 +120,7 @@ class AccuracyLimit:
 
     @property
     def said(self) -> str:
-        """As a cell of a table."""
+        """The text of a table's cell."""
         return self.kind if not self.step else f"{self.kind}, {self.step}: {digits.figures(self.size)} {vocabulary.unit(self.unit)}"
 
 
@@ -143,7 +143,7 @@ def limit(name: str, part: PhaseItem | DockedObject, result: Result) -> Accuracy
 
 
 def _unnoticed(part: PhaseItem | DockedObject, found: Result) -> list[tuple[Assumption, dict[str, float]]]:
-    """Those that the log itself would not tell, and what a step of each changes; of the docked object what they make of its two phases."""
+    """Assumptions whose error the log cannot show, and the change of each value by one step of them."""
     if isinstance(part, DockedObject):
         return _of_docked(part, found)
     every = [(one, effect) for one in found.assumptions for effect in one.effects]
@@ -151,7 +151,7 @@ def _unnoticed(part: PhaseItem | DockedObject, found: Result) -> list[tuple[Assu
 
 
 def _of_docked(part: DockedObject, found: Result) -> list[tuple[Assumption, dict[str, float]]]:
-    """To first order: the slope of the docked object's ten values, times what both phases' values move by."""
+    """To first order: the slope of the docked object's ten values, times the changes of both phases' values."""
     ends = [phase for name in (part.before, part.after) for phase in found.phases if phase.name == name]
     if len(ends) != 2:
         return []

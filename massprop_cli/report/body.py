@@ -40,7 +40,7 @@ class Ellipsoid:
 
     @property
     def located(self) -> bool:
-        """Whether it is known where O is in it."""
+        """Whether the place of O is known."""
         return self.to_scale and bool(np.isfinite(self.center_m).all())
 
     @property

@@ -24,7 +24,7 @@ class StatisticCheck:
 
     @property
     def inside(self) -> bool:
-        """Whether it is what the model expects."""
+        """Whether the statistic is within its allowance."""
         return abs(self.value - self.expected) <= self.allowance
 
     @property
@@ -74,7 +74,7 @@ class Verdict:
 
 
 def verdict(held: Sequence[bool]) -> Verdict | None:
-    """Of the checks that hold and don't; None where there are none."""
+    """Whether all checks hold, in words; None without checks."""
     if not held:
         return None
     if all(held):

@@ -33,7 +33,7 @@ def with_sigma(value: float | None, sigma: float | None, verdict: str = "converg
 
 
 def figures(value: float, count: int = 2) -> str:
-    """So many significant figures."""
+    """The value to ``count`` significant figures."""
     exponent = _exponent(value, count)
     return _written(value, count - 1 - exponent if value else 0, powers=not -5 <= exponent < LONGEST)
 
@@ -44,12 +44,12 @@ def stated(value: float, count: int = 9) -> str:
 
 
 def minus(text: str) -> str:
-    """With a real minus sign, exponents too; nothing rounds to a negative zero."""
+    """The text with a real minus sign, exponents too; nothing rounds to a negative zero."""
     return text.replace("-", "−" if any(digit in text for digit in "123456789") else "")
 
 
 def _exponent(value: float, count: int = 2) -> int:
-    """Of ten, after rounding: two figures of 0.0996 are 0.10. That of 0 is 0."""
+    """The exponent of ten after rounding: two figures of 0.0996 are 0.10. That of 0 is 0."""
     return int(f"{value:.{count - 1}e}".split("e")[1])
 
 

@@ -51,7 +51,7 @@ def _needed(table: Table, console: Console) -> Measurement:
 
 
 def without(table: Table, heading: str) -> Table:
-    """The same table less the column with this heading, if it has it."""
+    """The table without the column of this heading."""
     kept = [column for column in table.columns if column.header != heading]
     slimmer = Table(title=table.title, title_justify=table.title_justify, title_style=table.title_style)
     for column in kept:

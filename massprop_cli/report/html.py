@@ -159,13 +159,13 @@ def _docked(recorded: Recorded, table: view.QuantityTable) -> dict[str, Any] | N
 
 
 def _correlations(covariance: Matrix) -> list[tuple[str, list[str]]]:
-    """A row for each quantity."""
+    """One row for each quantity."""
     found = correlation.correlation(covariance)
     return [(vocabulary.SYMBOLS[name], [correlation.written(v) for v in row]) for name, row in zip(QUANTITIES, found, strict=True)]
 
 
 def _figures(names: Sequence[str], recorded: Recorded, number: str, phase: str | None = None) -> list[Figure]:
-    """Those that the result can have: one of several logs has none against time."""
+    """The figures that the result can have; a result of several logs has none against time."""
     kept = [name for name in names if name in figures.WITHOUT_TIME or not recorded.joint]
     return [_figure(name, recorded, f"{name}{number}", phase) for name in kept]
 

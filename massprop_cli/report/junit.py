@@ -20,7 +20,7 @@ _COUNTED = {"failures": "failure", "errors": "error", "skipped": "skipped"}
 
 @dataclass(frozen=True)
 class LogOutcome:
-    """What became of one log: a result, or the message of why there is none."""
+    """The outcome of one log: a result, or the message of why there is none."""
 
     name: str
     result: Result | None = None
@@ -36,7 +36,7 @@ class LogOutcome:
 
 
 def outcomes(recorded: Sequence[Recorded]) -> list[LogOutcome]:
-    """Of results that were read back."""
+    """The outcomes of results that were read back."""
     return [LogOutcome(name, item.result) for item, name in zip(recorded, labels(recorded), strict=True)]
 
 

@@ -43,7 +43,7 @@ def text(recorded: Sequence[Recorded]) -> str:
 
 
 def stamped(text: str, recorded: Sequence[Recorded]) -> str:
-    """The same with the SHA-256 of result.json, of one result; a text of several has no room for it."""
+    """The text with the SHA-256 of result.json, for one result; a text of several has no room for it."""
     digest = recorded[0].sha256 if len(recorded) == 1 else ""
     return f"{text}\nMade from result.json, SHA-256 `{digest}`.\n" if digest else text
 
@@ -53,7 +53,7 @@ def _size(lines: Iterable[str]) -> int:
 
 
 def _beginning(blocks: list[list[str]], left: int, name: str) -> list[str]:
-    """As many whole sections of a result as there is room for."""
+    """As many whole sections of a result as fit."""
     found: list[str] = []
     for block in blocks:
         if _size(found) + _size(block) > left:
@@ -105,7 +105,7 @@ def _sections(found: Result, name: str) -> list[list[str]]:
 
 
 def _alarms(found: Result) -> list[str]:
-    """What contradicts itself, a sentence for each part."""
+    """Contradictions, a sentence for each part."""
     return [f"Contradicted in {part}: {contradiction(body)}" for part, body in parts(found) if contradiction(body)]
 
 
@@ -183,7 +183,7 @@ def _verdict_words(verdict: str) -> str:
 
 
 def _warnings(found: Result) -> list[list[str]]:
-    """Each in a section of its own but for the first, which has the title."""
+    """Warnings, one section each; the first has the title."""
     return [
         [*(["Warnings:", ""] if number == 0 else []), f"- {shown(warning.message)} ({shown(warning.code)})"]
         + ([""] if number == len(found.warnings) - 1 else [])

@@ -82,7 +82,7 @@ def _grid(matrix: Array, sigmas: Array, verdicts: NDArray[np.object_]) -> tuple[
 
 
 def _numbers(value: float, sigma: float, verdict: str) -> tuple[str, str]:
-    """As :func:`digits.numbers`, for NaN; without a sigma a value has five figures."""
+    """The texts of :func:`digits.numbers`, also for NaN; without a sigma a value has five figures."""
     if not np.isfinite(value):
         return digits.ABSENT, digits.ABSENT
     if np.isfinite(sigma):

@@ -36,7 +36,7 @@ def inline(svg: bytes, prefix: str, says: str) -> str:
 
 
 def _flat(body: str) -> str:
-    """Without groups that say nothing."""
+    """The drawing without groups that have no attributes."""
     body, changes = body.replace("<g/>", ""), 1
     while changes:
         body, changes = re.subn(r"<g>((?:(?!<g[ >]|</g>).)*)</g>", r"\1", body, flags=re.DOTALL)

@@ -118,5 +118,5 @@ def _table(title: str, estimates: dict[str, EstimateItem], heading: str) -> Tabl
 
 
 def _time(seconds: float) -> str:
-    """To a tenth of a millisecond: what a clock's start leaves below that is rounding."""
+    """A time to 0.1 ms; smaller parts of a clock's start are rounding."""
     return digits.stated(round(seconds, 4))

@@ -12,7 +12,7 @@ SOURCES = {
 
 
 def delay(found: Delay) -> list[tuple[str, str]]:
-    """What was used, what the log says, and how far apart they are."""
+    """The delay used, the delay that the log shows, and their difference."""
     rows = [("used", f"{found.cycles:.6g} cycles, {SOURCES[found.source]}")]
     if found.detected_cycles is None:
         return [*rows, ("detected in the log", "not looked for, or not to be seen")]
@@ -31,7 +31,7 @@ def lag(found: Lag) -> tuple[str, str]:
 
 
 def rows(found: Result) -> list[tuple[str, str]]:
-    """All of them, as a table has them."""
+    """Delay, lag and low-passes as rows of a table."""
     return [*delay(found.delay), lag(found.lag), *((one.sensor, _low_pass(one)) for one in found.low_passes)]
 
 
@@ -41,7 +41,7 @@ def low_passes(found: Result) -> list[str]:
 
 
 def detected_delay(found: Delay) -> str:
-    """What the log shows of the delay; empty where nothing."""
+    """The delay that the log shows, in words; empty where it shows none."""
     if found.detected_cycles is None or found.sigma_cycles is None:
         return ""
     shown = f"commands execute {found.detected_cycles:.4g} ± {found.sigma_cycles:.2g} cycles after their cycle began"
@@ -49,7 +49,7 @@ def detected_delay(found: Delay) -> str:
 
 
 def automatic(found: Result) -> list[str]:
-    """What a vehicle file leaves to the log, as the log shows it."""
+    """The timing that the vehicle file leaves to the log, as the log shows it."""
     late = detected_delay(found.delay) if found.delay.source == "detected" else ""
     lagging = f"thrust lags by {digits.with_sigma(found.lag.lag_s, found.lag.sigma_s)} s"
     told = found.lag.source == "detected" and bool(found.lag.sigma_s)

@@ -22,7 +22,7 @@ CORRECTED = "Corrected estimate"
 
 @dataclass(frozen=True)
 class Row:
-    """One quantity."""
+    """One quantity as a row of texts."""
 
     symbol: str
     value: str
@@ -48,7 +48,7 @@ class Row:
 
     @property
     def rough(self) -> bool:
-        """Whether its verdict makes the value no use."""
+        """Whether the verdict makes the value unusable."""
         return self.verdict not in INFORMED
 
 
@@ -74,22 +74,22 @@ class QuantityTable:
         return any(getattr(row, column) for row in self.rows)
 
     def count(self, verdict: str) -> int:
-        """How many have a verdict."""
+        """The number of quantities with this verdict."""
         return sum(row.verdict == verdict for row in self.rows)
 
     @property
     def open(self) -> tuple[Row, ...]:
-        """Those that are not converged."""
+        """Quantities that are not converged."""
         return tuple(row for row in self.rows if row.verdict != "converged")
 
     @property
     def missed(self) -> tuple[Row, ...]:
-        """Those outside their expectation."""
+        """Quantities outside their expectation."""
         return tuple(row for row in self.rows if row.met is False)
 
 
 def tables(result: Result) -> list[QuantityTable]:
-    """One for each phase, and one for the docked object."""
+    """The tables of each phase and of the docked object."""
     several = len(result.phases) > 1
     found = []
     for number, phase in enumerate(result.phases, 1):
@@ -126,7 +126,7 @@ def texts(estimates: Mapping[str, EstimateItem], heading: str) -> dict[str, list
 
 
 def about_pivot(phase: PhaseItem, own: QuantityTable) -> QuantityTable | None:
-    """What is about a fixed pivot, beside a phase's ``own`` table; None without one."""
+    """The table about a fixed pivot, next to a phase's ``own`` table; None without a pivot."""
     if not phase.about_pivot:
         return None
     rows = tuple(_row(name, item, own.contradiction, None) for name, item in phase.about_pivot.items())
@@ -174,7 +174,7 @@ def _percent(item: EstimateItem) -> str:
 
 
 def _difference(item: EstimateItem) -> str:
-    """With as many decimals as the value."""
+    """The difference with as many decimals as the value."""
     if item.expected is None or item.expected.difference is None:
         return ""
     shown, _ = digits.numbers(item.expected.difference, item.sigma, item.verdict)
@@ -191,13 +191,13 @@ def _relative(item: EstimateItem) -> str:
 
 
 def _signed(text: str) -> str:
-    """With a sign, a plus too; nothing rounds to a signed zero."""
+    """The text with its sign, a plus too; nothing rounds to a signed zero."""
     shown = digits.minus(text)
     return shown if shown.startswith(("−", digits.ABSENT)) or not any(digit in shown for digit in "123456789") else f"+{shown}"
 
 
 def differences(estimates: Mapping[str, EstimateItem], first: Mapping[str, EstimateItem]) -> list[tuple[str, str]]:
-    """Of each quantity the difference from another result, and that in sigmas, sqrt(s1² + s2²); only between values of use."""
+    """The difference of each quantity from another result, and in sigmas, sqrt(s1² + s2²); only between usable values."""
     found = []
     for name, item in estimates.items():
         other = first[name]
@@ -211,7 +211,7 @@ def differences(estimates: Mapping[str, EstimateItem], first: Mapping[str, Estim
 
 
 def cures(table: QuantityTable) -> list[tuple[str, Row, str]]:
-    """Of the quantities that are not converged: name, row, and what would help; those that share verdict, reason and remedy together."""
+    """Quantities that are not converged: names, row and remedy, one entry for equal verdict, reason and remedy."""
     keys = {symbol: key for key, symbol in vocabulary.SYMBOLS.items()}
     alike: dict[tuple[str, str, str], list[Row]] = {}
     for row in sorted(table.open, key=lambda row: row.verdict != "contradicted"):
@@ -237,7 +237,7 @@ def corrections(found: Mended) -> list[str]:
 
 
 def beyond_options(found: Mended) -> str:
-    """That the options don't give these values by themselves; empty where they do."""
+    """A note that the options alone do not give these values; empty where they do."""
     return "" if found.whole else "These options alone do not give these values: the readings of a sensor were turned, too."
 
 
@@ -251,5 +251,5 @@ def corrected(phase: MendedPhase) -> list[tuple[str, str, str, str, Verdict]]:
 
 
 def still_contradicted(phase: MendedPhase) -> str:
-    """What correcting doesn't correct; empty where it corrects all."""
+    """The contradiction that remains after the correction; empty where none remains."""
     return f"still contradicted: {phase.contradiction}" if phase.contradiction else ""

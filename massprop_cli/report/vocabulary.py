@@ -79,7 +79,7 @@ def pushed_by(vehicle: VehicleInfo) -> str:
 
 
 def commands(vehicle: VehicleInfo) -> str:
-    """By what the vehicle is commanded."""
+    """The kind of commands, in words."""
     stored = f"the momentum stored in {', '.join(vehicle.wheels)}" if vehicle.wheels else ""
     by = [each for each in (pushed_by(vehicle), stored) if each]
     return f"commands by {' and by '.join(by)}" if by else "no commands"
@@ -92,7 +92,7 @@ SAME_THRUST = (
 
 
 def thrust_scale(result: Result) -> str:
-    """What the log can't tell of the thrust, and what the sigmas hold of it."""
+    """A sentence on the thrust scale: the log cannot show it, and what the sigmas include of it."""
     return _thrust_scale(result) + ("" if result.docked_object is None else f" {SAME_THRUST}")
 
 
@@ -130,7 +130,7 @@ _UNOBSERVABLE = {
 
 
 def remedy(quantity: str, verdict: str, contradiction: str = "", reason_code: str = "") -> str:
-    """What to do about a quantity that is not converged; in a phase with a contradiction no motion is the remedy."""
+    """The remedy for a quantity that is not converged; where the phase is contradicted, no motion is the remedy."""
     if verdict == "contradicted":
         return "correct the cause; no motion remedies it"
     if contradiction and verdict != "unobservable":

@@ -153,7 +153,7 @@ def _phase(analysis: Analysis, i: int, factors: Array, told: Discrepancy | None)
 
 
 def _with_scatter(items: dict[str, schema.EstimateItem], sigmas: Array | None) -> dict[str, schema.EstimateItem]:
-    """With sigmas by the scatter of segments (n,) of the values that are given."""
+    """The items with sigmas (n,) by the scatter of segments, where there is a value."""
     if sigmas is None or not items:
         return items
     given = {name: float(sigma) for name, sigma in zip(items, sigmas, strict=True) if np.isfinite(sigma) and items[name].value is not None}
@@ -284,7 +284,7 @@ def _docked(found: Docked | None, used: Vehicle) -> schema.DockedObject | None:
 
 
 def matrix(values: Array) -> schema.Matrix:
-    """As JSON has it: null where nothing can be said."""
+    """The matrix for JSON: null where nothing can be said."""
     return [[float(cell) if np.isfinite(cell) else None for cell in row] for row in values]
 
 
@@ -317,7 +317,7 @@ def effective_settings(analysis: Analysis) -> dict[str, Any]:
 
 
 def setting_sources(analysis: Analysis) -> dict[str, str]:
-    """Where each of :func:`effective_settings` came from: "option", "vehicle file", "default", or "log" if a first pass found it."""
+    """The source of each of :func:`effective_settings`: "option", "vehicle file", "default", or "log" if a first pass found it."""
     stated = analysis.source.vehicle
     options = {assignment.partition("=")[0].strip() for assignment in analysis.assignments}
     found = {}

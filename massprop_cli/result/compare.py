@@ -99,7 +99,7 @@ def compare(result: Recorded, baseline: Recorded, gate: Gate) -> Comparison:
 
 
 def _nothing(title: str, new: Mapping[str, EstimateItem] | None, old: Mapping[str, EstimateItem] | None) -> str:
-    """That no quantity of a part has a value on both sides, and why."""
+    """A sentence on a part in which no quantity has a value on both sides, with the reason."""
     counts = [{"absent": len(QUANTITIES)} if side is None else Counter(item.verdict for item in side.values()) for side in (new, old)]
     here, there = (", ".join(f"{n} {verdict}" for verdict, n in each.items()) for each in counts)
     return f"nothing could be compared in {title}: no quantity has a value in both (result: {here}; baseline: {there})"
@@ -181,7 +181,7 @@ def _missing(new: EstimateItem, old: EstimateItem) -> str:
 
 
 def _absent(other: EstimateItem | None) -> EstimateItem:
-    """In place of a docked object, or of values about a pivot, that one of the two does not have."""
+    """A placeholder for a quantity that one of the two results does not have."""
     unit = other.unit if other else ""
     reason = str(Reason("no-docked-object"))
     return EstimateItem(
@@ -197,7 +197,7 @@ def failure(found: Comparison) -> str:
 
 
 def beyond(found: Comparison) -> list[str]:
-    """What is not within its tolerance, a phrase each."""
+    """Quantities beyond their tolerance, a phrase each."""
     return [f"{quantity} in {_title(part)}: {_why(d)}" for part in found.parts for quantity, d in part.differences.items() if not d.within]
 
 

@@ -44,7 +44,7 @@ def write_history(analysis: Analysis, path: Path | BinaryIO) -> None:
 
 
 def content(analysis: Analysis) -> bytes:
-    """What :func:`write_history` writes."""
+    """The bytes that :func:`write_history` writes."""
     out = io.BytesIO()
     write_history(analysis, out)
     return out.getvalue()

@@ -40,7 +40,7 @@ def judge(found: Result, expectations: Expectations) -> Result:
 
 
 def _asked(expectations: Expectations, estimates: dict[str, EstimateItem], wanted: dict[str, Wanted]) -> dict[str, Wanted]:
-    """All of it; of a truth, which has all, only what has a part in the motion. :class:`InputError` where the result has none of it."""
+    """The expectations; of a truth only those with a part in the motion. :class:`InputError` where the result has no pivot."""
     stranger = next((name for name in wanted if name not in estimates), None)
     if stranger is not None and not expectations.of_truth:
         raise InputError(f"{expectations.source}: expects {stranger}, and the result has no pivot; leave about_pivot out")
@@ -54,12 +54,12 @@ def items(body: PhaseItem | DockedObject) -> dict[str, EstimateItem]:
 
 
 def together(ten: Mapping[str, _Kind], about_pivot: Mapping[str, _Kind]) -> dict[str, _Kind]:
-    """What is said of the ten quantities and of those about a pivot, these with a prefix before their names."""
+    """The ten quantities and those about a pivot in one mapping, the latter with a prefix."""
     return {**ten, **{f"{PIVOT}{name}": item for name, item in about_pivot.items()}}
 
 
 def apart(every: Mapping[str, _Kind]) -> tuple[dict[str, _Kind], dict[str, _Kind]]:
-    """The same the other way."""
+    """The inverse of :func:`together`."""
     ten = {name: item for name, item in every.items() if not name.startswith(PIVOT)}
     return ten, {name.removeprefix(PIVOT): item for name, item in every.items() if name.startswith(PIVOT)}
 
@@ -129,7 +129,7 @@ def contradiction(body: PhaseItem | DockedObject) -> str:
 
 
 def missed(found: Result) -> list[str]:
-    """What is not as expected, a phrase each: quantity, expected, got, tolerance."""
+    """Quantities that are not as expected, a phrase each: quantity, expected, got, tolerance."""
     return [
         f"{name} in {part}: {why(item, contradiction(body))}"
         for part, body in parts(found)
@@ -139,7 +139,7 @@ def missed(found: Result) -> list[str]:
 
 
 def unpredicted(found: Result) -> dict[str, str]:
-    """Of each phase that is cross-validated: why it does not pass; empty where it does."""
+    """Why each cross-validated phase does not pass; empty where it does."""
     if found.provenance.settings.get("estimator.cross_validate") is None:
         return {}
     return {phase.name: _unpredicted(phase) for phase in found.phases}

@@ -44,12 +44,12 @@ class Recorded:
 
     @property
     def joint(self) -> bool:
-        """Whether it is of several logs together, and so has no history."""
+        """Whether the result is of several logs, and so has no history."""
         return MEMBERS in self.result.provenance.settings
 
     @property
     def name(self) -> str:
-        """What to call it among others: its folder."""
+        """The name of its folder."""
         return self.path.resolve().parent.name
 
 
@@ -116,7 +116,7 @@ def result_of(text: str, file: str) -> Result:
 
 
 def _finite(text: str) -> float:
-    """Of JSON's numbers, and of NaN and Infinity, which are none."""
+    """A finite number of JSON; ValueError for NaN and Infinity."""
     number = float(text)
     if not math.isfinite(number):
         raise ValueError(f"{text} is no finite number")
@@ -131,7 +131,7 @@ def _whole(text: str) -> int:
 
 
 def _contradiction(part: PhaseItem | DockedObject) -> str:
-    """In which of a part's numbers nobody could believe; empty where there is none."""
+    """The first implausible number of a part, in words; empty where there is none."""
     for name, item in part.estimates.items():
         if item.unit != UNITS[name]:
             return f"the unit of {name} is {item.unit!r}, not {UNITS[name]!r}"
@@ -171,7 +171,7 @@ def _history(file: Path, result: Result) -> dict[str, dict[str, Array]]:
 
 
 def _disorder(name: str, values: Array) -> str:
-    """What nobody could draw of a column of a history; empty where there is nothing."""
+    """Why a column of a history cannot be drawn; empty where it can."""
     if values.ndim != 1:
         return "holds no numbers"
     if (np.abs(values) > LARGEST).any():

@@ -18,7 +18,7 @@ _KEY = "rendered"
 
 @dataclass(frozen=True)
 class Cleared:
-    """What became of the pages of an earlier result."""
+    """The pages of an earlier result that were removed, and those that were left."""
 
     removed: tuple[str, ...] = ()
     left: tuple[str, ...] = ()
@@ -26,7 +26,7 @@ class Cleared:
 
 
 def run(folder: Path) -> dict[str, Any]:
-    """What run.json says; nothing where it is missing or not massprop's."""
+    """The content of run.json; empty where it is missing or not massprop's."""
     try:
         said = json.loads(limits.content(folder / RUN, RUN))
     except (OSError, ValueError, RecursionError, InputError):

@@ -221,7 +221,7 @@ class ImpliedScale(Item):
 
 
 def implied_of(vehicle: VehicleInfo) -> str:
-    """What a mass from elsewhere tells the scale of, as far as a result says."""
+    """The scale that a mass from elsewhere determines, as far as a result says."""
     return f"{THRUST}, or {MOMENTUM}" if vehicle.wheels and vehicle.jets else MOMENTUM if vehicle.wheels else THRUST
 
 

@@ -21,7 +21,7 @@ _RESERVED = ("results",)
 
 @dataclass(frozen=True)
 class StoredResult:
-    """Where a result is, and what became of the pages that told of an earlier one there."""
+    """The folder of a result, and the pages of an earlier result there."""
 
     folder: Path
     pages: Cleared

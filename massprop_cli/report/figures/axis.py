@@ -23,13 +23,13 @@ def title(axes: Axes, text: str) -> None:
 
 
 def heading(axes: Axes, text: str, unit: str, exponent: int = 0) -> None:
-    """What is drawn, and its unit."""
+    """Write quantity and unit above the axes."""
     power = f"{power_of_ten(exponent)} " if exponent else ""
     title(axes, f"{line(text, 60)} [{power}{unit}]")
 
 
 def power_of_ten(exponent: int) -> str:
-    """As people write it: 10⁻³."""
+    """A power of ten as text: 10⁻³."""
     return f"10{str(exponent).translate(_SUPERSCRIPT)}"
 
 
@@ -68,7 +68,7 @@ def empty(axes: Axes, text: str) -> None:
 
 
 def beginning(phase: PhaseItem, time_s: Array) -> float:
-    """Where a phase's time axis begins: at its start, unless its first cycles were not used for long."""
+    """The start of a phase's time axis: the phase's own start, unless its first cycles were not used for long."""
     first, last = float(time_s[0]), float(time_s[-1])
     return phase.start_s if 0 <= first - phase.start_s <= 0.1 * (last - first) else first
 

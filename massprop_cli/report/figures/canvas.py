@@ -69,7 +69,7 @@ def _figure(panels: Sequence[Panel], columns: int, title: str) -> Any:
 
 
 def _readable(svg: str, figure: Any, logarithmic: Sequence[bool], says: str) -> str:
-    """Without what points elsewhere, shorter, with scales on every pair of axes and a title."""
+    """The SVG without external references, shorter, with a title and the scales of each pair of axes."""
     svg = re.sub(r"<!DOCTYPE.*?>\s*", "", svg, count=1, flags=re.DOTALL)
     svg = re.sub(r"\s*<metadata>.*?</metadata>", "", svg, count=1, flags=re.DOTALL)
     svg = re.sub(r'(?<= d=")[^"]*', lambda path: _rounded(path[0]), svg)
@@ -86,7 +86,7 @@ def _rounded(path: str) -> str:
 
 
 def _scales(axes: Axes, figure: Any) -> str:
-    """From the SVG's coordinates to the data's: x = a + b · (SVG's x); y likewise, which points down in an SVG."""
+    """The map from SVG coordinates to data: x = a + b · (SVG's x), and likewise y, which points down in an SVG."""
     points = 72 / figure.dpi
     height = figure.get_figheight() * 72
     (x0, y0), (x1, y1) = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)]) * points

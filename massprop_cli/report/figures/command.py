@@ -28,7 +28,7 @@ KINDS = {
 
 
 class Against(NamedTuple):
-    """Of one axis, cycle by cycle."""
+    """Command and residual of one axis, cycle by cycle."""
 
     command: Array
     """Executed torque [N m] or force [N]."""
@@ -37,7 +37,7 @@ class Against(NamedTuple):
 
 
 class CommandMean(NamedTuple):
-    """Of the cycles between two commands."""
+    """The mean residual of the cycles within a range of the command."""
 
     command: float
     left: float

@@ -26,7 +26,7 @@ ROW = 0.21
 
 
 class Strips(NamedTuple):
-    """What the picture's rows show, over (BINS + 1,) edges."""
+    """The rows of the picture, over (BINS + 1,) edges."""
 
     edges_s: Array
     commands: Array

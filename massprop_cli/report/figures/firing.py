@@ -22,7 +22,7 @@ ROW = 0.17
 
 
 def picture(recorded: Recorded) -> Picture:
-    """One panel over all phases; of commanded wrenches there is none to draw, and the panel says so."""
+    """One panel over all phases; without jets the panel says so."""
     jets = recorded.result.vehicle.jets
     parts = covered(recorded, ["time_s", *(f"{EXECUTED}{jet}_s" for jet in jets)])
     found = named(recorded.result)

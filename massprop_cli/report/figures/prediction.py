@@ -39,18 +39,18 @@ class Channel:
 
 
 def columns(kind: str) -> list[str]:
-    """What of history.parquet this takes."""
+    """The columns of history.parquet that the figure needs."""
     return [name for letter in AXES for name in _names(kind, letter)]
 
 
 def _names(kind: str, letter: str) -> tuple[str, str, str]:
-    """Of what was measured, what was predicted, and the sigma of the difference."""
+    """Column names of the measured value, the predicted value, and the sigma of the difference."""
     unit = PREDICTED[kind]
     return f"{kind}_{letter}_{unit}", f"predicted_{kind}_{letter}_{unit}", f"predicted_{kind}_{letter}_sigma_{unit}"
 
 
 def channel(number: int, found: Columns, kind: str, letter: str) -> Channel:
-    """Of a phase's history."""
+    """The channel of a phase's history."""
     return Channel(number, found["time_s"], *(found[name] for name in _names(kind, letter)))
 
 
@@ -83,7 +83,7 @@ def _caption(recorded: Recorded, parts: list[Covered]) -> str:
 
 
 def _overlaid(each: Sequence[Channel], least: float) -> AxisRange:
-    """Of what was measured, and of a prediction that is not far off."""
+    """The range of the measured values, and of predicted ones near them."""
     measured = span(np.concatenate([one.measured for one in each]), least)
     height = measured.high - measured.low
     predicted = np.concatenate([one.predicted for one in each])

@@ -51,7 +51,7 @@ def sensed(parts: Sequence[Covered], kind: str) -> list[str]:
 
 
 def only(recorded: Recorded, phase: str) -> Recorded:
-    """The same result with one of its phases, history and all; :class:`UsageError` names the phases there are."""
+    """The result with one of its phases and its history; :class:`UsageError` names the phases there are."""
     found = [item for item in recorded.result.phases if item.name == phase]
     if not found:
         known = ", ".join(item.name for item in recorded.result.phases)
@@ -60,7 +60,7 @@ def only(recorded: Recorded, phase: str) -> Recorded:
 
 
 def thinned(parts: Sequence[Covered], each: int = 1) -> str:
-    """What of these phases is drawn, each in an ``each``-th of the usual number of parts, as a sentence for the caption."""
+    """The caption's sentence on thinning, each phase in an ``each``-th of the usual number of parts."""
     return said([len(columns["time_s"]) for *_, columns in parts], parts_of(len(parts)) // each)
 
 
@@ -72,6 +72,6 @@ def over_time(axes: Axes, parts: list[Covered], limits: AxisRange, heading: str,
 
 
 def extent(parts: list[Covered]) -> tuple[float, float]:
-    """From the first to the last moment of all phases."""
+    """The first and the last moment of all phases."""
     start = min(axis.beginning(phase, columns["time_s"]) for _, phase, columns in parts)
     return start, max(float(columns["time_s"][-1]) for *_, columns in parts)

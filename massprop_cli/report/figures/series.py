@@ -59,7 +59,7 @@ def broken(rows: NDArray[np.intp], blank: BoolArray) -> NDArray[np.intp]:
 
 
 def said(lengths: Iterable[int], buckets: int) -> str:
-    """What thinning made of series so long, as a sentence for the caption; empty where every cycle is drawn."""
+    """The caption's sentence on thinning of series of these lengths; empty where every cycle is drawn."""
     each = max((-(-length // buckets) for length in lengths if length > 2 * buckets), default=1)
     return f" Drawn: minimum and maximum of {each} cycles." if each > 1 else ""
 

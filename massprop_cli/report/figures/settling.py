@@ -83,12 +83,12 @@ def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: 
 
 
 def _logarithm(values: Array) -> Array:
-    """To base ten, NaN for zero."""
+    """The logarithm to base ten, NaN for zero."""
     return np.asarray(np.log10(np.where(values > 0, values, np.nan)))
 
 
 def _decades(axes: Axes, drawn: list[Array], allowed: float | None) -> None:
-    """From a little below the smallest sigma to the largest distance, a tick for every decade or few."""
+    """Set the axis from a little below the smallest sigma to the largest distance, with a tick for every decade or few."""
     low = float(np.nanmin(drawn[1])) - 1.5
     high = max(float(np.nanmax(each)) for each in drawn if np.isfinite(each).any())
     high = max(high, np.log10(allowed)) if allowed is not None else high

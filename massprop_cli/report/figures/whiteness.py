@@ -43,7 +43,7 @@ def whitened(parts: list[Covered], kind: str) -> list[Array]:
 
 
 def _styles(parts: list[Covered], kind: str) -> list[tuple[str, Style]]:
-    """Each axis' letter, and how it is drawn."""
+    """The letter and the style of each axis."""
     own = dict(zip(AXES, _STYLES, strict=True))
     return [(letter, own[letter]) for letter in sensed(parts, kind)]
 
