@@ -114,15 +114,10 @@ def cpu(*arguments: str) -> float:
 
 def fault_table(runs: dict[tuple[str, str], Said]) -> list[str]:
     """One row for each kind of fault."""
-    head = (
-        "fault",
-        "logs",
-        "named by `estimate`",
-        "of these by `check`",
-        "with any fault by `check`",
-        "seen by `check` without an estimate",
-    )
-    lines = [f"| {' | '.join(head)} |", "|---|--:|--:|--:|--:|---|"]
+    lines = [
+        "| fault | logs | named by `estimate` | of these by `check` | with any fault by `check` | seen by `check` without an estimate |",
+        "|---|--:|--:|--:|--:|---|",
+    ]
     for fault in dict.fromkeys(fault for fault, _ in runs):
         mine = [one for (kind, _), one in runs.items() if kind == fault]
         own = sorted({code for one in mine for code in one.own})

@@ -28,8 +28,7 @@ def show(found: Comparison, console: Console) -> None:
 
 
 def _table(part: ComparedPart) -> Table:
-    title = f"phase {part.name}" if part.part == "phase" else part.name
-    table = titled(escape.rich(title), _COLUMNS, ("quantity", "unit", "within"))
+    table = titled(escape.rich(part.title), _COLUMNS, ("quantity", "unit", "within"))
     table.columns[-1].no_wrap = False
     for name, d in part.differences.items():
         sign = "[red]✗[/]" if not d.within else "–" if d.difference is None else "[green]✓[/]"

@@ -52,6 +52,11 @@ class ComparedPart(Item):
     compared: int = Field(description="quantities that have a value on both sides")
     differences: dict[str, Difference]
 
+    @property
+    def title(self) -> str:
+        """The name in tables and messages."""
+        return f"phase {self.name}" if self.part == "phase" else self.name
+
 
 class Comparison(Item):
     """The whole of what ``massprop compare --json`` prints."""
@@ -84,7 +89,7 @@ def compare(result: Recorded, baseline: Recorded, gate: Gate) -> Comparison:
         differences = {q: _difference(q, new, old, gate, None if docked else name) for q, (new, old) in pairs.items()}
         both = sum(d.difference is not None for d in differences.values())
         found.append(ComparedPart(part="docked" if docked else "phase", name=name, compared=both, differences=differences))
-        empty += [] if both else [_nothing(_title(found[-1]), after.get(key), before.get(key))]
+        empty += [] if both else [_nothing(found[-1].title, after.get(key), before.get(key))]
     compared = sum(part.compared for part in found)
     return Comparison(
         result=_side(result),
@@ -122,21 +127,16 @@ def _check_alike(result: Recorded, baseline: Recorded) -> None:
 
 def _notes(new: Result, old: Result) -> list[str]:
     made, before = new.provenance, old.provenance
-    methods = [provenance.method for provenance in (made, before)]
-    notes = []
-    if made.input_sha256 == before.input_sha256:
-        notes.append(
-            "both are of one log and share its noise: the sigmas are larger than those of the differences, which have other causes"
-        )
-    if made.vehicle_sha256 != before.vehicle_sha256:
-        notes.append("the vehicle files differ")
-    if made.massprop != before.massprop:
-        notes.append(f"made by massprop {made.massprop} and {before.massprop}")
-    if methods[0] != methods[1]:
-        notes.append(f"made by the methods {methods[0]} and {methods[1]}")
-    if "thesis" in methods:
-        notes.append("sigmas of the thesis's method shrink with noise alone and are no errors: give tolerances in units or per cent")
-    return notes
+    one_log = "both are of one log and share its noise: the sigmas are larger than those of the differences, which have other causes"
+    thesis = "sigmas of the thesis's method shrink with noise alone and are no errors: give tolerances in units or per cent"
+    notes = {
+        one_log: made.input_sha256 == before.input_sha256,
+        "the vehicle files differ": made.vehicle_sha256 != before.vehicle_sha256,
+        f"made by massprop {made.massprop} and {before.massprop}": made.massprop != before.massprop,
+        f"made by the methods {made.method} and {before.method}": made.method != before.method,
+        thesis: "thesis" in (made.method, before.method),
+    }
+    return [note for note, so in notes.items() if so]
 
 
 def _difference(quantity: str, new: EstimateItem | None, old: EstimateItem | None, gate: Gate, phase: str | None) -> Difference:
@@ -198,11 +198,7 @@ def failure(found: Comparison) -> str:
 
 def beyond(found: Comparison) -> list[str]:
     """Quantities beyond their tolerance, a phrase each."""
-    return [f"{quantity} in {_title(part)}: {_why(d)}" for part in found.parts for quantity, d in part.differences.items() if not d.within]
-
-
-def _title(part: ComparedPart) -> str:
-    return f"phase {part.name}" if part.part == "phase" else part.name
+    return [f"{quantity} in {part.title}: {_why(d)}" for part in found.parts for quantity, d in part.differences.items() if not d.within]
 
 
 def _why(d: Difference) -> str:
