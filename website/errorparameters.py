@@ -68,7 +68,7 @@ def _texts(wording: Wording) -> str:
 
 
 def _special(case: SpecialCase) -> str:
-    return f"| {case.of} | {_link(case.code)} | {_texts(case.wording)} |"
+    return f"| {case.of} | {_link(case.code or case.of)} | {_texts(case.wording)} |"
 
 
 def _link(code: str) -> str:

@@ -85,12 +85,11 @@ SPECIAL_CASES = (
     # no fuel is won
     SpecialCase(
         "fuel-use",
-        "fuel-use",
-        lambda finding: max(map(float, _rates(finding).values())) > GROWN,  # type: ignore[arg-type]
         Wording(
             f"{_CHANGES}; rather, thrust falls, as the pressure of a tank that empties",
             "regulate it, state thrust.nominal_pa and log supply_pa, or use less of the log",
             _rates,
         ),
+        lambda finding: max(map(float, _rates(finding).values())) > GROWN,  # type: ignore[arg-type]
     ),
 )

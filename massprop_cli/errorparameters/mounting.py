@@ -130,14 +130,12 @@ PARAMETERS = (
 SPECIAL_CASES = (
     SpecialCase(
         "imu-mounting",
-        "imu-mounting",
-        lambda f: not set(WORDS.values()).isdisjoint(f.subject) and not any(f.errors[f"{sensor}_turn"].any() for sensor in WORDS),
         Wording("the {sensor}'s axes alone are {rows} of what they are taken for{handed}", "correct them under [columns]", _alone),
+        lambda f: not set(WORDS.values()).isdisjoint(f.subject) and not any(f.errors[f"{sensor}_turn"].any() for sensor in WORDS),
     ),
     SpecialCase(
         "imu-mounting",
-        "imu-mounting",
-        lambda f: set(WORDS.values()).isdisjoint(f.subject) and bool(np.linalg.det(f.turns[0]) < 0),
         Wording("the IMU's axes lie in the body's as {rows}{handed}", "correct them under [columns]", _mirrored),
+        lambda f: set(WORDS.values()).isdisjoint(f.subject) and bool(np.linalg.det(f.turns[0]) < 0),
     ),
 )

@@ -93,10 +93,10 @@ class SpecialCase:
 
     of: str
     """Code of the hypothesis."""
-    code: str
-    """Code of the warning."""
-    applies: Callable[[FittedHypothesis], bool]
     wording: Wording
+    applies: Callable[[FittedHypothesis], bool] = lambda _: True
+    code: str = ""
+    """Code of the warning; empty: that of the hypothesis."""
 
 
 @dataclass(frozen=True)

@@ -225,13 +225,13 @@ def _other_filter(sensor: str, key: str, unit: str, per: float) -> SpecialCase:
     (other,) = (word for own, word in WORDS.items() if own != sensor)
     instead = f", or the {other}'s is as much off the other way: beside a delay that is to be found only their difference shows"
     words = f"the {WORDS[sensor]}'s {key.partition('_')[0]} is {{value:.4g}} ± {{sigma:.2g}} {unit}, and not {name} = {{stated:.4g}}{{or}}"
-    return SpecialCase(f"{sensor}-filter", f"{sensor}-filter", moved, Wording(words, 'correct it, or state "auto" to have it found', facts))
+    return SpecialCase(f"{sensor}-filter", Wording(words, 'correct it, or state "auto" to have it found', facts), moved)
 
 
 _HELD = Wording("its {which}", "correct the log, or scale its columns under [columns] ({factors})", _columns_held)
 _AXES = Wording("velocity increments are in the axes that the IMU had at the start of each record", 'state imu.accel_axes = "start"')
 SPECIAL_CASES = (
-    SpecialCase("accel-axes", "accel-axes", lambda _: True, _AXES),
+    SpecialCase("accel-axes", _AXES),
     *(_other_filter(sensor, *key) for sensor in WORDS for key in (("cutoff_hz", "Hz", 1.0), ("latency_s", "ms", 1e3))),
-    *(SpecialCase(code, code, lambda _: True, _HELD) for code in ("gyro-units", "accel-units", "column-kind")),
+    *(SpecialCase(code, _HELD) for code in ("gyro-units", "accel-units", "column-kind")),
 )

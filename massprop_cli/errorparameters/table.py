@@ -46,7 +46,7 @@ BY_COLUMN = {
     column: {one.name for one in TABLE if column in one.columns} for column in dict.fromkeys(name for one in TABLE for name in one.columns)
 }
 """The parameters that each column of the log's regression is there for."""
-CODES = frozenset({*(one.code for one in TABLE if one.prior > 0), *(case.code for case in SPECIAL_CASES)})
+CODES = frozenset({*(one.code for one in TABLE if one.prior > 0), *(case.code or case.of for case in SPECIAL_CASES)})
 """Of all warnings that name an error."""
 
 
@@ -54,7 +54,7 @@ def words_of(code: str, finding: FittedHypothesis) -> tuple[str, str]:
     """(code of the warning, text that goes on "the log fits if …") of a hypothesis with its values."""
     for case in SPECIAL_CASES:
         if case.of == code and case.applies(finding):
-            return case.code, case.wording.text(finding, {})
+            return case.code or code, case.wording.text(finding, {})
     named = [one for one in TABLE if one.code == code and one.wording.sentence]
     moved = [one for one in named if all(finding.errors[name].any() for name in one.moved)]
     best = max(moved or named, key=lambda one: len(one.moved))

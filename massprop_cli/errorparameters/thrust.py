@@ -313,6 +313,18 @@ def _gimbal_reversed(finding: FittedHypothesis) -> bool:
     return table_of(finding) == "control_moment_gyros" and len(finding.subject) == 1 and _reversed(finding)
 
 
+def _about_its_cg(finding: FittedHypothesis) -> bool:
+    return about_cg(_point_of(finding), finding.sigmas["position"][:3], finding.cg, finding.force[0])
+
+
+def _stores(finding: FittedHypothesis) -> bool:
+    return table_of(finding) in KEYS and table_of(finding) != "rotors"
+
+
+def _columns(finding: FittedHypothesis) -> Mapping[str, object]:
+    return {"columns": ", ".join(finding.subject)}
+
+
 _NOTHING = "{who} {do} not push at all"
 _RPM = "the speed of {who} is logged in rpm"
 _SPUN = "{who} {turn} the other way round than stated by spin"
@@ -330,48 +342,26 @@ _RUBBING = "wheels rub otherwise than stated: {friction}"
 _SWAPPED = "{jets} are {how}"
 SPECIAL_CASES = (
     SpecialCase(
-        "thrust-scale", "jet-sign", lambda f: _jets(f) and _all_reversed(f), Wording(_ALL_JETS, "correct the sign of every force_n")
+        "thrust-scale", Wording(_ALL_JETS, "correct the sign of every force_n"), lambda f: _jets(f) and _all_reversed(f), "jet-sign"
     ),
-    SpecialCase("thrust-scale", "command-sign", _all_reversed, Wording(_ALL_COMMANDS, "correct their signs under [columns]")),
-    SpecialCase("thrust-scale", "jet-sign", lambda f: _jets(f) and _reversed(f), Wording(_OTHER_WAY, "correct force_n", who)),
+    SpecialCase("thrust-scale", Wording(_ALL_COMMANDS, "correct their signs under [columns]"), _all_reversed, "command-sign"),
+    SpecialCase("thrust-scale", Wording(_OTHER_WAY, "correct force_n", who), lambda f: _jets(f) and _reversed(f), "jet-sign"),
     SpecialCase(
-        "thrust-scale", "command-sign", _gimbal_reversed, Wording(_GIMBAL, "correct the sign of its column, or its gimbal_axis", who)
+        "thrust-scale", Wording(_GIMBAL, "correct the sign of its column, or its gimbal_axis", who), _gimbal_reversed, "command-sign"
     ),
-    SpecialCase("thrust-scale", "command-sign", _reversed, Wording(_OTHER_WAY, "correct the sign under [columns]", who)),
-    SpecialCase("thrust-scale", "jet-dead", lambda f: _jets(f) and _dead(f), Wording(_NOTHING, "look at valves and wiring", who)),
-    SpecialCase("thrust-scale", "actuator-dead", _dead, Wording(_NOTHING, "look at its motor and wiring, and at its column", who)),
-    SpecialCase("thrust-scale", "speed-units", _in_rpm, Wording(_RPM, "correct the scale under [columns]", who)),
-    SpecialCase(
-        "wrench-point",
-        "wrench-point",
-        lambda finding: about_cg(_point_of(finding), finding.sigmas["position"][:3], finding.cg, finding.force[0]),
-        Wording(_ABOUT_CG, "state thrust.wrench_point_m, or log them about O", _point),
-    ),
-    SpecialCase(
-        "jet-direction", "wheel-axis", lambda f: table_of(f) in KEYS and table_of(f) != "rotors", Wording("{axes}", "correct {each}", _axes)
-    ),
-    SpecialCase(
-        "pulse-position", "pulse-position", lambda _: True, Wording("pulses {place} their cycles{delay}", "state {key}", _pulse_at)
-    ),
-    SpecialCase("short-pulses", "short-pulses", lambda _: True, Wording(_SHORT, "state thrust.{key}", _short)),
-    SpecialCase("jet-late", "jet-late", lambda _: True, Wording(_LATER, "state its delay_s, or look at its driver and valve", _one_later)),
-    SpecialCase("speed-late", "speed-late", lambda _: True, Wording(_SPEEDS_LATER, "state speed_latency_s of each wheel", _speeds_later)),
-    SpecialCase(
-        "wheel-friction",
-        "wheel-friction",
-        lambda _: True,
-        Wording(_RUBBING, "state coulomb_friction_n_m and viscous_friction_n_m_s of each wheel", _rubbing),
-    ),
-    SpecialCase("commands-limited", "commands-limited", lambda _: True, Wording(_LIMITED, "state thrust.wrench_limits", _limits)),
-    SpecialCase(
-        "commands-normalised",
-        "commands-normalised",
-        lambda _: True,
-        Wording(_NORMALISED, "state the scale of each under [columns]", lambda finding: {"columns": ", ".join(finding.subject)}),
-    ),
-    SpecialCase("rotor-spin", "rotor-spin", lambda _: True, Wording(_SPUN, "correct it, or swap two of a motor's wires", who)),
-    *(
-        SpecialCase(code, code, lambda _: True, Wording(_SWAPPED, "swap wires, columns or entries", _swapped))
-        for code in ("jets-swapped", "actuators-swapped")
-    ),
+    SpecialCase("thrust-scale", Wording(_OTHER_WAY, "correct the sign under [columns]", who), _reversed, "command-sign"),
+    SpecialCase("thrust-scale", Wording(_NOTHING, "look at valves and wiring", who), lambda f: _jets(f) and _dead(f), "jet-dead"),
+    SpecialCase("thrust-scale", Wording(_NOTHING, "look at its motor and wiring, and at its column", who), _dead, "actuator-dead"),
+    SpecialCase("thrust-scale", Wording(_RPM, "correct the scale under [columns]", who), _in_rpm, "speed-units"),
+    SpecialCase("wrench-point", Wording(_ABOUT_CG, "state thrust.wrench_point_m, or log them about O", _point), _about_its_cg),
+    SpecialCase("jet-direction", Wording("{axes}", "correct {each}", _axes), _stores, "wheel-axis"),
+    SpecialCase("pulse-position", Wording("pulses {place} their cycles{delay}", "state {key}", _pulse_at)),
+    SpecialCase("short-pulses", Wording(_SHORT, "state thrust.{key}", _short)),
+    SpecialCase("jet-late", Wording(_LATER, "state its delay_s, or look at its driver and valve", _one_later)),
+    SpecialCase("speed-late", Wording(_SPEEDS_LATER, "state speed_latency_s of each wheel", _speeds_later)),
+    SpecialCase("wheel-friction", Wording(_RUBBING, "state coulomb_friction_n_m and viscous_friction_n_m_s of each wheel", _rubbing)),
+    SpecialCase("commands-limited", Wording(_LIMITED, "state thrust.wrench_limits", _limits)),
+    SpecialCase("commands-normalised", Wording(_NORMALISED, "state the scale of each under [columns]", _columns)),
+    SpecialCase("rotor-spin", Wording(_SPUN, "correct it, or swap two of a motor's wires", who)),
+    *(SpecialCase(code, Wording(_SWAPPED, "swap wires, columns or entries", _swapped)) for code in ("jets-swapped", "actuators-swapped")),
 )

@@ -110,5 +110,5 @@ PARAMETERS = (
     ),
 )
 SPECIAL_CASES = (
-    SpecialCase("clock-drift", "delay-mismatch", _steady, Wording(_DELAY.wording.sentence, _DELAY.wording.remedy, _DELAY.facts)),
+    SpecialCase("clock-drift", Wording(_DELAY.wording.sentence, _DELAY.wording.remedy, _DELAY.facts), _steady, "delay-mismatch"),
 )
