@@ -5,12 +5,12 @@ from __future__ import annotations
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.assumptions import AssumptionEffects, Examined
-from massprop_cli.conclude.contradict import Fault
 from massprop_cli.conclude.discrepancy import Discrepancy, PlainFits
 from massprop_cli.conclude.docking import Docked
 from massprop_cli.conclude.score import Doubt
 from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.diagnosis.delay import FoundTiming
+from massprop_cli.diagnosis.fault import Fault
 from massprop_cli.estimate.crossvalidation import CrossValidation
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.notice import Notice

@@ -14,7 +14,6 @@ does not bear out, and a misfit without a name: what the model leaves still foll
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,18 +23,15 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.physical import breach
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import POSITIVE, Conclusion, Estimate
+from massprop_cli.diagnosis.fault import Fault
 from massprop_cli.diagnosis.lackoffit import correlation, hidden_error, innovation_test
 from massprop_cli.estimate.disturbances import BEYOND, UNEXPLAINED, beyond_commands
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.phases import LOST, astray
 from massprop_cli.estimate.quantities import by_scale, in_common
-from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Source
-
-if TYPE_CHECKING:
-    from massprop_cli.diagnosis.corrections import Correction
 
 HIDDEN = 5.0
 """Sigmas that the hidden error may be, being a bound: most of a misfit is no error of the values. docs/faults.md moves with it."""
@@ -51,21 +47,6 @@ STRAINED = 3.0
 """By how much wider most of the corrected sigmas may be."""
 TOLD = ("converged", "not_converged")
 PROPORTIONAL = (*INERTIA, "mass")
-
-
-@dataclass(frozen=True)
-class Fault:
-    """Something with a name that is wrong with the log or the vehicle file."""
-
-    notice: Notice
-    cure: Correction | None
-    """None where nothing corrects the log."""
-    change_s: float | None = None
-    """When the mass properties changed, if they did."""
-    around: tuple[Correction, ...] = ()
-    """The remedy with each of its unknowns one sigma further on, and with the gyro's axes out of square where they may be."""
-    rivals: tuple[Correction, ...] = ()
-    """Of causes that can't be ruled out."""
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.conclude import split
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
-from massprop_cli.conclude.contradict import Fault
 from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.firstfit import first_fits
 from massprop_cli.conclude.judge import judged
 from massprop_cli.diagnosis import UNKNOWN, outliers
+from massprop_cli.diagnosis.fault import Fault
 from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.estimate import offline
 from massprop_cli.estimate.history import phases_of

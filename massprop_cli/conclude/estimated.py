@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.assumptions import Examined, examined, sound
 from massprop_cli.conclude.channelresiduals import followed
-from massprop_cli.conclude.contradict import Fault
 from massprop_cli.conclude.discrepancy import PlainFits
 from massprop_cli.conclude.firstfit import first_fits
 from massprop_cli.conclude.reason import sigmas
@@ -20,6 +19,7 @@ from massprop_cli.conclude.score import Doubt, doubts
 from massprop_cli.conclude.verdict import conclude
 from massprop_cli.diagnosis import UNKNOWN, delay
 from massprop_cli.diagnosis.delay import FoundTiming
+from massprop_cli.diagnosis.fault import Diagnosis, Fault
 from massprop_cli.diagnosis.preprocessing import Ready
 from massprop_cli.diagnosis.resolve import other_cutoffs
 from massprop_cli.estimate.disturbances import sized
@@ -33,10 +33,6 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.actuators import along_one_line, always_together, channel_names, channel_wrench, pushing
 from massprop_cli.prepare.timing import Timing
-
-if TYPE_CHECKING:
-    from massprop_cli.diagnosis.explanation import Diagnosis
-
 
 OTHER_CUTOFFS = (
     "log and vehicle file don't fit, cause unknown: the log would fit better with another cutoff of a low-pass and another delay than was "
@@ -78,10 +74,8 @@ def estimated(
         answer: Estimates[Vehicle] = by_thesis(begun.samples, begun.phases, begun.stated)
     else:
         answer, told = _by_default(begun, plain, check, say)
-    explanations = told.diagnosis.explanations if told.diagnosis else ()
     unknown = _unexplained(told.diagnosis, answer.notices) or _baffled(told, answer.used, begun)
     void = (Fault(notice, None) for notice in begun.log.notices if notice.code in VOID)
-    named = (Fault(e.notice, e.correction, e.change_s, e.around, e.rivals) for e in explanations)
     vain = [Notice(UNKNOWN, unknown)] if unknown else []
     said = *begun.log.notices, *begun.notices, *vain, *answer.notices
     return Analysis(
@@ -99,7 +93,7 @@ def estimated(
         notices=(*said, *(notice for history in answer.histories for notice in history.notices)),
         assignments=tuple(assignments),
         examination=told.examination,
-        faults=(*void, *named),
+        faults=(*void, *(told.diagnosis.faults if told.diagnosis else ())),
         unknown=unknown,
         doubts=tuple(told.doubts),
         plain=told.plain,
@@ -116,7 +110,7 @@ def _by_default(begun: Ready, plain: AsStated, check: bool, say: Progress) -> tu
             diagnosis = None  # noise that was stated too large is no fault
         if diagnosis is not None and not plain.misfit and _of_few_commands(diagnosis, begun.log):
             diagnosis = None
-    size = begun.stated.estimator.adapt_noise and not (diagnosis and diagnosis.explanations)
+    size = begun.stated.estimator.adapt_noise and not (diagnosis and diagnosis.faults)
     # what a wrong model leaves is a torque: noise would take half of it, and tell the sigmas nothing of the other
     noisier = diagnosis is not None and not diagnosis.unknown
     answer = estimates(begun.samples, begun.phases, plain, begun.consider, say, size=size, noisier=noisier)
@@ -138,7 +132,7 @@ def _by_default(begun: Ready, plain: AsStated, check: bool, say: Progress) -> tu
 
 def _found_in_quiet(diagnosis: Diagnosis, plain: AsStated) -> bool:
     """Whether it names causes of a log that fits; of one in which nothing is left, another unit alone, in which that would be more."""
-    codes = {one.code for one in diagnosis.explanations}
+    codes = {one.notice.code for one in diagnosis.faults}
     silent = all(fit is not None and fit.history.silent for fit in plain.fits)
     return bool(codes) and (not silent or codes <= UNITS)
 
@@ -146,7 +140,7 @@ def _found_in_quiet(diagnosis: Diagnosis, plain: AsStated) -> bool:
 def _of_few_commands(diagnosis: Diagnosis, log: Log) -> bool:
     """Whether what commands hardly tell, and no fit refutes, is laid to more than their time."""
     few = not log.spinning and 0 < int(np.count_nonzero(log.command.any(1))) <= FEW
-    return few and not {one.code for one in diagnosis.explanations} <= {"delay-mismatch"}
+    return few and not {one.notice.code for one in diagnosis.faults} <= {"delay-mismatch"}
 
 
 def _doubted(examination: Examined, begun: Ready, answer: Estimates[Resolved]) -> list[Doubt]:
@@ -184,8 +178,8 @@ def _diagnosis(begun: Ready, used: Resolved, say: Progress, refuted: bool = Fals
     if used.control_moment_gyros and (read := reread()) is not None:
         return read
     found = diagnose.diagnose(begun.log, used, begun.timing, begun.pieces)
-    found = (reread() or found) if used.rotors and found.unknown and not found.explanations else found
-    return replace(found, unknown=OTHER_CUTOFFS) if refuted and not (found.explanations or found.unknown) else found
+    found = (reread() or found) if used.rotors and found.unknown and not found.faults else found
+    return replace(found, unknown=OTHER_CUTOFFS) if refuted and not (found.faults or found.unknown) else found
 
 
 def _unexplained(diagnosis: Diagnosis | None, others: Sequence[Notice]) -> str:
@@ -197,7 +191,7 @@ def _unexplained(diagnosis: Diagnosis | None, others: Sequence[Notice]) -> str:
 def _baffled(told: Checked, used: Vehicle, begun: Ready) -> str:
     """That a disturbance was sized for what is none: beside it the log contradicts an assumption, and no named cause explains that."""
     first = next((doubt for doubt in told.doubts if doubt.sure and not doubt.faint), None)
-    if first is None or _unread(begun.log) or (told.diagnosis and told.diagnosis.explanations) or not sized(used, begun.stated):
+    if first is None or _unread(begun.log) or (told.diagnosis and told.diagnosis.faults) or not sized(used, begun.stated):
         return ""
     what = first.what.replace("-", " ")
     return (

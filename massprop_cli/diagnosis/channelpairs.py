@@ -7,14 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from massprop_cli.diagnosis import hypotheses
-from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted, fitted
+from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted
 from massprop_cli.diagnosis.corrections import around, correction_of
-from massprop_cli.diagnosis.explanation import Diagnosis, Explanation, chosen
+from massprop_cli.diagnosis.explanation import alone, chosen, words_of
+from massprop_cli.diagnosis.fault import Diagnosis, Fault
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.ranking import CLEAR
-from massprop_cli.diagnosis.refit import Refit, beyond, hopeless, tried
+from massprop_cli.diagnosis.refit import Refit, beyond, hopeless, tried_each
 from massprop_cli.diagnosis.screening import Screening
-from massprop_cli.diagnosis.wording import alone, words_of
+from massprop_cli.inputs.notice import Notice
 
 SLIGHT = 0.01
 """Part of its thrust below which a second channel is no cause beside one with which the log fits."""
@@ -55,7 +56,7 @@ def two_channels(screening: Screening, one_fits: bool) -> Diagnosis | None:
     both, near = correction_of(screening.case, refit.case, refit.fitted), around(screening.case, refit.fitted)
     return Diagnosis(
         tuple(
-            Explanation(code, f"the log fits if {words}", both, around=near)
+            Fault(Notice(code, f"the log fits if {words}"), both, around=near)
             for name in refit.fitted.hypothesis.subject
             for code, words in [words_of(alone(refit.fitted, name), screening.names, screening.case, refit.case)]
         ),
@@ -64,12 +65,9 @@ def two_channels(screening: Screening, one_fits: bool) -> Diagnosis | None:
 
 
 def _likeliest(screening: Screening, supposed: Sequence[Hypothesis]) -> list[Fitted]:
-    if not supposed:
-        return []
-    found = fitted(screening.model, screening.free, screening.free.variance, supposed, still=ROUGHLY)
+    found = screening.fitted(supposed, still=ROUGHLY)
     return sorted(found, key=lambda one: (screening.likelihood(one.chi_square), one.hypothesis.subject))[:CHANNELS]
 
 
 def _tried(screening: Screening, likeliest: Sequence[Fitted]) -> list[Refit]:
-    refits = (tried(screening, one) for one in likeliest if not hopeless(screening, one, beyond(screening)))
-    return [refit for refit in refits if refit is not None]
+    return tried_each(screening, (one for one in likeliest if not hopeless(screening, one, beyond(screening))))

@@ -18,23 +18,33 @@ import numpy as np
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis import change, delay, hypotheses
 from massprop_cli.diagnosis.channelpairs import swapped, two_channels, wired
-from massprop_cli.diagnosis.comparison import Fitted, fitted
+from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Case, Correction
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.episode import episodes
-from massprop_cli.diagnosis.explanation import Diagnosis, Explanation, by_wander, chosen, fitting_causes
+from massprop_cli.diagnosis.explanation import (
+    ABSENT,
+    DEAD,
+    LOGGED_AFTER,
+    UNANSWERED,
+    by_wander,
+    chosen,
+    fitting_causes,
+    words_of,
+)
+from massprop_cli.diagnosis.fault import Diagnosis, Fault
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.inspection import lost, seen, sparse
 from massprop_cli.diagnosis.phaseboundary import border
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.recordings import by_noise, logged_after, otherwise, otherwise_filtered
-from massprop_cli.diagnosis.refit import MOST, Refit, beyond, corrected_alone, helped, hopeless, refined, tried
+from massprop_cli.diagnosis.refit import MOST, Refit, beyond, corrected_alone, helped, hopeless, refined, tried, tried_each
 from massprop_cli.diagnosis.screening import LONGEST, Screening, about_its_body, beside_a_torque, busiest, screened
 from massprop_cli.diagnosis.search import codes, same, searched
 from massprop_cli.diagnosis.undisturbed import Undisturbed, undisturbed
-from massprop_cli.diagnosis.wording import ABSENT, DEAD, LOGGED_AFTER, UNANSWERED, words_of
 from massprop_cli.errorparameters.table import PRIORS
 from massprop_cli.estimate.initial import first_reference
+from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.telemetry import JITTER, Log, jitter
 from massprop_cli.model.plant.plant import MU
 from massprop_cli.model.resolved import Resolved
@@ -57,6 +67,11 @@ NOTHING = 0.5
 ANSWERED = 30.0
 """Sigmas of chance by which a motion follows commands, at least: those that moved a vehicle, however wrongly stated, make hundreds, those
 of another recording six, and shifted by some cycles 20."""
+
+
+Search = Callable[[Screening], Diagnosis | None]
+Rest = Callable[[], Undisturbed | None]
+"""What else to look for; and the stretches that fit, looked for once."""
 
 
 def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice]) -> Diagnosis:
@@ -97,10 +112,10 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
         return found
     at = next((placed for one in screenings if (placed := border(one, float(log.time_s[-1]))) is not None), None)
     if at is not None:  # all the rest needs no torque that wanders
-        return Diagnosis((Explanation("phase-border", at.words, at.correction),))
+        return Diagnosis((Fault(Notice("phase-border", at.words), at.correction),))
     kept = rest()
     if kept is not None:
-        return Diagnosis((Explanation("phase-border", kept.words, kept.correction(vehicle)),))
+        return Diagnosis((Fault(Notice("phase-border", kept.words), kept.correction(vehicle)),))
     if screening.fits and (units := chosen(screening, by_noise(screening))) is not None:
         return units
     unanswered = not moved and screening.loud
@@ -114,7 +129,7 @@ def _at_sight(screening: Screening) -> Diagnosis | None:
         return Diagnosis(unknown=DEAD)
     shown = seen(screening.case)
     if shown is not None:
-        return Diagnosis((Explanation(shown.code, shown.message, None),))
+        return Diagnosis((Fault(shown, None),))
     vehicle = screening.case.vehicle
     # a swing tells ratios, so that there is no body of which anything could be left
     return Diagnosis() if vehicle.on_pedestal and not len(screening.free.fired) and not vehicle.swings else None
@@ -147,16 +162,14 @@ def _unexplained(screening: Screening, unknown: str) -> Diagnosis:
     """Where no cause was found: that commands are logged after they act, which no log corrected by its vehicle file shows; else none."""
     up = logged_after(screening.case)
     said = LOGGED_AFTER.format(up - screening.case.timing.delay, up)
-    return Diagnosis((Explanation("delay-mismatch", said, None),)) if up else Diagnosis(unknown=unknown)
+    return Diagnosis((Fault(Notice("delay-mismatch", said), None),)) if up else Diagnosis(unknown=unknown)
 
 
-def _further(
-    screening: Screening, alone: Sequence[Refit], whole: Screening, least: float, rest: Callable[[], Undisturbed | None]
-) -> list[Callable[[Screening], Diagnosis | None]]:
+def _further(screening: Screening, alone: Sequence[Refit], whole: Screening, least: float, rest: Rest) -> list[Search]:
     """What else to look for, the most likely first, that explains more than the ``least`` score: all along in pairs, or in time."""
     pair = partial(_pair, alone=alone, worst=min([least, *(refit.score for refit in alone)]))
     changed = partial(_changed, whole=whole, rest=rest)
-    two: list[Callable[[Screening], Diagnosis | None]] = [swapped, pair]
+    two: list[Search] = [swapped, pair]
     best = min(alone, key=lambda refit: refit.score, default=None)
     if best is not None and "fuel-use" in codes(best):
         return [changed, _much_later, _lowpassed, *two]
@@ -170,11 +183,7 @@ def _whole(refit: Refit) -> bool:
 
 
 def _for_a_time(
-    screening: Screening,
-    screenings: Sequence[Screening],
-    found: Diagnosis | None,
-    alone: Sequence[Refit],
-    rest: Callable[[], Undisturbed | None],
+    screening: Screening, screenings: Sequence[Screening], found: Diagnosis | None, alone: Sequence[Refit], rest: Rest
 ) -> Diagnosis | None:
     """A jet that fails for a time, where that explains more than what was ``found``, of causes ``alone``.
 
@@ -189,13 +198,13 @@ def _for_a_time(
         return found
     message = f"the log fits if {', or else '.join(one.words for one in each)}; look at its valve and supply, and state thrust.failures"
     near = (best.correction(vehicle, 1.0),) if best.sigma else ()
-    said = Explanation(best.code, message, best.correction(vehicle), around=near, rivals=tuple(one.correction(vehicle) for one in each[1:]))
-    return Diagnosis((said,), score=best.score)
+    rivals = tuple(one.correction(vehicle) for one in each[1:])
+    return Diagnosis((Fault(Notice(best.code, message), best.correction(vehicle), around=near, rivals=rivals),), score=best.score)
 
 
 def _alone(screening: Screening) -> list[Refit]:
     """The most likely causes, each put to the test."""
-    begun = _turned(screening) if screening.upset else []
+    begun = tried_each(screening, screening.upright) if screening.upset else []
     most = SECOND if screening.upset else FINALISTS[screening.model.bearing is not None]
     best = searched(screening, begun, (most, most), beyond(screening))
     best += otherwise_filtered(screening)
@@ -205,16 +214,13 @@ def _alone(screening: Screening) -> list[Refit]:
     if likeliest is not None and likeliest.fitted.hypothesis.turns:
         # actuators that are wired round may be a turn of the whole vehicle
         return [*best, *wired(screening)]
-    return best if screening.upset or likeliest is not None else [*best, *_turned(screening)]
+    return best if screening.upset or likeliest is not None else [*best, *tried_each(screening, screening.upright)]
 
 
 def _leaning(screening: Screening) -> list[Refit]:
     """Axes of wheels and gyros: they explain much of what other parts of their momentum make, which a look takes for more."""
-    supposed = hypotheses.device_axes(screening.model, screening.names)
-    model, free, theta = screening.model, screening.free, screening.stated.value("theta")
-    each = fitted(model, free, free.variance, supposed, theta) if supposed else []
-    each = [found for found in each if not hopeless(screening, found, beyond(screening))]
-    return [refit for found in each if (refit := tried(screening, found)) is not None]
+    each = screening.fitted(hypotheses.device_axes(screening.model, screening.names), screening.stated.value("theta"))
+    return tried_each(screening, (found for found in each if not hopeless(screening, found, beyond(screening))))
 
 
 def _different(each: Iterable[Fitted]) -> Iterator[Fitted]:
@@ -226,11 +232,7 @@ def _different(each: Iterable[Fitted]) -> Iterator[Fitted]:
             yield found
 
 
-def _turned(screening: Screening) -> list[Refit]:
-    return [refit for found in screening.upright if (refit := tried(screening, found)) is not None]
-
-
-def _instead(screening: Screening, alone: Sequence[Refit], whole: Screening, rest: Callable[[], Undisturbed | None]) -> Diagnosis | None:
+def _instead(screening: Screening, alone: Sequence[Refit], whole: Screening, rest: Rest) -> Diagnosis | None:
     """What the most likely of single causes may stand for: it hides what is further off than a small step leads to.
 
     A turned gyro for a delay of cycles, where a torque or more noise is left than is stated; a slow change of the body for one at once.
@@ -253,10 +255,8 @@ def _much_later(screening: Screening) -> Diagnosis | None:
     if not rated:
         return None
     at = rated[0].at
-    x = screening.stated.x.copy()
-    x[screening.model.place("delay")] = at.delay - timing.delay
     supposed = Hypothesis("delay-mismatch", (), hypotheses.along(screening.model, ("delay", np.ones(1))))
-    begun = Fitted(supposed, screening.model, x, screening.stated.chi_square, np.zeros(1))
+    begun = screening.supposing(supposed, delay=at.delay - timing.delay)
     refit = refined(screening, begun, screening.case._replace(timing=timing._replace(delay=at.delay)))
     return None if refit is None else chosen(screening, [refit])
 
@@ -266,15 +266,12 @@ def _lowpassed(screening: Screening) -> Diagnosis | None:
     refits = []
     for sensor in ("gyro", "accel"):
         supposed = next(one for one in hypotheses.timing(screening.model) if one.code == f"{sensor}-filter")
-        x = screening.stated.x.copy()
-        x[screening.model.place(f"{sensor}_lag")] = PRIORS[f"{sensor}_lag"]
-        begun = Fitted(supposed, screening.model, x, screening.stated.chi_square, np.zeros(1))
-        refit = helped(screening, begun)
+        refit = helped(screening, screening.supposing(supposed, **{f"{sensor}_lag": PRIORS[f"{sensor}_lag"]}))
         refits += [] if refit is None else [refit]
     return chosen(screening, refits)
 
 
-def _changed(screening: Screening, whole: Screening, rest: Callable[[], Undisturbed | None], less_than: float = np.inf) -> Diagnosis | None:
+def _changed(screening: Screening, whole: Screening, rest: Rest, less_than: float = np.inf) -> Diagnosis | None:
     """Another body from some moment on; ``whole`` is what one body leaves of the log beside a torque.
 
     None where two leave no ``less_than`` so much of chi-square beyond chance.
@@ -301,7 +298,8 @@ def _changed(screening: Screening, whole: Screening, rest: Callable[[], Undistur
         "give the vehicle file [[phases]] that end and begin there "
         "(estimator.split_on_change = true does it): what is estimated over the change is no body's"
     ) + ("; what [known] states is of neither part then: state it under [[phases]]" if case.vehicle.known else "")
-    return Diagnosis((Explanation("mass-change", message, None if imu else Correction(("estimator.split_on_change=true",)), time),))
+    cure = None if imu else Correction(("estimator.split_on_change=true",))
+    return Diagnosis((Fault(Notice("mass-change", message), cure, time),))
 
 
 def _or_thrust(screening: Screening, sides: Sequence[Screening | None]) -> str:

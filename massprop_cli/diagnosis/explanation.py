@@ -8,19 +8,31 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis import UNKNOWN, hypotheses, normalised
 from massprop_cli.diagnosis.comparison import Fitted
-from massprop_cli.diagnosis.corrections import Correction, applied, around, certain, correction_of, skewed
-from massprop_cli.diagnosis.delay import FoundTiming, near
+from massprop_cli.diagnosis.corrections import Case, Correction, applied, around, certain, correction_of, skewed
+from massprop_cli.diagnosis.delay import near
+from massprop_cli.diagnosis.fault import Diagnosis, Fault
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import Refit, over_all
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.diagnosis.search import codes
-from massprop_cli.diagnosis.wording import words_of
+from massprop_cli.errorparameters import table
 from massprop_cli.inputs.notice import Notice
 
+ABSENT = "log and vehicle file don't fit; causes are looked for only in logs with all three axes of gyro and accelerometer"
+DEAD = "the gyro or the accelerometer reads 0 in every cycle: it is not recorded, or dead"
+UNANSWERED = (
+    "log and vehicle file don't fit, cause unknown: the motion is no noise, and hardly follows the commands; are they this recording's, on "
+    "its clock, and were they executed?"
+)
+LOGGED_AFTER = (
+    "the motion follows commands that are logged {:g} control cycle(s) after they acted: no delay is below 0; log them as they are "
+    "issued, or move their columns up by {} control cycle(s)"
+)
+IN_VEHICLE_FILE, IN_MAP = "under [columns]", "in the map (unit, scale, axes)"
+"""Where the columns of a plain log are corrected, and those of a recording."""
 NEARLY = 4.6
 """−2 log of the odds (1 : 10) below which of two kinds neither is named."""
 EVEN = 6.0
@@ -30,40 +42,6 @@ ALIKE = 1e-9
 """Between factors that are one."""
 UNIT = float(np.log(2.0))
 """Log of a factor from which on it is a unit's, of torques or of forces: a smaller one is a scale, and may be stated as uncertain."""
-
-
-@dataclass(frozen=True)
-class Explanation:
-    """A cause that has a name."""
-
-    code: str
-    message: str
-    correction: Correction | None
-    """None where neither the vehicle file's keys nor factors on the log's columns correct it."""
-    change_s: float | None = None
-    """When the mass properties changed at once, if that is what is supposed."""
-    around: tuple[Correction, ...] = ()
-    """The correction with each of its unknowns one sigma further on, and with the gyro's axes out of square where they may be."""
-    rivals: tuple[Correction, ...] = ()
-    """Of causes that can't be ruled out."""
-
-    @property
-    def notice(self) -> Notice:
-        """For the reader."""
-        return Notice(self.code, self.message)
-
-
-@dataclass(frozen=True)
-class Diagnosis:
-    """What was found: several causes are wrong together."""
-
-    explanations: tuple[Explanation, ...] = ()
-    detected: FoundTiming | None = None
-    """What the log says of the command delay, if that is the cause."""
-    unknown: str = ""
-    """Where log and vehicle file don't fit and nothing explains it: what was tried."""
-    score: float = -np.inf
-    """Of what is named: −2 log likelihood, with its price."""
 
 
 def chosen(screening: Screening, refits: Sequence[Refit]) -> Diagnosis | None:
@@ -99,7 +77,7 @@ def by_wander(refit: Refit, screening: Screening) -> bool:
     return bool(codes(refit) & {"gyro-bias", "accel-bias", "steady-torque", "rate-torque"}) and any(one.walk > 0 for one in beside)
 
 
-def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = (), alike: int = 0) -> tuple[Explanation, ...]:
+def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = (), alike: int = 0) -> tuple[Fault, ...]:
     """In words, with the settings that correct it: one for each of two causes at once.
 
     What a rival that is nearly as likely has not got is not named; the first ``alike`` of them make the same motion.
@@ -127,7 +105,7 @@ def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = (),
     correction = None if scaled else correction_of(screening.case, refit.case, refit.fitted)
     near = (*around(screening.case, refit.fitted), *skewed(correction, refit.fitted))
     instead = (*(other for other in others if other is not None), *_of_the_others(correction), *heavier)
-    return tuple(Explanation(code, message, correction, around=near, rivals=instead) for code in dict.fromkeys(sure or [UNKNOWN]))
+    return tuple(Fault(Notice(code, message), correction, around=near, rivals=instead) for code in dict.fromkeys(sure or [UNKNOWN]))
 
 
 def _of_the_others(correction: Correction | None) -> Iterator[Correction]:
@@ -219,3 +197,14 @@ def _joined(said: Sequence[tuple[str, str]]) -> str:
 
 def _about(refit: Refit) -> list[tuple[str, tuple[str, ...]]]:
     return sorted((part.hypothesis.code, part.hypothesis.subject) for part in refit.fitted.parts)
+
+
+def words_of(found: Fitted, names: Sequence[str], stated: Case, corrected: Case) -> tuple[str, str]:
+    """(code, words) that go on "the log fits if …"."""
+    code, words = table.words_of(found.hypothesis.code, found.finding(names, stated.setup, corrected.setup))
+    return code, words if stated.log.made is None else words.replace(IN_VEHICLE_FILE, IN_MAP)
+
+
+def alone(found: Fitted, name: str) -> Fitted:
+    """Of a hypothesis about several channels, what it says of one."""
+    return replace(found, hypothesis=replace(found.hypothesis, subject=(name,)))

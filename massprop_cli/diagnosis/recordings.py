@@ -137,7 +137,7 @@ def by_noise(screening: Screening) -> list[Refit]:
     nearest = min(units, key=off, default=None)
     if nearest is None or off(nearest) > AS_NOISE or np.abs(away).min() < FAR_OFF:
         return []
-    refit = tried(screening, Fitted(nearest, screening.model, screening.stated.x, screening.stated.chi_square, np.zeros(0)))
+    refit = tried(screening, screening.supposing(nearest))
     return [] if refit is None or refit.screening is None or not refit.screening.close else [replace(refit, fits=True)]
 
 

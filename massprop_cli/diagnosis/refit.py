@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis.coefficients import Model
-from massprop_cli.diagnosis.comparison import Fitted, fitted
+from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Case, applied, at_once, exact_of
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.screening import FITS, Screening, about_its_body, busiest, screened
@@ -109,9 +110,8 @@ def begin(screening: Screening, found: Fitted, first: Refit | None) -> AppliedHy
     mended = None if case is None else _anew(screening, case, screening.free.beside, _own_theta(found))
     if mended is None:
         return None
-    (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.hypothesis.moves], found.value("theta"))
+    more, promised = mended.next_step(found)
     units = _by_units(mended, found, screening.case)
-    promised = mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square)
     return AppliedHypothesis(mended, mended.free_cost + units + mended.score(more.chi_square, found), mended.cost + units - BOLD * promised)
 
 
@@ -133,20 +133,23 @@ def tried(
     return Refit(found, screening.case, excess, screening.free_cost + excess, _passes(screening, found))
 
 
+def tried_each(screening: Screening, each: Iterable[Fitted]) -> list[Refit]:
+    """Several hypotheses, each put to the test."""
+    return [refit for found in each if (refit := tried(screening, found)) is not None]
+
+
 def drifts_no_more(refit: Refit, found: Fitted) -> bool:
     """Whether a drift of the clocks would explain no more than its price of what a trial leaves that is a delay alone."""
     if refit.screening is None or (refit.fitted.hypothesis.code, found.hypothesis.code) != ("delay-mismatch", "clock-drift"):
         return False
-    mended = refit.screening
-    (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.hypothesis.moves], refit.fitted.value("theta"))
-    gained = mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square)
-    return bool(gained < np.log(mended.free.gyro.spare))
+    _, gained = refit.screening.next_step(replace(found, x=refit.fitted.x))
+    return bool(gained < np.log(refit.screening.free.gyro.spare))
 
 
 def helped(screening: Screening, begun: Fitted) -> Refit | None:
     """The same from a beginning far away; None where that explains less than what is stated."""
     case = applied(screening.case, begun)
-    there = None if case is None else _alike(screening, case)
+    there = None if case is None else _anew(screening, case, as_many=True)
     if case is None or there is None or there.cost + _by_units(there, begun, screening.case) > screening.cost:
         return None
     return refined(screening, replace(begun, x=np.concatenate([there.stated.x[:10], begun.x[10:]])), case)
@@ -182,7 +185,7 @@ def _once_more(screening: Screening, found: Fitted) -> tuple[Screening, Fitted]:
     about = screened(screening.case, screening.piece, screening.free.beside, theta)
     if about is None:
         return screening, found
-    (again,) = fitted(about.model, about.free, about.free.variance, [found.hypothesis], theta)
+    (again,) = about.fitted([found.hypothesis], theta)
     better = about.free_cost + about.likelihood(again.chi_square) < screening.free_cost + screening.likelihood(found.chi_square)
     return (about, again) if better else (screening, found)
 
@@ -311,9 +314,8 @@ def _led(
     too_far = False
     still, most = (ROUGHLY, ROUGH) if roughly else (STILL, AGAIN)
     for i in range(most):
-        (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.hypothesis.moves], found.value("theta"))
+        more, promised = mended.next_step(found)
         found = replace(found, spread=_of_stated(found, more.spread) * np.sqrt(max(mended.misfit, 1.0)))
-        promised = mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square)
         now = mended.cost + _by_units(mended, found, screening.case)
         if i >= STRAIGHT and float(more.chi_square.sum()) > NO_WAY * mended.freedom:
             break
@@ -327,7 +329,7 @@ def _led(
         for part in parts:
             further = replace(found, x=_together(found.x, more.along(part), screening.model))
             then = applied(screening.case, further)
-            there = None if then is None else _alike(screening, then, mended.free.beside, more.value("theta"))
+            there = None if then is None else _anew(screening, then, mended.free.beside, more.value("theta"), as_many=True)
             if then is not None and there is not None and there.cost + _by_units(there, further, screening.case) < now - still:
                 break
             too_far = True  # not tried again at once
@@ -337,16 +339,14 @@ def _led(
     return found, case, mended
 
 
-def _anew(screening: Screening, case: Case, likely: tuple[Disturbance, ...], theta: Array | None) -> Screening | None:
-    """A case corrected by a hypothesis, reduced about θ; None where that is too short, or other channels fire."""
-    mended = screened(case, screening.piece, likely, theta)
-    return mended if mended is not None and np.array_equal(mended.free.fired, screening.free.fired) else None
-
-
-def _alike(screening: Screening, case: Case, likely: tuple[Disturbance, ...] = (), theta: Array | None = None) -> Screening | None:
-    """A case reduced about θ; None where that is too short, or more or fewer channels fire."""
+def _anew(
+    screening: Screening, case: Case, likely: tuple[Disturbance, ...] = (), theta: Array | None = None, as_many: bool = False
+) -> Screening | None:
+    """A corrected case reduced about θ; None where that is too short, or other channels fire: where ``as_many`` will do, more or fewer."""
     there = screened(case, screening.piece, likely, theta)
-    return there if there is not None and len(there.free.fired) == len(screening.free.fired) else None
+    if there is None or len(there.free.fired) != len(screening.free.fired):
+        return None
+    return there if as_many or (there.free.fired == screening.free.fired).all() else None
 
 
 def _own_theta(found: Fitted) -> Array | None:

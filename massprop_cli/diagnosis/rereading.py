@@ -25,16 +25,17 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import cross
 from massprop_cli.diagnosis import segment
 from massprop_cli.diagnosis.corrections import Correction, GimbalColumns, RotorColumns
-from massprop_cli.diagnosis.explanation import EVEN, Diagnosis, Explanation
+from massprop_cli.diagnosis.explanation import EVEN, IN_MAP, IN_VEHICLE_FILE
+from massprop_cli.diagnosis.fault import Diagnosis, Fault
 from massprop_cli.diagnosis.hypotheses import other_units
 from massprop_cli.diagnosis.ranking import CLEAR
-from massprop_cli.diagnosis.wording import IN_MAP, IN_VEHICLE_FILE
 from massprop_cli.errorparameters.sensor import DEGREE
 from massprop_cli.errorparameters.thrust import RPM
 from massprop_cli.estimate import phases
 from massprop_cli.estimate.known import of_no_matter
 from massprop_cli.inputs.actuators.control_moment_gyro import GIMBAL, GyroLog
 from massprop_cli.inputs.columns import DELTA_THETA
+from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.model.gyroscopic import products
@@ -93,7 +94,8 @@ def reread(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[tuple[P
     if not near:
         return None
     message = f"the log fits if {', or else '.join(one.words for one in near)}"
-    return Diagnosis((Explanation(near[0].code, message, near[0].correction, rivals=tuple(one.correction for one in near[1:])),))
+    rivals = tuple(one.correction for one in near[1:])
+    return Diagnosis((Fault(Notice(near[0].code, message), near[0].correction, rivals=rivals),))
 
 
 class _Look(NamedTuple):

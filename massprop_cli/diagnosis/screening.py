@@ -17,7 +17,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import hypotheses, normalised, segment
 from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_response
 from massprop_cli.diagnosis.coefficients import Model
-from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted, compared, fitted
+from massprop_cli.diagnosis.comparison import ROUGHLY, STILL, Fitted, compared, fitted
 from massprop_cli.diagnosis.corrections import Case, certain
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.ranking import CLEAR, Ranking
@@ -154,6 +154,22 @@ class Screening:
         every = channel_names(self.case.log, self.case.vehicle)
         return [every[i] for i in self.free.fired]
 
+    def fitted(self, supposed: Sequence[Hypothesis], theta: Array | None = None, still: float = STILL) -> list[Fitted]:
+        """Hypotheses fitted to the stretch (:func:`massprop_cli.diagnosis.comparison.fitted`)."""
+        return fitted(self.model, self.free, self.free.variance, supposed, theta, still)
+
+    def supposing(self, supposed: Hypothesis, **moved: float) -> Fitted:
+        """A hypothesis before anything is fitted to it, with entries of x moved by so much."""
+        x = self.stated.x.copy()
+        for name, by in moved.items():
+            x[self.model.place(name)] += by
+        return Fitted(supposed, self.model, x, self.stated.chi_square, np.zeros(supposed.free.shape[1]))
+
+    def next_step(self, found: Fitted) -> tuple[Fitted, float]:
+        """The next step of a hypothesis that is in place here, and by how much it promises to lower −2 log likelihood."""
+        (more,) = self.fitted([found.hypothesis.moves], found.value("theta"))
+        return more, self.likelihood(self.stated.chi_square) - self.likelihood(more.chi_square)
+
     @property
     def misfit(self) -> float:
         """What is left over what is to be expected."""
@@ -275,7 +291,7 @@ class Screening:
         supposed = normalised.supposed(self.model, self.names, own)[:1]
         if not supposed or (len(own) == len(self.names) and len({"torque" in name for name in own}) < 2):
             return False
-        (found,) = fitted(self.model, self.free, self.free.variance, supposed, self.stated.value("theta"))
+        (found,) = self.fitted(supposed, self.stated.value("theta"))
         near = np.abs(found.moved) < TOLD[0] * found.spread
         return bool((near & (normalised.SIZE * found.spread < TOLD[1])).all())
 
@@ -287,13 +303,13 @@ class Screening:
         """
         stored = range(self.model.thrusting, len(self.names))
         if self.model.thrusting and stored:  # as much less of what stores momentum is the same motion, and may be nearer
-            (other,) = fitted(self.model, self.free, self.free.variance, [hypotheses.scaled(self.model, self.names, stored)], still=ROUGHLY)
+            (other,) = self.fitted([hypotheses.scaled(self.model, self.names, stored)], still=ROUGHLY)
             part = float(other.factors[0])
             return [hypotheses.scaled(self.model, self.names, range(self.model.thrusting), 1 / part)] if part > 0 else []
         group = pushing(self.model.wrench(self.model.stated)[1], self.model.together)
         if self.model.bearing is not None or not group:
             return []
-        (away,) = fitted(self.model, self.free, self.free.variance, [hypotheses.imu_position(self.model)], still=ROUGHLY)
+        (away,) = self.fitted([hypotheses.imu_position(self.model)], still=ROUGHLY)
         centre, by = away.value("theta")[MOMENT], away.value("imu")
         share = float(np.dot(by, centre)) / max(float(np.dot(centre, centre)), TINY)
         return [hypotheses.scaled(self.model, self.names, group, 1 / (1 - share))] if share < 1 else []
@@ -307,8 +323,7 @@ class Screening:
         if self.model.bearing is not None:
             rough = np.array(self._gravity[: len(every)])
         else:
-            each = fitted(self.model, self.free, self.free.variance, every, still=ROUGHLY)
-            rough = self.likelihoods(np.array([one.chi_square for one in each]))
+            rough = self.likelihoods(np.array([one.chi_square for one in self.fitted(every, still=ROUGHLY)]))
         return [every[i] for i in np.argsort(rough, kind="stable")[:SHARE]]
 
     @cached_property
@@ -321,13 +336,12 @@ class Screening:
             return []
         *rough, stated = self._gravity
         order = [i for i in np.argsort(rough, kind="stable")[:UPRIGHT] if rough[i] < stated * AS_WELL]
-        return [Fitted(self.turns[i], self.model, self.stated.x, self.stated.chi_square, np.zeros(0)) for i in order]
+        return [self.supposing(self.turns[i]) for i in order]
 
     @cached_property
     def turned_beside_a_channel(self) -> list[Hypothesis]:
         """The unit or mounting that leaves least whatever one of the channels does; none on a bearing (:attr:`upright`)."""
         turns, channels = [] if self.model.bearing is not None else self.turns, range(len(self.names))
-
         if not turns or not channels:
             return []
         every = [turn.whatever(channel) for turn in turns for channel in channels]
@@ -335,7 +349,7 @@ class Screening:
         of_each = roughly.reshape(len(turns), len(channels))
         likely = np.argsort(of_each.min(1), kind="stable")[:UPRIGHT]
         some = [(i, j) for i in likely for j in np.argsort(of_each[i], kind="stable")[:UPRIGHT]]
-        near = fitted(self.model, self.free, self.free.variance, [every[i * len(channels) + j] for i, j in some], still=ROUGHLY)
+        near = self.fitted([every[i * len(channels) + j] for i, j in some], still=ROUGHLY)
         best = int(np.argmin([self.likelihood(one.chi_square) for one in near]))
         return [turns[some[best][0]]]
 
@@ -354,11 +368,11 @@ class Screening:
 
     @cached_property
     def _gravity(self) -> list[float]:
-        """Of each, and as stated."""
-        return self._by_gravity([*self.turns, self.stated.hypothesis])
+        """Mean square of what is left of the specific force once the vertical, integrated from the rates, is taken out.
 
-    def _by_gravity(self, supposed: Sequence[Hypothesis]) -> list[float]:
-        """Mean square of what is left of the specific force once the vertical, integrated from the rates as supposed, is taken out."""
+        Under each of ``turns``, and as stated.
+        """
+        supposed = [*self.turns, self.stated.hypothesis]
         samples = self.case.timing.of(self.case.log, self.case.vehicle)
         rate, force = samples.rate_rad_s[: self.piece.stop], samples.specific_force_m_s2[: self.piece.stop]
         turns = np.linalg.inv(np.stack([one.gyro for one in supposed]))

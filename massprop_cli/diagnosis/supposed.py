@@ -32,11 +32,10 @@ class Supposed(NamedTuple):
 
     def fitted(self, screening: Screening) -> Fitted:
         """As a hypothesis, before anything is fitted to it."""
-        x, none = screening.stated.x.copy(), np.zeros((len(screening.stated.x), 0))
-        x[screening.model.place("delay")] += self.later
+        none = np.zeros((len(screening.stated.x), 0))
         free = along(screening.model, ("delay", np.full(1, self.loose / PRIORS["delay"]))) if self.loose else none
         first, *others = self.codes
         supposed = Hypothesis(first, (), free, states=self.states, further=self.further)
         for code in others:
             supposed = replace(supposed, code="", parts=(supposed, Hypothesis(code, (), none)))
-        return Fitted(supposed, screening.model, x, screening.stated.chi_square, np.zeros(free.shape[1]))
+        return screening.supposing(supposed, delay=self.later)

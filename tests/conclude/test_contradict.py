@@ -12,10 +12,11 @@ import pytest
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.conclude import contradict
 from massprop_cli.conclude.analysis import MendedAnswer
-from massprop_cli.conclude.contradict import Fault, by_known, by_lost
+from massprop_cli.conclude.contradict import by_known, by_lost
 from massprop_cli.conclude.judge import judged
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.diagnosis.corrections import Correction
+from massprop_cli.diagnosis.fault import Fault
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Known, Phase

@@ -13,10 +13,10 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.conclude import correctedestimate
 from massprop_cli.conclude.analysis import MendedAnswer
-from massprop_cli.conclude.contradict import Fault
 from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.pivot import with_pivot
 from massprop_cli.diagnosis import UNKNOWN
+from massprop_cli.diagnosis.fault import Fault
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.logfile import read_table

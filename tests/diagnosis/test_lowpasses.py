@@ -17,7 +17,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.diagnosis import diagnose, sensorkernel
-from massprop_cli.diagnosis.explanation import Diagnosis
+from massprop_cli.diagnosis.fault import Diagnosis
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from tests import anyimu, flown
 

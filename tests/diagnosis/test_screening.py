@@ -222,8 +222,8 @@ def test_a_change_leaves_two_bodies_less_than_half_of_what_it_leaves_one(keys: t
     named = _changed(screening, whole, lambda: None)
     assert (named is not None) is changed
     if named is not None:
-        (one,) = named.explanations
-        assert one.code == "mass-change"
+        (one,) = named.faults
+        assert one.notice.code == "mass-change"
         assert one.change_s == pytest.approx(173 * 0.05, abs=0.05)
 
 

@@ -104,4 +104,4 @@ def test_a_cause_that_fits_alone_is_the_answer_though_it_was_first_tried_to_find
     before = replace(trial, fits=False, fitted=replace(trial.fitted, hypothesis=replace(trial.fitted.hypothesis)))
     found = _pair(screening, [before], np.inf)
     assert found is not None
-    assert [(one.code, "divert_xp" in one.message) for one in found.explanations] == [("jet-position", True)]
+    assert [(one.notice.code, "divert_xp" in one.notice.message) for one in found.faults] == [("jet-position", True)]
