@@ -20,7 +20,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.fit import PASSES, Extra, Fit, fit, response
 from massprop_cli.diagnosis.freeresponse import LEAST, motion_of, unexplained, unexplained_by
 from massprop_cli.diagnosis.linesearch import line_minimum
-from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.estimate.residualtest import REFUTED, deviate, threshold
@@ -102,16 +102,15 @@ class FoundTiming:
         part = self.covariance[np.ix_(both, both)]
         return float(part[0, 1] / np.sqrt(part[0, 0] * part[1, 1])) if part[0, 0] * part[1, 1] > 0 else 0.0
 
+    def setup(self, given: Setup) -> Setup:
+        """As ``given``, with this timing and its low-passes."""
+        return given._replace(vehicle=given.vehicle if self.imu is None else stating(given.vehicle, {"imu": self.imu}), timing=self.at)
+
     def between(self, moved: Array, covariance: Array, given: Setup) -> FoundTiming:
         """What the log and what was ``given`` come to: that moved by so much, cycles."""
         setup = shifted(given, self.unknown, moved)
-        return replace(
-            self,
-            at=setup.timing,
-            sigma=_sigmas(self.unknown, covariance),
-            covariance=covariance,
-            imu=None if self.imu is None else setup.vehicle.imu,
-        )
+        sigma, imu = _sigmas(self.unknown, covariance), None if self.imu is None else setup.vehicle.imu
+        return replace(self, at=setup.timing, sigma=sigma, covariance=covariance, imu=imu)
 
 
 def _sigmas(unknown: Sequence[str], covariance: Array) -> Timing:
@@ -132,18 +131,21 @@ def cycles_of(setup: Setup, name: str) -> float:
     return 1 / (2 * np.pi * value * setup.period_s) if name.endswith("_cutoff") else value / BY_NAME[name].scale(setup.vehicle)
 
 
-def detect(
-    log: Log, vehicle: Resolved, pieces: Sequence[slice], start: Timing, unknown: Sequence[str], prior: Sequence[float] | None = None
-) -> FoundTiming | None:
-    """The ``unknown`` delay, lag and cutoffs, from ``start`` and the vehicle's on, pooled over ``pieces`` (cycles of each phase).
+def apart(one: Setup, other: Setup, names: Sequence[str]) -> Array:
+    """(n,) by how many cycles some error parameters of one are beyond those of the other."""
+    return np.array([cycles_of(one, name) - cycles_of(other, name) for name in names])
+
+
+def detect(setup: Setup, pieces: Sequence[slice], unknown: Sequence[str], prior: Sequence[float] | None = None) -> FoundTiming | None:
+    """The ``unknown`` delay, lag and cutoffs, from those of ``setup`` on, pooled over ``pieces`` (cycles of each phase).
 
     ``prior``: one sigma of what is stated of each, cycles; 0: nothing is. None where the log can't tell.
     """
-    begun = now = Setup(log, vehicle, start)
+    now = setup
     last: Array = np.zeros(len(unknown))
     references = dict[int, Reference]()
     sharp = np.array([1 / sigma**2 if sigma else 0.0 for sigma in prior or [0.0] * len(unknown)])
-    first = np.array([cycles_of(begun, name) for name in unknown])
+    first = np.array([cycles_of(setup, name) for name in unknown])
     for _ in range(STEPS if list(unknown) == ["delay"] else MORE_STEPS):
         found = _move(now, pieces, unknown, references)
         if found is None:
@@ -155,8 +157,8 @@ def detect(
         # two that look alike go to and fro, and one at a whole cycle, where what the motion depends on has a corner
         steps = steps / 2 if steps @ last < -(last @ last) * (len(unknown) == 1) / 2 else steps
         last = bounded(steps, covariance, LEAP * np.array([*map(_size, unknown, at, steps)]))
-        now = shifted(now, unknown, last)
-        moved = np.abs([cycles_of(now, name) - own for name, own in zip(unknown, at, strict=True)])
+        before, now = now, shifted(now, unknown, last)
+        moved = np.abs(apart(now, before, unknown))
         sigmas = np.sqrt(np.diag(covariance))
         small = np.where([name in ("delay", "lag") for name in unknown], SETTLED, LITTLE * sigmas)
         if (moved < np.maximum(small, SETTLED)).all():
@@ -245,10 +247,8 @@ def low_passes(log: Log, vehicle: Vehicle, timing: Timing, cutoffs: Sequence[str
         grid = [values for values, own in ((CUTOFFS_HZ, cutoffs), (late, latencies)) if sensor in own]
         best = (np.inf, vehicle)
         for values in itertools.product(*grid) if keys else ():
-            tried = Setup(log, vehicle, timing)
-            for key, value in zip(keys, values, strict=True):
-                tried = tried.having(key, np.array([value]))
-            best = min(best, (unexplained_by(log, tried.vehicle, timing)[place], tried.vehicle), key=itemgetter(0))
+            tried = stating(vehicle, dict(zip(keys, values, strict=True)))
+            best = min(best, (unexplained_by(log, tried, timing)[place], tried), key=itemgetter(0))
         vehicle = best[1]
     return vehicle
 

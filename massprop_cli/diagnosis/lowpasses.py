@@ -10,20 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import cast
 
 import numpy as np
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.corrections import Case
-from massprop_cli.diagnosis.delay import LONGEST, PRIOR, SENSORS, cycles_of, detect
+from massprop_cli.diagnosis.delay import LONGEST, PRIOR, SENSORS, apart, cycles_of, detect
 from massprop_cli.diagnosis.freeresponse import MeasuredMotion, motion_of, unexplained_by
 from massprop_cli.diagnosis.linesearch import line_minimum, sigma_at
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.supposed import States, Supposed
 from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.errorparameters.table import BY_NAME, SIGMA_KEYS
-from massprop_cli.model.resolved import Resolved
 
 LATER = (-1.0, -0.5, -0.25, -0.12, -0.06, 0.06, 0.12, 0.25, 0.5, 1.0)
 """Cycles by which a sensor may be later than stated."""
@@ -75,12 +73,12 @@ class _Search:
         estimated = self.sought or self.back != 0
         prior = [0.0 if estimated else self.loose] * len(delay) + [0.0] * len(names)
         begun = self._begun(filtered) if names else case.setup
-        found = detect(case.log, cast("Resolved", begun.vehicle), [piece], begun.timing, [*delay, *names], prior) if names else None
+        found = detect(begun, [piece], [*delay, *names], prior) if names else None
         if found is None or found.imu is None:
             return []
-        there = case.setup._replace(vehicle=case.vehicle.model_copy(update={"imu": found.imu}))
+        there = case.setup._replace(vehicle=stating(case.vehicle, {"imu": found.imu}))
         sigmas = np.sqrt(np.diag(found.covariance))[len(delay) :]
-        moved = [abs(cycles_of(there, name) - cycles_of(case.setup, name)) for name in names]
+        moved = np.abs(apart(there, case.setup, names))
         states, codes = States(), list[str]()
         for sensor, name, by, sigma in zip(filtered, names, moved, sigmas, strict=True):
             key = f"imu.{sensor}_filter.cutoff_hz"

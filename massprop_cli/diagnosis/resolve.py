@@ -15,7 +15,7 @@ from massprop_cli.base.errors import InputError, UntoldError
 from massprop_cli.diagnosis import delay, segment
 from massprop_cli.diagnosis.delay import FoundTiming, Rated
 from massprop_cli.diagnosis.samplededges import beside_samples, stepped
-from massprop_cli.errorparameters.setup import Setup, rebuilt
+from massprop_cli.errorparameters.setup import Setup, rebuilt, stating
 from massprop_cli.errorparameters.table import BY_NAME, TABLE
 from massprop_cli.estimate import noiselevels
 from massprop_cli.estimate.history import phases_of
@@ -43,23 +43,13 @@ PHASE = 0.1
 """Part of a record: one sigma of when an IMU on a clock of its own takes its samples by the commands' clock, unless it is stated."""
 LONGEST = 4800
 """Cycles that delay and lag are looked for in: beyond, they are known to a ten-thousandth of a cycle, and fits hold all cycles at once."""
-LATENCIES = ("gyro_latency", "accel_latency")
+CUTOFFS, LATENCIES = ("gyro_cutoff", "accel_cutoff"), ("gyro_latency", "accel_latency")
 PAIRS = (
     ("delay", "lag"),
-    ("gyro_cutoff", "delay"),
-    ("accel_cutoff", "delay"),
-    ("gyro_cutoff", "lag"),
-    ("accel_cutoff", "lag"),
-    ("gyro_cutoff", "accel_cutoff"),
-    ("gyro_latency", "delay"),
-    ("accel_latency", "delay"),
-    ("gyro_latency", "lag"),
-    ("accel_latency", "lag"),
-    ("gyro_latency", "gyro_cutoff"),
-    ("accel_latency", "gyro_cutoff"),
-    ("gyro_latency", "accel_cutoff"),
-    ("accel_latency", "accel_cutoff"),
-    ("gyro_latency", "accel_latency"),
+    *((cutoff, other) for other in ("delay", "lag") for cutoff in CUTOFFS),
+    CUTOFFS,
+    *((latency, other) for other in ("delay", "lag", *CUTOFFS) for latency in LATENCIES),
+    LATENCIES,
 )
 """Of which a vehicle file may state a correlation: the first in thrust, the others in imu.filter_correlation."""
 ROUGHLY = 0.5
@@ -78,7 +68,7 @@ def with_phase(log: Log, vehicle: Vehicle) -> Vehicle:
     if not apart or vehicle.cycle.command_delay_cycles == "auto" or "command_delay_sigma_cycles" in vehicle.cycle.model_fields_set:
         return vehicle
     sigma = PHASE * float(np.mean(log.interval_s)) / vehicle.cycle.period_s
-    return vehicle.model_copy(update={"cycle": vehicle.cycle.model_copy(update={"command_delay_sigma_cycles": sigma})})
+    return stating(vehicle, {"cycle.command_delay_sigma_cycles": sigma})
 
 
 def with_pace(log: Log, vehicle: Vehicle) -> Vehicle:
@@ -108,27 +98,24 @@ def with_timing(stated: Vehicle, detected: FoundTiming | None) -> Vehicle:
     if detected is None:
         return stated
     found = dict(zip(detected.unknown, np.sqrt(np.diag(detected.covariance)).tolist(), strict=True))
-    cycle, thrust = {}, {}
+    values: dict[str, object] = {}
     if detected.sigma.delay > 0:
-        cycle["command_delay_sigma_cycles"] = detected.sigma.delay
+        values["cycle.command_delay_sigma_cycles"] = detected.sigma.delay
     if detected.sigma.lag > 0:
-        thrust["lag_sigma_s"] = detected.sigma.lag_s(stated)
-    pairs = [detected.correlation(*pair) for pair in PAIRS]
-    if cycle and thrust:
-        thrust["lag_delay_correlation"] = pairs[0]
-    used = stated.model_copy(update={"cycle": stated.cycle.model_copy(update=cycle), "thrust": stated.thrust.model_copy(update=thrust)})
-    if detected.imu is None:
-        return used
-    low_passes: dict[str, object] = {"filter_correlation": tuple(pairs[1:])}
-    for sensor in delay.SENSORS:
-        own: LowPass | None = getattr(detected.imu, f"{sensor}_filter")
-        if own is None:
-            continue
-        at = used.model_copy(update={"imu": detected.imu})
-        names = {f"{part}_sigma_{unit}": f"{sensor}_{part}" for part, unit in (("cutoff", "hz"), ("latency", "s"))}
-        sigmas = {key: BY_NAME[name].scale(at) * found[name] for key, name in names.items() if name in found}
-        low_passes[f"{sensor}_filter"] = own.model_copy(update=sigmas)
-    return used.model_copy(update={"imu": used.imu.model_copy(update=low_passes)})
+        values["thrust.lag_sigma_s"] = detected.sigma.lag_s(stated)
+    first, *others = (detected.correlation(*pair) for pair in PAIRS)
+    if detected.sigma.delay > 0 and detected.sigma.lag > 0:
+        values["thrust.lag_delay_correlation"] = first
+    if detected.imu is not None:
+        values["imu.filter_correlation"] = tuple(others)
+        at = stating(stated, {"imu": detected.imu})
+        for sensor in delay.SENSORS:
+            own: LowPass | None = getattr(detected.imu, f"{sensor}_filter")
+            if own is not None:
+                names = {f"{part}_sigma_{unit}": f"{sensor}_{part}" for part, unit in (("cutoff", "hz"), ("latency", "s"))}
+                sigmas = {key: BY_NAME[name].scale(at) * found[name] for key, name in names.items() if name in found}
+                values[f"imu.{sensor}_filter"] = own.model_copy(update=sigmas)
+    return stating(stated, values)
 
 
 def uncertain_timing(setup: Setup, samples: Stream) -> Consider:
@@ -161,13 +148,12 @@ def found_timing(log: Log, source: VehicleSource, say: Progress) -> FoundTiming 
     steps = None if found is None else stepped(log, source.vehicle, found.at)
     if found is None or steps is None:
         return found
-    vehicle = source.vehicle if found.imu is None else source.vehicle.model_copy(update={"imu": found.imu})
-    return beside_samples(*_bounded(log, vehicle, found.at), found, *steps)
+    return beside_samples(*_bounded(found.setup(Setup(log, source.vehicle, found.at))), found, *steps)
 
 
 def _found(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
     automatic = {"delay": vehicle.cycle.command_delay_cycles == "auto", "lag": vehicle.thrust.lag_s == "auto"}
-    open_ = [sensor for sensor in delay.SENSORS if _open(getattr(vehicle.imu, f"{sensor}_filter"))]
+    open_ = [sensor for sensor in delay.SENSORS if (one := getattr(vehicle.imu, f"{sensor}_filter")) and one.cutoff_hz == "auto"]
     late = [sensor for sensor in delay.SENSORS if (one := getattr(vehicle.imu, f"{sensor}_filter")) and one.latency_s == "auto"]
     automatic |= {f"{sensor}_cutoff": True for sensor in open_} | {f"{sensor}_latency": True for sensor in late}
     unknown = [name for name, auto in automatic.items() if auto]
@@ -179,10 +165,8 @@ def _found(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
             "one of them"
         )
     say("finding delay, lag and low-passes", 0.0)
-    for sensor in open_:  # whatever it is, to begin with
-        vehicle = Setup(log, vehicle, Timing(0.0, 0.0)).having(f"imu.{sensor}_filter.cutoff_hz", np.array([FIRST_HZ])).vehicle
-    for sensor in late:
-        vehicle = Setup(log, vehicle, Timing(0.0, 0.0)).having(f"imu.{sensor}_filter.latency_s", np.zeros(1)).vehicle
+    vehicle = stating(vehicle, {f"imu.{sensor}_filter.cutoff_hz": FIRST_HZ for sensor in open_})  # whatever it is, to begin with
+    vehicle = stating(vehicle, {f"imu.{sensor}_filter.latency_s": 0.0 for sensor in late})
     given = stated_timing(vehicle)
     lags = delay.LAGS if automatic["lag"] else (given.lag,)
     latest = Timing(delay.LONGEST, max(lags))
@@ -192,7 +176,8 @@ def _found(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
     coarse = rated[0].at if rated else coarse
     if coarse is not None:
         vehicle = delay.low_passes(part, vehicle, coarse, open_, late)
-        found = _beside_stated(log, vehicle, coarse, automatic) or _detected(log, vehicle, coarse, unknown)
+        begun = Setup(log, vehicle, coarse)
+        found = _beside_stated(begun, automatic) or _detected(begun, unknown)
         if unknown == ["delay"] and (found is None or found.chi_square > delay.BADLY):
             found = delay.by_commands_alone(part, vehicle, coarse) or found
     if found is None:
@@ -235,44 +220,37 @@ def _likeliest(setup: Setup, unknown: Sequence[str]) -> tuple[str, ...]:
     return tuple(settings)
 
 
-def _open(low_pass: LowPass | None) -> bool:
-    return low_pass is not None and low_pass.cutoff_hz == "auto"
+def _detected(setup: Setup, unknown: Sequence[str], prior: Sequence[float] | None = None) -> FoundTiming | None:
+    part, within = _bounded(setup)
+    if "accel_latency" not in unknown and stepped(setup.log, setup.vehicle, setup.timing) is not None:
+        part = part._replace(log=replace(part.log, axes=(*part.log.axes[:3], False, False, False)))  # its steps would be taken for slopes
+    return delay.detect(part, within, unknown, prior)
 
 
-def _detected(
-    log: Log, vehicle: Vehicle, start: Timing, unknown: Sequence[str], prior: Sequence[float] | None = None
-) -> FoundTiming | None:
-    part, used, within = _bounded(log, vehicle, start)
-    if "accel_latency" not in unknown and stepped(log, vehicle, start) is not None:
-        part = replace(part, axes=(*part.axes[:3], False, False, False))  # whose steps would be taken for slopes
-    return delay.detect(part, used, within, start, list(unknown), prior)
-
-
-def _bounded(log: Log, vehicle: Vehicle, start: Timing) -> tuple[Log, Resolved, Sequence[slice]]:
-    """A part of the log that is no longer than a search takes, the vehicle with noise levels, and the cycles of each phase in it."""
-    samples = Stream.of(log, vehicle, start)
+def _bounded(setup: Setup) -> tuple[Setup, Sequence[slice]]:
+    """A part of the log that is no longer than a search takes, with noise levels, and the cycles of each phase in it."""
+    log, vehicle, timing, *_ = setup
+    samples = Stream.of(log, vehicle, timing)
     pieces = [cycles for _, cycles in phases_of(log, vehicle, samples)]
     used, _ = noiselevels.with_noise_levels(samples, pieces, vehicle)
-    part, within = segment.bounded(log, vehicle, start, pieces, LONGEST)
-    return part, used, within
+    part, within = segment.bounded(log, vehicle, timing, pieces, LONGEST)
+    return Setup(part, used, timing), within
 
 
-def _beside_stated(log: Log, vehicle: Vehicle, start: Timing, automatic: Mapping[str, bool]) -> FoundTiming | None:
+def _beside_stated(begun: Setup, automatic: Mapping[str, bool]) -> FoundTiming | None:
     """What is to be found, together with what is stated with a sigma beside it; None where nothing is, or it isn't found so.
 
     Held at what is stated it would move the other as far as it is off itself.
     """
-    sigmas = _stated_sigmas(vehicle)
+    sigmas = _stated_sigmas(begun.vehicle)
     unknown = [name for name in SOUGHT if automatic.get(name) or sigmas[name] > 0]
     if len(unknown) == sum(automatic.values()):
         return None
     prior = [0.0 if automatic.get(name) else sigmas[name] for name in unknown]
-    found = _detected(log, vehicle, start, unknown, prior)
+    found = _detected(begun, unknown, prior)
     if found is None:
         return None
-    begun = Setup(log, vehicle, start)
-    at = Setup(log, vehicle if found.imu is None else vehicle.model_copy(update={"imu": found.imu}), found.at)
-    away = [abs(delay.cycles_of(at, name) - delay.cycles_of(begun, name)) for name in unknown]
+    away = np.abs(delay.apart(found.setup(begun), begun, unknown))
     return found if all(not sigma or off < FARTHEST * sigma for off, sigma in zip(away, prior, strict=True)) else None
 
 
@@ -289,14 +267,12 @@ def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
     say("finding delay, lag and low-passes", 0.0)
     shifts = {"delay", *LATENCIES} & set(unknown)
     # of delay and latencies only the sums show, and what is stated parts them
-    found = None if len(shifts) > 1 + any(log.axes[3:]) else _detected(log, vehicle, given.timing, unknown)
+    found = None if len(shifts) > 1 + any(log.axes[3:]) else _detected(given, unknown)
     if found is None:
-        return _beside_stated(log, vehicle, given.timing, {}) if len(shifts) > 1 else None
+        return _beside_stated(given, {}) if len(shifts) > 1 else None
     if found.chi_square > delay.BADLY:
         return None  # of pulses that err each by itself, say, which a fit without such errors makes a delay of
-    at = Setup(log, vehicle if found.imu is None else vehicle.model_copy(update={"imu": found.imu}), found.at)
-    moved = np.array([delay.cycles_of(at, name) - delay.cycles_of(given, name) for name in unknown])
-    return _between(found, given, moved, _stated_covariance(vehicle, unknown))
+    return _between(found, given, delay.apart(found.setup(given), given, unknown), _stated_covariance(vehicle, unknown))
 
 
 def _stated_sigmas(vehicle: Vehicle) -> dict[str, float]:

@@ -50,14 +50,11 @@ def stepped(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[float, float] |
     return (float(np.median(late)), float(np.ptp(late))) if late.size > MANY * acting_s.size else None
 
 
-def beside_samples(
-    log: Log, vehicle: Resolved, pieces: Sequence[slice], found: FoundTiming, late_s: float, scatter_s: float
-) -> FoundTiming:
+def beside_samples(begun: Setup, pieces: Sequence[slice], found: FoundTiming, late_s: float, scatter_s: float) -> FoundTiming:
     """As found, or with all commands just before or just after samples that are near, whichever is likeliest.
 
     ``late_s`` and ``scatter_s`` as :func:`stepped` gives them.
     """
-    begun = Setup(log, vehicle, found.at)
     if abs(late_s) > NEAR * found.sigma.delay * begun.period_s:
         return found
     best, least = found, np.inf

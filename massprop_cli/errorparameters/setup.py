@@ -73,10 +73,10 @@ def _lagging(vehicle: Vehicle, by_s: float) -> Vehicle:
 
 
 def stating(vehicle: Vehicle, values: Mapping[str, Any]) -> Vehicle:
-    """The vehicle with other values of dotted keys, which are no numbers or whole tables."""
+    """The vehicle with other values of dotted keys, or other tables."""
     for key, value in values.items():
         section, _, name = key.partition(".")
-        vehicle = rebuilt(vehicle, **{section: _with(getattr(vehicle, section), name, value)})
+        vehicle = rebuilt(vehicle, **{section: _with(getattr(vehicle, section), name, value) if name else value})
     return vehicle
 
 

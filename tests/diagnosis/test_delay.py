@@ -13,6 +13,7 @@ from scipy.stats import chi2
 from massprop_cli import job
 from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis import delay
+from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.flow import Analysis
 from massprop_cli.prepare.timing import Timing
 from massprop_cli.result import build
@@ -192,7 +193,7 @@ def test_a_response_that_runs_away_tells_no_delay() -> None:
     for size in (1e3, 1e60, 1e150):
         wild = replace(found.log, delta_theta_imu_rad=size * found.log.delta_theta_imu_rad)
         with np.errstate(all="ignore"):  # as the command does
-            assert delay.detect(wild, resolved(found.vehicle), [history.cycles], found.timing, ["delay"]) is None
+            assert delay.detect(Setup(wild, resolved(found.vehicle), found.timing), [history.cycles], ["delay"]) is None
 
 
 def test_bounded_steps_are_the_likeliest_of_those_allowed() -> None:

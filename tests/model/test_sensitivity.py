@@ -237,7 +237,7 @@ def test_a_delay_a_little_off_is_told_by_its_column_as_by_a_search(later: float)
     told = examined(log, resolved(said), Timing(2.0 - later, 0.0), samples, about).delay()
     assert told is not None
     found, sigma, before, after = told
-    searched = delay.detect(log, resolved(said), [about[0].cycles], Timing(2.0 - later, 0.0), ["delay"])
+    searched = delay.detect(Setup(log, resolved(said), Timing(2.0 - later, 0.0)), [about[0].cycles], ["delay"])
     assert searched is not None
     assert sigma == pytest.approx(searched.sigma.delay, rel=0.1)
     # the sample's delay is two cycles; the column is linear, the step a fraction of a cycle
