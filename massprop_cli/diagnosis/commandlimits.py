@@ -15,8 +15,7 @@ import numpy as np
 from massprop_cli.base.arrays import TINY, Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.corrections import Case
-from massprop_cli.diagnosis.freeresponse import MeasuredMotion, commanded, cost, residuals
-from massprop_cli.diagnosis.linesearch import line_minimum
+from massprop_cli.diagnosis.freeresponse import MeasuredMotion, cost, line_minimum, summed
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.supposed import States
 from massprop_cli.errorparameters.setup import stating
@@ -68,8 +67,7 @@ class _Explained:
         """(n, 6) of rates and specific force, of parts (6,) and the delay beyond that of the case."""
         vehicle = stating(self._case.vehicle, self.states(values[:-1]))
         timing = self._case.timing.moved(("delay",), (values[-1],))
-        rates, force = residuals(self._motion, *commanded(self._case.log, vehicle, timing, self._first), summed=True)
-        return np.hstack([rates, force[1:]])
+        return summed(self._motion, self._case.log, vehicle, timing, self._first)
 
     def _cost(self, parts: tuple[float, ...]) -> float:
         if min(parts) <= 0 or max(parts) > 1:

@@ -18,8 +18,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.fit import PASSES, Extra, Fit, fit, response
-from massprop_cli.diagnosis.freeresponse import LEAST, motion_of, unexplained, unexplained_by
-from massprop_cli.diagnosis.linesearch import line_minimum
+from massprop_cli.diagnosis.freeresponse import LEAST, line_minimum, motion_of, unexplained, unexplained_by
 from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.estimate.initial import first_reference

@@ -9,12 +9,15 @@ which delay, low-pass or limit of commands explains most; a fit of the body then
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, TINY, Array
 from massprop_cli.base.errors import InputError
+from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
@@ -24,6 +27,9 @@ from massprop_cli.prepare.timing import Timing
 
 LEAST = 30
 """Cycles that a search needs beyond those whose commands it doesn't know."""
+
+NEAR, FLAT = 0.01, 1e3
+"""Step behind the curvature of what is left by a value; the least curvature that tells a sigma: of 0.04."""
 
 
 class MeasuredMotion(NamedTuple):
@@ -45,6 +51,16 @@ def unexplained_by(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0, m
     """
     made, cycles = commanded(log, vehicle, timing, first)
     return unexplained(motion or motion_of(timing.of(log, vehicle, made)), made, cycles)
+
+
+def unexplained_with(
+    setup: Setup, values: Mapping[str, object], later: float = 0.0, first: int = 0, motion: MeasuredMotion | None = None
+) -> tuple[float, float]:
+    """The same with other values of keys, and commands that act ``later`` by some cycles; infinite where too little of the log is left."""
+    try:
+        return unexplained_by(setup.log, stating(setup.vehicle, values), setup.timing.moved(("delay",), (later,)), first, motion)
+    except (InputError, np.linalg.LinAlgError):
+        return np.inf, np.inf
 
 
 def commanded(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0) -> tuple[Impulses, slice]:
@@ -87,8 +103,34 @@ def residuals(motion: MeasuredMotion, made: Impulses, piece: slice, summed: bool
     return _left(growth, causes), _left(motion.force[piece], np.hstack([whole, turned, up, np.ones((len(rate), 1))]))
 
 
+def summed(motion: MeasuredMotion, log: Log, vehicle: Vehicle, timing: Timing, first: int = 0) -> Array:
+    """(n, 6) what is left of the rates themselves, and of specific force."""
+    rates, force = residuals(motion, *commanded(log, vehicle, timing, first), summed=True)
+    return np.hstack([rates, force[1:]])
+
+
 def _left(moved: Array, causes: Array) -> Array:
     size = np.sqrt((causes**2).sum(0))
     told = causes[:, size > 0] / size[size > 0]
     # jets that always fire together are one: a factorisation would take a direction of rounding for the other
     return np.asarray(moved - told @ np.linalg.lstsq(told, moved, rcond=ROUNDING)[0])
+
+
+def line_minimum(cost: Callable[[float], float], begun: Sequence[float], step: float, finest: float) -> float:
+    """The value with the least cost, from the best of those ``begun`` on by halved steps; of values that cost the same the largest."""
+
+    @cache
+    def order(value: float) -> tuple[float, float]:
+        return cost(value), -value
+
+    at = min(begun, key=order)
+    while step > finest:
+        step /= 2
+        at = min((at, at - step, at + step), key=order)
+    return at
+
+
+def sigma_at(cost: Callable[[float], float], at: float) -> float:
+    """One sigma of a value by the curvature of −2 log likelihood."""
+    bent = (cost(at - NEAR) - 2 * cost(at) + cost(at + NEAR)) / NEAR**2
+    return float((2 / max(bent, FLAT)) ** 0.5) if np.isfinite(bent) else NEAR

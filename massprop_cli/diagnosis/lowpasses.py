@@ -2,8 +2,7 @@
 
 Cutoffs are fitted to the log together (:func:`massprop_cli.diagnosis.delay.detect`), and with the delay where that was estimated: it takes
 the difference of the low-passes' own delays. For latencies rates and specific force are regressed on the commands as each would show them
-(:func:`massprop_cli.diagnosis.freeresponse.unexplained_by`), with nothing known of the body. A latency that is wrong for both sensors is a
-delay of the commands.
+(:func:`massprop_cli.diagnosis.freeresponse.unexplained_with`). A latency that is wrong for both sensors is a delay of the commands.
 """
 
 from __future__ import annotations
@@ -13,11 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
-from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.corrections import Case
 from massprop_cli.diagnosis.delay import LONGEST, PRIOR, SENSORS, apart, cycles_of, detect
-from massprop_cli.diagnosis.freeresponse import MeasuredMotion, motion_of, unexplained_by
-from massprop_cli.diagnosis.linesearch import line_minimum, sigma_at
+from massprop_cli.diagnosis.freeresponse import MeasuredMotion, line_minimum, motion_of, sigma_at, unexplained_with
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.supposed import States, Supposed
 from massprop_cli.errorparameters.setup import Setup, stating
@@ -125,20 +122,8 @@ class _Search:
 
     def _later(self, sensors: Sequence[int]) -> float:
         """Cycles by which commands act later as far as these sensors tell."""
-
-        def cost(later: float) -> float:
-            left = self._left({}, later)
-            return sum(left[i] for i in sensors)
-
-        return line_minimum(cost, (0.0, *LATER), STEP, FINEST)
+        return line_minimum(lambda later: sum(self._left({}, later)[i] for i in sensors), (0.0, *LATER), STEP, FINEST)
 
     def _left(self, values: States, later: float) -> tuple[float, float]:
         """By the same cycles whatever the low-passes: a slower one settles later."""
-        log, timing = self.case.log, self.case.timing.moved(("delay",), (later,))
-        first = min(LONGEST, log.cycles // 4)
-        try:
-            if timing.delay >= 0:
-                return unexplained_by(log, stating(self.case.vehicle, values), timing, first, self.motion)
-        except (InputError, np.linalg.LinAlgError):
-            pass
-        return np.inf, np.inf
+        return unexplained_with(self.case.setup, values, later, min(LONGEST, self.case.log.cycles // 4), self.motion)

@@ -1,6 +1,6 @@
 """Hypotheses of how a log was recorded: keys in which the motion is far from linear.
 
-Free coefficients (:func:`massprop_cli.diagnosis.freeresponse.unexplained_by`) say in milliseconds how much commands explain under any of
+Free coefficients (:func:`massprop_cli.diagnosis.freeresponse.unexplained_with`) say in milliseconds how much commands explain under any of
 them. The one that explains most is put to the test like any other hypothesis.
 """
 
@@ -13,21 +13,18 @@ from functools import partial
 import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, TINY, Array, frozen, median
-from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import wheelfriction
 from massprop_cli.diagnosis.commandlimits import limits
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Case
-from massprop_cli.diagnosis.freeresponse import MeasuredMotion, motion_of, unexplained_by
+from massprop_cli.diagnosis.freeresponse import NEAR, MeasuredMotion, line_minimum, motion_of, sigma_at, unexplained_with
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.inspection import MOSTLY
-from massprop_cli.diagnosis.linesearch import NEAR, line_minimum, sigma_at
 from massprop_cli.diagnosis.lowpasses import other_low_passes
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import Refit, tried
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.diagnosis.supposed import States, Supposed
-from massprop_cli.errorparameters.setup import stating
 from massprop_cli.errorparameters.table import PRIORS
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.prepare.actuators import LATE
@@ -286,8 +283,4 @@ def logged_after(case: Case) -> int:
 
 
 def _left(case: Case, motion: MeasuredMotion | None, states: States, later: float = 0.0) -> float:
-    timing = case.timing.moved(("delay",), (later,))
-    try:
-        return sum(unexplained_by(case.log, stating(case.vehicle, states), timing, motion=motion))
-    except (InputError, np.linalg.LinAlgError):
-        return np.inf
+    return sum(unexplained_with(case.setup, states, later, motion=motion))

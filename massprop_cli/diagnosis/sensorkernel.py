@@ -18,8 +18,7 @@ import numpy as np
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import delay
-from massprop_cli.diagnosis.freeresponse import motion_of, unexplained_by
-from massprop_cli.diagnosis.linesearch import line_minimum
+from massprop_cli.diagnosis.freeresponse import line_minimum, motion_of, unexplained_by
 from massprop_cli.diagnosis.resolve import PHASE
 from massprop_cli.errorparameters.sensor import WORDS
 from massprop_cli.estimate.phases import Progress

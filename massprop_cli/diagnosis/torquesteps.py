@@ -12,8 +12,7 @@ from functools import cache, partial
 import numpy as np
 
 from massprop_cli.base.errors import InputError
-from massprop_cli.diagnosis.freeresponse import commanded, cost, motion_of, residuals
-from massprop_cli.diagnosis.linesearch import NEAR, line_minimum
+from massprop_cli.diagnosis.freeresponse import NEAR, commanded, cost, line_minimum, motion_of, residuals
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.segment import bounded
 from massprop_cli.errorparameters.setup import Setup, stating

@@ -6,14 +6,13 @@ By Gauss–Newton steps on what free coefficients leave (:mod:`massprop_cli.diag
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
 from massprop_cli.base.arrays import TINY, Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.corrections import Case
-from massprop_cli.diagnosis.freeresponse import MeasuredMotion, commanded, cost, residuals
+from massprop_cli.diagnosis.freeresponse import MeasuredMotion, cost, summed
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.supposed import States, Supposed
 from massprop_cli.errorparameters.setup import stating
@@ -39,16 +38,18 @@ def _supposed(case: Case, motion: MeasuredMotion, entries: Sequence[str], sizes:
     def states(parts: Array) -> States:
         return dict(zip(entries, (np.maximum(parts, 0) * sizes).tolist(), strict=True))
 
-    left = partial(_left, case, motion)
+    def left(parts: Array) -> Array:
+        return summed(motion, case.log, stating(case.vehicle, states(parts)), case.timing)
+
     parts = np.array([case.setup.value(key)[0] for key in entries]) / sizes
-    begun = now = left(states(parts))
+    begun = now = left(parts)
     for _ in range(ROUNDS):
         white = 1 / np.sqrt((now**2).mean(0) + TINY)
-        slopes = np.stack([((left(states(parts + STEP * unit)) - now) * white).ravel() / STEP for unit in np.eye(len(parts))], 1)
+        slopes = np.stack([((left(parts + STEP * unit) - now) * white).ravel() / STEP for unit in np.eye(len(parts))], 1)
         # as large as the largest torque at most, say
         rows, ahead = np.vstack([slopes, np.eye(len(parts))]), np.append(-(now * white).ravel(), -parts)
         step = _bounded(rows, ahead + rows @ parts) - parts
-        moved, then = min(((at, left(states(at))) for at in (parts + part * step for part in SHORTER)), key=lambda one: cost(one[1]))
+        moved, then = min(((at, left(at)) for at in (parts + part * step for part in SHORTER)), key=lambda one: cost(one[1]))
         if cost(then) > cost(now) - STILL:
             break
         parts, now = moved, then
@@ -71,12 +72,6 @@ def _sizes(case: Case) -> tuple[list[str], Array]:
         entries += [f"wheels.{n}.{key}" for key in KEYS]
         sizes += [most, most / fastest]
     return entries, np.array(sizes)
-
-
-def _left(case: Case, motion: MeasuredMotion, states: States) -> Array:
-    """(n, 6) what is left of rates and specific force."""
-    rates, force = residuals(motion, *commanded(case.log, stating(case.vehicle, states), case.timing), summed=True)
-    return np.hstack([rates, force[1:]])
 
 
 def _beside(parts: Array, step: Array) -> Array:
