@@ -60,12 +60,8 @@ def wrench_point(model: Model, count: int) -> Hypothesis:
 
 def _channels(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
     """Each that is commanded."""
-    count = len(names)
     for i, (name, force) in enumerate(zip(names[: model.thrusting], model.force, strict=False)):
-        column = along(model, ("thrust", np.eye(count)[i]))
-        yield Hypothesis("thrust-scale", (name,), column, suspects=(i,))
-        for begin in (0.0, -1.0):  # dead, and the other way round: too far to be led there where two jets always fire together
-            yield Hypothesis("thrust-scale", (name,), column, start={model.place("thrust").start + i: begin})
+        yield from _scales(model, names, (i,))
         if model.kind == "rotors" and model.couple[i].any():
             own = _of_rotors(names, (i,))
             yield Hypothesis("rotor-spin", (name,), np.zeros((len(model.stated), 0)), spun=own, suspects=own)
@@ -74,6 +70,20 @@ def _channels(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
             continue
         for code, unit in (("jet-position", 1.0), ("jet-direction", size)):
             yield Hypothesis(code, (name,), _across(model, code.removeprefix("jet-"), i, force, unit), suspects=(i,))
+
+
+def _scales(model: Model, names: Sequence[str], group: tuple[int, ...], begins: Sequence[float] = (0.0, -1.0)) -> Iterator[Hypothesis]:
+    """Channels that give another part together; and from dead and reversed on: too far to be led there where two always fire together."""
+    column, subject = along(model, ("thrust", np.isin(np.arange(len(names)), group).astype(float))), tuple(names[i] for i in group)
+    yield Hypothesis("thrust-scale", subject, column, suspects=group)
+    for begin in begins:
+        yield Hypothesis("thrust-scale", subject, column, start={model.place("thrust").start + i: begin for i in group})
+
+
+def _reversed(model: Model, names: Sequence[str], group: Sequence[int]) -> Hypothesis:
+    """Channels that all do the opposite of what is stated."""
+    start = {model.place("thrust").start + i: -1.0 for i in group}
+    return Hypothesis("thrust-scale", tuple(names[i] for i in group), np.zeros((len(model.stated), 0)), start=start)
 
 
 def _of_rotors(names: Sequence[str], which: Sequence[int]) -> tuple[int, ...]:
@@ -89,16 +99,12 @@ def _across(model: Model, name: str, channel: int, line: Array, unit: float = 1.
 
 def _devices(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
     """Each that stores momentum: another part of it, none, the other way round, its speed in rpm; a gimbal that turns the other way."""
-    count, thrust = len(names), model.place("thrust").start
     for group in itertools.chain(*model.devices.values()):
-        column, subject = along(model, ("thrust", np.isin(np.arange(count), group).astype(float))), tuple(names[i] for i in group)
-        yield Hypothesis("thrust-scale", subject, column, suspects=group)
-        for begin in (0.0, -1.0, *([RPM] if len(group) == 1 else [])):
-            yield Hypothesis("thrust-scale", subject, column, start={thrust + i: begin for i in group})
+        yield from _scales(model, names, group, (0.0, -1.0, *([RPM] if len(group) == 1 else [])))
         for i in group if len(group) > 1 else ():
-            yield Hypothesis("thrust-scale", (names[i],), np.zeros((len(model.stated), 0)), start={thrust + i: -1.0})
-    if 0 < model.thrusting < count - 1:  # against what pushes: which of both is off nothing tells
-        yield scaled(model, names, range(model.thrusting, count))
+            yield _reversed(model, names, [i])
+    if 0 < model.thrusting < len(names) - 1:  # against what pushes: which of both is off nothing tells
+        yield scaled(model, names, range(model.thrusting, len(names)))
 
 
 def device_axes(model: Model, names: Sequence[str]) -> list[Hypothesis]:
@@ -167,14 +173,11 @@ def _groups(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
         spun = _of_rotors(names, turning)
         yield Hypothesis("rotor-spin", tuple(names[i] for i in turning), np.zeros((len(model.stated), 0)), spun=spun)
     if len(names) > 1:  # how much all give together nothing tells, but which way
-        start = dict.fromkeys(range(model.place("thrust").start, model.place("thrust").stop), -1.0)
-        yield Hypothesis("thrust-scale", tuple(names), np.zeros((len(model.stated), 0)), start=start)
+        yield _reversed(model, names, range(len(names)))
     if model.kind == "wrench":  # in the axes of another convention: forward-right-down, say
         along_of = np.argmax(np.abs(torque) + np.abs(force), 1)
         for about in range(3):
-            start = {model.place("thrust").start + i: -1.0 for i in np.flatnonzero(along_of != about).tolist()}
-            subject = tuple(name for name, axis in zip(names, along_of, strict=True) if axis != about)
-            yield Hypothesis("thrust-scale", subject, np.zeros((len(model.stated), 0)), start=start)
+            yield _reversed(model, names, np.flatnonzero(along_of != about).tolist())
     seen = {tuple(range(len(names)))}
     for keys in (lines[0], lines[1], list(zip(*lines, strict=True))):
         for key in dict.fromkeys(keys):
