@@ -14,7 +14,7 @@ from massprop_cli.base.arrays import Array, median
 from massprop_cli.diagnosis import segment
 from massprop_cli.diagnosis.delay import first_of
 from massprop_cli.diagnosis.fit import response
-from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.estimate.noiselevels import MEDIAN, with_noise_levels
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
@@ -41,7 +41,7 @@ def with_bins(setup: Setup, pieces: Sequence[slice]) -> Vehicle:
     share = sum(part.stop - part.start for part, _ in known) / sum(piece.stop - piece.start for piece in pieces)
 
     def expected(bins: int) -> list[tuple[Array, Array]]:
-        vehicle = used.model_copy(update={"estimator": used.estimator.model_copy(update={"bins_per_cycle": bins})})
+        vehicle = stating(used, {"estimator.bins_per_cycle": bins})
         read = here if bins == fewest else Stream.of(log, vehicle, setup.timing)
         return [response(read, part, reference, vehicle) for part, reference in known]
 
@@ -59,9 +59,7 @@ def with_bins(setup: Setup, pieces: Sequence[slice]) -> Vehicle:
         if not np.sqrt(moved / share) >= MOVED:
             break  # or what runs away tells nothing
         chosen, coarse = finer, fine
-    if chosen == fewest:
-        return setup.vehicle
-    return setup.vehicle.model_copy(update={"estimator": setup.vehicle.estimator.model_copy(update={"bins_per_cycle": chosen})})
+    return setup.vehicle if chosen == fewest else stating(setup.vehicle, {"estimator.bins_per_cycle": chosen})
 
 
 def _residual(parts: Sequence[Samples], expected: Sequence[tuple[Array, Array]]) -> Array:

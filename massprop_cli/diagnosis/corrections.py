@@ -20,7 +20,7 @@ from massprop_cli.diagnosis.design import Designs
 from massprop_cli.errorparameters import channels
 from massprop_cli.errorparameters.actuatornames import NEAR
 from massprop_cli.errorparameters.channels import spun, wired
-from massprop_cli.errorparameters.setup import DELAY, LAG, Setup, own_lags, stating
+from massprop_cli.errorparameters.setup import DELAY, LAG, Setup, own_lags, stating, with_factors
 from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, PRIORS, SIGMA_KEYS, TABLE
 from massprop_cli.errorparameters.thrust import RPM, about_cg
 from massprop_cli.inputs.actuators.control_moment_gyro import GyroLog
@@ -130,31 +130,11 @@ class Correction:
             found["command_factors"] = (np.array(self.command or np.ones(6)) / np.array(other.command or np.ones(6))).tolist()
         return found
 
-    def followed_by(self, other: Correction) -> Correction:
-        """Both."""
-        return Correction(
-            (*self.settings, *other.settings),
-            _product(other.gyro, self.gyro),
-            _product(other.accelerometer, self.accelerometer),
-            tuple(a * b for a, b in zip(self.command, other.command, strict=True))
-            if self.command and other.command
-            else self.command or other.command,
-            other.rotors or self.rotors,
-            other.gimbals or self.gimbals,
-        )
-
     def log(self, log: Log) -> Log:
         """The log as it is after the correction's factors."""
         log = log if self.rotors is None else replace(log, command=self.rotors.factor * log.command[:, list(self.rotors.order)])
         log = log if self.gimbals is None else self.gimbals.turned(log)
-        if not (self.gyro or self.accelerometer or self.command):
-            return log
-        return replace(
-            log,
-            delta_theta_imu_rad=log.delta_theta_imu_rad @ np.array(self.gyro).T if self.gyro else log.delta_theta_imu_rad,
-            delta_v_imu_m_s=log.delta_v_imu_m_s @ np.array(self.accelerometer).T if self.accelerometer else log.delta_v_imu_m_s,
-            command=log.command * np.array(self.command) if self.command else log.command,
-        )
+        return with_factors(log, self.gyro, self.accelerometer, self.command)
 
     def column_settings(self, log: Log, columns: Mapping[str, Column]) -> tuple[str, ...]:
         """The keys that correct units, signs, order and scale of the log's own columns; nothing for a sensor that takes more than that."""
@@ -179,12 +159,6 @@ def _column(columns: Mapping[str, Column], name: str, names: Sequence[str], row:
         return ""
     now = columns.get(names[at], Column.model_validate({"from": names[at]}))
     return f"columns.{name}={{ from = {json.dumps(now.from_)}, scale = {now.scale * row[at]:.15g} }}"
-
-
-def _product(after: Matrix, before: Matrix) -> Matrix:
-    if not after or not before:
-        return after or before
-    return _rows(np.array(after) @ np.array(before))
 
 
 def _rows(matrix: Array) -> Matrix:
@@ -346,7 +320,7 @@ def skewed(correction: Correction | None, found: Fitted) -> tuple[Correction, ..
     if correction is None or not 0 < size < SKEWED:
         return ()
     shears = [np.eye(3) + size * (np.outer(a, b) + np.outer(b, a)) for a, b in itertools.combinations(np.eye(3), 2)]
-    return tuple(correction.followed_by(Correction(gyro=_rows(shear))) for shear in shears)
+    return tuple(replace(correction, gyro=_rows(shear @ np.array(correction.gyro or np.eye(3)))) for shear in shears)
 
 
 def at_once(found: Fitted) -> bool:

@@ -108,15 +108,6 @@ class _Window(NamedTuple):
     whole: Array
 
 
-class _Otherwise(NamedTuple):
-    """What commands do by jets that act otherwise."""
-
-    name: str
-    window: _Window
-    by: float
-    """So many units."""
-
-
 class Designs:
     """Those of cases that differ by what is supposed."""
 
@@ -147,9 +138,7 @@ class Designs:
         # what comes before it was commanded is no effect of a command that a controller made of the noise that is measured
         earliest = max(timing.delay - SHIFT, 0.0)
         moved = [self._window(log, vehicle, earliest + by, lag_s) for by in (0.0, SHIFT, 2 * SHIFT)]
-        thrusts = [
-            _Otherwise(name, self._window(log, other, timing.delay, lag_s), by) for name, other, by in _otherwise(log, vehicle, timing)
-        ]
+        thrusts = [(name, self._window(log, other, timing.delay, lag_s), by) for name, other, by in _otherwise(log, vehicle, timing)]
         parts = list(_columns(samples, moved, (timing.delay - earliest) / SHIFT, thrusts, vehicle, cycles))
         parts += self._turned_columns(samples, vehicle, cycles) if vehicle.pivoted else []
         count, places = len(parts[0].mean), _places(parts)
@@ -275,11 +264,12 @@ def _wide(places: Mapping[str, slice]) -> int:
 
 
 def _columns(
-    samples: Samples, moved: Sequence[_Window], at: float, thrusts: Sequence[_Otherwise], vehicle: Vehicle, cycles: slice
+    samples: Samples, moved: Sequence[_Window], at: float, thrusts: Sequence[tuple[str, _Window, float]], vehicle: Vehicle, cycles: slice
 ) -> list[_Part]:
     """Each kind: (K − 1, n) growth of the rate, (K, n) means.
 
-    ``moved``: commands at three delays, ``SHIFT`` apart, of which the stated is ``at``; ``thrusts``: by jets that act otherwise.
+    ``moved``: commands at three delays, ``SHIFT`` apart, of which the stated is ``at``; ``thrusts``: by jets that act otherwise by so many
+    units.
     """
     executed = samples.executed
     duration = executed.duration_s[cycles, None]
@@ -321,7 +311,7 @@ def _columns(
         _Part("drifting", *(c * x for c, x in zip(clocks, later, strict=True))),
         _Part("aging", *(c * x for c, x in zip(clocks, wrench, strict=True))),
     ]
-    return parts + [_Part(one.name, *((b - a) / one.by for a, b in zip(wrench, by_window(one.window), strict=True))) for one in thrusts]
+    return parts + [_Part(name, *((b - a) / by for a, b in zip(wrench, by_window(own), strict=True))) for name, own, by in thrusts]
 
 
 def _acting(channels: Channels, cycles: slice) -> BoolArray:

@@ -52,8 +52,6 @@ class Fit:
     """Mean squared residual over the noise that the vehicle file states, all six channels; 1 if noise explains them."""
     standing: float
     """The same with the mass properties held at the reference and all else fitted: the two meet where the reference stands still."""
-    channels: Array
-    """(6,) the same for each channel: rate x y z, specific force x y z."""
     extra: Array
     """(e,)"""
     extra_covariance: Array
@@ -121,12 +119,12 @@ def _about(samples: Source, cycles: slice, reference: Reference, vehicle: Resolv
     held = np.linalg.solve(triangle[:others, :others], triangle[:others, size])
     step = np.linalg.solve(triangle[:size, :size], triangle[:size, size])
     standing = ((left - scaled[:, :others] @ held) ** 2).mean()
-    channels = ((left - scaled @ step).reshape(-1, 6) ** 2).mean(0)
+    chi_square = float(((left - scaled @ step).reshape(-1, 6) ** 2).mean(0).mean())
     state[free] += sigma[free] * step
     root = np.zeros((len(state), size))
     root[free] = sigma[free][:, None] * np.linalg.inv(triangle[:size, :size])
     tail = root[layout.size :]
-    return Fit(reference, float(channels.mean()), float(standing), channels, state[layout.size :], tail @ tail.T), state[PARAMETERS]
+    return Fit(reference, chi_square, float(standing), state[layout.size :], tail @ tail.T), state[PARAMETERS]
 
 
 def _stacked(system: Linear, vehicle: Resolved, extra: Extra | None, used: BoolArray) -> tuple[Array, Array] | None:

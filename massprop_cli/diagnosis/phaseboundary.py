@@ -39,8 +39,6 @@ class Border(NamedTuple):
     """Cycles."""
     log_s: tuple[float, float]
     """When the whole log begins and ends."""
-    screening: Screening
-    """At the others."""
 
     @property
     def key(self) -> str:
@@ -83,7 +81,7 @@ def border(screening: Screening, end_s: float) -> Border | None:
     found = min((one for one in sides if one is not None), key=lambda one: one[0], default=None)
     if found is not None and beyond_noise(found[2]) > LEFT * beyond_noise(screening):
         return None  # what is left is spread over all of it: noise that was stated too small
-    return None if found is None else _placed(screening, *found, end_s)
+    return None if found is None else _placed(screening, *found[:2], end_s)
 
 
 def beyond_noise(screening: Screening) -> float:
@@ -151,7 +149,7 @@ def phase_of(screening: Screening, end_s: float) -> Placed | None:
     return Placed(phase, number or 0, begins, float(ends[screening.piece.stop - 1]) >= last - NEAR * period)
 
 
-def _placed(screening: Screening, cut: int, begins: bool, found: Screening, end_s: float) -> Border | None:
+def _placed(screening: Screening, cut: int, begins: bool, end_s: float) -> Border | None:
     """In the vehicle file; None where the stretch that was looked at begins, or ends, elsewhere than its phase."""
     placed = phase_of(screening, end_s)
     if placed is None or not (placed.begins if begins else placed.ends):
@@ -160,4 +158,4 @@ def _placed(screening: Screening, cut: int, begins: bool, found: Screening, end_
     executed = timing.of(log, vehicle).executed
     last = screening.piece.stop - cut - 1
     time = float(executed.start_s[screening.piece.start + cut] if begins else executed.start_s[last] + executed.duration_s[last])
-    return Border(placed.phase, placed.number, begins, round(time, 6), cut, (log.origin_s, end_s), found)
+    return Border(placed.phase, placed.number, begins, round(time, 6), cut, (log.origin_s, end_s))

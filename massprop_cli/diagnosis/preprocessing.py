@@ -14,7 +14,7 @@ from massprop_cli.diagnosis.bins import with_bins
 from massprop_cli.diagnosis.delay import FoundTiming
 from massprop_cli.diagnosis.resolve import NARROWER, found_timing, stated_timing, uncertain_timing, with_pace, with_phase, with_timing
 from massprop_cli.diagnosis.torquesteps import with_steps
-from massprop_cli.errorparameters.setup import Setup, stating
+from massprop_cli.errorparameters.setup import Setup, stating, with_factors
 from massprop_cli.estimate.history import phases_of
 from massprop_cli.estimate.noiselevels import white_level
 from massprop_cli.estimate.phases import Progress
@@ -126,7 +126,7 @@ def finer(log: Log, vehicle: Vehicle) -> Vehicle:
     turns = np.sort(np.linalg.norm(of_records(log.delta_theta_imu_rad, log.records_per_cycle), axis=1))
     turn = float(turns[int(SELDOM * (len(turns) - 1))])
     bins = next((bins for least, bins in FINER if turn > least), vehicle.estimator.bins_per_cycle)
-    return vehicle.model_copy(update={"estimator": vehicle.estimator.model_copy(update={"bins_per_cycle": bins})})
+    return stating(vehicle, {"estimator.bins_per_cycle": bins})
 
 
 def uncertain(consider: Consider, setup: Setup, samples: Stream) -> Consider:
@@ -148,18 +148,9 @@ def _restated(values: Mapping[str, Any], setup: Setup, samples: Stream) -> Resta
     vehicle = alternative(stated, values)
     before, after = stated_timing(stated, timing), stated_timing(vehicle, timing)
     moved = Timing(*(max(used + there - here, 0.0) for used, there, here in zip(timing, after, before, strict=True)))
-    there = Stream.of(_read(log, values), vehicle, moved)
+    gyro, accelerometer, command = (values.get(f"{name}_factors", ()) for name in ("gyro", "accel", "command"))
+    read = with_factors(log, gyro, accelerometer, command if log.command_kind == "wrench" else ())
+    there = Stream.of(read, vehicle, moved)
     if Layout.of(there, vehicle) != Layout.of(samples, stated):
         raise InputError(f"uncertain: {', '.join(values)}: changes what is estimated, not what is stated; state it for itself")
     return Restated(there, vehicle)
-
-
-def _read(log: Log, values: Mapping[str, Any]) -> Log:
-    """The log with the alternative's factors on what it holds."""
-    gyro, accelerometer, command = (values.get(f"{name}_factors") for name in ("gyro", "accel", "command"))
-    return replace(
-        log,
-        delta_theta_imu_rad=log.delta_theta_imu_rad if gyro is None else log.delta_theta_imu_rad @ np.array(gyro).T,
-        delta_v_imu_m_s=log.delta_v_imu_m_s if accelerometer is None else log.delta_v_imu_m_s @ np.array(accelerometer).T,
-        command=log.command if command is None or log.command_kind != "wrench" else log.command * np.array(command),
-    )

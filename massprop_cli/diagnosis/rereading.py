@@ -164,14 +164,18 @@ def _of_rotors(case: _Case) -> Iterator[ColumnReading]:
     kinds = {rotor.column for rotor in case.vehicle.rotors}
     if len(kinds) > 1:
         return
-    (kind,) = kinds
-    names = tuple(next(c for c in one.COLUMNS if c.key == kind).of(one.name) for one in case.vehicle.rotors)
+    (kind,), names = kinds, _columns_of(case.vehicle)
     where, same = IN_VEHICLE_FILE if case.log.made is None else IN_MAP, tuple(range(len(names)))
     for unit, factor in (SPEEDS if kind == "speed" else COMMANDS).items():
         who = f"{'speeds' if kind == 'speed' else 'commands'} of rotors are {unit} ({', '.join(names)})"
         words = f"{who}; correct the log, or scale the columns {where} ({factor:.6g})"
         correction = Correction(rotors=RotorColumns(names, same, factor))
         yield ColumnReading("speed-units" if kind == "speed" else "command-units", words, correction)
+
+
+def _columns_of(vehicle: Resolved) -> tuple[str, ...]:
+    """Names of the rotors' columns, of each the one that tells what it does."""
+    return tuple(next(column for column in one.COLUMNS if column.key == one.column).of(one.name) for one in vehicle.rotors)
 
 
 def _other_units(log: Log) -> Iterator[ColumnReading]:
@@ -191,7 +195,7 @@ def _other_units(log: Log) -> Iterator[ColumnReading]:
 def _other_orders(case: _Case) -> Iterator[ColumnReading]:
     """Orders of the rotors in which their columns' own answers leave least."""
     vehicle = case.vehicle
-    names = tuple(next(c for c in one.COLUMNS if c.key == one.column).of(one.name) for one in vehicle.rotors)
+    names = _columns_of(vehicle)
     answers = _answers(case)
     wrench = channel_wrench(case.log, vehicle)[: len(names)]
     orders = _orders(len(names))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -55,6 +56,17 @@ class Setup(NamedTuple):
             scalar = not isinstance(_of(self.vehicle, key), tuple)
             changed = _with(getattr(self.vehicle, section), name, plain(value[0] if scalar else value))
         return self._replace(vehicle=rebuilt(self.vehicle, **{section: changed}))
+
+
+def with_factors(log: Log, gyro: Sequence[Sequence[float]], accelerometer: Sequence[Sequence[float]], command: Sequence[float]) -> Log:
+    """The log with factors on its columns, (3, 3) of each sensor and one on each component of the command; without those that are empty."""
+    changed = {}
+    for name, factors in (("delta_theta_imu_rad", gyro), ("delta_v_imu_m_s", accelerometer)):
+        if factors:
+            changed[name] = getattr(log, name) @ np.array(factors).T
+    if command:
+        changed["command"] = log.command * np.array(command)
+    return replace(log, **changed) if changed else log
 
 
 def own_lags(vehicle: Vehicle) -> list[float]:
