@@ -8,7 +8,7 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.errors import AttitudeError, InputError, UntoldError
-from massprop_cli.conclude import correctedestimate, split
+from massprop_cli.conclude import correctedestimate
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.assumptions import assumptions
 from massprop_cli.conclude.estimated import estimated
@@ -71,7 +71,7 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         return _examined(
             _without_attitude(log, f"{str(error).removeprefix(f'{log.path}, ')}: they were left out"), source, assignments, say
         )
-    parts = split.at_change(found)
+    parts = correctedestimate.split_at_change(found)
     if parts is not None:
         again = _examined(found.log, parts, assignments, say)
         changes = (fault.notice for fault in found.faults if fault.change_s is not None)

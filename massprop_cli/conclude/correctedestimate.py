@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.conclude import split
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.firstfit import first_fits
@@ -25,7 +24,8 @@ from massprop_cli.estimate.noiselevels import with_noise_levels
 from massprop_cli.estimate.phases import AsStated, Progress
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.notice import Notice
-from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehicle import Phase, Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.prepare.stream import Stream
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ MOST = 0.5
 def proven(found: Analysis, say: Progress) -> tuple[Analysis, list[MendedAnswer]]:
     """One answer for each named fault that has a remedy; a name whose remedy leaves most of the misfit is none."""
     each = [(fault.cure, _mended(found, fault, say)) for fault in _distinct(found.faults)]
-    vain = [cure for cure, answer in each if isinstance(answer, Vain)]
+    vain = [cure for cure, answer in each if answer == "vain"]
     answers = [answer for _, answer in each if isinstance(answer, MendedAnswer)]
     if not vain:
         return found, answers
@@ -69,12 +69,8 @@ def _distinct(faults: Sequence[Fault]) -> list[Fault]:
     return [fault for i, fault in enumerate(faults) if fault.cure is not None and fault.cure not in [f.cure for f in faults[:i]]]
 
 
-class Vain(NamedTuple):
-    """That a remedy leaves most of the misfit."""
-
-
-def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | Vain | None:
-    """The log examined again with the fault corrected; None where it can't be."""
+def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | Literal["vain"] | None:
+    """The log examined again with the fault corrected; None where it can't be, "vain" where that leaves most of the misfit."""
     say("with the fault corrected", 1.0)
     cure = fault.cure
     if cure is None:
@@ -83,11 +79,11 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | Vain
     try:
         vehicle = vehiclefile.changed(found.source.vehicle, settings)
         if fault.change_s is not None:
-            vehicle = split.at(found, fault.change_s).vehicle
+            vehicle = _split_at(found, fault.change_s).vehicle
         log, source = cure.log(found.log), replace(found.source, vehicle=vehicle)
         first = first_fits(log, source, say)
         if _vain(found, first[1]):
-            return Vain()
+            return "vain"
         again = estimated(log, source, (), say, first=first)
         rivals = tuple(_beside(found, again, rival, offline.SETTLINGS) for rival in fault.rivals)
     except InputError:
@@ -150,3 +146,35 @@ def _as_noisy(vehicle: Vehicle, used: Vehicle) -> Vehicle:
     """With the noise, the disturbances and the outliers that were found of another, so that its values differ by its remedy alone."""
     parts = {name: {key: getattr(getattr(used, name), key) for key in keys} for name, keys in FOUND.items()}
     return vehicle.model_copy(update={name: getattr(vehicle, name).model_copy(update=keys) for name, keys in parts.items()})
+
+
+def split_at_change(found: Analysis) -> VehicleSource | None:
+    """The vehicle with another phase from the first named change on; None without one, or ``estimator.split_on_change``."""
+    change_s = next((fault.change_s for fault in found.faults if fault.change_s is not None), None)
+    return _split_at(found, change_s) if change_s is not None and found.source.vehicle.estimator.split_on_change else None
+
+
+def _split_at(found: Analysis, change_s: float) -> VehicleSource:
+    """The vehicle with another phase from ``change_s`` on."""
+    return replace(found.source, vehicle=split(found.source.vehicle, [history.phase for history in found.histories], change_s))
+
+
+def split(vehicle: Vehicle, phases: Sequence[Phase], at_s: float) -> Vehicle:
+    """The vehicle with the phase that holds ``at_s`` cut in two. What was known of that phase is of neither part.
+
+    A docking that names it is between the parts that are next to it.
+    """
+    cut: list[Phase] = []
+    docking = vehicle.docking
+    for phase in phases:
+        if phase.start_s < at_s < phase.end_s:
+            before, after = f"{phase.name}-1", f"{phase.name}-2"
+            cut.append(Phase(name=before, start_s=phase.start_s, end_s=at_s))
+            cut.append(Phase(name=after, start_s=at_s, end_s=phase.end_s))
+            if docking is not None and docking.before == phase.name:
+                docking = docking.model_copy(update={"before": after})
+            if docking is not None and docking.after == phase.name:
+                docking = docking.model_copy(update={"after": before})
+        else:
+            cut.append(phase.model_copy(update={"known": {**vehicle.known, **phase.known}}))
+    return vehicle.model_copy(update={"phases": tuple(cut), "docking": docking, "known": {}})

@@ -23,8 +23,7 @@ from massprop_cli.conclude.score import by_doubts, hanging, unseen
 from massprop_cli.conclude.verdict import Conclusion, contradicted, in_doubt
 from massprop_cli.conclude.whiteness import unlike_noise
 from massprop_cli.diagnosis import UNKNOWN
-from massprop_cli.diagnosis.corrections import Case
-from massprop_cli.diagnosis.design import Designs
+from massprop_cli.diagnosis.design import Case, Designs
 from massprop_cli.diagnosis.normalised import FEWEST, ones
 from massprop_cli.diagnosis.screening import busiest, screened
 from massprop_cli.estimate.discrepancy import LEAST
@@ -83,8 +82,9 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer]) -> _Judged:
     nameless, factor = _nameless(found, i)
     nameless = [] if own else nameless
     # a disturbance that is no noise stands for something else
-    unlike = {} if own else _unlike_noise(found, settled)
-    biased = {} if own and not unnamed else _biased(found, settled) | changing(settled, found.samples.end_s, settled.values[-1])
+    judgeable = _judgeable(found, settled)
+    unlike = {} if own or judgeable is None else unlike_noise(settled, judgeable)
+    biased = {} if own and not unnamed else _biased(found, settled, judgeable) | changing(settled, found.samples.end_s, settled.values[-1])
     misfit = unnamed or bool(nameless)
     told = _told(found, i) if own or misfit or (unlike and sized(found.vehicle, found.stated)) else None
     if told is not None and (unnamed or not own or rivals):
@@ -118,9 +118,11 @@ def _nameless(found: Analysis, i: int) -> tuple[list[Contradiction], Array]:
     misfit = None
     if not settled.silent:
         misfit, factor = by_misfit(conclusion, settled, found.samples, found.vehicle, found.stated)
+    if misfit is not None and found.unknown:  # with what was tried to find its cause
+        misfit = replace(misfit, causes=(Reason.of("unexplained", message=found.unknown), *misfit.causes))
     doubted, lost = by_doubts(conclusion, i, found.doubts), by_lost(found.histories[i], settled)
     size = by_size(conclusion, found.vehicle, found.stated, found.samples)
-    every = (size, _explained(misfit, found.unknown), doubted, lost, by_no_body(conclusion))
+    every = (size, misfit, doubted, lost, by_no_body(conclusion))
     return [one for one in every if one is not None], factor
 
 
@@ -148,26 +150,12 @@ def _judgeable(found: Analysis, settled: History) -> Resolved | None:
     return None if floor or not isinstance(found.vehicle, Resolved) or settled.silent else found.vehicle
 
 
-def _unlike_noise(found: Analysis, settled: History) -> dict[str, Reason]:
-    """Why values are not to be called converged where what is left is no noise."""
-    vehicle = _judgeable(found, settled)
-    return {} if vehicle is None else unlike_noise(settled, vehicle)
-
-
-def _biased(found: Analysis, settled: History) -> dict[str, Reason]:
-    """... and where it is of a kind that makes values too small or too large, by what no log tells."""
-    vehicle = _judgeable(found, settled)
+def _biased(found: Analysis, settled: History, vehicle: Resolved | None) -> dict[str, Reason]:
+    """Why values are not to be called converged where residuals are of a kind that makes them too small or too large, unseen."""
     if vehicle is None:
         return {}
     seldom = max(found.log.cycles_apart, default=0)
     return swinging(settled, found.samples, vehicle, found.stated, seldom) | unexecuted(settled, found.samples, vehicle)
-
-
-def _explained(against: Contradiction | None, unknown: str) -> Contradiction | None:
-    """With what was tried to find its cause."""
-    return (
-        against if against is None or not unknown else replace(against, causes=(Reason.of("unexplained", message=unknown), *against.causes))
-    )
 
 
 def _discrepancies(conclusions: Sequence[Conclusion], told: Sequence[Discrepancy | None], named: bool) -> Iterator[Notice]:
@@ -188,7 +176,9 @@ def _notices(found: Analysis, conclusions: tuple[Conclusion, ...], docked: Docke
         if conclusion.causes and not any(cause.code in REPORTED for cause in conclusion.causes):
             yield Notice("contradicted", f"phase {conclusion.phase.name}: {conclusion.contradiction}")
     yield from found.notices
-    yield from _physical(found.conclusions)
+    for conclusion in found.conclusions:
+        if (broken := breach(conclusion)) is not None and broken.certain:
+            yield Notice("unphysical-inertia", f"phase {conclusion.phase.name}: {broken.said}")
     for conclusion, at in zip(conclusions, at_origin, strict=True):
         if at:
             said = f"phase {conclusion.phase.name}: the CG is found at O, about which commanded torques are taken to be"
@@ -268,12 +258,3 @@ def _at_origin(found: Analysis, i: int, conclusion: Conclusion) -> bool:
 def near_origin(place: Array, sigmas: Array, size: float) -> bool:
     """Whether a CG (3,) is at O as far as its sigmas tell, in a vehicle of this natural size, m."""
     return bool((np.abs(place) < AT_ORIGIN[0] * sigmas).all() and np.linalg.norm(place) < AT_ORIGIN[1] * size)
-
-
-def _physical(conclusions: Sequence[Conclusion]) -> list[Notice]:
-    found = []
-    for conclusion in conclusions:
-        broken = breach(conclusion)
-        if broken is not None and broken.certain:
-            found.append(Notice("unphysical-inertia", f"phase {conclusion.phase.name}: {broken.said}"))
-    return found

@@ -211,7 +211,7 @@ def test_a_thrust_scale_common_to_both_phases_does_not_hide_the_docked_object() 
 
 
 def test_the_split_at_a_change_takes_a_docking_that_names_the_split_phase_with_it() -> None:
-    from massprop_cli.conclude.split import split
+    from massprop_cli.conclude.correctedestimate import split
 
     _, used = faulty.sample("docking")
     before, after = (used.phases[0].name, used.phases[1].name)
@@ -227,7 +227,7 @@ def test_the_split_at_a_change_takes_a_docking_that_names_the_split_phase_with_i
 
 
 def test_what_was_known_of_a_split_phase_is_of_neither_part() -> None:
-    from massprop_cli.conclude.split import split
+    from massprop_cli.conclude.correctedestimate import split
 
     _, used = faulty.sample("free-flyer")
     known = used.model_copy(update={"known": {"mass": Known(value=22.0, sigma=0.1)}})
