@@ -18,11 +18,8 @@ import numpy as np
 
 from massprop_cli.base.arrays import TINY, Array, IntArray, triangle_of
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.diagnosis.design import INTEGRATED, Design, Designs
+from massprop_cli.diagnosis.design import INTEGRATED, Case, Design
 from massprop_cli.estimate.whitening import LEVELS, TORQUES, Disturbance, ReducedLeastSquares, each, reduced, whitened
-from massprop_cli.inputs.telemetry import Log
-from massprop_cli.model.resolved import Resolved
-from massprop_cli.prepare.timing import Timing
 
 SLOW = 12
 """Half-waves over a stretch in which the specific force may wander where gyro noise is integrated to an attitude."""
@@ -98,42 +95,26 @@ class Free:
         return np.asarray(np.maximum(self.pure, (RESOLUTION * self.signal) ** 2))
 
 
-def free_response(
-    log: Log,
-    vehicle: Resolved,
-    timing: Timing,
-    piece: slice,
-    likely: Sequence[Disturbance] = (),
-    theta: Array | None = None,
-    designs: Designs | None = None,
-) -> Free:
+def free_response(case: Case, piece: slice, likely: Sequence[Disturbance] = (), theta: Array | None = None) -> Free:
     """What cycles ``piece`` say; :class:`InputError` if they are too few.
 
     Beside the most likely disturbance, where noise and torques as stated don't explain the rates; where some are ``likely``, one of
     these. With the motion within the cycles that a body ``theta`` of :mod:`massprop_cli.model.plant` has, if one is given.
     """
-    design = (designs or Designs()).of(log, vehicle, timing, piece, theta)
-    turning, beside = whitened(design.driven, vehicle.imu.gyro_noise_rad_s**2, likely)
+    design = case.design(piece, theta)
+    turning, beside = whitened(design.driven, case.vehicle.imu.gyro_noise_rad_s**2, likely)
     return _free(design, turning, beside)
 
 
-def beside_torques(
-    log: Log,
-    vehicle: Resolved,
-    timing: Timing,
-    piece: slice,
-    theta: Array,
-    designs: Designs | None = None,
-    near: Disturbance | None = None,
-) -> list[Free]:
+def beside_torques(case: Case, piece: slice, theta: Array, near: Disturbance | None = None) -> list[Free]:
     """The same beside each torque, wandering or white, that is ever tried; beside those of other levels ``near`` one."""
-    design = (designs or Designs()).of(log, vehicle, timing, piece, theta)
     if near is None:
         tried = TORQUES
     elif near.walk > 0:
         tried = [near._replace(walk=near.walk * by) for by in NEARER if near.walk * by >= LEVELS[0]]  # less is a steady torque
     else:
         tried = [near._replace(white=near.white * by) for by in NEARER]
+    design = case.design(piece, theta)
     return [_free(design, one.told, (one.beside,)) for one in each(design.driven, tried)]
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import TINY, Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.diagnosis.corrections import Case
+from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.freeresponse import MeasuredMotion, cost, line_minimum, summed
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.supposed import States

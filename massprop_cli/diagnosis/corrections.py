@@ -16,7 +16,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis.comparison import Fitted
-from massprop_cli.diagnosis.design import Designs
+from massprop_cli.diagnosis.design import Case
 from massprop_cli.errorparameters import channels
 from massprop_cli.errorparameters.actuatornames import NEAR
 from massprop_cli.errorparameters.channels import spun, wired
@@ -43,23 +43,6 @@ SKEWED = 0.02
 """rad; a turn of a gyro's axes below which they may as well be out of square by as much: calibrated ones are by 1e-3 to 1e-2."""
 ESTIMATED = frozenset(one.sigma_key for one in TABLE if one.states)
 """Keys of a correction that say how uncertain something is, or that it is to be estimated, and not what it is."""
-
-
-class Case(NamedTuple):
-    """A log as it is read."""
-
-    log: Log
-    vehicle: Resolved
-    timing: Timing
-    designs: Designs | None = None
-    """Made of it so far, and of what is supposed of it; None: they are made anew."""
-    whole: tuple[Log, slice] | None = None
-    """The log that it is a part of, and the piece of that; None: it is no part."""
-
-    @property
-    def setup(self) -> Setup:
-        """As the table of error parameters takes it."""
-        return Setup(self.log, self.vehicle, self.timing)
 
 
 class RotorColumns(NamedTuple):

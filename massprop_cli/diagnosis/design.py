@@ -209,6 +209,27 @@ class Designs:
         return self._made[key][1]
 
 
+class Case(NamedTuple):
+    """A log as it is read."""
+
+    log: Log
+    vehicle: Resolved
+    timing: Timing
+    designs: Designs | None = None
+    """Made of it so far, and of what is supposed of it; None: they are made anew."""
+    whole: tuple[Log, slice] | None = None
+    """The log that it is a part of, and the piece of that; None: it is no part."""
+
+    @property
+    def setup(self) -> Setup:
+        """As the table of error parameters takes it."""
+        return Setup(self.log, self.vehicle, self.timing)
+
+    def design(self, piece: slice, theta: Array | None = None) -> Design:
+        """Columns of cycles ``piece`` (:meth:`Designs.of`)."""
+        return (self.designs or Designs()).of(self.log, self.vehicle, self.timing, piece, theta)
+
+
 def _by_body(samples: Samples, vehicle: Vehicle, theta: Array, places: Mapping[str, slice], growth: Array, mean: Array) -> Array:
     """(K, 3) rate by the swing of a body's CG. Products of rates and the mean vertical are set to what they are in the motion that it has.
 

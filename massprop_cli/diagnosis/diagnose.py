@@ -19,8 +19,8 @@ from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis import change, delay, hypotheses
 from massprop_cli.diagnosis.channelpairs import swapped, two_channels, wired
 from massprop_cli.diagnosis.comparison import Fitted
-from massprop_cli.diagnosis.corrections import Case, Correction
-from massprop_cli.diagnosis.design import Designs
+from massprop_cli.diagnosis.corrections import Correction
+from massprop_cli.diagnosis.design import Case, Designs
 from massprop_cli.diagnosis.episode import episodes
 from massprop_cli.diagnosis.explanation import (
     ABSENT,

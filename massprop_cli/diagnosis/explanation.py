@@ -10,8 +10,9 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis import UNKNOWN, hypotheses, normalised
 from massprop_cli.diagnosis.comparison import Fitted
-from massprop_cli.diagnosis.corrections import Case, Correction, applied, around, certain, correction_of, skewed
+from massprop_cli.diagnosis.corrections import Correction, applied, around, certain, correction_of, skewed
 from massprop_cli.diagnosis.delay import near
+from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.fault import Diagnosis, Fault
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.ranking import CLEAR

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, TINY, Array, median
-from massprop_cli.diagnosis.corrections import Case
+from massprop_cli.diagnosis.design import Case
 from massprop_cli.inputs.actuators.rotor import SPEED
 from massprop_cli.inputs.logtable import LONG
 from massprop_cli.inputs.notice import Notice

@@ -12,8 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
-from massprop_cli.diagnosis.corrections import Case
 from massprop_cli.diagnosis.delay import LONGEST, PRIOR, SENSORS, apart, cycles_of, detect
+from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.freeresponse import MeasuredMotion, line_minimum, motion_of, sigma_at, unexplained_with
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.supposed import States, Supposed

@@ -16,7 +16,7 @@ from massprop_cli.base.arrays import ROUNDING, TINY, Array, frozen, median
 from massprop_cli.diagnosis import wheelfriction
 from massprop_cli.diagnosis.commandlimits import limits
 from massprop_cli.diagnosis.comparison import Fitted
-from massprop_cli.diagnosis.corrections import Case
+from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.freeresponse import NEAR, MeasuredMotion, line_minimum, motion_of, sigma_at, unexplained_with
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.inspection import MOSTLY

@@ -11,7 +11,8 @@ from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import Fitted
-from massprop_cli.diagnosis.corrections import Case, applied, at_once, exact_of
+from massprop_cli.diagnosis.corrections import applied, at_once, exact_of
+from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.screening import FITS, Screening, about_its_body, busiest, screened
 from massprop_cli.errorparameters.actuatornames import NEAR

@@ -18,7 +18,8 @@ from massprop_cli.diagnosis import hypotheses, normalised, segment
 from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_response
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import ROUGHLY, STILL, Fitted, compared, fitted
-from massprop_cli.diagnosis.corrections import Case, certain
+from massprop_cli.diagnosis.corrections import certain
+from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.ranking import CLEAR, Ranking
 from massprop_cli.diagnosis.verticals import verticals
@@ -77,7 +78,7 @@ def busiest(case: Case, piece: slice, longest: int = LONGEST) -> tuple[Case, sli
 def screened(case: Case, piece: slice, likely: Sequence[Disturbance] = (), theta: Array | None = None) -> Screening | None:
     """A case reduced as :func:`free_response` does; None where it is too short."""
     try:
-        free = free_response(case.log, case.vehicle, case.timing, piece, likely, theta, case.designs)
+        free = free_response(case, piece, likely, theta)
     except (InputError, np.linalg.LinAlgError):
         return None
     return _screening(case, piece, free, theta)
@@ -112,7 +113,7 @@ def beside_a_torque(screening: Screening) -> Screening:
 def _likeliest_beside(best: Screening, screening: Screening, near: Disturbance | None = None) -> Screening:
     """Of torques of a few levels, or ``near`` one, or what was the ``best``."""
     theta, cost = screening.stated.value("theta"), partial(free_cost, noise=screening.noise)
-    for free in sorted(beside_torques(*screening.case[:3], screening.piece, theta, screening.case.designs, near), key=cost):
+    for free in sorted(beside_torques(screening.case, screening.piece, theta, near), key=cost):
         if cost(free) >= best.cost:
             break  # no body leaves less than free coefficients
         one = _screening(screening.case, screening.piece, free, theta)

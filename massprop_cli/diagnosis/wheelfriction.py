@@ -11,7 +11,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import TINY, Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.diagnosis.corrections import Case
+from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.freeresponse import MeasuredMotion, cost, summed
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.supposed import States, Supposed

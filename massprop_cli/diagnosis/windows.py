@@ -13,7 +13,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, TINY, Array, IntArray
 from massprop_cli.diagnosis.channelwise import SLOW, waves
-from massprop_cli.diagnosis.design import INTEGRATED, Designs
+from massprop_cli.diagnosis.design import INTEGRATED
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.diagnosis.segment import edges_of
@@ -49,7 +49,7 @@ class Reduced:
 
     def __init__(self, screening: Screening, by: Screening, beside: Disturbance) -> None:
         case, theta = screening.case, by.stated.value("theta")
-        self.design = (case.designs or Designs()).of(case.log, case.vehicle, case.timing, screening.piece, theta)
+        self.design = case.design(screening.piece, theta)
         self._beside = beside
         self._slow = waves(len(self.design.mean), SLOW if INTEGRATED in self.design.places else 0)
         rates, turning = self._white(self.design.growth)

@@ -16,6 +16,7 @@ from massprop_cli.diagnosis import comparison, explanation
 from massprop_cli.diagnosis.channelwise import free_response
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import _Rows
+from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.refit import Refit
 from massprop_cli.inputs.vehicle import Vehicle
@@ -49,7 +50,8 @@ def test_the_kernel_makes_of_stored_momentum_what_numpy_makes(platform: str, mon
     of = flown(platform, "none", cycles=200)
     used = Vehicle.model_validate(of.stated)
     free = free_response(
-        anypedestal.log_of(np.random.default_rng(0), of.own, 0, of.flown, used), flight.resolved(used), Timing(0.0, 0.0), slice(2, 190)
+        Case(anypedestal.log_of(np.random.default_rng(0), of.own, 0, of.flown, used), flight.resolved(used), Timing(0.0, 0.0)),
+        slice(2, 190),
     )
     model, rng = Model.of(free, used, 0.0, "jets"), np.random.default_rng(1)
     x = np.repeat(model.stated[None] + rng.normal(0.0, 0.05, len(model.stated)), 2, 0)

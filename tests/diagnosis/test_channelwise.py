@@ -9,7 +9,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis import channelwise
-from massprop_cli.diagnosis.design import Design, Designs
+from massprop_cli.diagnosis.design import Case, Design, Designs
 from massprop_cli.diagnosis.verticals import verticals, verticals_by_errors
 from massprop_cli.estimate import whitening
 from massprop_cli.estimate.whitening import Disturbance
@@ -168,7 +168,7 @@ def test_commands_that_are_executed_once_make_the_columns_that_they_make_anew() 
 def test_a_logs_own_motion_leaves_nothing_but_noise() -> None:
     for kind in ("free", "air_bearing"):
         flown = flight.standard(kind)
-        free = channelwise.free_response(flown.log(np.random.default_rng(2)), flown.resolved, DELAY, slice(2, 320))
+        free = channelwise.free_response(Case(flown.log(np.random.default_rng(2)), flown.resolved, DELAY), slice(2, 320))
         ratio = free.variance / np.repeat([1e-4, 0.02], 3) ** 2
         assert 0.75 < ratio.min() < ratio.max() < 1.3
 
@@ -180,7 +180,7 @@ def test_a_body_that_turns_far_within_a_cycle_leaves_nothing_but_noise_with_its_
     flown = flight.fly(flight.vehicle(kind), flight.pulses(320), truth, rate=np.array([1.0, 2.0, 1.2]))
     log = flown.log(np.random.default_rng(2), gyro=2e-6)
     theta = plant_of(flown.used).theta(Reference(tensor(truth[:6]), truth[6:9], 1 / truth[9]))
-    plain, about = (channelwise.free_response(log, flown.resolved, DELAY, slice(2, 320), theta=given) for given in (None, theta))
+    plain, about = (channelwise.free_response(Case(log, flown.resolved, DELAY), slice(2, 320), theta=given) for given in (None, theta))
     plainly, exactly = (np.sqrt(free.gyro.left / free.gyro.spare) / 2e-6 for free in (plain, about))
     assert plainly.max() > 5
     assert exactly.max() < 1.3
@@ -192,7 +192,9 @@ def test_the_noise_of_rates_is_not_explained_by_what_it_makes_of_the_vertical(sc
     truth, noise = flight.ON_BEARING * np.where(np.isin(np.arange(10), (6, 7, 8)), 0.01, 1.0), 1e-3
     flown = flight.fly(flight.vehicle("air_bearing", jets=flight.jets(scale)), flight.pulses(320), truth)
     theta = plant_of(flown.used).theta(Reference(tensor(truth[:6]), truth[6:9], 1 / truth[9]))
-    free = channelwise.free_response(flown.log(np.random.default_rng(2), gyro=noise), flown.resolved, DELAY, slice(2, 320), theta=theta)
+    free = channelwise.free_response(
+        Case(flown.log(np.random.default_rng(2), gyro=noise), flown.resolved, DELAY), slice(2, 320), theta=theta
+    )
     ratio = np.sqrt(free.gyro.left / free.gyro.spare) / noise
     assert 0.85 < ratio.min() < ratio.max() < 1.15
 
@@ -226,4 +228,4 @@ def test_the_vertical_moves_as_the_integrated_attitude_does() -> None:
 def test_too_short_a_log_is_refused() -> None:
     flown = flight.standard("free")
     with pytest.raises(InputError, match="too few for"):
-        channelwise.free_response(flown.log(), flown.resolved, DELAY, slice(2, 60))
+        channelwise.free_response(Case(flown.log(), flown.resolved, DELAY), slice(2, 60))

@@ -13,6 +13,7 @@ from massprop_cli.diagnosis import comparison, hypotheses
 from massprop_cli.diagnosis.channelwise import Free, free_response
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import _Rows, fitted
+from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.kernel import kernel
 from massprop_cli.prepare.timing import Timing
@@ -27,7 +28,7 @@ RULED_OUT = 1e6
 
 def reduced(kind: str) -> tuple[Model, Free]:
     flown = flight.standard(kind)
-    free = free_response(flown.log(np.random.default_rng(0)), flown.resolved, Timing(2.0, 0.0), PIECE)
+    free = free_response(Case(flown.log(np.random.default_rng(0)), flown.resolved, Timing(2.0, 0.0)), PIECE)
     return Model.of(free, flown.used, 0.3, "jets"), free
 
 

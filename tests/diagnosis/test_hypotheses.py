@@ -13,6 +13,7 @@ from massprop_cli.base.rigidbody import elements, rotation, tensor
 from massprop_cli.diagnosis.channelwise import free_response
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import _Rows, fitted
+from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.hypotheses import mountings, other_units
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.errorparameters.thrust import about_cg
@@ -45,7 +46,7 @@ def theta(kind: str) -> Array:
 
 def left(log: Log, used: Vehicle, kind: str, **entries: Array) -> float:
     """Chi-square that the true body leaves of a log, with entries of x as given."""
-    free = free_response(log, resolved(used), DELAY, slice(2, log.cycles))
+    free = free_response(Case(log, resolved(used), DELAY), slice(2, log.cycles))
     model = Model.of(free, used, 0.0, "jets")
     x = model.stated
     x[:10] = theta(kind)
@@ -61,7 +62,7 @@ def test_the_cg_stands_from_o_in_every_environment(kind: str) -> None:
     bearing, away = (0.004, -0.003, 0.01) if kind != "free" else (0.0, 0.0, 0.0), np.array([1e-3, 0.0, -2e-3]) * (kind != "free")
     flown = flight.standard(kind)
     used = flight.vehicle(kind, environment={"bearing_position_m": bearing})
-    model = Model.of(free_response(flown.log(), resolved(used), DELAY, PIECE), used, 0.0, "jets")
+    model = Model.of(free_response(Case(flown.log(), resolved(used), DELAY), PIECE), used, 0.0, "jets")
     x = model.stated
     x[:10], x[model.place("bearing")] = theta(kind), away
     truth = flight.TRUTH if kind == "free" else flight.ON_BEARING
@@ -180,7 +181,7 @@ def test_commands_that_come_later_are_of_first_order(by: float, what: str) -> No
 def test_a_fit_finds_the_body_and_what_is_wrong_from_noise() -> None:
     flown = flight.standard("free")
     log, used = weak(flown.log(np.random.default_rng(3)), flown.used)
-    free = free_response(log, resolved(used), DELAY, PIECE)
+    free = free_response(Case(log, resolved(used), DELAY), PIECE)
     model = Model.of(free, used, 0.0, "jets")
     column = np.zeros((len(model.stated), 1))
     column[model.place("thrust").start] = 0.3
@@ -201,7 +202,7 @@ def test_no_mounting_is_supposed_twice_or_as_it_is_stated_whatever_the_rounding(
     rng = np.random.default_rng(0)
     mounted = rotation(np.array([angle, 0.2 * angle, 0.0])) @ (np.eye(3) + 3e-10 * rng.standard_normal((3, 3)))
     flown = flight.standard()
-    model = replace(Model.of(free_response(flown.log(), flown.resolved, DELAY, PIECE), flown.used, 0.0, "jets"), mounting=mounted)
+    model = replace(Model.of(free_response(Case(flown.log(), flown.resolved, DELAY), PIECE), flown.used, 0.0, "jets"), mounting=mounted)
     whole = [one.gyro for one in mountings(model) if np.array_equal(one.gyro, one.accelerometer)]
     apart = np.abs(np.array(whole)[:, None] - whole).max((2, 3)) + np.eye(len(whole))
     assert apart.min() > 1e-3

@@ -9,7 +9,7 @@ import numpy as np
 
 from massprop_cli.diagnosis import hypotheses
 from massprop_cli.diagnosis.comparison import ROUGHLY, fitted
-from massprop_cli.diagnosis.corrections import Case
+from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.refit import beyond
 from massprop_cli.diagnosis.screening import Screening, screened
 from massprop_cli.inputs.vehiclefile import changed

@@ -10,7 +10,7 @@ import pytest
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis import inspection, recordings
-from massprop_cli.diagnosis.corrections import Case
+from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.logfile import read_table

@@ -10,8 +10,7 @@ import pytest
 
 from massprop_cli.diagnosis import change
 from massprop_cli.diagnosis.comparison import USUAL, fitted
-from massprop_cli.diagnosis.corrections import Case
-from massprop_cli.diagnosis.design import Designs
+from massprop_cli.diagnosis.design import Case, Designs
 from massprop_cli.diagnosis.diagnose import _beside, _changed
 from massprop_cli.diagnosis.hypotheses import listed
 from massprop_cli.diagnosis.refit import _nothing, tried

@@ -13,6 +13,7 @@ from massprop_cli.diagnosis.channelwise import free_response
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Correction, skewed
+from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.prepare.timing import Timing
 from tests import faulty, flight
@@ -74,7 +75,7 @@ def test_where_a_turn_is_named_the_mended_values_hold_a_shear(seed: int, monkeyp
 def test_a_small_turn_may_be_a_shear_of_the_same_size_and_a_large_one_is_none() -> None:
     """An axis that leans by ε towards another turns both by ε/2 and shears them by ε/2."""
     flown = flight.standard()
-    model = Model.of(free_response(flown.log(), flown.resolved, Timing(2.0, 0.0), slice(2, 320)), flown.used, 0.0, "jets")
+    model = Model.of(free_response(Case(flown.log(), flown.resolved, Timing(2.0, 0.0)), slice(2, 320)), flown.used, 0.0, "jets")
     cure = Correction(settings=("imu.body_from_imu=[[1, 0, 0], [0, 1, 0], [0, 0, 1]]",))
 
     def found(angle: float) -> Fitted:

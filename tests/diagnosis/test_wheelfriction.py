@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from massprop_cli.diagnosis import wheelfriction
-from massprop_cli.diagnosis.corrections import Case
+from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.freeresponse import motion_of
 from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.errorparameters.setup import stating
