@@ -16,9 +16,8 @@ from massprop_cli.inputs.require import Requirement
 from massprop_cli.plan import document, guess, limits, planner, rehearsal
 from massprop_cli.plan.choose import Criterion, PlanGoal
 from massprop_cli.plan.document import PlanFile
-from massprop_cli.plan.planner import Order, Planned, Say
+from massprop_cli.plan.planner import Order, Planned, Say, Trials
 from massprop_cli.plan.rehearsal import Rehearsal
-from massprop_cli.plan.trials import Trials
 
 STEADY = 2
 """Times the updates that must be steady before a value counts as converged: a plan is not shorter than that, as far as there is time."""

@@ -10,8 +10,8 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan import guess
 from massprop_cli.plan.motions import Manoeuvre
+from massprop_cli.plan.planner import Trials
 from massprop_cli.plan.rehearsal import Rehearsal, rehearsal
-from massprop_cli.plan.trials import Trials
 from massprop_cli.testbed import bound, output, scenario, simulate
 from tests.commandline import massprop
 
