@@ -14,7 +14,7 @@ from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import MOMENTS
 from massprop_cli.conclude.reason import Reason
-from massprop_cli.conclude.verdict import Conclusion, Estimate, about_its_pivot, tolerances
+from massprop_cli.conclude.verdict import Conclusion, Estimate, concluded, tolerances
 from massprop_cli.errorparameters.parameter import ErrorParameter
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME, FAMILY, TABLE
@@ -252,7 +252,7 @@ def with_touched(conclusion: Conclusion, told: Discrepancy, which: BoolArray, hi
         name: replace(one, value=float(values[i]) if given[i] else None, sigma=float(sigmas[i]) if given[i] else None) if which[i] else one
         for i, (name, one) in enumerate(conclusion.estimates.items())
     }
-    return _with_values(conclusion, estimates, values, covariance, conclusion.bare, history, vehicle)
+    return concluded(estimates, values, covariance, conclusion.bare, history, vehicle)
 
 
 def with_discrepancy(conclusion: Conclusion, told: Discrepancy, history: History, vehicle: Vehicle) -> Conclusion:
@@ -262,30 +262,8 @@ def with_discrepancy(conclusion: Conclusion, told: Discrepancy, history: History
     # what is stated of the thrust, or known, is as uncertain as it is stated to be, whatever the tolerance
     within = np.diag(told.covariance) - np.nan_to_num(shared) ** 2 <= tolerances(history, vehicle) ** 2
     estimates = {name: _estimate(conclusion.estimates[name], told, i, bool(within[i]), history) for i, name in enumerate(QUANTITIES)}
-    found = _with_values(conclusion, estimates, told.values, told.covariance, told.bare, history, vehicle)
+    found = concluded(estimates, told.values, told.covariance, told.bare, history, vehicle)
     return replace(found, thrust_scale_sigma=told.thrust_scale_sigma)
-
-
-def _with_values(
-    conclusion: Conclusion,
-    estimates: dict[str, Estimate],
-    values: Array,
-    covariance: Array,
-    bare: tuple[Array, Array],
-    history: History,
-    vehicle: Vehicle,
-) -> Conclusion:
-    given = np.array([one.value is not None for one in estimates.values()])
-    both = given[:, None] & given
-    mass = estimates["mass"].value
-    return replace(
-        conclusion,
-        estimates=estimates,
-        covariance=np.where(both, covariance, np.nan),
-        rotating_mass=np.nan if mass is None else mass - vehicle.bearing_mass_kg,
-        bare=(np.where(given, bare[0], np.nan), np.where(both, bare[1], np.nan)),
-        pivot=about_its_pivot(values, covariance, history, vehicle),
-    )
 
 
 def _estimate(one: Estimate, found: Discrepancy, i: int, within: bool, history: History) -> Estimate:

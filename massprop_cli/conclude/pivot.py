@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from massprop_cli import ABOUT_PIVOT, PIVOT_UNITS, QUANTITIES
-from massprop_cli.conclude.analysis import Analysis
+from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.assumptions import AssumptionEffects
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Conclusion, Estimate
@@ -21,11 +21,11 @@ def with_pivot(found: Analysis) -> Analysis:
     if not found.vehicle.pivoted:
         return found
     swings = not len(found.samples.capability)
-    conclusions = tuple(_with_pivot(one, found.vehicle.in_phase(one.phase), swings) for one in found.conclusions)
-    mended = tuple(
-        replace(answer, conclusions=tuple(_with_pivot(one, answer.vehicle.in_phase(one.phase), swings) for one in answer.conclusions))
-        for answer in found.mended
-    )
+
+    def shown(of: Analysis | MendedAnswer) -> tuple[Conclusion, ...]:
+        return tuple(_with_pivot(one, of.vehicle.in_phase(one.phase), swings) for one in of.conclusions)
+
+    conclusions, mended = shown(found), tuple(replace(answer, conclusions=shown(answer)) for answer in found.mended)
     unweighed = {one.phase.name for one in conclusions if one.estimates["cg_x"].verdict == "unobservable"}
     rests_on = tuple(_beside_mass(one, unweighed) for one in found.assumptions)
     return replace(found, conclusions=conclusions, mended=mended, assumptions=rests_on)

@@ -138,22 +138,30 @@ def conclude(history: History, vehicle: Vehicle) -> Conclusion:
             estimates[name] = replace(estimates[name], reason=Reason("no-part"))
     if vehicle.on_air_bearing and not thesis and estimates["mass"].value is None:
         estimates |= {name: replace(estimates[name], reason=Reason("unweighed")) for name in CG if estimates[name].value is None}
-    known = np.array([estimate.value is not None for estimate in estimates.values()])
-    covariance = np.where(known[:, None] & known, history.covariance, np.nan)
-    if thesis:
-        sigma = np.array([np.nan if e.sigma is None else e.sigma for e in estimates.values()])
-        covariance = covariance * np.outer(sigma, sigma) / np.outer(history.sigmas[-1], history.sigmas[-1])
-    mass = estimates["mass"].value
-    rotating = np.nan if mass is None else mass - vehicle.bearing_mass_kg
-    hidden = ~known
-    bare = (np.where(hidden, np.nan, history.bare[0]), np.where(hidden[:, None] | hidden, np.nan, history.bare[1]))
-    if thesis:
-        bare = np.array([np.nan if e.value is None else e.value for e in estimates.values()]), covariance
-    pivot = about_its_pivot(history.values[-1], history.covariance, history, vehicle)
-    return Conclusion(history.phase, estimates, covariance, rotating, bare, pivot)
+    found = concluded(estimates, history.values[-1], history.covariance, history.bare, history, vehicle)
+    if not thesis:
+        return found
+    covariance = found.covariance * np.outer(found.sigmas, found.sigmas) / np.outer(history.sigmas[-1], history.sigmas[-1])
+    return replace(found, covariance=covariance, bare=(found.values, covariance))
 
 
-def about_its_pivot(values: Array, covariance: Array, history: History, vehicle: Vehicle) -> tuple[Array, Array] | None:
+def concluded(
+    estimates: dict[str, Estimate], values: Array, covariance: Array, bare: tuple[Array, Array], history: History, vehicle: Vehicle
+) -> Conclusion:
+    """The conclusion with these estimates, of what was found: ``values`` (10,), (10, 10), and the same by the log alone, ``bare``."""
+    given = np.array([one.value is not None for one in estimates.values()])
+    both, mass = given[:, None] & given, estimates["mass"].value
+    return Conclusion(
+        history.phase,
+        estimates,
+        covariance=np.where(both, covariance, np.nan),
+        rotating_mass=np.nan if mass is None else mass - vehicle.bearing_mass_kg,
+        bare=(np.where(given, bare[0], np.nan), np.where(both, bare[1], np.nan)),
+        pivot=_about_its_pivot(values, covariance, history, vehicle),
+    )
+
+
+def _about_its_pivot(values: Array, covariance: Array, history: History, vehicle: Vehicle) -> tuple[Array, Array] | None:
     """(9,) and (9, 9) of ten values (10,), (10, 10); None where nothing pivots."""
     if not vehicle.pivoted:
         return None
