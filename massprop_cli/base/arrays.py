@@ -28,6 +28,12 @@ def runs(rows: BoolArray) -> IntArray:
     return np.flatnonzero(np.diff(rows, prepend=False, append=False)).reshape(-1, 2)
 
 
+def last_before(used: BoolArray) -> IntArray:
+    """(K,) of each row the last one up to it that is ``used`` (K,), or the first that is; each itself where none is."""
+    rows, every = np.flatnonzero(used), np.arange(len(used))
+    return rows[np.maximum(np.searchsorted(rows, every, "right") - 1, 0)] if len(rows) else every
+
+
 def cubic(wanted: Array, at: Array, values: Array) -> Array:
     """Values (n,) at other times: cubics with the mean slopes there (Hermite; Catmull & Rom 1974); outside, the nearest."""
     from scipy.interpolate import CubicHermiteSpline

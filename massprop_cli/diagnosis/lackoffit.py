@@ -17,9 +17,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from massprop_cli.base.arrays import TINY, Array, BoolArray, singular, triangle_of
+from massprop_cli.base.arrays import TINY, Array, BoolArray, IntArray, last_before, singular, triangle_of
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import times
 from massprop_cli.estimate.history import History
@@ -162,13 +161,9 @@ def _rows(
     return (rates.of(steps), turning[:, steps]), (forces.of(whole), pushing[:, whole])
 
 
-def _held(ignored: BoolArray) -> NDArray[np.intp] | slice:
+def _held(ignored: BoolArray) -> IntArray | slice:
     """(N,) each row; in the place of one that is not used the one before it once more, so that what wanders goes on."""
-    if not ignored.any():
-        return slice(None)  # nothing is copied
-    used = np.flatnonzero(~ignored)
-    every = np.arange(len(ignored))
-    return used[np.maximum(np.searchsorted(used, every, "right") - 1, 0)] if len(used) else every
+    return last_before(~ignored) if ignored.any() else slice(None)  # nothing is copied
 
 
 def _weights(here: Samples, to_rate: Array, reference: Reference, vehicle: Resolved) -> tuple[Array, Array]:
@@ -211,7 +206,7 @@ class _MeasurementRows:
         alike = len(self.probes) == 1 and (weight == weight[0]).all()
         return _MeasurementRows(self.own * weight[..., None], self.probes * (weight[:1] if alike else weight)[..., None], self.count)
 
-    def of(self, rows: NDArray[np.intp] | slice) -> _MeasurementRows:
+    def of(self, rows: IntArray | slice) -> _MeasurementRows:
         """These rows, which stand for as many as before."""
         return _MeasurementRows(self.own[:, rows], self.probes[:, rows], self.count)
 

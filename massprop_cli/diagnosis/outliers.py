@@ -19,7 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, IntArray, frozen, median, runs
+from massprop_cli.base.arrays import Array, BoolArray, IntArray, frozen, last_before, median, runs
+from massprop_cli.errorparameters.setup import stating
 from massprop_cli.inputs.logtable import LONG
 from massprop_cli.inputs.marked import BY_CHANCE
 from massprop_cli.inputs.notice import Notice
@@ -85,21 +86,17 @@ def screened(log: Log, vehicle: Vehicle, samples: Stream, pieces: Sequence[slice
     if len(empty) and vehicle.imu.gyro_outliers_s is None and vehicle.imu.accel_outliers_s is None:
         both = tuple(round(float(log.time_s[row]), 9) for row in np.unique(np.append(empty, empty + 1)).tolist())
         where = f"{len(empty)} record(s), the first at row {int(empty[0])}, hold 0 throughout, and the next ones what both should have"
-        told = Notice(
-            "records-doubled", f"{where}: they came late; these and the next are not used (imu.gyro_outliers_s, accel_outliers_s)"
-        )
-        return vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update={"gyro_outliers_s": both, "accel_outliers_s": both})}), [
-            told
-        ]
+        said = f"{where}: they came late; these and the next are not used (imu.gyro_outliers_s, accel_outliers_s)"
+        return stating(vehicle, {f"imu.{sensor}_outliers_s": both for sensor in SENSORS}), [Notice("records-doubled", said)]
     for sensor, found in zip(SENSORS, _search(log, vehicle, samples, pieces), strict=True):
         key = f"{sensor}_outliers_s"
         if getattr(vehicle.imu, key) is None and len(found.cycles):
             rows = [_row(log, sensor, int(cycle)) for cycle in found.cycles]
-            times[key] = tuple(round(float(log.time_s[row]), 9) for row in rows)
+            times[f"imu.{key}"] = tuple(round(float(log.time_s[row]), 9) for row in rows)
             lost = np.flatnonzero(log.interval_s > LONG * median(log.interval_s))
             after = np.array(rows) - np.append(-np.inf, lost)[np.searchsorted(lost, rows, "right")]
             notices += _notices(log, sensor, np.array(rows), found.sigmas, after < BEHIND * log.records_per_cycle)
-    return vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=times)}) if times else vehicle, notices
+    return stating(vehicle, times), notices
 
 
 def _notices(log: Log, sensor: str, rows: IntArray, sigmas: Array, lost: BoolArray) -> Iterator[Notice]:
@@ -156,9 +153,7 @@ def _held(log: Log, increments: Array, flags: BoolArray) -> Array:
     """(n, 3) increments of which the cycles that are flagged go on as the last one before; at the log's beginning as the first after."""
     per_cycle = (-1, log.records_per_cycle)
     whole, duration = increments.reshape(*per_cycle, 3).sum(1), log.interval_s.reshape(per_cycle).sum(1)
-    good = np.flatnonzero(~flags)
-    held = good[np.maximum(np.searchsorted(good, np.arange(len(flags)), "right") - 1, 0)] if len(good) else np.arange(len(flags))
-    rate = (whole / duration[:, None])[held]
+    rate = (whole / duration[:, None])[last_before(~flags)]
     return np.where(
         np.repeat(flags, log.records_per_cycle)[:, None], np.repeat(rate, log.records_per_cycle, 0) * log.interval_s[:, None], increments
     )
