@@ -1,7 +1,5 @@
 """All that one run found, with what it was found from."""
 
-from __future__ import annotations
-
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.assumptions import AssumptionEffects, Examined

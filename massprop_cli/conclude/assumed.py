@@ -1,7 +1,5 @@
 """The assumed values of a vehicle file, and by how much each is varied: one percent, millimetre, degree or tenth of a cycle."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ Each assumption is varied by one step (a percent, a millimetre, a degree) and ca
 itself misfit, which says whether it would notice.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple

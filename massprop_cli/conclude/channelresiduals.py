@@ -5,8 +5,6 @@ commands have summed up to; and it is felt while it acts. What is left, made whi
 if the model holds, smaller ones for what was fitted. Sharper than a test of all channels together, which drowns one among them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

@@ -9,8 +9,6 @@ An estimate θ_k of the first k cycles differs from the last one θ_N by what ca
 left, since most of it is absorbed by a body between the two.
 """
 
-from __future__ import annotations
-
 import math
 from statistics import NormalDist
 

@@ -11,8 +11,6 @@ does not bear out, and a misfit without a name: what the model leaves still foll
 - by a misfit that no named fault stands for, if the log claims to tell it and what the misfit may have done to it exceeds its sigma by far.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

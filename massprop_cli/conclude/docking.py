@@ -1,7 +1,5 @@
 """The docked object: what the combined body has beyond the vehicle alone, with its covariance."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli import QUANTITIES, UNITS

@@ -1,7 +1,5 @@
 """Estimation of one log: timing, noise levels, causes, values and what the values rest on."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial

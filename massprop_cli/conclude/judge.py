@@ -1,7 +1,5 @@
 """Final verdicts of all phases, the docked object, and all notices."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple, cast

@@ -14,8 +14,6 @@ which few cycles in many tell, though none by itself. Pulses that scatter about 
 with a relative scatter s, and no bias: the likelier of the two is taken.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli import INERTIA

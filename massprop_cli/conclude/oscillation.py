@@ -12,8 +12,6 @@ each axis, and against the torques across it. Of all cycles only the sums of pro
 what was commanded, it sees a swing far below the noise, which no test of what is left alone does (:mod:`massprop_cli.conclude.whiteness`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Physical consistency of an inertia tensor."""
 
-from __future__ import annotations
-
 from functools import cache
 from itertools import product
 from typing import NamedTuple

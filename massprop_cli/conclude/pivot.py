@@ -1,7 +1,5 @@
 """What a fixed pedestal lets a log tell: inertia and first moment about the pivot, and of the ten what a weighed mass makes of them."""
 
-from __future__ import annotations
-
 from collections.abc import Set
 from dataclasses import replace
 from typing import Literal

@@ -3,8 +3,6 @@
 Logic compares codes alone; :func:`str` makes the sentence where a result is written.
 """
 
-from __future__ import annotations
-
 from typing import Literal, Self
 
 from massprop_cli.base.dataclass import dataclass

@@ -5,8 +5,6 @@ Their inner product over the latter's norm is the score test (Rao 1948): standar
 test of what is left in all, which drowns one direction among thousands of cycles.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Final values and verdicts: the sustained-convergence rule, gated on information actually gained. Doesn't touch the filter."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import field, replace
 from typing import Literal

@@ -12,8 +12,6 @@ Of rates not r_1, which is ½ for a torque that is white from cycle to cycle and
 scatter by half as much again then.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli import QUANTITIES

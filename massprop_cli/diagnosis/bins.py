@@ -4,8 +4,6 @@ An estimate moves by no more sigmas than the norm of what its model is off by, o
 what adds up of them as commands do.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

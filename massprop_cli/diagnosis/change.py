@@ -4,8 +4,6 @@ What a stretch of the log says is a triangle on the coefficients φ of :mod:`mas
 those of two stretches are joined by one factorisation. So the log is gone through once, and a moment costs two small searches.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import accumulate, pairwise
 

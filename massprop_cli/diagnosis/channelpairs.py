@@ -1,7 +1,5 @@
 """Several channels at once: actuators of a kind that do what is stated of one another, and any two that give another thrust."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

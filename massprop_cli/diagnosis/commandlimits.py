@@ -4,8 +4,6 @@ By what free coefficients leave (:mod:`massprop_cli.diagnosis.freeresponse`) of 
 the noise of two of them, in which a limit that few commands reach does not show.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from typing import NamedTuple

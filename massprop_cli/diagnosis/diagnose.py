@@ -6,8 +6,6 @@ the end is exact. One is named only if the log passes its test once it is correc
 tried where no single one suffices. massprop never changes its inputs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache, partial

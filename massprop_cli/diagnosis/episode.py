@@ -4,8 +4,6 @@ The most likely windows (:mod:`massprop_cli.diagnosis.windows`) are put into the
 which the window is looked for again, until both stand.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from itertools import chain
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """What is said of the causes with which a log fits: the most likely one, its rivals, and the settings that correct it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ The filter's linear system without process noise is one least-squares problem in
 and extra unknowns such as a shift of the delay or a factor on a jet's thrust. Quick enough to try one hypothesis after another.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, triangle_of

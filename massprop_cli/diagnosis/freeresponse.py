@@ -7,8 +7,6 @@ by least squares; −2 log likelihood of what is left, its variance about each a
 which delay, low-pass or limit of commands explains most; a fit of the body then tests that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import NamedTuple

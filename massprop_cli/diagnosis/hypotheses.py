@@ -1,7 +1,5 @@
 """The list of all hypotheses."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Sequence
 from functools import cache

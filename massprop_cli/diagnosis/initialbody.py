@@ -1,7 +1,5 @@
 """Initial bodies of the fits of hypotheses, by plain regression of motion on commands."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the numbers of a log that doesn't fit show by themselves, before any hypothesis: gravity, commands that were not logged."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, TINY, Array, median

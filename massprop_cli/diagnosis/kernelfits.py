@@ -1,7 +1,5 @@
 """Arguments of the kernel's hypothesis fits (hypothesis.c, initialbody.c, comparison.c)."""
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -5,8 +5,6 @@ the difference of the low-passes' own delays. For latencies rates and specific f
 (:func:`massprop_cli.diagnosis.freeresponse.unexplained_with`). A latency that is wrong for both sensors is a delay of the commands.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Columns of a commanded wrench whose largest value is 1: divided by it, or limited to it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

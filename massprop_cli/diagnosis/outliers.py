@@ -10,8 +10,6 @@ An outlier's cycle is measured by the other sensor alone: its noise counts as wi
 row of the estimates depends on it. Where the model needs some rate, the one before stands in; an error of it enters to second order.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise

@@ -3,8 +3,6 @@
 Of a few cycles no body can be told, so that no search for a change finds them. But without them the rest fits.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Regressor columns of momentum that wheels and gyros store: the torque ω × h, in which it turns with the body."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array

@@ -1,7 +1,5 @@
 """Preprocessing of a log for estimation: timing, samples by phase, outliers removed."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple

@@ -5,8 +5,6 @@ that channel does. So one fit for each channel says when its turn comes at the e
 leave clearly more than that, they are fitted again from the body of that fit: a wrong jet may have drawn the body into another minimum.
 """
 
-from __future__ import annotations
-
 import heapq
 from collections.abc import Callable, Iterator, Sequence
 

@@ -4,8 +4,6 @@ Free coefficients (:func:`massprop_cli.diagnosis.freeresponse.unexplained_with`)
 them. The one that explains most is put to the test like any other hypothesis.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Refit of a hypothesis: applied to log and vehicle file, reduced again, until its values converge."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

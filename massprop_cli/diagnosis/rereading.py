@@ -12,8 +12,6 @@ columns, the rotor of wrench (τ, F) about O has, with inertia I, CG c, mass m a
 which is linear in I, c and 1/m: of all orders of the rotors those are fitted that leave least.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple

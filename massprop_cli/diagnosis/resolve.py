@@ -3,8 +3,6 @@
 As stated; as found in the log, where the vehicle file says "auto"; or between the two, where it states them with a sigma.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ A sample shows the thrust of its moment. Where commands act or end at samples' t
 the delay there, and a delay that is off by a microsecond makes half of a pulse's samples another's. No derivative tells of that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

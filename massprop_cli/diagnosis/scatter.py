@@ -1,7 +1,5 @@
 """What is stated beside the IMU's noise: errors of impulses, unknown commands, torques, a bias that walks, a vertical by the gyro alone."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Search: refits of the most likely hypotheses, until none that remains can come near the best."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The most informative segment of a long log, so that a search takes no more time and memory than in a short one."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

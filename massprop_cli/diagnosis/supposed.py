@@ -1,7 +1,5 @@
 """A hypothesis that the vehicle file says otherwise: other values of its keys, which free coefficients found."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ speed over a record is then not that of its ends: by an eighth of the torque's c
 coefficients (:mod:`massprop_cli.diagnosis.freeresponse`) tell from when on in a record the torque is another.
 """
 
-from __future__ import annotations
-
 from functools import cache, partial
 
 import numpy as np

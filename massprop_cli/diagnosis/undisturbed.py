@@ -4,8 +4,6 @@ A hand on the table, valves that are shut for a while, a battery that is exchang
 actuator explains such a time, and the rest fits without it. What is wrong all along, or from some moment on, leaves no such time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

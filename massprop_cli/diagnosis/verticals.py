@@ -1,7 +1,5 @@
 """Directions of the world in body axes that turn as a gyro shows, and how they move with what it may have wrong."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 import numpy as np

@@ -3,8 +3,6 @@
 By Gauss–Newton steps on what free coefficients leave (:mod:`massprop_cli.diagnosis.freeresponse`); friction is against the speed alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

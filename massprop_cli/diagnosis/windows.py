@@ -5,8 +5,6 @@ of that column is told by products of the column's parts with one another, with 
 would change.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

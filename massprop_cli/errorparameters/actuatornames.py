@@ -1,7 +1,5 @@
 """What findings call the actuators that they are about."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from massprop_cli.errorparameters.parameter import FittedHypothesis

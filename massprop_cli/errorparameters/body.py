@@ -1,7 +1,5 @@
 """How the body may change, and what spins in it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What log and vehicle file state of each command channel, changed channel by channel: jets, wrenches, rotors, and what stores momentum."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

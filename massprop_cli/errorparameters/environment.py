@@ -1,7 +1,5 @@
 """What the test environment may be otherwise than stated: bearing, gravity, torques, the table."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

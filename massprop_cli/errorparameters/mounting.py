@@ -1,7 +1,5 @@
 """Where the IMU sits, and how it and each of its sensors is turned."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Literal
 

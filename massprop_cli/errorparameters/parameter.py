@@ -1,7 +1,5 @@
 """What is declared of an error parameter, and what every declaration must hold."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import field, replace
 from typing import Any, Literal, get_args

@@ -1,7 +1,5 @@
 """What gyro and accelerometer may show otherwise than what is."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """A log, a vehicle file and a timing, whose keys are read and changed by name."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, Self

@@ -1,7 +1,5 @@
 """All error parameters, and what is asked of them together."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from massprop_cli.errorparameters import body, environment, mounting, sensor, thrust, timing

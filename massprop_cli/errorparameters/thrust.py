@@ -1,7 +1,5 @@
 """What jets and commanded wrenches may do otherwise than stated."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

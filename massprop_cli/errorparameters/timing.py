@@ -1,7 +1,5 @@
 """When commands act, and by which clock."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np
