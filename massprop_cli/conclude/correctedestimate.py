@@ -18,6 +18,7 @@ from massprop_cli.conclude.judge import judged
 from massprop_cli.diagnosis import UNKNOWN, outliers
 from massprop_cli.diagnosis.fault import Fault
 from massprop_cli.diagnosis.resolve import stated_timing
+from massprop_cli.errorparameters.setup import stating_as
 from massprop_cli.estimate import offline
 from massprop_cli.estimate.history import phases_of
 from massprop_cli.estimate.noiselevels import with_noise_levels
@@ -32,20 +33,12 @@ if TYPE_CHECKING:
     from massprop_cli.diagnosis.corrections import Correction
 
 
-FOUND = {
-    "imu": (
-        "gyro_noise_rad_s",
-        "accel_noise_m_s2",
-        "attitude_sigma_rad",
-        "gyro_outliers_s",
-        "accel_outliers_s",
-        "gyro_filter",
-        "accel_filter",
-    ),
-    "environment": ("disturbance_torque_n_m", "disturbance_walk_n_m"),
-    "estimator": ("accel_noise_scale",),
-}
-"""What an estimate finds of noise and of low-passes."""
+FOUND = (
+    *("imu.gyro_noise_rad_s", "imu.accel_noise_m_s2", "imu.attitude_sigma_rad", "imu.gyro_outliers_s", "imu.accel_outliers_s"),
+    *("imu.gyro_filter", "imu.accel_filter", "environment.disturbance_torque_n_m", "environment.disturbance_walk_n_m"),
+    "estimator.accel_noise_scale",
+)
+"""Keys of noise, disturbances, outliers and low-passes, which an estimate finds: with them values differ by a remedy alone."""
 VAIN = "log and vehicle file don't fit, cause unknown. Likest to it would be, but corrected it leaves most of the misfit:"
 MOST = 0.5
 """Part of the mean squared residual beyond the noise, which a remedy of the cause leaves next to nothing of, and of another all but all."""
@@ -131,7 +124,7 @@ def _stated(vehicle: Vehicle, key: str) -> Any:
 
 def _beside(found: Analysis, mended: Analysis, cure: Correction, passes: int = 1) -> list[Array]:
     """(10,) what so many passes on from the corrected fit of each phase give with another remedy instead; NaN where there is none."""
-    vehicle = _as_noisy(vehiclefile.changed(found.source.vehicle, cure.settings), mended.vehicle)
+    vehicle = stating_as(vehiclefile.changed(found.source.vehicle, cure.settings), mended.vehicle, FOUND)
     samples = Stream.of(outliers.without(cure.log(found.log), vehicle), vehicle, stated_timing(vehicle, mended.timing))
     phases = phases_of(samples.log, vehicle, samples)
     used, _ = with_noise_levels(samples, [cycles for _, cycles in phases], vehicle)
@@ -140,12 +133,6 @@ def _beside(found: Analysis, mended: Analysis, cure: Correction, passes: int = 1
         np.full(10, np.nan) if reference is None else offline.value(samples, cycles, reference, used.in_phase(phase), passes)
         for (phase, cycles), reference in zip(phases, references, strict=True)
     ]
-
-
-def _as_noisy(vehicle: Vehicle, used: Vehicle) -> Vehicle:
-    """With the noise, the disturbances and the outliers that were found of another, so that its values differ by its remedy alone."""
-    parts = {name: {key: getattr(getattr(used, name), key) for key in keys} for name, keys in FOUND.items()}
-    return vehicle.model_copy(update={name: getattr(vehicle, name).model_copy(update=keys) for name, keys in parts.items()})
 
 
 def split_at_change(found: Analysis) -> VehicleSource | None:

@@ -4,7 +4,7 @@ By what free coefficients leave (:mod:`massprop_cli.diagnosis.freeresponse`) of 
 the noise of two of them, in which a limit that few commands reach does not show.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -72,10 +72,6 @@ class _Explained:
             return np.inf
         return round(cost(self.left(np.array([*parts, self._later]))), ALIKE_TO)
 
-    def along(self, parts: Array, which: Sequence[int]) -> Callable[[float], float]:
-        """−2 log likelihood by the part of these."""
-        return lambda part: self.cost(tuple(_with(parts, which, part).tolist()))
-
 
 def limits(case: Case, motion: MeasuredMotion, later: float | None = None) -> FoundLimits | None:
     """Those that explain most, beside the stated delay or one about so many cycles ``later``; None where it is more without any.
@@ -113,7 +109,11 @@ def _limits(explained: _Explained, later: float | None) -> FoundLimits | None:
 
 def _likeliest(explained: _Explained, parts: Array, which: Sequence[int], begun: Sequence[float], common: float = 1.0) -> Array:
     """With the part of these that explains clearly more than none, or than the ``common`` one that they have."""
-    by, now = explained.along(parts, which), float(parts[which[0]])
+
+    def by(part: float) -> float:
+        return explained.cost(tuple(_with(parts, which, part).tolist()))
+
+    now = float(parts[which[0]])
     kept = now if now == common and by(now) < by(1.0) else 1.0
     best = line_minimum(by, begun, NEAR, FINE)
     return _with(parts, which, kept if by(best) > by(kept) - CLEAR else line_minimum(by, [best], FINE, FINEST))

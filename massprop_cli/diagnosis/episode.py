@@ -18,6 +18,7 @@ from massprop_cli.diagnosis.refit import PART, Refit
 from massprop_cli.diagnosis.screening import Screening, about_its_body, screened
 from massprop_cli.diagnosis.windows import Reduced, Window
 from massprop_cli.errorparameters.actuatornames import NEAR
+from massprop_cli.errorparameters.setup import stating
 from massprop_cli.estimate.whitening import NONE, Disturbance
 from massprop_cli.inputs.equipment import Failure
 from massprop_cli.model.resolved import Resolved
@@ -199,8 +200,7 @@ def _mended(screening: Screening, window: Window, beside: Disturbance, theta: Ar
     start_s, end_s = (None if n in (0, len(begin_s)) else round(float(begin_s[n]) - half, 6) for n in (first, stop))
     jet = vehicle.jets[screening.free.fired[window.channel]]
     failure = Failure(jet=jet.name, thrust=window.thrust, start_s=start_s, end_s=end_s)
-    failing = vehicle.thrust.model_copy(update={"failures": (*vehicle.thrust.failures, failure)})
-    case = screening.case._replace(vehicle=vehicle.model_copy(update={"thrust": failing}))
+    case = screening.case._replace(vehicle=stating(vehicle, {"thrust.failures": (*vehicle.thrust.failures, failure)}))
     there = screened(case, screening.piece, (beside,), theta)
     return None if there is None or not np.array_equal(there.free.fired, screening.free.fired) else _Mended(window, failure, there)
 

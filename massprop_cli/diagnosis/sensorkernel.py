@@ -21,6 +21,7 @@ from massprop_cli.diagnosis import delay
 from massprop_cli.diagnosis.freeresponse import line_minimum, motion_of, unexplained_by
 from massprop_cli.diagnosis.resolve import PHASE
 from massprop_cli.errorparameters.sensor import WORDS
+from massprop_cli.errorparameters.setup import stating
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V
 from massprop_cli.inputs.equipment import LATEST_S, LowPass
@@ -122,8 +123,7 @@ def _likeliest(costs: Mapping[_Kernel, tuple[float, float]], key: str, best: _Ke
 
 def without(source: VehicleSource) -> VehicleSource:
     """The vehicle file with no low-pass, stated so."""
-    imu = source.vehicle.imu.model_copy(update={f"{sensor}_filter": None for sensor in delay.SENSORS})
-    return replace(source, vehicle=source.vehicle.model_copy(update={"imu": imu}))
+    return replace(source, vehicle=stating(source.vehicle, {f"imu.{sensor}_filter": None for sensor in delay.SENSORS}))
 
 
 def _begun(log: Log, cycles: int) -> Log:
@@ -151,14 +151,12 @@ class _Tried(NamedTuple):
             at = next((rated.at for rated in delay.search(part, vehicle, [lag])), at)
         first = int(np.ceil(at.delay + 2)) + 5 * int(np.ceil(lag + 1 / (2 * np.pi * CUTOFFS_HZ[-1] * vehicle.cycle.period_s)))
         # of the bins within a cycle nothing is asked
-        few = vehicle.model_copy(update={"estimator": vehicle.estimator.model_copy(update={"bins_per_cycle": 2})})
-        return _Tried(part, few, at, first)
+        return _Tried(part, stating(vehicle, {"estimator.bins_per_cycle": 2}), at, first)
 
     def cost(self, sampled: bool, low_passes: Mapping[str, LowPass | None], shift: float = 0.0) -> tuple[float, float]:
         """−2 log likelihood of gyro and accelerometer; ``shift``, cycles: by which commands come later."""
-        imu = self.vehicle.imu.model_copy(update={f"{sensor}_filter": one for sensor, one in low_passes.items()})
         timing = self.at._replace(delay=max(self.at.delay + shift, 0.0))
-        vehicle = self.vehicle.model_copy(update={"imu": imu})
+        vehicle = stating(self.vehicle, {f"imu.{sensor}_filter": one for sensor, one in low_passes.items()})
         return unexplained_by(replace(self.log, sampled=(sampled, sampled)), vehicle, timing, self.first)
 
     def bare_shift(self, sampled: bool) -> float:

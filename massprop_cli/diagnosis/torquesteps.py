@@ -46,9 +46,8 @@ def with_steps(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[Vehicle, lis
     motion = motion_of(timing.of(log, vehicle))
 
     def stated(key: str, part: float) -> Vehicle:
-        if key == SMOOTH:
-            return stating(vehicle, {f"{one}.{key}": True for one in own})
-        return stating(vehicle, {f"{one}.{key}": setup.value(f"{one}.{key}")[0] + part * record_s for one in own})
+        keys = [f"{one}.{key}" for one in own]
+        return stating(vehicle, {one: True if key == SMOOTH else setup.value(one)[0] + part * record_s for one in keys})
 
     @cache
     def left(key: str, part: float, summed: bool = False) -> float:

@@ -1,8 +1,9 @@
 """A log, a vehicle file and a timing, whose keys are read and changed by name."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, Self
+from operator import attrgetter
+from typing import Any, NamedTuple, Self, TypeVar, cast
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.timing import Timing
 
+AnyVehicle = TypeVar("AnyVehicle", bound=Vehicle)
 DELAY, LAG = "cycle.command_delay_cycles", "thrust.lag_s"
 """Keys that a vehicle file may leave to be found; their values are those of the timing."""
 
@@ -82,7 +84,7 @@ def _lagging(vehicle: Vehicle, by_s: float) -> Vehicle:
     return rebuilt(vehicle, rotors=tuple(rotors))
 
 
-def stating(vehicle: Vehicle, values: Mapping[str, Any]) -> Vehicle:
+def stating(vehicle: AnyVehicle, values: Mapping[str, Any]) -> AnyVehicle:
     """The vehicle with other values of dotted keys, or other tables."""
     for key, value in values.items():
         section, _, name = key.partition(".")
@@ -90,9 +92,14 @@ def stating(vehicle: Vehicle, values: Mapping[str, Any]) -> Vehicle:
     return vehicle
 
 
-def rebuilt(vehicle: Vehicle, **sections: Any) -> Vehicle:
+def stating_as(vehicle: AnyVehicle, other: Vehicle, keys: Iterable[str]) -> AnyVehicle:
+    """The vehicle with the values that another one has of keys, ``section.name``."""
+    return stating(vehicle, {key: attrgetter(key)(other) for key in keys})
+
+
+def rebuilt(vehicle: AnyVehicle, **sections: Any) -> AnyVehicle:
     """The vehicle with other sections, constructed anew: a copy would keep what was computed of it before."""
-    return type(vehicle).model_construct(vehicle.model_fields_set, **{**dict(vehicle), **sections})
+    return cast("AnyVehicle", type(vehicle).model_construct(vehicle.model_fields_set, **{**dict(vehicle), **sections}))
 
 
 def stated(vehicle: Vehicle, key: str) -> Array:

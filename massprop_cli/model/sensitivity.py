@@ -20,7 +20,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import times
 from massprop_cli.errorparameters.parameter import ErrorParameter
-from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.errorparameters.setup import Setup, stating_as
 from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model import attitude
@@ -32,8 +32,11 @@ from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.prepare.compensate import Samples, Source
 from massprop_cli.prepare.stream import Stream
 
-STATES = {"imu": ("gyro_bias_sigma_rad_s", "accel_bias_sigma_m_s2"), "environment": ("disturbance_walk_n_m", "damping_sigma_n_m_s")}
-"""Keys that say which states are estimated, by sections of a vehicle file."""
+STATES = (
+    *("imu.gyro_bias_sigma_rad_s", "imu.accel_bias_sigma_m_s2"),
+    *("environment.disturbance_walk_n_m", "environment.damping_sigma_n_m_s"),
+)
+"""Keys that say which states are estimated."""
 FOLLOWED = 0.1
 """Part of what a rate was read otherwise than expected, by which the next is expected otherwise."""
 
@@ -333,10 +336,5 @@ class _Sides(NamedTuple):
 
     def _as_estimated(self, samples: Source, vehicle: Vehicle) -> Vehicle:
         """With the filter's own states: noise and disturbances are sized after it was stated what is uncertain."""
-        if Layout.of(samples, vehicle) == Layout.of(samples, self.own):
-            return vehicle
-        parts = {
-            name: getattr(vehicle, name).model_copy(update={key: getattr(getattr(self.own, name), key) for key in keys})
-            for name, keys in STATES.items()
-        }
-        return vehicle.model_copy(update=parts)
+        alike = Layout.of(samples, vehicle) == Layout.of(samples, self.own)
+        return vehicle if alike else stating_as(vehicle, self.own, STATES)
