@@ -17,7 +17,7 @@ from website.pictures import picture
 from website.stage import ROOT
 
 PAGES = {path.stem for path in (ROOT / "docs" / "warnings").glob("*.md")} - {"index"}
-TOLD = {"Notice", "WarningItem", "Explanation", "Supposition", "ColumnReading"}
+TOLD = {"Notice", "WarningItem", "Supposition", "ColumnReading"}
 """What is made with a code: by its name, or the first of its arguments that may be one."""
 CODE = re.compile(r"[a-z]+(-[a-z]+)+|outliers|contradicted")
 
