@@ -144,7 +144,7 @@ def _with_scattered_speeds(first: _First) -> _First:
 def _felt(begun: Ready, reference: Reference) -> float:
     """m/s², one sigma of the specific force by errors of how wheels' speeds change within a cycle, of the axis where it is largest."""
     stated, samples = begun.stated, begun.samples.part(slice(0, 1))
-    _, felt = plant_of(stated).pushed(reference, np.eye(6), samples.up_b[:1], np.array(stated.imu.position_m))
+    _, felt = plant_of(stated).wrench_response(reference, np.eye(6), samples.up_b[:1], np.array(stated.imu.position_m))
     squares = [np.zeros(3)]
     for wheel, change in zip(stated.spinning, change_sigmas(begun.log, stated), strict=True):
         if isinstance(wheel, Wheel) and change > 0:

@@ -70,7 +70,7 @@ def _missing(history: History, samples: Source, used: Resolved) -> tuple[Array, 
     assert history.reference is not None
     assert history.residual is not None
     cycles, plant = history.cycles, plant_of(used)
-    moment, turning = plant.jet_moment(history.reference), plant.turning(plant.theta(history.reference))
+    moment, turning = plant.jet_moment(history.reference), plant.inverse_inertia(plant.theta(history.reference))
     left, sigma = history.residual
     unknown = gathered(samples, cycles, lambda here: here.executed.uncommanded)
     left = np.where((unknown | np.append(False, unknown[:-1]))[:, None], np.nan, left)

@@ -180,7 +180,7 @@ class Model:
     @property
     def turns(self) -> BoolArray:
         """(3,) about which axes the body turns: on a table about Z alone."""
-        return self.plant.told[[0, 3, 5]]
+        return self.plant.observable[[0, 3, 5]]
 
     def wrench(self, x: Array) -> tuple[Array, Array]:
         """(..., C, 3) torque about O and force of each channel, of which its force, or else its torque, is turned at its size."""

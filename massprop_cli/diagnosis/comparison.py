@@ -151,7 +151,7 @@ def _beside(
     moves = np.zeros((len(supposed), x.shape[1], common + own))
     others = uncertain * ~np.array([one.moved for one in supposed])[..., None]
     moves[:, :, 10:common] = others
-    moves[:, range(10), range(10)] = sizes * model.plant.told  # the others are in nothing, and stay
+    moves[:, range(10), range(10)] = sizes * model.plant.observable  # the others are in nothing, and stay
     for i, one in enumerate(supposed):
         moves[i, :, common : common + one.free.shape[1]] = one.free
     pulled = np.concatenate([np.full(10, PULL), np.ones(common + own - 10)])

@@ -59,7 +59,7 @@ class Fit:
 def response(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:
     """(K − 1, 3) growth of the rate and (K, 3) specific force that a reference expects of its commands and the measured rates."""
     system = linearise(samples, cycles, reference, vehicle)
-    force = samples.part(cycles).specific_force_m_s2 - system.felt
+    force = samples.part(cycles).specific_force_m_s2 - system.specific_force
     return system.steps, force + np.einsum("kij,j->ki", system.observation[:, 3:, PARAMETERS], parameters(reference))
 
 

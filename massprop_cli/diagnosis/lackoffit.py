@@ -26,11 +26,11 @@ from massprop_cli.estimate.residualtest import REFUTED, deviate, threshold
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.layout import MU, PARAMETERS, RATE, Layout
-from massprop_cli.model.linearise import less_tilt, linearise
+from massprop_cli.model.linearise import linearise, without_tilt
 from massprop_cli.model.parameters import parameters
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.model.system import felt_noise
+from massprop_cli.model.system import specific_force_noise
 from massprop_cli.prepare.align import Aligned
 from massprop_cli.prepare.compensate import BLOCK, Samples, Source, biased_attitude, blocks
 
@@ -140,14 +140,14 @@ def _rows(
     """Of rates, a row for each step between two of the cycles, and of specific force, a row for each cycle; each with their weights."""
     system, here = linearise(samples, cycles, reference, vehicle), samples.part(cycles)
     growth = np.diff(here.rate_rad_s, axis=0) - system.steps
-    felt: Array = system.felt - times(system.observation[:, 3:, PARAMETERS], parameters(reference))
+    felt: Array = system.specific_force - times(system.observation[:, 3:, PARAMETERS], parameters(reference))
     if len(reference.scale):
         felt -= times(system.observation[:, 3:, Layout.of(samples, vehicle).scale], reference.scale)
     damping = Layout.of(samples, vehicle).damping
     if damping.stop > damping.start:  # what was found of it, which the steps have already
         felt -= times(system.observation[:, 3:, damping], reference.damping)
     if plant_of(vehicle).tilt_sigma > 0:
-        felt = less_tilt(system, felt, Layout.of(samples, vehicle).tilt)
+        felt = without_tilt(system, felt, Layout.of(samples, vehicle).tilt)
     if biased_attitude(samples.attitude_logged, vehicle):  # the attitude is off by what the bias that was found has made of it
         block, error = Layout.of(samples, vehicle).tilt, here.attitude_error_rad
         tilt = error[..., 0] + times(error[..., 1:4], reference.gyro_bias)
@@ -178,7 +178,7 @@ def _weights(here: Samples, to_rate: Array, reference: Reference, vehicle: Resol
         pulses = moment @ here.executed.pulse_covariance @ moment.T
         impulse = impulse + (pulses[:-1] + pulses[1:]) / 2
     turned = 2 * vehicle.imu.gyro_noise_rad_s**2 + np.einsum("kij,kjl,kil->ik", to_rate, impulse, to_rate)
-    pushed = vehicle.imu.accel_noise_m_s2**2 + np.einsum("kii->ik", felt_noise(here, reference, vehicle))
+    pushed = vehicle.imu.accel_noise_m_s2**2 + np.einsum("kii->ik", specific_force_noise(here, reference, vehicle))
     return np.sqrt(_quietest(turned) / turned), np.sqrt(_quietest(pushed) / pushed)
 
 

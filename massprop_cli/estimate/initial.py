@@ -42,7 +42,7 @@ def first_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Referen
     growth = np.diff(rate, axis=0)
     impulse = here.executed.rising[:-1] + here.executed.falling[1:]
     plant = plant_of(vehicle)
-    torque: Array = plant.commanded(impulse)[:, :3]
+    torque: Array = plant.command_input(impulse)[:, :3]
     if here.executed.stored is not None:
         torque = torque + _mean_step(here.executed.stored.precession(rate), duration)
     load: Array = impulse[:, 3:]

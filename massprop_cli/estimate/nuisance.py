@@ -42,7 +42,7 @@ def known_rows(sigma: Array, columns: int) -> Array:
 def unknown_beginnings(sigma: Array, system: System) -> State:
     """The states in a phase's first cycle: what is unknown of them is a column of its own."""
     mean = np.zeros((len(sigma), system.measured.shape[2] + int((sigma > 0).sum())))
-    mean[:, 0], mean[:, system.measured.shape[2] :] = system.begun[:, 0], system.begun[:, 1:][:, sigma > 0]
+    mean[:, 0], mean[:, system.measured.shape[2] :] = system.initial[:, 0], system.initial[:, 1:][:, sigma > 0]
     return State(mean, np.zeros((len(sigma), len(sigma))))
 
 

@@ -23,7 +23,7 @@ from massprop_cli.model.plant.plant import MOMENT, MU
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.model.sensitivity import Consider
-from massprop_cli.model.system import drift
+from massprop_cli.model.system import random_walk
 from massprop_cli.prepare.compensate import Source
 
 ROUNDED = 1e3 * float(np.finfo(float).eps)
@@ -101,7 +101,7 @@ class Regression(Triangle):
         # on a slope steps have no derivative by the bias, and led astray
         bias = (
             self.state(run, layout.gyro_bias, phi, others, reference.gyro_bias)
-            if pivoted or not phi_map.plant.tilts
+            if pivoted or not phi_map.plant.tilt_count
             else reference.gyro_bias
         )
         scale = self.state(run, layout.scale, phi, others, reference.scale)
@@ -176,7 +176,7 @@ class Regression(Triangle):
         """Without the gyroscopic coupling."""
         if self._inertia_is_known:
             return True
-        axes = [i for i in MOMENTS if self.phi_map.plant.told[i]]
+        axes = [i for i in MOMENTS if self.phi_map.plant.observable[i]]
         return bool((self._sigmas(run, theta)[axes] < KNOWN * theta[axes]).all())
 
     @property
@@ -364,7 +364,7 @@ class Regression(Triangle):
         root, shift = slopes @ root, slopes @ step[..., 1:]
         apart = slopes * self._split(run, at, sigma)[:, None, :]
         covariance = root @ root.transpose(0, 2, 1) + apart @ apart.transpose(0, 2, 1)
-        if states and drift(self.vehicle).any():
+        if states and random_walk(self.vehicle).any():
             # what has drifted since the beginning is a state, affine in φ and in the states' beginnings
             given = np.stack([state.mean[-10:] for state in states])
             by_phi, by_beginning = given[..., 1 : 1 + self.phi_map.size], given[..., given.shape[2] - self.free :]
@@ -390,7 +390,7 @@ class Regression(Triangle):
         if not self.phi_map.plant.translates:  # what the accelerometer feels is linear in θ
             return np.zeros_like(theta)
         relative = np.minimum(sigma[:, MOMENTS] / np.maximum(theta[:, MOMENTS], np.finfo(float).tiny), 1.0)
-        relative[:, ~self.phi_map.plant.told[MOMENTS]] = 0.0
+        relative[:, ~self.phi_map.plant.observable[MOMENTS]] = 0.0
         found = np.zeros_like(theta)
         found[:, MOMENT] = (theta - self.phi_map.plant.theta(run.reference))[:, MOMENT] * np.maximum(
             relative[:, [1, 2, 0]], relative[:, [2, 0, 1]]

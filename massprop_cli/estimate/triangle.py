@@ -26,7 +26,7 @@ from massprop_cli.model.plant.plant import MU
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.model.sensitivity import Consider
-from massprop_cli.model.system import System, beginnings, drift, prior, system_of
+from massprop_cli.model.system import System, initial_states, prior, random_walk, system_of
 from massprop_cli.prepare.compensate import Source
 
 WEIGHED = 0.5
@@ -75,7 +75,7 @@ class Triangle:
         first = samples.part(slice(cycles.start, cycles.start + 1))
         self.begun_s, self._attitude_error = float(first.executed.start_s[0]), first.attitude_error_rad
         self.prior = prior(samples, vehicle)
-        self.drifting = bool(drift(vehicle).any())
+        self.drifting = bool(random_walk(vehicle).any())
         self.free = int((self.prior > 0).sum())
         """m, the states whose beginning is unknown."""
         self.assumed = consider.columns(len(samples.wrench))
@@ -120,7 +120,7 @@ class Triangle:
         ``begun`` is a run before its first cycle, ``whole`` the system of all cycles of the phase.
         """
         part = whole.part(cycles.start - self.cycles.start, cycles.stop - self.cycles.start)
-        part = replace(part, begun=beginnings(self.samples.part(cycles), self.samples, self.vehicle))
+        part = replace(part, initial=initial_states(self.samples.part(cycles), self.samples, self.vehicle))
         run, _ = self._with(replace(begun, at=cycles.start), cycles.stop, part)
         return run.triangle[self.free :, self.free :]
 

@@ -69,7 +69,7 @@ def unfelt(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicl
     for stretch in _stretches(cycles):
         system = linearise(samples, stretch, reference, vehicle)
         used = ~samples.part(stretch).executed.ignored[:, 3:]
-        found.append((_fit(system.observation[:, 3:, _told(samples, vehicle)], system.felt, used)[1], used))
+        found.append((_fit(system.observation[:, 3:, _told(samples, vehicle)], system.specific_force, used)[1], used))
     return Left.of(found)
 
 

@@ -1,1 +1,1 @@
-"""What a body with given mass properties would do: plants, motion within a cycle, the linear system with its Q and R."""
+"""Equations of motion of each environment, motion within a control cycle, and the linear state-space system with Q and R."""

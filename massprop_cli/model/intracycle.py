@@ -81,12 +81,12 @@ def motion_within(samples: Samples, reference: Reference, phi_map: ResponseMap) 
         coupled *= _bounded_share(coupled, motion.rate, bin_s * coupled.shape[1])
         if plant.pivoted or stored is not None or reference.damping.any() or not again:
             torque, torque_late = made_by_motion(stored, reference.damping, motion, bin_s) or (0.0, 0.0)
-            driven = times(response[:, :-6], plant.acting(_beside(motion.wrench, torque), motion.up, motion.up))
+            driven = times(response[:, :-6], plant.inputs(_beside(motion.wrench, torque), motion.up, motion.up))
             # thrust that comes late in a bin leaves the bin's mean rate behind its middle's
-            late = times(response[:, :-6], plant.acting(_beside(skew, torque_late), np.zeros_like(rate), motion.up))
+            late = times(response[:, :-6], plant.inputs(_beside(skew, torque_late), np.zeros_like(rate), motion.up))
         rate_dot = driven + coupled
         if plant.pivoted:
-            rate_dot = rate_dot + plant.swing(theta, motion)
+            rate_dot = rate_dot + plant.nonlinear_acceleration(theta, motion)
         own = rate_dot * bin_s
         change = _summed(own)
         within = change - own / 2 - late
@@ -116,7 +116,7 @@ def _mean_offset(samples: Samples, response: Array, plant: Plant) -> Array:
     bin_s = executed.duration_s / executed.impulse_bins.shape[1]
     moved = windows(executed.impulse_bins / bin_s[:, None, None], bin_s, executed.skew_bins.sum(1)).rising - executed.rising
     up = samples.up_b[:-1]
-    return times(response[:, :-6], plant.acting(moved, np.zeros_like(up), up))
+    return times(response[:, :-6], plant.inputs(moved, np.zeros_like(up), up))
 
 
 def turned_beyond(within: Within, samples: Samples) -> Array:
@@ -179,7 +179,7 @@ def integrals(samples: Samples, phi_map: ResponseMap, theta: Array, within: With
     # the mean of a product over a bin in which ω̇ is constant exceeds its middle value by that of the accelerations times h² / 12
     second = products(motion.rate) + products(motion.rate_dot) * (bin_s**2 / 12)[:, None, None]
     # the commands' own exactly, the rest by its bins
-    jets = plant.commanded(np.stack([executed.rising, executed.falling, executed.whole]))
+    jets = plant.command_input(np.stack([executed.rising, executed.falling, executed.whole]))
     late_s, later_s = (bin_s / 12)[:, None], 0.0
     if samples.kernel_effect is not None:
         late_s, later_s = late_s - samples.kernel_effect.curvature_s2 / bin_s[:, None], samples.kernel_effect.later_s
@@ -189,13 +189,13 @@ def integrals(samples: Samples, phi_map: ResponseMap, theta: Array, within: With
     if made is not None:
         own = windows(made[0], bin_s, made[1].sum(1))
         jets = np.concatenate([jets[..., :3] + np.stack(own), jets[..., 3:]], -1)
-    parts = [*plant.by_attitude(motion, within.ups, executed.skew_bins, late_s), *parts]
+    parts = [*plant.attitude_inputs(motion, within.ups, executed.skew_bins, late_s), *parts]
     each = [windows(channels, bin_s, lateness) for channels, lateness in parts]
     if plant.pivoted and plant.translates:
         each[1] = _sensed(executed, motion, bin_s, each[1])
     each[-1] = each[-1]._replace(whole=each[-1].whole + later_s * turning)
     acting = Windows(*(np.concatenate(columns, -1) for columns in zip(jets, *each, strict=True)))
-    known = windows(plant.swing(theta, motion), bin_s).step if plant.pivoted else np.zeros((len(duration) - 1, 3))
+    known = windows(plant.nonlinear_acceleration(theta, motion), bin_s).step if plant.pivoted else np.zeros((len(duration) - 1, 3))
     return acting.step, acting.whole / duration[:, None], known
 
 

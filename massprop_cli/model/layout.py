@@ -1,10 +1,16 @@
-"""Positions of all states: ten mass properties, cycle-mean rate, and the nuisance states that a vehicle file asks for.
+"""Layout of the state vector: ten mass properties, cycle-mean rate, and the nuisance states that vehicle file and log call for.
 
-In this order: ixx … izz, cg_x … cg_z, mu = 1/m; the cycle-mean rate (3); then gyro bias (3), accelerometer bias (3), angular acceleration
-by a slowly varying torque (3), damping of the turn about each axis (3); on a bearing the error of the carried attitude at the start of the
-cycle (3, rotation vector in body axes: true attitude = carried attitude turned by it); on a table, what the accelerometer feels of its
-slope in the middle of the cycle (2); of a vehicle with momentum devices, what is uncertain of the scale of all thrust and of each device;
-the turn of a logged attitude's body axes from the vehicle's (3).
+Order of the states:
+
+* ixx … izz [kg m²], cg_x … cg_z [m], mu = 1/m [1/kg];
+* cycle-mean rate (3);
+* gyro bias (3), accelerometer bias (3);
+* angular acceleration by a slowly varying torque (3), damping of the rotation about each axis (3);
+* on a bearing, error of the propagated attitude at the start of the cycle (3): true attitude = propagated attitude turned by this rotation
+  vector, body axes;
+* on a table, specific force by its slope in the middle of the cycle (2);
+* with momentum devices, relative error of the thrust scale and the unknowns of each device;
+* misalignment of the logged attitude's body axes (3).
 """
 
 from __future__ import annotations
@@ -22,7 +28,7 @@ RATE = slice(10, 13)
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the optional nuisance states stand; an absent one is an empty slice."""
+    """Slices of the optional nuisance states in the state vector; an absent block is an empty slice."""
 
     gyro_bias: slice
     accel_bias: slice
@@ -30,19 +36,19 @@ class Layout:
     damping: slice
     tilt: slice
     scale: slice
-    """Relative error of the thrust's scale and unknowns of momentum devices, of a vehicle that has any."""
+    """Thrust scale and unknowns of the momentum devices; empty without momentum devices."""
     misalignment: slice
     size: int
 
     @staticmethod
     def of(samples: Mounted, vehicle: Vehicle) -> Layout:
-        """The states that this vehicle and log ask for."""
+        """Layout for a vehicle and its log."""
         sizes = (
             3 * (vehicle.imu.gyro_bias_sigma_rad_s > 0),
             3 * (vehicle.imu.accel_bias_sigma_m_s2 > 0),
             3 * (vehicle.environment.disturbance_walk_n_m > 0),
             3 * (vehicle.environment.damping_sigma_n_m_s > 0),
-            plant_of(vehicle).tilts,
+            plant_of(vehicle).tilt_count,
             len(scale_sigmas(vehicle)),
             3 * (samples.attitude_logged and vehicle.imu.attitude_misalignment_sigma_rad > 0),
         )
@@ -55,15 +61,15 @@ class Layout:
 
     @property
     def states(self) -> int:
-        """How many there are beside the parameters: rate and nuisances."""
+        """Number of states without the mass properties: rate and nuisance states."""
         return self.size - RATE.start
 
     @staticmethod
     def has(block: slice) -> bool:
-        """Whether there are such states."""
+        """Whether the block is not empty."""
         return bool(block.stop > block.start)
 
     @staticmethod
-    def own(block: slice) -> slice:
-        """Where a block stands among these."""
+    def in_states(block: slice) -> slice:
+        """Slice of a block in the state vector without the mass properties."""
         return slice(block.start - RATE.start, block.stop - RATE.start)

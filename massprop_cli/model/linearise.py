@@ -1,7 +1,4 @@
-"""Linearisation of the response about one reference, in the mass properties (:mod:`massprop_cli.model.regressors`).
-
-Its state x stands as :mod:`massprop_cli.model.layout` has it.
-"""
+"""Linear system of the response about one reference, with the mass properties as states (:mod:`massprop_cli.model.layout`)."""
 
 import numpy as np
 
@@ -19,52 +16,53 @@ from massprop_cli.prepare.compensate import Source
 
 @dataclass(frozen=True)
 class Linear(Steps):
-    """A linear system about one reference."""
+    """A linear system of K cycles about one reference; n states, mass properties included."""
 
     drive: Array
-    """(K − 1, n)"""
+    """(K − 1, n) drive."""
     measured: Array
-    """(K, 6)"""
-    felt: Array
-    """(K, 3) the specific force of these at the measured rates: what mass properties and nuisances explain."""
+    """(K, 6) measured rate and specific force."""
+    specific_force: Array
+    """(K, 3) specific force that mass properties and nuisance states must explain, at the measured rates, m/s²."""
 
 
 def linearise(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Linear:
-    """The linear system of ``cycles`` (a slice with both ends given) about ``reference``. Row k uses data of cycles k and before only."""
+    """The linear system of ``cycles`` (a slice with both ends) about ``reference``. Row k uses data up to cycle k only."""
     phi_map, layout = ResponseMap(plant_of(vehicle)), Layout.of(samples, vehicle)
     theta = phi_map.plant.theta(reference)
     phi, slopes = phi_map.coefficients(theta)
     by_parameter = slopes @ np.linalg.inv(phi_map.plant.slopes(theta))
-    about = phi - by_parameter @ parameters(reference)
-    free = regressors(samples, cycles, reference, vehicle, np.column_stack([about, by_parameter]))
+    constant = phi - by_parameter @ parameters(reference)
+    response = regressors(samples, cycles, reference, vehicle, np.column_stack([constant, by_parameter]))
     states = slice(RATE.start, None)
-    transition = np.zeros((len(free.drive), layout.size, layout.size))
+    transition = np.zeros((len(response.drive), layout.size, layout.size))
     transition[:, PARAMETERS, PARAMETERS] = np.eye(10)
-    transition[:, states, states] = free.transition
-    transition[:, RATE, PARAMETERS] = free.drive[:, :3, 2:]
-    drive = np.zeros((len(free.drive), layout.size))
-    drive[:, states] = free.drive[..., 0] + free.drive[..., 1]
-    observation = np.zeros((len(free.measured), 6, layout.size))
-    observation[..., states] = free.observation
-    observation[:, 3:, PARAMETERS] = -free.measured[:, 3:, 2:]
-    measured = free.measured[..., 0] + free.measured[..., 1]
+    transition[:, states, states] = response.transition
+    transition[:, RATE, PARAMETERS] = response.drive[:, :3, 2:]
+    drive = np.zeros((len(response.drive), layout.size))
+    drive[:, states] = response.drive[..., 0] + response.drive[..., 1]
+    observation = np.zeros((len(response.measured), 6, layout.size))
+    observation[..., states] = response.observation
+    observation[:, 3:, PARAMETERS] = -response.measured[:, 3:, 2:]
+    measured = response.measured[..., 0] + response.measured[..., 1]
     rate = samples.part(cycles).rate_rad_s - reference.gyro_bias
-    felt = measured[:, 3:] - times(observation[:, 3:, RATE], rate)
-    return Linear(transition, observation, free.moment_to_rate, free.steps, drive, measured, felt)
+    specific_force = measured[:, 3:] - times(observation[:, 3:, RATE], rate)
+    return Linear(transition, observation, response.moment_to_rate, response.steps, drive, measured, specific_force)
 
 
-def less_tilt(system: Linear, left: Array, tilt: slice) -> Array:
-    """(K, 3) specific force ``left`` over by the mass properties, without what the states ``tilt`` of an unknown beginning explain of it.
+def without_tilt(system: Linear, residual: Array, tilt: slice) -> Array:
+    """(K, 3) residual of specific force without the part that the ``tilt`` states explain by least squares.
 
-    Where an error of the rate leaves them alone: what a table holds of the weight's pull along its slope.
+    The initial tilt is unknown. Mass properties are fitted at the same time, so that tilt explains only what they cannot. Requires that
+    a rate error does not drive the tilt states: true of a table's slope.
     """
-    carried = np.empty((len(left), 3, tilt.stop - tilt.start))
+    by_initial = np.empty((len(residual), 3, tilt.stop - tilt.start))
     state: Array = np.eye(tilt.stop - tilt.start)
-    for k, seen in enumerate(system.observation[:, 3:, tilt]):
-        carried[k] = seen @ state
-        state = state if k == len(left) - 1 else system.transition[k, tilt, tilt] @ state
-    rows = np.concatenate([carried, system.observation[: len(left), 3:, PARAMETERS]], -1).reshape(-1, carried.shape[2] + 10)
+    for k, jacobian in enumerate(system.observation[:, 3:, tilt]):
+        by_initial[k] = jacobian @ state
+        state = state if k == len(residual) - 1 else system.transition[k, tilt, tilt] @ state
+    rows = np.concatenate([by_initial, system.observation[: len(residual), 3:, PARAMETERS]], -1).reshape(-1, by_initial.shape[2] + 10)
     size = np.sqrt((rows**2).sum(0))
     size = np.where(size > 0, size, 1.0)
-    held = np.linalg.lstsq(rows / size, left.ravel(), rcond=1e-9)[0] / size
-    return left - carried @ held[: carried.shape[2]]
+    fit = np.linalg.lstsq(rows / size, residual.ravel(), rcond=1e-9)[0] / size
+    return residual - by_initial @ fit[: by_initial.shape[2]]

@@ -8,7 +8,7 @@ from massprop_cli.base.moments import Moments
 from massprop_cli.base.rigidbody import angular_acceleration, cross, times, torque_regressor
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.layout import CG, PARAMETERS, RATE, Layout
-from massprop_cli.model.linearise import less_tilt, linearise
+from massprop_cli.model.linearise import linearise, without_tilt
 from massprop_cli.model.parameters import parameters
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
@@ -45,7 +45,7 @@ def _shown(capability: Array, reference: Reference, vehicle: Vehicle, unread: Bo
     plant = plant_of(vehicle)
     if not plant.translates:
         by_weight = vehicle.environment.gravity_m_s2 / reference.mu * cross(reference.cg - plant.pivot, up)
-        torque, force = plant.commanded(wrench) - by_weight, np.zeros_like(force)
+        torque, force = plant.command_input(wrench) - by_weight, np.zeros_like(force)
     rate_dot = angular_acceleration(reference.inertia, reference.cg, rate, torque, force)
     if vehicle.estimator.method == "thesis":
         gravity = vehicle.environment.gravity_m_s2 if vehicle.on_air_bearing else 0.0
@@ -55,7 +55,7 @@ def _shown(capability: Array, reference: Reference, vehicle: Vehicle, unread: Bo
         rows[:, 3:, 9] = rows[:, :3, 9]
         rows[:, :3, 9] = 0.0
     else:
-        rows = plant.shown(reference, rate, rate_dot, force, up)
+        rows = plant.regressor(reference, rate, rate_dot, force, up)
     return _in_row_space(np.concatenate([rows[:, ~unread].reshape(-1, 10), _weighed(rows, vehicle)]))
 
 
@@ -99,8 +99,8 @@ def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Re
         here = samples.part(part)
         used = np.asarray(~here.executed.ignored.reshape(-1, 2, 3).any(2))
         beyond = (np.diff(here.rate_rad_s, axis=0) - system.steps) * (used[1:, :1] & used[:-1, :1])
-        left: Array = system.felt - times(system.observation[:, 3:, PARAMETERS], theta)
-        left = less_tilt(system, left, tilt) if sloping else left
+        left: Array = system.specific_force - times(system.observation[:, 3:, PARAMETERS], theta)
+        left = without_tilt(system, left, tilt) if sloping else left
         felt.add((left * used[:, 1:])[own])
         pushed.add(times(pushing, commanded))
         steps = np.concatenate([before, [system.steps, beyond]], 1)

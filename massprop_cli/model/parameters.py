@@ -1,4 +1,4 @@
-"""A reference as ten state parameters, the sizes that these have by nature, and the reference moved to others."""
+"""State parameters of a reference, their natural sizes, and the Gauss–Newton step of a reference."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from massprop_cli.model.plant import Reference
 
 
 def parameters(reference: Reference) -> Array:
-    """(10,) the reference as state entries: inertia, c, mu."""
+    """(10,) state parameters of the reference: inertia [kg m²], CG [m], mu [1/kg]."""
     return np.concatenate([elements(reference.inertia), reference.cg, [reference.mu]])
 
 
 def natural_sizes(reference: Reference) -> Array:
-    """(10,) the size that each state parameter has by nature: trace, sqrt(trace/mass), 1/mass."""
+    """(10,) natural size of each state parameter: trace of inertia, sqrt(trace · mu), mu."""
     trace = float(np.trace(reference.inertia))
     sizes = np.empty(10)
     sizes[INERTIA], sizes[CG], sizes[MU] = trace, np.sqrt(trace * reference.mu), reference.mu
@@ -22,28 +22,29 @@ def natural_sizes(reference: Reference) -> Array:
 
 
 def sizes_of_quantities(reference: Reference) -> Array:
-    """(10,) the same of the ten quantities, with the mass in place of its reciprocal."""
+    """(10,) natural size of each of the ten quantities: :func:`natural_sizes` with the mass instead of mu."""
     return np.append(natural_sizes(reference)[:MU], 1 / reference.mu)
 
 
-FARTHEST = 1e3
-"""Factor on mass or a moment of inertia, and natural sizes of the CG's shift, that no single step may exceed."""
+MAX_STEP = 1e3
+"""Bound on a single step: factor on the mass or on a moment of inertia, and shift of the CG in natural sizes."""
 
 
 def stepped(reference: Reference, target: Array) -> Reference | None:
-    """The reference moved to parameters ``target`` (10,) that a fit linear about it has found; None where that is no body.
+    """The reference moved to the estimated parameters ``target`` (10,); None where these are no rigid body.
 
-    The response is linear in J = I⁻¹, so the step is taken there, ``J ← J − J δI J``: it lands right from a reference however far off.
+    ``target`` comes from a fit that is linear about ``reference``. The response is linear in J = I⁻¹, so the step is taken in J:
+    ``J ← J − J δI J``. This converges also from a distant reference.
     """
-    if not np.isfinite(target).all() or not 1 / FARTHEST < target[MU] / reference.mu < FARTHEST:
+    if not np.isfinite(target).all() or not 1 / MAX_STEP < target[MU] / reference.mu < MAX_STEP:
         return None
-    if np.linalg.norm(target[CG] - reference.cg) > FARTHEST * natural_sizes(reference)[CG][0]:
+    if np.linalg.norm(target[CG] - reference.cg) > MAX_STEP * natural_sizes(reference)[CG][0]:
         return None
     inverse = np.linalg.inv(reference.inertia)
-    response = inverse - inverse @ (tensor(target[INERTIA]) - reference.inertia) @ inverse
-    principal = np.linalg.eigvalsh(response)
+    moved = inverse - inverse @ (tensor(target[INERTIA]) - reference.inertia) @ inverse
+    principal = np.linalg.eigvalsh(moved)
     root = np.linalg.cholesky(reference.inertia)
-    change = np.linalg.eigvalsh(root.T @ response @ root)
-    if principal[0] < 1e-3 * principal[2] or change[0] < 1 / FARTHEST or change[2] > FARTHEST:
+    change = np.linalg.eigvalsh(root.T @ moved @ root)
+    if principal[0] < 1e-3 * principal[2] or change[0] < 1 / MAX_STEP or change[2] > MAX_STEP:
         return None
-    return Reference(np.linalg.inv(response), target[CG].copy(), float(target[MU]), reference.gyro_bias)
+    return Reference(np.linalg.inv(moved), target[CG].copy(), float(target[MU]), reference.gyro_bias)

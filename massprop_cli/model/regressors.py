@@ -26,10 +26,10 @@ from massprop_cli.model import kernelargs
 from massprop_cli.model.gyroscopic import products_by_rate
 from massprop_cli.model.intracycle import STEEP, integrals, motion_within, turned_beyond
 from massprop_cli.model.layout import RATE, Layout
-from massprop_cli.model.momentum import held, impulse_by_damping, moments_by_scale
+from massprop_cli.model.momentum import impulse_by_damping, moments_by_scale, momentum_integrals
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.plant.plant import MU as THETA_MU
-from massprop_cli.model.plant.plant import Turning
+from massprop_cli.model.plant.plant import MeanMotion
 from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.model.windows import Windows, windows
 from massprop_cli.prepare.compensate import Samples, Source
@@ -120,7 +120,7 @@ class _Equations:
         self.plant, self.within = phi_map.plant, motion_within(here, reference, phi_map)
         self.rate, self.duration = here.rate_rad_s - reference.gyro_bias, here.executed.duration_s
         self.bin_s = self.duration / self.within.motion.rate.shape[1]
-        self.own = self.plant.turning(self.within.theta)
+        self.own = self.plant.inverse_inertia(self.within.theta)
         """(3, 3) of a moment to the angular acceleration."""
         self.leaving, self.entering = self._coupling()
         """(K − 1, 3, 3) B and A."""
@@ -141,7 +141,7 @@ class _Equations:
         by_rate = within.response[:, -6:] @ products_by_rate(np.eye(3))
         leaving, entering = (np.einsum("kl,lij->kij", part, by_rate) for part in (mean.rising[:-1], mean.falling[1:]))
         if executed.stored is not None:
-            momentum = held(executed.stored, self.bin_s)
+            momentum = momentum_integrals(executed.stored, self.bin_s)
             leaving, entering = leaving + own @ cross_matrix(momentum.rising[:-1]), entering + own @ cross_matrix(momentum.falling[1:])
         if self.reference.damping.any():
             half = own @ np.diag(self.reference.damping) * self.duration[:, None, None] / 2
@@ -181,7 +181,7 @@ class _Equations:
 
     def _tilting(self) -> _Tilting:
         kept, by_error = self.plant.tilt_step(self.rate, self.duration)
-        early, late, mean = self.plant.tilt_within(self.rate, self.duration)
+        early, late, mean = self.plant.tilt_in_cycle(self.rate, self.duration)
         rising, falling = self._moments_by_tilt()
         whole, force = (part @ mean for part in self._by_tilt())
         return _Tilting(kept, by_error, ((rising @ early)[:-1], (falling @ late)[1:]), whole, force)
@@ -196,7 +196,7 @@ class _Equations:
     def rotation(self, step: Array, known: Array, onto: Array | None) -> tuple[Array, Array]:
         """(K − 1, n, n) transition and (K − 1, n, 1 + c) drive of the states."""
         here, layout, channels, solve = self.here, self.layout, self.phi_map.plant.channels, self.solve
-        turning, damping, tilt = (layout.own(block) for block in (RATE, layout.damping, layout.tilt))
+        turning, damping, tilt = (layout.in_states(block) for block in (RATE, layout.damping, layout.tilt))
         transition = np.zeros((len(step), layout.states, layout.states))
         transition[:] = np.eye(layout.states)
         transition[:, turning, turning] = solve @ (np.eye(3) + self.leaving)
@@ -209,7 +209,7 @@ class _Equations:
         else:
             drive[:, turning, 1:] = solve @ _by_axis(step, onto)
         for name, impulse in self.acting.items():
-            transition[:, turning, layout.own(getattr(layout, name))] = solve @ impulse.step
+            transition[:, turning, layout.in_states(getattr(layout, name))] = solve @ impulse.step
         drive[:, turning, 0] -= transition[:, turning, damping] @ self.reference.damping[: damping.stop - damping.start]
         if self.tilting is not None:
             kept, by_error, leaving, entering = (
@@ -228,19 +228,19 @@ class _Equations:
     def translation(self, whole: Array, onto: Array | None) -> tuple[Array, Array]:
         """(K, 6, n) rate and specific force by the states, and (K, 6, 1 + c) what was measured of them."""
         here, layout, duration = self.here, self.layout, self.duration
-        damping, turning = layout.own(layout.damping), layout.own(RATE)
+        damping, turning = layout.in_states(layout.damping), layout.in_states(RATE)
         euler, felt, offset = self._felt(whole, onto)
         observation = np.zeros((len(duration), 6, layout.states))
         observation[:, :3, turning] = np.eye(3)
         observation[:, 3:, turning] = by_rate = self._felt_by_rate(euler)
         for rows, block in ((slice(0, 3), layout.gyro_bias), (slice(3, 6), layout.accel_bias)):
-            observation[:, rows, layout.own(block)] = np.eye(3)[:, : block.stop - block.start]
+            observation[:, rows, layout.in_states(block)] = np.eye(3)[:, : block.stop - block.start]
         for name, impulse in self.acting.items():
-            observation[:, 3:, layout.own(getattr(layout, name))] = euler @ (impulse.whole / duration[:, None, None])
+            observation[:, 3:, layout.in_states(getattr(layout, name))] = euler @ (impulse.whole / duration[:, None, None])
         if self.tilting is not None:
-            observation[:, 3:, layout.own(layout.tilt)] = self.tilting.force + euler @ self.own @ self.tilting.whole
+            observation[:, 3:, layout.in_states(layout.tilt)] = self.tilting.force + euler @ self.own @ self.tilting.whole
         if layout.has(layout.scale) and self.vehicle.thrust.scale_sigma > 0 and self.plant.translates:
-            observation[:, 3:, layout.own(layout.scale).start] += self.within.theta[THETA_MU] * whole[:, self.plant.force]
+            observation[:, 3:, layout.in_states(layout.scale).start] += self.within.theta[THETA_MU] * whole[:, self.plant.force]
         measured = np.zeros((len(duration), 6, 1 + felt.shape[2]))
         measured[:, :3, 0] = here.rate_rad_s
         measured[:, 3:, 0] = here.specific_force_m_s2 - offset + times(by_rate, self.rate)
@@ -253,8 +253,8 @@ class _Equations:
         rate_dot = times(self.within.response, whole) + self.reference.acceleration
         square = tensor(whole[:, -6:])  # the mean of ω ωᵀ
         centripetal = square - np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-        turning = Turning(whole, rate_dot, centripetal, centripetal + cross_matrix(rate_dot))
-        euler, own, offset = self.plant.felt(self.reference, self.within.motion, turning, np.array(self.vehicle.imu.position_m))
+        turning = MeanMotion(whole, rate_dot, centripetal, centripetal + cross_matrix(rate_dot))
+        euler, own, offset = self.plant.specific_force(self.reference, self.within.motion, turning, np.array(self.vehicle.imu.position_m))
         if onto is not None:
             return euler, euler @ _by_axis(whole, onto) + own @ onto[3 * self.phi_map.plant.channels :], offset
         by_response = (euler[..., None] * whole[:, None, None, :]).reshape(len(whole), 3, -1)
@@ -263,8 +263,8 @@ class _Equations:
     def _felt_by_rate(self, euler: Array) -> Array:
         """(K, 3, 3) of the specific force by an error of the rate; ``euler`` is that by ω̇, E = −[ρ]×.
 
-        ``d(ω × (ω × ρ) + ω̇ × ρ) = (2 [ω]× E − E [ω]×) dω + E dω̇``, and ω̇ changes by the gyroscopic coupling. What hangs on a bearing turns
-        under its weight meanwhile, by half a cycle's turn in the mean.
+        ``d(ω × (ω × ρ) + ω̇ × ρ) = (2 [ω]× E − E [ω]×) dω + E dω̇``, and ω̇ changes by the gyroscopic coupling. What hangs on a bearing
+        turns under its weight meanwhile, by half a cycle's turn in the mean.
         """
         half_s, turn = self.duration[:, None, None] / 2, cross_matrix(self.rate)
         coupled = _bounded(self.within.response[:, -6:] @ products_by_rate(self.rate) * half_s) / half_s

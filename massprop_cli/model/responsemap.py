@@ -32,9 +32,9 @@ class ResponseMap:
     def sizes(self, theta: Array) -> Array:
         """(10,) the size that each of θ has by nature: the largest J; sqrt(trace I · mu) of the CG, in what says where it is; mu."""
         principal = np.linalg.eigvalsh(tensor(theta[J]))
-        trace = (1 / principal).sum() - self.plant.trace_beyond(theta)
+        trace = (1 / principal).sum() - self.plant.parallel_axis_trace(theta)
         sizes = np.full(10, principal[-1])
-        sizes[MOMENT] = float(self.plant.moment_over_cg(theta)) * np.sqrt(trace * theta[MU])
+        sizes[MOMENT] = float(self.plant.moment_per_metre(theta)) * np.sqrt(trace * theta[MU])
         sizes[MU] = theta[MU]
         return sizes
 
@@ -45,7 +45,7 @@ class ResponseMap:
         found[..., J] = own[..., ROWS] * own[..., COLUMNS]
         trace = np.trace(np.linalg.inv(tensor(theta[..., J])), axis1=-2, axis2=-1)
         found[..., MOMENT] = np.sqrt(np.abs(trace * theta[..., MU]))[..., None]
-        found[..., MOMENT] *= self.plant.moment_over_cg(theta)[..., None]
+        found[..., MOMENT] *= self.plant.moment_per_metre(theta)[..., None]
         found[..., MU] = theta[..., MU]
         return found
 

@@ -286,7 +286,7 @@ def wrench_columns(
     channels, duration = part.executed.channels, part.executed.duration_s
     rising, falling, whole = (part[:, changes.channels] for part in channels.windows)
     up = (part.up_b[:-1] + part.up_b[1:]) / 2
-    moment, felt = plant_of(vehicle).pushed(reference, changes.wrench, up, np.array(vehicle.imu.position_m))
+    moment, felt = plant_of(vehicle).wrench_response(reference, changes.wrench, up, np.array(vehicle.imu.position_m))
     begun, ended = (
         np.einsum("kij,kjg,kg->kig", here.moment_to_rate, *one) for one in ((moment[:-1], rising[:-1]), (moment[1:], falling[1:]))
     )
@@ -329,7 +329,7 @@ class _Sides(NamedTuple):
 
     def add(self, key: tuple[int, int], samples: Source, vehicle: Vehicle, found: tuple[Array, Array]) -> None:
         """What was found of a side, with what logged attitudes measure beyond what the state gives, where there are any."""
-        logged = attitude.seen(samples.part(self.cycles), Layout.of(samples, self.own), self.reference)
+        logged = attitude.attitude_measurements(samples.part(self.cycles), Layout.of(samples, self.own), self.reference)
         if logged is not None:
             found = found[0], np.hstack([found[1], logged.offset - times(logged.observation, self.state)])
         self.read[key] = vehicle, found

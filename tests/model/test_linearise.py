@@ -43,7 +43,7 @@ def test_about_the_truth_the_model_reproduces_an_exact_flight(kind: str, rise_s:
     growth = np.diff(samples.rate_rad_s[2:80], axis=0)
     np.testing.assert_allclose(system.steps, growth, atol=5e-8)
     expected = times(system.observation[:, 3:, PARAMETERS], parameters(reference(truth(kind))))
-    np.testing.assert_allclose(system.felt, expected, atol=1e-4)
+    np.testing.assert_allclose(system.specific_force, expected, atol=1e-4)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -60,7 +60,7 @@ def test_derivatives_agree_with_finite_differences(kind: str) -> None:
             values[i] += sign * size
             shifted = Reference(tensor(values[:6]), values[6:9], float(values[9]))
             other = linearise(samples, slice(2, 80), shifted, used)
-            force = samples.specific_force_m_s2[2:80] - other.felt + times(other.observation[:, 3:, PARAMETERS], values)
+            force = samples.specific_force_m_s2[2:80] - other.specific_force + times(other.observation[:, 3:, PARAMETERS], values)
             moved.append((other.steps, force))
         # the implicit step's (1 − A) is solved in the transition: undo it to compare with the plain growth
         solve = system.moment_to_rate @ reference(base).inertia
@@ -84,7 +84,7 @@ def test_the_force_of_an_error_of_the_rate_agrees_with_finite_differences(kind: 
         for sign in (1, -1):
             rate = samples.rate_rad_s + sign * size * np.eye(3)[i]
             other = linearise(replace(samples, rate_rad_s=rate), slice(2, 80), about, used)
-            forces.append(times(other.observation[:, 3:, PARAMETERS], parameters(about)) - other.felt)
+            forces.append(times(other.observation[:, 3:, PARAMETERS], parameters(about)) - other.specific_force)
         slope = (forces[0] - forces[1]) / (2 * size)
         np.testing.assert_allclose(slope, system.observation[:, 3:, RATE.start + i], atol=0.004 * largest)
 

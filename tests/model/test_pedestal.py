@@ -8,7 +8,7 @@ import pytest
 from massprop_cli.base.rigidbody import lever_arm, times
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.plant import PedestalBody, Reference
-from massprop_cli.model.plant.plant import MU, Turning
+from massprop_cli.model.plant.plant import MU, MeanMotion
 from massprop_cli.model.responsemap import ResponseMap
 from tests.model.test_plant import BODY, motion
 from tests.model.test_responsemap import difference
@@ -26,17 +26,17 @@ def test_torque_about_the_pivot_and_weight_turn_the_body() -> None:
     moment = (BODY.cg - PIVOT) / BODY.mu
     turning = torque - np.cross(moment, GRAVITY * moving.up) - np.cross(moving.rate, times(BODY.inertia, moving.rate))
     turned = np.linalg.solve(BODY.inertia, turning[..., None])[..., 0]
-    z = np.concatenate([PLANT.acting(moving.wrench, moving.up, moving.up), products(moving.rate)], -1)
+    z = np.concatenate([PLANT.inputs(moving.wrench, moving.up, moving.up), products(moving.rate)], -1)
     phi = phi_map.coefficients(phi_map.plant.theta(BODY))[0][: 3 * phi_map.plant.channels].reshape(3, -1)
     np.testing.assert_allclose(times(phi, z), turned, rtol=1e-9)
     np.testing.assert_allclose(phi, phi_map.plant.response(phi_map.plant.theta(BODY)), rtol=1e-12)
     position, still = np.array([0.1, -0.05, 0.2]), motion(turned)
     rotation, square = still.rotation[:, 0], np.zeros((len(turned), 3, 3))
     square[:] = rotation - np.cross(np.eye(3), -turned[:, 0][:, None]).transpose(0, 2, 1)
-    felt = PLANT.felt(BODY, still, Turning(z[:, 0], turned[:, 0], square, rotation), position)
+    felt = PLANT.specific_force(BODY, still, MeanMotion(z[:, 0], turned[:, 0], square, rotation), position)
     expected = GRAVITY * still.up[:, 0] + lever_arm(still.rate[:, 0], turned[:, 0], position - PIVOT)
-    np.testing.assert_allclose(times(felt.euler, turned[:, 0]) + felt.offset, expected, rtol=1e-9)
-    assert not felt.own.any()
+    np.testing.assert_allclose(times(felt.by_rate_dot, turned[:, 0]) + felt.offset, expected, rtol=1e-9)
+    assert not felt.by_phi.any()
 
 
 def test_no_mass_moves_the_coefficients() -> None:

@@ -9,8 +9,8 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import lever_arm, tensor
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.plant import Motion, PlanarBody, Reference
-from massprop_cli.model.plant.planar import TOLD
-from massprop_cli.model.plant.plant import Turning
+from massprop_cli.model.plant.planar import OBSERVABLE
+from massprop_cli.model.plant.plant import MeanMotion
 from massprop_cli.model.responsemap import ResponseMap
 
 pytestmark = pytest.mark.numerical
@@ -44,9 +44,9 @@ def test_the_specific_force_along_the_table_is_that_of_the_cg_and_the_lever_arm(
     centripetal = np.array([lever_arm(w[None], 0 * a[None], np.eye(3)).T for w, a in zip(rate, rate_dot, strict=True)])
     bins = Motion(wrench[:, None], rate[:, None], rate_dot[:, None], 0 * rate[:, None], 0 * rate[:, None])
     whole = np.concatenate([wrench, products(rate)], -1)
-    felt = PLANT.felt(BODY, bins, Turning(whole, rate_dot, centripetal, spin), position)
+    felt = PLANT.specific_force(BODY, bins, MeanMotion(whole, rate_dot, centripetal, spin), position)
     phi, _ = PLANT.coefficients(PLANT.theta(BODY))
-    found = np.einsum("kij,kj->ki", felt.euler, whole @ phi[:36].reshape(3, 12).T) + felt.own @ phi[36:] + felt.offset
+    found = np.einsum("kij,kj->ki", felt.by_rate_dot, whole @ phi[:36].reshape(3, 12).T) + felt.by_phi @ phi[36:] + felt.offset
     expected = BODY.mu * wrench[:, 3:] + lever_arm(rate, rate_dot, position - BODY.cg)
     np.testing.assert_allclose(found[:, :2], expected[:, :2], rtol=1e-12)
 
@@ -56,8 +56,8 @@ def test_slopes_are_those_of_differences_in_what_is_told_and_nothing_in_the_rest
     steps = np.diag(1e-6 * np.maximum(np.abs(theta), 1e-2))
     by_theta = np.stack([(PLANT.coefficients(theta + h)[0] - PLANT.coefficients(theta - h)[0]) / (2 * h.sum()) for h in steps], -1)
     np.testing.assert_allclose(PLANT.coefficients(theta)[1], by_theta, atol=1e-8 * np.abs(by_theta).max())
-    assert not PLANT.coefficients(theta)[1][:, ~TOLD].any()
-    assert (np.abs(PLANT.coefficients(theta)[1]).sum(0)[TOLD] > 0).all()
+    assert not PLANT.coefficients(theta)[1][:, ~OBSERVABLE].any()
+    assert (np.abs(PLANT.coefficients(theta)[1]).sum(0)[OBSERVABLE] > 0).all()
 
 
 def test_what_is_told_comes_back_and_the_rest_is_a_flat_body() -> None:
@@ -74,4 +74,4 @@ def test_a_vector_of_the_world_is_carried_from_the_middle_of_a_cycle_to_the_midd
     seen = [np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]) @ world for a in angle]
     np.testing.assert_allclose(steps[0] @ seen[0], seen[1], rtol=1e-12)
     np.testing.assert_allclose(steps[1] @ seen[1], seen[2], rtol=1e-12)
-    assert PlanarBody(0.0).tilts == 0
+    assert PlanarBody(0.0).tilt_count == 0

@@ -1,4 +1,4 @@
-"""What an environment makes of commands and mass properties: one file for each, and the one that the vehicle file states."""
+"""Equations of motion by environment, one file each, and the choice of the one that the vehicle file states."""
 
 import numpy as np
 
@@ -7,11 +7,11 @@ from massprop_cli.model.plant.bearing import BearingBody
 from massprop_cli.model.plant.free import FreeBody
 from massprop_cli.model.plant.pedestal import PedestalBody
 from massprop_cli.model.plant.planar import PlanarBody
-from massprop_cli.model.plant.plant import Felt, Motion, Plant, Reference
+from massprop_cli.model.plant.plant import Motion, Plant, Reference, SpecificForce
 
 
 def plant_of(vehicle: Vehicle) -> Plant:
-    """The environment that the vehicle file states."""
+    """The equations of motion of the environment that the vehicle file states."""
     environment = vehicle.environment
     if environment.kind == "free":
         return FreeBody()
@@ -23,4 +23,4 @@ def plant_of(vehicle: Vehicle) -> Plant:
     return BearingBody(pivot, environment.bearing_mass_kg, gravity)
 
 
-__all__ = ["BearingBody", "Felt", "FreeBody", "Motion", "PedestalBody", "PlanarBody", "Plant", "Reference", "plant_of"]
+__all__ = ["BearingBody", "FreeBody", "Motion", "PedestalBody", "PlanarBody", "Plant", "Reference", "SpecificForce", "plant_of"]
