@@ -16,20 +16,20 @@ from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.prepare.compensate import Mounted, Samples
 
 KINDS = ("free", "air_bearing", "pedestal")
-"""Environments that the kernel knows, by its numbers."""
+"""Environments that the kernel supports, in the order of its own numbers."""
 
 
-def unknown(vehicle: Vehicle) -> str:
-    """What of a vehicle the kernel's estimator doesn't know; empty where it knows all."""
+def unsupported(vehicle: Vehicle) -> str:
+    """Why the kernel's estimator does not support the vehicle; empty if it does."""
     if any(getattr(vehicle.drift, name) for name in type(vehicle.drift).model_fields):
         return "[drift] is stated, and the kernel knows none"
     if vehicle.uncertain_geometry:
         return "jets or IMU are stated to be uncertain, and the kernel takes them as exact"
-    return unmodelled(vehicle)
+    return unsupported_motion(vehicle)
 
 
-def unmodelled(vehicle: Vehicle) -> str:
-    """What of a vehicle's motion the kernel's equations don't have; empty where they have all."""
+def unsupported_motion(vehicle: Vehicle) -> str:
+    """Why the kernel's equations of motion do not hold for the vehicle; empty if they do."""
     if vehicle.environment.kind not in KINDS:
         known = ", ".join(map(repr, KINDS))
         return f"environment.kind is {vehicle.environment.kind!r}, and the kernel knows {known}; massprop estimate takes such a log"
@@ -47,17 +47,17 @@ def unmodelled(vehicle: Vehicle) -> str:
         return "axes of wheels are stated to be uncertain, and the kernel takes them as exact"
     if vehicle.swings:
         return "inertia is known from elsewhere, and the kernel follows no free swing on a pedestal"
-    for kind, own in vehicle.actuators:
-        if any(one.device is not None and not (isinstance(one, Wheel) and one.column == "speed") for one in own):
+    for kind, actuators in vehicle.actuators:
+        if any(one.device is not None and not (isinstance(one, Wheel) and one.column == "speed") for one in actuators):
             return f"[[{kind.TABLE}]] store momentum that no wheel's logged speed tells, and the kernel knows no other"
     return f"{len(vehicle.wheels)} wheels, and the kernel holds {WHEELS}" if len(vehicle.wheels) > WHEELS else ""
 
 
 def vehicle_numbers(samples: Mounted, vehicle: Vehicle, noise: Sequence[float] = (0.0,) * 4, reach_m: float = 0.0) -> Array:
-    """All that is constant, in the order of ``mp_vehicle_of``.
+    """(n,) constants of vehicle and log, in the order of ``mp_vehicle_of``.
 
-    A flight begins with ``noise`` of a cycle's mean rate [rad/s] and specific force along each body axis [m/s²], and with the distance of
-    the farthest jet; a linearisation does without.
+    The estimator needs ``noise``, one sigma of a cycle's mean rate [rad/s] and of specific force along each body axis [m/s²], and
+    ``reach_m``, the distance of the farthest jet. A linearisation needs neither.
     """
     layout = Layout.of(samples, vehicle)
     states = [layout.has(block) for block in (layout.gyro_bias, layout.accel_bias, layout.torque, layout.tilt)]
@@ -83,7 +83,7 @@ def vehicle_numbers(samples: Mounted, vehicle: Vehicle, noise: Sequence[float] =
 
 
 def reference_numbers(reference: Reference, phi_map: ResponseMap) -> Array:
-    """What the equations are linear about, as the kernel has it."""
+    """(n,) numbers of the reference, in the order of ``reference_of`` (massprop_cli/kernel/blocks.c)."""
     theta = phi_map.plant.theta(reference)
     motion = (reference.gyro_bias, reference.acceleration, response_of(reference, phi_map, theta).ravel())
     scale = np.zeros(1 + WHEELS)
@@ -91,73 +91,76 @@ def reference_numbers(reference: Reference, phi_map: ResponseMap) -> Array:
     return np.concatenate([theta, reference.inertia.ravel(), reference.cg, [reference.mu], *motion, scale])
 
 
-def packed(samples: Samples) -> Array:
-    """(K, …) each cycle's numbers, in the order of ``mp_cycle_of``."""
+def cycle_numbers(samples: Samples) -> Array:
+    """(K, …) numbers of each cycle, in the order of ``mp_cycle_of``."""
     executed, count = samples.executed, len(samples)
     pulses = [] if executed.pulse_covariance is None else [executed.pulse_covariance]
-    held = []
+    stored = []
     if executed.stored is not None:
-        held = [np.stack([executed.stored.mean, executed.stored.skew], 2)]
-        held += [part[:, executed.channels.thrusting :] for part in executed.channels.windows]
-    parts = (
+        stored = [np.stack([executed.stored.mean, executed.stored.skew], 2)]
+        stored += [part[:, executed.channels.thrusting :] for part in executed.channels.windows]
+    columns = (
         *(samples.end_s[:, None], executed.duration_s[:, None], samples.rate_rad_s, samples.rate_step_rad_s, samples.carried_rad_s),
         *(samples.specific_force_m_s2, samples.up_b[:-1], samples.up_b[1:], executed.rising, executed.falling),
-        *(executed.whole, executed.ignored[:, ::3], executed.impulse_bins, executed.skew_bins, *pulses, *held),
+        *(executed.whole, executed.ignored[:, ::3], executed.impulse_bins, executed.skew_bins, *pulses, *stored),
     )
-    return np.concatenate([part.reshape(count, -1) for part in parts], 1, dtype=float)
+    return np.concatenate([part.reshape(count, -1) for part in columns], 1, dtype=float)
 
 
 def regressors(numbers: Array, about: Array, cycles: Array, states: int, combined: int, onto: Array | None) -> tuple[Array, ...]:
-    """The arrays of :class:`massprop_cli.model.regressors.Regressors` in their order, of ``cycles`` as :func:`packed` has them.
+    """The arrays of :class:`massprop_cli.model.regressors.Regressors`, in its order, of ``cycles`` (:func:`cycle_numbers`).
 
-    ``numbers`` are the vehicle's, ``about`` those of a reference (``reference_of`` in massprop_cli/kernel/blocks.c).
+    ``numbers`` are the vehicle's, ``about`` the reference's.
     """
     count, n = len(cycles), states
     transition, observation, to_rate = np.empty((count - 1, n, n)), np.empty((count, 6, n)), np.empty((count - 1, 3, 3))
     steps, drive, measured = np.empty((count - 1, 3)), np.empty((count - 1, n, 1 + combined)), np.empty((count, 6, 1 + combined))
     found = (transition, observation, to_rate, steps, drive, measured)
     out = (ctypes.c_void_p * 6)(*(part.ctypes.data for part in found))
-    checked(call(kernel().compiled.mp_host_regressors, numbers, about, *cycles.shape, cycles, onto, ctypes.c_int(combined), out))
+    check_status(call(kernel().compiled.mp_host_regressors, numbers, about, *cycles.shape, cycles, onto, ctypes.c_int(combined), out))
     return found
 
 
-def taken(numbers: Array, about: Array, attitude_error: Array, cycles: Array, before: tuple[Array, ...], begun: bool) -> tuple[Array, ...]:
-    """Cycles, as :func:`packed` has them, through the filter on the nuisances.
+def filtered(
+    numbers: Array, about: Array, attitude_error: Array, cycles: Array, before: tuple[Array, ...], begun: bool
+) -> tuple[Array, ...]:
+    """Run the filter on the nuisance states through ``cycles`` (:func:`cycle_numbers`).
 
-    Its mean (n, c), root (n, n) and triangle (c, c) of what it has left of the log ``before`` and after; and of each cycle (K, 6, c)
-    whitened, (K, 6, 6) their root. ``begun``: the first cycle is but the one before those that are taken in; else it is the phase's first.
+    ``before`` is the filter's state before them: mean (n, c), root of the covariance (n, n) and triangle (c, c) of the information. Returns
+    these three after the cycles; then the whitened innovations (K, 6, c) and their roots (K, 6, 6). With ``begun``, the first of ``cycles``
+    was processed before and only leads into the next; else it is the phase's first.
     """
     size, count = len(before[2]), len(cycles) - begun
     upper = np.triu_indices(size)
     mean, root, packed_triangle = np.array(before[0], order="C"), np.array(before[1], order="C"), before[2][upper]
     white, roots = np.empty((count, 6, size)), np.empty((count, 6, 6))
     given = numbers, about, attitude_error, ctypes.c_int(begun), *cycles.shape, cycles
-    checked(call(kernel().compiled.mp_host_taken, *given, mean, root, packed_triangle, white, roots))
+    check_status(call(kernel().compiled.mp_host_taken, *given, mean, root, packed_triangle, white, roots))
     triangle = np.zeros((size, size))
     triangle[upper] = packed_triangle
     return mean, root, triangle, white, roots
 
 
-def beyond(numbers: Array, about: Array, phi: Array, cycles: Array, rate: Array, states: int) -> tuple[Array, Array]:
-    """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what ``rate`` (K, 3) gives: of coefficients ``phi`` (N,)."""
+def one_step(numbers: Array, about: Array, phi: Array, cycles: Array, rate: Array, states: int) -> tuple[Array, Array]:
+    """(K − 1, n) one-step prediction of the state, and (K, 6) measurement residuals, at ``rate`` (K, 3) with coefficients ``phi`` (N,)."""
     found = np.empty((len(cycles) - 1, states)), np.empty((len(cycles), 6))
-    checked(call(kernel().compiled.mp_host_beyond, numbers, about, phi, *cycles.shape, cycles, rate, *found))
+    check_status(call(kernel().compiled.mp_host_beyond, numbers, about, phi, *cycles.shape, cycles, rate, *found))
     return found
 
 
 def integrals(numbers: Array, about: Array, cycles: Array, channels: int) -> tuple[Array, Array, Array]:
-    """The arrays of :func:`massprop_cli.model.regressors.integrals_about`, handed over as :func:`regressors` hands them."""
+    """The arrays of :func:`massprop_cli.model.regressors.integrals_about`."""
     count = len(cycles)
     found = np.empty((count - 1, channels)), np.empty((count, channels)), np.empty((count - 1, 3))
-    checked(call(kernel().compiled.mp_host_integrals, numbers, about, *cycles.shape, cycles, *found))
+    check_status(call(kernel().compiled.mp_host_integrals, numbers, about, *cycles.shape, cycles, *found))
     return found
 
 
 class StatusError(RuntimeError):
-    """The kernel doesn't take a cycle: ``enum mp_status`` of massprop_cli/kernel/massprop.h."""
+    """The kernel refused a cycle, with a status of ``enum mp_status`` (massprop_cli/kernel/massprop.h)."""
 
 
-def checked(status: int) -> None:
-    """:class:`StatusError` on any status but 0."""
+def check_status(status: int) -> None:
+    """Raise :class:`StatusError` on any status but 0."""
     if status:
         raise StatusError(f"the compiled kernel ended with status {status}")

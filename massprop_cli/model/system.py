@@ -19,7 +19,7 @@ from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.regressors import Regressors, regressors
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.responsemap import ResponseMap
-from massprop_cli.model.sensitivity import Consider, fed
+from massprop_cli.model.sensitivity import Consider, assumption_columns
 from massprop_cli.prepare.compensate import Mounted, Samples, Source, biased_attitude
 
 DIFFUSE_SIGMA = 1e3
@@ -76,8 +76,8 @@ def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Res
         both[:, :6, :6], both[:, 6:, 6:] = noise, logged.noise
         noise = both
     if consider.columns(len(samples.wrench)) or consider.kinds:
-        driven, seen = fed(response, samples, cycles, reference, vehicle, consider, phi_map)
-        drive, measured = np.concatenate([drive, driven], -1), np.concatenate([measured, seen], -1)
+        driven, changes = assumption_columns(response, samples, cycles, reference, vehicle, consider, phi_map)
+        drive, measured = np.concatenate([drive, driven], -1), np.concatenate([measured, changes], -1)
     transition = response.transition
     walk = random_walk(vehicle)
     if walk.any():

@@ -16,7 +16,7 @@ from massprop_cli.model.geometry import uncertain_jets
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.regressors import regressors
 from massprop_cli.model.responsemap import ResponseMap
-from massprop_cli.model.sensitivity import Consider, OtherReading, Variant, fed, with_geometry
+from massprop_cli.model.sensitivity import Consider, OtherReading, Variant, assumption_columns, with_geometry
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 from tests import faulty
@@ -64,8 +64,8 @@ def test_a_jets_columns_are_what_the_changed_jet_does(name: str, apart: float) -
         other = changed(vehicle, number, jet.model_copy(update={"force_n": tuple(force.tolist()), "position_m": tuple(place.tolist())}))
         variants.append(Variant(OtherReading(samples), OtherReading(Stream.of(log, other, timing), other), 1.0))
     here, phi_map = regressors(samples, CYCLES, reference, vehicle), ResponseMap(plant_of(vehicle))
-    by_columns = fed(here, samples, CYCLES, reference, vehicle, Consider(jets=jets), phi_map)
-    by_reading = fed(here, samples, CYCLES, reference, vehicle, Consider(tuple(variants)), phi_map)
+    by_columns = assumption_columns(here, samples, CYCLES, reference, vehicle, Consider(jets=jets), phi_map)
+    by_reading = assumption_columns(here, samples, CYCLES, reference, vehicle, Consider(tuple(variants)), phi_map)
     for found, expected in zip(by_columns, by_reading, strict=True):
         for g in range(len(jets.kinds)):
             size = np.abs(expected[..., g]).max()

@@ -32,7 +32,7 @@ def test_the_response_agrees(name: str, nuisances: bool, onto: bool, monkeypatch
     combined = np.random.default_rng(3).standard_normal((phi_map.size, 4)) if onto else None
     cycles = slice(20, 150)
     own = regressors(found.samples, cycles, about, vehicle, combined)
-    monkeypatch.setattr("massprop_cli.model.regressors.compiled", lambda _: False)
+    monkeypatch.setattr("massprop_cli.model.regressors.in_kernel", lambda _: False)
     other = regressors(found.samples, cycles, about, vehicle, combined)
     for field in fields(Regressors):
         a, b = getattr(own, field.name), getattr(other, field.name)

@@ -18,7 +18,7 @@ from massprop_cli.flow import Analysis
 from massprop_cli.model.plant import plant_of
 from massprop_cli.model.regressors import regressors
 from massprop_cli.model.responsemap import ResponseMap
-from massprop_cli.model.sensitivity import Consider, OtherReading, Reading, Variant, fed, variant
+from massprop_cli.model.sensitivity import Consider, OtherReading, Reading, Variant, assumption_columns, variant
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 from massprop_cli.result.build import effective_settings
@@ -81,7 +81,7 @@ def test_what_the_imu_reads_is_all_that_its_turn_and_the_gyros_scale_change(flye
         *(Variant(here, OtherReading(flyer.samples.changed(turned), turned), angle), Variant(here, scaled, 1e-6)),
     )
     at = regressors(flyer.samples, cycles, settled.reference, flyer.vehicle), flyer.samples, cycles, settled.reference, flyer.vehicle
-    driven, measured = fed(*at, Consider(variants), ResponseMap(plant_of(flyer.vehicle)))
+    driven, measured = assumption_columns(*at, Consider(variants), ResponseMap(plant_of(flyer.vehicle)))
     moved = np.abs(measured[:, :3, 2:]).max()
     assert moved > 0.1
     # beside the rate; the step of the differences; a fiftieth of the noise of 0.02 m/s^2
