@@ -23,7 +23,7 @@ from massprop_cli.estimate.history import History
 from massprop_cli.estimate.quantities import alone, by_scale, in_common, quantities
 from massprop_cli.estimate.rows import Parameters
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.geometry import channels_otherwise
+from massprop_cli.model.geometry import channel_changes
 from massprop_cli.model.layout import MU
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
@@ -228,7 +228,7 @@ def _columns(setup: Setup, samples: Stream, size_m: float) -> tuple[Consider, Ar
                 columns.append(ErrorColumn(one.name, "XYZ"[axis] if one.size > 1 else "", usual, one.least(setup) / usual))
     sigmas = {name: _usual(one, size_m) for name, one in BY_NAME.items() if one.per_channel}
     jets = setup.vehicle.jets if setup.log.command_kind == "jets" else ()
-    pushes = channels_otherwise(jets, channel_wrench(setup.log, setup.vehicle), sigmas)
+    pushes = channel_changes(jets, channel_wrench(setup.log, setup.vehicle), sigmas)
     named = channel_names(setup.log, setup.vehicle)
     units = np.array([*(one.usual for one in columns), *np.ones(len(pushes.channels)), BY_NAME[AGING].usual])
     columns += [ErrorColumn(kind, named[channel], sigmas[kind]) for kind, channel in zip(pushes.kinds, pushes.channels, strict=True)]

@@ -22,7 +22,7 @@ from massprop_cli.estimate.whitening import Driven
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
-from massprop_cli.model.intracycle import motion_within
+from massprop_cli.model.intracycle import intra_cycle_motion
 from massprop_cli.model.plant import plant_of
 from massprop_cli.model.regressors import integrals_about
 from massprop_cli.model.resolved import Resolved
@@ -252,7 +252,7 @@ def _by_body(samples: Samples, vehicle: Vehicle, theta: Array, places: Mapping[s
         growth[:, places["level"]] -= (samples.executed.rising[:-1] + samples.executed.falling[1:])[:, force]
         mean[:, places["level"]] -= samples.executed.whole[:, force] / duration_s
     if samples.executed.stored is not None:
-        motion = motion_within(samples, phi_map.reference(theta), phi_map).motion
+        motion = intra_cycle_motion(samples, phi_map.reference(theta), phi_map).motion
         within = precessing_within(samples.executed.stored, motion, samples.executed.duration_s)
         for part, products_of in zip((growth, mean), within, strict=True):
             columns = np.arange(places["precession"].start, places["precession"].stop).reshape(-1, PER_AXIS)[:, :3]

@@ -34,7 +34,7 @@ def holds(samples: Source, vehicle: Vehicle, consider: Consider) -> bool:
         and not consider.variants
         and not consider.scales
         and not consider.kinds
-        and not kernelargs.unknown(vehicle)
+        and not kernelargs.unsupported(vehicle)
     )
 
 
@@ -46,7 +46,7 @@ class Pass:
         self.library, self.samples, self.cycles, self.vehicle = library, samples, cycles, vehicle
         self._room = np.empty(library.mp_host_size(), np.uint8)
         self.memory = pointer(self._room)
-        kernelargs.checked(library.mp_host_begin(self.memory, pointer(table(samples, vehicle))))
+        kernelargs.check_status(library.mp_host_begin(self.memory, pointer(table(samples, vehicle))))
         attitude_error = np.ascontiguousarray(samples.part(slice(cycles.start, cycles.start + 1)).attitude_error_rad, dtype=float)
         library.mp_host_attitude_error(self.memory, pointer(attitude_error))
 
@@ -56,13 +56,13 @@ class Pass:
         for begin in range(first, end, CHUNK):
             if progress is not None:
                 progress((begin - first) / (end - first))
-            yield self.step(kernelargs.packed(self.samples.part(slice(begin, min(begin + CHUNK, end)))))
+            yield self.step(kernelargs.cycle_numbers(self.samples.part(slice(begin, min(begin + CHUNK, end)))))
 
     def step(self, fed: Array) -> Rows:
         """Estimates after each of the next cycles, as :func:`packed` has them."""
         told = np.empty((len(fed), TOLD))
         count, stride = (ctypes.c_long(n) for n in fed.shape)
-        kernelargs.checked(self.library.mp_host_run(self.memory, count, stride, pointer(fed), pointer(told)))
+        kernelargs.check_status(self.library.mp_host_run(self.memory, count, stride, pointer(fed), pointer(told)))
         return rows_of(told)
 
     def reference(self) -> Reference | None:

@@ -109,7 +109,7 @@ def posed_segments(
     edges = [cycles.start, *ends[ends > cycles.start + 1].tolist()]
     stops = [[*range(first + AT_ONCE, end, AT_ONCE), end] for first, end in pairwise(edges)]
     begun = frozenset([cycles.start, *chain(*stops)])
-    regression = Regression(samples, cycles, vehicle, replace(consider, begun=begun), Tangent(plant, theta))
+    regression = Regression(samples, cycles, vehicle, replace(consider, restarts=begun), Tangent(plant, theta))
     known, each = _segments(regression, reference, stops)
     rows, scale = regression.beside_assumptions([known, *(triangle for _, triangle in each)], theta)
     return PosedSegments(

@@ -23,7 +23,7 @@ from massprop_cli.inputs.actuators.wheel import WheelLog
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import COMMANDS, LAGS, PENDING, Kernel, kernel, pointer
-from massprop_cli.model.kernelargs import checked
+from massprop_cli.model.kernelargs import check_status
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.actuators import LATE
@@ -128,11 +128,11 @@ class Flight:
         self.library = library
         self._room = np.empty(library.mp_host_flight_size(), np.uint8)
         self.memory = pointer(self._room)
-        checked(library.mp_host_fly(self.memory, pointer(commands), pointer(vehicle), pointer(rule)))
+        check_status(library.mp_host_fly(self.memory, pointer(commands), pointer(vehicle), pointer(rule)))
 
     def phase(self, vehicle: Array, rule: Array) -> None:
         """Estimates anew with the next cycle; commands in flight and the attitude go on."""
-        checked(self.library.mp_host_phase(self.memory, pointer(vehicle), pointer(rule)))
+        check_status(self.library.mp_host_phase(self.memory, pointer(vehicle), pointer(rule)))
 
     def step(self, fed: Array, last: bool = False) -> Reported:
         """The next cycles, as :func:`cycles_of` has them; ``last``: no more of them come."""
@@ -140,7 +140,7 @@ class Flight:
         count, stride = (ctypes.c_long(n) for n in fed.shape)
         arguments = (count, stride, pointer(fed), ctypes.c_int(last), pointer(told), pointer(values), ctypes.byref(status))
         made = self.library.mp_host_flown(self.memory, *arguments)
-        checked(status.value)
+        check_status(status.value)
         own = values[:made]
         return Reported(compiled.rows_of(told[:made]), own[:, :10], own[:, 10:20], own[:, 20:])
 

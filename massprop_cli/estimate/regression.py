@@ -117,7 +117,7 @@ class Regression(Triangle):
         """The states of a block in the last cycle, by φ (N,) and by ``others``; what they were ``before`` where there are none yet."""
         if block.stop == block.start or run.state is None:
             return before
-        mean = run.state.mean[Layout.own(block)]
+        mean = run.state.mean[Layout.in_states(block)]
         return mean[:, 0] + mean[:, 1 : 1 + self.phi_map.size] @ phi + mean[:, mean.shape[1] - len(others) :] @ others
 
     def _searched(self, run: Run, theta: Array, bound: bool) -> tuple[Array, Array, Array, float, bool]:

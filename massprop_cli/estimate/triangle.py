@@ -132,11 +132,11 @@ class Triangle:
     def _compiled(self, run: Run, end: int) -> tuple[Run, Taken]:
         """The cycles from ``run.at`` to ``end`` by the compiled kernel (massprop_cli/kernel/offline.c)."""
         begun = run.state is not None
-        fed = kernelargs.packed(self.samples.part(slice(run.at - begun, end)))
+        fed = kernelargs.cycle_numbers(self.samples.part(slice(run.at - begun, end)))
         width, states = len(run.triangle), len(self.prior)
         state = run.state or State(np.zeros((states, width)), np.zeros((states, states)))
         given = compiled.table(self.samples, self.vehicle), kernelargs.reference_numbers(run.reference, self.phi_map), self._attitude_error
-        mean, root, triangle, white, roots = kernelargs.taken(*given, fed, (*state, run.triangle), begun)
+        mean, root, triangle, white, roots = kernelargs.filtered(*given, fed, (*state, run.triangle), begun)
         run = replace(run, at=end, state=State(mean, root), triangle=triangle)
         return self._renewed(run), Taken(white, roots, ())
 

@@ -156,7 +156,7 @@ def _exact(stated: LowPass | None, found: LowPass | None) -> LowPass | None:
 
 def _checked(source: VehicleSource, recorder: Recorder, vehicle: Vehicle, timing: Timing, shortest_s: float) -> Resolved:
     used = Resolved.stated(vehicle)
-    problem = kernelargs.unknown(vehicle) or kernelflight.beyond(recorder, vehicle, timing, shortest_s)
+    problem = kernelargs.unsupported(vehicle) or kernelflight.beyond(recorder, vehicle, timing, shortest_s)
     if vehicle.cycle.command_delay_sigma_cycles > 0 or vehicle.thrust.lag_sigma_s > 0:
         problem = (
             problem or "delay or lag have a sigma, and the kernel takes them as exact; set command_delay_sigma_cycles and lag_sigma_s to 0"

@@ -141,7 +141,7 @@ def test_wheels_agree_in_every_environment(scenario: str, kind: str) -> None:
     own = engine.replay(*given)
     with pytest.MonkeyPatch.context() as numpy_alone:
         numpy_alone.setattr(compiled, "holds", lambda *_: False)
-        numpy_alone.setattr(regressors, "compiled", lambda _: False)
+        numpy_alone.setattr(regressors, "in_kernel", lambda _: False)
         other = engine.replay(*given)
     assert np.isfinite(own.values[-1]).any()
     assert apart(own.values, other.values, other.sigmas) < AGREE
@@ -167,7 +167,7 @@ def test_what_is_off_line_agrees(log: str, assignments: tuple[str, ...], monkeyp
     """Fits, what they leave, and what each assumption does to them."""
     own = analysed(log.split("/")[0]) if not assignments else job.of_file(SAMPLES / f"{log}.parquet", None, assignments).analysis
     with monkeypatch.context() as numpy_alone:
-        numpy_alone.setattr(kernelargs, "unknown", lambda *_: "anything")
+        numpy_alone.setattr(kernelargs, "unsupported", lambda *_: "anything")
         other = job.of_file(SAMPLES / f"{log}.parquet", None, assignments).analysis
     for mine, theirs in zip(own.settled, other.settled, strict=True):
         assert mine.residual is not None
@@ -233,7 +233,7 @@ def test_every_nuisance_agrees(log: str, settings: tuple[str, ...]) -> None:
 def test_what_is_no_cycle_leaves_the_state_as_it_was(column: int, value: float, status: str) -> None:
     found = analysed("high-rate")
     run = compiled.Pass(found.samples, found.histories[0].cycles, resolved(found.vehicle))
-    good = kernelargs.packed(found.samples.part(slice(100, 103)))
+    good = kernelargs.cycle_numbers(found.samples.part(slice(100, 103)))
     run.step(good[:2])
     before, bad = run._room.tobytes(), good[2:].copy()
     bad[0, column] = value

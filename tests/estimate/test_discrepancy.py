@@ -22,7 +22,7 @@ from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.model.geometry import WrenchChanges, channels_otherwise
+from massprop_cli.model.geometry import WrenchChanges, channel_changes
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from tests import faulty
@@ -79,7 +79,7 @@ def test_errors_of_jets_are_what_the_estimator_finds_where_they_are_stated(monke
     (phase, cycles), fit = begun.phases[0], plain.fits[0]
     assert fit is not None
     assert fit.history.reference is not None
-    pushes = channels_otherwise(vehicle.jets, vehicle.jet_wrench, USUAL)
+    pushes = channel_changes(vehicle.jets, vehicle.jet_wrench, USUAL)
     monkeypatch.setattr(discrepancy, "_told", lambda *_: (1.0, 1.0, []))
     own, open_ended = plain.used.in_phase(phase), np.full(len(pushes.channels), -np.inf)
     found = discrepancy.error_fit(
@@ -104,7 +104,7 @@ def test_an_error_beyond_what_is_physical_is_none() -> None:
     fit = plain.fits[0]
     assert fit is not None
     assert fit.history.reference is not None
-    pushes = channels_otherwise(vehicle.jets, vehicle.jet_wrench, {"thrust": USUAL["thrust"], "position": 0.0, "direction": 0.0})
+    pushes = channel_changes(vehicle.jets, vehicle.jet_wrench, {"thrust": USUAL["thrust"], "position": 0.0, "direction": 0.0})
     others = WrenchChanges(pushes.channels[1:], pushes.wrench[1:], pushes.kinds[1:])
     own, reference, cycles = plain.used.in_phase(begun.phases[0][0]), fit.history.reference, begun.phases[0][1]
 

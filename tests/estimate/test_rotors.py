@@ -156,7 +156,7 @@ def test_the_compiled_kernel_does_not_know_what_rotors_store() -> None:
         "actuators={max_rotor_command=1000.0, hover_force_n=[0, 0, 15.7], lag_s=0.04}",
     )
     used = scenario.load("multicopter", spun).scenario.vehicle
-    assert kernelargs.unknown(used).startswith("[[rotors]] store momentum")
+    assert kernelargs.unsupported(used).startswith("[[rotors]] store momentum")
 
 
 @pytest.mark.seeds
