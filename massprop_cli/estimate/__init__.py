@@ -1,1 +1,1 @@
-"""Samples → History: the causal estimator, the off-line fits, noise levels, and the thesis's own filters."""
+"""From samples to a history: causal estimator, off-line fits, noise levels, and the filters of the thesis."""

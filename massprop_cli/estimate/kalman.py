@@ -1,7 +1,7 @@
-"""A square-root Kalman filter in two pure functions.
+"""Square-root Kalman filter, in two pure functions.
 
-The covariance is carried as P = S Sᵀ with S from an orthogonal (QR) factorisation, so it can't lose positive semi-definiteness
-whatever the conditioning (Kaminski, Bryson, Schmidt 1971). State x has n entries, a measurement z has m.
+The covariance is P = S Sᵀ, with S from an orthogonal (QR) factorisation. It stays positive semi-definite at any condition number
+(Kaminski, Bryson, Schmidt 1971). The state x has n entries, a measurement z has m.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from massprop_cli.base.arrays import Array, triangle_of
 
 
 class State(NamedTuple):
-    """Mean x, shape (n,), and square root S of the covariance, shape (n, n), or wider after a prediction with noise.
+    """Mean x, (n,), and square root S of the covariance, (n, n), or wider after a prediction with process noise.
 
-    The recursion is linear in the mean, so a mean of shape (n, c) carries c columns through it at once, each driven and measured on its
-    own (drive (n, c), z (m, c)).
+    The recursion is linear in the mean. A mean of shape (n, c) propagates c columns at once, with drive (n, c) and measurements z (m, c).
     """
 
     mean: Array
@@ -30,22 +29,23 @@ class State(NamedTuple):
 
 
 class Innovation(NamedTuple):
-    """z − H x: whitened, shape (m,) or (m, c), and the lower-triangular root of its covariance H P Hᵀ + R, shape (m, m)."""
+    """Innovation z − H x."""
 
     normalised: Array
-    """Independent standard normal if the model holds."""
+    """(m,) or (m, c) whitened: independent standard normal if the model holds."""
     root: Array
+    """(m, m) lower-triangular root of its covariance H P Hᵀ + R."""
 
     @property
     def value(self) -> Array:
-        """Z − H x itself."""
+        """(m,) or (m, c) z − H x."""
         return self.root @ self.normalised
 
 
 def predict(state: State, transition: Array, drive: Array, noise_root: Array | None) -> State:
-    """X ← F x + u, P ← F P Fᵀ + G Gᵀ; ``noise_root`` G has shape (n, q).
+    """Predict the next state: x ← F x + u, P ← F P Fᵀ + G Gᵀ; ``noise_root`` G has shape (n, q).
 
-    The root becomes [F S, G], q columns wider; the next update makes it square again, so that a cycle costs one factorisation.
+    The root becomes [F S, G], which is q columns wider. The next update makes it square again, so a cycle costs one factorisation.
     """
     mean = transition @ state.mean + drive
     root: Array = transition @ state.root
@@ -55,7 +55,7 @@ def predict(state: State, transition: Array, drive: Array, noise_root: Array | N
 def update(state: State, measured: Array, observation: Array, noise_root: Array) -> tuple[State, Innovation]:
     """Condition on z = H x + v, v ~ N(0, V Vᵀ), with H ``observation`` (m, n) and V ``noise_root`` (m, m).
 
-    The array form: one QR turns [[V, H S], [0, S]] into [[root of H P Hᵀ + R, 0], [gain × root, updated S]].
+    Array form: one QR factorisation turns [[V, H S], [0, S]] into [[root of H P Hᵀ + R, 0], [gain × root, updated S]].
     """
     m, n = observation.shape
     joint = np.zeros((m + n, m + state.root.shape[1]))
@@ -68,6 +68,6 @@ def update(state: State, measured: Array, observation: Array, noise_root: Array)
 
 
 def _triangle(wide: Array) -> Array:
-    """The lower-triangular T with a positive diagonal and T Tᵀ = A Aᵀ, A with at least as many columns as rows."""
+    """Lower-triangular T with a positive diagonal and T Tᵀ = A Aᵀ; A has at least as many columns as rows."""
     lower = triangle_of(wide.T).T
     return lower * np.where(np.diagonal(lower) < 0, -1.0, 1.0)

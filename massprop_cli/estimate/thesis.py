@@ -1,8 +1,8 @@
-"""The two filters of the thesis, as written (A. M. Wright, MIT 2000), for comparison side by side.
+"""The two filters of the thesis, as written (A. M. Wright, MIT 2000), for comparison.
 
-Nine parameters from torque balance, mass from force balance (eq. 4.5–4.7, 4.13–4.14), with its gain P⁺ Hᵀ R⁻¹ (eq. 3.1, 3.2), in which
-Q is inside P⁺: not the Kalman gain. Angular acceleration is the difference of consecutive cycle-mean rates, paired with the torque of the
-later cycle; on the bearing the reaction m̂ g along world +Z joins the force columns. P is carried as a square root.
+Nine parameters from torque balance, mass from force balance (eq. 4.5–4.7, 4.13–4.14). The gain is the thesis's P⁺ Hᵀ R⁻¹ (eq. 3.1, 3.2),
+where P⁺ includes Q; it is not the Kalman gain. Angular acceleration is the difference of consecutive cycle-mean rates, paired with the
+torque of the later cycle. On the bearing the reaction m̂ g along world +Z is added to the force columns. P is propagated as a square root.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from massprop_cli.model.plant import Reference
 from massprop_cli.prepare.compensate import Source, acceleration
 
 DIVERGENT = 2.0
-"""An eigenvalue of H P⁺ Hᵀ R⁻¹ above this makes the thesis's gain overshoot by more than it corrects."""
+"""Eigenvalue of H P⁺ Hᵀ R⁻¹ above which a step of the thesis's gain overshoots by more than it corrects."""
 
 
 class Filters(NamedTuple):
@@ -48,7 +48,7 @@ def step(state: State, measured: Array, regressor: Array, q_root: Array, r: floa
 
 
 def replay(source: Source, cycles: slice, phase: Phase, vehicle: Vehicle, before: Filters | None = None) -> tuple[History, Filters]:
-    """Run both filters through ``cycles``; estimates go on from ``before``, covariances start afresh."""
+    """Run both filters through ``cycles``; estimates continue from ``before``, covariances start again."""
     settings = vehicle.estimator.thesis
     filters = _start(settings, before)
     q_roots = np.diag(np.sqrt(settings.q1)), np.sqrt([[settings.q2]])
@@ -58,7 +58,7 @@ def replay(source: Source, cycles: slice, phase: Phase, vehicle: Vehicle, before
     wrench = samples.executed.whole / duration[:, None]
     if samples.executed.stored is not None:
         wrench[:, :3] += samples.executed.stored.precession(rate)
-    felt = acceleration(samples, vehicle)
+    specific_force = acceleration(samples, vehicle)
     weight = (samples.up_b[:-1] + samples.up_b[1:]) / 2 * vehicle.environment.gravity_m_s2
 
     count = cycles.stop - cycles.start
@@ -69,13 +69,13 @@ def replay(source: Source, cycles: slice, phase: Phase, vehicle: Vehicle, before
         if k > 0:
             force = wrench[k, 3:] + filters.mass.mean[0] * weight[k]
             regressor = torque_regressor(rate[k], rate_dot[k], force)
-            rotation, torque_left, torque_worst = step(filters.rotation, wrench[k, :3], regressor, q_roots[0], settings.r1)
-            mass, force_left, force_worst = step(filters.mass, wrench[k, 3:], felt[k][:, None], q_roots[1], settings.r2)
+            rotation, torque_innovation, torque_worst = step(filters.rotation, wrench[k, :3], regressor, q_roots[0], settings.r1)
+            mass, force_innovation, force_worst = step(filters.mass, wrench[k, 3:], specific_force[k][:, None], q_roots[1], settings.r2)
             filters = Filters(rotation, mass)
             worst = max(worst, torque_worst, force_worst)
-            normalised[row] = np.concatenate([torque_left.normalised, force_left.normalised])
-            innovation[row] = np.concatenate([torque_left.value, force_left.value])
-            innovation_sigma[row] = np.concatenate([np.sqrt((i.root**2).sum(1)) for i in (torque_left, force_left)])
+            normalised[row] = np.concatenate([torque_innovation.normalised, force_innovation.normalised])
+            innovation[row] = np.concatenate([torque_innovation.value, force_innovation.value])
+            innovation_sigma[row] = np.concatenate([np.sqrt((i.root**2).sum(1)) for i in (torque_innovation, force_innovation)])
         values[row] = np.concatenate([filters.rotation.mean, filters.mass.mean])
         sigmas[row] = np.concatenate([np.sqrt((s.root**2).sum(1)) for s in filters])
     history = History(
