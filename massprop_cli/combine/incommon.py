@@ -9,7 +9,7 @@ import numpy as np
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.errorparameters.timing import DELAY_STEP
-from massprop_cli.estimate.pivot import by_ten
+from massprop_cli.estimate.pivot import pivot_quantities
 from massprop_cli.report.body import values
 from massprop_cli.result.schema import PhaseItem, Result
 
@@ -42,7 +42,7 @@ def by_ten_about_pivot(phase: PhaseItem, bearing_mass_kg: float, pivot: Array) -
     if not np.isfinite(ten).all():
         return None
     turning = ten - np.append(np.zeros(9), bearing_mass_kg)
-    return by_ten(turning, pivot, turning[9])[1]
+    return pivot_quantities(turning, pivot, turning[9])[1]
 
 
 def alike_about_pivot(own: Array, onto: Array | None) -> Array:

@@ -12,7 +12,7 @@ from massprop_cli.combine import incommon
 from massprop_cli.combine.joint import Piece, scale_sigma
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Estimate
-from massprop_cli.estimate.pivot import beside_mass
+from massprop_cli.estimate.pivot import with_mass
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import PhaseItem, VehicleInfo
 
@@ -61,7 +61,7 @@ def ten(values: Array, covariance: Array, pivot: Array, mass: tuple[float, float
     """(10,) and (10, 10) quantities of the nine (10,), (10, 10); NaN where no mass makes them known."""
     if mass is None or not np.isfinite(values[:9]).all():
         return np.full(10, np.nan), np.full((10, 10), np.nan)
-    found = beside_mass(values[None, :9], covariance[None, :9, :9], pivot, *mass)
+    found = with_mass(values[None, :9], covariance[None, :9, :9], pivot, *mass)
     return found.values[0], (found.covariance + found.by_mass)[0]
 
 
