@@ -13,7 +13,7 @@ from massprop_cli.combine.joint import Joint, Piece, with_shared
 from massprop_cli.conclude.verdict import PLANAR
 from massprop_cli.diagnosis.preprocessing import Ready
 from massprop_cli.estimate import disturbances, noiselevels, offline
-from massprop_cli.estimate.initial import beginning
+from massprop_cli.estimate.initial import early_reference
 from massprop_cli.estimate.jointly import JointFit as Fit
 from massprop_cli.estimate.jointly import Jointly, Member
 from massprop_cli.estimate.pivot import about_pivot
@@ -101,13 +101,13 @@ def _fit(members: Sequence[Member]) -> Fit | None:
     rows = 6 * sum(member.cycles.stop - member.cycles.start for member in members)
     best: Fit | None = None
     for member in members:
-        start = beginning(member.samples, member.cycles, member.vehicle)
+        start = early_reference(member.samples, member.cycles, member.vehicle)
         if start is None:
             continue
         found = Jointly(members).fit(start)
-        if best is None or found.left < best.left:
+        if best is None or found.chi_square < best.chi_square:
             best = found
-        if found.stands and found.left < LEFT * rows:
+        if found.converged and found.chi_square < LEFT * rows:
             break
     return best
 
@@ -115,15 +115,15 @@ def _fit(members: Sequence[Member]) -> Fit | None:
 def _misfits(one: Behind, member: Member, found: Fit) -> bool:
     """Whether a log isn't explained by its stated noise, whatever the body."""
     phase = next(phase for phase, _ in one.ready.phases if phase.name == one.phase)
-    own = offline.settle(member.samples, member.cycles, phase, found.reference, member.vehicle, member.consider, 1, bound=True)
+    own = offline.fit(member.samples, member.cycles, phase, found.reference, member.vehicle, member.consider, 1, tied=True)
     return not np.isnan(disturbances.misfit([own.history], member.vehicle)).all()
 
 
 def _quantities(found: Fit, vehicle: Vehicle) -> tuple[Array, Array]:
     """(10,), (10, 10) by the logs alone; on a pedestal the nine about the pivot, and no mass."""
-    values, covariance = quantities(found.told, alone(vehicle))
+    values, covariance = quantities(found.parameters, alone(vehicle))
     if vehicle.on_pedestal:
-        nine, spread = about_pivot(values, covariance, np.array(vehicle.environment.bearing_position_m), 1 / found.told.mean[:, MU])
+        nine, spread = about_pivot(values, covariance, np.array(vehicle.environment.bearing_position_m), 1 / found.parameters.mean[:, MU])
         values, covariance = np.full((1, 10), np.nan), np.full((1, 10, 10), np.nan)
         values[:, :9], covariance[:, :9, :9] = nine, spread
     return _without(values[0], covariance[0], np.sqrt(np.diag(covariance[0])) > UNTOLD * natural_sizes(values[0]))

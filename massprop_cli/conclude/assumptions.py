@@ -20,10 +20,10 @@ from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import TABLE
 from massprop_cli.estimate.history import History
-from massprop_cli.estimate.offline import respond
+from massprop_cli.estimate.offline import assumption_response
 from massprop_cli.estimate.quantities import by_scale, left_by_known
 from massprop_cli.estimate.regression import KNOWN
-from massprop_cli.estimate.rows import Response
+from massprop_cli.estimate.rows import AssumptionResponse
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.layout import MU
@@ -83,7 +83,7 @@ class Examined:
     """What is taken for granted, and what each of it does to each phase."""
 
     taken: tuple[AssumedValue, ...]
-    responses: tuple[Response | None, ...]
+    responses: tuple[AssumptionResponse | None, ...]
     """To one unit of each variant, then of the scale of each of the accelerometer's axes, then of each channel's thrust; None of a phase
     without a reference."""
     count: int
@@ -135,7 +135,8 @@ def examined(
     taken = tuple(assumed(Setup(log, vehicle, timing), samples, more))
     consider = consider.about(Consider(tuple(t.variant for t in taken if t.variant is not None), scales=True))
     responses = [
-        None if history.reference is None else respond(samples, history.cycles, history.reference, vehicle, consider) for history in settled
+        None if history.reference is None else assumption_response(samples, history.cycles, history.reference, vehicle, consider)
+        for history in settled
     ]
     mounting = np.array(vehicle.imu.body_from_imu)
     turned = force_axes(log, vehicle)
@@ -157,7 +158,7 @@ def sound(found: Examined, settled: Sequence[History]) -> Examined:
     without end.
     """
 
-    def untold(history: History, response: Response) -> bool:
+    def untold(history: History, response: AssumptionResponse) -> bool:
         if not all(np.isfinite(part).all() for part in (response.gram, response.shift)):
             return True
         values, sigmas = history.bare[0][MOMENTS], np.sqrt(np.diag(history.bare[1]))[MOMENTS]
@@ -212,7 +213,7 @@ def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[A
 
 
 def _mass_thrust(
-    log: Log, vehicle: Vehicle, history: History, conclusion: Conclusion, response: Response, first: int
+    log: Log, vehicle: Vehicle, history: History, conclusion: Conclusion, response: AssumptionResponse, first: int
 ) -> list[AssumptionEffects]:
     """The command channels (columns from ``first`` on) on which the mass rests alone, with what one percent of their thrust does."""
     fired = np.diag(response.misfit)[first:] > 0  # what never acted leaves nothing
@@ -233,7 +234,7 @@ BESIDE = {one.uncertain[0]: (one.uncertain[1], one.sigma_key) for one in TABLE i
 """What is unknown beside the mass properties and found with them, and the key that says by how much."""
 
 
-def _beside(history: History, conclusion: Conclusion, response: Response) -> list[AssumptionEffects]:
+def _beside(history: History, conclusion: Conclusion, response: AssumptionResponse) -> list[AssumptionEffects]:
     """What the stated uncertainty of jets and IMU, and damping, add to each sigma, squares added; it is in every sigma."""
     found = []
     damping = ", ".join(f"{axis}: {value:.4g} ± {sigma:.2g}" for axis, (value, sigma) in zip("XYZ", response.damping, strict=False))
@@ -269,7 +270,7 @@ def _alone(misfit: Array, shift: Array, conclusion: Conclusion) -> BoolArray:
     return alone if np.abs(found - alone).max() < 0.5 else np.zeros(len(misfit), dtype=bool)
 
 
-def _effect(history: History, conclusion: Conclusion, vehicle: Vehicle, response: Response, step: Array) -> PhaseEffect:
+def _effect(history: History, conclusion: Conclusion, vehicle: Vehicle, response: AssumptionResponse, step: Array) -> PhaseEffect:
     """Of ``step`` (e,) units of each column of the response."""
     moved = response.shift @ step
     reference = history.reference

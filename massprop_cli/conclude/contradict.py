@@ -25,7 +25,7 @@ from massprop_cli.diagnosis.fault import Fault
 from massprop_cli.diagnosis.lackoffit import correlation, hidden_error, innovation_test
 from massprop_cli.estimate.disturbances import BEYOND, UNEXPLAINED, beyond_commands
 from massprop_cli.estimate.history import History
-from massprop_cli.estimate.phases import LOST, astray
+from massprop_cli.estimate.phases import LOST, deviation
 from massprop_cli.estimate.quantities import by_scale, in_common
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
@@ -101,13 +101,13 @@ def _same(one: Estimate, other: Estimate) -> bool:
 
 def by_known(history: History, vehicle: Vehicle) -> Contradiction | None:
     """Of known quantities that lie too far from what the log says."""
-    if not history.belied:
+    if not history.contradicted:
         return None
-    turned = vehicle.pivoted or any(name in CG for name in history.belied)  # gravity gives mass times offset
+    turned = vehicle.pivoted or any(name in CG for name in history.contradicted)  # gravity gives mass times offset
     with np.errstate(invalid="ignore"):
         moved = np.abs(history.values[-1] - history.bare[0]) > history.sigmas[-1]
     touched = moved | np.array([turned or name in PROPORTIONAL for name in QUANTITIES])
-    return Contradiction(tuple(Reason.of("known-mismatch", message=message) for message in history.belied.values()), touched)
+    return Contradiction(tuple(Reason.of("known-mismatch", message=message) for message in history.contradicted.values()), touched)
 
 
 def by_size(conclusion: Conclusion, used: Vehicle, stated: Vehicle, samples: Source) -> Contradiction | None:
@@ -172,7 +172,7 @@ def by_lost(causal: History, settled: History) -> Contradiction | None:
     if np.isnan(settled.bare[0]).all():
         told = np.isfinite(causal.bare[0])
         return Contradiction((Reason.of("fit-lost"),), told) if told.any() else None
-    away = astray(causal, settled)
+    away = deviation(causal, settled)
     touched = away > LOST
     if not touched.any():
         return None

@@ -78,7 +78,7 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | Lite
         if _vain(found, first[1]):
             return "vain"
         again = estimated(log, source, (), say, first=first)
-        rivals = tuple(_beside(found, again, rival, offline.SETTLINGS) for rival in fault.rivals)
+        rivals = tuple(_beside(found, again, rival, offline.MAX_PASSES) for rival in fault.rivals)
     except InputError:
         return None
     # as who follows the remedy has it; each name that is proven leaves less than half, so that this ends
@@ -130,7 +130,7 @@ def _beside(found: Analysis, mended: Analysis, cure: Correction, passes: int = 1
     used, _ = with_noise_levels(samples, [cycles for _, cycles in phases], vehicle)
     references = [settled.reference for settled in mended.settled]
     return [
-        np.full(10, np.nan) if reference is None else offline.value(samples, cycles, reference, used.in_phase(phase), passes)
+        np.full(10, np.nan) if reference is None else offline.estimate_after(samples, cycles, reference, used.in_phase(phase), passes)
         for (phase, cycles), reference in zip(phases, references, strict=True)
     ]
 

@@ -200,7 +200,7 @@ def _shares(found: ErrorFit, columns: Sequence[ErrorColumn]) -> dict[str, Array]
     variances, families = {NOISE: found.by_noise, UNSPANNED: found.scatter}, [FAMILY[one.name] for one in columns]
     for family in dict.fromkeys(families):
         own = np.flatnonzero([one == family for one in families])
-        variances[family] = np.einsum("ie,ef,if->i", found.effects[:, own], found.left[np.ix_(own, own)], found.effects[:, own])
+        variances[family] = np.einsum("ie,ef,if->i", found.effects[:, own], found.error_covariance[np.ix_(own, own)], found.effects[:, own])
     slope = np.ones(10)
     slope[MU] = found.mean[MU] ** -2
     return {name: slope * np.sqrt(np.maximum(variance, 0.0)) for name, variance in variances.items()}

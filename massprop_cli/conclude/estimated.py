@@ -22,7 +22,7 @@ from massprop_cli.diagnosis.preprocessing import Ready
 from massprop_cli.diagnosis.resolve import other_cutoffs
 from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History
-from massprop_cli.estimate.known import of_no_matter
+from massprop_cli.estimate.known import exceeds_density
 from massprop_cli.estimate.phases import AsStated, Estimates, Progress, by_thesis, estimates
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.telemetry import UNREAD, VOID, Log
@@ -131,7 +131,7 @@ def _by_default(begun: Ready, plain: AsStated, check: bool, say: Progress) -> tu
 def _found_in_quiet(diagnosis: Diagnosis, plain: AsStated) -> bool:
     """Whether it names causes of a log that fits; of one in which nothing is left, another unit alone, in which that would be more."""
     codes = {one.notice.code for one in diagnosis.faults}
-    silent = all(fit is not None and fit.history.silent for fit in plain.fits)
+    silent = all(fit is not None and fit.history.noise_free for fit in plain.fits)
     return bool(codes) and (not silent or codes <= UNITS)
 
 
@@ -154,7 +154,7 @@ def _doubted(examination: Examined, begun: Ready, answer: Estimates[Resolved]) -
 def _of_matter(begun: Ready, plain: AsStated) -> Diagnosis | None:
     """By which rotors' columns are read as of a body of matter, where no matter is so dense as that of the stated reading."""
     ends = [(fit.history.values[-1], fit.history.sigmas[-1]) for fit in plain.fits if fit is not None]
-    if not plain.used.rotors or not any(of_no_matter(*end) for end in ends):
+    if not plain.used.rotors or not any(exceeds_density(*end) for end in ends):
         return None
     from massprop_cli.diagnosis import rereading
 

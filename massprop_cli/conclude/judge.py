@@ -114,7 +114,7 @@ def _nameless(found: Analysis, i: int) -> tuple[list[Contradiction], Array]:
         return [], np.ones(6)
     factor: Array = np.ones(6)
     misfit = None
-    if not settled.silent:
+    if not settled.noise_free:
         misfit, factor = by_misfit(conclusion, settled, found.samples, found.vehicle, found.stated)
     if misfit is not None and found.unknown:  # with what was tried to find its cause
         misfit = replace(misfit, causes=(Reason.of("unexplained", message=found.unknown), *misfit.causes))
@@ -145,7 +145,7 @@ def _judgeable(found: Analysis, settled: History) -> Resolved | None:
     value by a sigma: a template explains of squares no more than all of them.
     """
     floor = any(one.code == "noise-floor" for one in found.notices)
-    return None if floor or not isinstance(found.vehicle, Resolved) or settled.silent else found.vehicle
+    return None if floor or not isinstance(found.vehicle, Resolved) or settled.noise_free else found.vehicle
 
 
 def _biased(found: Analysis, settled: History, vehicle: Resolved | None) -> dict[str, Reason]:

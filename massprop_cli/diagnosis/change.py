@@ -39,10 +39,10 @@ def likeliest(samples: Source, piece: slice, reference: Reference, vehicle: Reso
     parts = slice(piece.start, piece.start + quarter), slice(piece.stop - quarter, piece.stop)
     bodies = [first_reference(samples, part, vehicle) or reference for part in parts]
     triangle = Triangle(samples, piece, vehicle, Consider())
-    begun = [(triangle.begin(body), triangle.whole(body)) for body in bodies]
+    begun = [(triangle.begin(body), triangle.phase_system(body)) for body in bodies]
 
     def told(side: int, first: int, end: int) -> Array:
-        return triangle.stretch(*begun[side], slice(first, end))
+        return triangle.segment_triangle(*begun[side], slice(first, end))
 
     def least_of(before: Sequence[Array], after: Sequence[Array]) -> int:
         """Which pair two bodies leave least of."""

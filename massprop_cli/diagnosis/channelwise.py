@@ -19,7 +19,7 @@ import numpy as np
 from massprop_cli.base.arrays import TINY, Array, IntArray, triangle_of
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis.design import INTEGRATED, Case, Design
-from massprop_cli.estimate.whitening import LEVELS, TORQUES, Disturbance, ReducedLeastSquares, each, reduced, whitened
+from massprop_cli.estimate.whitening import LEVELS, TORQUES, Disturbance, ReducedLeastSquares, reduced, whitened, whitened_fits
 
 SLOW = 12
 """Half-waves over a stretch in which the specific force may wander where gyro noise is integrated to an attitude."""
@@ -115,7 +115,7 @@ def beside_torques(case: Case, piece: slice, theta: Array, near: Disturbance | N
     else:
         tried = [near._replace(white=near.white * by) for by in NEARER]
     design = case.design(piece, theta)
-    return [_free(design, one.told, (one.beside,)) for one in each(design.driven, tried)]
+    return [_free(design, one.fit, (one.disturbance,)) for one in whitened_fits(design.driven, tried)]
 
 
 def _free(design: Design, turning: ReducedLeastSquares, beside: tuple[Disturbance, ...]) -> Free:

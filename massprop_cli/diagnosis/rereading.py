@@ -30,7 +30,7 @@ from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.errorparameters.sensor import DEGREE
 from massprop_cli.errorparameters.thrust import RPM
 from massprop_cli.estimate import phases
-from massprop_cli.estimate.known import of_no_matter
+from massprop_cli.estimate.known import exceeds_density
 from massprop_cli.inputs.actuators.control_moment_gyro import GIMBAL, GyroLog
 from massprop_cli.inputs.columns import DELTA_THETA
 from massprop_cli.inputs.notice import Notice
@@ -120,7 +120,7 @@ class _Case(NamedTuple):
         try:
             with np.errstate(all="ignore"):  # of a reading that is far off numbers run away
                 samples = self.timing.of(correction.log(self.log), self.vehicle, made)
-                few = phases.roughly(samples, [self.phase], self.vehicle) if roughly else None
+                few = phases.rough_fits(samples, [self.phase], self.vehicle) if roughly else None
                 (fit,) = few or phases.as_stated(samples, [self.phase], self.vehicle, Consider()).fits
         except (InputError, np.linalg.LinAlgError):
             return NOTHING
@@ -134,7 +134,7 @@ class _Case(NamedTuple):
         shown = [float((part**2).sum(1).mean()) for part in (samples.rate_rad_s, samples.specific_force_m_s2)]
         moved = max(np.sqrt(shown) / (self.vehicle.imu.gyro_noise_rad_s, self.vehicle.imu.accel_noise_m_s2)) > MOVED
         fits = bool(moved and (variance < FITS + CHANCE * np.sqrt(2 / left.count)).all())
-        return _Look(cost, fits, of_no_matter(fit.history.values[-1], fit.history.sigmas[-1]))
+        return _Look(cost, fits, exceeds_density(fit.history.values[-1], fit.history.sigmas[-1]))
 
 
 def _readings(case: _Case) -> Iterator[ColumnReading]:

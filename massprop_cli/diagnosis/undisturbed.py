@@ -185,8 +185,8 @@ def _two_bodies(screening: Screening, kept: tuple[slice, ...]) -> bool:
     if reference is None or len(kept) < 2 or _integrated(screening):
         return False
     triangle = Triangle(samples, screening.piece, vehicle, Consider())
-    begun, whole = triangle.begin(reference), triangle.whole(reference)
-    told = [triangle.stretch(begun, whole, piece) for piece in kept]
+    begun, whole = triangle.begin(reference), triangle.phase_system(reference)
+    told = [triangle.segment_triangle(begun, whole, piece) for piece in kept]
     first, second, both = change.least(np.stack([*told, change.joined(*told)]), reference, vehicle)
     return bool(both - first - second > 10 + OTHER * np.sqrt(2 * 10))
 

@@ -1,14 +1,14 @@
 """Model discrepancy: estimates and sigmas of a log that its model does not explain, with all error parameters as nuisance parameters.
 
-A model that leaves no room for its own error gives biased values with small sigmas (Kennedy and O'Hagan, J. R. Statist. Soc. B 63, 2001;
-Brynjarsdóttir and O'Hagan, Inverse Problems 30, 2014). So each error parameter η stands as a column beside the mass properties θ, in its
-usual sigma. How large they are together, s, the log tells by marginal likelihood (REML: Patterson and Thompson, Biometrika 58, 1971): of
-its triangle on θ, η and what was measured
+A model without a term for its own error gives biased values with small sigmas (Kennedy and O'Hagan, J. R. Statist. Soc. B 63, 2001;
+Brynjarsdóttir and O'Hagan, Inverse Problems 30, 2014). So each error parameter η is a column in addition to the mass properties θ, in units
+of its usual sigma. Their common scale s is estimated by marginal likelihood (REML: Patterson and Thompson, Biometrika 58, 1971), from the
+triangle on θ, η and the measured value
 
-    [R_θθ R_θη z_θ; 0 R_ηη z_η; 0 0 ρ],   z_η ~ N(0, σ² 1 + s² R_ηη R_ηηᵀ),   ρ² ~ σ² χ²,
+    [R_θθ R_θη z_θ; 0 R_ηη z_η; 0 0 ρ],   z_η ~ N(0, σ² 1 + s² R_ηη R_ηηᵀ),   ρ² ~ σ² χ².
 
-and then η is as known as s and the log make it. What no error parameter spans shows in the scatter of segments of time: each alone would
-move the estimate by ``H⁻¹ g`` with its score g, and their squares add up (White, Econometrica 48, 1980).
+The prior s and the log then determine η. An error outside the span of the error parameters shows in the scatter of segments of time: each
+alone would move the estimate by ``H⁻¹ g`` with its score g, and the squares of these add up (White, Econometrica 48, 1980).
 """
 
 from __future__ import annotations
@@ -30,88 +30,88 @@ from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
 
 AT_ONCE, TOGETHER = 128, 1024
-"""Cycles taken in at a time, each having a hundred columns; and most of which these are computed together."""
+"""Cycles per block, with about a hundred columns; and cycles whose system is computed at once."""
 SEGMENTS = 20
-"""Of time, by whose scatter what nothing spans is told."""
+"""Number of segments whose scatter is evaluated."""
 LEAST, MOST = 0.3, 3.0
-"""Of the common scale, a careful lab's errors being 1: what it is taken for at least where a log does not fit, and beyond which what is
-stated is refuted."""
+"""Bounds of the common scale, 1 being the errors of a careful lab: least value for a log that does not fit, and value above which the
+stated errors are refuted."""
 SCALES = np.concatenate([[0.0], np.geomspace(0.01, 30.0, 60)])
-"""s that are tried."""
+"""Grid of s."""
 NOISES = 40
-"""How many σ are."""
+"""Size of the grid of σ."""
 NATS = 8.0
-"""Gain of ln evidence by which an error parameter stands out: ln of a hundred of them, and the odds of 1 : 20."""
+"""Gain of log evidence above which an error parameter is freed: ln of a hundred parameters, and odds of 1 : 20."""
 NAMED = 4
-"""Most that may."""
+"""Most error parameters that are freed."""
 WIDE = 30.0
-"""Their sigma, of a unit."""
+"""Prior sigma of a freed error parameter, in usual sigmas."""
 TWICE = 2.0
-"""Times the sigmas by which the estimate beside wandering torques differs from that without, by which its sigma is widened."""
+"""Factor on the normalised difference between the estimates with and without random-walk torques, in the widened sigma."""
 
 
 @dataclass(frozen=True)
 class ErrorFit:
-    """The state parameters ixx … izz, CG, 1/m beside all error parameters, linear about a reference."""
+    """State parameters ixx … izz, CG, 1/m with all error parameters as nuisance parameters, linear about a reference."""
 
     mean: Array
-    """(10,)"""
+    """(10,) state parameters."""
     covariance: Array
-    """(10, 10)"""
+    """(10, 10) their covariance."""
     scale: float
-    """s, as the log tells it."""
+    """Estimate of s."""
     freed: tuple[int, ...]
-    """Which error parameters the log tells by themselves, the most telling first."""
+    """Indices of the freed error parameters, in the order of their gain."""
     errors: Array
-    """(e,) η, in its usual sigma."""
+    """(e,) estimate of η, in usual sigmas."""
     effects: Array
-    """(10, e) by what each η moves the mean, in its usual sigma."""
-    left: Array
+    """(10, e) derivative of the mean with respect to each η, per usual sigma."""
+    error_covariance: Array
     """(e, e) covariance of η."""
     by_noise: Array
-    """(10,) variances that noise makes, ..."""
+    """(10,) variances by measurement noise."""
     scatter: Array
-    """... and what nothing spans."""
+    """(10,) variances by the scatter of segments."""
 
     def widened(self, free: ErrorFit) -> ErrorFit:
-        """With what it differs by from the estimate without wandering torques: these may take a part of what is wrong, as noise.
+        """The fit with sigmas that include its difference to ``free``, the fit without random-walk torques; these may absorb model errors.
 
-        d²/V sigmas squared by the other's own covariance V, but not by more than the difference itself.
+        The difference d adds ``TWICE² d²/V`` of its own variances, with V the variances of ``free``, and at most d² itself.
         """
         own, other = np.diag(self.covariance), np.diag(free.covariance)
-        apart = (self.mean - free.mean) ** 2
+        squared = (self.mean - free.mean) ** 2
         with np.errstate(divide="ignore", invalid="ignore"):
-            more = np.nan_to_num(np.minimum(apart, TWICE**2 * own * apart / other))
+            more = np.nan_to_num(np.minimum(squared, TWICE**2 * own * squared / other))
             factor = np.sqrt(1 + np.nan_to_num(more / own))
         return replace(self, covariance=self.covariance * factor[:, None] * factor, scatter=self.scatter + more)
 
 
 class PosedSegments(NamedTuple):
-    """What is known of a phase before its first cycle, and what each segment of it says, in whitened rows about one reference."""
+    """Information of a phase by segment: whitened rows about one reference."""
 
     rows: list[Array]
-    """Of each (r, n + 10 + e + 1): nuisance parameters, departures of θ, assumptions, and what was measured."""
+    """(r, n + 10 + e + 1) each: nuisance parameters, departures of θ, assumptions, measured value; the first is the prior."""
     cycles: list[slice]
-    """Of each segment; ``rows`` has one more, the first."""
+    """Of each segment, one fewer than ``rows``."""
     mean: Array
-    """(10,) state parameters ixx … izz, CG, 1/m of the reference, ..."""
+    """(10,) state parameters ixx … izz, CG, 1/m of the reference."""
     slopes: Array
-    """... and (10, 10) their derivatives by the departures of θ as they stand in the rows."""
+    """(10, 10) their derivatives with respect to the rows' departures of θ."""
 
 
 def posed_segments(
     samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider, count: int
 ) -> PosedSegments:
-    """A phase in ``count`` equal segments of time, or fewer where it is short."""
+    """Information of a phase in ``count`` segments of equal length, or fewer if it is short."""
     plant = plant_of(vehicle)
     theta = plant.theta(reference)
     ends = np.unique(np.linspace(cycles.start, cycles.stop, count + 1).astype(int)[1:])
     edges = [cycles.start, *ends[ends > cycles.start + 1].tolist()]
     stops = [[*range(first + AT_ONCE, end, AT_ONCE), end] for first, end in pairwise(edges)]
-    begun = frozenset([cycles.start, *chain(*stops)])
-    regression = Regression(samples, cycles, vehicle, replace(consider, restarts=begun), Tangent(plant, theta))
+    restarts = frozenset([cycles.start, *chain(*stops)])
+    regression = Regression(samples, cycles, vehicle, replace(consider, restarts=restarts), Tangent(plant, theta))
     known, each = _segments(regression, reference, stops)
-    rows, scale = regression.beside_assumptions([known, *(triangle for _, triangle in each)], theta)
+    rows, scale = regression.with_assumptions([known, *(triangle for _, triangle in each)], theta)
     return PosedSegments(
         rows, [part for part, _ in each], regression.phi_map.plant.parameters(theta), regression.phi_map.plant.slopes(theta) * scale
     )
@@ -120,74 +120,74 @@ def posed_segments(
 def error_fit(
     samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider, usual: Array, least: Array
 ) -> ErrorFit:
-    """Of one phase about ``reference``; ``usual`` (e,) are one sigma of each assumption of ``consider``, in its unit.
+    """Fit of one phase about ``reference``; ``usual`` (e,) is the usual sigma of each assumption of ``consider``, in its unit.
 
-    ``least`` (e,) are the least errors that are physical, in their usual sigma. One that would have to be less stands for something else,
-    and is held at none.
+    ``least`` (e,) is the least physical value of each error parameter, in usual sigmas. A parameter whose estimate is below it absorbs
+    another error, and is fixed at zero.
     """
     segments = posed_segments(samples, cycles, reference, vehicle, consider, SEGMENTS)
-    posed = [rows * np.concatenate([np.ones(rows.shape[1] - len(usual) - 1), -usual, [1.0]]) for rows in segments.rows]
+    rows = [part * np.concatenate([np.ones(part.shape[1] - len(usual) - 1), -usual, [1.0]]) for part in segments.rows]
     count = int((~samples.unread).sum()) * (cycles.stop - cycles.start)
     while True:
-        found = _beside_errors(segments, posed, len(usual), count)
-        below = least - np.sqrt(np.diag(found.left)) - found.errors
+        fit = _with_errors(segments, rows, len(usual), count)
+        below = least - np.sqrt(np.diag(fit.error_covariance)) - fit.errors
         if not below.max(initial=0.0) > 0:
-            return found
+            return fit
         at = len(usual) + 1 - int(below.argmax())
-        for rows in posed:
-            rows[:, -at] = 0.0
+        for part in rows:
+            part[:, -at] = 0.0
 
 
-def _beside_errors(segments: PosedSegments, posed: Sequence[Array], size: int, count: int) -> ErrorFit:
-    """Of rows with so many error parameters, in their usual sigma, and of so many measurements."""
-    first = posed[0].shape[1] - size - 1
-    own = slice(first - 10, first)
-    triangle = triangle_of(np.vstack(posed))
-    s, noise, freed = _told(triangle[first:, first:], count - first)
+def _with_errors(segments: PosedSegments, rows: Sequence[Array], size: int, count: int) -> ErrorFit:
+    """Fit of ``rows`` with ``size`` error parameters, in usual sigmas, from ``count`` measurements."""
+    first = rows[0].shape[1] - size - 1
+    theta = slice(first - 10, first)
+    triangle = triangle_of(np.vstack(rows))
+    s, noise, freed = _scales(triangle[first:, first:], count - first)
     sigma = np.full(size, max(s, LEAST))
     sigma[freed] = WIDE
     prior = np.eye(size, triangle.shape[1], first) * (noise / sigma)[:, None]
-    whole = triangle_of(np.vstack([triangle, prior]))[:-1]
-    solved, inverse = np.linalg.solve(whole[:, :-1], whole[:, -1]), np.linalg.inv(whole[:, :-1])
-    root = segments.slopes @ inverse[own]
-    alone = segments.slopes @ np.linalg.inv(triangle[:first, :first])[own]
-    moved = [root @ (inverse.T @ (rows[:, :-1].T @ (rows[:, -1] - rows[:, :-1] @ solved))) for rows in posed[1:]]
-    scatter = np.array(moved).T @ np.array(moved) * len(moved) / max(len(moved) - 1, 1)
+    posterior = triangle_of(np.vstack([triangle, prior]))[:-1]
+    solved, inverse = np.linalg.solve(posterior[:, :-1], posterior[:, -1]), np.linalg.inv(posterior[:, :-1])
+    root = segments.slopes @ inverse[theta]
+    without_errors = segments.slopes @ np.linalg.inv(triangle[:first, :first])[theta]
+    moves = [root @ (inverse.T @ (part[:, :-1].T @ (part[:, -1] - part[:, :-1] @ solved))) for part in rows[1:]]
+    scatter = np.array(moves).T @ np.array(moves) * len(moves) / max(len(moves) - 1, 1)
     return ErrorFit(
-        segments.mean + segments.slopes @ solved[own],
+        segments.mean + segments.slopes @ solved[theta],
         noise**2 * root @ root.T + scatter,
         s,
         tuple(freed),
         solved[first:],
-        -alone @ triangle[:first, first:-1],
+        -without_errors @ triangle[:first, first:-1],
         noise**2 * inverse[first:] @ inverse[first:].T,
-        noise**2 * (alone**2).sum(1),
+        noise**2 * (without_errors**2).sum(1),
         np.diag(scatter).copy(),
     )
 
 
 def _segments(regression: Regression, reference: Reference, stops: Sequence[Sequence[int]]) -> tuple[Array, list[tuple[slice, Array]]]:
-    """Whitened rows of what is known before the first cycle, and triangles of those of each segment; ``stops`` on the way to its end."""
-    begun = run = replace(regression.begin(reference), bound=True)
-    ends, every = {own[-1] for own in stops}, [*chain(*stops)]
-    parts, found, first = list[Array](), list[tuple[slice, Array]](), run.at
+    """Information before the first cycle, and each segment with the triangle of its rows; ``stops`` are the ends of its blocks."""
+    begun = run = replace(regression.begin(reference), tied=True)
+    ends, every = {segment[-1] for segment in stops}, [*chain(*stops)]
+    parts, segments, first = list[Array](), list[tuple[slice, Array]](), run.at
     while every:
         count = max(sum(stop <= run.at + TOGETHER for stop in every), 1)
-        for after, taken in regression.through(run, every[:count]):
+        for after, whitened in regression.process_each(run, every[:count]):
             run = after
-            parts.append(regression.ordered(taken))
+            parts.append(regression.ordered(whitened))
             if run.at in ends:
-                found.append((slice(first, run.at), triangle_of(np.vstack(parts))))
+                segments.append((slice(first, run.at), triangle_of(np.vstack(parts))))
                 parts, first = [], run.at
         every = every[count:]
-    return begun.triangle, found
+    return begun.triangle, segments
 
 
-def _told(corner: Array, count: int) -> tuple[float, float, list[int]]:
-    """s, σ, and the error parameters that the log tells to be of another size than all others: their evidence is taken one by one.
+def _scales(corner: Array, count: int) -> tuple[float, float, list[int]]:
+    """s, σ, and the error parameters whose size the log distinguishes from that of all others, freed one by one by their evidence.
 
-    Of a triangle (e + 1, e + 1) on η and what was measured. Freeing one gains ``q² / 2 κ − ln(1 + w² κ) / 2`` nats, with its score q and
-    information κ beside all others (Tipping and Faul, Proc. 9th Workshop on AI and Statistics, 2003).
+    ``corner`` is a triangle (e + 1, e + 1) on η and the measured value. Freeing a parameter gains ``q² / 2 κ − ln(1 + w² κ) / 2`` nats,
+    with its score q and information κ given all others (Tipping and Faul, Proc. 9th Workshop on AI and Statistics, 2003).
     """
     freed, every = list[int](), np.arange(len(corner) - 1)
     while True:
@@ -200,8 +200,8 @@ def _told(corner: Array, count: int) -> tuple[float, float, list[int]]:
         weight = 1 / (noise**2 + (s * sizes) ** 2)
         score = right.T @ (weight * sizes * (left.T @ rest[:-1, -1]))
         information = right.T**2 @ (weight * sizes**2)
-        told = WIDE**2 * information > 1  # what is told less is where it was
-        gain = np.where(told, (score**2 / np.where(told, information, 1.0) - np.log1p(WIDE**2 * information)) / 2, 0.0)
+        informed = WIDE**2 * information > 1  # any other would keep its prior value
+        gain = np.where(informed, (score**2 / np.where(informed, information, 1.0) - np.log1p(WIDE**2 * information)) / 2, 0.0)
         best = int(gain.argmax())
         if gain[best] < NATS:
             return s, noise, freed
@@ -209,13 +209,13 @@ def _told(corner: Array, count: int) -> tuple[float, float, list[int]]:
 
 
 def _likeliest(corner: Array, count: int) -> tuple[float, float]:
-    """Scale s and noise σ ≥ 1 of a triangle (e + 1, e + 1) on η and what was measured, of so many measurements."""
+    """Maximum likelihood s and σ ≥ 1 on their grids, from a triangle (e + 1, e + 1) on η and the ``count`` measured values."""
     left, sizes, _ = np.linalg.svd(corner[:-1, :-1])
-    power, told, rest = sizes**2, (left.T @ corner[:-1, -1]) ** 2, float(corner[-1, -1] ** 2)
+    power, squares, rest = sizes**2, (left.T @ corner[:-1, -1]) ** 2, float(corner[-1, -1] ** 2)
     real = power > np.finfo(float).eps * power.max(initial=0.0)
     freedom = max(count - int(real.sum()), 1)
-    variance = np.geomspace(1.0, max((rest + float(told.sum())) / freedom, 1.0) + np.finfo(float).eps, NOISES)[:, None]
-    of_each = variance[..., None] + SCALES[:, None] ** 2 * power[real]
-    likelihood = -(np.log(of_each) + told[real] / of_each).sum(-1) - freedom * np.log(variance) - rest / variance
+    variance = np.geomspace(1.0, max((rest + float(squares.sum())) / freedom, 1.0) + np.finfo(float).eps, NOISES)[:, None]
+    expected = variance[..., None] + SCALES[:, None] ** 2 * power[real]
+    likelihood = -(np.log(expected) + squares[real] / expected).sum(-1) - freedom * np.log(variance) - rest / variance
     i, j = np.unravel_index(int(likelihood.argmax()), likelihood.shape)
     return float(SCALES[j]), float(np.sqrt(variance[i, 0]))

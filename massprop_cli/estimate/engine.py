@@ -1,4 +1,4 @@
-"""The default estimator run through a phase, by the compiled kernel or by NumPy."""
+"""Causal pass of the default estimator through a phase, by the compiled kernel or by NumPy."""
 
 from __future__ import annotations
 
@@ -28,39 +28,39 @@ def replay(
     consider: Consider = Consider(),  # noqa: B008  a constant: it is frozen
     progress: Callable[[float], None] | None = None,
 ) -> History:
-    """Run the estimator through ``cycles`` (non-empty).
+    """Run the causal estimator through ``cycles`` (non-empty).
 
-    What is uncertain in ``consider`` enters every sigma. ``progress`` is told the part done, 0 to 1, on the way. Where the compiled kernel
-    holds all that the vehicle asks for it runs instead of what stands here, which it follows decision by decision.
+    Every sigma includes the uncertainty in ``consider``. ``progress`` is called with the completed part, 0 to 1. If the compiled kernel
+    supports the log and the vehicle, it runs instead of the NumPy code; both take the same decisions.
     """
-    if compiled.holds(samples, vehicle, consider):
-        # what is too large to be squared is no cycle to the kernel; here it becomes nothing that can be said
+    if compiled.supports(samples, vehicle, consider):
+        # the kernel refuses cycles whose squares overflow; NumPy gives NaN from there on
         with suppress(StatusError):
             return _compiled(samples, cycles, phase, vehicle, progress)
-    causal, told = Causal(samples, cycles, vehicle, consider), HistoryRecorder(samples, cycles, vehicle)
+    causal, recorder = Causal(samples, cycles, vehicle, consider), HistoryRecorder(samples, cycles, vehicle)
     while causal.run.at < cycles.stop:
         if progress is not None:
             progress((causal.run.at - cycles.start) / (cycles.stop - cycles.start))
         begun = causal.run.at
         try:
-            told.add(causal.block())
+            recorder.add(causal.block())
         except np.linalg.LinAlgError:
-            # an estimate so far astray that its numbers end: nothing more can be said
-            told.add(Rows.untold(cycles.stop - cycles.start - told.count))
-            return told.history(phase, None)
+            # a divergent estimate overflowed: no estimate from here on
+            recorder.add(Rows.empty(cycles.stop - cycles.start - recorder.count))
+            return recorder.history(phase, None)
         if causal.run.at == begun:
-            break  # a block at the log's end is what it would have been in a longer log
-    return told.history(phase, causal.run.estimate if causal.started else None)
+            break  # the log ends within a block, whose rows are those of a longer log
+    return recorder.history(phase, causal.run.estimate if causal.started else None)
 
 
 def _compiled(samples: Source, cycles: slice, phase: Phase, vehicle: Resolved, progress: Callable[[float], None] | None) -> History:
-    """The same, by the compiled kernel."""
-    told = HistoryRecorder(samples, cycles, vehicle)
-    if isinstance(samples, Stream) and kernelflight.holds(samples):
+    """The same pass, by the compiled kernel."""
+    recorder = HistoryRecorder(samples, cycles, vehicle)
+    if isinstance(samples, Stream) and kernelflight.supports(samples):
         parts, reference = kernelflight.replayed(samples, cycles, vehicle, progress)
     else:
         aligned = compiled.Pass(samples, cycles, vehicle)
         parts, reference = aligned.rows(progress), aligned.reference
     for rows in parts:
-        told.add(rows)
-    return told.history(phase, reference())
+        recorder.add(rows)
+    return recorder.history(phase, reference())

@@ -1,4 +1,4 @@
-"""The history of one pass through a phase, recorded block by block."""
+"""Recording of a phase's history, block by block."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from massprop_cli.base import spill
 from massprop_cli.estimate.history import History
-from massprop_cli.estimate.known import belied
+from massprop_cli.estimate.known import contradicted_values
 from massprop_cli.estimate.pivot import about_pivot
 from massprop_cli.estimate.quantities import alone, quantities
 from massprop_cli.estimate.rows import Rows
@@ -23,7 +23,7 @@ from massprop_cli.prepare.compensate import Source
 
 
 class HistoryRecorder:
-    """What every cycle's estimate comes to, block by block; or of an off-line fit the last one's, and every cycle's innovations."""
+    """Records the estimate after each cycle, or with ``every`` false only the last one; and each cycle's innovations."""
 
     def __init__(self, samples: Source, cycles: slice, vehicle: Resolved, every: bool = True) -> None:
         self.samples, self.cycles, self.vehicle, self.every = samples, cycles, vehicle, every
@@ -35,7 +35,7 @@ class HistoryRecorder:
         self.count = 0
 
     def add(self, rows: Rows) -> None:
-        """The next cycles."""
+        """Record the next cycles."""
         if not len(rows.normalised):
             return
         part = slice(self.count, self.count + len(rows.normalised))
@@ -44,27 +44,28 @@ class HistoryRecorder:
         if unread.any():
             self.normalised[part, unread] = np.where(np.isfinite(rows.normalised[:, ~unread]).all(1), 0.0, np.nan)[:, None]
         self.count, self.last = part.stop, rows.last().parameters
-        here, own = (part, slice(None)) if self.every else (slice(None), slice(-1, None))
-        told = rows.parameters if self.every else self.last
-        values, full = quantities(told, self.vehicle)
+        target, source = (part, slice(None)) if self.every else (slice(None), slice(-1, None))
+        parameters = rows.parameters if self.every else self.last
+        values, full = quantities(parameters, self.vehicle)
         variance = np.einsum("kii->ki", full)
-        # where what is known is orders of magnitude more than the log tells, rounding may leave nothing of a variance
-        left = variance > 0
-        self.values[here], self.sigmas[here] = np.where(left, values, np.nan), np.sqrt(np.where(left, variance, np.nan))
+        # if known values are orders of magnitude more precise than the log, rounding may make a variance zero or negative
+        positive = variance > 0
+        self.values[target], self.sigmas[target] = np.where(positive, values, np.nan), np.sqrt(np.where(positive, variance, np.nan))
         if self.pivot is not None:
-            about, spread = about_pivot(values, full, np.array(self.vehicle.environment.bearing_position_m), 1 / told.mean[:, MU])
-            self.pivot[here] = np.hstack([about, np.sqrt(np.maximum(np.einsum("kii->ki", spread), 0.0))])
-        self.innovation[here], self.innovation_sigma[here] = rows.innovation[own], rows.sigma[own]
+            position = np.array(self.vehicle.environment.bearing_position_m)
+            about, spread = about_pivot(values, full, position, 1 / parameters.mean[:, MU])
+            self.pivot[target] = np.hstack([about, np.sqrt(np.maximum(np.einsum("kii->ki", spread), 0.0))])
+        self.innovation[target], self.innovation_sigma[target] = rows.innovation[source], rows.sigma[source]
         spill.give_back()
 
     def history(self, phase: Phase, reference: Reference | None) -> History:
-        """All of it; ``reference`` is the estimate at the end, None where there is none. What could be told is not looked at yet."""
+        """The history; ``reference`` is the estimate at the end, None if there is none. Observability is not evaluated yet."""
         vehicle, cycles, samples = self.vehicle, self.cycles, self.samples
         if self.count != cycles.stop - cycles.start:
             raise RuntimeError(f"{self.count} cycles were estimated from, not {cycles.stop - cycles.start}")
         _, full = quantities(self.last, vehicle)
         bare = quantities(self.last, alone(vehicle))
-        against, notices = belied(self.last, vehicle, phase.name)
+        contradicted, notices = contradicted_values(self.last, vehicle, phase.name)
         return History(
             phase=phase,
             cycles=cycles,
@@ -83,18 +84,18 @@ class HistoryRecorder:
             reference=reference,
             unread=samples.unread,
             pivot=self.pivot,
-            belied=against,
+            contradicted=contradicted,
             notices=notices,
         )
 
 
-def informed(passes: Sequence[History], samples: Source, vehicle: Resolved) -> list[History]:
-    """Passes through one phase, with what its commands could tell and by which channel, about the last pass that came to a body."""
+def with_observability(passes: Sequence[History], samples: Source, vehicle: Resolved) -> list[History]:
+    """Passes through one phase with observability and excitation, evaluated about the last pass that has an estimate."""
     about = [history.reference for history in passes if history.reference is not None]
     if not about:
         return list(passes)
     share, drowned = excitation(samples, passes[-1].cycles, about[-1], vehicle)
-    seen = observable(samples.capability, about[-1], vehicle, samples.unread)
-    seen[MU] |= "mass" in vehicle.known
-    unsensed = observable(samples.capability, about[-1], vehicle) & ~seen if samples.unread.any() else np.zeros(10, dtype=bool)
-    return [replace(one, information_share=share, drowned=drowned, observable=seen, unsensed=unsensed) for one in passes]
+    sensed = observable(samples.capability, about[-1], vehicle, samples.unread)
+    sensed[MU] |= "mass" in vehicle.known
+    unsensed = observable(samples.capability, about[-1], vehicle) & ~sensed if samples.unread.any() else np.zeros(10, dtype=bool)
+    return [replace(one, information_share=share, drowned=drowned, observable=sensed, unsensed=unsensed) for one in passes]

@@ -1,11 +1,11 @@
-"""Initial reference from the first cycles, without starting values.
+"""Initial reference from the first cycles, without initial values.
 
-The growth of the mean rate is regressed on impulses and on products of rates,
+The growth of the mean rate is regressed on impulses and rate products,
 
     w[k+1] − w[k]  =  J τ̄ + K F̄ + G (w w) + b,          J = I⁻¹,  K = −J [c]×  (on a bearing K acts on m_r f: K = J [c − b]×… )
 
-with noise on the left alone, so the fit is unbiased and converges from nothing. A weak prior of the vehicle's own scale keeps axes
-that were never driven at a sensible value. The result only serves to linearise: it is never reported.
+Only the left side has noise, so the fit is unbiased and needs no initial values. A weak prior on the vehicle's own scale gives axes without
+excitation a plausible value. The result serves as reference of the linearisation and is never reported.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.compensate import Samples, Source, acceleration
 
 SIGNIFICANT = 6.0
-"""An axis' response to its command must exceed its own sigma this many times before anything is said."""
+"""Ratio of an axis' response to its sigma, above which it counts."""
 COUPLE = 1e-3
-"""Part of the force of a couple, torque over the jets' reach, below which a force is what a couple has left, and tells no mass: the body
-turns about its CG, whose own acceleration exceeds what that force makes."""
+"""Force over that of the couples (torque over the jets' reach), below which it does not inform the mass. It may be rounding of many jets'
+forces, and the CG's acceleration by the rotation exceeds it."""
 FIRST = 4096
-"""Cycles in which most vehicles have moved."""
+"""Cycles of the first attempt; most vehicles move within them."""
 DISTANCES = np.geomspace(0.01, 10, 4)
-"""From a pivot to the CG, radii of gyration, that a swing is looked at for."""
+"""Initial distances from pivot to CG of the search for a free oscillation, in radii of gyration."""
 FARTHEST = 30.0
-"""... and that a CG may be away."""
+"""Largest distance from pivot to CG that the search may give, in radii of gyration."""
 _SPREAD = 30.0
 """Largest ratio of a reference's principal moments to the common scale."""
 
 
 def first_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Reference | None:
-    """A reference from ``cycles``, or None while neither the rates answer to torques nor the accelerations to forces."""
+    """A reference from ``cycles``; None unless rates respond to torques, or accelerations to forces."""
     here = samples.part(cycles)
     rate, duration = here.rate_rad_s, here.executed.duration_s
     growth = np.diff(rate, axis=0)
@@ -46,22 +46,22 @@ def first_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Referen
     if here.executed.stored is not None:
         torque = torque + _mean_step(here.executed.stored.precession(rate), duration)
     load: Array = impulse[:, 3:]
-    turned = _mean_step(products(rate), duration)
+    rotated = _mean_step(products(rate), duration)
     if plant.pivoted:
-        felt = vehicle.environment.gravity_m_s2 * (here.up_b[:-1] + here.up_b[1:]) / 2  # of a vehicle that stands still
-        load = _mean_step(felt if here.unread[3:].any() else felt + acceleration(here, vehicle), duration)
-    scale = _response(growth, torque, np.hstack([load, turned, duration[1:, None]]))
+        weight = vehicle.environment.gravity_m_s2 * (here.up_b[:-1] + here.up_b[1:]) / 2  # specific force at rest
+        load = _mean_step(weight if here.unread[3:].any() else weight + acceleration(here, vehicle), duration)
+    scale = _response(growth, torque, np.hstack([load, rotated, duration[1:, None]]))
     mu = _mu(here, torque, vehicle) if plant.translates else None
     if scale is None:
         if vehicle.swings:
-            return released(growth, load, turned, vehicle)
-        return None if mu is None else _unturned(mu, vehicle)
+            return oscillating_reference(growth, load, rotated, vehicle)
+        return None if mu is None else _without_torques(mu, vehicle)
     mu = mu or _fallback_mu(vehicle, scale)
     reach = np.sqrt(3 * mu / scale)
     if plant.pivoted:
         load = plant.rotating_mass(Reference(np.eye(3), plant.pivot, mu)) * load
         reach = 0.01 * reach
-    regressors = np.hstack([torque, load, turned, duration[1:, None]])
+    regressors = np.hstack([torque, load, rotated, duration[1:, None]])
     prior = np.concatenate([[scale] * 3, [scale * reach] * 3, [1.0] * 6, [np.abs(growth).max() / duration.mean()]])
     fit = _ridge(regressors, growth, prior, scale)
     values, axes = np.linalg.eigh((fit[:3] + fit[:3].T) / 2)
@@ -71,22 +71,22 @@ def first_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Referen
     return Reference(inertia, cg + plant.pivot, mu)
 
 
-def beginning(samples: Source, cycles: slice, vehicle: Vehicle) -> Reference | None:
-    """A reference from no more of ``cycles`` than it takes: the first :data:`FIRST`, or four times as many, and so on."""
+def early_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Reference | None:
+    """A reference from as few of ``cycles`` as it needs: the first :data:`FIRST`, four times as many, and so on."""
     length = FIRST
     while length < cycles.stop - cycles.start:
-        found = first_reference(samples, slice(cycles.start, cycles.start + length), vehicle)
-        if found is not None:
-            return found
+        reference = first_reference(samples, slice(cycles.start, cycles.start + length), vehicle)
+        if reference is not None:
+            return reference
         length *= 4
     return first_reference(samples, cycles, vehicle)
 
 
 def _response(motion: Array, cause: Array, others: Array | None = None) -> float | None:
-    """Slope of a motion on its cause (rate growth on torque impulse, acceleration on force) where it is significant.
+    """Slope of a motion on its cause (rate growth on torque impulse, acceleration on force); None where it is not significant.
 
-    What ``others`` (gyroscopic terms, loads) explain of both is taken out first. Each axis is judged alone, and the significant ones are
-    pooled, so that an elongated body's unequal slopes don't count as noise.
+    Regressors ``others`` (gyroscopic terms, loads) are projected out first. Each axis is tested alone, and the significant ones are pooled,
+    so that the unequal slopes of an elongated body do not count as noise.
     """
     freedom = len(motion) - 1
     if others is not None:
@@ -106,66 +106,66 @@ def _response(motion: Array, cause: Array, others: Array | None = None) -> float
 
 
 def _mu(samples: Samples, torque: Array, vehicle: Vehicle) -> float | None:
-    """1/m by regressing acceleration on force (noise on the left), in the horizontal plane on a bearing.
+    """1/m from the regression of acceleration on force, on a bearing in the horizontal plane; None where forces are negligible.
 
-    ``torque`` (K − 1, 3), N m s: beside couples a force must be one, and not what rounding leaves of many jets'.
+    ``torque`` (K − 1, 3) are the torque impulses, N m s, against which the forces are compared.
     """
     force = samples.executed.whole[:, 3:] / samples.executed.duration_s[:, None]
-    felt = acceleration(samples, vehicle)
+    measured = acceleration(samples, vehicle)
     if plant_of(vehicle).pivoted:
         up = samples.up_b[:-1]
-        force, felt = (v - (v * up).sum(1, keepdims=True) * up for v in (force, felt))
+        force, measured = (v - (v * up).sum(1, keepdims=True) * up for v in (force, measured))
     couple = (torque**2).sum() / (samples.executed.duration_s.mean() * reach(vehicle)) ** 2
-    return _response(felt, force) if (force**2).sum() > COUPLE**2 * couple else None
+    return _response(measured, force) if (force**2).sum() > COUPLE**2 * couple else None
 
 
 def fallback(vehicle: Vehicle) -> Reference:
-    """What stands in while the log has said nothing: of the size that the jets' reach gives, and of the known mass or one kilogram."""
-    return _unturned(_fallback_mu(vehicle, 3 / reach(vehicle) ** 2), vehicle)
+    """The reference without any information from the log: radius of gyration from the jets' reach, and the known mass or one kilogram."""
+    return _without_torques(_fallback_mu(vehicle, 3 / reach(vehicle) ** 2), vehicle)
 
 
-def _unturned(mu: float, vehicle: Vehicle) -> Reference:
-    """A body that has felt forces but no torques yet: its radius of gyration is its jets' reach."""
+def _without_torques(mu: float, vehicle: Vehicle) -> Reference:
+    """A body that has shown no response to torques yet: its radius of gyration is the jets' reach."""
     return Reference(reach(vehicle) ** 2 / (3 * mu) * np.eye(3), plant_of(vehicle).pivot, mu)
 
 
-def released(growth: Array, load: Array, turned: Array, vehicle: Vehicle) -> Reference:
-    """A body of known mass and inertia about its CG that its weight alone swings: what its CG r from the pivot explains most of.
+def oscillating_reference(growth: Array, load: Array, rotated: Array, vehicle: Vehicle) -> Reference:
+    """Reference of a body with known mass and inertia about the CG that oscillates freely under its weight.
 
         w[k+1] − w[k]  =  J⁻¹ (l × m r − Γ(J) (w w)),          J = I + m (r² 1 − r rᵀ)
 
-    Sought from several distances below or above the pivot, as it stands in the mean. ``growth``, ``load`` l, the integral of what carries
-    the weight, and ``turned`` (K − 1, ...).
+    r, from pivot to CG, is found by least squares from several distances below and above the pivot. ``growth``, the load's integral
+    ``load`` l and the rate products' integral ``rotated`` are (K − 1, ...).
     """
     from scipy.optimize import least_squares
 
     known: dict[str, float] = {name: one.value for name, one in vehicle.known.items()}
-    mass, own = vehicle.pedestal_mass_kg, tensor(np.array([known.get(name, 0.0) for name in INERTIA]))
+    mass, central = vehicle.pedestal_mass_kg, tensor(np.array([known.get(name, 0.0) for name in INERTIA]))
 
     def inertia(arm: Array) -> Array:
-        return np.asarray(own + mass * spread(arm))
+        return np.asarray(central + mass * spread(arm))
 
-    def left(arm: Array) -> Array:
+    def residuals(arm: Array) -> Array:
         about = inertia(arm)
-        torque = cross(load, mass * arm) - turned @ gamma(about).T
+        torque = cross(load, mass * arm) - rotated @ gamma(about).T
         return np.asarray((growth - np.linalg.solve(about, torque.T).T).ravel())
 
-    up, size = load.mean(0) / np.linalg.norm(load.mean(0)), np.sqrt(np.trace(own) / mass)
-    # a body swings alike about two points of a line
-    fits = [least_squares(left, by * size * up, x_scale=abs(by) * size, method="lm") for by in (*-DISTANCES, *DISTANCES)]
-    # what hardly moves tells of none
-    told = [fit for fit in fits if np.linalg.norm(fit.x) < FARTHEST * size]
-    arm = min(told, key=lambda fit: float(fit.cost)).x if told else np.zeros(3)
+    up, size = load.mean(0) / np.linalg.norm(load.mean(0)), np.sqrt(np.trace(central) / mass)
+    # a pendulum has the same frequency about two points of a line
+    fits = [least_squares(residuals, by * size * up, x_scale=abs(by) * size, method="lm") for by in (*-DISTANCES, *DISTANCES)]
+    # a body that hardly moves gives no bounded distance
+    bounded = [fit for fit in fits if np.linalg.norm(fit.x) < FARTHEST * size]
+    arm = min(bounded, key=lambda fit: float(fit.cost)).x if bounded else np.zeros(3)
     return Reference(inertia(arm), plant_of(vehicle).pivot + arm, 1 / mass)
 
 
 def reach(vehicle: Vehicle) -> float:
-    """Distance of the farthest jet from O, m; a decimetre where there is none."""
+    """Distance of the farthest jet from O, m; 0.1 m without jets."""
     return max((float(np.linalg.norm(jet.position_m)) for jet in vehicle.jets), default=0.0) or 0.1
 
 
 def _fallback_mu(vehicle: Vehicle, scale: float) -> float:
-    """1/m where no force has been felt: the known mass, else a body whose radius of gyration is its jets' reach."""
+    """1/m without a response to forces: from the known mass, else with the jets' reach as radius of gyration."""
     known = vehicle.known.get("mass")
     if vehicle.on_pedestal:
         return 1 / vehicle.pedestal_mass_kg
@@ -173,13 +173,13 @@ def _fallback_mu(vehicle: Vehicle, scale: float) -> float:
 
 
 def _mean_step(values: Array, duration: Array) -> Array:
-    """Trapezoid of cycle means over each step, (K − 1, ...)."""
+    """(K − 1, ...) trapezoidal integral of cycle means over each step."""
     area = values * duration[:, None]
     return (area[:-1] + area[1:]) / 2
 
 
 def _ridge(regressors: Array, growth: Array, prior_sigma: Array, scale: float) -> Array:
-    """Least squares with a zero-mean prior, but ``scale`` × identity for J; two passes to find the noise."""
+    """Ridge regression with prior mean zero, and ``scale`` times identity for J; two passes, of which the first gives the noise level."""
     target = np.zeros((regressors.shape[1], 3))
     target[:3] = scale * np.eye(3)
     residual = growth - regressors @ target

@@ -1,8 +1,8 @@
-"""Joint off-line fit of several logs of one body: the triangles of all members stacked.
+"""Joint off-line fit of several logs of one body: the information triangles of all members, stacked.
 
-A log's response is linear in the coefficients φ of :mod:`massprop_cli.model.responsemap` whatever the body is, so its rows on φ, with the
-beginnings of its own states taken out, add up, and θ is solved for from all of them. So a log in which one axis alone was driven brings
-what it tells, where by itself it has no estimate. Assumptions that are uncertain in all logs are the same columns of all.
+A log's response is linear in the coefficients φ of :mod:`massprop_cli.model.responsemap` for any body. With each member's initial states
+eliminated, the rows on φ of all members add up, and θ follows from all of them. So a log in which one axis alone was excited contributes,
+although it has no estimate by itself. An assumption that is uncertain in all logs is one column for all.
 """
 
 from __future__ import annotations
@@ -24,90 +24,92 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
 
-TOLD = 2.0
-"""Information on a direction of θ, with that of the prior as 1, from which on a log counts as telling it."""
+INFORMED = 2.0
+"""Information on a direction of θ, relative to the prior's, above which a log informs that direction."""
 
 
 class Member(NamedTuple):
-    """One phase of one log."""
+    """One phase of one log, as part of a joint fit."""
 
     samples: Source
     cycles: slice
     vehicle: Resolved
-    """Its disturbances count."""
+    """With the disturbances of this log."""
     consider: Consider
 
 
 class JointFit(NamedTuple):
-    """What all members say together."""
+    """Joint estimate of all members."""
 
-    told: Parameters
+    parameters: Parameters
     """One row."""
     reference: Reference
-    stands: bool
-    """Whether another pass would change nothing."""
-    left: float
-    """Chi-square of all that the fit leaves."""
+    converged: bool
+    """Whether another pass would not change the estimate."""
+    chi_square: float
+    """Of the post-fit residuals of all members."""
     apart: tuple[tuple[float, int], ...]
-    """Of each member: how much less chi-square it would have with a body of its own, and how many directions of θ it tells."""
+    """For each member: decrease of its chi-square with a body of its own, and number of directions of θ that it informs."""
 
 
 class Jointly(Regression):
-    """The regression on what several have taken in."""
+    """Regression on the information of several members."""
 
     def __init__(self, members: Sequence[Member]) -> None:
         first = members[0]
         super().__init__(first.samples, first.cycles, first.vehicle, max((m.consider for m in members), key=lambda c: len(c.variants)))
-        # beginnings are each member's own, and taken out
-        self.free = 0
+        # initial states are each member's own, and eliminated
+        self.unknowns = 0
         self.members = [Regression(*member) for member in members]
 
     def fit(self, start: Reference) -> JointFit:
-        """Gauss–Newton from ``start``, about its own last estimate until that stands still."""
+        """Gauss–Newton iteration from ``start``, linearised about its own last estimate until that converges."""
         biases = [start.gyro_bias for _ in self.members]
-        reference, bound = replace(start, gyro_bias=np.zeros(3)), False
-        for _ in range(offline.SETTLINGS):
-            runs = [self._through(own, replace(reference, gyro_bias=bias), bound) for own, bias in zip(self.members, biases, strict=True)]
-            run = self.improved(self._together(runs, reference, bound))
-            if run.bound == bound and self.still(run, offline.SETTLED):
+        reference, tied = replace(start, gyro_bias=np.zeros(3)), False
+        for _ in range(offline.MAX_PASSES):
+            references = [replace(reference, gyro_bias=bias) for bias in biases]
+            runs = [self._processed(member, about, tied) for member, about in zip(self.members, references, strict=True)]
+            run = self.solved(self._stacked(runs, reference, tied))
+            if run.tied == tied and self.converged(run, offline.CONVERGED):
                 break
-            reference, bound = run.estimate, run.bound
+            reference, tied = run.estimate, run.tied
             phi, _ = self.phi_map.coefficients(self.phi_map.plant.theta(reference))
-            biases = [_bias(own, one, phi) for own, one in zip(self.members, runs, strict=True)]
-        stands, theta = self.still(run, offline.SETTLED), self.phi_map.plant.theta(run.estimate)
-        corner = self._posed(run, theta, self._scale(theta))[-1 - self.assumed, -1 - self.assumed]
-        apart = tuple(self._apart(own, one, run) for own, one in zip(self.members, runs, strict=True))
-        return JointFit(self.row(run), run.estimate, stands, float(corner**2), apart)
+            biases = [_bias(member, one, phi) for member, one in zip(self.members, runs, strict=True)]
+        converged, theta = self.converged(run, offline.CONVERGED), self.phi_map.plant.theta(run.estimate)
+        corner = self._posed(run, theta, self._prior_sigma(theta))[-1 - self.assumptions, -1 - self.assumptions]
+        apart = tuple(self._apart(member, one, run) for member, one in zip(self.members, runs, strict=True))
+        return JointFit(self.row(run), run.estimate, converged, float(corner**2), apart)
 
     @staticmethod
-    def _through(own: Regression, reference: Reference, bound: bool) -> Run:
-        """All that a member has said, about a reference."""
-        run = replace(own.begin(reference), bound=bound)
-        for block in offline.blocks(own, run):
+    def _processed(member: Regression, reference: Reference, tied: bool) -> Run:
+        """The run through a member's whole phase, about ``reference``."""
+        run = replace(member.begin(reference), tied=tied)
+        for block in offline.blocks(member, run):
             run = block.after
         return run
 
-    def _together(self, runs: Sequence[Run], reference: Reference, bound: bool) -> Run:
-        rows = [self._of_phi(own, run) for own, run in zip(self.members, runs, strict=True)]
-        return replace(runs[0], reference=reference, estimate=reference, bound=bound, state=None, triangle=triangle_of(np.vstack(rows)))
+    def _stacked(self, runs: Sequence[Run], reference: Reference, tied: bool) -> Run:
+        rows = [self._rows_on_phi(member, run) for member, run in zip(self.members, runs, strict=True)]
+        return replace(runs[0], reference=reference, estimate=reference, tied=tied, state=None, triangle=triangle_of(np.vstack(rows)))
 
-    def _of_phi(self, own: Regression, run: Run) -> Array:
-        """A member's rows on φ, what is measured, and the assumptions: below those that hold its beginnings."""
-        rows = run.triangle[own.free :, own.free :]
-        missing = self.phi_map.size + 1 + self.assumed - rows.shape[1]
+    def _rows_on_phi(self, member: Regression, run: Run) -> Array:
+        """A member's rows on φ, measured value and assumptions, with its initial states eliminated."""
+        rows = run.triangle[member.unknowns :, member.unknowns :]
+        missing = self.phi_map.size + 1 + self.assumptions - rows.shape[1]
         return np.pad(rows, ((0, 0), (0, missing)))
 
-    def _apart(self, own: Regression, one: Run, run: Run) -> tuple[float, int]:
+    def _apart(self, member: Regression, own: Run, run: Run) -> tuple[float, int]:
+        """Decrease of a member's chi-square with a body of its own, and number of directions of θ that it informs."""
         theta = self.phi_map.plant.theta(run.estimate)
-        scale = self._scale(theta)
-        alone = replace(run, triangle=self._of_phi(own, one), bound=True)
+        scale = self._prior_sigma(theta)
+        alone = replace(run, triangle=self._rows_on_phi(member, own), tied=True)
         triangle = self._posed(alone, theta, scale)
-        by_theta, left = triangle[:10, :10], triangle[:10, 10]
-        return float(left @ left), int((np.linalg.svd(by_theta, compute_uv=False) ** 2 > TOLD).sum())
+        by_theta, right = triangle[:10, :10], triangle[:10, 10]
+        return float(right @ right), int((np.linalg.svd(by_theta, compute_uv=False) ** 2 > INFORMED).sum())
 
 
-def _bias(own: Regression, run: Run, phi: Array) -> Array:
-    """(3,) the gyro's, of a member whose vehicle file says that it has one, for the body with coefficients ``phi``."""
-    triangle, free, size = run.triangle, own.free, own.phi_map.size
-    beginnings = np.linalg.solve(triangle[:free, :free], triangle[:free, free + size] - triangle[:free, free : free + size] @ phi)
-    return own.state(run, Layout.of(own.samples, own.vehicle).gyro_bias, phi, beginnings, run.reference.gyro_bias)
+def _bias(member: Regression, run: Run, phi: Array) -> Array:
+    """(3,) gyro bias of a member for the body with coefficients ``phi``; the reference's if it has no bias state."""
+    triangle, m, size = run.triangle, member.unknowns, member.phi_map.size
+    initial = np.linalg.solve(triangle[:m, :m], triangle[:m, m + size] - triangle[:m, m : m + size] @ phi)
+    return member.state(run, Layout.of(member.samples, member.vehicle).gyro_bias, phi, initial, run.reference.gyro_bias)

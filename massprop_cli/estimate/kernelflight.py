@@ -1,7 +1,7 @@
-"""The causal pass by the calls that a flight makes, run on the ground over a recorded log.
+"""Causal pass over a recorded log by the same kernel calls that run in flight.
 
-Alignment and mounting are the kernel's own here, so that what is replayed is what flew, to the last bit. They agree with
-:mod:`massprop_cli.prepare` to rounding.
+The kernel does alignment and mounting here, so a replay equals the flight to the last bit. Both agree with :mod:`massprop_cli.prepare` to
+rounding.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import elements
 from massprop_cli.estimate import compiled
-from massprop_cli.estimate.compiled import CHUNK, TOLD
+from massprop_cli.estimate.compiled import CHUNK, ROW_SIZE
 from massprop_cli.estimate.quantities import mass_first
 from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.actuators.wheel import WheelLog
@@ -36,17 +36,17 @@ from massprop_cli.prepare.sums import of_records
 from massprop_cli.prepare.timing import Timing
 
 VALUES = 30
-"""Values, sigmas and verdicts of the ten quantities."""
+"""Size of a report: value, sigma and verdict of each of the ten quantities."""
 VERDICTS = ("untold", "not_excited", "not_converged", "converged", "contradicted")
-"""By the kernel's numbers."""
+"""Verdicts, in the order of the kernel's numbers."""
 NO_TOLERANCE = (0.0, 0.0, 0.0)
 
 
-def beyond(log: Recorder, vehicle: Vehicle, timing: Timing, shortest_s: float) -> str:
-    """What of the commands' timing, and of the IMU, the kernel can't hold; empty where it holds all."""
+def unsupported(log: Recorder, vehicle: Vehicle, timing: Timing, shortest_s: float) -> str:
+    """Why the kernel does not support the timing of commands or the IMU; empty if it does."""
     gyro, accelerometer = sensors(log, vehicle)
-    shown = (moving(gyro), gyro, accelerometer)
-    if vehicle.wheels and not all(one.plain for one in shown):
+    kernels = (moving(gyro), gyro, accelerometer)
+    if vehicle.wheels and not all(each.plain for each in kernels):
         return (
             'imu.measures is "sample" or a filter of the IMU is stated beside [[wheels]], and the kernel takes increments as they are there'
         )
@@ -79,23 +79,24 @@ def beyond(log: Recorder, vehicle: Vehicle, timing: Timing, shortest_s: float) -
         return "[[rotors]] are stated, and the kernel takes commands of jets or a wrench alone"
     if len(vehicle.jets) > COMMANDS:
         return f"{len(vehicle.jets)} jets, and the kernel holds {COMMANDS}"
-    longest_s = max((jet.rise_s + jet.fall_s + jet.delay_s for jet in vehicle.jets), default=0.0) + max(one.latency_s for one in shown)
+    longest_s = max((jet.rise_s + jet.fall_s + jet.delay_s for jet in vehicle.jets), default=0.0) + max(each.latency_s for each in kernels)
     if (timing.delay * vehicle.cycle.period_s + longest_s) / shortest_s + 4 >= PENDING:
         return f"a delay of {timing.delay:g} cycles, and the kernel holds {PENDING - 5}, with all that a jet and the IMU take"
     return ""
 
 
 def _least_delay_s(log: Recorder, vehicle: Vehicle, timing: Timing) -> float:
-    """From the start of a cycle until its command may show, s; in samples, which stand for what was before, half a record sooner."""
+    """Least time from the start of a cycle to an effect of its command, s."""
     gyro, accelerometer = sensors(log, vehicle)
-    own_s = min((jet.delay_s for jet in vehicle.jets), default=0.0) + min(gyro.latency_s, accelerometer.latency_s)
-    return timing.delay * vehicle.cycle.period_s + own_s
+    least_s = min((jet.delay_s for jet in vehicle.jets), default=0.0) + min(gyro.latency_s, accelerometer.latency_s)
+    return timing.delay * vehicle.cycle.period_s + least_s
 
 
-def holds(samples: Source) -> bool:
-    """Whether these are cycles as they were read, whose commands the kernel can align.
+def supports(samples: Source) -> bool:
+    """Whether the kernel can align the commands of these samples, which must be as read from the log.
 
-    Not beside wheels, of which a log may tell more, nor where a bias carries the attitude off, of which in flight the estimate frees it.
+    It cannot with momentum devices, whose log may have more records, nor where a gyro bias drives the attitude error, which the flight's
+    estimate corrects.
     """
     if not isinstance(samples, Stream) or samples.gyro != 1.0 or samples.log.spinning:
         return False
@@ -105,64 +106,64 @@ def holds(samples: Source) -> bool:
     if log.command_s is not None or lost_commands(log) or not all(sensor.plain for sensor in sensors(log, samples.vehicle)):
         return False
     shortest = float(log.interval_s.reshape(-1, log.records_per_cycle).sum(1).min())
-    return not beyond(log, samples.vehicle, samples.alignment.timing, shortest)
+    return not unsupported(log, samples.vehicle, samples.alignment.timing, shortest)
 
 
 class Reported(NamedTuple):
-    """What K cycles came to."""
+    """Report after each of K cycles."""
 
     rows: Rows
     values: Array
-    """(K, 10)"""
+    """(K, 10) SI units."""
     sigmas: Array
-    """(K, 10)"""
+    """(K, 10) one sigma of each."""
     verdicts: Array
-    """(K, 10) numbers of :data:`VERDICTS`."""
+    """(K, 10) indices in :data:`VERDICTS`."""
 
 
 class Flight:
-    """The kernel from a flight's first cycle on."""
+    """The kernel's state of a flight, from its first cycle."""
 
     def __init__(self, commands: Array, vehicle: Array, rule: Array, by: Kernel | None = None) -> None:
         library = (by or kernel()).compiled
         self.library = library
-        self._room = np.empty(library.mp_host_flight_size(), np.uint8)
-        self.memory = pointer(self._room)
+        self._memory = np.empty(library.mp_host_flight_size(), np.uint8)
+        self.memory = pointer(self._memory)
         check_status(library.mp_host_fly(self.memory, pointer(commands), pointer(vehicle), pointer(rule)))
 
     def phase(self, vehicle: Array, rule: Array) -> None:
-        """Estimates anew with the next cycle; commands in flight and the attitude go on."""
+        """Start a new phase with the next cycle; executing commands and attitude continue."""
         check_status(self.library.mp_host_phase(self.memory, pointer(vehicle), pointer(rule)))
 
-    def step(self, fed: Array, last: bool = False) -> Reported:
-        """The next cycles, as :func:`cycles_of` has them; ``last``: no more of them come."""
-        told, values, status = np.empty((len(fed) + 1, TOLD)), np.empty((len(fed) + 1, VALUES)), ctypes.c_int()
-        count, stride = (ctypes.c_long(n) for n in fed.shape)
-        arguments = (count, stride, pointer(fed), ctypes.c_int(last), pointer(told), pointer(values), ctypes.byref(status))
-        made = self.library.mp_host_flown(self.memory, *arguments)
+    def step(self, cycles: Array, last: bool = False) -> Reported:
+        """Process the next cycles (:func:`cycles_of`); ``last``: no more follow."""
+        rows, values, status = np.empty((len(cycles) + 1, ROW_SIZE)), np.empty((len(cycles) + 1, VALUES)), ctypes.c_int()
+        count, stride = (ctypes.c_long(n) for n in cycles.shape)
+        arguments = (count, stride, pointer(cycles), ctypes.c_int(last), pointer(rows), pointer(values), ctypes.byref(status))
+        reported = self.library.mp_host_flown(self.memory, *arguments)
         check_status(status.value)
-        own = values[:made]
-        return Reported(compiled.rows_of(told[:made]), own[:, :10], own[:, 10:20], own[:, 20:])
+        values = values[:reported]
+        return Reported(compiled.rows_of(rows[:reported]), values[:, :10], values[:, 10:20], values[:, 20:])
 
     def last(self) -> Reported:
-        """The cycle that waits for the next one's commands, where nothing more comes."""
+        """Process the cycle that waits for the next one's commands, when no more follow."""
         return self.step(np.empty((0, 1)), last=True)
 
     def reference(self, vehicle: Vehicle) -> Reference | None:
-        """The estimate at the end; None where there is none."""
+        """The estimate at the end; None if there is none."""
         return compiled.reference_of(self.library, ctypes.c_void_p(self.library.mp_host_pass(self.memory)), vehicle)
 
 
 def replayed(
     samples: Stream, cycles: slice, vehicle: Resolved, progress: Callable[[float], None] | None
 ) -> tuple[Iterator[Rows], Callable[[], Reference | None]]:
-    """Estimates after each of ``cycles``, part by part, and what gives the estimate at the end."""
+    """Estimates after each of ``cycles``, chunk by chunk, and a function that returns the final estimate."""
     log = samples.log
     commands = commands_of(log, log.command_kind == "jets", vehicle, samples.alignment.timing, log.records_per_cycle)
-    flight = Flight(commands, compiled.table(samples, vehicle), rule_of(vehicle, NO_TOLERANCE))
+    flight = Flight(commands, compiled.vehicle_numbers(samples, vehicle), rule_of(vehicle, NO_TOLERANCE))
 
     def rows() -> Iterator[Rows]:
-        # the command of the cycle after the last may go on with a pulse
+        # a pulse may continue into the cycle after the last one
         end = min(cycles.stop + 1, log.cycles)
         for begin in range(0, end, CHUNK):
             if progress is not None:
@@ -174,47 +175,48 @@ def replayed(
 
 
 RECORDS, WAITS, DELAY_S, MEMORY_S = 2, 3, 5, 6
-"""Where these stand: records in a cycle; whether its estimate comes with the next one; the commands' delay; until when not all is shown."""
+"""Indices in :func:`commands_of`: records per cycle; whether the estimate of a cycle waits for the next one's commands; the commands'
+delay, s; time after a command until no sensor shows an earlier one, s."""
 
 
 def commands_of(log: Recorder, jets: bool, vehicle: Vehicle, timing: Timing, records: int) -> Array:
-    """What is constant of commands and IMU, in the order of ``mp_host_fly``; so many records in a cycle."""
+    """(n,) constants of commands and IMU, in the order of ``mp_host_fly``; ``records`` per cycle."""
     count, period_s = len(vehicle.jets) if jets else 6, vehicle.cycle.period_s
     delay_s, lag_s = timing.delay * period_s, timing.lag * period_s
     each = np.zeros((count, 9))
     if jets:
         each[:, :6] = vehicle.jet_wrench
         each[:, 6:] = np.reshape([(jet.rise_s, jet.fall_s, jet.delay_s) for jet in vehicle.jets], (-1, 3))
-    bare, lagging = sensors(log, vehicle), sensors(log, vehicle, lag_s)
-    shown = [number for one in (moving(bare[0], lag_s), *lagging) for number in _sensor_numbers(one)]
-    early_s = period_s / records / 2 if bare[0].instant else 0.0
+    unlagged, lagging = sensors(log, vehicle), sensors(log, vehicle, lag_s)
+    sensor_numbers = [number for one in (moving(unlagged[0], lag_s), *lagging) for number in _sensor_numbers(one)]
+    early_s = period_s / records / 2 if unlagged[0].instant else 0.0
     waits = _least_delay_s(log, vehicle, timing) - early_s < period_s
     times = period_s, delay_s, shown_by_s(log, vehicle, delay_s, lag_s), LATE[vehicle.cycle.pulse_at], vehicle.thrust.pulse_sigma
     mounting = (*np.array(vehicle.imu.body_from_imu).ravel(), *vehicle.environment.initial_attitude_wxyz)
-    return np.array([jets, count, records, waits, *times, *mounting, *shown, *each.ravel()], dtype=float)
+    return np.array([jets, count, records, waits, *times, *mounting, *sensor_numbers, *each.ravel()], dtype=float)
 
 
 def _sensor_numbers(sensor: SensorKernel) -> Iterator[float]:
-    """In the order of ``mp_sensor``."""
-    room = np.zeros(LAGS - len(sensor.lags_s), dtype=complex)
+    """Numbers of a sensor kernel, in the order of ``mp_sensor``."""
+    padding = np.zeros(LAGS - len(sensor.lags_s), dtype=complex)
     yield from (sensor.instant, len(sensor.lags_s), sensor.latency_s)
     for each in (sensor.weights, sensor.lags_s):
-        yield from np.concatenate([each, room]).view(float).tolist()
+        yield from np.concatenate([each, padding]).view(float).tolist()
 
 
 def rule_of(vehicle: Vehicle, tolerances: tuple[float, float, float], relative: bool = True, gate: float = 0.0) -> Array:
-    """What is known, the gate, and the rule by which a value has converged, in the order of ``mp_host_fly``.
+    """(n,) known values, gate, and convergence criterion, in the order of ``mp_host_fly``.
 
-    ``gate``: sigmas of a sensor's innovation in one cycle beyond which the reading is not used; 0: all are.
+    ``gate``: number of sigmas of a sensor's innovation above which the reading is not used; 0: all readings are used.
     """
     known = [number for name, k in mass_first(vehicle.known) for number in (QUANTITIES.index(name), k.value, k.sigma)]
     rule = (vehicle.thrust.scale_sigma, vehicle.convergence.count, relative, *tolerances)
-    beyond: Array = sum((elements(device.beyond_reported) for device in vehicle.spinning), np.zeros(6))
-    return np.array([*rule, *beyond, gate, len(vehicle.known), *known], dtype=float)
+    beyond_reported: Array = sum((elements(device.beyond_reported) for device in vehicle.spinning), np.zeros(6))
+    return np.array([*rule, *beyond_reported, gate, len(vehicle.known), *known], dtype=float)
 
 
 def cycles_of(log: Log, part: slice, used: slice) -> Array:
-    """(K, …) cycles of a log as they were flown; those outside ``used`` are aligned, but not estimated from."""
+    """(K, …) cycles of a log, in the kernel's order; those outside ``used`` are aligned, but their readings are not used."""
     records = log.records_per_cycle
     each = slice(part.start * records, part.stop * records)
 
@@ -223,11 +225,11 @@ def cycles_of(log: Log, part: slice, used: slice) -> Array:
     ignored = ignored if log.ignored is None else ignored | log.ignored[part]
     cycle = np.arange(part.start, part.stop)
     unused = (cycle < used.start) | (cycle >= used.stop)
-    turned, felt = (of_records(one[each], records) for one in (log.delta_theta_imu_rad, log.delta_v_imu_m_s))
-    parts = (log.cycle_end_s[part], cycle_edges(log, part)[1], turned, felt, ignored, unused)
+    delta_theta, delta_v = (of_records(one[each], records) for one in (log.delta_theta_imu_rad, log.delta_v_imu_m_s))
+    parts = (log.cycle_end_s[part], cycle_edges(log, part)[1], delta_theta, delta_v, ignored, unused)
     speeds = [
-        said.speed_rad_s[records - 1 :: records][part]
-        for said in log.spinning
-        if isinstance(said, WheelLog) and said.speed_rad_s is not None
+        wheel.speed_rad_s[records - 1 :: records][part]
+        for wheel in log.spinning
+        if isinstance(wheel, WheelLog) and wheel.speed_rad_s is not None
     ]
     return np.concatenate([one.reshape(count, -1) for one in (*parts, log.command[part], *speeds)], 1, dtype=float)

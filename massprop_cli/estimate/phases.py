@@ -1,4 +1,4 @@
-"""Noise levels, off-line fits, and the causal pass through every phase: all that is estimated before anything is judged."""
+"""Estimation of every phase: noise levels, off-line fits, disturbances, and the causal pass."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate import disturbances, engine, noiselevels, offline
 from massprop_cli.estimate.history import History
-from massprop_cli.estimate.historyrecorder import informed
-from massprop_cli.estimate.initial import beginning
-from massprop_cli.estimate.offline import Led
+from massprop_cli.estimate.historyrecorder import with_observability
+from massprop_cli.estimate.initial import early_reference
+from massprop_cli.estimate.offline import Start
 from massprop_cli.estimate.sizing import likeliest_levels
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
@@ -23,200 +23,202 @@ from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
 
 QUIET = 1 / 50
-"""Of the stated variance of the rates' noise, what is that of none that was stated with care: a seventh of its sigma."""
+"""Variance of the rate residuals over the stated one, below which the stated noise is implausible: a seventh of its sigma."""
 ROUNDS = 8
-"""How often disturbances may be raised until the innovations are explained."""
+"""Most rounds in which disturbances are raised until they explain the innovations."""
 SIZING = 2
-"""Passes of an off-line fit that disturbances are sized by."""
+"""Passes of an off-line fit from which disturbances are estimated."""
 LOST = 3.0
-"""Sigmas by which the causal estimate of a whole phase may differ from the off-line fit of the same data. They use the same measurements,
-so where both hold they differ by much less than one."""
+"""Sigmas between the causal estimate of a whole phase and the off-line fit of the same data, above which the causal one has diverged. Both
+use the same measurements, so they should differ by much less than one sigma."""
 BEGINNING, LONGER = 1024, 4
-"""Cycles that a long phase is fitted over first, and how many times as many come next."""
+"""Cycles of the first fit of a long phase, and the factor on their number for the next ones."""
 Progress = Callable[[str, float], None]
-"""Told the stage and how much of it is done, 0 to 1."""
+"""Called with the stage and its completed part, 0 to 1."""
 
 
 Used = TypeVar("Used", bound=Vehicle, covariant=True)
 
 
 class AsStated(NamedTuple):
-    """Off-line fits of every phase with the noise that is stated, and nothing beside it."""
+    """Off-line fits of every phase with the stated noise and disturbances."""
 
     used: Resolved
-    fits: list[offline.Settled | None]
-    """None of a phase without motion."""
+    fits: list[offline.OfflineFit | None]
+    """By phase; None without motion."""
     excess: Array
     """(6,) of :func:`massprop_cli.estimate.disturbances.misfit`."""
     gross: Array
     """(6,) of :func:`massprop_cli.estimate.disturbances.gross_misfit`."""
     notices: list[Notice]
     settled: bool
-    """Whether they have had all the passes that they may have."""
+    """Whether the fits have converged or had all their passes."""
 
     @property
     def misfit(self) -> bool:
-        """Whether the stated noise doesn't explain the log."""
+        """Whether the stated noise does not explain the log."""
         return not (np.isnan(self.excess).all() and np.isnan(self.gross).all())
 
     @property
     def chi_square(self) -> float:
-        """Squares of the residual of the fits, over the noise."""
-        return sum(fit.history.left() for fit in self.fits if fit is not None)
+        """Sum of the squared normalised innovations of all fits."""
+        return sum(fit.history.chi_square() for fit in self.fits if fit is not None)
 
     @property
     def left(self) -> float:
-        """Mean of them."""
+        """Mean squared normalised innovation."""
         fitted = [fit.history for fit in self.fits if fit is not None]
         count = sum(one.moments().count * int((~one.unread).sum()) for one in fitted)
         return self.chi_square / max(count, 1)
 
     @property
     def dubious(self) -> bool:
-        """Whether it doesn't, or a phase tells of no body at all, or of one that is lost."""
+        """Whether there is a misfit, or a phase without a fit or whose fit diverged."""
         return self.misfit or any(fit is None or fit.history.moments().count == 0 for fit in self.fits)
 
     @property
     def quiet(self) -> bool:
-        """Whether rates vary about an axis so much less than is stated that they may be in another unit, and a misfit drown in it."""
-        left = [fit.history.moments() for fit in self.fits if fit is not None]
-        count = sum(of_one.count for of_one in left)
+        """Whether rates vary about an axis far less than the stated noise: the noise may be in another unit, and hide a misfit."""
+        moments = [fit.history.moments() for fit in self.fits if fit is not None]
+        count = sum(one.count for one in moments)
         if count == 0:
             return False
         read = ~next(fit.history.unread[:3] for fit in self.fits if fit is not None)
-        return bool((np.sum([of_one.count * of_one.variance[:3] for of_one in left], 0) < QUIET * count)[read].any())
+        return bool((np.sum([one.count * one.variance[:3] for one in moments], 0) < QUIET * count)[read].any())
 
 
 class _Fitting(NamedTuple):
-    """Off-line fits of every phase with the same settings; None of a phase without motion."""
+    """Off-line fits of every phase with the same settings."""
 
     samples: Source
     phases: Sequence[tuple[Phase, slice]]
     used: Resolved
     consider: Consider
 
-    def first(self) -> list[Led | None]:
-        """What each phase is fitted about first: where its first cycles tell of none, what the causal pass comes to."""
-        found = []
+    def starts(self) -> list[Start | None]:
+        """The start of each phase's fit: from its first cycles, or from the causal pass; None without motion."""
+        starts = []
         for phase, cycles in self.phases:
-            own = self.used.in_phase(phase)
+            used = self.used.in_phase(phase)
             reference = (
-                beginning(self.samples, cycles, self.used) or engine.replay(self.samples, cycles, phase, own, self.consider).reference
+                early_reference(self.samples, cycles, self.used)
+                or engine.replay(self.samples, cycles, phase, used, self.consider).reference
             )
-            found.append(_led_up(self.samples, cycles, reference, own))
-        return found
+            starts.append(_start(self.samples, cycles, reference, used))
+        return starts
 
-    def fits(self, starts: Sequence[Led | None], passes: int) -> list[offline.Settled | None]:
-        """Of so many passes."""
+    def fits(self, starts: Sequence[Start | None], passes: int) -> list[offline.OfflineFit | None]:
+        """Fits of at most ``passes`` passes."""
         return [
             start
-            and offline.settle(self.samples, cycles, phase, start.reference, self.used.in_phase(phase), self.consider, passes, start.bound)
+            and offline.fit(self.samples, cycles, phase, start.reference, self.used.in_phase(phase), self.consider, passes, start.tied)
             for (phase, cycles), start in zip(self.phases, starts, strict=True)
         ]
 
-    def further(self, fits: Sequence[offline.Settled | None]) -> list[offline.Settled | None]:
-        """Those of few passes led on until they stand: the very same as if all were done in a row."""
+    def continued(self, fits: Sequence[offline.OfflineFit | None]) -> list[offline.OfflineFit | None]:
+        """Fits of :data:`SIZING` passes, continued to the most passes; the result equals that of a single fit."""
         starts = [
-            None if fit is None or fit.stands or fit.history.reference is None else Led(fit.history.reference, fit.bound) for fit in fits
+            None if fit is None or fit.converged or fit.history.reference is None else Start(fit.history.reference, fit.tied)
+            for fit in fits
         ]
-        return [led or fit for led, fit in zip(self.fits(starts, offline.SETTLINGS - SIZING), fits, strict=True)]
+        return [more or fit for more, fit in zip(self.fits(starts, offline.MAX_PASSES - SIZING), fits, strict=True)]
 
-    def left(self, fits: Sequence[offline.Settled | None], sized: bool = False) -> Array:
-        """(6,) what they leave beyond the noise."""
+    def misfit(self, fits: Sequence[offline.OfflineFit | None], sized: bool = False) -> Array:
+        """(6,) of :func:`massprop_cli.estimate.disturbances.misfit`."""
         return disturbances.misfit([fit.history for fit in fits if fit is not None], self.used, sized)
 
 
 class Estimates(NamedTuple, Generic[Used]):
-    """Of every phase."""
+    """Estimates of every phase."""
 
     used: Used
-    """With the noise levels and disturbances that were found."""
+    """The vehicle with the estimated noise levels and disturbances."""
     histories: tuple[History, ...]
-    """The causal pass, about the off-line fit's estimate where it lost its way; the off-line fits with ``estimator.refine``."""
+    """Causal passes, about the off-line fit's estimate where a pass diverged; with ``estimator.refine`` the off-line fits."""
     settled: list[History]
-    """The off-line fits that it is judged by; the causal pass where there is none; nothing by the thesis's method."""
+    """Off-line fits against which they are tested, or the causal pass where there is none; empty for the thesis's method."""
     notices: list[Notice]
 
 
 def as_stated(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Vehicle, consider: Consider) -> AsStated:
-    """Noise levels and off-line fits, before anything is sized."""
+    """Noise levels and off-line fits with the stated disturbances."""
     pieces = [cycles for _, cycles in phases]
     used, notices = noiselevels.with_noise_levels(samples, pieces, stated)
     fitting = _Fitting(samples, phases, used, consider)
-    fits = fitting.fits(fitting.first(), SIZING)
-    excess = fitting.left(fits)
-    gross, settled = np.full(6, np.nan), _stand(fits)
-    if not (settled and np.isnan(excess).all()):  # fits that stand and explain the log leave nothing to a look at the rates alone
+    fits = fitting.fits(fitting.starts(), SIZING)
+    excess = fitting.misfit(fits)
+    gross, settled = np.full(6, np.nan), _converged(fits)
+    if not (settled and np.isnan(excess).all()):  # the rates alone need no test where converged fits explain the log
         gross = disturbances.gross_misfit(samples, pieces, used)
         if not (settled or np.isnan([excess, gross]).all()):
-            # a fit that is still on its way leaves what isn't in the log, as that look does
-            fits, settled = fitting.further(fits), True
-            excess = fitting.left(fits)
-        if _stand(fits) and np.isnan(excess).all():
+            # residuals of a fit that has not converged are not those of the log
+            fits, settled = fitting.continued(fits), True
+            excess = fitting.misfit(fits)
+        if _converged(fits) and np.isnan(excess).all():
             gross = np.full_like(gross, np.nan)
     return AsStated(used, fits, excess, gross, notices, settled)
 
 
-def roughly(samples: Source, phases: Sequence[tuple[Phase, slice]], used: Resolved) -> list[offline.Settled | None]:
-    """Off-line fits of one pass, which tell whether it is worth while to lead them on."""
+def rough_fits(samples: Source, phases: Sequence[tuple[Phase, slice]], used: Resolved) -> list[offline.OfflineFit | None]:
+    """Off-line fits of one pass, for a first comparison."""
     fitting = _Fitting(samples, phases, used, Consider())
-    return fitting.fits(fitting.first(), 1)
+    return fitting.fits(fitting.starts(), 1)
 
 
-def _stand(fits: Sequence[offline.Settled | None]) -> bool:
-    """Whether another pass would change none of those that there are."""
-    return all(fit is None or fit.stands for fit in fits)
+def _converged(fits: Sequence[offline.OfflineFit | None]) -> bool:
+    """Whether all fits have converged."""
+    return all(fit is None or fit.converged for fit in fits)
 
 
 def estimates(
     samples: Source, phases: Sequence[tuple[Phase, slice]], plain: AsStated, consider: Consider, say: Progress, *, size: bool, noisier: bool
 ) -> Estimates[Resolved]:
-    """The estimator once through every phase, and the off-line fits that it is judged by.
+    """Causal pass through every phase, and the off-line fits against which it is tested.
 
-    With ``size`` disturbances are raised first until off-line fits explain the log where the stated noise can't; with ``noisier`` the gyro
-    may be noisier than stated.
+    With ``size``, disturbances are first raised until off-line fits explain the log where the stated noise does not. With ``noisier``, the
+    gyro noise may exceed the stated one.
     """
     used, fits, excess = _sized(samples, phases, plain, size, noisier, consider)
     histories, settled = [], []
     for (phase, cycles), fit in zip(phases, fits, strict=True):
         own = used.in_phase(phase)
         causal = engine.replay(samples, cycles, phase, own, consider, partial(say, f"estimating, phase {phase.name}"))
-        if fit is not None and fit.stands and not used.estimator.refine and _lost(causal, fit.history, own):
-            causal = _led(samples, cycles, phase, own, consider, fit)
-        first, last = informed((causal, causal if fit is None else fit.history), samples, own)
+        if fit is not None and fit.converged and not used.estimator.refine and _diverged(causal, fit.history, own):
+            causal = _about_fit(samples, cycles, phase, own, consider, fit)
+        first, last = with_observability((causal, causal if fit is None else fit.history), samples, own)
         histories.append(last if used.estimator.refine else first)
         settled.append(last)
     notices = disturbances.disturbance_notices(plain.used, used, excess, samples) if size else []
     return Estimates(used, tuple(histories), settled, plain.notices + notices)
 
 
-def _lost(causal: History, settled: History, own: Vehicle) -> bool:
-    """Whether a causal estimate is worth nothing beside the off-line fit of the same data: begun nowhere, or led astray."""
-    # a swing tells ratios far better than any size, so that what is linear about another ratio shows in no sigma
+def _diverged(causal: History, settled: History, own: Vehicle) -> bool:
+    """Whether a causal pass has no estimate, or one that differs from the off-line fit of the same data."""
+    # a free oscillation informs ratios much better than size: the linearisation's error does not show in the sigmas
     never = not np.isfinite(causal.values).any()
-    return own.swings or never or bool((astray(causal, settled) > LOST).any())
+    return own.swings or never or bool((deviation(causal, settled) > LOST).any())
 
 
-def astray(causal: History, settled: History) -> Array:
-    """(10,) sigmas between the causal estimate of a whole phase and the off-line fit of the same data; NaN where nothing is told.
+def deviation(causal: History, settled: History) -> Array:
+    """(10,) sigmas between the causal estimate of a whole phase and the off-line fit of the same data; NaN without an estimate.
 
-    By the log alone, or beside what is known: of a free swing, which tells ratios alone, that shows by the second.
+    The larger of the estimates from the log alone and of those with known values. Of a free oscillation, only the second shows it.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
-        alone = np.abs(causal.bare[0] - settled.bare[0]) / np.sqrt(np.diag(settled.bare[1]))
-        beside = np.abs(causal.values[-1] - settled.values[-1]) / settled.sigmas[-1]
-    return np.asarray(np.fmax(alone, beside))
+        log_alone = np.abs(causal.bare[0] - settled.bare[0]) / np.sqrt(np.diag(settled.bare[1]))
+        with_known = np.abs(causal.values[-1] - settled.values[-1]) / settled.sigmas[-1]
+    return np.asarray(np.fmax(log_alone, with_known))
 
 
-def _led(samples: Source, cycles: slice, phase: Phase, used: Resolved, consider: Consider, fit: offline.Settled) -> History:
-    """A causal estimate about that of the whole phase: equations that are linear about its own on the way led it astray."""
+def _about_fit(samples: Source, cycles: slice, phase: Phase, used: Resolved, consider: Consider, fit: offline.OfflineFit) -> History:
+    """Causal estimates linearised about the off-line fit's estimate; about their own they diverged."""
     refined = used.model_copy(update={"estimator": used.estimator.model_copy(update={"refine": True})})
     assert fit.history.reference is not None
-    return offline.settle(samples, cycles, phase, fit.history.reference, refined, consider, 1, fit.bound).history
+    return offline.fit(samples, cycles, phase, fit.history.reference, refined, consider, 1, fit.tied).history
 
 
 def by_thesis(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Vehicle) -> Estimates[Vehicle]:
-    """The thesis's own filters, one after the other, with its own matrices."""
+    """The thesis's filters, phase by phase, with its own settings."""
     from massprop_cli.estimate import thesis
 
     histories: list[History] = []
@@ -229,42 +231,42 @@ def by_thesis(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Ve
 
 def _sized(
     samples: Source, phases: Sequence[tuple[Phase, slice]], plain: AsStated, size: bool, noisier: bool, consider: Consider
-) -> tuple[Resolved, list[offline.Settled | None], Array]:
-    """The vehicle with disturbances raised until off-line fits explain the log; these; and what is left."""
+) -> tuple[Resolved, list[offline.OfflineFit | None], Array]:
+    """The vehicle with disturbances raised until off-line fits explain the log, these fits, and the remaining misfit (6,)."""
     pieces = [cycles for _, cycles in phases]
     used, fits, excess = plain.used, plain.fits, plain.excess
     if size and plain.misfit:
-        # a fit far from the truth leaves much in every channel: where rates alone show it, what is left after that counts
+        # the misfit of a fit far from the truth is large in every channel: first use the rates' own, where it is significant
         likeliest = likeliest_levels(samples, pieces, noisier)
         used = disturbances.with_disturbances(excess if np.isnan(plain.gross).all() else plain.gross, used, likeliest)
         fitting = _Fitting(samples, phases, used, consider)
-        starts = fitting.first()
+        starts = fitting.starts()
         for _ in range(ROUNDS):
             fits = fitting.fits(starts, SIZING)
-            excess = fitting.left(fits, sized=True)
+            excess = fitting.misfit(fits, sized=True)
             raised = disturbances.with_disturbances(excess, used, likeliest)
             if raised == used:
                 break
-            used, starts = raised, [None if fit is None or fit.history.reference is None else Led(fit.history.reference) for fit in fits]
+            used, starts = raised, [None if fit is None or fit.history.reference is None else Start(fit.history.reference) for fit in fits]
             fitting = fitting._replace(used=used)
     fitting = _Fitting(samples, phases, used, consider)
     if fits is plain.fits and not plain.settled:
-        fits = fitting.further(fits)
-        excess = fitting.left(fits)
-    elif fits is not plain.fits and (used != plain.used or not _stand(fits)):
-        # from the beginning again, so that the settings that were found give the very same when they are given back
-        fits = fitting.fits(fitting.first(), offline.SETTLINGS)
-        excess = fitting.left(fits, sized=used != plain.used)
+        fits = fitting.continued(fits)
+        excess = fitting.misfit(fits)
+    elif fits is not plain.fits and (used != plain.used or not _converged(fits)):
+        # start again, so that a run with these settings stated gives the same result
+        fits = fitting.fits(fitting.starts(), offline.MAX_PASSES)
+        excess = fitting.misfit(fits, sized=used != plain.used)
     return used, fits, excess
 
 
-def _led_up(samples: Source, cycles: slice, reference: Reference | None, vehicle: Resolved) -> Led | None:
-    """A reference that a long phase may be fitted about: an error of it is carried along, so the phase's beginning is fitted first."""
+def _start(samples: Source, cycles: slice, reference: Reference | None, vehicle: Resolved) -> Start | None:
+    """Start of a long phase's fit: errors of the reference grow along the phase, so its first part is fitted first."""
     if reference is None:
         return None
-    start, length = Led(reference), BEGINNING
+    start, length = Start(reference), BEGINNING
     while length * LONGER <= cycles.stop - cycles.start:
         begun = slice(cycles.start, cycles.start + length)
-        start = offline.led(samples, begun, start, vehicle, SIZING)
+        start = offline.start_after(samples, begun, start, vehicle, SIZING)
         length *= LONGER
     return start

@@ -1,4 +1,4 @@
-"""Results of a regression: estimates by cycle, the rows that they were solved from, and effects of the assumptions."""
+"""Results of a regression: estimates by cycle, the information that they come from, and the response to assumptions."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from massprop_cli.base.dataclass import dataclass
 
 
 @dataclass(frozen=True)
-class Response:
-    """What one unit of each of e assumptions would have changed."""
+class AssumptionResponse:
+    """Change of estimate and residuals by one unit of each of e assumptions."""
 
     shift: Array
-    """(10, e) of the state parameters at the end."""
+    """(10, e) change of the state parameters at the end."""
     gram: Array
-    """(1 + e, 1 + e) inner products of what is left of the whitened innovations, first of the log's own, then of what each would add."""
+    """(1 + e, 1 + e) inner products of whitened post-fit residuals: first the log's, then the change by each assumption."""
 
     added: Mapping[str, Array] = field(default_factory=dict)
-    """Of each kind of uncertain geometry, and of damping: (10,) by how much its uncertainty widens the variance of the state parameters."""
+    """(10,) increase of the state parameters' variance by each kind of uncertain geometry, and by damping."""
     damping: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    """(3, 2) torque against the rate about each axis over it, and its sigma, N m s; empty where none is looked for."""
+    """(3, 2) estimated damping of the rotation about each axis and its sigma, N m s; empty without damping states."""
 
     @property
     def misfit(self) -> Array:
-        """(e, e) of the assumptions among themselves: the diagonal is chi-square for one unit."""
+        """(e, e) inner products among the assumptions; the diagonal is the chi-square of one unit."""
         return self.gram[1:, 1:]
 
 
@@ -38,72 +38,72 @@ class Parameters(NamedTuple):
     mean: Array
     """(K, 10) ixx … izz about the CG [kg m²], CG from O [m], 1/m [1/kg]; body axes."""
     covariance: Array
-    """(K, 10, 10) by slopes alone."""
+    """(K, 10, 10) covariance to first order."""
     relative: Array
-    """(K, 3) sigmas of J_xx, J_yy and J_zz over these: by so much I = J⁻¹ is curved."""
+    """(K, 3) relative sigmas of J_xx, J_yy and J_zz, which measure the curvature of I = J⁻¹."""
 
     @staticmethod
     def of(mean: Array, covariance: Array) -> Parameters:
-        """Of what is linear."""
+        """Parameters without curvature."""
         return Parameters(mean, covariance, np.zeros((len(mean), 3)))
 
 
 class Rows(NamedTuple):
-    """Estimates after each of K cycles; NaN where nothing can be said."""
+    """Estimates after each of K cycles; NaN where there is no estimate."""
 
     parameters: Parameters
     innovation: Array
-    """(K, 6) torque [N m] and force [N]."""
+    """(K, 6) innovations as torque [N m] and force [N]."""
     sigma: Array
-    """(K, 6)"""
+    """(K, 6) their predicted sigmas."""
     normalised: Array
-    """(K, 6)"""
+    """(K, 6) whitened innovations."""
 
     @staticmethod
-    def untold(count: int) -> Rows:
-        """Of so many cycles of which nothing is said."""
-        nothing = [np.full((count, *shape), np.nan) for shape in ((10,), (10, 10), (3,), (6,), (6,), (6,))]
-        return Rows(Parameters(*nothing[:3]), *nothing[3:])
+    def empty(count: int) -> Rows:
+        """Rows of ``count`` cycles without an estimate."""
+        blank = [np.full((count, *shape), np.nan) for shape in ((10,), (10, 10), (3,), (6,), (6,), (6,))]
+        return Rows(Parameters(*blank[:3]), *blank[3:])
 
     def last(self) -> Rows:
         """The last row alone."""
         return Rows(Parameters(*(part[-1:] for part in self.parameters)), *(part[-1:] for part in self[1:]))
 
-    def ending(self, found: Parameters) -> Rows:
-        """With another estimate in the last row."""
-        both = zip(self.parameters, found, strict=True)
-        return self._replace(parameters=Parameters(*(np.concatenate([own[:-1], new]) for own, new in both)))
+    def ending(self, parameters: Parameters) -> Rows:
+        """The rows with other parameters in the last one."""
+        both = zip(self.parameters, parameters, strict=True)
+        return self._replace(parameters=Parameters(*(np.concatenate([old[:-1], new]) for old, new in both)))
 
 
 class TriangleSolution(NamedTuple):
-    """What K triangles on θ's departure tell of it."""
+    """Solution of K information triangles for the departure of θ."""
 
     root: Array
-    """(K, 10, 10) of the covariance by the data alone."""
+    """(K, 10, 10) root of the covariance, without the pull towards the initial reference."""
     step: Array
-    """(K, 10, 1 + e) the departure, and what assumptions do to it."""
+    """(K, 10, 1 + e) departure of θ, and its derivatives with respect to the assumptions."""
     theta: Array
-    """(K, 10) θ, what isn't told kept near where the search began."""
+    """(K, 10) θ; what the data do not inform stays near the initial reference."""
     sigma: Array
-    """(K, 10) of each by the data alone."""
+    """(K, 10) sigma of each of θ, without the pull towards the initial reference."""
 
 
 @dataclass(frozen=True)
 class Posed:
-    """What K cycles say about θ, linear about one."""
+    """Information of K cycles on θ, linear about one θ; n nuisance parameters, e assumptions."""
 
     theta: Array
-    """(10,)"""
+    """(10,) θ of the linearisation."""
     scale: Array
-    """(10,) prior sigmas, in which its departure is counted."""
+    """(10,) prior sigmas, the unit of the departure from θ."""
     rows: Array
-    """(K, 6, n + 11 + e) on n nuisances and θ's departure; measured, and by assumptions."""
+    """(K, 6, n + 11 + e) whitened rows: nuisance parameters, departure of θ, measured value, assumptions."""
     triangles: Array
-    """(K + 1, n + 10, n + 11 + e) before the cycles and after each."""
-    told: TriangleSolution
+    """(K + 1, n + 10, n + 11 + e) square-root information before the cycles and after each."""
+    solution: TriangleSolution
     """Of the triangles after each cycle."""
 
     def first(self, count: int) -> Posed:
-        """Of so many cycles."""
-        told = TriangleSolution(*(part[:count] for part in self.told))
-        return replace(self, rows=self.rows[:count], triangles=self.triangles[: count + 1], told=told)
+        """The information of the first ``count`` cycles."""
+        solution = TriangleSolution(*(part[:count] for part in self.solution))
+        return replace(self, rows=self.rows[:count], triangles=self.triangles[: count + 1], solution=solution)

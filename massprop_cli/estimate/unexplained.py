@@ -1,4 +1,4 @@
-"""Residuals of rates and specific force about a reference, and the change of the mass properties that would explain most of them."""
+"""Residuals of rates and specific force after a fit of the mass properties to each segment of the log."""
 
 from __future__ import annotations
 
@@ -16,72 +16,72 @@ from massprop_cli.model.parameters import parameters, stepped
 from massprop_cli.model.plant import Reference
 from massprop_cli.prepare.compensate import Source
 
-STRETCH = 4096
-"""Most cycles over which one body is to explain what it can, before what is left is looked at."""
+SEGMENT = 4096
+"""Longest segment, in cycles, that is fitted with one set of mass properties."""
 
 
-class Left(NamedTuple):
-    """What is left of a measurement, and of which rows: nothing is of readings that are not used."""
+class SegmentResiduals(NamedTuple):
+    """Residuals of n rows, and which of them count."""
 
-    rest: Array
-    """(n, 3), 0 where nothing was read."""
-    read: BoolArray
-    """(n, 3)"""
+    value: Array
+    """(n, 3), 0 where the reading is not used."""
+    used: BoolArray
+    """(n, 3) whether the reading is used."""
 
     @property
     def axes(self) -> BoolArray:
-        """(3,) of which anything was read."""
-        return np.asarray(self.read.any(0))
+        """(3,) axes with any used reading."""
+        return np.asarray(self.used.any(0))
 
     @property
     def variance(self) -> Array:
-        """(3,) mean square of what was read."""
-        return _mean(self.rest**2, self.read)
+        """(3,) mean square."""
+        return _mean(self.value**2, self.used)
 
     @property
     def lagged(self) -> Array:
-        """(3,) mean product of neighbours that were both read."""
-        return _mean(self.rest[1:] * self.rest[:-1], self._both)
+        """(3,) lag-one autocovariance, from neighbours that are both used."""
+        return _mean(self.value[1:] * self.value[:-1], self._both)
 
     @property
     def stepped(self) -> Array:
-        """(3,) mean squared difference of the same."""
-        return _mean(np.diff(self.rest, axis=0) ** 2, self._both)
+        """(3,) mean squared difference of neighbours that are both used."""
+        return _mean(np.diff(self.value, axis=0) ** 2, self._both)
 
     @property
     def _both(self) -> BoolArray:
-        return self.read[1:] & self.read[:-1]
+        return self.used[1:] & self.used[:-1]
 
     @staticmethod
-    def of(parts: Sequence[tuple[Array, BoolArray]]) -> Left:
-        """One after the other."""
-        return Left(np.concatenate([rest for rest, _ in parts]), np.concatenate([read for _, read in parts]))
+    def of(parts: Sequence[tuple[Array, BoolArray]]) -> SegmentResiduals:
+        """Residuals of consecutive segments."""
+        return SegmentResiduals(np.concatenate([value for value, _ in parts]), np.concatenate([used for _, used in parts]))
 
 
-def _mean(values: Array, read: BoolArray) -> Array:
-    """(3,) of those of (n, 3) that were read."""
-    return np.asarray((values * read).sum(0) / np.maximum(np.count_nonzero(read, 0), 1))
+def _mean(values: Array, used: BoolArray) -> Array:
+    """(3,) means of the used values of (n, 3)."""
+    return np.asarray((values * used).sum(0) / np.maximum(np.count_nonzero(used, 0), 1))
 
 
-def unfelt(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Left:
-    """Of K cycles, specific force that no mass properties near ``reference`` explain, m/s²; each stretch of the log has its own."""
-    found = []
-    for stretch in _stretches(cycles):
-        system = linearise(samples, stretch, reference, vehicle)
-        used = ~samples.part(stretch).executed.ignored[:, 3:]
-        found.append((_fit(system.observation[:, 3:, _told(samples, vehicle)], system.specific_force, used)[1], used))
-    return Left.of(found)
+def residual_force(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> SegmentResiduals:
+    """(K, 3) specific force that no mass properties near ``reference`` explain, m/s²; each segment has its own."""
+    parts = []
+    for segment in _segments(cycles):
+        system = linearise(samples, segment, reference, vehicle)
+        used = ~samples.part(segment).executed.ignored[:, 3:]
+        parts.append((_fit(system.observation[:, 3:, _constant_states(samples, vehicle)], system.specific_force, used)[1], used))
+    return SegmentResiduals.of(parts)
 
 
-def _stretches(cycles: slice) -> list[slice]:
-    """Cycles in parts of equal length, no longer than :data:`STRETCH`."""
+def _segments(cycles: slice) -> list[slice]:
+    """Segments of equal length, no longer than :data:`SEGMENT`."""
     count = cycles.stop - cycles.start
-    edges = np.linspace(cycles.start, cycles.stop, -(-count // STRETCH) + 1).astype(int)
+    edges = np.linspace(cycles.start, cycles.stop, -(-count // SEGMENT) + 1).astype(int)
     return [slice(int(first), int(end)) for first, end in pairwise(edges)]
 
 
 def _fit(regressors: Array, target: Array, used: BoolArray) -> tuple[Array, Array]:
-    """Least squares of ``target`` (K, 3) on ``regressors`` (K, 3, 10): (10,) coefficients and (K, 3) the rest, of ``used`` (K, 3) rows."""
+    """Least squares of the ``used`` rows of ``target`` (K, 3) on ``regressors`` (K, 3, n): (n,) coefficients and (K, 3) residuals."""
     regressors, target = regressors * used[..., None], target * used
     rows = regressors.reshape(-1, regressors.shape[-1])
     size = np.sqrt((rows**2).sum(0))
@@ -91,29 +91,29 @@ def _fit(regressors: Array, target: Array, used: BoolArray) -> tuple[Array, Arra
     return step, target - (rows @ step).reshape(target.shape)
 
 
-def residual_growth(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Left:
-    """Of K − 1 steps, growth of the mean rate that no mass properties near ``reference`` explain, rad/s: two Gauss–Newton steps.
+def residual_growth(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> SegmentResiduals:
+    """(K − 1, 3) growth of the mean rate that no mass properties near ``reference`` explain, rad/s; each segment has its own.
 
-    Each stretch of a long log has its own.
+    Two Gauss–Newton steps.
     """
-    found = []
-    for stretch in _stretches(slice(cycles.start, cycles.stop - 1)):
-        piece, near = slice(stretch.start, stretch.stop + 1), reference
+    parts = []
+    for segment in _segments(slice(cycles.start, cycles.stop - 1)):
+        piece, about = slice(segment.start, segment.stop + 1), reference
         here = samples.part(piece)
         growth, read = np.diff(here.rate_rad_s, axis=0), ~here.executed.ignored[:, :3]
         used = read[1:] & read[:-1]
-        left = growth * used
+        residual = growth * used
         for _ in range(2):
-            system = linearise(samples, piece, near, vehicle)
+            system = linearise(samples, piece, about, vehicle)
             if not np.isfinite(system.transition).all():
-                break  # beside a body that is far off, fast turns run away
-            step, left = _fit(system.transition[:, RATE][..., _told(samples, vehicle)], growth - system.steps, used)
-            near = stepped(near, parameters(near) + step[PARAMETERS]) or near
-        found.append((left, used))
-    return Left.of(found)
+                break  # fast rotation diverges about a reference that is far off
+            step, residual = _fit(system.transition[:, RATE][..., _constant_states(samples, vehicle)], growth - system.steps, used)
+            about = stepped(about, parameters(about) + step[PARAMETERS]) or about
+        parts.append((residual, used))
+    return SegmentResiduals.of(parts)
 
 
-def _told(samples: Source, vehicle: Vehicle) -> list[int]:
-    """Which states explain motion for good: mass properties, damping, and scales beside wheels."""
+def _constant_states(samples: Source, vehicle: Vehicle) -> list[int]:
+    """Indices of the constant states that explain the motion: mass properties, damping, and scales with momentum devices."""
     layout = Layout.of(samples, vehicle)
     return [*range(PARAMETERS.stop), *range(layout.damping.start, layout.damping.stop), *range(layout.scale.start, layout.scale.stop)]

@@ -49,7 +49,7 @@ class Leg(NamedTuple):
 
     name: str
     vehicle: Array
-    """As :func:`massprop_cli.estimate.compiled.table` has it."""
+    """As :func:`massprop_cli.estimate.compiled.vehicle_numbers` has it."""
     rule: Array
     """As :func:`massprop_cli.estimate.kernelflight.rule_of` has it."""
     cycles: slice
@@ -130,7 +130,7 @@ def _leg(name: str, recorder: Recorder, vehicle: Resolved, cycles: slice) -> Leg
     # on a pedestal no motion depends on the mass
     own = vehicle.model_copy(update={"known": {}}) if vehicle.on_pedestal else vehicle
     carried = GyroAttitude(kernel_effect(recorder, own), own.thrust.pulse_sigma > 0, free_inertia(1, own))
-    return Leg(name, compiled.table(carried, own), _rule(own), cycles, own)
+    return Leg(name, compiled.vehicle_numbers(carried, own), _rule(own), cycles, own)
 
 
 def _exactly(stated: Vehicle, found: Vehicle) -> Vehicle:
@@ -156,7 +156,7 @@ def _exact(stated: LowPass | None, found: LowPass | None) -> LowPass | None:
 
 def _checked(source: VehicleSource, recorder: Recorder, vehicle: Vehicle, timing: Timing, shortest_s: float) -> Resolved:
     used = Resolved.stated(vehicle)
-    problem = kernelargs.unsupported(vehicle) or kernelflight.beyond(recorder, vehicle, timing, shortest_s)
+    problem = kernelargs.unsupported(vehicle) or kernelflight.unsupported(recorder, vehicle, timing, shortest_s)
     if vehicle.cycle.command_delay_sigma_cycles > 0 or vehicle.thrust.lag_sigma_s > 0:
         problem = (
             problem or "delay or lag have a sigma, and the kernel takes them as exact; set command_delay_sigma_cycles and lag_sigma_s to 0"

@@ -1,6 +1,6 @@
 /* What off-line fits need of many cycles at once, for the ground: cycles taken in as in flight (massprop_cli/estimate/triangle.py), the
  * filter on all nuisances beside assumptions (massprop_cli/estimate/nuisance.py), and what rows bring that those before them did not tell
- * (massprop_cli/estimate/innovationsahead.py). */
+ * (massprop_cli/estimate/innovations.py). */
 #include <stddef.h>
 #include <string.h>
 

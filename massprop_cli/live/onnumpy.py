@@ -64,7 +64,7 @@ class OnNumPy:
         if usable >= stop:
             return None
         first = max(self.first, usable)
-        rows, reference = Rows.untold(1), None
+        rows, reference = Rows.empty(1), None
         if stop - first > 1:
             with np.errstate(all="ignore"):
                 rows, reference = self._gated(slice(first, stop))
@@ -105,8 +105,8 @@ class OnNumPy:
         if self.causal is None:
             self.causal = Causal(samples, cycles, self.leg.own, Consider())
         else:
-            self.causal.goes_on(samples, cycles.stop)
-        rows, begun = Rows.untold(1), -1
+            self.causal.extend(samples, cycles.stop)
+        rows, begun = Rows.empty(1), -1
         while begun < self.causal.run.at < cycles.stop:
             begun = self.causal.run.at
             rows = self.causal.block()

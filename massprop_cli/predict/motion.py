@@ -31,7 +31,7 @@ def explained(found: Analysis, number: int, sides: tuple[tuple[VehicleInfo, Phas
     references = [one for side in sides if (one := reference(own, used, *side)) is not None]
     if len(references) < len(sides):
         return []
-    passes = [offline.predicted(found.samples, settled.cycles, one, used) for one in references]
+    passes = [offline.prediction_residuals(found.samples, settled.cycles, one, used) for one in references]
     groups = _manoeuvres(found, settled.cycles)
     items = []
     for c, channel in enumerate(CHANNELS):
@@ -89,7 +89,7 @@ def reference(own: Reference, used: Resolved, vehicle: VehicleInfo, phase: Phase
 
 def _manoeuvres(found: Analysis, cycles: slice) -> Array:
     """(K,) by the axis that is commanded most in each cycle, as a part of the most that is ever commanded there."""
-    parts = [found.samples.part(slice(at, min(at + offline.WHOLE, cycles.stop))) for at in range(cycles.start, cycles.stop, offline.WHOLE)]
+    parts = [found.samples.part(slice(at, min(at + offline.BLOCK, cycles.stop))) for at in range(cycles.start, cycles.stop, offline.BLOCK)]
     executed = [part.executed for part in parts]
     channels = np.concatenate([(one.channels.whole / one.duration_s[:, None]) @ one.channels.wrench for one in executed])
     size = np.abs(channels).max(0)

@@ -360,6 +360,6 @@ def test_a_known_mass_that_the_log_belies_takes_what_it_moves_with_it() -> None:
     found = analysed("free-flyer")
     history, place = found.histories[0], QUANTITIES.index("cg_z")
     alone = history.values[-1] + 3 * history.sigmas[-1] * (np.arange(10) == place)
-    belied = by_known(replace(history, belied={"mass": "known.mass"}, bare=(alone, history.bare[1])), found.vehicle)
+    belied = by_known(replace(history, contradicted={"mass": "known.mass"}, bare=(alone, history.bare[1])), found.vehicle)
     assert belied is not None
     assert [name for name, hit in zip(QUANTITIES, belied.touched, strict=True) if not hit] == ["cg_x", "cg_y"]

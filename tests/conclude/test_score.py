@@ -10,7 +10,7 @@ import pytest
 from massprop_cli import flow
 from massprop_cli.conclude import assumptions, score
 from massprop_cli.conclude.verdict import in_doubt
-from massprop_cli.estimate.rows import Response
+from massprop_cli.estimate.rows import AssumptionResponse
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -179,7 +179,7 @@ def test_of_clean_logs_nothing_hangs_on_chance() -> None:
 @pytest.mark.parametrize("part", ["gram", "shift"])
 def test_a_response_that_grew_without_end_says_nothing(part: str) -> None:
     """Of a body that is none, as of a mass below its bearing's."""
-    response = Response(np.zeros((10, 2)), np.eye(3))
+    response = AssumptionResponse(np.zeros((10, 2)), np.eye(3))
     found = assumptions.Examined((), (response,), 1, (np.ones(6),))
     assert assumptions.sound(found, sound(SEED).settled[:1]).responses == (response,)
     endless = replace(response, **{part: np.nan * getattr(response, part)})

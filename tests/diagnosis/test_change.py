@@ -35,7 +35,7 @@ def docked(log: Log, used: Vehicle, true: Array) -> tuple[Samples, Vehicle, Refe
 def stretch(samples: Samples, cycles: slice, about: Reference, used: Vehicle) -> Array:
     """What a stretch says of φ, reduced by itself."""
     alone = Triangle(samples, cycles, resolved(used), Consider())
-    return alone.stretch(alone.begin(about), alone.whole(about), cycles)
+    return alone.segment_triangle(alone.begin(about), alone.phase_system(about), cycles)
 
 
 def test_the_docking_of_the_sample_is_where_the_change_is_found() -> None:
@@ -121,7 +121,7 @@ def test_a_stretch_of_a_longer_log_says_what_it_says_by_itself(kind: str) -> Non
     flown = flight.standard(kind, 320)
     samples, used, about = flown.samples(np.random.default_rng(6)), flown.used, reference(flight.TRUTH)
     longer = Triangle(samples, slice(2, 320), resolved(used), Consider())
-    begun, whole = longer.begin(about), longer.whole(about)
+    begun, whole = longer.begin(about), longer.phase_system(about)
     for cycles in (slice(2, 60), slice(60, 200), slice(200, 320)):
-        found, alone = longer.stretch(begun, whole, cycles), stretch(samples, cycles, about, used)
+        found, alone = longer.segment_triangle(begun, whole, cycles), stretch(samples, cycles, about, used)
         np.testing.assert_allclose(found.T @ found, alone.T @ alone, rtol=1e-9, atol=1e-9 * np.abs(alone.T @ alone).max())

@@ -61,14 +61,14 @@ def test_the_likeliest_disturbance_is_that_of_a_grid(walk: float, white: float, 
         made = design(np.random.default_rng(seed), walk, float(np.hypot(white, np.sqrt(coupling))))[0].driven._replace(coupling=coupling)
         _, (found,) = whitening.whitened(made, GYRO**2, [])
         levels = [0.0, *np.logspace(-6, 1, 15)]
-        grid = whitening.each(made, [found, *(Disturbance(w, q) for w in levels for q in levels)])
+        grid = whitening.whitened_fits(made, [found, *(Disturbance(w, q) for w in levels for q in levels)])
         assert grid[0].cost < min(one.cost for one in grid[1:]) + 25
 
 
 def test_a_filter_on_columns_is_the_same_as_least_squares_with_the_full_covariance() -> None:
     made, _ = design(np.random.default_rng(1), 0.1, 0.5, cycles=60)
-    (beside,) = whitening.each(made.driven._replace(coupling=0.0), [Disturbance(white=0.25, walk=0.01)])
-    told = beside.told
+    (beside,) = whitening.whitened_fits(made.driven._replace(coupling=0.0), [Disturbance(white=0.25, walk=0.01)])
+    told = beside.fit
     found = np.linalg.solve(told.triangle, told.measured)
     # the rate's own noise, steps summed once, a wandering torque summed twice
     once = np.tril(np.ones((60, 59)), -1)
@@ -98,7 +98,7 @@ def test_levels_are_compared_by_the_restricted_likelihood(twice: bool) -> None:
         volume = np.linalg.slogdet(covariance)[1]
         expected.append((spare * np.log((left**2).sum(0) / spare)).sum() + 3 * (volume + among) + 3 * np.log(60) * (white > 0))
     growth = np.hstack([made.growth, made.growth]) if twice else made.growth
-    found = whitening.each(made.driven._replace(growth=growth, coupling=0.0), [Disturbance(white, 0.0) for white in levels])
+    found = whitening.whitened_fits(made.driven._replace(growth=growth, coupling=0.0), [Disturbance(white, 0.0) for white in levels])
     # of a column that stands twice rounding leaves a direction of the noise
     np.testing.assert_allclose(np.diff([one.cost for one in found]), np.diff(expected), atol=12.0 if twice else 1e-6)
     assert np.argmin([one.cost for one in found]) == np.argmin(expected) == 1
@@ -111,8 +111,8 @@ def test_products_say_of_levels_what_dense_matrices_do(kind: str) -> None:
     made = Designs().of(flown.log(np.random.default_rng(2)), flown.resolved, DELAY, slice(2, 320))
     count, driven = len(made.rate), made.driven._replace(coupling=0.0, walking=0.0)
     levels = [Disturbance(1e-4, walk) for walk in (0.0, 1e-6, 1e-2, 1.0, 10.0)] + [Disturbance(white, 0.0) for white in (1e-6, 1.0)]
-    (none,) = whitening.each(driven, levels[:1])
-    distinct = whitening._distinct(none.told.triangle)
+    (none,) = whitening.whitened_fits(driven, levels[:1])
+    distinct = whitening._distinct(none.fit.triangle)
     assert distinct.sum() > 40
     once = np.tril(np.ones((count, count - 1)), -1)
     twice = once @ np.tril(np.ones((count - 1, count - 1)), -1)
@@ -127,13 +127,13 @@ def test_products_say_of_levels_what_dense_matrices_do(kind: str) -> None:
         among = 2 * np.log(np.abs(np.diag(triangle)[1:])).sum() + 2 * np.log(np.diag(root)).sum()
         price = 3 * np.log(count) * ((white > 0) + (walk > 0))
         expected.append((spare * np.log((left**2).sum(0) / spare)).sum() + 3 * among + price)
-    found = whitening.by_products(whitening.orthogonal(driven, none.told.triangle, distinct), levels)
+    found = whitening.by_products(whitening.orthogonal(driven, none.fit.triangle, distinct), levels)
     # columns of which some are nearly sums of others have a condition of 1e8, and products its square: rounding leaves 1e-4 to 0.02
     np.testing.assert_allclose(np.diff(found), np.diff(expected), atol=0.1)
     assert np.argmin(found[:5]) == 0  # no torque walks
     # by a factorisation what stands twice leaves directions of the noise, whose sizes are rounding's: another CPU's kernels give others, up
     # to 85 apart; what tells the levels apart is several times that
-    by_factors = [one.cost for one in whitening.each(driven, levels, distinct)]
+    by_factors = [one.cost for one in whitening.whitened_fits(driven, levels, distinct)]
     np.testing.assert_allclose(np.diff(by_factors), np.diff(found), atol=150.0)
     assert np.argmin(by_factors[:5]) == 0
 

@@ -33,7 +33,7 @@ def test_the_batch_fit_ends_where_the_filter_ends(kind: str) -> None:
     samples = flown.samples(np.random.default_rng(3))
     causal = engine.replay(samples, CYCLES, PHASE, flown.resolved)
     assert causal.reference is not None
-    history = offline.settle(samples, CYCLES, PHASE, causal.reference, flown.resolved).history
+    history = offline.fit(samples, CYCLES, PHASE, causal.reference, flown.resolved).history
     truth = flight.TRUTH if kind == "free" else flight.ON_BEARING
     rough = Reference(1.3 * tensor(truth[:6]), truth[6:9] + 0.0005, 0.8 / truth[9])
     found = fit(samples, CYCLES, rough, flown.resolved)

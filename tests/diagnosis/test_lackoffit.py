@@ -10,7 +10,7 @@ from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis.lackoffit import hidden_error, innovation_test
 from massprop_cli.estimate import offline
 from massprop_cli.estimate.history import History, phase_cycles
-from massprop_cli.estimate.historyrecorder import informed
+from massprop_cli.estimate.historyrecorder import with_observability
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.plant import Reference
@@ -31,8 +31,8 @@ def settled(samples: Samples, used: Vehicle, cycles: slice = CYCLES) -> History:
 
 
 def settled_about(samples: Samples, cycles: slice, phase: Phase, about: Reference, used: Vehicle) -> History:
-    fit = offline.settle(samples, cycles, phase, about, resolved(used)).history
-    return informed([fit], samples, resolved(used))[0]
+    fit = offline.fit(samples, cycles, phase, about, resolved(used)).history
+    return with_observability([fit], samples, resolved(used))[0]
 
 
 @pytest.fixture(scope="module")

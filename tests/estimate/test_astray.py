@@ -29,7 +29,7 @@ def test_a_causal_pass_that_breaks_down_says_nothing_more(monkeypatch: pytest.Mo
             raise np.linalg.LinAlgError("Singular matrix")
         return block(self)
 
-    monkeypatch.setattr(compiled, "holds", lambda *_: False)
+    monkeypatch.setattr(compiled, "supports", lambda *_: False)
     monkeypatch.setattr(Causal, "block", breaking)
     found = faulty.examined(log, used)
     told = np.isfinite(found.histories[0].values[:, 5])
@@ -43,7 +43,7 @@ def test_a_causal_pass_that_never_begins_goes_about_the_fit_of_all(monkeypatch: 
     """Of few cycles of a second each the first tell no body as yet: all ten were not excited, and the log told them."""
     log, used = faulty.sample("free-flyer")
     begun = faulty.examined(log, used)
-    monkeypatch.setattr(compiled, "holds", lambda *_: False)
+    monkeypatch.setattr(compiled, "supports", lambda *_: False)
     monkeypatch.setattr(causal, "first_reference", lambda *_: None)
     led = faulty.examined(log, used)
     assert {estimate.verdict for estimate in led.conclusions[0].estimates.values()} == {"converged"}

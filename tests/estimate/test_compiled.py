@@ -54,11 +54,11 @@ class _Both:
         consider: Consider,
         *_: object,
     ) -> History:
-        if not compiled.holds(samples, vehicle, consider):  # a log that fits nothing is tried in other ways, too
+        if not compiled.supports(samples, vehicle, consider):  # a log that fits nothing is tried in other ways, too
             return replayed(samples, cycles, phase, vehicle, consider)
         own = replayed(samples, cycles, phase, vehicle, consider)
         with pytest.MonkeyPatch.context() as numpy_alone:
-            numpy_alone.setattr(compiled, "holds", lambda *_: False)
+            numpy_alone.setattr(compiled, "supports", lambda *_: False)
             self.pairs.append((own, replayed(samples, cycles, phase, vehicle, consider)))
         return own
 
@@ -137,10 +137,10 @@ def test_wheels_agree_in_every_environment(scenario: str, kind: str) -> None:
     used = resolved(Vehicle.model_validate(stated | SCALES | {"wheels": wheels, "environment": environment}))
     samples = Stream.of(flight.log(0), used, Timing(float(used.cycle.command_delay_cycles), 0.0))
     given = samples, slice(2, 400), PHASE, used
-    assert compiled.holds(samples, used, Consider())
+    assert compiled.supports(samples, used, Consider())
     own = engine.replay(*given)
     with pytest.MonkeyPatch.context() as numpy_alone:
-        numpy_alone.setattr(compiled, "holds", lambda *_: False)
+        numpy_alone.setattr(compiled, "supports", lambda *_: False)
         numpy_alone.setattr(regressors, "in_kernel", lambda _: False)
         other = engine.replay(*given)
     assert np.isfinite(own.values[-1]).any()
@@ -235,13 +235,13 @@ def test_what_is_no_cycle_leaves_the_state_as_it_was(column: int, value: float, 
     run = compiled.Pass(found.samples, found.histories[0].cycles, resolved(found.vehicle))
     good = kernelargs.cycle_numbers(found.samples.part(slice(100, 103)))
     run.step(good[:2])
-    before, bad = run._room.tobytes(), good[2:].copy()
+    before, bad = run._memory.tobytes(), good[2:].copy()
     bad[0, column] = value
     with pytest.raises(RuntimeError, match=f"status {status}"):
         run.step(bad)
-    assert run._room.tobytes() == before
+    assert run._memory.tobytes() == before
     run.step(good[2:])
-    assert run._room.tobytes() != before
+    assert run._memory.tobytes() != before
 
 
 def begun(name: str) -> tuple[kernelflight.Flight, Array]:
@@ -250,7 +250,7 @@ def begun(name: str) -> tuple[kernelflight.Flight, Array]:
     vehicle, history = found.vehicle, found.histories[0]
     commands = kernelflight.commands_of(found.log, True, vehicle, found.timing, found.log.records_per_cycle)
     rule = kernelflight.rule_of(vehicle, (0.01, 0.01, 0.01))
-    flight = kernelflight.Flight(commands, compiled.table(found.samples, resolved(vehicle)), rule)
+    flight = kernelflight.Flight(commands, compiled.vehicle_numbers(found.samples, resolved(vehicle)), rule)
     return flight, kernelflight.cycles_of(found.log, slice(0, found.log.cycles), history.cycles)
 
 

@@ -60,9 +60,9 @@ def test_what_stands_out_is_freed_and_nothing_else() -> None:
     for seed in range(6):
         design, measured = drawn(seed, 0.0, 1.0)
         corner = triangle_of(np.column_stack([design, measured]))
-        assert discrepancy._told(corner, len(measured))[2] == []
+        assert discrepancy._scales(corner, len(measured))[2] == []
         corner = triangle_of(np.column_stack([design, measured + 8 * design[:, 20]]))
-        assert discrepancy._told(corner, len(measured))[2] == [20]
+        assert discrepancy._scales(corner, len(measured))[2] == [20]
 
 
 @cache
@@ -80,7 +80,7 @@ def test_errors_of_jets_are_what_the_estimator_finds_where_they_are_stated(monke
     assert fit is not None
     assert fit.history.reference is not None
     pushes = channel_changes(vehicle.jets, vehicle.jet_wrench, USUAL)
-    monkeypatch.setattr(discrepancy, "_told", lambda *_: (1.0, 1.0, []))
+    monkeypatch.setattr(discrepancy, "_scales", lambda *_: (1.0, 1.0, []))
     own, open_ended = plain.used.in_phase(phase), np.full(len(pushes.channels), -np.inf)
     found = discrepancy.error_fit(
         begun.samples, cycles, fit.history.reference, own, Consider(pushes=pushes), np.ones(len(pushes.channels)), open_ended
@@ -88,7 +88,7 @@ def test_errors_of_jets_are_what_the_estimator_finds_where_they_are_stated(monke
     sigmas = {"thrust_sigma": USUAL["thrust"], "position_sigma_m": USUAL["position"], "direction_sigma_rad": USUAL["direction"]}
     stated = faulty.stated(vehicle, *(f"jets.{i}.{key}={size}" for i in range(len(vehicle.jets)) for key, size in sigmas.items()))
     other = ready(log, VehicleSource(stated, "", ""), lambda *_: None)
-    beside = offline.settle(other.samples, cycles, phase, fit.history.reference, _noisy(own, stated), other.consider, passes=1).history
+    beside = offline.fit(other.samples, cycles, phase, fit.history.reference, _noisy(own, stated), other.consider, passes=1).history
     covariance = found.covariance - _scattered(found)
     own_sigmas = np.sqrt(np.diag(covariance))
     values, full = quantities(Parameters(found.mean[None], covariance[None], (own_sigmas / found.mean)[None, MOMENTS]), own)

@@ -9,7 +9,7 @@ from scipy.stats import chi2, norm
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate import disturbances, unexplained
-from massprop_cli.estimate.initial import beginning
+from massprop_cli.estimate.initial import early_reference
 from massprop_cli.estimate.phases import Estimates, as_stated, estimates
 from massprop_cli.flow import examine
 from massprop_cli.inputs.vehicle import Phase, Vehicle
@@ -43,7 +43,7 @@ def test_clean_logs_gain_no_disturbance() -> None:
 def test_a_body_beside_which_the_motion_runs_away_explains_no_more_than_the_one_before(monkeypatch: pytest.MonkeyPatch) -> None:
     """A table that topples and tumbles by 0.3 rad a cycle was refused: a step led to a body without a finite response."""
     samples, used = flight.standard("free").samples(np.random.default_rng(0)), resolved(flight.vehicle())
-    reference = beginning(samples, CYCLES[0], used)
+    reference = early_reference(samples, CYCLES[0], used)
     assert reference is not None
     whole, systems = unexplained.residual_growth(samples, CYCLES[0], reference, used), list[Linear]()
 
@@ -61,13 +61,13 @@ def test_a_body_beside_which_the_motion_runs_away_explains_no_more_than_the_one_
 def test_a_long_run_variance_is_in_excess_as_rarely_as_a_normal_deviate_is_beyond_six_sigma() -> None:
     """In 200 cycles a normal tail's bound, 1 + 6 sigma, is passed 5 times in 100,000 by white noise."""
     for freedom in (20.0, 50.0, 200.0):
-        chance = chi2.sf(disturbances._by_chance(freedom) * freedom, freedom)
+        chance = chi2.sf(disturbances._chi_square_bound(freedom) * freedom, freedom)
         assert 0.4 < chance / norm.sf(disturbances.CERTAIN) < 1.1
     white = np.random.default_rng(1).standard_normal((200, 60_000))
     long_run = np.concatenate([disturbances._long_run([six], 14) for six in np.split(white, 10_000, axis=1)]) / 200
     assert long_run.var() == pytest.approx(2 / (1.5 * 200 / 14), rel=0.1)
     assert 0 < (long_run > 1 + disturbances.CERTAIN * np.sqrt(4 * 14 / 3 / 200)).sum() < 10
-    assert long_run.max() < disturbances._by_chance(1.5 * 200 / 14)
+    assert long_run.max() < disturbances._chi_square_bound(1.5 * 200 / 14)
 
 
 def test_a_long_run_variance_is_that_of_its_lags_under_bartletts_window_in_whatever_parts_it_comes() -> None:

@@ -99,7 +99,7 @@ def test_a_reference_far_off_leads_to_the_same_fit(inertia: float, cg: float, ma
     flight, found = plain()
     history, true = found.histories[0], flight.truth[0, 0]
     far = Reference(inertia * tensor(true[:6]), cg * true[6:9], 1 / (mass * true[9]))
-    again = offline.settle(found.samples, history.cycles, history.phase, far, resolved(found.vehicle)).history
+    again = offline.fit(found.samples, history.cycles, history.phase, far, resolved(found.vehicle)).history
     assert np.abs((again.values[-1] - history.values[-1]) / history.sigmas[-1]).max() < 0.1
 
 

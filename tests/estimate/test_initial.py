@@ -71,10 +71,10 @@ def test_what_rounding_leaves_of_a_couples_forces_tells_no_mass(size: float) -> 
 def test_information_that_is_rounding_frees_no_mass() -> None:
     """Divided by, it is without bound: the triangle was singular then, and of a clean log with wheels and jets nothing was told."""
     regression = Regression.__new__(Regression)
-    regression.weighed = None
+    regression.known_mu = None
     one, right, drawn = np.ones(10), np.array([1e-6]), np.full(10, -1e-9)
     for own in (1.0, 1.0 + 1e-15, 1.0 - 1e-15):
-        factor, kept = regression._freed(one, one, np.array(own), right, drawn, 0.3)
+        factor, kept = regression._without_mass_prior(one, one, np.array(own), right, drawn, 0.3)
         assert (float(factor), float(kept[0])) == (1.0, 1e-6)
-    factor, _ = regression._freed(one, one, np.array(10.0), right, drawn, 0.3)
+    factor, _ = regression._without_mass_prior(one, one, np.array(10.0), right, drawn, 0.3)
     assert factor == pytest.approx(np.sqrt(99.0) / 10.0)

@@ -12,7 +12,7 @@ from massprop_cli import CG, INERTIA, QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.contradict import by_known
 from massprop_cli.estimate.history import History
-from massprop_cli.estimate.known import DENSEST, belied, heaviest_body
+from massprop_cli.estimate.known import DENSEST, contradicted_values, heaviest_body
 from massprop_cli.estimate.rows import Parameters
 from massprop_cli.inputs.vehicle import Phase
 from tests import flight
@@ -39,7 +39,7 @@ def test_no_body_has_less_inertia_than_a_ball_of_the_densest_matter() -> None:
 def test_a_known_mass_must_be_that_of_a_body_even_where_the_log_does_not_tell_it(mass: float, relative: float, wrong: bool) -> None:
     """Where 1/m is known to 200 % alone, 22 to 200 kg are as good as each other; 1 g and 1e25 kg are not."""
     vehicle = flight.vehicle(known={"mass": {"value": mass, "sigma": 1e-4 * mass}})
-    against, notices = belied(Parameters.of(MEAN[None], of(relative)[None]), vehicle, "all")
+    against, notices = contradicted_values(Parameters.of(MEAN[None], of(relative)[None]), vehicle, "all")
     assert [*against] == ["mass"] * wrong
     assert [notice.code for notice in notices] == ["known-mismatch"] * wrong
     assert all(f"known.mass = {mass:g}" in notice.message for notice in notices)
@@ -59,7 +59,7 @@ def test_a_wrong_known_mass_leaves_no_cg_on_a_bearing(kind: str, offset: bool) -
     """Gravity tells mass times offset there; in free flight torque over force tells the CG, whatever the mass."""
     none = np.zeros(10)
     said = {"mass": "phase all: known.mass = 30 lies 9 sigmas from what the log alone says"}
-    history = SimpleNamespace(belied=said, values=none[None], sigmas=none[None] + 1, bare=(none, np.eye(10)))
+    history = SimpleNamespace(contradicted=said, values=none[None], sigmas=none[None] + 1, bare=(none, np.eye(10)))
     found = by_known(cast("History", history), flight.vehicle(environment={"kind": kind}))
     assert found is not None
     assert [bool(found.touched[QUANTITIES.index(name)]) for name in CG] == [offset] * 3

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from massprop_cli.estimate.kalman import State
-from massprop_cli.estimate.nuisance import filtered, ordered, unknown_beginnings
+from massprop_cli.estimate.nuisance import filtered, initial_state, regression_rows
 from massprop_cli.model.system import System
 
 pytestmark = pytest.mark.numerical
@@ -38,7 +38,7 @@ def system(torque: float | None, gyro: float = 1e-4) -> System:
 
 
 def begun(one: System) -> State:
-    return unknown_beginnings(np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.0]), one)
+    return initial_state(np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.0]), one)
 
 
 @pytest.mark.parametrize("new", [True, False])
@@ -47,7 +47,7 @@ def begun(one: System) -> State:
 def test_all_columns_at_once_are_each_column_alone(torque: float | None, new: bool, every: bool) -> None:
     """The textbook's covariance form, column by column."""
     one = system(torque)
-    given, taken = filtered(begun(one), one, new, every)
+    given, whitened = filtered(begun(one), one, new, every)
     for column in range(COLUMNS + 5):
         own = column < COLUMNS
         mean, covariance, white = begun(one).mean[:, column], np.zeros((STATES, STATES)), []
@@ -65,8 +65,8 @@ def test_all_columns_at_once_are_each_column_alone(torque: float | None, new: bo
                 white.append(np.linalg.solve(np.linalg.cholesky(spread), left))
                 mean, covariance = mean + gain @ left, covariance - gain @ spread @ gain.T
         # roots of a covariance are alike up to the signs of their columns
-        signs = np.sign(np.einsum("kii->ki", taken.root))
-        np.testing.assert_allclose(taken.white[..., column] * signs, np.array(white), rtol=1e-6, atol=1e-6 * np.abs(white).max())
+        signs = np.sign(np.einsum("kii->ki", whitened.root))
+        np.testing.assert_allclose(whitened.innovations[..., column] * signs, np.array(white), rtol=1e-6, atol=1e-6 * np.abs(white).max())
         np.testing.assert_allclose(given.mean[:, column], mean, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(given.covariance, covariance, rtol=1e-5, atol=1e-12)
 
@@ -82,14 +82,14 @@ def test_a_torque_far_above_the_gyro_leaves_the_gyro_s_own_variance(gyro: float,
 @EITHER
 def test_two_halves_are_the_whole(every: bool) -> None:
     one = system(1e-2)
-    whole, taken = filtered(begun(one), one, True, every)
+    whole, whitened = filtered(begun(one), one, True, every)
     half, first = filtered(begun(one), one.part(0, 20), True, every)
     end, second = filtered(half, one.part(19, CYCLES), False, every)
-    np.testing.assert_allclose(np.concatenate([first.white, second.white]), taken.white, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(np.concatenate([first.innovations, second.innovations]), whitened.innovations, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(end.mean, whole.mean, rtol=1e-12)
 
 
 def test_rows_are_unknowns_then_what_is_measured_then_assumptions() -> None:
     white = np.arange(6.0 * 8).reshape(1, 6, 8)  # the log's own, three coefficients, two assumptions, two beginnings
-    rows = ordered(white, 3, 2)
+    rows = regression_rows(white, 3, 2)
     np.testing.assert_array_equal(rows[0], [-6, -7, -1, -2, -3, 0, 4, 5])

@@ -26,12 +26,12 @@ def test_fits_led_on_are_the_very_same_as_if_all_passes_were_done_in_a_row(kind:
     flown, truth = flight.standard(kind), flight.TRUTH if kind == "free" else flight.ON_BEARING
     samples, used = flown.samples(np.random.default_rng(5)), flown.resolved
     far = Reference(3 * tensor(truth[:6]), truth[6:9] + 0.05, 2 / truth[9])
-    few, all_at_once = (offline.settle(samples, CYCLES, PHASE, far, used, passes=n) for n in (phases.SIZING, offline.SETTLINGS))
-    assert not few.stands
+    few, all_at_once = (offline.fit(samples, CYCLES, PHASE, far, used, passes=n) for n in (phases.SIZING, offline.MAX_PASSES))
+    assert not few.converged
     assert np.abs(few.history.values[-1] - all_at_once.history.values[-1]).max() > 0
-    (led,) = phases._Fitting(samples, [(PHASE, CYCLES)], used, Consider()).further([few])
+    (led,) = phases._Fitting(samples, [(PHASE, CYCLES)], used, Consider()).continued([few])
     assert led is not None
-    assert led.stands == all_at_once.stands
+    assert led.converged == all_at_once.converged
     for name in ("values", "sigmas", "normalised", "covariance"):
         np.testing.assert_array_equal(getattr(led.history, name), getattr(all_at_once.history, name))
 

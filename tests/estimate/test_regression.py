@@ -10,7 +10,7 @@ import pytest
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
-from massprop_cli.estimate import compiled, engine, noiselevels, nuisance, offline, triangle
+from massprop_cli.estimate import compiled, engine, noiselevels, offline, triangle
 from massprop_cli.estimate.causal import LEARNING, LONGEST
 from massprop_cli.estimate.history import History, phase_cycles
 from massprop_cli.estimate.initial import fallback
@@ -90,7 +90,7 @@ def test_what_is_kept_does_not_grow_with_the_log() -> None:
     one = Regression(samples, slice(2, 320), flown.resolved, Consider())
     run, sizes = one.begin(reference(flight.TRUTH)), []
     for end in (50, 150, 320):
-        run, _ = one.take(run, end)
+        run, _ = one.process(run, end)
         assert run.state is not None
         sizes.append((run.triangle.shape, run.state.mean.shape, run.state.root.shape))
     assert len(set(sizes)) == 1
@@ -107,7 +107,7 @@ def test_no_cycle_is_looked_at_again_but_those_of_the_ring(monkeypatch: pytest.M
         return system_of(samples, cycles, *rest)  # type: ignore[arg-type]
 
     monkeypatch.setattr(triangle, "system_of", counted)
-    monkeypatch.setattr(compiled, "holds", lambda *_: False)
+    monkeypatch.setattr(compiled, "supports", lambda *_: False)
     samples = found.samples
     engine.replay(samples, slice(2, len(samples)), ALL, flight.resolved(found.vehicle))
     assert max(span.stop - span.start for span in spans) <= LEARNING + LONGEST
@@ -125,10 +125,10 @@ def test_the_triangle_holds_what_batch_least_squares_holds() -> None:
     one = Regression(samples, slice(2, 320), flown.resolved, Consider())
     run, kept = one.begin(about), []
     for end in (20, 90, 91, 200, 320):
-        run, taken = one.take(run, end)
-        kept.append(nuisance.ordered(taken.white, one.phi_map.size, one.free))
+        run, whitened = one.process(run, end)
+        kept.append(one.ordered(whitened))
     rows = np.vstack([one.begin(about).triangle, *kept])
-    size = one.free + one.phi_map.size
+    size = one.unknowns + one.phi_map.size
     scale = np.sqrt((rows[:, :size] ** 2).sum(0))
     batch = np.linalg.lstsq(rows[:, :size] / scale, rows[:, size], rcond=None)[0]
     held = np.linalg.lstsq(run.triangle[:, :size] / scale, run.triangle[:, size], rcond=None)[0]
@@ -144,8 +144,8 @@ def test_the_coupling_stays_free_until_each_axis_has_been_driven() -> None:
     samples = flown.samples(np.random.default_rng(2))
     one = Regression(samples, slice(2, 300), flown.resolved, Consider())
     run = one.begin(fallback(flown.used))
-    run, _ = one.take(run, 300)
-    assert not one.improved(run).bound
+    run, _ = one.process(run, 300)
+    assert not one.solved(run).tied
     history = engine.replay(samples, slice(2, 300), ALL, flown.resolved)
     z = np.abs((history.values - flight.TRUTH) / history.sigmas)
     assert np.nanmax(z[:, :6]) < 6
@@ -157,19 +157,19 @@ def test_a_rate_long_past_may_be_forgotten_without_a_misfit(monkeypatch: pytest.
     """Errors of where the rate began grow along the motion; started anew again and again, little is lost and nothing jars."""
     flown = flight.standard("free", 320)
     samples = flown.samples(np.random.default_rng(7))
-    whole = offline.settle(samples, slice(2, 320), ALL, reference(flight.TRUTH), flown.resolved).history
+    whole = offline.fit(samples, slice(2, 320), ALL, reference(flight.TRUTH), flown.resolved).history
     renewed: list[int] = []
-    once = Regression._renewed
+    once = Regression._with_rate_reset
 
     def counted(self: Regression, run: Run) -> Run:
         found = once(self, run)
         renewed.extend([run.at] * (found is not run))
         return found
 
-    monkeypatch.setattr(Regression, "_renewed", counted)
-    monkeypatch.setattr(triangle, "GROWN", 0.9)
-    monkeypatch.setattr(offline, "WHOLE", 32)
-    pieces = offline.settle(samples, slice(2, 320), ALL, reference(flight.TRUTH), flown.resolved).history
+    monkeypatch.setattr(Regression, "_with_rate_reset", counted)
+    monkeypatch.setattr(triangle, "FORGOTTEN", 0.9)
+    monkeypatch.setattr(offline, "BLOCK", 32)
+    pieces = offline.fit(samples, slice(2, 320), ALL, reference(flight.TRUTH), flown.resolved).history
     assert len(renewed) >= 8
     assert (pieces.sigmas[-1] >= whole.sigmas[-1] * (1 - 1e-6)).all()
     assert (pieces.sigmas[-1] < 3 * whole.sigmas[-1]).all()

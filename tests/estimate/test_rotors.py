@@ -53,12 +53,12 @@ def test_the_compiled_kernel_says_the_same() -> None:
     assert vehicle is not None
     log = anypedestal.log_of(rng, own, 0, flown, vehicle)
     samples, cycles, phase = Stream.of(log, vehicle, stated_timing(vehicle)), slice(20, 400), Phase(name="all", start_s=0.0, end_s=1.0)
-    assert compiled.holds(samples, vehicle, Consider())
+    assert compiled.supports(samples, vehicle, Consider())
     by_kernel = engine.replay(samples, cycles, phase, vehicle)
     with pytest.MonkeyPatch.context() as numpy_alone:
         for module in (compiled, regressors):
             numpy_alone.setattr(module, "kernel", lambda: Kernel(None, "numpy"))
-        assert not compiled.holds(samples, vehicle, Consider())
+        assert not compiled.supports(samples, vehicle, Consider())
         by_numpy = engine.replay(samples, cycles, phase, vehicle)
     assert np.isfinite(by_kernel.values[-1]).all()
     assert np.nanmax(np.abs(by_kernel.values - by_numpy.values) / by_numpy.sigmas) < 1e-6

@@ -58,7 +58,7 @@ def sigmas_about(member: int, offset: Array) -> Array:
     held = np.linalg.solve(tensor(truth[:6]) + parallel_axis(turning, about), weight)
     regression = Regression(stream, slice(2, log.cycles), resolved(vehicle), Consider())
     begun = regression.begin(Reference(tensor(truth[:6]), truth[6:9] + offset, 1 / truth[9], acceleration=held))
-    run, _ = regression.take(replace(begun, bound=True), log.cycles)
+    run, _ = regression.process(replace(begun, tied=True), log.cycles)
     found: Array = np.sqrt(np.diag(regression.row(run).covariance[0]))
     return found
 

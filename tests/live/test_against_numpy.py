@@ -79,7 +79,7 @@ def test_the_last_cycle_says_what_numpy_says_of_the_log(case: str) -> None:
     leg, log = resolve.stated(source, records=records).legs[0], log.part(0, count)
     samples = Stream.of(log, leg.own, stated_timing(leg.own))
     with pytest.MonkeyPatch.context() as numpy_alone:
-        numpy_alone.setattr(compiled, "holds", lambda *_: False)
+        numpy_alone.setattr(compiled, "supports", lambda *_: False)
         numpy_alone.setattr(regressors, "in_kernel", lambda _: False)
         found = engine.replay(samples, slice(count - len(said), count), Phase(name="all", start_s=0.0, end_s=60.0), leg.own)
     names: Sequence[str] = QUANTITIES

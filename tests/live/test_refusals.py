@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.estimate.compiled import TOLD
+from massprop_cli.estimate.compiled import ROW_SIZE
 from massprop_cli.estimate.kernelflight import DELAY_S, VALUES, Flight
 from massprop_cli.export import resolve
 from massprop_cli.export.resolve import Constants
@@ -30,7 +30,7 @@ class Memory:
     def __init__(self, name: str) -> None:
         self.constants: Constants = resolved(name)
         self.flight = Flight(self.constants.commands, self.constants.legs[0].vehicle, self.constants.legs[0].rule)
-        self.told, self.values = np.empty((2, TOLD)), np.empty((2, VALUES))
+        self.told, self.values = np.empty((2, ROW_SIZE)), np.empty((2, VALUES))
 
     def step(self, cycle: Array | None) -> int:
         """The status of one cycle, or of the end."""

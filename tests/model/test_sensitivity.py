@@ -46,7 +46,7 @@ def again(found: Analysis, *assignments: str, delay: float = 2.0) -> Array:
     samples = Timing(delay, 0.0).of(found.log, used)
     (history,) = found.settled
     assert history.reference is not None
-    moved: Array = offline.settle(samples, history.cycles, history.phase, history.reference, resolved(used)).history.values[-1]
+    moved: Array = offline.fit(samples, history.cycles, history.phase, history.reference, resolved(used)).history.values[-1]
     return moved
 
 
@@ -172,7 +172,7 @@ def test_a_jets_thrust_on_a_bearing_shifts_and_shows_what_fitting_again_does(bea
     for factor in np.exp([-by, 0.0, by]):
         used = faulty.pushing(bearing.vehicle, {name: float(factor) for name in names if name.startswith(line)})
         samples = Timing(2.0, 0.0).of(bearing.log, used)
-        ends.append(offline.settle(samples, settled.cycles, settled.phase, settled.reference, resolved(used)).history)
+        ends.append(offline.fit(samples, settled.cycles, settled.phase, settled.reference, resolved(used)).history)
     moved = (ends[2].values[-1] - ends[0].values[-1]) / (2 * by)
     shift = response.shift @ step
     shift[9] /= -(settled.reference.mu**2)
