@@ -2,8 +2,8 @@
 
 The information of the log is a triangle of constant size (:mod:`massprop_cli.estimate.regression`). The present estimate enters only the
 second-order terms (:func:`massprop_cli.model.regressors.regressors`). While it still changes, the last :data:`RING` cycles are processed
-again about the new estimate; older ones are not. So every row depends on its own and earlier cycles only, no initial values are needed, and
-the cost of a cycle does not grow with the log.
+again about the new estimate; older ones are not. So every row depends on its own and earlier cycles only, and no initial values are needed.
+The cost of a cycle does not grow with the log.
 """
 
 from __future__ import annotations

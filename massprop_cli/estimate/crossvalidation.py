@@ -7,7 +7,7 @@ predicts it:
     T_k = dᵀ (1 + R_k P₍₋ₖ₎ R_kᵀ)⁻¹ d,   d = z_k − R_k x̂₍₋ₖ₎,
 
 chi-square of rank R_k degrees of freedom if one body made all segments (Geisser, J. Am. Statist. Assoc. 70 (1975) 320). The changes m_k of
-the estimate by each segment give a covariance that does not depend on the stated noise, and is unbiased if the model holds (bias-reduced
+the estimate by each segment give a covariance that does not depend on the stated noise. It is unbiased if the model holds (bias-reduced
 sandwich: Bell and McCaffrey, Survey Methodology 28 (2002) 169), with S_k = 1 + R_k P₍₋ₖ₎ R_kᵀ:
 
     cov(x̂) = Σ_k m_k m_kᵀ,   m_k = P₍₋ₖ₎ R_kᵀ S_k⁻¹ S_k^(-1/2) d_k.

@@ -181,22 +181,22 @@ def estimates(
     used, fits, excess = _sized(samples, phases, plain, size, noisier, consider)
     histories, settled = [], []
     for (phase, cycles), fit in zip(phases, fits, strict=True):
-        own = used.in_phase(phase)
-        causal = engine.replay(samples, cycles, phase, own, consider, partial(say, f"estimating, phase {phase.name}"))
-        if fit is not None and fit.converged and not used.estimator.refine and _diverged(causal, fit.history, own):
-            causal = _about_fit(samples, cycles, phase, own, consider, fit)
-        first, last = with_observability((causal, causal if fit is None else fit.history), samples, own)
+        vehicle = used.in_phase(phase)
+        causal = engine.replay(samples, cycles, phase, vehicle, consider, partial(say, f"estimating, phase {phase.name}"))
+        if fit is not None and fit.converged and not used.estimator.refine and _diverged(causal, fit.history, vehicle):
+            causal = _about_fit(samples, cycles, phase, vehicle, consider, fit)
+        first, last = with_observability((causal, causal if fit is None else fit.history), samples, vehicle)
         histories.append(last if used.estimator.refine else first)
         settled.append(last)
     notices = disturbances.disturbance_notices(plain.used, used, excess, samples) if size else []
     return Estimates(used, tuple(histories), settled, plain.notices + notices)
 
 
-def _diverged(causal: History, settled: History, own: Vehicle) -> bool:
+def _diverged(causal: History, settled: History, vehicle: Vehicle) -> bool:
     """Whether a causal pass has no estimate, or one that differs from the off-line fit of the same data."""
     # a free oscillation informs ratios much better than size: the linearisation's error does not show in the sigmas
     never = not np.isfinite(causal.values).any()
-    return own.swings or never or bool((deviation(causal, settled) > LOST).any())
+    return vehicle.swings or never or bool((deviation(causal, settled) > LOST).any())
 
 
 def deviation(causal: History, settled: History) -> Array:

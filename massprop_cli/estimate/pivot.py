@@ -120,8 +120,8 @@ def _factors(about: Array, known: _KnownInertia) -> Array:
 def _scaled(about: Array, covariance: Array, factor: Array, known: _KnownInertia) -> _Scaled:
     """Condition ``about`` (K, 9), scaled by ``factor`` (K,), on the known inertia; where the log informs the size, the scale stays 1.
 
-    I = I_p − m S is of second order in a poorly known first moment, so the Kalman update is iterated (Bell & Cathey 1993), from the scaled
-    value in any case. A log that informs ratios only does so equally well at any size.
+    I = I_p − m S is of second order in a poorly known first moment, so the Kalman update is iterated (Bell & Cathey 1993). It starts from
+    the scaled value in any case. A log that informs ratios only does so equally well at any size.
     """
     size, sigma = about[:, MOMENTS].sum(1), np.sqrt(covariance[:, MOMENTS][..., MOMENTS].sum((1, 2)))
     at, by = factor[:, None] * about, np.where(sigma > UNSIZED * np.abs(factor - 1) * size, factor, 1.0)

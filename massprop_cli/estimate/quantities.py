@@ -192,8 +192,8 @@ def in_common(slope: Array, covariance: Array, known: Mapping[str, float], vehic
 def left_by_known(slope: Array, covariance: Array, known: Mapping[str, float]) -> Array:
     """(10,) effect on the reported values of an effect ``slope`` (10,) on those of the log alone.
 
-    For ``known`` values z = H θ + ε, ε ~ N(0, R) (sigma by quantity), the gain of the conditioning is K = P⁺ Hᵀ R⁻¹ with the reported
-    covariance P⁺ (10, 10): Bar-Shalom, Li and Kirubarajan, Estimation with Applications, eq. 5.2.3-15. The effect is slope − K H slope.
+    For ``known`` values z = H θ + ε, ε ~ N(0, R) (sigma by quantity), the gain is K = P⁺ Hᵀ R⁻¹ with the reported covariance P⁺ (10, 10):
+    Bar-Shalom, Li and Kirubarajan, Estimation with Applications, eq. 5.2.3-15. The effect is slope − K H slope.
     """
     index, gain = _gain(covariance, known)
     return slope - gain @ slope[index]

@@ -192,8 +192,8 @@ class Regression(Triangle):
     def _sigma_of(self, triangle: Array, scale: Array) -> Array:
         """(10,) sigma of θ, whose departures are the last unknowns of ``triangle``."""
         count = triangle.shape[1] - 11 - self.assumptions
-        own = triangle[count : count + 10, count : count + 10]
-        return np.asarray(scale * np.sqrt((np.linalg.inv(own) ** 2).sum(1)))
+        by_theta = triangle[count : count + 10, count : count + 10]
+        return np.asarray(scale * np.sqrt((np.linalg.inv(by_theta) ** 2).sum(1)))
 
     def reference_is_close(self, run: Run, limit: float = STALE) -> bool:
         """Whether the neglected second order, relative change times change, is below ``limit`` sigmas."""
@@ -335,9 +335,9 @@ class Regression(Triangle):
     def _solution(self, run: Run, theta: Array, scale: Array, triangles: Array) -> TriangleSolution:
         """Solution of triangles (K, n + 10, n + 11 + e) about ``theta``."""
         count = triangles.shape[1] - 10
-        own = triangles[:, count:, count:]
-        root, right = scale[:, None] * np.linalg.inv(own[..., :10]), own[..., 10:].copy()
-        factor, right[:, MU] = self._without_mass_prior(theta, scale, own[:, MU, MU], right[:, MU], np.zeros(10), CLEAR)
+        by_theta = triangles[:, count:, count:]
+        root, right = scale[:, None] * np.linalg.inv(by_theta[..., :10]), by_theta[..., 10:].copy()
+        factor, right[:, MU] = self._without_mass_prior(theta, scale, by_theta[:, MU, MU], right[:, MU], np.zeros(10), CLEAR)
         root[..., MU] /= factor[:, None]
         steps = root @ right
         step = steps[..., :1]

@@ -43,7 +43,7 @@ def residual(regression: Regression, before: Run, whitened: Whitened, phi: Array
 
     For a known φ, ``w + W φ = E b + white noise`` depends on the initial states b alone: rate, biases, tilt. Each cycle is predicted with
     the b that the cycles before it give. Without process noise, the prediction is the motion that the commands cause from the phase's
-    start, so that wrong mass properties show as a growing residual.
+    start. Wrong mass properties then show as a growing residual.
     """
     phi_map, unknowns = regression.phi_map, regression.unknowns
     end = unknowns + phi_map.size

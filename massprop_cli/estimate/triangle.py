@@ -114,14 +114,14 @@ class Triangle:
         """The system of all cycles of the phase."""
         return self._system(self.cycles.start, self.cycles.stop, reference)
 
-    def segment_triangle(self, begun: Run, whole: System, cycles: slice) -> Array:
+    def segment_triangle(self, start: Run, whole: System, cycles: slice) -> Array:
         """(N + 1, N + 1) triangle of a segment's information on φ, with unknown initial states; the last element is the post-fit residual.
 
-        ``begun`` is a run before the phase's first cycle, ``whole`` the system of all cycles of the phase.
+        ``start`` is a run before the phase's first cycle, ``whole`` the system of all cycles of the phase.
         """
         part = whole.part(cycles.start - self.cycles.start, cycles.stop - self.cycles.start)
         part = replace(part, initial=initial_states(self.samples.part(cycles), self.samples, self.vehicle))
-        run, _ = self._process(replace(begun, at=cycles.start), cycles.stop, part)
+        run, _ = self._process(replace(start, at=cycles.start), cycles.stop, part)
         return run.triangle[self.unknowns :, self.unknowns :]
 
     def _system(self, first: int, end: int, reference: Reference) -> System:
@@ -131,18 +131,18 @@ class Triangle:
 
     def _compiled(self, run: Run, end: int) -> tuple[Run, Whitened]:
         """Process the cycles from ``run.at`` to ``end`` by the compiled kernel (massprop_cli/kernel/offline.c)."""
-        begun = run.state is not None
-        fed = kernelargs.cycle_numbers(self.samples.part(slice(run.at - begun, end)))
+        started = run.state is not None
+        cycles = kernelargs.cycle_numbers(self.samples.part(slice(run.at - started, end)))
         width, states = len(run.triangle), len(self.prior)
         state = run.state or State(np.zeros((states, width)), np.zeros((states, states)))
-        given = (
+        arguments = (
             compiled.vehicle_numbers(self.samples, self.vehicle),
             kernelargs.reference_numbers(run.reference, self.phi_map),
             self._attitude_error,
         )
-        mean, root, triangle, white, roots = kernelargs.filtered(*given, fed, (*state, run.triangle), begun)
+        mean, root, triangle, innovations, roots = kernelargs.filtered(*arguments, cycles, (*state, run.triangle), started)
         run = replace(run, at=end, state=State(mean, root), triangle=triangle)
-        return self._with_rate_reset(run), Whitened(white, roots, ())
+        return self._with_rate_reset(run), Whitened(innovations, roots, ())
 
     def _process(self, run: Run, end: int, system: System) -> tuple[Run, Whitened]:
         state, whitened = filtered(run.state or initial_state(self.prior, system), system, run.state is None, self.drifting)
@@ -170,16 +170,16 @@ class Triangle:
         the gyroscopic coupling (departure over ``FREE_COUPLING``).
         """
         phi, slopes = self.phi_map.coefficients(theta)
-        by_phi = rows[..., self.unknowns : self.unknowns + self.phi_map.size]
-        left = rows[..., self.unknowns + self.phi_map.size :].copy()
-        left[..., 0] -= by_phi @ phi
-        left, geometry = left[..., : 1 + self.assumptions], -left[..., 1 + self.assumptions :]
-        parts = [rows[..., : self.unknowns], geometry, by_phi @ (slopes * scale), left]
+        columns = rows[..., self.unknowns : self.unknowns + self.phi_map.size]
+        right = rows[..., self.unknowns + self.phi_map.size :].copy()
+        right[..., 0] -= columns @ phi
+        right, geometry = right[..., : 1 + self.assumptions], -right[..., 1 + self.assumptions :]
+        parts = [rows[..., : self.unknowns], geometry, columns @ (slopes * scale), right]
         if not tied:
             coupling = self.phi_map.coupling
-            held = slopes * scale
-            held[coupling] = 0.0
-            parts[1:3] = [FREE_COUPLING * by_phi[..., coupling], geometry, by_phi @ held]
+            without_coupling = slopes * scale
+            without_coupling[coupling] = 0.0
+            parts[1:3] = [FREE_COUPLING * columns[..., coupling], geometry, columns @ without_coupling]
         return np.concatenate(parts, -1)
 
     def _nuisance_count(self, tied: bool) -> int:
@@ -203,10 +203,10 @@ class Triangle:
 
         θ is a departure in prior sigmas. The first triangle is the information before the first cycle.
         """
-        scale, own = self._prior_sigma(theta), self._nuisance_count(tied=True) + 10
+        scale, count = self._prior_sigma(theta), self._nuisance_count(tied=True) + 10
         rows = [self._on_theta(one, theta, scale, tied=True) for one in each]
-        rows[0] = np.vstack([rows[0], np.eye(own - self.unknowns, rows[0].shape[1], self.unknowns)])
-        order = np.r_[:own, own + 1 : own + 1 + self.assumptions, own]
+        rows[0] = np.vstack([rows[0], np.eye(count - self.unknowns, rows[0].shape[1], self.unknowns)])
+        order = np.r_[:count, count + 1 : count + 1 + self.assumptions, count]
         return [one[:, order] for one in rows], scale
 
     def _pull(self, theta: Array, run: Run) -> tuple[Array, Array]:

@@ -56,14 +56,14 @@ def unsupported_motion(vehicle: Vehicle) -> str:
 def vehicle_numbers(samples: Mounted, vehicle: Vehicle, noise: Sequence[float] = (0.0,) * 4, reach_m: float = 0.0) -> Array:
     """(n,) constants of vehicle and log, in the order of ``mp_vehicle_of``.
 
-    The estimator needs ``noise``, one sigma of a cycle's mean rate [rad/s] and of specific force along each body axis [m/s²], and
-    ``reach_m``, the distance of the farthest jet. A linearisation needs neither.
+    ``noise`` is one sigma of a cycle's mean rate [rad/s] and of specific force along each body axis [m/s²]. ``reach_m`` is the distance of
+    the farthest jet. Only the estimator needs these two.
     """
     layout = Layout.of(samples, vehicle)
     states = [layout.has(block) for block in (layout.gyro_bias, layout.accel_bias, layout.torque, layout.tilt)]
     imu, environment = vehicle.imu, vehicle.environment
-    known = vehicle.known.get("mass")
-    mass_kg = vehicle.pedestal_mass_kg if vehicle.on_pedestal else known.value if known else 0.0
+    known_mass = vehicle.known.get("mass")
+    mass_kg = vehicle.pedestal_mass_kg if vehicle.on_pedestal else known_mass.value if known_mass else 0.0
     wheels = [
         (*wheel.direction, wheel.spin_inertia_sigma_kg_m2 / wheel.spin_inertia_kg_m2, wheel.spin_inertia_kg_m2, free)
         for wheel, free in zip(vehicle.wheels, samples.free_inertia, strict=True)
@@ -115,10 +115,10 @@ def regressors(numbers: Array, about: Array, cycles: Array, states: int, combine
     count, n = len(cycles), states
     transition, observation, to_rate = np.empty((count - 1, n, n)), np.empty((count, 6, n)), np.empty((count - 1, 3, 3))
     steps, drive, measured = np.empty((count - 1, 3)), np.empty((count - 1, n, 1 + combined)), np.empty((count, 6, 1 + combined))
-    found = (transition, observation, to_rate, steps, drive, measured)
-    out = (ctypes.c_void_p * 6)(*(part.ctypes.data for part in found))
+    arrays = (transition, observation, to_rate, steps, drive, measured)
+    out = (ctypes.c_void_p * 6)(*(part.ctypes.data for part in arrays))
     check_status(call(kernel().compiled.mp_host_regressors, numbers, about, *cycles.shape, cycles, onto, ctypes.c_int(combined), out))
-    return found
+    return arrays
 
 
 def filtered(
@@ -143,17 +143,17 @@ def filtered(
 
 def one_step(numbers: Array, about: Array, phi: Array, cycles: Array, rate: Array, states: int) -> tuple[Array, Array]:
     """(K − 1, n) one-step prediction of the state, and (K, 6) measurement residuals, at ``rate`` (K, 3) with coefficients ``phi`` (N,)."""
-    found = np.empty((len(cycles) - 1, states)), np.empty((len(cycles), 6))
-    check_status(call(kernel().compiled.mp_host_beyond, numbers, about, phi, *cycles.shape, cycles, rate, *found))
-    return found
+    results = np.empty((len(cycles) - 1, states)), np.empty((len(cycles), 6))
+    check_status(call(kernel().compiled.mp_host_beyond, numbers, about, phi, *cycles.shape, cycles, rate, *results))
+    return results
 
 
 def integrals(numbers: Array, about: Array, cycles: Array, channels: int) -> tuple[Array, Array, Array]:
     """The arrays of :func:`massprop_cli.model.regressors.integrals_about`."""
     count = len(cycles)
-    found = np.empty((count - 1, channels)), np.empty((count, channels)), np.empty((count - 1, 3))
-    check_status(call(kernel().compiled.mp_host_integrals, numbers, about, *cycles.shape, cycles, *found))
-    return found
+    results = np.empty((count - 1, channels)), np.empty((count, channels)), np.empty((count - 1, 3))
+    check_status(call(kernel().compiled.mp_host_integrals, numbers, about, *cycles.shape, cycles, *results))
+    return results
 
 
 class StatusError(RuntimeError):

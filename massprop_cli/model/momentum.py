@@ -71,7 +71,7 @@ def _precession(motion: Motion, momentum: Array, skew: Array, bin_s: Array) -> t
 
 
 def made_by_motion(stored: Stored | None, damping: Array, motion: Motion, bin_s: Array) -> tuple[Array, Array] | None:
-    """(K, B, 3) torque −ω × h − d ω, mean of each bin, N m, and its first moment about the bin's middle over its length, N m s.
+    """(K, B, 3) torque −ω × h − d ω, mean of each bin, N m, and its first moment over the bin's length, N m s.
 
     ``damping`` is d (3,), N m s; ``bin_s`` (K, 1, 1). None if there is neither momentum nor damping. A wheel of spin inertia J along a,
     whose speed is read at the cycle's end, adds J a aᵀ (ω̇ − mean ω̇): its momentum follows the body's rate within the cycle.

@@ -79,8 +79,8 @@ def _in_row_space(rows: Array) -> BoolArray:
 def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved) -> tuple[Array, BoolArray]:
     """Information share of each channel, and channels in which a disturbance exceeds the response to the commands.
 
-    Returns (10, 6), the share of each channel (rate x y z, specific force x y z) in the information on each quantity, and (6,), whether the
-    non-white part of the channel's residual is more than ``DROWNED`` of the part that commands and mass properties explain.
+    Returns (10, 6), the share of each channel (rate x y z, specific force x y z) in the information on each quantity. Returns (6,), whether
+    the non-white part of a channel's residual exceeds ``DROWNED`` of the part that commands and mass properties explain.
     """
     gyro, accel, plain = vehicle.imu.gyro_noise_rad_s, vehicle.noise[3:], vehicle.imu.accel_noise_m_s2
     theta = parameters(reference)

@@ -25,9 +25,9 @@ from massprop_cli.model.plant.plant import MOMENT, MU, UNIT_TENSORS, J, MeanMoti
 class BearingBody(Plant):
     """A body that rotates about a bearing b, whose base slides on a horizontal plane.
 
-    The bearing's reaction keeps b level. All forces but gravity on the rotating mass m_r sum to m_r f, with f the specific force of the CG,
-    so the moment about the CG is ``τ − b × F − m_r (c − b) × f``. The bearing point accelerates horizontally only,
-    ``a = P (F − m_r (ω̇ × s + ω × (ω × s))) / m``, with s = c − b, P the projector on the plane, m = m_r + bearing mass.
+    The bearing's reaction keeps b level. All forces but gravity on the rotating mass m_r sum to m_r f, with f the specific force of the CG.
+    So the moment about the CG is ``τ − b × F − m_r (c − b) × f``. The bearing point accelerates horizontally only, ``a = P (F − m_r (ω̇ × s
+    + ω × (ω × s))) / m``, with s = c − b, P the projector on the plane, m = m_r + bearing mass.
 
     θ = (I_b⁻¹, κ, mu), with I_b the inertia about b, κ = m_r s the first moment, u the vertical:
 
@@ -107,23 +107,23 @@ class BearingBody(Plant):
     def parameters(self, theta: Array) -> Array:
         """(..., 10) state parameters of θ (..., 10)."""
         inertia = np.linalg.inv(tensor(theta[..., J]))
-        found = theta.copy()
+        values = theta.copy()
         rotating = self._rotating(theta)[..., None]
         offset = theta[..., MOMENT] / rotating
-        found[..., J] = elements(inertia - rotating[..., None] * spread(offset))
-        found[..., MOMENT] = self.bearing + offset
-        return found
+        values[..., J] = elements(inertia - rotating[..., None] * spread(offset))
+        values[..., MOMENT] = self.bearing + offset
+        return values
 
     def slopes(self, theta: Array) -> Array:
         """(..., 10, 10) derivative of I = I_b − (κ² 1 − κ κᵀ) / m_r, c = b + κ / m_r and mu; dm_r = −dmu / mu²."""
-        found = super().slopes(theta)
+        slopes = super().slopes(theta)
         kappa, rotating = theta[..., MOMENT], self._rotating(theta)[..., None]
-        found[..., :6, MOMENT] = -spread_by_arm(kappa) / rotating[..., None]
+        slopes[..., :6, MOMENT] = -spread_by_arm(kappa) / rotating[..., None]
         by_mass = -1 / theta[..., MU, None] ** 2 / rotating**2
-        found[..., :6, MU] = elements(spread(kappa)) * by_mass
-        found[..., 6:9, MOMENT] = np.eye(3) / rotating[..., None]
-        found[..., 6:9, MU] = -kappa * by_mass
-        return found
+        slopes[..., :6, MU] = elements(spread(kappa)) * by_mass
+        slopes[..., 6:9, MOMENT] = np.eye(3) / rotating[..., None]
+        slopes[..., 6:9, MU] = -kappa * by_mass
+        return slopes
 
     def parallel_axis_trace(self, theta: Array) -> float:
         """Trace of I_b − I, kg m²."""

@@ -49,15 +49,15 @@ class PedestalBody(BearingBody):
 
     def parameters(self, theta: Array) -> Array:
         """(..., 10) state parameters of θ (..., 10)."""
-        found = Plant.parameters(self, theta)
-        found[..., 6:9] = self.bearing + theta[..., MOMENT] * theta[..., MU, None]
-        return found
+        values = Plant.parameters(self, theta)
+        values[..., 6:9] = self.bearing + theta[..., MOMENT] * theta[..., MU, None]
+        return values
 
     def slopes(self, theta: Array) -> Array:
         """(..., 10, 10) derivative of the state parameters with respect to θ, at a fixed mu."""
-        found = Plant.slopes(self, theta)
-        found[..., 6:9, MOMENT] = np.eye(3) * theta[..., MU, None, None]
-        return found
+        derivative = Plant.slopes(self, theta)
+        derivative[..., 6:9, MOMENT] = np.eye(3) * theta[..., MU, None, None]
+        return derivative
 
     def parallel_axis_trace(self, theta: Array) -> float:  # noqa: ARG002
         """Zero: the state's inertia is about the pivot too."""

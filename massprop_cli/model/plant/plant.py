@@ -161,17 +161,17 @@ class Plant(ABC):
 
     def parameters(self, theta: Array) -> Array:
         """(..., 10) state parameters of θ (..., 10)."""
-        found = theta.copy()
-        found[..., J] = elements(np.linalg.inv(tensor(theta[..., J])))
-        return found
+        values = theta.copy()
+        values[..., J] = elements(np.linalg.inv(tensor(theta[..., J])))
+        return values
 
     def slopes(self, theta: Array) -> Array:
         """(..., 10, 10) derivative of the state parameters with respect to θ (..., 10)."""
         inertia = np.linalg.inv(tensor(theta[..., J]))[..., None, :, :]
-        found = np.zeros((*theta.shape, 10))
-        found[...] = np.eye(10)
-        found[..., :6, J] = np.swapaxes(elements(-inertia @ UNIT_TENSORS @ inertia), -1, -2)
-        return found
+        derivative = np.zeros((*theta.shape, 10))
+        derivative[...] = np.eye(10)
+        derivative[..., :6, J] = np.swapaxes(elements(-inertia @ UNIT_TENSORS @ inertia), -1, -2)
+        return derivative
 
     def parallel_axis_trace(self, theta: Array) -> float:  # noqa: ARG002
         """Trace of J⁻¹ minus trace of the inertia about the CG (on a pedestal about the pivot), kg m²."""
