@@ -192,7 +192,7 @@ class Before:
 
     @staticmethod
     def begun(rate_rad_s: Array, duration_s: Array, vehicle: Vehicle, late_s: float) -> Before:
-        """Start of a log with rates (K, 3) in cycles of ``duration_s`` (K,), which the gyro shows ``late_s`` later than they are labelled."""
+        """Start of a log with rates (K, 3) in cycles of ``duration_s`` (K,); the motion is ``late_s`` later than the labels."""
         return Before(rate_rad_s[0], np.zeros(3), at_first(vehicle, rate_rad_s, duration_s, late_s), BiasSeen.none(), 0.0)
 
 
