@@ -70,12 +70,12 @@ class Jointly(Regression):
             references = [replace(reference, gyro_bias=bias) for bias in biases]
             runs = [self._processed(member, about, tied) for member, about in zip(self.members, references, strict=True)]
             run = self.solved(self._stacked(runs, reference, tied))
-            if run.tied == tied and self.converged(run, offline.CONVERGED):
+            if converged := run.tied == tied and self.converged(run, offline.CONVERGED):
                 break
             reference, tied = run.estimate, run.tied
             phi, _ = self.phi_map.coefficients(self.phi_map.plant.theta(reference))
             biases = [_bias(member, one, phi) for member, one in zip(self.members, runs, strict=True)]
-        converged, theta = self.converged(run, offline.CONVERGED), self.phi_map.plant.theta(run.estimate)
+        theta = self.phi_map.plant.theta(run.estimate)
         corner = self._posed(run, theta, self._prior_sigma(theta))[-1 - self.assumptions, -1 - self.assumptions]
         apart = tuple(self._apart(member, one, run) for member, one in zip(self.members, runs, strict=True))
         return JointFit(self.row(run), run.estimate, converged, float(corner**2), apart)
@@ -93,10 +93,13 @@ class Jointly(Regression):
         return replace(runs[0], reference=reference, estimate=reference, tied=tied, state=None, triangle=triangle_of(np.vstack(rows)))
 
     def _rows_on_phi(self, member: Regression, run: Run) -> Array:
-        """A member's rows on φ, measured value and assumptions, with its initial states eliminated."""
+        """A member's rows on φ, measured value, assumptions and geometry, with its initial states eliminated."""
         rows = run.triangle[member.unknowns :, member.unknowns :]
-        missing = self.phi_map.size + 1 + self.assumptions - rows.shape[1]
-        return np.pad(rows, ((0, 0), (0, missing)))
+        found = np.zeros((len(rows), self.phi_map.size + 1 + self.assumptions + self.geometry_unknowns))
+        known = self.phi_map.size + 1 + member.assumptions
+        found[:, :known] = rows[:, :known]
+        found[:, found.shape[1] - member.geometry_unknowns :] = rows[:, known:]
+        return found
 
     def _apart(self, member: Regression, own: Run, run: Run) -> tuple[float, int]:
         """Decrease of a member's chi-square with a body of its own, and number of directions of θ that it informs."""
@@ -104,7 +107,8 @@ class Jointly(Regression):
         scale = self._prior_sigma(theta)
         alone = replace(run, triangle=self._rows_on_phi(member, own), tied=True)
         triangle = self._posed(alone, theta, scale)
-        by_theta, right = triangle[:10, :10], triangle[:10, 10]
+        first = self.geometry_unknowns
+        by_theta, right = triangle[first : first + 10, first : first + 10], triangle[first : first + 10, first + 10]
         return float(right @ right), int((np.linalg.svd(by_theta, compute_uv=False) ** 2 > INFORMED).sum())
 
 

@@ -28,10 +28,10 @@ def driven(axes: str, *more: str) -> tuple[str, ...]:
     return (f"duration_s={SECONDS}", pulses, *more)
 
 
-def estimated(name: str, settings: tuple[str, ...], seed: int, folder: Path) -> None:
-    """Log and result in a folder."""
+def estimated(name: str, settings: tuple[str, ...], seed: int, folder: Path, *stated: str) -> None:
+    """Log and result in a folder, with what is stated otherwise."""
     output.write(fly(name, *settings, seeds=(seed,)), 0, scenario.load(name, settings).scenario, folder / "log", "parquet")
-    judged = job.of_file(folder / "log" / "log.parquet")
+    judged = job.of_file(folder / "log" / "log.parquet", assignments=stated)
     store.write(folder / "result", judged.analysis, escape.document(judged.result))
 
 
@@ -92,6 +92,20 @@ def test_logs_of_one_axis_each_give_together_what_all_their_data_give(name: str,
     assert found.warnings == []
     alone = [numbers(schema.Result.model_validate_json((place / name / part / "result/result.json").read_text()))[0] for part in AXES]
     assert all(np.isnan(one).any() for one in alone), "no log has an estimate of all by itself"
+
+
+@pytest.mark.parametrize(("sigma_m", "verdicts"), [(0.002, {"converged"}), (0.0, {"contradicted"})])
+def test_a_jet_that_sits_elsewhere_is_found_by_all_logs_together(sigma_m: float, verdicts: set[str], tmp_path: Path) -> None:
+    """By as much as its place is uncertain, which is one unknown for all logs; as certain, the logs contradict one another."""
+    for seed, (part, axes) in enumerate(AXES.items(), 1):
+        stated = "jets.0.position_m=[0.002, 0.1475, 0.0]", f"jets.0.position_sigma_m={sigma_m}"
+        estimated("free-flyer", driven(axes), seed, tmp_path / part, *stated)
+    found = flow.together([read(tmp_path / part / "result") for part in AXES])
+    assert {item.verdict for name, item in found.phases[0].estimates.items() if name != "mass"} == verdicts
+    if sigma_m:
+        values, sigma = numbers(found)
+        assert np.abs((values - fly("free-flyer", *driven("roll"), seeds=(1,)).truth[0, 0]) / sigma).max() < 4
+        assert found.warnings == []
 
 
 def test_without_their_logs_results_of_some_axes_add_nothing_to_the_inertia(place: Path, tmp_path: Path) -> None:
