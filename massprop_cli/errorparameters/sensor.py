@@ -38,7 +38,8 @@ def _unbiased(sensor: str, setup: Setup, error: Array) -> Setup:
 def _factor(sensor: str) -> Facts:
     def facts(finding: FittedHypothesis) -> Mapping[str, object]:
         factors = np.exp(finding.errors[f"{sensor}_scale"])
-        factor = float(factors[np.abs(np.log(factors)).argmax()])
+        # beside another hypothesis about the same sensor errors of both are in there: of all axes the middle one is common to them
+        factor = float(factors["xyz".index(finding.subject[0])] if finding.subject else np.sort(factors)[1])
         return {"axis": f"'s {finding.subject[0]} axis" if finding.subject else "", "factor": factor, "inverse": 1 / factor}
 
     return facts
