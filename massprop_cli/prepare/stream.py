@@ -28,7 +28,7 @@ GRID = 256
 """Parts begin at multiples of so many cycles, ..."""
 LEAST = 24 * GRID
 """... and are so long at least: a causal pass looks back by less than a third of that."""
-HELD = 3072
+HELD = LEAST
 """Cycles of a log of which all are held by each of many readings."""
 
 
