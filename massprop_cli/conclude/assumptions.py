@@ -28,7 +28,7 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.layout import MU
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.model.sensitivity import Consider
+from massprop_cli.model.sensitivity import RESTATED, Consider
 from massprop_cli.prepare.absentaxes import force_axes
 from massprop_cli.prepare.actuators import channel_names
 from massprop_cli.prepare.stream import Stream
@@ -230,7 +230,9 @@ def _mass_thrust(
     return [AssumptionEffects("mass-thrust", message, "1 %", True, (_effect(history, conclusion, vehicle, response, step),))]
 
 
-BESIDE = {one.uncertain[0]: (one.uncertain[1], one.sigma_key) for one in TABLE if one.uncertain[0]}
+BESIDE = {one.uncertain[0]: (one.uncertain[1], one.sigma_key) for one in TABLE if one.uncertain[0]} | {
+    RESTATED: ("the values under uncertain are estimated with the mass properties, from one sigma each", "uncertain")
+}
 """What is unknown beside the mass properties and found with them, and the key that says by how much."""
 
 

@@ -97,7 +97,7 @@ def _vain(found: Analysis, corrected: AsStated | None) -> bool:
 
 
 def _with_sigmas(found: Analysis, cure: Correction, others: Sequence[Correction]) -> tuple[str, ...]:
-    """The settings of a remedy with how uncertain it is: ``others`` hold it one sigma further on, or what may be wrong instead."""
+    """The settings of a remedy with how uncertain it is: ``others`` hold it changed by its prior sigma, or what may be wrong instead."""
     stated = found.source.vehicle
     own, spreads = cure.keys
     entries, estimated_too = [*stated.uncertain], dict[str, object]()

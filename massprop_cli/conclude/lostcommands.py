@@ -42,7 +42,9 @@ def unexecuted(history: History, samples: Source, used: Resolved) -> dict[str, R
     """Why values are not to be called converged that rest on commands of which some seem to have been lost, by quantity."""
     if history.reference is None or history.residual is None or used.spinning or used.rotors:
         return {}
-    if used.uncertain_geometry:  # what single jets do otherwise than stated is found with the values, and stands in what they leave alone
+    if (
+        used.estimates_assumptions
+    ):  # what single jets do otherwise than stated is found with the values, and stands in what they leave alone
         return {}
     along, power = _missing(history, samples, used)
     told = power > FAINT

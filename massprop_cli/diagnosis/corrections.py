@@ -39,6 +39,8 @@ SECTIONS = ("jets", "imu", "environment", "thrust", "cycle")
 """In the order in which a correction lists what it changes."""
 UNTOLD = 0.9
 """Of what is to be expected, beyond which the sigma of an unknown says that the log tells nothing of it."""
+ANEW = 4.0
+"""Times its own sigma, the prior sigma of an unknown that a corrected estimate estimates anew: the log counts twice by 3 % of that then."""
 SKEWED = 0.02
 """rad; a turn of a gyro's axes below which they may as well be out of square by as much: calibrated ones are by 1e-3 to 1e-2."""
 ESTIMATED = frozenset(one.sigma_key for one in TABLE if one.states)
@@ -272,7 +274,7 @@ def _of_actuators(before: Vehicle, after: Vehicle) -> Iterator[str]:
 
 
 def around(case: Case, found: Fitted) -> tuple[Correction, ...]:
-    """The correction with each unknown one sigma further on, but for those whose sigma the vehicle file itself can state."""
+    """The correction with each unknown changed by the prior sigma with which it is estimated anew, unless it has a sigma key."""
     stated = np.zeros(len(found.x), dtype=bool)
     jets = channels.of_jets(case.setup._replace(fired=found.model.fired))
     for one in map(BY_NAME.__getitem__, ENTRIES):
@@ -287,7 +289,7 @@ def around(case: Case, found: Fitted) -> tuple[Correction, ...]:
     ]
     # what the log doesn't tell of may be as far off as what it tells of
     far = np.where(found.spread > UNTOLD, max(1.0, float(np.abs(found.moved).max(initial=0.0))), 1.0)
-    moves = () if at_once(found) else zip(found.hypothesis.free.T, far * found.spread, strict=True)
+    moves = () if at_once(found) else zip(found.hypothesis.free.T, far * np.minimum(ANEW * found.spread, 1.0), strict=True)
     further += [replace(found, x=found.x + sigma * move) for move, sigma in moves if not move[stated].any()]
     cases = ((applied(case, one), one) for one in further)
     corrections = (None if then is None else correction_of(case, then, one) for then, one in cases)

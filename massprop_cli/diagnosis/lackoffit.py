@@ -85,7 +85,7 @@ def hidden_error(history: History, samples: Source, vehicle: Resolved, spread: f
     reference = history.reference
     if reference is None or any(getattr(vehicle.drift, name) for name in type(vehicle.drift).model_fields):
         return np.zeros(10)  # a body that is stated to change leaves what it should
-    if vehicle.uncertain_geometry:
+    if vehicle.estimates_assumptions:
         return np.zeros(10)  # plain least squares leaves what the regression finds of jets and IMU: the innovations are without it
     share = history.information_share
     # what wanders and is known to: a slow torque, biases, and on a bearing the attitude that the gyro gives

@@ -21,7 +21,7 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource, alternative
 from massprop_cli.model.layout import Layout
-from massprop_cli.model.sensitivity import Consider, Restated, with_geometry
+from massprop_cli.model.sensitivity import Consider, Reading, Restated, with_geometry
 from massprop_cli.prepare import attitudecheck, recorded
 from massprop_cli.prepare.actuators import check_supply
 from massprop_cli.prepare.clock import cycle_edges
@@ -132,13 +132,7 @@ def uncertain(consider: Consider, setup: Setup, samples: Stream) -> Consider:
 
     :class:`InputError` where an alternative has other states than the vehicle as stated: a sigma of a bias, say.
     """
-    if not setup.vehicle.uncertain:
-        return consider
-    variants = [_restated(values, setup, samples) for values in setup.vehicle.uncertain]
-    known = len(consider.variants)
-    covariance = np.eye(known + len(variants))
-    covariance[:known, :known] = consider.covariance
-    return replace(consider, variants=(*consider.variants, *variants), covariance=covariance)
+    return replace(consider, restated=tuple(_restated(values, setup, samples) for values in setup.vehicle.uncertain))
 
 
 def _restated(values: Mapping[str, Any], setup: Setup, samples: Stream) -> Restated:
@@ -151,4 +145,6 @@ def _restated(values: Mapping[str, Any], setup: Setup, samples: Stream) -> Resta
     there = Stream.of(read, vehicle, moved)
     if Layout.of(there, vehicle) != Layout.of(samples, stated):
         raise InputError(f"uncertain: {', '.join(values)}: changes what is estimated, not what is stated; state it for itself")
-    return Restated(there, vehicle)
+    mounting = np.array(stated.imu.body_from_imu)
+    rate, force = (mounting @ (np.array(factors or np.eye(3)) - np.eye(3)) @ mounting.T for factors in (gyro, accelerometer))
+    return Restated(there, vehicle, Reading(rate, force) if gyro or accelerometer else None)

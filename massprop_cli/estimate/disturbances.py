@@ -111,7 +111,7 @@ def gross_misfit(samples: Source, cycles: Sequence[slice], vehicle: Resolved) ->
     The lag-one autocovariance of white gyro noise is −½ of its variance. So variance plus twice that autocovariance contains no gyro noise.
     """
     excess = np.full(6, np.nan)
-    if vehicle.environment.disturbance_walk_n_m > 0 or vehicle.uncertain_geometry:
+    if vehicle.environment.disturbance_walk_n_m > 0 or vehicle.estimates_assumptions:
         return excess  # uncertain jets disturb the rates too
     noise = 2 * vehicle.imu.gyro_noise_rad_s**2
     for piece in cycles:

@@ -236,10 +236,10 @@ class Vehicle(Section):
         return self.on_pedestal and self.knows_inertia
 
     @property
-    def uncertain_geometry(self) -> bool:
-        """Whether anything is said to be uncertain of where jets and IMU sit and how single jets push."""
+    def estimates_assumptions(self) -> bool:
+        """Whether single jets, the IMU or values under ``uncertain`` are estimated with the mass properties."""
         jets = any(jet.thrust_sigma or jet.position_sigma_m or jet.direction_sigma_rad for jet in self.jets)
-        return jets or self.imu.position_sigma_m > 0 or self.imu.mounting_sigma_rad > 0
+        return jets or self.imu.position_sigma_m > 0 or self.imu.mounting_sigma_rad > 0 or bool(self.uncertain)
 
     @property
     def bearing_mass_kg(self) -> float:

@@ -100,8 +100,7 @@ def intra_cycle_motion(samples: Samples, reference: Reference, phi_map: Response
             cones = _cumulative(cone_of_bin)
             middle = rotated - angle / 2 - rate_dot * bin_s**2 / 12 + cones - cone_of_bin / 2
             up, end = (_rotated(up_start, vector) for vector in (middle, rotated[:, -1:] + cones[:, -1:]))
-            ups = up_start, end[:, 0]
-            excess = rotated[:, -1] + cones[:, -1] - mean * executed.duration_s[:, None]
+            ups, excess = (up_start, end[:, 0]), rotated[:, -1] + cones[:, -1] - mean * executed.duration_s[:, None]
         motion = Motion(motion.wrench, rate, rate_dot, up, rate_dot_moment)
         if samples.kernel_effect is not None:
             turning = times(response[:, -6:], products(rate_start + change[:, -1]) - products(rate_start))

@@ -23,7 +23,7 @@ def unsupported(vehicle: Vehicle) -> str:
     """Why the kernel's estimator does not support the vehicle; empty if it does."""
     if any(getattr(vehicle.drift, name) for name in type(vehicle.drift).model_fields):
         return "[drift] is stated, and the kernel knows none"
-    if vehicle.uncertain_geometry:
+    if vehicle.estimates_assumptions:
         return "jets or IMU are stated to be uncertain, and the kernel takes them as exact"
     return unsupported_motion(vehicle)
 

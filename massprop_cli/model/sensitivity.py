@@ -36,6 +36,8 @@ STATES = (
     *("environment.disturbance_walk_n_m", "environment.damping_sigma_n_m_s"),
 )
 """Keys of a vehicle file that determine which states are estimated."""
+RESTATED = "restated"
+"""Kind of an unknown that the vehicle file restates as ``uncertain``."""
 GAIN = 0.1
 """Gain of the filter that predicts the noise-free rate: part of a rate's innovation that moves the next prediction."""
 
@@ -150,17 +152,19 @@ class Restated:
 
     samples: Source
     vehicle: Vehicle
+    read: Reading | None
+    """Change of the readings by factors on the log, if there are any."""
 
-    def variant(self, samples: Source) -> Variant:
+    def variant(self, samples: Source, _: Vehicle) -> Variant:
         """Difference to the log as read."""
-        return Variant(OtherReading(samples), OtherReading(self.samples, self.vehicle), 1.0)
+        return Variant(OtherReading(samples), OtherReading(self.samples, self.vehicle), 1.0, self.read)
 
 
 @dataclass(frozen=True)
 class Consider:
     """Uncertain assumptions, consider parameters first, and the unknown geometry."""
 
-    variants: tuple[Variant | Reading | Restated, ...] = ()
+    variants: tuple[Variant | Reading, ...] = ()
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """(e, e) covariance of the variants."""
     scales: bool = False
@@ -175,19 +179,26 @@ class Consider:
     """Uncertain IMU geometry. These and the jets are estimated, with a prior of one sigma each."""
     jets: WrenchChanges = field(default_factory=WrenchChanges)
     """Uncertain jets."""
+    restated: tuple[Restated, ...] = ()
+    """What the vehicle file restates as uncertain; estimated likewise."""
 
     def columns(self, channels: int) -> int:
         """e, the number of columns without the unknown geometry, for a log with ``channels`` command channels."""
         return len(self.variants) + self.scales * (3 + channels) + len(self.pushes.channels) + self.aging
 
     @property
+    def read_otherwise(self) -> tuple[ImuChange | Restated, ...]:
+        """Unknowns with which the whole log reads otherwise."""
+        return (*self.imu, *self.restated)
+
+    @property
     def kinds(self) -> tuple[str, ...]:
         """(u,) kind of each unknown of the geometry."""
-        return (*(change.parameter.uncertain[0] for change in self.imu), *self.jets.kinds)
+        return (*(change.parameter.uncertain[0] for change in self.imu), *(RESTATED for _ in self.restated), *self.jets.kinds)
 
     def about(self, other: Consider) -> Consider:
         """The assumptions of ``other`` with this one's unknown geometry."""
-        return replace(other, imu=self.imu, jets=self.jets)
+        return replace(other, imu=self.imu, jets=self.jets, restated=self.restated)
 
 
 def assumption_columns(
@@ -226,7 +237,7 @@ def assumption_columns(
         measured.extend(np.pad(each, ((0, 0), (0, rows - 6))) for each in np.moveaxis(to_measured_axes(change, part), -1, 0))
 
     for variant in consider.variants:
-        add(variant.variant(samples) if isinstance(variant, Restated) else variant)
+        add(variant)
     if consider.scales:
         mounting, whole = np.array(vehicle.imu.body_from_imu), part.specific_force_m_s2 + vehicle.environment.steady_force_m_s2
         by_scale = mounting * (whole @ mounting * part.executed.axes[3:])[:, None, :]
@@ -235,8 +246,8 @@ def assumption_columns(
         add_wrenches(*wrench_columns(samples, cycles, reference, vehicle, here, consider.pushes))
     if consider.aging:
         add_wrenches(*_aging(samples, cycles, reference, vehicle, here))
-    for change in consider.imu:
-        add(change.variant(samples, vehicle))
+    for unknown in consider.read_otherwise:
+        add(unknown.variant(samples, vehicle))
     if consider.jets.kinds:
         add_wrenches(*wrench_columns(samples, cycles, reference, vehicle, here, consider.jets))
     return np.stack(driven, -1), np.stack(measured, -1)
