@@ -1,1 +1,1 @@
-"""History → Conclusion: verdicts, contradictions, assumptions, the docked object."""
+"""History → Conclusion: verdicts, contradictions, sensitivity to assumptions, the docked object."""

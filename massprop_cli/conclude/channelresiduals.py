@@ -1,8 +1,8 @@
 """Channel residual test: residuals against each command channel.
 
-A channel whose thrust, place or direction is not as stated turns the body by a little more each time, so that the rates depart by what its
-commands have summed up to; and it is felt while it acts. What is left, made white, is projected on both, axis by axis: six standard normals
-if the model holds, smaller ones for what was fitted. Sharper than a test of all channels together, which drowns one among them.
+An error of a channel's thrust, place or direction changes the rates by its accumulated commands, and the specific force while it acts. The
+whitened residuals are projected on both, axis by axis. The six projections are standard normal if the model holds, and smaller along fitted
+directions. A test of all channels together has less power against an error of one channel.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,21 +17,24 @@ from massprop_cli.model.layout import MU
 from massprop_cli.prepare.compensate import BLOCK, Samples, Source
 
 AXES = 6
-"""Directions in which a channel may do something else than stated."""
+"""Tested directions of one channel: three axes of the rate and three of the specific force."""
 
 
-def followed(settled: Sequence[History], samples: Source, names: Sequence[str], scatter: float) -> list[Doubt]:
-    """Channels that what is left of the off-line fits follows, the surest first; ``scatter`` is its mean square."""
+def channel_residual_test(settled: Sequence[History], samples: Source, names: Sequence[str], scatter: float) -> list[Doubt]:
+    """Channels with which the residuals of the off-line fits correlate, in descending order of significance.
+
+    ``names`` are those of the C channels; ``scatter`` is the mean squared whitened residual.
+    """
     explained = np.zeros(len(names))
     for history in settled:
         if history.reference is not None:
             explained += _explained(history, samples)
     explained /= max(scatter, 1.0)
-    told = sum(history.reference is not None for history in settled)
-    freedom = AXES * max(told, 1)
+    fits = sum(history.reference is not None for history in settled)
+    freedom = AXES * max(fits, 1)
     sigmas = deviate(explained / freedom, freedom)
     limit = threshold(REFUTED, len(names))
-    moves = [_moves(history) for history in settled]
+    shifts = [_shift_per_sigma(history) for history in settled]
 
     def doubt(i: int) -> Doubt:
         size = np.sqrt(explained[i])
@@ -39,29 +42,32 @@ def followed(settled: Sequence[History], samples: Source, names: Sequence[str], 
             f"response to {names[i]} or what moves like it",
             float(sigmas[i]),
             limit,
-            tuple(None if one is None else size * one for one in moves),
+            tuple(None if shift is None else size * shift for shift in shifts),
         )
 
     return [doubt(int(i)) for i in np.argsort(-sigmas, kind="stable") if sigmas[i] > limit]
 
 
 def _explained(history: History, samples: Source) -> Array:
-    """(C,) sum of squares of what is left along what each channel did."""
+    """(C,) sum of squared whitened residuals along the regressors of each channel."""
     totals: list[Array] = []
-    for turned, acted, rate, force in _parts(history, samples):
-        now = [(turned**2).sum(0), turned.sum(0), turned.T @ rate, rate.sum(0), (acted**2).sum(0), acted.T @ force, np.array(len(rate))]
-        totals = [a + b for a, b in zip(totals, now, strict=True)] if totals else now
-    square, mean, by_rate, rate, acted, by_force, count = totals
-    # a rate that is off from the beginning on is fitted, so that of what is summed up the mean tells nothing
-    square, by_rate = square - mean**2 / count, by_rate - mean[:, None] * rate / count
-    found: Array = np.zeros(len(square))
-    for power, along in ((square, by_rate), (acted, by_force)):
-        found += np.where(power > 0, (along**2).sum(1) / np.where(power > 0, power, 1.0), 0.0)
-    return found
+    for accumulated, command, rate, force in _parts(history, samples):
+        sums = [
+            *((accumulated**2).sum(0), accumulated.sum(0), accumulated.T @ rate, rate.sum(0)),
+            *((command**2).sum(0), command.T @ force, np.array(len(rate))),
+        ]
+        totals = [a + b for a, b in zip(totals, sums, strict=True)] if totals else sums
+    square, total, rate_product, rate, command_square, force_product, count = totals
+    # the fit estimates the initial rate, which absorbs the mean of the accumulated commands
+    square, rate_product = square - total**2 / count, rate_product - total[:, None] * rate / count
+    explained: Array = np.zeros(len(square))
+    for power, product in ((square, rate_product), (command_square, force_product)):
+        explained += np.where(power > 0, (product**2).sum(1) / np.where(power > 0, power, 1.0), 0.0)
+    return explained
 
 
 def _parts(history: History, samples: Source) -> Iterator[tuple[Array, Array, Array, Array]]:
-    """Part by part: what each channel has summed up to, and did; and what is left of rates and specific force. (K, C) and (K, 3)."""
+    """Yield by block: (K, C) accumulated commands and commands, (K, 3) whitened residuals of rate and of specific force."""
     before: Array | float = 0.0
     last: Array | None = None
     cycles = history.cycles
@@ -70,18 +76,18 @@ def _parts(history: History, samples: Source) -> Iterator[tuple[Array, Array, Ar
         here: Samples = samples.part(part)
         channels = here.executed.channels
         falling = channels.falling
-        gone = np.zeros_like(falling[:1]) if last is None else last
-        summed = before + np.cumsum(channels.rising + np.vstack([gone, falling[:-1]]), axis=0)
-        before, last = summed[-1], falling[-1:]
-        left = history.normalised[part.start - cycles.start : part.stop - cycles.start]
-        told = np.isfinite(left).all(1)
-        yield summed[told], channels.whole[told], left[told, :3], left[told, 3:]
+        previous = np.zeros_like(falling[:1]) if last is None else last
+        accumulated = before + np.cumsum(channels.rising + np.vstack([previous, falling[:-1]]), axis=0)
+        before, last = accumulated[-1], falling[-1:]
+        residual = history.normalised[part.start - cycles.start : part.stop - cycles.start]
+        finite = np.isfinite(residual).all(1)
+        yield accumulated[finite], channels.whole[finite], residual[finite, :3], residual[finite, 3:]
 
 
-def _moves(history: History) -> Array | None:
-    """(10, 1) by how much the state parameters may be off for each sigma that is left; None without a reference."""
+def _shift_per_sigma(history: History) -> Array | None:
+    """(10, 1) largest error of the state parameters per sigma of residual; None without a reference."""
     if history.reference is None:
         return None
-    found: Array = np.sqrt(np.diag(history.bare[1]))[:, None]
-    found[MU] /= history.bare[0][MU] ** 2
-    return found
+    shift: Array = np.sqrt(np.diag(history.bare[1]))[:, None]
+    shift[MU] /= history.bare[0][MU] ** 2
+    return shift

@@ -9,7 +9,7 @@ import numpy as np
 
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.assumptions import Examined, examined, sound
-from massprop_cli.conclude.channelresiduals import followed
+from massprop_cli.conclude.channelresiduals import channel_residual_test
 from massprop_cli.conclude.discrepancy import PlainFits
 from massprop_cli.conclude.firstfit import first_fits
 from massprop_cli.conclude.reason import sigmas
@@ -148,7 +148,7 @@ def _doubted(examination: Examined, begun: Ready, answer: Estimates[Resolved]) -
     stored = range(first, len(names))
     apart = [range(first), stored] if first and stored else [push] if push else []
     found = doubts(examination, names, along_one_line(begun.log, answer.used), apart)
-    return found + followed(answer.settled, begun.samples, names, examination.scatter)
+    return found + channel_residual_test(answer.settled, begun.samples, names, examination.scatter)
 
 
 def _of_matter(begun: Ready, plain: AsStated) -> Diagnosis | None:

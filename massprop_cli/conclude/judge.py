@@ -9,17 +9,17 @@ import numpy as np
 from massprop_cli import CG, INERTIA, QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
-from massprop_cli.conclude.constancy import changing
+from massprop_cli.conclude.constancy import constancy_test
 from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known, by_lost, by_misfit, by_no_body, by_size, together, unheld
 from massprop_cli.conclude.discrepancy import Discrepancy, discrepancy, with_discrepancy, with_touched
 from massprop_cli.conclude.docking import Docked, backwards, docked_object, lighter, masses_apart
-from massprop_cli.conclude.lostcommands import unexecuted
-from massprop_cli.conclude.oscillation import swinging
+from massprop_cli.conclude.lostcommands import lost_commands_test
+from massprop_cli.conclude.oscillation import oscillation_test
 from massprop_cli.conclude.physical import breach
 from massprop_cli.conclude.reason import REPORTED, Reason
 from massprop_cli.conclude.score import by_doubts, hanging, unseen
 from massprop_cli.conclude.verdict import Conclusion, contradicted, in_doubt
-from massprop_cli.conclude.whiteness import unlike_noise
+from massprop_cli.conclude.whiteness import whiteness_test
 from massprop_cli.diagnosis import UNKNOWN
 from massprop_cli.diagnosis.design import Case, Designs
 from massprop_cli.diagnosis.normalised import FEWEST, ones
@@ -81,8 +81,10 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer]) -> _Judged:
     nameless = [] if own else nameless
     # a disturbance that is no noise stands for something else
     judgeable = _judgeable(found, settled)
-    unlike = {} if own or judgeable is None else unlike_noise(settled, judgeable)
-    biased = {} if own and not unnamed else _biased(found, settled, judgeable) | changing(settled, found.samples.end_s, settled.values[-1])
+    unlike = {} if own or judgeable is None else whiteness_test(settled, judgeable)
+    biased = (
+        {} if own and not unnamed else _biased(found, settled, judgeable) | constancy_test(settled, found.samples.end_s, settled.values[-1])
+    )
     misfit = unnamed or bool(nameless)
     told = _told(found, i) if own or misfit or (unlike and sized(found.vehicle, found.stated)) else None
     if told is not None and (unnamed or not own or rivals):
@@ -153,7 +155,7 @@ def _biased(found: Analysis, settled: History, vehicle: Resolved | None) -> dict
     if vehicle is None:
         return {}
     seldom = max(found.log.cycles_apart, default=0)
-    return swinging(settled, found.samples, vehicle, found.stated, seldom) | unexecuted(settled, found.samples, vehicle)
+    return oscillation_test(settled, found.samples, vehicle, found.stated, seldom) | lost_commands_test(settled, found.samples, vehicle)
 
 
 def _discrepancies(conclusions: Sequence[Conclusion], told: Sequence[Discrepancy | None], named: bool) -> Iterator[Notice]:

@@ -1,17 +1,16 @@
-"""Lost commands test: commands that the vehicle did not execute, as where packets are lost.
+"""Lost commands test: likelihood ratio of "a part p of the commands was not executed" against "all were executed".
 
-Their steps are missing from the motion, so that mass and inertia come out too large by the part that is lost; a disturbance that is sized
-for what is left takes it for noise, which has no sign. Cycle by cycle the log says how much less than commanded came, ``u``, standard
-normal where nothing is missing and ``−√c`` on the average where all is, c being the command's own power over the noise. With a part p of
-the commands lost the likelihood grows by
+Lost commands bias mass and inertia high by the part lost; an estimated disturbance treats their residuals as noise. The normalised residual
+u of a cycle along the response to its commands is standard normal if they were executed, and has the mean −√c if they were lost. c is the
+power of the response over the noise. The log likelihood ratio is
 
-    L = Σ log(1 − p + p exp(−√c u − c/2)),
+    L = Σ log(1 − p + p exp(−√c u − c/2)).
 
-which few cycles in many tell, though none by itself. Pulses that scatter about what they should give leave squares that grow with c,
+The alternative is a relative scatter s of the pulses, which causes no bias and has the log likelihood ratio
 
-    V = Σ (u² s² c / (1 + s² c) − log(1 + s² c)) / 2,
+    V = Σ (u² s² c / (1 + s² c) − log(1 + s² c)) / 2.
 
-with a relative scatter s, and no bias: the likelier of the two is taken.
+Commands count as lost if the largest L exceeds the threshold and the largest V.
 """
 
 import numpy as np
@@ -26,77 +25,82 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import BLOCK, Source, gathered
 
 LOST, SCATTER = np.geomspace(1e-3, 0.3, 13), np.geomspace(0.005, 1.0, 13)
-"""Parts p of the commands, and relative scatters s, that are tried."""
+"""Candidates for the part p of lost commands, and for the relative scatter s of the pulses."""
 SURE = -float(np.log(share(DOUBTFUL, len(LOST))))
-"""L beyond which some are lost. It is the log of a likelihood ratio, whose mean is 1 where none is and noise is white and normal, so chance
-passes −log of a probability with that probability at most (Markov)."""
+"""Threshold of L. The likelihood ratio has the mean 1 under the null hypothesis, so that L exceeds −log α with a probability of at most α
+(Markov's inequality)."""
 FAINT = 1e-9
-"""Power of a command below which it tells nothing."""
+"""Least power c of a command; the test omits weaker ones."""
 NORMAL = 1.4826
-"""One standard deviation of a normal over its median deviation."""
+"""Standard deviation of a normal distribution over its median absolute deviation."""
 MOST = 600.0
-"""Of an exponent."""
+"""Largest exponent, against overflow."""
 
 
-def unexecuted(history: History, samples: Source, used: Resolved) -> dict[str, Reason]:
-    """Why values are not to be called converged that rest on commands of which some seem to have been lost, by quantity."""
-    if history.reference is None or history.residual is None or used.spinning or used.rotors:
+def lost_commands_test(history: History, samples: Source, used: Resolved) -> dict[str, Reason]:
+    """Reasons, by quantity, against the verdict "converged": some commands were probably not executed.
+
+    Empty for vehicles with wheels or rotors, whose speeds are measured, and with uncertain jet geometry, whose errors remain in the residuals.
+    """
+    if history.reference is None or history.residual is None or used.spinning or used.rotors or used.estimates_assumptions:
         return {}
-    if (
-        used.estimates_assumptions
-    ):  # what single jets do otherwise than stated is found with the values, and stands in what they leave alone
+    projection, power = _projection(history, samples, used)
+    commanded = power > FAINT
+    if not commanded.any():
         return {}
-    along, power = _missing(history, samples, used)
-    told = power > FAINT
-    if not told.any():
-        return {}
-    if max(lost(along[told], power[told])) < max(SURE, scattered(along[told], power[told])):
+    projection, power = projection[commanded], power[commanded]
+    if max(loss_ratios(projection, power)) < max(SURE, scatter_ratio(projection, power)):
         return {}
     return dict.fromkeys((*INERTIA, "mass"), Reason("commands-lost"))
 
 
-def lost(along: Array, power: Array) -> list[float]:
-    """L for each part p of ``LOST``, of what is left along each cycle's commands, u √c (K,), and their ``power`` c (K,), above 0."""
-    ratio = np.minimum(-along - power / 2, MOST)
+def loss_ratios(projection: Array, power: Array) -> list[float]:
+    """Log likelihood ratio L for each p of ``LOST``, from each cycle's ``projection`` u √c (K,) and ``power`` c > 0 (K,)."""
+    ratio = np.minimum(-projection - power / 2, MOST)
     return [float(np.log1p(p * np.expm1(ratio)).sum()) for p in LOST]
 
 
-def scattered(along: Array, power: Array) -> float:
-    """The largest V of any scatter s of ``SCATTER``, of the same."""
-    grown = [s**2 * power for s in SCATTER]
-    return max(float((along**2 / power * more / (1 + more) - np.log1p(more)).sum()) / 2 for more in grown)
+def scatter_ratio(projection: Array, power: Array) -> float:
+    """Largest log likelihood ratio V over the scatters s of ``SCATTER``; arguments as in :func:`loss_ratios`."""
+    variances = [s**2 * power for s in SCATTER]
+    return max(float((projection**2 / power * v / (1 + v) - np.log1p(v)).sum()) / 2 for v in variances)
 
 
-def _missing(history: History, samples: Source, used: Resolved) -> tuple[Array, Array]:
-    """(K,) each: what is left along what each cycle's commands should have done, and the power of that, both over the noise's power."""
+def _projection(history: History, samples: Source, used: Resolved) -> tuple[Array, Array]:
+    """(K,) u √c: residuals projected on the response to each cycle's commands; (K,) c: power of that response. Both over the noise."""
     assert history.reference is not None
     assert history.residual is not None
     cycles, plant = history.cycles, plant_of(used)
-    moment, turning = plant.jet_moment(history.reference), plant.inverse_inertia(plant.theta(history.reference))
-    left, sigma = history.residual
+    moment, inverse_inertia = plant.jet_moment(history.reference), plant.inverse_inertia(plant.theta(history.reference))
+    residual, sigma = history.residual
     unknown = gathered(samples, cycles, lambda here: here.executed.uncommanded)
-    left = np.where((unknown | np.append(False, unknown[:-1]))[:, None], np.nan, left)
+    residual = np.where((unknown | np.append(False, unknown[:-1]))[:, None], np.nan, residual)
     count = cycles.stop - cycles.start
-    along, power = np.zeros(count), np.zeros(count)
-    noise = np.array([_noise(left[:, axis], sigma[:, axis]) for axis in range(6)])
+    projection, power = np.zeros(count), np.zeros(count)
+    noise = np.array([_noise_factor(residual[:, axis], sigma[:, axis]) for axis in range(6)])
     for first in range(0, count, BLOCK):
         part, after = slice(first, min(first + BLOCK, count)), slice(first + 1, min(first + BLOCK, count - 1) + 1)
         here = samples.part(slice(cycles.start + part.start, cycles.start + part.stop)).executed
-        turned = [each @ (turning @ moment).T for each in (here.falling, here.rising)]
-        pushed = history.reference.mu * here.whole[:, 3:] / here.duration_s[:, None]
-        # a cycle's commands turn the body in the step into it and in the one that follows, and push it while they act
-        for effect, rows, axes in ((turned[0], part, slice(0, 3)), (turned[1], after, slice(0, 3)), (pushed, part, slice(3, 6))):
+        rate_steps = [impulse @ (inverse_inertia @ moment).T for impulse in (here.falling, here.rising)]
+        specific_force = history.reference.mu * here.whole[:, 3:] / here.duration_s[:, None]
+        # a command changes the mean rate in two steps: from the previous cycle to its own, and from its own to the next
+        responses = (
+            (rate_steps[0], part, slice(0, 3)),
+            (rate_steps[1], after, slice(0, 3)),
+            (specific_force, part, slice(3, 6)),
+        )
+        for response, rows, axes in responses:
             scale = noise[axes] * sigma[rows, axes]
-            seen = np.isfinite(left[rows, axes]) & (scale > 0)
-            expected = np.divide(effect[: len(scale)], scale, out=np.zeros_like(scale), where=seen)
-            found = np.divide(left[rows, axes], scale, out=np.zeros_like(scale), where=seen)
-            own = slice(first, first + len(scale))
-            along[own] += (found * expected).sum(1)
-            power[own] += (expected**2).sum(1)
-    return along, power
+            valid = np.isfinite(residual[rows, axes]) & (scale > 0)
+            expected = np.divide(response[: len(scale)], scale, out=np.zeros_like(scale), where=valid)
+            normalised = np.divide(residual[rows, axes], scale, out=np.zeros_like(scale), where=valid)
+            commands = slice(first, first + len(scale))
+            projection[commands] += (normalised * expected).sum(1)
+            power[commands] += (expected**2).sum(1)
+    return projection, power
 
 
-def _noise(left: Array, sigma: Array) -> float:
-    """By how much what is left scatters, over what is expected of it; not by what a few cycles leave."""
-    told = np.isfinite(left) & (sigma > 0)
-    return NORMAL * median(np.abs(left[told] / sigma[told])) if told.any() else 0.0
+def _noise_factor(residual: Array, sigma: Array) -> float:
+    """Standard deviation of the normalised residuals, by the median, which outliers hardly change."""
+    valid = np.isfinite(residual) & (sigma > 0)
+    return NORMAL * median(np.abs(residual[valid] / sigma[valid])) if valid.any() else 0.0

@@ -1,15 +1,14 @@
-"""Oscillation test: a flexible part or slosh that goes on after a push.
+"""Oscillation test: whitened residuals against the responses of damped oscillators to the commands (flexible parts, slosh).
 
-A spring or a pendulum within the vehicle answers each push by a swing of its own, so that at first the body seems lighter than it is: mass
-or inertia come out too small, by up to the part that swings, in the likeness of a good fit. What is left, made white, is tested against
-the answers of oscillators to what was commanded, damped within one period, of periods half an octave apart,
+A flexible part or slosh follows each push late. The fit is good, but mass or inertia come out too small, by up to the oscillating part. The
+regressors are responses y to the commanded wrench u, damped within one period, with periods P half an octave apart:
 
     y_k = Σ_j h_j u_(k−j),  h_j = exp(−j / P) (cos, sin)(2π j / P),  j = 1 … 3 P.
 
-Two directions for each axis, so that any phase and damping shows in the one that is nearest. Rates are tested against the torque about each
-axis, and against the forces across it, since a part that swings away from the CG turns the body; specific force against the force along
-each axis, and against the torques across it. Of all cycles only the sums of products of what is some cycles apart are kept. As it knows
-what was commanded, it sees a swing far below the noise, which no test of what is left alone does (:mod:`massprop_cli.conclude.whiteness`).
+The two regressors per axis cover every phase. Rates are tested against the torque about each axis and the forces across it, because a part
+away from the CG turns the body. Specific force is tested against the force along each axis and the torques across it. The regression needs
+only correlations at each lag. The test detects oscillations far below the noise, which tests of the residuals alone cannot
+(:mod:`massprop_cli.conclude.whiteness`).
 """
 
 from collections.abc import Sequence
@@ -20,7 +19,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, TINY, Array, BoolArray
 from massprop_cli.conclude.reason import Reason
-from massprop_cli.conclude.whiteness import resting
+from massprop_cli.conclude.whiteness import informed_by
 from massprop_cli.diagnosis.lackoffit import correlation
 from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History
@@ -30,122 +29,122 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import BLOCK, Source, apart
 
 PERIODS = 4.0 * 2.0 ** np.arange(0, 8.5, 0.5)
-"""Cycles: 4 to 1024."""
-SEEN = 40
-"""Logged speeds of rotors in the shortest period: what they did between them goes with the commands, too. Eight were too few for motors
-with lags of ten and more: 5 of 16 clean logs seemed to swing, in 9 to 32."""
+"""Tested periods P, cycles: 4 to 1024."""
+ROTOR_SAMPLES = 40
+"""Least number of logged rotor speeds in a period. Errors between the samples correlate with the commands. With eight samples, 5 of 16
+error-free logs with slow motors failed the test."""
 MEMORY = 3
-"""Periods after which a push is forgotten."""
+"""Length of an oscillator's response, periods."""
 REPEATED = 2
-"""Least periods within a phase."""
-ANSWERS = np.array([[0, 1, 2, 3, 4, 5], [4, 5, 3, 1, 2, 0], [5, 3, 4, 2, 0, 1]])
-"""Which commanded component (torque x y z, force x y z) what is left of rate x y z and specific force x y z is tested against: its own; and
-those across."""
+"""Least number of periods within a phase."""
+INPUTS = np.array([[0, 1, 2, 3, 4, 5], [4, 5, 3, 1, 2, 0], [5, 3, 4, 2, 0, 1]])
+"""(A, 6) input of each regressor, as a component of the wrench (torque x y z, force x y z), for the residuals of rate x y z and specific
+force x y z: the component of the same axis, then the two across it."""
 SENSORS = ("turn", "speed")
-"""What of the body the gyro and the accelerometer see swing."""
+"""Motion that the gyro and the accelerometer measure."""
 
 
-class Lagged(NamedTuple):
-    """Sums over a phase's cycles of products of what is 0, 1, … cycles apart; torque x y z and force x y z."""
+class Correlations(NamedTuple):
+    """Sums of lagged products over a phase, for lags of 0 to L − 1 cycles; wrench about the CG: torque x y z, force x y z."""
 
-    left: Array
-    """(A, 6, L) what is left of rate and specific force, by what was commanded so many cycles before, of each of ``ANSWERS``."""
-    commanded: Array
-    """(6, L) what was commanded, by itself."""
+    residual: Array
+    """(A, 6, L) whitened residuals of rate and specific force times the earlier commands, for each row of ``INPUTS``."""
+    command: Array
+    """(6, L) commanded wrench times itself."""
     scatter: Array
-    """(6,) mean square of what is left."""
+    """(6,) mean squared residual."""
     cycle_s: float
-    """Mean length of a cycle."""
+    """Mean length of a cycle, s."""
 
 
-def swinging(history: History, samples: Source, used: Resolved, stated: Vehicle, apart_cycles: int = 0) -> dict[str, Reason]:
-    """Why values are not to be called converged, by quantity: those that rest on a sensor which shows a swing.
+def oscillation_test(history: History, samples: Source, used: Resolved, stated: Vehicle, sample_cycles: int = 0) -> dict[str, Reason]:
+    """Reasons, by quantity, against the verdict "converged": the sensor that informs it shows an oscillation.
 
-    ``used`` holds the disturbances that were sized, beyond what is ``stated``; speeds of rotors are known every ``apart_cycles``.
+    ``used`` has estimated disturbances in addition to the ``stated`` ones. Rotor speeds are logged every ``sample_cycles`` cycles.
     """
     cycles = history.cycles
     periods = PERIODS[: np.searchsorted(PERIODS, (cycles.stop - cycles.start) / REPEATED, "right")]
-    periods = periods[periods >= SEEN * apart_cycles]
+    periods = periods[periods >= ROTOR_SAMPLES * sample_cycles]
     if history.reference is None or not len(periods):
         return {}
-    found = lagged(history, samples, used.held_axes)
-    sigmas = swings(found, periods, np.array([correlation(used), 1.0]))
-    # where disturbances had to be sized something is known to be amiss: then chance may show a sensor's own answers in one of ten logs
-    own_rate = 10 * DOUBTFUL if sized(used, stated) else DOUBTFUL
-    least = np.array([threshold(own_rate if n == 0 else DOUBTFUL, sigmas.size) for n in range(len(ANSWERS))])
+    sums = correlations(history, samples, used.held_axes)
+    sigmas = significance(sums, periods, np.array([correlation(used), 1.0]))
+    # an estimated disturbance is evidence of a misfit, so the false-alarm rate of the same axis may be ten times as high
+    same_axis_rate = 10 * DOUBTFUL if sized(used, stated) else DOUBTFUL
+    limits = np.array([threshold(same_axis_rate if n == 0 else DOUBTFUL, sigmas.size) for n in range(len(INPUTS))])
     reasons: dict[str, Reason] = {}
-    for sensor, own in enumerate(sigmas.transpose(1, 0, 2)):
-        answer, at = divmod(int((own - least[:, None]).argmax()), len(periods))
-        if own[answer, at] > least[answer]:
-            period_s = float(periods[at]) * found.cycle_s
-            reason = Reason.of("oscillation", motion=SENSORS[sensor], period_s=period_s, sigmas=float(own[answer, at]))
-            # what is pushed aside and turns the body moves its CG too, and the other way round
-            reasons |= dict.fromkeys(resting(history, (np.arange(6) // 3 == sensor) | (answer > 0)), reason)
+    for sensor, of_sensor in enumerate(sigmas.transpose(1, 0, 2)):
+        row, at = divmod(int((of_sensor - limits[:, None]).argmax()), len(periods))
+        if of_sensor[row, at] > limits[row]:
+            period_s = float(periods[at]) * sums.cycle_s
+            reason = Reason.of("oscillation", motion=SENSORS[sensor], period_s=period_s, sigmas=float(of_sensor[row, at]))
+            # an oscillation across the axis moves the CG and turns the body, so both sensors are affected
+            reasons |= dict.fromkeys(informed_by(history, (np.arange(6) // 3 == sensor) | (row > 0)), reason)
     return reasons
 
 
-def swings(one: Lagged, periods: Array, spread: Array) -> Array:
-    """(A, 2, P) by how many sigmas what is left of rate and of specific force follows oscillators of each period, of each of ``ANSWERS``.
+def significance(sums: Correlations, periods: Array, spread: Array) -> Array:
+    """(A, 2, P) normal deviate of the regression of each sensor's residuals on the oscillators, by row of ``INPUTS`` and period.
 
-    Slow noise may have more power than white noise by the factors ``spread`` (2,).
+    ``spread`` (2,) is the largest factor by which each sensor's noise may exceed white noise at low frequency.
     """
-    explained, freedom = np.array([explained_by(one, float(period)) for period in periods]).transpose(3, 1, 2, 0)
+    explained, freedom = np.array([explained_by(sums, float(period)) for period in periods]).transpose(3, 1, 2, 0)
     explained /= spread[:, None]
-    among = np.maximum(freedom, 1)
-    return np.where(freedom > 0, deviate(explained / among, among), 0.0)
+    count = np.maximum(freedom, 1)
+    return np.where(freedom > 0, deviate(explained / count, count), 0.0)
 
 
-def lagged(history: History, samples: Source, still: Sequence[int] = ()) -> Lagged:
-    """Of a phase, part by part: products of fast Fourier transforms, added up; nothing is left of channels that are ``still``."""
+def correlations(history: History, samples: Source, held_axes: Sequence[int] = ()) -> Correlations:
+    """Correlations of a phase by fast Fourier transforms of blocks; residuals of ``held_axes`` count as zero."""
     reference, cycles = history.reference, history.cycles
     assert reference is not None
     whole = cycles.stop - cycles.start
     lags = min(int(MEMORY * min(PERIODS[-1], whole / REPEATED)) + 1, whole)
     size = 1 << (min(BLOCK, whole) + 2 * lags - 1).bit_length()
-    spectra = np.zeros((1 + len(ANSWERS), 6, size // 2 + 1), dtype=complex)
-    before, power, count, lasting = np.zeros((6, lags)), np.zeros(6), 0, 0.0
+    spectra = np.zeros((1 + len(INPUTS), 6, size // 2 + 1), dtype=complex)
+    before, power, count, duration_s = np.zeros((6, lags)), np.zeros(6), 0, 0.0
     for part in apart(cycles):
         executed = samples.part(part).executed
-        pushed = executed.channels.whole @ executed.channels.wrench
-        pushed[:, :3] -= np.cross(reference.cg, pushed[:, 3:])
-        rest = history.normalised[part.start - cycles.start : part.stop - cycles.start]
-        told: BoolArray = np.asarray(np.isfinite(rest).all(1))
-        rest = np.where(told[:, None], rest, 0.0)
-        rest[:, still] = 0.0
-        driven = np.hstack([before, pushed.T])
-        now = np.fft.rfft(np.pad(np.stack([rest.T, pushed.T]), ((0, 0), (0, 0), (lags, 0))), size)
-        past = np.fft.rfft(driven, size).conj()
-        spectra += np.concatenate([now[0] * past[ANSWERS], now[1:] * past])
-        power, count = power + (rest**2).sum(0), count + int(told.sum())
-        before, lasting = driven[:, -lags:], lasting + float(executed.duration_s.sum())
-    found = np.fft.irfft(spectra, size)[..., :lags]
-    return Lagged(found[:-1], found[-1], power / max(count, 1), lasting / whole)
+        wrench = executed.channels.whole @ executed.channels.wrench
+        wrench[:, :3] -= np.cross(reference.cg, wrench[:, 3:])
+        residual = history.normalised[part.start - cycles.start : part.stop - cycles.start]
+        finite: BoolArray = np.asarray(np.isfinite(residual).all(1))
+        residual = np.where(finite[:, None], residual, 0.0)
+        residual[:, held_axes] = 0.0
+        extended = np.hstack([before, wrench.T])
+        outputs = np.fft.rfft(np.pad(np.stack([residual.T, wrench.T]), ((0, 0), (0, 0), (lags, 0))), size)
+        inputs = np.fft.rfft(extended, size).conj()
+        spectra += np.concatenate([outputs[0] * inputs[INPUTS], outputs[1:] * inputs])
+        power, count = power + (residual**2).sum(0), count + int(finite.sum())
+        before, duration_s = extended[:, -lags:], duration_s + float(executed.duration_s.sum())
+    sums = np.fft.irfft(spectra, size)[..., :lags]
+    return Correlations(sums[:-1], sums[-1], power / max(count, 1), duration_s / whole)
 
 
-def explained_by(one: Lagged, period: float) -> Array:
-    """(A, 2, 2) of each sensor: the sum of squares that oscillators of a period explain, over its scatter; and of how many directions.
+def explained_by(sums: Correlations, period: float) -> Array:
+    """(A, 2, 2) for each sensor: sum of squares that oscillators of one period explain, over the mean square; degrees of freedom.
 
-    Oscillators' own sums of squares follow from the commands': Σ_jl h_j h_l R(j − l).
+    The Gram matrix of the regressors follows from the autocorrelation R of the commands: Σ_jl h_j h_l R(j − l).
     """
-    lags = min(int(MEMORY * period) + 1, one.left.shape[-1])
-    kernel, across = _oscillator(period, lags)
-    along = one.left[..., 1:lags] @ kernel.T
-    both = np.hstack([one.commanded[:, :lags], np.zeros((6, 1)), one.commanded[:, lags - 1 : 0 : -1]])
-    gram = np.einsum("hgl,al->ahg", across, both)
-    power = one.commanded[:, 0].reshape(2, 3)
-    driven: BoolArray = np.asarray(power > ROUNDING * power.sum(1, keepdims=True)).ravel()
-    gram[~driven] = np.eye(2)
-    square = np.einsum("bah,bah->ba", along, np.linalg.solve(gram[ANSWERS], along[..., None])[..., 0])
-    told = one.scatter.reshape(2, 3) > 0  # nothing is left of what is not read
-    counted = driven[ANSWERS].reshape(-1, 2, 3) & told
-    scatter = np.maximum(one.scatter.reshape(2, 3).sum(1) / np.maximum(told.sum(1), 1), TINY)
+    lags = min(int(MEMORY * period) + 1, sums.residual.shape[-1])
+    kernel, kernel_products = _oscillator(period, lags)
+    products = sums.residual[..., 1:lags] @ kernel.T
+    autocorrelation = np.hstack([sums.command[:, :lags], np.zeros((6, 1)), sums.command[:, lags - 1 : 0 : -1]])
+    gram = np.einsum("hgl,al->ahg", kernel_products, autocorrelation)
+    power = sums.command[:, 0].reshape(2, 3)
+    commanded: BoolArray = np.asarray(power > ROUNDING * power.sum(1, keepdims=True)).ravel()
+    gram[~commanded] = np.eye(2)
+    square = np.einsum("bah,bah->ba", products, np.linalg.solve(gram[INPUTS], products[..., None])[..., 0])
+    present = sums.scatter.reshape(2, 3) > 0  # absent channels have zero residuals
+    counted = commanded[INPUTS].reshape(-1, 2, 3) & present
+    scatter = np.maximum(sums.scatter.reshape(2, 3).sum(1) / np.maximum(present.sum(1), 1), TINY)
     return np.stack([np.where(counted, square.reshape(-1, 2, 3), 0.0).sum(2) / scatter, 2.0 * counted.sum(2)], axis=2)
 
 
 @lru_cache(64)
 def _oscillator(period: float, lags: int) -> tuple[Array, Array]:
-    """(2, L − 1) its answers h_j, j = 1 … L − 1; and (2, 2, 2 L) their products Σ_j h_j h_(j+l), l = 0 … L, −L + 1 … −1."""
-    answer = np.exp((-1 + 2j * np.pi) * np.arange(1, lags) / period)
-    kernel = np.stack([answer.real, answer.imag])
+    """(2, L − 1) impulse responses h_j, j = 1 … L − 1; (2, 2, 2 L) their products Σ_j h_j h_(j+l), l = 0 … L, −L + 1 … −1."""
+    response = np.exp((-1 + 2j * np.pi) * np.arange(1, lags) / period)
+    kernel = np.stack([response.real, response.imag])
     spectrum = np.fft.rfft(kernel, 2 * lags)
     return kernel, np.fft.irfft(spectrum[:, None].conj() * spectrum, 2 * lags)

@@ -7,7 +7,7 @@ import pytest
 
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
-from massprop_cli.conclude.channelresiduals import AXES, _explained, followed
+from massprop_cli.conclude.channelresiduals import AXES, _explained, channel_residual_test
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
@@ -42,7 +42,7 @@ def test_what_chance_leaves_along_a_channel_is_six_squares() -> None:
     assert 0.5 * AXES < explained.mean() < 1.25 * AXES
     assert explained.max() < 38.3
     names = channel_names(flight.log(0), flight.vehicle)
-    assert not any(followed(one.settled, one.samples, names, 1.0) for one in found)
+    assert not any(channel_residual_test(one.settled, one.samples, names, 1.0) for one in found)
 
 
 @pytest.mark.parametrize("jet", [7, *(pytest.param(jet, marks=pytest.mark.thorough) for jet in (0, 13))])
@@ -50,12 +50,12 @@ def test_a_jet_that_points_elsewhere_is_followed_and_none_where_all_are_as_state
     flight = fly("free-flyer", *RANDOM, seeds=(SEED,))
     found = flow.examine(flight.log(0), VehicleSource(turned(flight.vehicle, jet, 0.05), "t", ""))
     names = channel_names(flight.log(0), flight.vehicle)
-    doubts = followed(found.settled, found.samples, names, 1.0)
+    doubts = channel_residual_test(found.settled, found.samples, names, 1.0)
     assert doubts
     assert doubts[0].sigmas > 5.0
     assert any(doubt.what.startswith(f"response to {names[jet]} ") for doubt in doubts)
     right = sound(SEED)
-    assert not followed(right.settled, right.samples, names, 1.0)
+    assert not channel_residual_test(right.settled, right.samples, names, 1.0)
     assert told(right).max() < 38.3
 
 

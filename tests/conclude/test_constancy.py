@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from massprop_cli.base.rigidbody import cross
-from massprop_cli.conclude.constancy import FIRST, LAST, RATE, by_chance, changing, threshold
+from massprop_cli.conclude.constancy import FIRST, LAST, RATE, constancy_test, false_alarm_probability, threshold
 from tests import faulty
 from tests.flown import fly, sound
 
@@ -26,8 +26,10 @@ def test_the_chance_is_that_of_a_bridge() -> None:
     paths = np.cumsum(rng.normal(size=(runs, steps)), 1)
     apart = np.abs(paths[:, :-1] / told - paths[:, -1:]) / steps
     largest = (apart / np.sqrt((1 / told - 1) / steps))[:, inside].max(1)
-    assert 0.7 * by_chance(c) < np.mean(largest > c) < 1.05 * by_chance(c)  # a path in steps exceeds it less often
-    assert by_chance(threshold()) == pytest.approx(RATE / 10, rel=1e-6)
+    assert (
+        0.7 * false_alarm_probability(c) < np.mean(largest > c) < 1.05 * false_alarm_probability(c)
+    )  # a path in steps exceeds it less often
+    assert false_alarm_probability(threshold()) == pytest.approx(RATE / 10, rel=1e-6)
 
 
 def test_another_imu_from_some_moment_on_takes_the_cg_its_verdict() -> None:
@@ -52,7 +54,7 @@ def test_another_imu_from_some_moment_on_takes_the_cg_its_verdict() -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_body_that_stays_the_same_is_so_to_the_log(seed: int) -> None:
     found = sound(seed)
-    assert changing(found.settled[0], found.samples.end_s, found.settled[0].values[-1]) == {}
+    assert constancy_test(found.settled[0], found.samples.end_s, found.settled[0].values[-1]) == {}
 
 
 def test_stages_are_what_parts_of_the_log_give() -> None:

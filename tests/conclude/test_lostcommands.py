@@ -29,7 +29,7 @@ def flown(seed: int, seconds: float, noise: float, *settings: str) -> tuple[Log,
 
 def told(found: Analysis) -> dict[str, Reason]:
     assert isinstance(found.vehicle, Resolved)
-    return lostcommands.unexecuted(found.settled[0], found.samples, found.vehicle)
+    return lostcommands.lost_commands_test(found.settled[0], found.samples, found.vehicle)
 
 
 POWER = np.random.default_rng(1).gamma(1.0, 9.0, 1000)
@@ -47,19 +47,19 @@ def drawn(seed: int, power: Array = POWER, part: float = 0.0, scatter: float = 0
 @pytest.mark.parametrize("logs", [400, pytest.param(4000, marks=[pytest.mark.thorough, pytest.mark.seeds])])
 def test_a_likelihood_ratio_has_a_mean_of_one_and_is_hardly_ever_large_by_chance(logs: int) -> None:
     """Of logs that lost nothing, of commands so weak that the ratio varies little and its mean is sharp; of strong ones, too."""
-    weak = np.array([lostcommands.lost(drawn(seed, POWER / 9), POWER / 9) for seed in range(logs)])
+    weak = np.array([lostcommands.loss_ratios(drawn(seed, POWER / 9), POWER / 9) for seed in range(logs)])
     ratio = np.exp(weak[:, :6])
     assert ratio.std(0).max() < 2
     np.testing.assert_array_less(np.abs(ratio.mean(0) - 1), 4 * ratio.std(0) / logs**0.5)
-    assert max(max(lostcommands.lost(drawn(seed), POWER)) for seed in range(logs)) < lostcommands.SURE
+    assert max(max(lostcommands.loss_ratios(drawn(seed), POWER)) for seed in range(logs)) < lostcommands.SURE
 
 
 @pytest.mark.parametrize("seed", range(10))
 def test_what_is_lost_and_what_scatters_are_told_apart(seed: int) -> None:
     lost, spread = drawn(seed, part=0.03), drawn(seed, scatter=0.5)
-    assert max(lostcommands.lost(lost, POWER)) > max(lostcommands.SURE, lostcommands.scattered(lost, POWER))
-    assert lostcommands.LOST[int(np.argmax(lostcommands.lost(lost, POWER)))] == pytest.approx(0.03, rel=1.0)
-    assert lostcommands.scattered(spread, POWER) > max(lostcommands.SURE, *lostcommands.lost(spread, POWER))
+    assert max(lostcommands.loss_ratios(lost, POWER)) > max(lostcommands.SURE, lostcommands.scatter_ratio(lost, POWER))
+    assert lostcommands.LOST[int(np.argmax(lostcommands.loss_ratios(lost, POWER)))] == pytest.approx(0.03, rel=1.0)
+    assert lostcommands.scatter_ratio(spread, POWER) > max(lostcommands.SURE, *lostcommands.loss_ratios(spread, POWER))
 
 
 @pytest.mark.parametrize(

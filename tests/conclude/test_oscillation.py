@@ -11,7 +11,7 @@ import pytest
 from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.conclude import judge, oscillation
-from massprop_cli.conclude.oscillation import ANSWERS, PERIODS, explained_by, lagged, swings
+from massprop_cli.conclude.oscillation import INPUTS, PERIODS, correlations, explained_by, significance
 from massprop_cli.estimate.history import History
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -96,19 +96,19 @@ def test_every_cycle_of_a_long_phase_counts_once() -> None:
             return SimpleNamespace(executed=SimpleNamespace(channels=channels, duration_s=np.full(cycles.stop - cycles.start, 0.1)))
 
     history = SimpleNamespace(reference=SimpleNamespace(cg=np.zeros(3)), cycles=slice(0, 3000), normalised=rest)
-    one = lagged(cast(History, history), cast(Source, Flown()))
+    one = correlations(cast(History, history), cast(Source, Flown()))
     for lag in (0, 1, 7, 500):
         pushed = whole[: 3000 - lag]
-        for answer, left in zip(ANSWERS, one.left, strict=True):
+        for answer, left in zip(INPUTS, one.residual, strict=True):
             np.testing.assert_allclose(left[:, lag], (rest[lag:] * pushed[:, answer]).sum(0), atol=1e-9)
-        np.testing.assert_allclose(one.commanded[:, lag], (whole[lag:] * pushed).sum(0), atol=1e-9)
+        np.testing.assert_allclose(one.command[:, lag], (whole[lag:] * pushed).sum(0), atol=1e-9)
     np.testing.assert_allclose(one.scatter, (rest**2).mean(0))
     assert one.cycle_s == pytest.approx(0.1)
 
 
 def test_sums_of_products_explain_what_the_oscillators_themselves_do() -> None:
     found = rigid()
-    history, one = found.settled[0], lagged(found.settled[0], found.samples)
+    history, one = found.settled[0], correlations(found.settled[0], found.samples)
     channels = found.samples.part(history.cycles).executed.channels
     pushed = channels.whole @ channels.wrench
     assert history.reference is not None
@@ -117,13 +117,13 @@ def test_sums_of_products_explain_what_the_oscillators_themselves_do() -> None:
     for period in (4.0, 16.0, 45.25):
         # a push goes on beyond the end: its oscillators' squares count whole
         beyond = np.vstack([pushed, np.zeros((int(3 * period) + 1, 6))])
-        square = np.zeros((len(ANSWERS), 6))
+        square = np.zeros((len(INPUTS), 6))
         steps = np.arange(1, int(3 * period) + 1)
         answers = np.exp(-steps / period) * np.array([np.cos(2 * np.pi * steps / period), np.sin(2 * np.pi * steps / period)])
         for axis, driving in np.ndindex(6, 6):
             rows = np.column_stack([np.convolve(beyond[:, driving], np.append(0.0, answer))[: len(beyond)] for answer in answers])
             along = rows[: len(left)].T @ left[:, axis]
-            square[ANSWERS[:, axis] == driving, axis] = along @ np.linalg.solve(rows.T @ rows, along)
+            square[INPUTS[:, axis] == driving, axis] = along @ np.linalg.solve(rows.T @ rows, along)
         expected = square.reshape(-1, 2, 3).sum(2) / (left**2).sum(0).reshape(2, 3).mean(1) * np.isfinite(history.normalised).all(1).sum()
         np.testing.assert_allclose(explained_by(one, period)[..., 0], expected, rtol=1e-6)
         np.testing.assert_array_equal(explained_by(one, period)[..., 1], 6)
@@ -134,13 +134,13 @@ def test_noise_follows_no_oscillator_by_more_than_chance() -> None:
     history, rng = found.settled[0], np.random.default_rng(1)
     periods, drawn = PERIODS[:13], []
     for _ in range(60):
-        one = lagged(replace(history, normalised=rng.standard_normal(history.normalised.shape)), found.samples)
+        one = correlations(replace(history, normalised=rng.standard_normal(history.normalised.shape)), found.samples)
         drawn.append([explained_by(one, float(period))[..., 0] for period in periods])
     # chi-square of six degrees of freedom: mean 6, variance 12; of 60 draws of two sensors. What rings on beyond the end explains nothing
     mean = np.mean(drawn, axis=(0, 3))
-    assert mean[:5] == pytest.approx(np.full((5, len(ANSWERS)), 6.0), abs=4 * np.sqrt(12 / 120))
+    assert mean[:5] == pytest.approx(np.full((5, len(INPUTS)), 6.0), abs=4 * np.sqrt(12 / 120))
     assert (mean < 6 + 4 * np.sqrt(12 / 120)).all()
-    assert swings(one, periods, np.ones(2)).max() < 3.5
+    assert significance(one, periods, np.ones(2)).max() < 3.5
 
 
 def test_a_mass_beside_sloshing_fuel_is_not_called_converged() -> None:
@@ -165,7 +165,7 @@ def test_fuel_that_sloshes_within_few_cycles_is_in_the_mass_s_sigma() -> None:
 
 
 def test_the_log_looks_good_without_this_test_and_the_mass_is_ten_sigma_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(judge, "swinging", lambda *_: {})
+    monkeypatch.setattr(judge, "oscillation_test", lambda *_: {})
     found = swung(0.1, 0.3)
     mass = found.conclusions[0].estimates["mass"]
     assert found.notices == ()
@@ -199,7 +199,7 @@ def test_what_swings_away_from_the_cg_leaves_nothing_converged(monkeypatch: pyte
     found = swung(0.05, 0.4, arm=(0.0, 0.02, 0.06)).conclusions[0].estimates
     assert all(found[name].verdict != "converged" for name in QUANTITIES)
     assert {found[name].reason.code for name in ("cg_z", "mass")} == {"oscillation"}
-    monkeypatch.setattr(oscillation, "ANSWERS", ANSWERS[:1])
+    monkeypatch.setattr(oscillation, "INPUTS", INPUTS[:1])
     before = swung(0.05, 0.4, arm=(0.0, 0.02, 0.06)).conclusions[0].estimates["cg_z"]
     assert before.verdict == "converged"
     assert before.value is not None

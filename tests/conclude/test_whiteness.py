@@ -31,7 +31,7 @@ def rows(seed: int, count: int = 500) -> Array:
 def test_both_statistics_are_those_of_the_books() -> None:
     z = rows(1)
     z[5, 2] = np.nan
-    along, tail, count = whiteness.left(z)
+    along, tail, count = whiteness.autocorrelation_and_kurtosis(z)
     held = z[np.isfinite(z).all(1)]
     np.testing.assert_allclose(tail, stats.kurtosis(held - 0, axis=0), atol=0.05)  # about zero, not about the mean
     clipped = np.clip(held, -4, 4)
@@ -45,7 +45,7 @@ def test_both_statistics_are_those_of_the_books() -> None:
 @pytest.mark.numerical
 def test_noise_is_hardly_ever_found_to_be_none() -> None:
     """3,000 channels: Q is a chi-square of ten or eleven degrees of freedom, and its 99.9 % point is passed by a few."""
-    found = [whiteness.left(rows(seed)) for seed in range(500)]
+    found = [whiteness.autocorrelation_and_kurtosis(rows(seed)) for seed in range(500)]
     power = np.array([count * (along**2).sum(0) for along, _, count in found])
     tail = np.array([one for _, one, _ in found])
     limit = threshold(DOUBTFUL, 2)
@@ -58,10 +58,10 @@ def test_noise_is_hardly_ever_found_to_be_none() -> None:
 def test_what_swings_and_what_stands_in_a_few_cycles_is_found() -> None:
     z = rows(3)
     wave = 0.8 * np.sin(0.1 * np.arange(len(z)))[:, None]
-    assert ((whiteness.left(z + wave)[0] ** 2).sum(0) > whiteness.COLOURED).all()
+    assert ((whiteness.autocorrelation_and_kurtosis(z + wave)[0] ** 2).sum(0) > whiteness.COLOURED).all()
     few = z.copy()
     few[::100] = 7.0
-    assert (whiteness.left(few)[1] > whiteness.HEAVY).all()
+    assert (whiteness.autocorrelation_and_kurtosis(few)[1] > whiteness.HEAVY).all()
 
 
 TURNS = ", ".join(
@@ -95,7 +95,7 @@ def examined(log: Log, vehicle: Vehicle) -> Analysis:
 
 def believed(log: Log, vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch) -> Analysis:
     """What would be said of a log if every disturbance counted as noise."""
-    for test in ("unlike_noise", "swinging"):
+    for test in ("whiteness_test", "oscillation_test"):
         monkeypatch.setattr(judge, test, lambda *_: {})
     monkeypatch.setattr(estimated, "_baffled", lambda *_: "")
     monkeypatch.setattr(estimated, "_doubted", lambda *_: [])
@@ -150,8 +150,8 @@ def test_counts_that_are_coarser_than_the_noise_leave_no_mass_converged() -> Non
     found = examined(coarse, vehicle)
     assert found.conclusions[0].estimates["mass"].verdict != "converged"
     assert isinstance(found.vehicle, Resolved)
-    assert whiteness.unlike_noise(found.settled[0], found.vehicle)["mass"].code in NOT_WHITE
-    assert not whiteness.unlike_noise(examined(log, vehicle).settled[0], found.vehicle)
+    assert whiteness.whiteness_test(found.settled[0], found.vehicle)["mass"].code in NOT_WHITE
+    assert not whiteness.whiteness_test(examined(log, vehicle).settled[0], found.vehicle)
 
 
 @pytest.mark.parametrize("kind", ["torque_n_m=0.02", pytest.param("walk_n_m=0.001", marks=pytest.mark.thorough)])
