@@ -9,7 +9,7 @@ import numpy as np
 from massprop_cli import QUANTITIES
 from massprop_cli.base.errors import AttitudeError, InputError, UntoldError
 from massprop_cli.conclude import correctedestimate
-from massprop_cli.conclude.analysis import Analysis, MendedAnswer
+from massprop_cli.conclude.analysis import Analysis, CorrectedEstimate
 from massprop_cli.conclude.assumptions import assumptions
 from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.firstfit import first_fits
@@ -76,12 +76,12 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         again = _examined(found.log, parts, assignments, say)
         changes = (fault.notice for fault in found.faults if fault.change_s is not None)
         return replace(again, source=source, notices=(*changes, *again.notices))
-    told = None if carried and (found.faults or found.unknown) else judged(*correctedestimate.proven(found, say))
+    told = None if carried and (found.faults or found.unknown) else judged(*correctedestimate.with_corrections(found, say))
     if (carried and (told is None or not _explained(told))) or (logged and told is not None and _unexplained(told)):
         again = _examined(_without_attitude(log, UNFIT), source, assignments, say)
         if _explained(again) or {fault.notice.code for fault in again.faults} == {TILTED}:
             return again
-    told = told or judged(*correctedestimate.proven(found, say))
+    told = told or judged(*correctedestimate.with_corrections(found, say))
     if {fault.notice.code for fault in told.faults} <= LATE and not _fits(told):
         tried = _by_other_kernels(log, source, assignments, say, first[1], not told.faults)
         if tried is not None:
@@ -186,4 +186,4 @@ def _by_likeliest(log: Log, source: VehicleSource, assignments: Sequence[str], s
     return replace(found, source=source, conclusions=conclusions, notices=(told, *found.notices))
 
 
-__all__ = ["Analysis", "MendedAnswer", "Progress", "examine"]
+__all__ = ["Analysis", "CorrectedEstimate", "Progress", "examine"]

@@ -13,7 +13,7 @@ from massprop_cli import __version__
 from massprop_cli.base import escape, files
 from massprop_cli.base.errors import InputError
 from massprop_cli.combine import assumed, logs, pivot, twice
-from massprop_cli.combine.joint import backwards, docked_object
+from massprop_cli.combine.joint import docked_object, negative_mass_warnings
 from massprop_cli.combine.phase import Part, Phased, by_object, gathered, phased
 from massprop_cli.diagnosis.preprocessing import Ready
 from massprop_cli.result import rendered
@@ -99,7 +99,7 @@ def _check_alike(recorded: Sequence[Recorded], bearing: bool) -> None:
 
 
 def _result(recorded: Sequence[Recorded], names: Sequence[str], found: Sequence[Phased], docked: DockedObject | None) -> Result:
-    notes = [*backwards(docked), *(note for one in found for note in one.notes)]
+    notes = [*negative_mass_warnings(docked), *(note for one in found for note in one.notes)]
     explained = frozenset(names) & frozenset.intersection(*(one.explained for one in found))
     first, logs = recorded[0].result, [one.result.log for one in recorded]
     digest = hashlib.sha256("".join(sorted(one.sha256 for one in recorded)).encode()).hexdigest()

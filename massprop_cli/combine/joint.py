@@ -307,7 +307,7 @@ def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, 
         )
         joint_covariance[:10, 10:] = scale**2 * np.outer(alone, both)
         joint_covariance[10:, :10] = joint_covariance[:10, 10:].T
-    apart = docking.without_part(vehicles[0].environment)
+    apart = docking.without_effect(vehicles[0].environment)
     both_sides = np.tile(apart, 2)  # nothing else depends on these
     values[both_sides], joint_covariance[both_sides], joint_covariance[:, both_sides] = 0.0, 0.0, 0.0
     values[[9, 19]] -= bearings
@@ -316,10 +316,10 @@ def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, 
     covariance = slope @ joint_covariance @ slope.T
     verdict, reason = _of_sides(single, combined)
     contradictions = _contradictions(single, combined)
-    if docking.backwards(float(found[9]), covariance):
+    if docking.has_negative_mass(float(found[9]), covariance):
         verdict, reason = "contradicted", _swapped(float(found[9]))
         contradictions.append(str(reason))
-    estimates = estimate_items(docking.estimates_of(found, covariance, verdict, reason, apart))
+    estimates = estimate_items(docking.docked_estimates(found, covariance, verdict, reason, apart))
     covariance[apart], covariance[:, apart] = np.nan, np.nan
     return DockedObject(
         before=single.name, after=combined.name, estimates=estimates, covariance=matrix(covariance), contradiction="; ".join(contradictions)
@@ -333,7 +333,7 @@ def known_object(
     return DockedObject(
         before=single.name,
         after=combined.name,
-        estimates=estimate_items(docking.estimates_of(*found, *_of_sides(single, combined), np.zeros(10, dtype=bool))),
+        estimates=estimate_items(docking.docked_estimates(*found, *_of_sides(single, combined), np.zeros(10, dtype=bool))),
         covariance=matrix(found[1]),
         contradiction="; ".join(_contradictions(single, combined)),
         known=dict(known),
@@ -353,10 +353,10 @@ def _of_sides(single: PhaseItem, combined: PhaseItem) -> tuple[Verdict, Reason]:
 
 
 def _contradictions(single: PhaseItem, combined: PhaseItem) -> list[str]:
-    return [docking.of_phase(phase.name, phase.contradiction) for phase in (single, combined) if phase.contradiction]
+    return [docking.in_phase(phase.name, phase.contradiction) for phase in (single, combined) if phase.contradiction]
 
 
-def backwards(docked: DockedObject | None) -> list[WarningItem]:
+def negative_mass_warnings(docked: DockedObject | None) -> list[WarningItem]:
     """That the object has less than no mass."""
     mass = None if docked is None else docked.estimates["mass"]
     if mass is None or mass.value is None or mass.reason_code != "docked-lighter":
@@ -365,4 +365,4 @@ def backwards(docked: DockedObject | None) -> list[WarningItem]:
 
 
 def _swapped(mass: float) -> Reason:
-    return docking.lighter(mass, "what --after names", "what --before names", "were the two swapped?")
+    return docking.negative_mass(mass, "what --after names", "what --before names", "were the two swapped?")

@@ -1,8 +1,8 @@
-"""All that one run found, with what it was found from."""
+"""Complete result of one run: inputs as used, fits, tests and conclusions."""
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.conclude.assumptions import AssumptionEffects, Examined
+from massprop_cli.conclude.assumptions import AssumptionEffects, SensitivityAnalysis
 from massprop_cli.conclude.discrepancy import Discrepancy, PlainFits
 from massprop_cli.conclude.docking import Docked
 from massprop_cli.conclude.score import Doubt
@@ -20,58 +20,58 @@ from massprop_cli.prepare.timing import Timing
 
 
 @dataclass(frozen=True)
-class MendedAnswer:
-    """What the log gives if a named fault is corrected."""
+class CorrectedEstimate:
+    """Estimates with a named fault corrected."""
 
     fault: Fault
     settings: tuple[str, ...]
-    """KEY=VALUE of the vehicle file that correct it, with how uncertain they are."""
+    """KEY=VALUE settings of the vehicle file that correct the fault, with their uncertainty."""
     conclusions: tuple[Conclusion, ...]
     vehicle: Vehicle
-    """As used then."""
+    """Vehicle as used with the correction."""
     rivals: tuple[list[Array], ...] = ()
-    """(10,) values of each phase, for each cause that can't be ruled out beside it."""
-    whole: bool = True
-    """Whether the settings are all that was changed, so that they give the very same."""
+    """(10,) values by phase, for each other cause that the log cannot exclude."""
+    complete: bool = True
+    """Whether the settings are the whole correction, so that they reproduce the estimates."""
 
 
 @dataclass(frozen=True)
 class Analysis:
-    """Everything that one run found, with what it was found from."""
+    """Complete result of one run. Tuples of results by phase have one element per phase."""
 
     log: Log
     source: VehicleSource
     vehicle: Vehicle
-    """As used: with the noise levels and disturbances that a first pass set."""
+    """Vehicle as used, with estimated noise levels and disturbances."""
     stated: Vehicle
-    """With its timing resolved, but without what a first pass sized."""
+    """Vehicle with its timing resolved, without estimated noise levels and disturbances."""
     samples: Stream
     timing: Timing
     """Delay and lag as used, cycles."""
     detected: FoundTiming | None
-    """What the log says of them."""
+    """Delay and lag as estimated from the log."""
     histories: tuple[History, ...]
     settled: tuple[History, ...]
-    """The same about their final estimates: their innovations say whether the model holds."""
+    """Off-line fits linearised about the final estimates; their innovations test the model."""
     conclusions: tuple[Conclusion, ...]
     docked: Docked | None
     notices: tuple[Notice, ...]
     assignments: tuple[str, ...]
     lack_of_fit: tuple[Array, ...] = ()
-    """(6,) of each phase: by how much too small the sigmas of each channel are."""
-    mended: tuple[MendedAnswer, ...] = ()
+    """(6,) by phase: factor by which the sigmas from each channel are too small."""
+    mended: tuple[CorrectedEstimate, ...] = ()
     assumptions: tuple[AssumptionEffects, ...] = ()
-    examination: Examined | None = None
-    """What each assumption does to the off-line fits; None by another method, and where there is none."""
+    examination: SensitivityAnalysis | None = None
+    """Sensitivity of the off-line fits to the assumptions; None by the thesis's method."""
     faults: tuple[Fault, ...] = ()
-    """What has a name."""
+    """Named causes of a misfit."""
     unknown: str = ""
-    """Why nothing has, where something should."""
+    """Message of a misfit without a named cause; empty if there is none."""
     plain: PlainFits | None = None
-    """As stated; None by another method."""
+    """Off-line fits with the stated noise; None by the thesis's method."""
     discrepancies: tuple[Discrepancy | None, ...] = ()
-    """Of each phase whose sigmas include what log and vehicle file don't explain of one another."""
+    """By phase: model discrepancy that the sigmas include; None without one."""
     cross_validations: tuple[CrossValidation | None, ...] = ()
-    """Of each phase, where ``estimator.cross_validate`` asks for them; None where a phase has no estimate."""
+    """By phase, if ``estimator.cross_validate`` is stated; None where a phase has no estimate."""
     doubts: tuple[Doubt, ...] = ()
-    """Assumptions that the log contradicts, or all but does."""
+    """Assumptions and channels with a significant score test."""

@@ -1,4 +1,4 @@
-"""The assumed values of a vehicle file, and by how much each is varied: one percent, millimetre, degree or tenth of a cycle."""
+"""Assumed values of a vehicle file, and the step by which the sensitivity analysis varies each of them."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -17,50 +17,53 @@ from massprop_cli.prepare.stream import Stream
 
 DROOP = "thrust-droop"
 STEP = 0.01
-"""Part of its thrust that a jet loses, behind the derivative."""
-MEMORIES_S = (0.3, 1.0, 3.0)
-"""How long a supply may remember what was taken from it."""
-RESTED_S = 1.0
-"""After how long a jet may have cooled, or its line emptied."""
+"""Relative loss of thrust in the finite difference."""
+SUPPLY_MEMORIES_S = (0.3, 1.0, 3.0)
+"""Tested time constants of the supply's recovery, s."""
+REST_S = 1.0
+"""Time constant in which a resting jet cools or its line empties, s."""
 
 
 @dataclass(frozen=True)
 class AssumedValue:
-    """An assumption, and how it is varied: ``size`` units make one step."""
+    """An assumption and its variation."""
 
     code: str
     message: str
     step: str
+    """Step in words."""
     stated: bool
+    """Whether the vehicle file states the value; else it is a default."""
     variant: Variant | Reading | None
-    """None: of its parts, or of the columns that follow all variants."""
+    """Derivative per unit. None: the parts have it, or the columns behind all variants."""
     size: float
+    """Size of one step, units."""
     sigma: float = 0.0
-    """One sigma, units, by which it is stated to be uncertain."""
+    """Stated sigma, units."""
     most: float = np.inf
-    """Units by which it may be off at most: of a log that tells it no better than that, it is not tested."""
+    """Largest possible error, units. A log whose sigma of it is larger does not test it."""
     part_of: str = ""
-    """Code of that which it is a part of, whose effect is told: it is but tested by itself."""
+    """Code of the assumption that reports the effect; this one is tested only."""
     rare: bool = False
-    """Whether few vehicle files are wrong in it."""
+    """Whether few vehicle files have this error."""
 
     @property
-    def whole(self) -> str:
-        """Code of what is told."""
+    def reported_code(self) -> str:
+        """Code of the assumption that reports the effect."""
         return self.part_of or self.code
 
 
-def assumed(setup: Setup, samples: Stream, more: bool = False) -> Iterator[AssumedValue]:
-    """What is varied, each about the log as it was read; ``more`` of it where something else than noise is left."""
+def assumed_values(setup: Setup, samples: Stream, misfit: bool = False) -> Iterator[AssumedValue]:
+    """Assumptions that apply to a log and its vehicle; with a ``misfit``, also the memory of the thrust."""
     for one in TABLE:
         if one.step is not None and one.step.applies(setup):
             yield from _steps(one, one.step, setup, samples)
-    if more and setup.log.command_kind == "jets":
-        yield from memory(setup, samples)
+    if misfit and setup.log.command_kind == "jets":
+        yield from thrust_memory(setup, samples)
 
 
 def _steps(one: ErrorParameter, step: Step, setup: Setup, samples: Stream) -> Iterator[AssumedValue]:
-    """Of each axis of a parameter, or of its parts and then of all together."""
+    """Yield the assumption of each axis of a parameter; or its parts by axis, then the whole."""
     stated, message = one.stated_in(setup), step.message(setup)
     sigma = one.sigma(setup.vehicle) if one.considered else 0.0
     for i, axis in enumerate("" if step.by_axis == "columns" else step.axes[: one.size]):
@@ -68,44 +71,43 @@ def _steps(one: ErrorParameter, step: Step, setup: Setup, samples: Stream) -> It
         if changed is None:
             continue
         if step.by_axis == "parts":
-            said = message.format(along=f" along {axis}")
-            yield AssumedValue(f"{step.code} {axis}", said, step.words, stated, changed, step.size, part_of=step.code)
+            text = message.format(along=f" along {axis}")
+            yield AssumedValue(f"{step.code} {axis}", text, step.words, stated, changed, step.size, part_of=step.code)
         else:
-            said = message.format(axis=axis)
+            text = message.format(axis=axis)
             words = step.words.format(axis=axis)
-            yield AssumedValue(step.code, said, words, stated, changed, step.size, sigma, step.most, step.part_of, step.rare)
+            yield AssumedValue(step.code, text, words, stated, changed, step.size, sigma, step.most, step.part_of, step.rare)
     if step.by_axis != "alone":
         yield AssumedValue(step.code, message.format(along=""), step.words, stated, None, step.size)
 
 
-def memory(setup: Setup, samples: Stream) -> Iterator[AssumedValue]:
-    """Thrust that remembers: it falls with what was taken from its supply before, or a jet that has rested gives less.
+def thrust_memory(setup: Setup, samples: Stream) -> Iterator[AssumedValue]:
+    """Dependence of the thrust on earlier commands: it falls with recent use of the supply, or after a jet's rest.
 
-    Tested where something else than noise is left. Most of such an error is a factor common to all thrust, which no log tells: mass and
-    inertia are as far off. The rest goes with the commands, and a disturbance that stands for it as noise leaves values converged that are
-    off by per cents. A pulse that gives less is taken for a shorter one, which is as much less, and ends but little sooner.
+    Most of such an error is a factor common to all thrust, which biases mass and inertia and does not show in a log. The rest correlates
+    with the commands; an estimated disturbance would treat it as noise. A weaker pulse is modelled as a shorter one of the same impulse.
     """
     log, vehicle, timing = setup[:3]
-    of_supply = {f"thrust after use in the last {memory_s:g} s": _use(log, vehicle, memory_s)[:, None] for memory_s in MEMORIES_S}
-    for what, factor in (of_supply | {"thrust after rest": _rest(log, vehicle)}).items():
-        less = OtherReading(Stream.of(replace(log, command=log.command * (1 - STEP * factor)), vehicle, timing))
-        yield AssumedValue(what, what, "1 %", False, Variant(OtherReading(samples), less, STEP), STEP, part_of=DROOP)
+    of_supply = {f"thrust after use in the last {memory_s:g} s": _use(log, vehicle, memory_s)[:, None] for memory_s in SUPPLY_MEMORIES_S}
+    for name, factor in (of_supply | {"thrust after rest": _rest(log, vehicle)}).items():
+        weaker = OtherReading(Stream.of(replace(log, command=log.command * (1 - STEP * factor)), vehicle, timing))
+        yield AssumedValue(name, name, "1 %", False, Variant(OtherReading(samples), weaker, STEP), STEP, part_of=DROOP)
 
 
 def _use(log: Log, vehicle: Vehicle, memory_s: float) -> Array:
-    """(M,) what all jets took before each command, forgotten in so many seconds, over the most."""
-    taken = log.command @ np.linalg.norm(vehicle.jet_wrench[:, 3:], axis=1)
-    kept = np.exp(-np.diff(log.command_start_s, prepend=-np.inf) / memory_s).tolist()
-    held, found = 0.0, np.empty(len(taken))
-    for k, now in enumerate(taken.tolist()):
-        found[k] = held = kept[k] * held
-        held += now
-    return found / max(float(found.max()), np.finfo(float).tiny)
+    """(M,) impulse of all jets before each command, decaying with the time constant ``memory_s``, over its maximum."""
+    impulses = log.command @ np.linalg.norm(vehicle.jet_wrench[:, 3:], axis=1)
+    decays = np.exp(-np.diff(log.command_start_s, prepend=-np.inf) / memory_s).tolist()
+    level, use = 0.0, np.empty(len(impulses))
+    for k, impulse in enumerate(impulses.tolist()):
+        use[k] = level = decays[k] * level
+        level += impulse
+    return use / max(float(use.max()), np.finfo(float).tiny)
 
 
 def _rest(log: Log, vehicle: Vehicle) -> Array:
-    """(M, C) how far each jet has rested before each command: 0 where it has just fired, 1 after long."""
+    """(M, C) rest of each jet before each command: from 0 right after a pulse to 1 after a long pause."""
     start_s = log.command_start_s[:, None]
     last = np.maximum.accumulate(np.where(log.command > 0, start_s, -np.inf), axis=0)
     before = np.vstack([np.full((1, last.shape[1]), -np.inf), last[:-1]])
-    return np.asarray(-np.expm1(-np.maximum(start_s - before - vehicle.cycle.period_s, 0.0) / RESTED_S))
+    return np.asarray(-np.expm1(-np.maximum(start_s - before - vehicle.cycle.period_s, 0.0) / REST_S))

@@ -1,14 +1,11 @@
 """Contradictions between log and vehicle file, and the quantities that each affects.
 
-Three things contradict: a fault that has a name (a unit, a jet, the delay, a saturated sensor), a value known from elsewhere that the log
-does not bear out, and a misfit without a name: what the model leaves still follows the commands or the motion after all noise was sized
-(:mod:`massprop_cli.diagnosis.lackoffit`), or it would be a disturbance larger than the vehicle's own commands. A value is touched
-
-- by a named fault, unless the log, corrected, contradicts nothing any more, tells as much as it seemed to, and gives the same value and
-  sigma;
-- by a contradicted known value, if it is proportional to the thrust as that one is (mass, inertia), or all for a known CG or on a pedestal,
-  where the first moment has the scale of inertia;
-- by a misfit that no named fault stands for, if the log claims to tell it and what the misfit may have done to it exceeds its sigma by far.
+- A named fault (unit, jet, delay, saturated sensor) affects every quantity. Excepted are quantities with the same value and sigma in the
+  corrected log, if that has no contradiction and is about as informative.
+- A contradicted known value affects quantities that are proportional to the thrust (inertia, mass). A known CG, or a pivot, affects all,
+  because the first moment has the scale of the inertia.
+- A misfit without a named cause affects quantities whose possible error exceeds their sigma by far. It is a correlation of the residuals
+  with commands or motion (:mod:`massprop_cli.diagnosis.lackoffit`), or a disturbance larger than the commands.
 """
 
 from collections.abc import Sequence
@@ -32,97 +29,102 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Source
 
 HIDDEN = 5.0
-"""Sigmas that the hidden error may be, being a bound: most of a misfit is no error of the values. docs/faults.md moves with it."""
+"""Largest hidden error, sigmas. It is an upper bound: most of a misfit does not bias the values. docs/faults.md depends on it."""
 TOO_SMALL = 1.5
-"""... and by how much a sigma may be too small as the innovations show it."""
+"""Largest error, sigmas, by sigmas that the innovation test shows to be too small."""
 GROSS = 4.0
-"""Mean squared innovation in a channel beyond which nothing of the phase holds: noise was sized in vain."""
+"""Mean squared innovation of a channel above which every quantity is contradicted, in spite of estimated noise."""
 MATTERS = 1e-3
-"""Part of its own size below which an error of a quantity is none."""
+"""Least error of a quantity, relative to its size."""
 AGREES, ALIKE = 1.0, 1.5
-"""Sigmas within which a corrected value is the same, and the ratio within which its sigma is."""
+"""Largest difference of a corrected value, sigmas, and largest ratio of the sigmas, of an unaffected quantity."""
 STRAINED = 3.0
-"""By how much wider most of the corrected sigmas may be."""
-TOLD = ("converged", "not_converged")
+"""Largest median ratio of corrected to stated sigmas of an effective correction."""
+INFORMED = ("converged", "not_converged")
 PROPORTIONAL = (*INERTIA, "mass")
 
 
 @dataclass(frozen=True)
 class Contradiction:
-    """What contradicts in one phase."""
+    """Contradiction between log and vehicle file in one phase."""
 
     causes: tuple[Reason, ...]
-    touched: BoolArray
-    """(10,)"""
+    affected: BoolArray
+    """(10,) contradicted quantities."""
 
 
-def by_faults(
-    conclusion: Conclusion, faults: Sequence[Fault], mended: Sequence[Conclusion | None], rivals: Sequence[Array] = ()
+def fault_contradiction(
+    conclusion: Conclusion, faults: Sequence[Fault], corrected: Sequence[Conclusion | None], rivals: Sequence[Array] = ()
 ) -> Contradiction | None:
-    """Of named faults.
+    """Contradiction by named faults; None without one.
 
-    ``mended`` holds what each one's remedy gives for this phase, None where there is no remedy or it is none; ``rivals`` the values (10,)
-    by off-line fits if a cause is corrected instead that can't be ruled out.
+    ``corrected`` holds the phase's conclusion with each fault corrected, None without a correction. ``rivals`` are the values (10,) of
+    off-line fits with other possible causes corrected.
     """
     if not faults:
         return None
-    touched = np.ones(10, dtype=bool)
-    apart = np.zeros(10, dtype=bool)
+    affected = np.ones(10, dtype=bool)
+    differs = np.zeros(10, dtype=bool)
     for values in rivals:
-        apart |= ~(np.abs(values - conclusion.values) <= AGREES * conclusion.sigmas)
-    for found in mended:
-        if found is not None and all(fault.cure is not None for fault in faults) and _settles(conclusion, found, apart):
-            touched &= [not _same(conclusion.estimates[name], found.estimates[name]) for name in QUANTITIES]
-    touched |= apart
-    return Contradiction(tuple(dict.fromkeys(Reason.of("named-fault", message=fault.notice.message) for fault in faults)), touched)
+        differs |= ~(np.abs(values - conclusion.values) <= AGREES * conclusion.sigmas)
+    for one in corrected:
+        if one is not None and all(fault.cure is not None for fault in faults) and _is_effective(conclusion, one, differs):
+            affected &= [not _same(conclusion.estimates[name], one.estimates[name]) for name in QUANTITIES]
+    affected |= differs
+    return Contradiction(tuple(dict.fromkeys(Reason.of("named-fault", message=fault.notice.message) for fault in faults)), affected)
 
 
-def _settles(stated: Conclusion, mended: Conclusion, apart: BoolArray) -> bool:
-    """Whether the log, corrected, contradicts nothing and tells most of what it seemed to as sharply, but for what rivals put ``apart``.
+def _is_effective(stated: Conclusion, corrected: Conclusion, differs: BoolArray) -> bool:
+    """Whether the corrected log has no contradiction and is about as informative, except on quantities where a rival ``differs``.
 
-    Else there is more, or a torque stands for what is left.
+    Otherwise there is another fault, or an estimated disturbance replaces it.
     """
-    if mended.contradiction:
+    if corrected.contradiction:
         return False
     with np.errstate(divide="ignore", invalid="ignore"):
-        wider = (mended.sigmas / stated.sigmas)[~apart]
-    wider = wider[np.isfinite(wider)]
-    return not wider.size or median(wider) < STRAINED
+        ratio = (corrected.sigmas / stated.sigmas)[~differs]
+    ratio = ratio[np.isfinite(ratio)]
+    return not ratio.size or median(ratio) < STRAINED
 
 
-def _same(one: Estimate, other: Estimate) -> bool:
-    if one.value is None or other.value is None or not one.sigma or not other.sigma or other.verdict not in TOLD:
+def _same(stated: Estimate, corrected: Estimate) -> bool:
+    """Whether two estimates agree in value, sigma and verdict."""
+    if stated.value is None or corrected.value is None or not stated.sigma or not corrected.sigma or corrected.verdict not in INFORMED:
         return False
-    sigma = min(one.sigma, other.sigma)
-    if one.verdict == "converged" != other.verdict:
-        return False  # a doubt of the corrected log's is one of the log's
-    return abs(one.value - other.value) <= AGREES * sigma and max(one.sigma, other.sigma) <= ALIKE * sigma
+    sigma = min(stated.sigma, corrected.sigma)
+    if stated.verdict == "converged" != corrected.verdict:
+        return False  # a doubt about the corrected estimate also applies to the stated one
+    return abs(stated.value - corrected.value) <= AGREES * sigma and max(stated.sigma, corrected.sigma) <= ALIKE * sigma
 
 
-def by_known(history: History, vehicle: Vehicle) -> Contradiction | None:
-    """Of known quantities that lie too far from what the log says."""
+def known_value_contradiction(history: History, vehicle: Vehicle) -> Contradiction | None:
+    """Contradiction of known values by the log; None without one."""
     if not history.contradicted:
         return None
-    turned = vehicle.pivoted or any(name in CG for name in history.contradicted)  # gravity gives mass times offset
+    every = vehicle.pivoted or any(name in CG for name in history.contradicted)  # gravity gives mass × offset
     with np.errstate(invalid="ignore"):
         moved = np.abs(history.values[-1] - history.bare[0]) > history.sigmas[-1]
-    touched = moved | np.array([turned or name in PROPORTIONAL for name in QUANTITIES])
-    return Contradiction(tuple(Reason.of("known-mismatch", message=message) for message in history.contradicted.values()), touched)
+    affected = moved | np.array([every or name in PROPORTIONAL for name in QUANTITIES])
+    return Contradiction(tuple(Reason.of("known-mismatch", message=message) for message in history.contradicted.values()), affected)
 
 
-def by_size(conclusion: Conclusion, used: Vehicle, stated: Vehicle, samples: Source) -> Contradiction | None:
-    """Of a disturbance that would be larger than what the vehicle's own commands do."""
+def disturbance_contradiction(conclusion: Conclusion, used: Vehicle, stated: Vehicle, samples: Source) -> Contradiction | None:
+    """Contradiction by an estimated disturbance larger than the effect of the commands; None without one."""
     beyond = beyond_commands(used, stated, samples)
     if beyond is None:
         return None
-    given = np.array([one.value is not None for one in conclusion.estimates.values()])
-    return Contradiction((Reason.of("beyond-commands", message=UNEXPLAINED + BEYOND.format(torque=beyond[0], commanded=beyond[1])),), given)
+    reported = np.array([one.value is not None for one in conclusion.estimates.values()])
+    message = UNEXPLAINED + BEYOND.format(torque=beyond[0], commanded=beyond[1])
+    return Contradiction((Reason.of("beyond-commands", message=message),), reported)
 
 
-def by_misfit(
+def misfit_contradiction(
     conclusion: Conclusion, settled: History, samples: Source, vehicle: Resolved, stated: Vehicle
 ) -> tuple[Contradiction | None, Array]:
-    """Of a misfit that has no name; with the factors (6,) of :func:`massprop_cli.diagnosis.lackoffit.innovation_test`."""
+    """Contradiction by a misfit without a named cause, or None; (6,) factors by which the sigmas from each channel are too small.
+
+    The factors are those of :func:`massprop_cli.diagnosis.lackoffit.innovation_test`.
+    """
     spread = correlation(stated)
     factors = innovation_test(settled, samples, spread)
     if settled.reference is None:
@@ -130,73 +132,75 @@ def by_misfit(
     hidden = hidden_error(settled, samples, vehicle, spread)
     total = settled.information_share.sum(1)
     share = settled.information_share / np.where(total > 0, total, 1.0)[:, None]
-    loose = np.sqrt(np.maximum(share @ factors**2 - 1, 0.0) * _own_variance(conclusion, vehicle))
+    inflation = np.sqrt(np.maximum(share @ factors**2 - 1, 0.0) * _noise_variance(conclusion, vehicle))
     sizes = settled.natural_sizes.copy()
     values = conclusion.values
     sizes[POSITIVE] = np.fmin(sizes[POSITIVE], np.abs(values[POSITIVE]))
     sigma = conclusion.sigmas
-    error = np.maximum(hidden / HIDDEN, loose / TOO_SMALL)  # as many sigmas as it may be
-    told = np.array([e.verdict in TOLD for e in conclusion.estimates.values()])
+    error = np.maximum(hidden / HIDDEN, inflation / TOO_SMALL)  # over the largest allowed number of sigmas
+    informed = np.array([e.verdict in INFORMED for e in conclusion.estimates.values()])
     with np.errstate(invalid="ignore"):
-        touched = told & (error > sigma) & (np.maximum(hidden, loose) > MATTERS * sizes)
+        affected = informed & (error > sigma) & (np.maximum(hidden, inflation) > MATTERS * sizes)
     variance = float(settled.moments().variance.max())
-    if variance > GROSS and told.any():
-        return Contradiction((Reason.of("innovations-too-large", ratio=variance**0.5),), told), factors
-    if not touched.any():
+    if variance > GROSS and informed.any():
+        return Contradiction((Reason.of("innovations-too-large", ratio=variance**0.5),), informed), factors
+    if not affected.any():
         return None, factors
-    names = ", ".join(name for name, hit in zip(QUANTITIES, touched, strict=True) if hit)
-    worst = int(np.nanargmax(np.where(touched, error / sigma, np.nan)))
-    off = float(max(hidden[worst], loose[worst]) / sigma[worst])
-    return Contradiction((Reason.of("residuals-follow", quantities=names, worst=QUANTITIES[worst], sigmas=off),), touched), factors
+    names = ", ".join(name for name, hit in zip(QUANTITIES, affected, strict=True) if hit)
+    worst = int(np.nanargmax(np.where(affected, error / sigma, np.nan)))
+    error_sigmas = float(max(hidden[worst], inflation[worst]) / sigma[worst])
+    return Contradiction(
+        (Reason.of("residuals-follow", quantities=names, worst=QUANTITIES[worst], sigmas=error_sigmas),), affected
+    ), factors
 
 
-def unheld(conclusion: Conclusion, vehicle: Vehicle) -> dict[str, Reason]:
-    """Why values are not to be called converged where the cause of a misfit is unknown: their sigmas are none of what it may do to them.
+def unknown_cause(conclusion: Conclusion, vehicle: Vehicle) -> dict[str, Reason]:
+    """Reasons, by quantity, against the verdict "converged" if the cause of a misfit is unknown: the sigma omits its effect.
 
-    That holds where several causes would correct the log, too, and all of them give the same value: the true one may be another. Those that
-    stay are as uncertain as the thrust is stated to be, which is more.
+    This also applies if all likely causes give the same value, because the true cause may be another. Quantities whose sigma comes mostly
+    from the stated thrust uncertainty or known values keep their verdict.
     """
-    by_noise = _own_variance(conclusion, vehicle) > conclusion.sigmas**2 / 2
+    by_noise = _noise_variance(conclusion, vehicle) > conclusion.sigmas**2 / 2
     return {name: Reason("cause-unknown") for name, hit in zip(QUANTITIES, by_noise, strict=True) if hit}
 
 
-def _own_variance(conclusion: Conclusion, vehicle: Vehicle) -> Array:
-    """(10,) variance of each value that the log's noise makes: without the thrust's stated scale, and what is known."""
+def _noise_variance(conclusion: Conclusion, vehicle: Vehicle) -> Array:
+    """(10,) variance of each value without the parts of the stated thrust scale and of known values."""
     known: dict[str, float] = {name: one.sigma for name, one in vehicle.in_phase(conclusion.phase).known.items()}
     common = in_common(by_scale(conclusion.values, vehicle), conclusion.covariance, known, vehicle)
     return np.asarray(np.maximum(conclusion.sigmas**2 - common**2, 0.0))
 
 
-def by_lost(causal: History, settled: History) -> Contradiction | None:
-    """Of a causal estimate that lost its way where no fit stands that could lead it, or that no fit tests."""
+def divergence_contradiction(causal: History, settled: History) -> Contradiction | None:
+    """Contradiction by a causal estimate that diverged from the off-line fit, or that has no fit to be tested against; None without one."""
     if np.isnan(settled.bare[0]).all():
-        told = np.isfinite(causal.bare[0])
-        return Contradiction((Reason.of("fit-lost"),), told) if told.any() else None
-    away = deviation(causal, settled)
-    touched = away > LOST
-    if not touched.any():
+        estimated = np.isfinite(causal.bare[0])
+        return Contradiction((Reason.of("fit-lost"),), estimated) if estimated.any() else None
+    distance = deviation(causal, settled)
+    affected = distance > LOST
+    if not affected.any():
         return None
-    worst = int(np.nanargmax(np.where(touched, away, np.nan)))
-    return Contradiction((Reason.of("causal-estimate-lost", worst=QUANTITIES[worst], sigmas=float(away[worst])),), touched)
+    worst = int(np.nanargmax(np.where(affected, distance, np.nan)))
+    return Contradiction((Reason.of("causal-estimate-lost", worst=QUANTITIES[worst], sigmas=float(distance[worst])),), affected)
 
 
-def by_no_body(conclusion: Conclusion) -> Contradiction | None:
-    """An inertia that no body has: not positive definite by more than its sigmas allow, or with its mass denser than all matter."""
+def unphysical_contradiction(conclusion: Conclusion) -> Contradiction | None:
+    """Contradiction by an impossible body: inertia not positive definite beyond its sigmas, or denser than any matter; None without one."""
     found = breach(conclusion)
     if found is None or not found.certain:
         return None
-    if not found.no_matter and not (found.of_inertia and conclusion.principal_moments[0] <= 0):
+    if not found.too_dense and not (found.of_inertia and conclusion.principal_moments[0] <= 0):
         return None
-    touched = PROPORTIONAL if found.no_matter else INERTIA
-    return Contradiction((Reason.of("no-body", breach=found.said),), np.array([name in touched for name in QUANTITIES]))
+    affected = PROPORTIONAL if found.too_dense else INERTIA
+    return Contradiction((Reason.of("no-body", breach=found.message),), np.array([name in affected for name in QUANTITIES]))
 
 
-def together(found: Sequence[Contradiction | None]) -> Contradiction | None:
-    """All that contradicts in a phase; a cause counts if it touches what those before it do not."""
-    touched: BoolArray = np.zeros(10, dtype=bool)
+def combined(found: Sequence[Contradiction | None]) -> Contradiction | None:
+    """Combination of a phase's contradictions, in order; omits those that affect no further quantity."""
+    affected: BoolArray = np.zeros(10, dtype=bool)
     causes: list[Reason] = []
     for one in found:
-        if one is not None and (one.touched & ~touched).any():
+        if one is not None and (one.affected & ~affected).any():
             causes += one.causes
-            touched = touched | one.touched
-    return Contradiction(tuple(dict.fromkeys(causes)), touched) if causes else None
+            affected = affected | one.affected
+    return Contradiction(tuple(dict.fromkeys(causes)), affected) if causes else None

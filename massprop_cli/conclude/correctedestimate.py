@@ -1,4 +1,4 @@
-"""The corrected estimate of a log: with a named fault corrected."""
+"""Estimate of a log with a named fault corrected, and the test whether the correction explains the misfit."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.conclude.analysis import Analysis, MendedAnswer
+from massprop_cli.conclude.analysis import Analysis, CorrectedEstimate
 from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.firstfit import first_fits
 from massprop_cli.conclude.judge import judged
@@ -33,88 +33,93 @@ if TYPE_CHECKING:
     from massprop_cli.diagnosis.corrections import Correction
 
 
-FOUND = (
+ESTIMATED_KEYS = (
     *("imu.gyro_noise_rad_s", "imu.accel_noise_m_s2", "imu.attitude_sigma_rad", "imu.gyro_outliers_s", "imu.accel_outliers_s"),
     *("imu.gyro_filter", "imu.accel_filter", "environment.disturbance_torque_n_m", "environment.disturbance_walk_n_m"),
     "estimator.accel_noise_scale",
 )
-"""Keys of noise, disturbances, outliers and low-passes, which an estimate finds: with them values differ by a remedy alone."""
-VAIN = "log and vehicle file don't fit, cause unknown. Likest to it would be, but corrected it leaves most of the misfit:"
+"""Keys that an estimate sets: noise, disturbances, outliers, low-passes. Two estimates with the same values differ by the correction
+only."""
+INEFFECTIVE = "log and vehicle file don't fit, cause unknown. Likest to it would be, but corrected it leaves most of the misfit:"
 MOST = 0.5
-"""Part of the mean squared residual beyond the noise, which a remedy of the cause leaves next to nothing of, and of another all but all."""
+"""Largest part of the mean squared residual above the noise that the correction of the true cause leaves. It leaves next to nothing;
+another correction leaves almost all."""
 
 
-def proven(found: Analysis, say: Progress) -> tuple[Analysis, list[MendedAnswer]]:
-    """One answer for each named fault that has a remedy; a name whose remedy leaves most of the misfit is none."""
-    each = [(fault.cure, _mended(found, fault, say)) for fault in _distinct(found.faults)]
-    vain = [cure for cure, answer in each if answer == "vain"]
-    answers = [answer for _, answer in each if isinstance(answer, MendedAnswer)]
-    if not vain:
-        return found, answers
-    unproven = [fault for fault in found.faults if fault.cure in vain]
-    unknown = f"{VAIN} {' and '.join(dict.fromkeys(fault.notice.message for fault in unproven))}"
+def with_corrections(found: Analysis, say: Progress) -> tuple[Analysis, list[CorrectedEstimate]]:
+    """The analysis with the faults whose correction is effective, and the corrected estimate of each.
+
+    If a correction leaves most of the misfit, the cause becomes unknown.
+    """
+    results = [(fault.cure, _corrected(found, fault, say)) for fault in _distinct(found.faults)]
+    ineffective = [correction for correction, result in results if result == "ineffective"]
+    estimates = [result for _, result in results if isinstance(result, CorrectedEstimate)]
+    if not ineffective:
+        return found, estimates
+    unproven = [fault for fault in found.faults if fault.cure in ineffective]
+    unknown = f"{INEFFECTIVE} {' and '.join(dict.fromkeys(fault.notice.message for fault in unproven))}"
     faults = tuple(fault for fault in found.faults if fault not in unproven)
-    return replace(found, faults=faults, unknown=unknown, notices=(Notice(UNKNOWN, unknown), *found.notices)), answers
+    return replace(found, faults=faults, unknown=unknown, notices=(Notice(UNKNOWN, unknown), *found.notices)), estimates
 
 
 def _distinct(faults: Sequence[Fault]) -> list[Fault]:
-    """One of those that the same remedy corrects."""
+    """The first fault of each correction."""
     return [fault for i, fault in enumerate(faults) if fault.cure is not None and fault.cure not in [f.cure for f in faults[:i]]]
 
 
-def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | Literal["vain"] | None:
-    """The log examined again with the fault corrected; None where it can't be, "vain" where that leaves most of the misfit."""
+def _corrected(found: Analysis, fault: Fault, say: Progress) -> CorrectedEstimate | Literal["ineffective"] | None:
+    """Estimate with the fault corrected; None if it cannot be corrected, "ineffective" if the correction leaves most of the misfit."""
     say("with the fault corrected", 1.0)
-    cure = fault.cure
-    if cure is None:
+    correction = fault.cure
+    if correction is None:
         return None
-    settings = _with_sigmas(found, cure, (*fault.around, *fault.rivals))
+    settings = _settings(found, correction, (*fault.around, *fault.rivals))
     try:
         vehicle = vehiclefile.changed(found.source.vehicle, settings)
         if fault.change_s is not None:
             vehicle = _split_at(found, fault.change_s).vehicle
-        log, source = cure.log(found.log), replace(found.source, vehicle=vehicle)
+        log, source = correction.log(found.log), replace(found.source, vehicle=vehicle)
         first = first_fits(log, source, say)
-        if _vain(found, first[1]):
-            return "vain"
+        if _leaves_misfit(found, first[1]):
+            return "ineffective"
         again = estimated(log, source, (), say, first=first)
-        rivals = tuple(_beside(found, again, rival, offline.MAX_PASSES) for rival in fault.rivals)
+        rivals = tuple(_rival_estimates(found, again, rival, offline.MAX_PASSES) for rival in fault.rivals)
     except InputError:
         return None
-    # as who follows the remedy has it; each name that is proven leaves less than half, so that this ends
-    told = judged(*proven(again, say)) if _excess(found) > 0 else judged(again)
-    return MendedAnswer(fault, settings, told.conclusions, again.vehicle, rivals, cure.by_keys)
+    # further faults are corrected like those of any log; each correction halves the misfit at least, so the recursion ends
+    judgement = judged(*with_corrections(again, say)) if _excess(found) > 0 else judged(again)
+    return CorrectedEstimate(fault, settings, judgement.conclusions, again.vehicle, rivals, correction.by_keys)
 
 
 def _excess(found: Analysis) -> float:
-    """Mean squared residual beyond the stated noise."""
+    """Mean squared residual over the stated noise, minus one."""
     return 0.0 if found.plain is None else found.plain.left - 1
 
 
-def _vain(found: Analysis, corrected: AsStated | None) -> bool:
-    """Whether most of what the stated noise doesn't explain is left, beyond chance."""
+def _leaves_misfit(found: Analysis, corrected: AsStated | None) -> bool:
+    """Whether the corrected fit leaves a significant misfit of more than :data:`MOST` of the original one."""
     return corrected is not None and corrected.misfit and corrected.left - 1 > MOST * _excess(found) > 0
 
 
-def _with_sigmas(found: Analysis, cure: Correction, others: Sequence[Correction]) -> tuple[str, ...]:
-    """The settings of a remedy with how uncertain it is: ``others`` hold it changed by its prior sigma, or what may be wrong instead."""
+def _settings(found: Analysis, correction: Correction, others: Sequence[Correction]) -> tuple[str, ...]:
+    """KEY=VALUE settings of a correction and its uncertainty: ``others`` are the correction changed by prior sigmas, and its rivals."""
     stated = found.source.vehicle
-    own, spreads = cure.keys
-    entries, estimated_too = [*stated.uncertain], dict[str, object]()
+    keys, sigma_keys = correction.keys
+    entries, more_sigmas = [*stated.uncertain], dict[str, object]()
     for other in others:
-        there, also = other.keys
-        estimated_too |= {key: value for key, value in also.items() if key not in spreads}
-        values = {key: _stated(stated, key) for key in own if key not in there}
-        values |= {key: value for key, value in there.items() if own.get(key) != value} | other.factors_after(cure)
+        other_keys, other_sigmas = other.keys
+        more_sigmas |= {key: value for key, value in other_sigmas.items() if key not in sigma_keys}
+        values = {key: _stated(stated, key) for key in keys if key not in other_keys}
+        values |= {key: value for key, value in other_keys.items() if keys.get(key) != value} | other.factors_after(correction)
         entries += [values] if values else []
-    settings = [*cure.settings, *cure.column_settings(found.log, stated.columns)]
-    settings += [f"{key}={configfile.written(value)}" for key, value in estimated_too.items()]
+    settings = [*correction.settings, *correction.column_settings(found.log, stated.columns)]
+    settings += [f"{key}={configfile.written(value)}" for key, value in more_sigmas.items()]
     settings += [f"uncertain={configfile.written(entries)}"] if len(entries) > len(stated.uncertain) else []
     return tuple(settings)
 
 
 def _stated(vehicle: Vehicle, key: str) -> Any:
-    """What a vehicle says under a dotted key."""
+    """Value of a dotted key of the vehicle file."""
     section, *path = key.split(".")
     node: Any = vehicle.model_dump(by_alias=True, mode="json", exclude_none=True)[section]
     for part in path:
@@ -122,13 +127,13 @@ def _stated(vehicle: Vehicle, key: str) -> Any:
     return node
 
 
-def _beside(found: Analysis, mended: Analysis, cure: Correction, passes: int = 1) -> list[Array]:
-    """(10,) what so many passes on from the corrected fit of each phase give with another remedy instead; NaN where there is none."""
-    vehicle = stating_as(vehiclefile.changed(found.source.vehicle, cure.settings), mended.vehicle, FOUND)
-    samples = Stream.of(outliers.without(cure.log(found.log), vehicle), vehicle, stated_timing(vehicle, mended.timing))
+def _rival_estimates(found: Analysis, corrected: Analysis, rival: Correction, passes: int) -> list[Array]:
+    """(10,) estimates by phase with a rival correction, after ``passes`` iterations from the corrected fit; NaN without a fit."""
+    vehicle = stating_as(vehiclefile.changed(found.source.vehicle, rival.settings), corrected.vehicle, ESTIMATED_KEYS)
+    samples = Stream.of(outliers.without(rival.log(found.log), vehicle), vehicle, stated_timing(vehicle, corrected.timing))
     phases = phases_of(samples.log, vehicle, samples)
     used, _ = with_noise_levels(samples, [cycles for _, cycles in phases], vehicle)
-    references = [settled.reference for settled in mended.settled]
+    references = [settled.reference for settled in corrected.settled]
     return [
         np.full(10, np.nan) if reference is None else offline.estimate_after(samples, cycles, reference, used.in_phase(phase), passes)
         for (phase, cycles), reference in zip(phases, references, strict=True)
@@ -136,32 +141,32 @@ def _beside(found: Analysis, mended: Analysis, cure: Correction, passes: int = 1
 
 
 def split_at_change(found: Analysis) -> VehicleSource | None:
-    """The vehicle with another phase from the first named change on; None without one, or ``estimator.split_on_change``."""
+    """Vehicle with a new phase from the first named change on; None without a change or without ``estimator.split_on_change``."""
     change_s = next((fault.change_s for fault in found.faults if fault.change_s is not None), None)
     return _split_at(found, change_s) if change_s is not None and found.source.vehicle.estimator.split_on_change else None
 
 
 def _split_at(found: Analysis, change_s: float) -> VehicleSource:
-    """The vehicle with another phase from ``change_s`` on."""
+    """Vehicle with a new phase from ``change_s`` on."""
     return replace(found.source, vehicle=split(found.source.vehicle, [history.phase for history in found.histories], change_s))
 
 
 def split(vehicle: Vehicle, phases: Sequence[Phase], at_s: float) -> Vehicle:
-    """The vehicle with the phase that holds ``at_s`` cut in two. What was known of that phase is of neither part.
+    """Vehicle with the phase around ``at_s`` split in two. Known values of that phase apply to neither part.
 
-    A docking that names it is between the parts that are next to it.
+    If the docking names that phase, it refers to the adjacent part.
     """
-    cut: list[Phase] = []
+    parts: list[Phase] = []
     docking = vehicle.docking
     for phase in phases:
         if phase.start_s < at_s < phase.end_s:
             before, after = f"{phase.name}-1", f"{phase.name}-2"
-            cut.append(Phase(name=before, start_s=phase.start_s, end_s=at_s))
-            cut.append(Phase(name=after, start_s=at_s, end_s=phase.end_s))
+            parts.append(Phase(name=before, start_s=phase.start_s, end_s=at_s))
+            parts.append(Phase(name=after, start_s=at_s, end_s=phase.end_s))
             if docking is not None and docking.before == phase.name:
                 docking = docking.model_copy(update={"before": after})
             if docking is not None and docking.after == phase.name:
                 docking = docking.model_copy(update={"after": before})
         else:
-            cut.append(phase.model_copy(update={"known": {**vehicle.known, **phase.known}}))
-    return vehicle.model_copy(update={"phases": tuple(cut), "docking": docking, "known": {}})
+            parts.append(phase.model_copy(update={"known": {**vehicle.known, **phase.known}}))
+    return vehicle.model_copy(update={"phases": tuple(parts), "docking": docking, "known": {}})

@@ -1,4 +1,4 @@
-"""Values of a log that does not fit, with sigmas that include why (:mod:`massprop_cli.estimate.discrepancy`)."""
+"""Conclusions with model discrepancy: estimates of a log that its model does not explain (:mod:`massprop_cli.estimate.discrepancy`)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import MOMENTS
 from massprop_cli.conclude.reason import Reason
-from massprop_cli.conclude.verdict import Conclusion, Estimate, concluded, tolerances
+from massprop_cli.conclude.verdict import Conclusion, Estimate, assembled, tolerances
 from massprop_cli.errorparameters.parameter import ErrorParameter
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME, FAMILY, TABLE
@@ -35,28 +35,28 @@ from massprop_cli.prepare.timing import Timing
 UNSPANNED, NOISE = "what no error parameter explains", "noise"
 COMMON, STORED = "scale common to all thrust", "scale common to all stored momentum"
 LONG = 30_000
-"""Cycles beyond which parameters for which the log is read anew are left to the scatter of stretches: each reading holds a hundred bytes of
-every cycle."""
+"""Cycles of a log above which error parameters that need another preprocessing are omitted: each needs a hundred bytes per cycle. The
+scatter of segments includes them."""
 CG = QUANTITIES.index("cg_x")
 AGING = "mass_rate"
-"""Of thrust that falls as of mass that grows: in a log they are the same."""
+"""Error parameter of falling thrust; the effect of a growing mass is the same."""
 WORDS = {
     AGING: "change of all thrust over the log, or of mass and inertia the other way",
     "thrust": "thrust",
     "position": "place",
     "direction": "direction",
 }
-"""Of what one component is said otherwise than of all."""
+"""Names of error parameters of one component, if they differ from the names in the table."""
 UNITS = {"direction": "rad"}
-"""Of what has another unit elsewhere."""
+"""Units of error parameters of one component, if they differ from those in the table."""
 
 
 IMPULSE = ("thrust", "rise", "fall")
-"""Error parameters by which a channel's impulse is another than stated."""
+"""Error parameters that change the impulse of a channel."""
 BEYOND = 2.0
-"""Prior sigmas of one of these, where it stands out, beyond which what is stated is refuted: of a jet that gives less than 40 %, or takes
-0.6 cycles more to open. Others may stand for what no error parameter is: real flights have biases and places of that size."""
-TELLS = {
+"""Largest error of one of these, in prior sigmas: a jet with less than 40 % of its thrust, or 0.6 cycles late. Larger errors refute the
+vehicle file. Other error parameters may represent unmodelled effects: real flights have biases and lever arms of that size."""
+NEXT_STEPS = {
     "thrust": "a calibration of the thrust",
     "timing": "commands and IMU on one clock, or a stated delay and lag",
     "sensor": "a calibration of the IMU, and its filter stated",
@@ -68,122 +68,123 @@ TELLS = {
     NOISE: "a longer log, or stronger commands",
     UNSPANNED: "a second log of the same kind, to see what repeats",
 }
-"""Most informative next step, by what makes most of the sigmas."""
+"""Most informative next step, by the largest part of the sigmas."""
 
 
 class PlainFits(NamedTuple):
-    """Off-line fits of every phase with the noise that is stated, beside those with disturbances that were sized."""
+    """Off-line fits of every phase with the stated noise and disturbances."""
 
     vehicle: Resolved
     references: tuple[Reference | None, ...]
     consider: Consider
-    """What is stated to be uncertain."""
+    """Stated uncertainties."""
     left: float
-    """Mean squared residual, over the noise."""
+    """Mean squared residual over the stated noise."""
 
 
 class ErrorColumn(NamedTuple):
     """One component of an error parameter."""
 
     name: str
-    """In the table."""
+    """Name in the table."""
     of: str
-    """The axis or the channel, if it has several."""
+    """Axis or channel, if there are several."""
     usual: float
-    """One sigma of it in the vehicle file of a careful lab."""
+    """Usual sigma, in the vehicle file of a careful lab."""
     least: float = -np.inf
-    """Least physical error, in this sigma."""
+    """Least physical error, in usual sigmas."""
 
-    def beyond(self, error: float) -> float:
-        """Of an error in its usual sigma, so many prior ones."""
+    def prior_sigmas(self, error: float) -> float:
+        """An error in usual sigmas as one in prior sigmas."""
         return abs(error) * self.usual / BY_NAME[self.name].prior
 
-    def said(self, error: float) -> str:
-        """In words, of an error in its usual sigma."""
-        one, own = BY_NAME[self.name], f" ({self.of})" if self.of else ""
-        # a reading times a factor is one of a sensor that shows less
+    def words(self, error: float) -> str:
+        """An error in usual sigmas, in words."""
+        one, component = BY_NAME[self.name], f" ({self.of})" if self.of else ""
+        # a factor on the readings corrects the inverse error of the sensor
         size = error * self.usual * (-1.0 if one.by_columns and one.unit == "1" else 1.0)
         unit = UNITS.get(self.name, one.unit)
-        return f"{WORDS.get(self.name, one.what)}{own}: {f'{100 * size:+.2g} %' if unit in ('1', 'parts') else f'{size:+.2g} {unit}'}"
+        return f"{WORDS.get(self.name, one.what)}{component}: {f'{100 * size:+.2g} %' if unit in ('1', 'parts') else f'{size:+.2g} {unit}'}"
 
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """Of one phase."""
+    """Estimate of one phase with the model discrepancy in its sigmas."""
 
     values: Array
-    """(10,)"""
+    """(10,) quantities."""
     covariance: Array
-    """(10, 10)"""
+    """(10, 10) their covariance."""
     bare: tuple[Array, Array]
-    """The same by the log alone."""
+    """(10,) and (10, 10) both from the log alone."""
     scale: float
-    """Common size of all error parameters as the log tells it, of their usual sigmas."""
+    """Estimated common scale of all error parameters, in usual sigmas."""
     thrust_scale_sigma: float
-    """Of the error common to all thrust, beyond what is stated; in ``covariance``, and not in ``bare``."""
+    """Relative sigma of the common thrust scale, beyond the stated one; in ``covariance``, not in ``bare``."""
     shares: Mapping[str, Array]
-    """By family, and of noise and of what nothing explains: (10,) sigmas."""
+    """(10,) sigmas by family of error parameters, by noise, and by unexplained scatter."""
     behaves_like: tuple[str, ...]
-    """What the log tells by itself of single error parameters, in words: likely causes, and no proof of one."""
+    """Freed error parameters in words: likely causes, without proof."""
 
-    farthest: float
-    """The largest of these in the impulse of a channel, over what may physically be (its prior)."""
+    largest_impulse_error: float
+    """Largest freed error of a channel's impulse, in prior sigmas."""
 
     @property
     def refuted(self) -> bool:
-        """Whether errors would have to be far beyond any that a lab makes: all together, or one that stands out."""
-        return self.scale > MOST or self.farthest > BEYOND
+        """Whether the common scale or an impulse error is larger than in any lab."""
+        return self.scale > MOST or self.largest_impulse_error > BEYOND
 
     def covering(self, others: Sequence[Array]) -> Discrepancy:
-        """With the values (10,) that causes give which explain the log, and can't be told apart, within one sigma."""
+        """The discrepancy with sigmas that include the distance to each of ``others`` (10,), the estimates by other likely causes."""
         if not others:
             return self
-        away = np.nan_to_num(np.abs(np.array(others) - self.values)).max(0)
-        shares = {**self.shares, UNSPANNED: np.hypot(self.shares[UNSPANNED], away)}
-        bare = self.bare[0], self.bare[1] + np.diag(away**2)
-        return replace(self, covariance=self.covariance + np.diag(away**2), bare=bare, shares=shares)
+        distance = np.nan_to_num(np.abs(np.array(others) - self.values)).max(0)
+        shares = {**self.shares, UNSPANNED: np.hypot(self.shares[UNSPANNED], distance)}
+        bare = self.bare[0], self.bare[1] + np.diag(distance**2)
+        return replace(self, covariance=self.covariance + np.diag(distance**2), bare=bare, shares=shares)
 
-    def tells(self, which: Sequence[int]) -> str:
-        """The one check or experiment that would tell most of these quantities."""
-        mains = [self.main(i) for i in which]
-        return TELLS[max(dict.fromkeys(mains), key=mains.count)] if mains else TELLS[NOISE]
+    def next_step(self, which: Sequence[int]) -> str:
+        """Check or experiment that reduces the sigmas of most of these quantities."""
+        sources = [self.main_source(i) for i in which]
+        return NEXT_STEPS[max(dict.fromkeys(sources), key=sources.count)] if sources else NEXT_STEPS[NOISE]
 
-    def main(self, i: int) -> str:
-        """What makes most of a quantity's sigma."""
+    def main_source(self, i: int) -> str:
+        """Source of the largest part of a quantity's sigma."""
         return max(self.shares, key=lambda name: float(self.shares[name][i]))
 
 
 def discrepancy(samples: Stream, timing: Timing, used: Resolved, settled: History, plain: PlainFits, i: int) -> Discrepancy | None:
-    """Of phase number ``i``; None where there is no fit, or nothing finite."""
-    supposed, units, columns = _columns(Setup(samples.log, used, timing), samples, float(settled.natural_sizes[CG]))
-    fitted = partial(_fitted, samples, settled, plain.consider.about(supposed), units, np.array([one.least for one in columns]))
+    """Estimate of phase number ``i`` with all error parameters as nuisance parameters; None without a finite fit."""
+    errors, units, columns = _columns(Setup(samples.log, used, timing), samples, float(settled.natural_sizes[CG]))
+    fitted = partial(_fitted, samples, settled, plain.consider.about(errors), units, np.array([one.least for one in columns]))
     fit = fitted(used, settled.reference)
     if fit is None:
         return None
-    if any(getattr(plain.vehicle, part) != getattr(used, part) for part in ("imu", "environment", "estimator")):  # by what was sized
-        free = fitted(plain.vehicle, plain.references[i])
-        fit = fit if free is None else fit.widened(free)
+    if any(getattr(plain.vehicle, part) != getattr(used, part) for part in ("imu", "environment", "estimator")):
+        without_disturbance = fitted(plain.vehicle, plain.references[i])
+        fit = fit if without_disturbance is None else fit.widened(without_disturbance)
     vehicle = used.in_phase(settled.phase)
-    # an error common to all that turns the body leaves no trace; it is as likely as one of each. Wheels tell it of thrust
-    alone_spinning = bool(vehicle.spinning) and not samples.log.command.any()
+    # a scale common to all actuators does not change the residuals; it is as likely as a scale error of one. With wheels, the log
+    # informs the thrust scale
+    wheels_only = bool(vehicle.spinning) and not samples.log.command.any()
     common = 0.0 if vehicle.spinning else BY_NAME["thrust"].usual * max(fit.scale, LEAST)
-    spun = BY_NAME["spin_inertia"].usual * max(fit.scale, LEAST) if alone_spinning and not vehicle.knows_inertia else 0.0
+    stored = BY_NAME["spin_inertia"].usual * max(fit.scale, LEAST) if wheels_only and not vehicle.knows_inertia else 0.0
     thrust = vehicle.thrust.model_copy(update={"scale_sigma": float(np.hypot(vehicle.thrust.scale_sigma, common))})
     linear = np.maximum(np.diag(fit.covariance) - fit.scatter, 0.0)[MOMENTS]
     row = Parameters(fit.mean[None], fit.covariance[None], np.sqrt(linear)[None] / fit.mean[MOMENTS])
     (values, full), bare = quantities(row, vehicle.model_copy(update={"thrust": thrust})), quantities(row, alone(vehicle))
-    scaled = by_scale(values[0], vehicle)
-    full[0] += spun**2 * np.outer(scaled, scaled)
-    shares = _shares(fit, columns) | {STORED if spun else COMMON: (common + spun) * np.abs(scaled)}
-    said = tuple(columns[at].said(float(fit.errors[at])) for at in fit.freed)
-    farthest = max((columns[at].beyond(float(fit.errors[at])) for at in fit.freed if columns[at].name in IMPULSE), default=0.0)
-    return Discrepancy(values[0], full[0], (bare[0][0], bare[1][0]), fit.scale, common, shares, said, farthest)
+    slope = by_scale(values[0], vehicle)
+    full[0] += stored**2 * np.outer(slope, slope)
+    shares = _shares(fit, columns) | {STORED if stored else COMMON: (common + stored) * np.abs(slope)}
+    causes = tuple(columns[at].words(float(fit.errors[at])) for at in fit.freed)
+    impulses = [columns[at].prior_sigmas(float(fit.errors[at])) for at in fit.freed if columns[at].name in IMPULSE]
+    return Discrepancy(values[0], full[0], (bare[0][0], bare[1][0]), fit.scale, common, shares, causes, max(impulses, default=0.0))
 
 
 def _fitted(
     samples: Stream, settled: History, consider: Consider, units: Array, least: Array, vehicle: Resolved, reference: Reference | None
 ) -> ErrorFit | None:
-    """Beside all error parameters, with the noise and the disturbances of ``vehicle``; None where nothing finite comes of it."""
+    """Fit with all error parameters and the noise and disturbances of ``vehicle``; None if it is not finite."""
     if reference is None:
         return None
     with np.errstate(all="ignore"):
@@ -196,30 +197,30 @@ def _fitted(
 
 
 def _shares(found: ErrorFit, columns: Sequence[ErrorColumn]) -> dict[str, Array]:
-    """Of each family of error parameters, of noise and of the rest: (10,) sigmas of the ten quantities that it makes by itself."""
+    """(10,) sigmas of the ten quantities by noise, by unexplained scatter, and by each family of error parameters."""
     variances, families = {NOISE: found.by_noise, UNSPANNED: found.scatter}, [FAMILY[one.name] for one in columns]
     for family in dict.fromkeys(families):
-        own = np.flatnonzero([one == family for one in families])
-        variances[family] = np.einsum("ie,ef,if->i", found.effects[:, own], found.error_covariance[np.ix_(own, own)], found.effects[:, own])
+        at = np.flatnonzero([one == family for one in families])
+        variances[family] = np.einsum("ie,ef,if->i", found.effects[:, at], found.error_covariance[np.ix_(at, at)], found.effects[:, at])
     slope = np.ones(10)
     slope[MU] = found.mean[MU] ** -2
     return {name: slope * np.sqrt(np.maximum(variance, 0.0)) for name, variance in variances.items()}
 
 
 def _columns(setup: Setup, samples: Stream, size_m: float) -> tuple[Consider, Array, tuple[ErrorColumn, ...]]:
-    """All error parameters that a log and its vehicle, so large, may have; but for what the estimator has as an unknown anyhow.
+    """Derivatives of all error parameters of a log and a vehicle of ``size_m``, (e,) usual sigmas in each column's unit, and the columns.
 
-    With (e,) what one usual sigma is in each column's unit.
+    Omits the parameters that the estimator already has as nuisance parameters.
     """
     variants, columns = [], list[ErrorColumn]()
     for one in TABLE:
-        unknown = one.estimated and one.sigma(setup.vehicle) > 0
-        elsewhere = one.environments and setup.vehicle.environment.kind not in one.environments
-        anew = one.shown is None and one.redone != "body"
-        if one.usual == 0 or one.per_channel or unknown or elsewhere or (anew and setup.log.cycles > LONG):
+        nuisance = one.estimated and one.sigma(setup.vehicle) > 0
+        other_environment = one.environments and setup.vehicle.environment.kind not in one.environments
+        preprocessed = one.shown is None and one.redone != "body"
+        if one.usual == 0 or one.per_channel or nuisance or other_environment or (preprocessed and setup.log.cycles > LONG):
             continue
         if one.shown is None and one.apply(setup, np.zeros(one.size)) is None:
-            continue  # it has no part in this vehicle
+            continue  # this vehicle does not have the parameter
         for axis in range(one.size):
             changed = variant(one, setup, samples, axis)
             if changed is not None:
@@ -229,50 +230,53 @@ def _columns(setup: Setup, samples: Stream, size_m: float) -> tuple[Consider, Ar
     sigmas = {name: _usual(one, size_m) for name, one in BY_NAME.items() if one.per_channel}
     jets = setup.vehicle.jets if setup.log.command_kind == "jets" else ()
     pushes = channel_changes(jets, channel_wrench(setup.log, setup.vehicle), sigmas)
-    named = channel_names(setup.log, setup.vehicle)
+    names = channel_names(setup.log, setup.vehicle)
     units = np.array([*(one.usual for one in columns), *np.ones(len(pushes.channels)), BY_NAME[AGING].usual])
-    columns += [ErrorColumn(kind, named[channel], sigmas[kind]) for kind, channel in zip(pushes.kinds, pushes.channels, strict=True)]
+    columns += [ErrorColumn(kind, names[channel], sigmas[kind]) for kind, channel in zip(pushes.kinds, pushes.channels, strict=True)]
     columns.append(ErrorColumn(AGING, "", BY_NAME[AGING].usual))
     return Consider(tuple(variants), pushes=pushes, aging=True), units, tuple(columns)
 
 
 def _usual(one: ErrorParameter, size_m: float) -> float:
+    """Usual sigma of a parameter; of a length, for a vehicle of ``size_m``."""
     return one.usual * (size_m if one.unit == "m" else 1.0)
 
 
-def with_touched(conclusion: Conclusion, told: Discrepancy, which: BoolArray, history: History, vehicle: Vehicle) -> Conclusion:
-    """The conclusion with these values of ``which`` (10,) quantities, and the verdicts that it had: as a named fault leaves them."""
-    both, neither = which[:, None] & which, ~which[:, None] & ~which
+def with_affected(conclusion: Conclusion, found: Discrepancy, affected: BoolArray, history: History, vehicle: Vehicle) -> Conclusion:
+    """The conclusion with the discrepancy's values of the quantities ``affected`` (10,) by a named fault; verdicts stay."""
+    both, neither = affected[:, None] & affected, ~affected[:, None] & ~affected
     known = np.array([one.value is not None for one in conclusion.estimates.values()])
-    covariance = np.where(both, told.covariance, np.where(neither, conclusion.covariance, 0.0))
-    values = np.where(which, told.values, conclusion.values)
+    covariance = np.where(both, found.covariance, np.where(neither, conclusion.covariance, 0.0))
+    values = np.where(affected, found.values, conclusion.values)
     sigmas = np.sqrt(np.diag(covariance))
-    given, which = which & known & (sigmas < history.natural_sizes), which & known
+    reported, changed = affected & known & (sigmas < history.natural_sizes), affected & known
+    pairs = [(float(value), float(sigma)) if given else (None, None) for value, sigma, given in zip(values, sigmas, reported, strict=True)]
     estimates = {
-        name: replace(one, value=float(values[i]) if given[i] else None, sigma=float(sigmas[i]) if given[i] else None) if which[i] else one
+        name: replace(one, value=pairs[i][0], sigma=pairs[i][1]) if changed[i] else one
         for i, (name, one) in enumerate(conclusion.estimates.items())
     }
-    return concluded(estimates, values, covariance, conclusion.bare, history, vehicle)
+    return assembled(estimates, values, covariance, conclusion.bare, history, vehicle)
 
 
-def with_discrepancy(conclusion: Conclusion, told: Discrepancy, history: History, vehicle: Vehicle) -> Conclusion:
-    """The conclusion with these values; called converged where it was, and the whole sigma is within the tolerance."""
+def with_discrepancy(conclusion: Conclusion, found: Discrepancy, history: History, vehicle: Vehicle) -> Conclusion:
+    """The conclusion with the discrepancy's values; a converged quantity stays so if its sigma is within the tolerance."""
     known: dict[str, float] = {name: one.sigma for name, one in vehicle.known.items()}
-    shared = in_common(by_scale(told.values, vehicle), told.covariance, known, vehicle)
-    # what is stated of the thrust, or known, is as uncertain as it is stated to be, whatever the tolerance
-    within = np.diag(told.covariance) - np.nan_to_num(shared) ** 2 <= tolerances(history, vehicle) ** 2
-    estimates = {name: _estimate(conclusion.estimates[name], told, i, bool(within[i]), history) for i, name in enumerate(QUANTITIES)}
-    found = concluded(estimates, told.values, told.covariance, told.bare, history, vehicle)
-    return replace(found, thrust_scale_sigma=told.thrust_scale_sigma)
+    shared = in_common(by_scale(found.values, vehicle), found.covariance, known, vehicle)
+    # the tolerance does not bound the stated uncertainty of thrust and known values
+    within = np.diag(found.covariance) - np.nan_to_num(shared) ** 2 <= tolerances(history, vehicle) ** 2
+    estimates = {name: _estimate(conclusion.estimates[name], found, i, bool(within[i]), history) for i, name in enumerate(QUANTITIES)}
+    changed = assembled(estimates, found.values, found.covariance, found.bare, history, vehicle)
+    return replace(changed, thrust_scale_sigma=found.thrust_scale_sigma)
 
 
 def _estimate(one: Estimate, found: Discrepancy, i: int, within: bool, history: History) -> Estimate:
+    """Estimate of quantity ``i`` with the discrepancy's value; ``within``: whether the sigma is within the tolerance."""
     if one.verdict == "unobservable":
         return one
     value, sigma, size = float(found.values[i]), float(np.sqrt(found.covariance[i, i])), float(history.natural_sizes[i])
-    told = bool(np.isfinite(value) and sigma < size)
+    reported = bool(np.isfinite(value) and sigma < size)
     if one.verdict == "converged":
-        kept = told and within
-        reason = Reason.of("within-discrepancy" if kept else "discrepancy", percent=100 * sigma / size, main=found.main(i))
+        kept = reported and within
+        reason = Reason.of("within-discrepancy" if kept else "discrepancy", percent=100 * sigma / size, main=found.main_source(i))
         one = replace(one, verdict="converged" if kept else "not_converged", reason=reason, final_at_s=one.final_at_s if kept else None)
-    return replace(one, value=value if told else None, sigma=sigma if told else None)
+    return replace(one, value=value if reported else None, sigma=sigma if reported else None)

@@ -1,4 +1,4 @@
-"""The docked object: what the combined body has beyond the vehicle alone, with its covariance."""
+"""Mass properties of a docked object: the difference between the combined body and the vehicle alone, with its covariance."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from massprop_cli.estimate.quantities import by_first_moment, by_scale, conditio
 from massprop_cli.inputs.vehicle import Known, Vehicle
 
 SIGNIFICANT = 3.0
-"""Two phases are before and after docking, unless told otherwise, if their masses differ by more than this many sigmas."""
+"""Least mass difference, sigmas, by which two phases are before and after docking if the vehicle file names none."""
 
 
 @dataclass(frozen=True)
@@ -25,17 +25,15 @@ class Docked:
     estimates: dict[str, Estimate]
     covariance: Array
     contradiction: str = ""
-    """Which of its phases is contradicted, and why."""
-    belied: tuple[str, ...] = ()
-    """What the log says of each known quantity that it does not bear out."""
+    """Contradiction of a phase or of a known quantity, in words."""
+    known_mismatches: tuple[str, ...] = ()
+    """Messages of known quantities that the log contradicts."""
 
 
 def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Docked | None:
-    """The docked object of the phases that ``[docking]`` names; else of the only two if their masses differ, docked or released.
+    """Docked object of the phases that ``[docking]`` names, else of two phases whose masses differ significantly; None without one.
 
-    None where there is none.
-
-    The phases' errors are independent but for a common thrust scale, which enters both alike; what is known of a phase calibrates it.
+    The phases' errors are independent except for the common thrust scale. Known values of a phase calibrate it.
     """
     pair = _pair(conclusions, vehicle)
     if pair is None:
@@ -43,91 +41,91 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
     values, joint = _joint(pair, vehicle)
     found = difference(values[:10], values[10:])
     slope = difference_slope(values[:10], values[10:])
-    belied = list[str]()
+    mismatches = list[str]()
     for name, known in mass_first(vehicle.docking.known if vehicle.docking else {}):
         i = QUANTITIES.index(name)
         z = (known.value - found[i]) / np.sqrt(slope[i] @ joint @ slope[i] + known.sigma**2)
         if abs(z) > MISMATCH:
-            belied.append(f"docking.known.{name} = {known.value:g} {off_by(z)}")
+            mismatches.append(f"docking.known.{name} = {known.value:g} {off_by(z)}")
         values, joint = _conditioned(values, joint, slope[i], (name, known), float(found[i]), 0.0 if vehicle.on_air_bearing else None)
         found, slope = difference(values[:10], values[10:]), difference_slope(values[:10], values[10:])
-    apart = without_part(vehicle.environment.kind)
+    unused = without_effect(vehicle.environment.kind)
     covariance = slope @ joint @ slope.T
-    settled = all(conclusion.estimates[QUANTITIES[i]].verdict == "converged" for conclusion in pair for i in np.flatnonzero(~apart))
-    contradictions = [of_phase(c.phase.name, c.contradiction) for c in pair if c.causes]
-    less = backwards(float(found[9]), covariance)
-    verdict: Verdict = "contradicted" if contradictions or less or belied else "converged" if settled else "not_converged"
-    reason = Reason("phases-converged" if settled else "phases-not-converged")
+    converged = all(conclusion.estimates[QUANTITIES[i]].verdict == "converged" for conclusion in pair for i in np.flatnonzero(~unused))
+    contradictions = [in_phase(c.phase.name, c.contradiction) for c in pair if c.causes]
+    negative = has_negative_mass(float(found[9]), covariance)
+    verdict: Verdict = "contradicted" if contradictions or negative or mismatches else "converged" if converged else "not_converged"
+    reason = Reason("phases-converged" if converged else "phases-not-converged")
     if contradictions:
         reason = Reason.of("phases-contradicted", phases=" and ".join(c.phase.name for c in pair if c.causes))
-    elif less:
-        reason = lighter(float(found[9]), f"phase {pair[1].phase.name}", f"phase {pair[0].phase.name}", "correct [docking]")
+    elif negative:
+        reason = negative_mass(float(found[9]), f"phase {pair[1].phase.name}", f"phase {pair[0].phase.name}", "correct [docking]")
         contradictions = [str(reason)]
-    elif belied:
-        reason, contradictions = Reason.of("contradiction", cause="; ".join(belied)), belied
-    estimates = estimates_of(found, covariance, verdict, reason, apart)
-    covariance[apart], covariance[:, apart] = np.nan, np.nan
-    return Docked(pair[0].phase.name, pair[1].phase.name, estimates, covariance, "; ".join(contradictions), tuple(belied))
+    elif mismatches:
+        reason, contradictions = Reason.of("contradiction", cause="; ".join(mismatches)), mismatches
+    estimates = docked_estimates(found, covariance, verdict, reason, unused)
+    covariance[unused], covariance[:, unused] = np.nan, np.nan
+    return Docked(pair[0].phase.name, pair[1].phase.name, estimates, covariance, "; ".join(contradictions), tuple(mismatches))
 
 
-def backwards(mass: float, covariance: Array) -> bool:
-    """Whether an object of ``mass`` with its covariance (10, 10) has less than none, beyond chance: its sides were swapped."""
+def has_negative_mass(mass: float, covariance: Array) -> bool:
+    """Whether ``mass`` (kg) of an object with this covariance (10, 10) is significantly negative, as with swapped sides."""
     return bool(mass < -SIGNIFICANT * np.sqrt(covariance[9, 9]))
 
 
-def lighter(mass: float, after: str, before: str, remedy: str) -> Reason:
-    """That an object of ``mass``, kg, below 0 is none."""
+def negative_mass(mass: float, after: str, before: str, remedy: str) -> Reason:
+    """Reason for the contradiction of a negative ``mass``, kg."""
     return Reason.of("docked-lighter", mass=mass, after=after, before=before, remedy=remedy)
 
 
-def of_phase(name: str, cause: str) -> str:
-    """What contradicts in a phase, with its name."""
+def in_phase(name: str, cause: str) -> str:
+    """Cause of a contradiction with the name of its phase."""
     return f"phase {name}: {cause}"
 
 
-def estimates_of(found: Array, covariance: Array, verdict: Verdict, reason: Reason, apart: BoolArray) -> dict[str, Estimate]:
-    """The ten quantities (10,) with their sigmas; without a value unless all can be told, but those ``apart`` (10,), which have no part."""
-    told = bool(np.isfinite(found).all() and np.isfinite(covariance).all())
-    if not told and verdict != "contradicted":
+def docked_estimates(found: Array, covariance: Array, verdict: Verdict, reason: Reason, unused: BoolArray) -> dict[str, Estimate]:
+    """Estimates of the ten quantities ``found`` (10,); without values if any is not finite. ``unused`` (10,) ones are unobservable."""
+    finite = bool(np.isfinite(found).all() and np.isfinite(covariance).all())
+    if not finite and verdict != "contradicted":
         verdict, reason = "unobservable", Reason("sides-untold")
-    sigmas = np.sqrt(np.diag(covariance)) if told else found
+    sigmas = np.sqrt(np.diag(covariance)) if finite else found
     if verdict == "converged" and found[9] < SIGNIFICANT * sigmas[9]:
         verdict, reason = "not_converged", Reason.of("docked-faint", mass=float(found[9]), sigma=float(sigmas[9]))
     estimates = {}
     for i, name in enumerate(QUANTITIES):
-        value, sigma = (float(found[i]), float(sigmas[i])) if told and not apart[i] else (None, None)
-        why: tuple[Verdict, Reason] = ("unobservable", Reason("no-part")) if apart[i] else (verdict, reason)
+        value, sigma = (float(found[i]), float(sigmas[i])) if finite and not unused[i] else (None, None)
+        why: tuple[Verdict, Reason] = ("unobservable", Reason("no-part")) if unused[i] else (verdict, reason)
         estimates[name] = Estimate(value, sigma, UNITS[name], why[0], None, why[1])
     return estimates
 
 
 def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array, Array]:
-    """(20,) quantities of both phases with their covariance: a thrust scale common to both that no log tells, and what is known of each."""
+    """(20,) quantities of both phases and their (20, 20) covariance, with the common thrust scale and the known values of each phase."""
     thesis = vehicle.estimator.method == "thesis"
     values = np.concatenate([conclusion.bare[0] for conclusion in pair])
     joint: Array = np.zeros((20, 20))
     joint[:10, :10], joint[10:, 10:] = (conclusion.bare[1] for conclusion in pair)
-    apart = np.tile(without_part(vehicle.environment.kind), 2)  # nothing else depends on these
-    values[apart], joint[apart], joint[:, apart] = 0.0, 0.0, 0.0
+    unused = np.tile(without_effect(vehicle.environment.kind), 2)  # the others do not depend on these
+    values[unused], joint[unused], joint[:, unused] = 0.0, 0.0, 0.0
     known = [
         (10 * half + QUANTITIES.index(name), one)
         for half, conclusion in enumerate(() if thesis else pair)
         for name, one in mass_first(vehicle.in_phase(conclusion.phase).known)
     ]
-    untold = [(i, one) for i, one in known if not np.isfinite(values[i])]  # as the mass where nothing pushes
-    for i, one in untold:
+    replaced = [(i, one) for i, one in known if not np.isfinite(values[i])]  # such as the mass without forces
+    for i, one in replaced:
         values[i], joint[i], joint[:, i] = one.value, 0.0, 0.0
-    scaled = by_scale(values.reshape(2, 10), vehicle).ravel()
+    by_thrust = by_scale(values.reshape(2, 10), vehicle).ravel()
     if not thesis:
-        beyond = max(conclusion.thrust_scale_sigma for conclusion in pair)  # the thrust is the same in both
-        joint = joint + (open_scale(vehicle) ** 2 + beyond**2) * np.outer(scaled, scaled)
+        discrepancy_sigma = max(conclusion.thrust_scale_sigma for conclusion in pair)  # both have the same thrust
+        joint = joint + (open_scale(vehicle) ** 2 + discrepancy_sigma**2) * np.outer(by_thrust, by_thrust)
         for i, one in known:
-            if (i, one) in untold:
+            if (i, one) in replaced:
                 joint[i], joint[:, i] = 0.0, 0.0
                 joint[i, i] = one.sigma**2
             else:
-                beside = vehicle.bearing_mass_kg if vehicle.on_air_bearing else None
-                values, joint = _conditioned(values, joint, np.eye(20)[i], (QUANTITIES[i % 10], one), float(values[i]), beside)
+                bearing_mass_kg = vehicle.bearing_mass_kg if vehicle.on_air_bearing else None
+                values, joint = _conditioned(values, joint, np.eye(20)[i], (QUANTITIES[i % 10], one), float(values[i]), bearing_mass_kg)
     values[[9, 19]] -= vehicle.bearing_mass_kg
     return values, joint
 
@@ -135,46 +133,47 @@ def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array
 def _conditioned(
     values: Array, joint: Array, slope: Array, known: tuple[str, Known], expected: float, bearing_mass_kg: float | None
 ) -> tuple[Array, Array]:
-    """Both phases' quantities (20,) conditioned on what is ``known``, by name; on a bearing as :func:`by_first_moment` does it."""
+    """Both phases' quantities (20,) conditioned on a known one; on a bearing linear in the first moment (:func:`by_first_moment`)."""
     name, one = known
-    found, covariance = condition(values, joint, slope, one.value, expected, one.sigma)
+    after, covariance = condition(values, joint, slope, one.value, expected, one.sigma)
     if bearing_mass_kg is not None:
-        halves, by = by_first_moment(name, values.reshape(2, 10), found.reshape(2, 10), bearing_mass_kg)
-        found, whole = halves.ravel(), np.zeros((20, 20))
-        whole[:10, :10], whole[10:, 10:] = by
-        covariance = whole @ covariance @ whole.T
-    return found, covariance
+        halves, slopes = by_first_moment(name, values.reshape(2, 10), after.reshape(2, 10), bearing_mass_kg)
+        after, transform = halves.ravel(), np.zeros((20, 20))
+        transform[:10, :10], transform[10:, 10:] = slopes
+        covariance = transform @ covariance @ transform.T
+    return after, covariance
 
 
-def without_part(environment: str) -> BoolArray:
-    """(10,) what has no part in any motion in this environment."""
+def without_effect(environment: str) -> BoolArray:
+    """(10,) quantities that do not affect the motion in this environment."""
     return np.array([environment == "planar" and name not in PLANAR for name in QUANTITIES])
 
 
 def _pair(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> tuple[Conclusion, Conclusion] | None:
+    """Conclusions of the vehicle alone and combined; None without a docking."""
     by_name = {conclusion.phase.name: conclusion for conclusion in conclusions}
     if vehicle.docking is not None:
         return by_name[vehicle.docking.before], by_name[vehicle.docking.after]
-    apart = masses_apart(conclusions, vehicle)
-    if apart is None or abs(apart[0]) <= SIGNIFICANT * apart[1]:
+    difference_kg = mass_difference(conclusions, vehicle)
+    if difference_kg is None or abs(difference_kg[0]) <= SIGNIFICANT * difference_kg[1]:
         return None
     first, second = sorted(conclusions, key=lambda conclusion: conclusion.phase.start_s)
-    return (first, second) if apart[0] > 0 else (second, first)
+    return (first, second) if difference_kg[0] > 0 else (second, first)
 
 
-def masses_apart(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> tuple[float, float] | None:
-    """How much heavier the second of two phases is, with sigma, kg; None unless there are just two with a mass."""
+def mass_difference(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> tuple[float, float] | None:
+    """Mass of the second of two phases minus that of the first, and its sigma, kg; None unless there are exactly two with a mass."""
     if len(conclusions) != 2:
         return None
     first, second = sorted(conclusions, key=lambda conclusion: conclusion.phase.start_s)
     values, joint = _joint((first, second), vehicle)
-    apart = values[19] - values[9]
+    mass_kg = values[19] - values[9]
     variance = joint[9, 9] + joint[19, 19] - 2 * joint[9, 19]
-    return (float(apart), float(np.sqrt(max(variance, 0.0)))) if np.isfinite(apart + variance) else None
+    return (float(mass_kg), float(np.sqrt(max(variance, 0.0)))) if np.isfinite(mass_kg + variance) else None
 
 
 def difference(alone: Array, combined: Array) -> Array:
-    """(10,) docked object from (10,) alone and combined (thesis chapter 5).
+    """(10,) quantities of the docked object from those of the vehicle alone and combined (10,) (thesis chapter 5).
 
     ``m2 = m12 − m1``, ``c2 = (m12 c12 − m1 c1) / m2``, ``I2 = I12 − I1 − m1 [d1] − m2 [d2]`` with d = c − c12 and
     ``[d] = (d·d) 1 − d dᵀ``.
@@ -188,7 +187,7 @@ def difference(alone: Array, combined: Array) -> Array:
 
 
 def difference_slope(alone: Array, combined: Array) -> Array:
-    """(10, 20) derivative of :func:`difference`, by central differences (the formulas are at most cubic over a mass)."""
+    """(10, 20) derivative of :func:`difference` with respect to both arguments, by central differences."""
     both = np.concatenate([alone, combined])
     trace = combined[0] + combined[3] + combined[5]
     sizes = np.concatenate([np.full(6, trace), np.full(3, np.sqrt(abs(trace / combined[9]))), [combined[9]]])

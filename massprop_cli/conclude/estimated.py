@@ -1,4 +1,4 @@
-"""Estimation of one log: timing, noise levels, causes, values and what the values rest on."""
+"""Estimation of one log: timing, noise levels, causes of a misfit, estimates and their sensitivity to the assumptions."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.conclude.analysis import Analysis
-from massprop_cli.conclude.assumptions import Examined, examined, sound
+from massprop_cli.conclude.assumptions import SensitivityAnalysis, sensitivity_analysis, without_invalid
 from massprop_cli.conclude.channelresiduals import channel_residual_test
 from massprop_cli.conclude.discrepancy import PlainFits
 from massprop_cli.conclude.firstfit import first_fits
@@ -37,20 +37,20 @@ OTHER_CUTOFFS = (
     'found with the stated one; state cutoff_hz = "auto", or its cutoff_sigma_hz, in [imu.gyro_filter] and [imu.accel_filter]'
 )
 FEW = 2
-"""Cycles with commands that refute too few of hundreds of hypotheses: of clean logs with so few, in which no body is found, a third had
-another cause than a delay named, of those with three one in forty (tests/conclude/test_few_commands.py)."""
+"""Largest number of cycles with commands that cannot identify a cause other than a delay. With so few, a third of the error-free logs
+without an estimate had a false cause; with three, one in forty (tests/conclude/test_few_commands.py)."""
 UNITS = {"gyro-units", "accel-units", "column-kind"}
-"""Causes that readings are smaller or larger by."""
+"""Causes that scale the readings."""
 
 
-class Checked(NamedTuple):
-    """What the log says of that which its estimate rests on."""
+class Checks(NamedTuple):
+    """Tests of the assumptions behind an estimate."""
 
     diagnosis: Diagnosis | None = None
-    examination: Examined | None = None
+    examination: SensitivityAnalysis | None = None
     doubts: Sequence[Doubt] = ()
     detected: FoundTiming | None = None
-    """Of the timing."""
+    """Timing as estimated from the log."""
     plain: PlainFits | None = None
 
 
@@ -62,20 +62,20 @@ def estimated(
     check: bool = True,
     first: tuple[Ready, AsStated | None] | None = None,
 ) -> Analysis:
-    """Timing, noise levels, causes, estimates. Disturbances are sized where nothing that has a name explains what is left.
+    """Estimate a log and test its assumptions; disturbances are estimated only if no named cause explains a misfit.
 
-    ``first`` is what :func:`first_fits` gives, where that is at hand.
+    ``check`` enables the search for causes. ``first`` is the result of :func:`first_fits`, if already available.
     """
     begun, plain = first or first_fits(log, source, say)
     if plain is None:
-        told = Checked(detected=begun.detected)
+        checks = Checks(detected=begun.detected)
         answer: Estimates[Vehicle] = by_thesis(begun.samples, begun.phases, begun.stated)
     else:
-        answer, told = _by_default(begun, plain, check, say)
-    unknown = _unexplained(told.diagnosis, answer.notices) or _baffled(told, answer.used, begun)
+        answer, checks = _by_default(begun, plain, check, say)
+    unknown = _unknown_cause(checks.diagnosis, answer.notices) or _correlated_disturbance(checks, answer.used, begun)
     void = (Fault(notice, None) for notice in begun.log.notices if notice.code in VOID)
-    vain = [Notice(UNKNOWN, unknown)] if unknown else []
-    said = *begun.log.notices, *begun.notices, *vain, *answer.notices
+    unknown_notices = [Notice(UNKNOWN, unknown)] if unknown else []
+    notices = *begun.log.notices, *begun.notices, *unknown_notices, *answer.notices
     return Analysis(
         log=log,
         source=source,
@@ -83,76 +83,78 @@ def estimated(
         stated=begun.stated,
         samples=begun.samples,
         timing=begun.timing,
-        detected=told.detected,
+        detected=checks.detected,
         histories=answer.histories,
         settled=tuple(answer.settled) or answer.histories,
         conclusions=tuple(conclude(history, answer.used) for history in answer.histories),
         docked=None,
-        notices=(*said, *(notice for history in answer.histories for notice in history.notices)),
+        notices=(*notices, *(notice for history in answer.histories for notice in history.notices)),
         assignments=tuple(assignments),
-        examination=told.examination,
-        faults=(*void, *(told.diagnosis.faults if told.diagnosis else ())),
+        examination=checks.examination,
+        faults=(*void, *(checks.diagnosis.faults if checks.diagnosis else ())),
         unknown=unknown,
-        doubts=tuple(told.doubts),
-        plain=told.plain,
+        doubts=tuple(checks.doubts),
+        plain=checks.plain,
     )
 
 
-def _by_default(begun: Ready, plain: AsStated, check: bool, say: Progress) -> tuple[Estimates[Resolved], Checked]:
-    """By the default method, and what the values rest on is examined; with ``check`` the causes of a misfit are looked for."""
+def _by_default(begun: Ready, plain: AsStated, check: bool, say: Progress) -> tuple[Estimates[Resolved], Checks]:
+    """Estimate by the default method, with the sensitivity analysis; ``check`` enables the search for causes of a misfit."""
     refuted = check and not plain.dubious and other_cutoffs(begun.log, plain.used, begun.pieces, begun.detected)
-    diagnosis = _of_matter(begun, plain) if check else None
+    diagnosis = _density_diagnosis(begun, plain) if check else None
     if diagnosis is None and check and (plain.dubious or plain.quiet or refuted):
         diagnosis = _diagnosis(begun, plain.used, say, refuted)
-        if diagnosis is not None and not (plain.dubious or refuted) and not _found_in_quiet(diagnosis, plain):
-            diagnosis = None  # noise that was stated too large is no fault
-        if diagnosis is not None and not plain.misfit and _of_few_commands(diagnosis, begun.log):
+        if diagnosis is not None and not (plain.dubious or refuted) and not _credible_in_low_noise(diagnosis, plain):
+            diagnosis = None  # the stated noise is too large, which is no fault
+        if diagnosis is not None and not plain.misfit and _too_few_commands(diagnosis, begun.log):
             diagnosis = None
     size = begun.stated.estimator.adapt_noise and not (diagnosis and diagnosis.faults)
-    # what a wrong model leaves is a torque: noise would take half of it, and tell the sigmas nothing of the other
+    # a wrong model leaves residuals like a torque; more sensor noise would absorb half of them and keep the sigmas too small
     noisier = diagnosis is not None and not diagnosis.unknown
     answer = estimates(begun.samples, begun.phases, plain, begun.consider, say, size=size, noisier=noisier)
     used = answer.used
     fits = PlainFits(plain.used, tuple(None if fit is None else fit.history.reference for fit in plain.fits), begun.consider, plain.left)
     say("what the numbers rest on", 1.0)
-    more = sized(used, begun.stated)
-    examination = sound(examined(begun.log, used, begun.timing, begun.samples, answer.settled, begun.consider, more), answer.settled)
-    doubted = _doubted(examination, begun, answer)
+    disturbed = sized(used, begun.stated)
+    analysis = sensitivity_analysis(begun.log, used, begun.timing, begun.samples, answer.settled, begun.consider, disturbed)
+    analysis = without_invalid(analysis, answer.settled)
+    in_doubt = _doubts(analysis, begun, answer)
     if not check:
-        return answer, Checked(doubts=doubted, detected=begun.detected, plain=fits)
-    if any(one.sure and not one.faint for one in doubted) and diagnosis is None:
+        return answer, Checks(doubts=in_doubt, detected=begun.detected, plain=fits)
+    if any(one.refuted and not one.joint for one in in_doubt) and diagnosis is None:
         diagnosis = _diagnosis(begun, used, say)
     detected = begun.detected or (diagnosis.detected if diagnosis else None)
-    if detected is None and not sized(used, begun.stated):
-        detected = _checked_timing(answer.settled, begun.timing, examination)  # no disturbance was added to explain a misfit
-    return answer, Checked(diagnosis, examination, doubted, detected, fits)
+    if detected is None and not disturbed:
+        detected = _checked_timing(answer.settled, begun.timing, analysis)
+    return answer, Checks(diagnosis, analysis, in_doubt, detected, fits)
 
 
-def _found_in_quiet(diagnosis: Diagnosis, plain: AsStated) -> bool:
-    """Whether it names causes of a log that fits; of one in which nothing is left, another unit alone, in which that would be more."""
+def _credible_in_low_noise(diagnosis: Diagnosis, plain: AsStated) -> bool:
+    """Whether a diagnosis of a log with little noise is credible; without any noise, only a wrong unit is, which hides the noise."""
     codes = {one.notice.code for one in diagnosis.faults}
-    silent = all(fit is not None and fit.history.noise_free for fit in plain.fits)
-    return bool(codes) and (not silent or codes <= UNITS)
+    noise_free = all(fit is not None and fit.history.noise_free for fit in plain.fits)
+    return bool(codes) and (not noise_free or codes <= UNITS)
 
 
-def _of_few_commands(diagnosis: Diagnosis, log: Log) -> bool:
-    """Whether what commands hardly tell, and no fit refutes, is laid to more than their time."""
+def _too_few_commands(diagnosis: Diagnosis, log: Log) -> bool:
+    """Whether a diagnosis other than a wrong delay rests on at most :data:`FEW` cycles with commands."""
     few = not log.spinning and 0 < int(np.count_nonzero(log.command.any(1))) <= FEW
     return few and not {one.notice.code for one in diagnosis.faults} <= {"delay-mismatch"}
 
 
-def _doubted(examination: Examined, begun: Ready, answer: Estimates[Resolved]) -> list[Doubt]:
+def _doubts(analysis: SensitivityAnalysis, begun: Ready, answer: Estimates[Resolved]) -> list[Doubt]:
+    """Assumptions and channels in doubt."""
     names = channel_names(begun.log, answer.used)
     push = pushing(channel_wrench(begun.log, answer.used)[:, 3:], always_together(begun.log))
     first = len(names) - len(answer.used.momentum_wrench)
-    stored = range(first, len(names))
-    apart = [range(first), stored] if first and stored else [push] if push else []
-    found = doubts(examination, names, along_one_line(begun.log, answer.used), apart)
-    return found + channel_residual_test(answer.settled, begun.samples, names, examination.scatter)
+    momentum_devices = range(first, len(names))
+    kinds = [range(first), momentum_devices] if first and momentum_devices else [push] if push else []
+    assumptions = doubts(analysis, names, along_one_line(begun.log, answer.used), kinds)
+    return assumptions + channel_residual_test(answer.settled, begun.samples, names, analysis.scatter)
 
 
-def _of_matter(begun: Ready, plain: AsStated) -> Diagnosis | None:
-    """By which rotors' columns are read as of a body of matter, where no matter is so dense as that of the stated reading."""
+def _density_diagnosis(begun: Ready, plain: AsStated) -> Diagnosis | None:
+    """Another reading of the rotors' columns that gives a possible density, if the stated one gives an impossible density."""
     ends = [(fit.history.values[-1], fit.history.sigmas[-1]) for fit in plain.fits if fit is not None]
     if not plain.used.rotors or not any(exceeds_density(*end) for end in ends):
         return None
@@ -162,52 +164,54 @@ def _of_matter(begun: Ready, plain: AsStated) -> Diagnosis | None:
 
 
 def _diagnosis(begun: Ready, used: Resolved, say: Progress, refuted: bool = False) -> Diagnosis | None:
-    """None where causes are not looked for: of a sensor that saturates or stands still.
+    """Causes of a misfit; None if a sensor saturates or stands still.
 
-    Where no hypothesis explains the log of rotors, other readings of the columns are fitted; of control moment gyros before all else. A log
-    that has ``refuted`` a cutoff has a cause, known or unknown.
+    Other readings of the columns are tested for rotors if no hypothesis explains the log, and for control moment gyros first. A log that
+    ``refuted`` a cutoff always has a cause, known or unknown.
     """
-    if _unread(begun.log):
+    if _unusable_readings(begun.log):
         return None
     say("looking for the cause", 1.0)
-    from massprop_cli.diagnosis import diagnose, rereading  # nine modules that a clean log does without
+    from massprop_cli.diagnosis import diagnose, rereading  # most logs do without these modules
 
     reread = partial(rereading.reread, begun.log, used, begun.timing, begun.phases)
-    if used.control_moment_gyros and (read := reread()) is not None:
-        return read
+    if used.control_moment_gyros and (other_reading := reread()) is not None:
+        return other_reading
     found = diagnose.diagnose(begun.log, used, begun.timing, begun.pieces)
     found = (reread() or found) if used.rotors and found.unknown and not found.faults else found
     return replace(found, unknown=OTHER_CUTOFFS) if refuted and not (found.faults or found.unknown) else found
 
 
-def _unexplained(diagnosis: Diagnosis | None, others: Sequence[Notice]) -> str:
-    """That nothing explains the log; not where a floor stands in for its noise, against which no model fits."""
+def _unknown_cause(diagnosis: Diagnosis | None, others: Sequence[Notice]) -> str:
+    """Message of a misfit without a known cause; empty if a noise floor replaces the noise, because no model fits that closely."""
     known = all(notice.code != "noise-floor" for notice in others)
     return diagnosis.unknown if diagnosis and known else ""
 
 
-def _baffled(told: Checked, used: Vehicle, begun: Ready) -> str:
-    """That a disturbance was sized for what is none: beside it the log contradicts an assumption, and no named cause explains that."""
-    first = next((doubt for doubt in told.doubts if doubt.sure and not doubt.faint), None)
-    if first is None or _unread(begun.log) or (told.diagnosis and told.diagnosis.faults) or not sized(used, begun.stated):
+def _correlated_disturbance(checks: Checks, used: Vehicle, begun: Ready) -> str:
+    """Message that the estimated disturbance is none: the log refutes an assumption in spite of it, and no named cause explains that."""
+    first = next((doubt for doubt in checks.doubts if doubt.refuted and not doubt.joint), None)
+    if first is None or _unusable_readings(begun.log) or (checks.diagnosis and checks.diagnosis.faults) or not sized(used, begun.stated):
         return ""
-    what = first.what.replace("-", " ")
+    assumption = first.assumption.replace("-", " ")
     return (
         f"log and vehicle file don't fit, cause unknown: beside the disturbance that stands for what is left the log would fit better by "
-        f"{sigmas(first.sigmas)} sigma with another {what}; so it is no disturbance, and if not that, something that goes with the commands"
+        f"{sigmas(first.sigmas)} sigma with another {assumption}; so it is no disturbance, and if not that, something that goes with the "
+        "commands"
     )
 
 
-def _unread(log: Log) -> list[Notice]:
+def _unusable_readings(log: Log) -> list[Notice]:
+    """Notices of a sensor that saturates or stands still."""
     return [notice for notice in log.notices if notice.code in UNREAD]
 
 
-def _checked_timing(settled: Sequence[History], at: Timing, examination: Examined) -> FoundTiming | None:
-    """What the log says of a stated delay that is off by little if at all; None where nothing tells."""
-    known = [history.cycles for history in settled if history.reference is not None]
-    later = examination.delay()
-    if later is None or abs(later.cycles) >= delay.MISMATCH or at.delay + later.cycles < 0:
+def _checked_timing(settled: Sequence[History], at: Timing, analysis: SensitivityAnalysis) -> FoundTiming | None:
+    """Timing with a small correction of the stated delay, by its score test; None if the log does not inform it or it is not small."""
+    fitted = [history.cycles for history in settled if history.reference is not None]
+    error = analysis.delay()
+    if error is None or abs(error.cycles) >= delay.MISMATCH or at.delay + error.cycles < 0:
         return None
-    rows = 6 * sum(cycles.stop - cycles.start for cycles in known)
-    scale = max(later.before / rows, 1.0)
-    return delay.near(at, later.cycles, later.sigma * scale**0.5, later.after / rows)
+    rows = 6 * sum(cycles.stop - cycles.start for cycles in fitted)
+    scale = max(error.before / rows, 1.0)
+    return delay.near(at, error.cycles, error.sigma * scale**0.5, error.after / rows)

@@ -1,11 +1,10 @@
-"""First fits of a log: the gyro bias, and the noise of tachometers, that later fits use as known.
+"""First fits of a log: gyro bias and tachometer noise, which later fits use as known.
 
-The estimators are linear about the attitude as carried. What gravity alone tells of a gyro's bias is put astray by thrust and rotation, and
-what is left is of second order: tilt times heading, and g φ²/2; on a table, the slope times the heading. So the log is read again less the
-bias that a first fit finds.
+The estimators are linear about the integrated attitude. Errors of second order remain: tilt times heading and g φ²/2; on a table, slope
+times heading. So the log is preprocessed again without the gyro bias that the first fit estimates.
 
-An error e of a device's momentum, N m s, is one of the rate by I⁻¹ e, which the next record takes back: white in the rate. But the
-total momentum H = I ω + h turns by the rate that all this gives, so (I⁻¹ e) × H is a white torque, whose sum is not taken back.
+An error e of a momentum device's momentum, N m s, changes the rate by I⁻¹ e. The next record reverses it, so it is white noise of the rate.
+The gyroscopic torque of the total momentum H = I ω + h changes by (I⁻¹ e) × H, a white torque that nothing reverses.
 """
 
 from collections.abc import Callable
@@ -29,106 +28,113 @@ from massprop_cli.prepare.compensate import Samples, Source, biased_attitude, ga
 from massprop_cli.prepare.tachometer import change_sigmas
 
 NO_BIAS = 6.0
-"""Sigmas of a gyro's bias beyond which what a fit finds stands for something else."""
-PULLED, LITTLE = 4, 0.01
-"""Times that a bias is looked for, and part of what is stated of it that is none: where a weight hangs far below its pivot, what turns its
-pull in the body's axes is far from linear."""
-NOTHING = 1.005
-"""Factor on the gyro's noise below which what tachometers add is none: a tenth of it, whose torque adds less than a tenth to a variance."""
+"""Largest credible estimate of the gyro bias, in its stated sigmas; a larger one stands for another error."""
+PASSES, LITTLE = 4, 0.01
+"""Most fits for the bias, and the part of its stated sigma at which it has converged. A CG far below its pivot makes the problem
+nonlinear."""
+NEGLIGIBLE = 1.005
+"""Factor on the gyro noise below which tachometer noise is omitted: a tenth of the gyro noise, with a torque that adds less than a tenth to
+a variance."""
 
 
 class _First(NamedTuple):
+    """Preprocessed log and its fit with the stated noise."""
+
     begun: Ready
     plain: AsStated
 
 
 def first_fits(log: Log, source: VehicleSource, say: Progress) -> tuple[Ready, AsStated | None]:
-    """A log as it is estimated from, and the fits that nothing was sized for; none by the thesis's method."""
+    """Preprocess a log and fit it with the stated noise and disturbances; no fit by the thesis's method."""
     begun = ready(log, source, say)
     if begun.stated.estimator.method == "thesis":
         return begun, None
 
-    first, driven = _as_driven(_fitted(begun), log, source, say)
+    first, driven = _with_wheel_drive(_fitted(begun), log, source, say)
 
-    def less(bias: Array) -> _First:
+    def with_bias(bias: Array) -> _First:
         known = tuple((np.array(begun.stated.imu.body_from_imu).T @ bias).tolist())
         return _fitted(ready(log, replace(driven, vehicle=stating(driven.vehicle, {"imu.gyro_bias_rad_s": known})), say))
 
-    return _with_unsampled_thrust(_with_scattered_speeds(_without_its_bias(first, less)))
+    return _with_unsampled_thrust(_with_tachometer_noise(_with_gyro_bias(first, with_bias)))
 
 
 def _fitted(begun: Ready) -> _First:
     return _First(begun, as_stated(begun.samples, begun.phases, begun.stated, begun.consider))
 
 
-def _as_driven(first: _First, log: Log, source: VehicleSource, say: Progress) -> tuple[_First, VehicleSource]:
-    """The fit, and the vehicle file, with what the wheels' drives hold between readings, where nothing states it and thrust shows it."""
-    own = [f"wheels.{n}.holds" for n, wheel in enumerate(first.begun.stated.wheels) if wheel.holds is None]
-    if not own or not first.begun.samples.free_inertia.any() or not log.command.any():
+def _with_wheel_drive(first: _First, log: Log, source: VehicleSource, say: Progress) -> tuple[_First, VehicleSource]:
+    """Let wheel drives hold a speed ramp instead of a torque, if the vehicle file does not state it and the fit improves clearly."""
+    unstated = [f"wheels.{n}.holds" for n, wheel in enumerate(first.begun.stated.wheels) if wheel.holds is None]
+    if not unstated or not first.begun.samples.free_inertia.any() or not log.command.any():
         return first, source
-    held = replace(source, vehicle=stating(source.vehicle, dict.fromkeys(own, "speed")))
-    other = _fitted(ready(log, held, say))
+    with_speed = replace(source, vehicle=stating(source.vehicle, dict.fromkeys(unstated, "speed")))
+    other = _fitted(ready(log, with_speed, say))
     if not other.plain.chi_square < first.plain.chi_square - CLEAR:
         return first, source
-    said = "holds of wheels is not stated; the log shows that their drives hold the growth of their speed, and not a torque"
-    return other._replace(begun=other.begun._replace(notices=[*other.begun.notices, Notice("noise-estimated", said)])), held
+    message = "holds of wheels is not stated; the log shows that their drives hold the growth of their speed, and not a torque"
+    return other._replace(begun=other.begun._replace(notices=[*other.begun.notices, Notice("noise-estimated", message)])), with_speed
 
 
-def _without_its_bias(first: _First, less: Callable[[Array], _First]) -> _First:
-    """Less the gyro's bias, where that turns the weight's pull in the body's axes; ``less`` one (3,) in rad/s, body axes."""
+def _with_gyro_bias(first: _First, with_bias: Callable[[Array], _First]) -> _First:
+    """Fit with the estimated gyro bias if the attitude is integrated from the gyro.
+
+    ``with_bias`` fits with a bias (3,), rad/s, body axes.
+    """
     stated, samples = first.begun.stated, first.begun.samples
     sigma = stated.imu.gyro_bias_sigma_rad_s
     if sigma == 0 or any(stated.imu.gyro_bias_rad_s):
         return first
     if stated.environment.kind == "planar":
-        # a body that slides turns about Z alone: what the gyro shows of X and Y is bias, which the lever arm would turn into force
+        # a sliding body rotates about Z only: mean rates about X and Y are bias, which the lever arm would turn into force
         level = gathered(samples, slice(0, len(samples)), lambda part: part.rate_rad_s).mean(0) * (1.0, 1.0, 0.0)
-        first = less(level) if np.linalg.norm(level) < NO_BIAS * sigma else first
+        first = with_bias(level) if np.linalg.norm(level) < NO_BIAS * sigma else first
         sloped = stated.environment.table_tilt_sigma_rad > 0 and first.plain.misfit
-        return _without_its_yaw_bias(first, lambda bias: less(bias + level)) if sloped else first
+        return _with_yaw_bias(first, lambda bias: with_bias(bias + level)) if sloped else first
     fit = first.plain.fits[0]
     if fit is None or fit.history.reference is None or not biased_attitude(samples.attitude_logged, stated):
         return first
     bias, found = np.zeros(3), first
-    for _ in range(PULLED):
+    for _ in range(PASSES):
         (fit, *_) = found.plain.fits
-        left = None if fit is None or fit.history.reference is None else fit.history.reference.gyro_bias
-        if left is None or (found is not first and np.linalg.norm(left) < LITTLE * sigma):
+        step = None if fit is None or fit.history.reference is None else fit.history.reference.gyro_bias
+        if step is None or (found is not first and np.linalg.norm(step) < LITTLE * sigma):
             break
-        bias = bias + left
+        bias = bias + step
         if not np.linalg.norm(bias) < NO_BIAS * sigma:
             return first
-        found = less(bias)
+        found = with_bias(bias)
     return found
 
 
-def _without_its_yaw_bias(first: _First, less: Callable[[Array], _First]) -> _First:
-    """Less the bias about Z with which the log fits, where there is one: what three fits leave is quadratic in it."""
+def _with_yaw_bias(first: _First, with_bias: Callable[[Array], _First]) -> _First:
+    """Fit with the yaw bias at the minimum of the parabola through three fits, if the stated noise then explains the log."""
     step = np.array([0.0, 0.0, first.begun.stated.imu.gyro_bias_sigma_rad_s])
-    before, now, after = (one.plain.left for one in (less(-step), first, less(step)))
-    bent = before - 2 * now + after
-    parts = (before - after) / (2 * bent) if bent > 0 else np.inf
-    if not abs(parts) < NO_BIAS:
+    before, now, after = (one.plain.left for one in (with_bias(-step), first, with_bias(step)))
+    curvature = before - 2 * now + after
+    sigmas = (before - after) / (2 * curvature) if curvature > 0 else np.inf
+    if not abs(sigmas) < NO_BIAS:
         return first
-    found = less(parts * step)
+    found = with_bias(sigmas * step)
     return first if found.plain.misfit else found
 
 
-def _with_scattered_speeds(first: _First) -> _First:
-    """Errors of logged momentum as noise of both sensors and as a torque, beside what is stated of these."""
+def _with_tachometer_noise(first: _First) -> _First:
+    """Fit with the errors of logged momentum as noise of both sensors and as a torque, in addition to the stated ones."""
     begun, devices = first.begun, first.begun.stated.spinning
     weight = (begun.log.delta_theta_imu_rad**2).sum(1) / begun.log.interval_s
-    sizes = np.array([device.scatter(said, weight) for device, said in zip(devices, begun.log.spinning, strict=True)])
+    momentum_sigmas = np.array([device.scatter(logged, weight) for device, logged in zip(devices, begun.log.spinning, strict=True)])
     reference = next((fit.history.reference for fit in first.plain.fits if fit is not None), None)
-    if reference is None or not sizes.any():
+    if reference is None or not momentum_sigmas.any():
         return first
-    each = (sizes / np.sqrt(begun.log.records_per_cycle)).repeat([len(device.axes) for device in devices])[:, None]
-    scattered = each * np.concatenate([device.axes for device in devices]) @ np.linalg.inv(reference.inertia)
-    own, added = first.plain.used.imu, (_largest(scattered**2), _felt(begun, reference))
-    level = float(np.hypot(own.gyro_noise_rad_s, added[0])), float(np.hypot(own.accel_noise_m_s2, added[1]))
-    if level[0] < NOTHING * own.gyro_noise_rad_s and level[1] < NOTHING * own.accel_noise_m_s2:
+    by_axis = (momentum_sigmas / np.sqrt(begun.log.records_per_cycle)).repeat([len(device.axes) for device in devices])[:, None]
+    rate_sigmas = by_axis * np.concatenate([device.axes for device in devices]) @ np.linalg.inv(reference.inertia)
+    imu, added = first.plain.used.imu, (_largest(rate_sigmas**2), _specific_force_sigma(begun, reference))
+    level = float(np.hypot(imu.gyro_noise_rad_s, added[0])), float(np.hypot(imu.accel_noise_m_s2, added[1]))
+    if level[0] < NEGLIGIBLE * imu.gyro_noise_rad_s and level[1] < NEGLIGIBLE * imu.accel_noise_m_s2:
         return first
-    torque = float(np.hypot(begun.stated.environment.disturbance_torque_n_m, _turned(scattered, begun.samples, reference.inertia)))
+    gyroscopic = _gyroscopic_torque_sigma(rate_sigmas, begun.samples, reference.inertia)
+    torque = float(np.hypot(begun.stated.environment.disturbance_torque_n_m, gyroscopic))
     notice = Notice(
         "noise-estimated",
         f"speeds of wheels scatter as their tachometers count or as is stated (speed_sigma_rad_s, speed_step_rad_s): {added[0]:.3g} rad/s "
@@ -141,22 +147,22 @@ def _with_scattered_speeds(first: _First) -> _First:
     return _fitted(begun._replace(stated=stated, notices=[*begun.notices, notice]))
 
 
-def _felt(begun: Ready, reference: Reference) -> float:
-    """m/s², one sigma of the specific force by errors of how wheels' speeds change within a cycle, of the axis where it is largest."""
+def _specific_force_sigma(begun: Ready, reference: Reference) -> float:
+    """Sigma of the specific force, m/s², from errors of the wheels' speed changes within a cycle, along the axis where it is largest."""
     stated, samples = begun.stated, begun.samples.part(slice(0, 1))
-    _, felt = plant_of(stated).wrench_response(reference, np.eye(6), samples.up_b[:1], np.array(stated.imu.position_m))
+    _, response = plant_of(stated).wrench_response(reference, np.eye(6), samples.up_b[:1], np.array(stated.imu.position_m))
     squares = [np.zeros(3)]
     for wheel, change in zip(stated.spinning, change_sigmas(begun.log, stated), strict=True):
         if isinstance(wheel, Wheel) and change > 0:
-            squares.append((felt[0, :, :3] @ wheel.direction * wheel.spin_inertia_kg_m2 * change / stated.cycle.period_s) ** 2)
+            squares.append((response[0, :, :3] @ wheel.direction * wheel.spin_inertia_kg_m2 * change / stated.cycle.period_s) ** 2)
     return _largest(np.array(squares))
 
 
 def _with_unsampled_thrust(first: _First) -> _First:
-    """What rotors whose speeds are measured did between samples: as a white torque, and as noise of the specific force."""
+    """Fit with the thrust errors between samples of the rotor speeds as a white torque and as noise of the specific force."""
     begun, rotors = first.begun, first.begun.stated.rotors
-    known = zip(rotors, begun.log.command.T, begun.log.cycles_apart, strict=True) if begun.log.cycles_apart else ()
-    sigmas = np.array([rotor.unsampled(x, each) for rotor, x, each in known])
+    sampled = zip(rotors, begun.log.command.T, begun.log.cycles_apart, strict=True) if begun.log.cycles_apart else ()
+    sigmas = np.array([rotor.unsampled(speed, cycles) for rotor, speed, cycles in sampled])
     reference = next((fit.history.reference for fit in first.plain.fits if fit is not None), None)
     if reference is None or not sigmas.any():
         return first
@@ -170,18 +176,18 @@ def _with_unsampled_thrust(first: _First) -> _First:
     return _fitted(begun._replace(stated=stating(begun.stated, levels)))
 
 
-def _turned(scattered: Array, samples: Source, inertia: Array) -> float:
-    """N m, one sigma of (I⁻¹ e) × H about the axis where it is largest, of errors (a, 3) of the rate, rad/s."""
+def _gyroscopic_torque_sigma(rate_sigmas: Array, samples: Source, inertia: Array) -> float:
+    """Sigma of (I⁻¹ e) × H, N m, about the axis where it is largest; ``rate_sigmas`` (a, 3) is I⁻¹ e by device axis, rad/s."""
 
     def square(part: Samples) -> Array:
         stored = part.executed.stored
         assert stored is not None
         momentum = part.rate_rad_s @ inertia + stored.mean.mean(1) @ stored.axis
-        return np.asarray((cross(scattered[:, None], momentum[None]) ** 2).sum(0))
+        return np.asarray((cross(rate_sigmas[:, None], momentum[None]) ** 2).sum(0))
 
     return _largest(gathered(samples, slice(0, len(samples)), square).mean(0, keepdims=True))
 
 
 def _largest(squares: Array) -> float:
-    """The root of the sum of squares (n, 3) of the axis where that is largest."""
+    """Root of the sum of squares (n, 3) along the axis where it is largest."""
     return float(np.sqrt(squares.sum(0).max()))

@@ -40,7 +40,7 @@ MOST = 600.0
 def lost_commands_test(history: History, samples: Source, used: Resolved) -> dict[str, Reason]:
     """Reasons, by quantity, against the verdict "converged": some commands were probably not executed.
 
-    Empty for vehicles with wheels or rotors, whose speeds are measured, and with uncertain jet geometry, whose errors remain in the residuals.
+    Empty with wheels or rotors, whose speeds are measured, and with uncertain jet geometry, whose errors remain in the residuals.
     """
     if history.reference is None or history.residual is None or used.spinning or used.rotors or used.estimates_assumptions:
         return {}

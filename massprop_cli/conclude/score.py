@@ -1,8 +1,7 @@
-"""A test of each assumption: whether the log would fit better with another value of it.
+"""Score test of each assumption: whether another value would fit the log better.
 
-What is left of the log stands beside what a unit of each assumption would have added to it (:mod:`massprop_cli.conclude.assumptions`).
-Their inner product over the latter's norm is the score test (Rao 1948): standard normal where the assumption is right, and sharper than any
-test of what is left in all, which drowns one direction among thousands of cycles.
+For whitened residuals r and their derivative d with respect to an assumption (:mod:`massprop_cli.conclude.assumptions`), dᵀr / |d| is
+standard normal if the assumed value is right (Rao 1948). The most likely error is −dᵀr / dᵀd.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,153 +12,155 @@ import numpy as np
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.conclude.assumptions import Examined
+from massprop_cli.conclude.assumptions import SensitivityAnalysis
 from massprop_cli.conclude.contradict import Contradiction
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import POSITIVE, Conclusion
 from massprop_cli.errorparameters.sensor import ACCELEROMETER, GYRO
 from massprop_cli.estimate.residualtest import REFUTED, threshold
 
-WARY = 2.5
-"""Sigmas from which on it is in doubt: so little, by chance, in one of 80 of each. Then what hangs on it is not called converged: seven of
-a thousand values of clean logs. Of faults that a log tells by five sigma one in 160 shows less than this by chance, one in two less than
-what refutes it. docs/faults.md moves."""
-RARELY = 3.5
-"""The same of what is rarely wrong: one in 2,000 of each."""
+IN_DOUBT = 2.5
+"""Least score of an assumption in doubt, sigmas. Chance exceeds it in one of 80 tests, and about seven of 1,000 values of error-free logs
+lose their verdict. Of errors of five sigma, one in 160 scores less, and one in two less than the threshold of a refutation. docs/faults.md
+depends on it."""
+IN_DOUBT_RARE = 3.5
+"""The same for an assumption that is rarely wrong; chance exceeds it in one of 2,000 tests."""
 FAR, PART = 2.0, 0.005
-"""Of its sigma and of its size, the change of a value that hangs on an assumption in doubt: its most likely change is uncertain itself."""
-HARDLY = 4.0
-"""Sigmas beyond which chance hardly makes any doubt of a log, so that no part of a value is too small to hang on it."""
+"""Least change of a value that depends on an assumption in doubt: in its sigmas, and relative to its size. The most likely error is itself
+uncertain."""
+ALMOST_CERTAIN = 4.0
+"""Score above which chance is unlikely and the bound relative to the value's size does not apply, sigmas."""
 SCALES = (GYRO, ACCELEROMETER)
-"""Of a sensor's three axes, each of which is tested by itself too."""
-APART = "scale of one kind of actuators"
+"""Sensors whose three axes are also tested with one common scale."""
+ACTUATOR_SCALE = "scale of one kind of actuators"
 MOVES = 1.0
-"""Of its sigma, the least change of a value that touches it."""
+"""Least change of a value that a refuted assumption contradicts, in its sigmas."""
 
 
 @dataclass(frozen=True)
 class Doubt:
-    """An assumption that the log contradicts, or all but does."""
+    """An assumption with a significant score test."""
 
-    what: str
+    assumption: str
     sigmas: float
+    """Score."""
     limit: float
-    """Sigmas beyond which it is refuted (:mod:`massprop_cli.estimate.residualtest`)."""
-    moves: tuple[Array | None, ...]
-    """(10, a) of each phase: by how much the most likely value of it would move the estimates' state parameters, and as much of any that is
-    of its kind, along another axis."""
-    faint: bool = False
-    """Whether it shows in several channels together alone: too little for its cause to be found."""
-    hidden: tuple[Array | None, ...] = ()
-    """The same along axes alone along which the log would not show as much: there it may be larger."""
+    """Score above which the assumption is refuted (:mod:`massprop_cli.estimate.residualtest`)."""
+    shifts: tuple[Array | None, ...]
+    """(10, a) by phase: shift of the state parameters by the most likely error, and by the same error along each other axis; None without
+    a response."""
+    joint: bool = False
+    """Whether only several channels together show the error, so that its cause cannot be identified."""
+    unseen_shifts: tuple[Array | None, ...] = ()
+    """Columns of ``shifts`` along axes where the log does not show such an error."""
     of_scale: bool = False
-    """Whether it is of the scale of all that pushes or stores momentum, to which all that follows it is in proportion, however small."""
+    """Whether it is the scale of one kind of actuators, to which the values are proportional."""
 
     @property
-    def sure(self) -> bool:
-        """Whether chance hardly makes so much."""
+    def refuted(self) -> bool:
+        """Whether the score exceeds the limit."""
         return self.sigmas > self.limit
 
-    def moved(self, at: int) -> Array | None:
-        """(10,) by how much at most the state parameters of phase number ``at`` would move; None where it came to nothing."""
-        moved = self.moves[at]
-        found: Array | None = None if moved is None else np.abs(moved).max(1, initial=0.0)
-        return found
+    def largest_shift(self, phase: int) -> Array | None:
+        """(10,) largest absolute shift of the state parameters of a phase; None without a response."""
+        shifts = self.shifts[phase]
+        largest: Array | None = None if shifts is None else np.abs(shifts).max(1, initial=0.0)
+        return largest
 
 
 def doubts(
-    found: Examined, names: Sequence[str], groups: Sequence[Sequence[int]] = (), kinds_apart: Sequence[Sequence[int]] = ()
+    analysis: SensitivityAnalysis, names: Sequence[str], groups: Sequence[Sequence[int]] = (), actuator_kinds: Sequence[Sequence[int]] = ()
 ) -> list[Doubt]:
-    """Those that are in doubt, the surest first; ``names`` of the command channels, of which ``groups`` may be wrong together.
+    """Assumptions in doubt, in descending order of their score; ``names`` are those of the command channels.
 
-    So may ``kinds_apart``: those that push beside others that only turn, by the unit of their forces, and all that store momentum.
+    Further tested directions are a common scale of each sensor's axes, of each of ``groups`` of channels, and of each of ``actuator_kinds``
+    (jets next to momentum devices, or forces next to pure torques).
     """
-    told = [(response, noise) for response, noise in zip(found.responses, found.noise, strict=True) if response is not None]
-    if not told:
+    valid = [(response, power) for response, power in zip(analysis.responses, analysis.chi_squares, strict=True) if response is not None]
+    if not valid:
         return []
-    others = [ACCELEROMETER] * 3 + [f"thrust of {name}" for name in names]
-    kinds, wholes = [t.code for t in found.varied] + others, [t.whole for t in found.varied] + others
-    unit, first = np.eye(len(kinds)), len(kinds) - len(names)
-    # the scale of all three axes at once is a direction of its own, and so is the thrust of jets along one line
-    scales = [[i for i, whole in enumerate(wholes) if whole == name] for name in SCALES]
-    every = [*kinds_apart, *groups]
-    along = np.column_stack([unit, *(unit[:, group].sum(1) for group in (*scales, *([first + i for i in group] for group in every)))])
-    several = [f"thrust of {', '.join(names[i] for i in group)}" for group in every]
-    told_apart = len(kinds) + len(SCALES) + len(kinds_apart)
-    # of two kinds that are apart either may be off
-    whats, kind = [*kinds, *SCALES, *several], np.array([*wholes, *SCALES, *[APART] * len(kinds_apart), *several[len(kinds_apart) :]])
-    gram = np.sum([response.gram for response, _ in told], 0)
-    cross, own = gram[0, 1:].copy(), np.einsum("ei,ef,fi->i", along, gram[1:, 1:], along)
-    # a factor on what was measured is one on its noise too, and of that an innovation is proof of nothing
-    cross[[*scales[0], *scales[1]]] -= np.sum([noise * response.gram[0, 0] / noise.sum() for response, noise in told], 0)
-    # no inner product is larger (Cauchy and Schwarz), as where a log has less noise than is stated
-    most = np.sqrt(gram[0, 0] * own)
-    cross = np.clip(cross @ along, -most, most)
-    # what is stated to be uncertain may be off by that much
-    uncertain = np.concatenate([[t.sigma for t in found.varied], np.zeros(len(whats) - len(found.varied))])
+    columns = [ACCELEROMETER] * 3 + [f"thrust of {name}" for name in names]
+    codes, reported = [a.code for a in analysis.varied] + columns, [a.reported_code for a in analysis.varied] + columns
+    unit, first = np.eye(len(codes)), len(codes) - len(names)
+    scales = [[i for i, code in enumerate(reported) if code == name] for name in SCALES]
+    together = [*actuator_kinds, *groups]
+    directions = np.column_stack([unit, *(unit[:, g].sum(1) for g in (*scales, *([first + i for i in group] for group in together)))])
+    joint_labels = [f"thrust of {', '.join(names[i] for i in group)}" for group in together]
+    first_joint = len(codes) + len(SCALES) + len(actuator_kinds)
+    labels, count = [*codes, *SCALES, *joint_labels], len(actuator_kinds)
+    # all actuator kinds form one family: the error may be in either kind
+    family = np.array([*reported, *SCALES, *[ACTUATOR_SCALE] * count, *joint_labels[count:]])
+    gram = np.sum([response.gram for response, _ in valid], 0)
+    score, information = gram[0, 1:].copy(), np.einsum("ei,ef,fi->i", directions, gram[1:, 1:], directions)
+    # a scale error also scales the noise: remove the product of the innovations with themselves
+    score[[*scales[0], *scales[1]]] -= np.sum([power * response.gram[0, 0] / power.sum() for response, power in valid], 0)
+    # with less noise than stated that removes too much: keep the Cauchy-Schwarz bound
+    bound = np.sqrt(gram[0, 0] * information)
+    score = np.clip(score @ directions, -bound, bound)
+    stated_sigmas = np.concatenate([[a.sigma for a in analysis.varied], np.zeros(len(labels) - len(analysis.varied))])
     with np.errstate(divide="ignore", invalid="ignore"):
-        sizes = np.nan_to_num(np.abs(cross) / own)
-        sigmas = np.nan_to_num(sizes / np.sqrt(max(found.scatter, 1.0) / own + uncertain**2))
-    largest = np.array([t.most for t in found.varied])
-    sigmas[: len(largest)] *= own[: len(largest)] > largest**-2
-    shifts = [None if response is None else response.shift @ along for response in found.responses]
-    limit = threshold(REFUTED, 2 * len(whats))  # it may be more or less
+        errors = np.nan_to_num(np.abs(score) / information)
+        sigmas = np.nan_to_num(errors / np.sqrt(max(analysis.scatter, 1.0) / information + stated_sigmas**2))
+    largest = np.array([a.most for a in analysis.varied])
+    sigmas[: len(largest)] *= information[: len(largest)] > largest**-2
+    shifts = [None if response is None else response.shift @ directions for response in analysis.responses]
+    limit = threshold(REFUTED, 2 * len(labels))  # two-sided
 
     def doubt(i: int) -> Doubt:
-        kin, faint = kind == kind[i], i >= told_apart
-        untold = kin & (own * sizes[i] ** 2 < WARY**2)
-        moves, hidden = (tuple(None if by is None else sizes[i] * by[:, those] for by in shifts) for those in (kin, untold))
-        return Doubt(whats[i], float(sigmas[i]), limit, moves, faint, hidden, kind[i] == APART)
+        relatives = family == family[i]
+        unseen = relatives & (information * errors[i] ** 2 < IN_DOUBT**2)
+        shown, hidden = (tuple(None if s is None else errors[i] * s[:, which] for s in shifts) for which in (relatives, unseen))
+        return Doubt(labels[i], float(sigmas[i]), limit, shown, i >= first_joint, hidden, family[i] == ACTUATOR_SCALE)
 
-    wary = np.array([RARELY if t.rare else WARY for t in found.varied] + [WARY] * (len(whats) - len(found.varied)))
-    return [doubt(int(i)) for i in np.argsort(-sigmas, kind="stable") if sigmas[i] > wary[i]]
+    limits = np.array([IN_DOUBT_RARE if a.rare else IN_DOUBT for a in analysis.varied] + [IN_DOUBT] * (len(labels) - len(analysis.varied)))
+    return [doubt(int(i)) for i in np.argsort(-sigmas, kind="stable") if sigmas[i] > limits[i]]
 
 
-def by_doubts(conclusion: Conclusion, at: int, found: Sequence[Doubt]) -> Contradiction | None:
-    """Of assumptions that nothing with a name stands for, in phase number ``at``: what their most likely values would move."""
-    sure = [doubt for doubt in found if doubt.sure]
-    touched: BoolArray = np.zeros(len(QUANTITIES), dtype=bool)
-    for _, change, sigma in _changes(conclusion, at, sure):
-        touched |= change > MOVES * sigma
-    if not touched.any():
+def assumption_contradiction(conclusion: Conclusion, phase: int, found: Sequence[Doubt]) -> Contradiction | None:
+    """Contradiction by refuted assumptions, of the values of a phase that their most likely errors change; None without one."""
+    refuted = [doubt for doubt in found if doubt.refuted]
+    affected: BoolArray = np.zeros(len(QUANTITIES), dtype=bool)
+    for _, change in _changes(conclusion, phase, refuted):
+        affected |= change > MOVES * conclusion.sigmas
+    if not affected.any():
         return None
-    names = ", ".join(name for name, hit in zip(QUANTITIES, touched, strict=True) if hit)
-    first = sure[0]
-    assumption = first.what.replace("-", " ")
+    names = ", ".join(name for name, hit in zip(QUANTITIES, affected, strict=True) if hit)
+    first = refuted[0]
+    assumption = first.assumption.replace("-", " ")
     cause = Reason.of("assumption-contradicted", assumption=assumption, sigmas=first.sigmas, quantities=names)
-    return Contradiction((cause,), touched)
+    return Contradiction((cause,), affected)
 
 
-def hanging(conclusion: Conclusion, at: int, found: Sequence[Doubt], sizes: Array, far: float = FAR) -> dict[str, Reason]:
-    """Why values of phase number ``at`` are not to be called converged: each hangs much on an assumption that is in doubt.
+def doubtful_values(conclusion: Conclusion, phase: int, found: Sequence[Doubt], sizes: Array, far: float = FAR) -> dict[str, Reason]:
+    """Reasons, by quantity, against the verdict "converged": an assumption in doubt would change the value by more than ``far`` sigmas.
 
-    ``sizes`` (10,) are their natural ones; what moves one by ``far`` sigmas is much.
+    ``sizes`` (10,) are the natural sizes.
     """
     reasons: dict[str, Reason] = {}
     sizes = sizes.copy()
     sizes[POSITIVE] = np.fmin(sizes[POSITIVE], np.abs(conclusion.values[POSITIVE]))
-    for doubt, change, sigma in _changes(conclusion, at, [doubt for doubt in found if not (doubt.sure or doubt.faint)]):
-        part = 0.0 if doubt.of_scale or doubt.sigmas > HARDLY else PART
-        least = np.maximum(far * sigma, part * sizes)
-        for name, hit, by in zip(QUANTITIES, change > least, change / sigma, strict=True):
+    for doubt, change in _changes(conclusion, phase, [doubt for doubt in found if not (doubt.refuted or doubt.joint)]):
+        part = 0.0 if doubt.of_scale or doubt.sigmas > ALMOST_CERTAIN else PART
+        least = np.maximum(far * conclusion.sigmas, part * sizes)
+        for name, hit, by in zip(QUANTITIES, change > least, change / conclusion.sigmas, strict=True):
             if hit and name not in reasons:
-                assumption = doubt.what.replace("-", " ")
+                assumption = doubt.assumption.replace("-", " ")
                 reasons[name] = Reason.of("assumption-in-doubt", sigmas=doubt.sigmas, assumption=assumption, quantity=name, moved=float(by))
     return reasons
 
 
-def unseen(conclusion: Conclusion, at: int, found: Sequence[Doubt], sizes: Array) -> dict[str, Reason]:
-    """The same where sigmas include what was refuted: of as much along another axis, of which the log shows nothing."""
-    sure = [doubt for doubt in found if doubt.sure and doubt.hidden]
-    return hanging(conclusion, at, [replace(doubt, moves=doubt.hidden, limit=np.inf) for doubt in sure], sizes, MOVES)
+def unseen_changes(conclusion: Conclusion, phase: int, found: Sequence[Doubt], sizes: Array) -> dict[str, Reason]:
+    """:func:`doubtful_values` for refuted assumptions in the sigmas: the same error along an axis where the log does not show it."""
+    refuted = [doubt for doubt in found if doubt.refuted and doubt.unseen_shifts]
+    along_other_axes = [replace(doubt, shifts=doubt.unseen_shifts, limit=np.inf) for doubt in refuted]
+    return doubtful_values(conclusion, phase, along_other_axes, sizes, MOVES)
 
 
-def _changes(conclusion: Conclusion, at: int, found: Sequence[Doubt]) -> Iterator[tuple[Doubt, Array, Array]]:
-    """Each with (10,) by how much the values would move, and (10,) their sigmas; NaN, of which nothing is more, where nothing is told."""
-    sigma = conclusion.sigmas
+def _changes(conclusion: Conclusion, phase: int, found: Sequence[Doubt]) -> Iterator[tuple[Doubt, Array]]:
+    """Yield each assumption with (10,) the absolute change of the quantities; NaN without a mass."""
     mass = conclusion.estimates["mass"].value or np.nan
     for doubt in found:
-        change = doubt.moved(at)
+        change = doubt.largest_shift(phase)
         if change is not None:
-            change[9] *= mass**2  # of 1/m
-            yield doubt, change, sigma
+            change[9] *= mass**2  # from 1/m to m
+            yield doubt, change

@@ -1,4 +1,4 @@
-"""Final values and verdicts: the sustained-convergence rule, gated on information actually gained. Doesn't touch the filter."""
+"""Final values and verdicts by the sustained-convergence rule (thesis, chapter 4), for quantities that the log informs."""
 
 from collections.abc import Mapping
 from dataclasses import field, replace
@@ -33,27 +33,29 @@ WANTED = {
 }
 """The motion that informs each quantity, body axes."""
 PLANAR = ("izz", "cg_x", "cg_y", "mass")
-"""What the motion on a table depends on."""
+"""Quantities that affect the motion on a table."""
 Verdict = Literal["converged", "not_converged", "not_excited", "contradicted", "unobservable"]
 PRIOR = 0.5
-"""Prior sigma of the default method over the natural size: that much is known of any body of this size before the log. A moment of
-inertia and the mass are positive, so their own value stands in for the natural size where it is smaller."""
+"""Prior sigma of the default method over the natural size. For moments of inertia and mass, which are positive, the value replaces the
+natural size if it is smaller."""
 POSITIVE = [QUANTITIES.index(name) for name in ("ixx", "iyy", "izz", "mass")]
 HALVED = 0.5
-"""A quantity is informed once its sigma is below this part of the prior's."""
+"""Largest sigma of an informed quantity, as a part of the prior sigma."""
 RELATIVE_TOLERANCE = 0.01
-SURE = 0.1
-"""A sigma below this part of the tolerance makes up for steady updates that are missing, ..."""
-BEGUN = 0.25
-"""... but for this part of their number."""
-FEW = 4.0
-"""Sigmas of its own within which a value must stay of where it ends, to be called final."""
+"""Default tolerance as a part of the natural size."""
+PRECISE = 0.1
+"""Largest sigma, as a part of the tolerance, of a quantity that converges without the full number of steady updates, ..."""
+LEAST_STEADY = 0.25
+"""... and the part of that number that it needs."""
+FINAL_SIGMAS = 4.0
+"""Largest distance of a final value from the last one, in its own sigmas."""
 THESIS_TOLERANCE = {"inertia": 0.05, "cg": 0.05, "mass": 0.1}
+"""Tolerances of the thesis, kg m², m, kg."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """One quantity's final value; ``None`` where nothing can be said."""
+    """Final value of one quantity; value and sigma are ``None`` if it has no estimate."""
 
     value: float | None
     sigma: float | None
@@ -70,19 +72,19 @@ class Conclusion:
     phase: Phase
     estimates: dict[str, Estimate]
     covariance: Array
-    """(10, 10), NaN where nothing can be said."""
+    """(10, 10), NaN without an estimate."""
     rotating_mass: float
-    """kg; the mass whose CG and inertia these are (without the bearing's)."""
+    """Mass that CG and inertia refer to, without the bearing's, kg."""
     bare: tuple[Array, Array]
-    """(10,) values and (10, 10) covariance by the log alone: nothing known from elsewhere, thrust taken as exact. NaN as above."""
+    """(10,) and (10, 10) values and covariance from the log alone, without known values and with exact thrust; NaN without an estimate."""
     pivot: tuple[Array, Array] | None = None
     """(9,) and (9, 9) inertia and first moment about a pivot or bearing, and their covariance; None without one."""
     about_pivot: Mapping[str, Estimate] = field(default_factory=dict)
-    """The nine of :data:`massprop_cli.estimate.pivot.ABOUT_PIVOT`; empty without a pivot or bearing."""
+    """Estimates of :data:`massprop_cli.ABOUT_PIVOT`; empty without a pivot or bearing."""
     thrust_scale_sigma: float = 0.0
-    """Relative, of an error common to all thrust: what ``covariance`` has of it beyond what is stated."""
+    """Relative sigma of the common thrust scale in ``covariance``, beyond the stated one."""
     causes: tuple[Reason, ...] = ()
-    """Why log and vehicle file contradict each other; empty where they don't."""
+    """Contradictions between log and vehicle file."""
 
     @property
     def contradiction(self) -> str:
@@ -91,62 +93,63 @@ class Conclusion:
 
     @property
     def values(self) -> Array:
-        """(10,) with NaN for what is not known."""
+        """(10,) values; NaN without an estimate."""
         return np.array([np.nan if e.value is None else e.value for e in self.estimates.values()])
 
     @property
     def sigmas(self) -> Array:
-        """(10,) likewise."""
+        """(10,) sigmas; NaN without an estimate."""
         return np.array([np.nan if e.sigma is None else e.sigma for e in self.estimates.values()])
 
     @property
     def inertia(self) -> Array:
-        """(3, 3) about the CG, kg m²; NaN where not known."""
+        """(3, 3) inertia about the CG, kg m²; NaN without an estimate."""
         return tensor(self.values[:6])
 
     @property
     def inertia_about_origin(self) -> Array:
-        """(3, 3) about O, kg m²."""
+        """(3, 3) inertia about O, kg m²."""
         return self.inertia + parallel_axis(self.rotating_mass, self.values[6:9])
 
     @property
     def principal_moments(self) -> Array:
-        """(3,) ascending, kg m²; NaN unless the whole inertia is informed."""
-        told = all(self.estimates[name].verdict in ("converged", "not_converged") for name in INERTIA)
-        return np.asarray(np.linalg.eigvalsh(self.inertia) if told and np.isfinite(self.inertia).all() else np.full(3, np.nan))
+        """(3,) principal moments, ascending, kg m²; NaN unless the whole inertia is informed."""
+        informed = all(self.estimates[name].verdict in ("converged", "not_converged") for name in INERTIA)
+        return np.asarray(np.linalg.eigvalsh(self.inertia) if informed and np.isfinite(self.inertia).all() else np.full(3, np.nan))
 
 
 def conclude(history: History, vehicle: Vehicle) -> Conclusion:
-    """Decide each quantity's value and verdict.
+    """Values and verdicts of a phase.
 
-    By the default method the values at the phase's end; the rule decides the verdict. By the thesis's method the latched value, taken
-    when the count is reached and anew each time it is reached again after a larger change (thesis, chapter 4).
+    The default method takes the values at the end of the phase. The thesis's method takes the value at which the number of steady updates
+    was last reached (thesis, chapter 4).
     """
     thesis = vehicle.estimator.method == "thesis"
     limits, count = tolerances(history, vehicle), vehicle.convergence.count
     steady, informed = _steady(history, vehicle, limits)
-    stretches = [_stretches(steady[:, i], count) for i in range(10)]
+    steady_runs = [_steady_runs(steady[:, i], count) for i in range(10)]
     estimates = {}
     for i, name in enumerate(QUANTITIES):
-        latched = stretches[i][-1] if stretches[i] else None
+        latched = steady_runs[i][-1] if steady_runs[i] else None
         row = latched[1] if thesis and latched else len(history.time_s) - 1
-        lasting = int(np.argmin(steady[::-1, i])) if not steady[:, i].all() else len(steady)
-        estimates[name] = _estimate(history, i, row, latched, (lasting, count), bool(informed[i]), thesis, limits[i])
+        last_steady = int(np.argmin(steady[::-1, i])) if not steady[:, i].all() else len(steady)
+        estimates[name] = _estimate(history, i, row, latched, (last_steady, count), bool(informed[i]), thesis, limits[i])
         if vehicle.environment.kind == "planar" and name not in PLANAR:
             estimates[name] = replace(estimates[name], reason=Reason("no-part"))
     if vehicle.on_air_bearing and not thesis and estimates["mass"].value is None:
         estimates |= {name: replace(estimates[name], reason=Reason("unweighed")) for name in CG if estimates[name].value is None}
-    found = concluded(estimates, history.values[-1], history.covariance, history.bare, history, vehicle)
+    conclusion = assembled(estimates, history.values[-1], history.covariance, history.bare, history, vehicle)
     if not thesis:
-        return found
-    covariance = found.covariance * np.outer(found.sigmas, found.sigmas) / np.outer(history.sigmas[-1], history.sigmas[-1])
-    return replace(found, covariance=covariance, bare=(found.values, covariance))
+        return conclusion
+    sigmas = conclusion.sigmas
+    covariance = conclusion.covariance * np.outer(sigmas, sigmas) / np.outer(history.sigmas[-1], history.sigmas[-1])
+    return replace(conclusion, covariance=covariance, bare=(conclusion.values, covariance))
 
 
-def concluded(
+def assembled(
     estimates: dict[str, Estimate], values: Array, covariance: Array, bare: tuple[Array, Array], history: History, vehicle: Vehicle
 ) -> Conclusion:
-    """The conclusion with these estimates, of what was found: ``values`` (10,), (10, 10), and the same by the log alone, ``bare``."""
+    """Conclusion with these estimates, from ``values`` (10,) with ``covariance`` (10, 10), and both from the log alone (``bare``)."""
     given = np.array([one.value is not None for one in estimates.values()])
     both, mass = given[:, None] & given, estimates["mass"].value
     return Conclusion(
@@ -160,43 +163,43 @@ def concluded(
 
 
 def _about_its_pivot(values: Array, covariance: Array, history: History, vehicle: Vehicle) -> tuple[Array, Array] | None:
-    """(9,) and (9, 9) of ten values (10,), (10, 10); None where nothing pivots."""
+    """(9,) and (9, 9) inertia and first moment about the pivot, from the ten values and their covariance; None without a pivot."""
     if not vehicle.pivoted:
         return None
-    values = values - np.append(np.zeros(9), vehicle.bearing_mass_kg)  # of what turns
+    values = values - np.append(np.zeros(9), vehicle.bearing_mass_kg)  # only this mass rotates
     at, mass = np.array(vehicle.environment.bearing_position_m), np.nan if history.reference is None else 1 / history.reference.mu
     return about_pivot(values, covariance, at, np.array(mass))
 
 
-def contradicted(conclusion: Conclusion, causes: tuple[Reason, ...], touched: BoolArray) -> Conclusion:
-    """The conclusion with the quantities ``touched`` (10,) contradicted: values and sigmas stand as found, and don't hold."""
+def contradicted(conclusion: Conclusion, causes: tuple[Reason, ...], affected: BoolArray) -> Conclusion:
+    """The conclusion with the verdict "contradicted" of the quantities ``affected`` (10,); values and sigmas stay."""
     conclusion = replace(conclusion, causes=causes)
     reason = Reason.of("contradiction", cause=conclusion.contradiction)
     estimates = {
         name: replace(e, verdict="contradicted", final_at_s=None, reason=reason) if hit and e.verdict != "unobservable" else e
-        for (name, e), hit in zip(conclusion.estimates.items(), touched, strict=True)
+        for (name, e), hit in zip(conclusion.estimates.items(), affected, strict=True)
     }
     return replace(conclusion, estimates=estimates)
 
 
 def in_doubt(conclusion: Conclusion, reasons: Mapping[str, Reason]) -> Conclusion:
-    """The conclusion without calling converged what there are reasons not to."""
-    hanging = {name: reason for name, reason in reasons.items() if conclusion.estimates[name].verdict == "converged"}
-    changed = {
+    """The conclusion with "not_converged" for every converged quantity that has a reason against it."""
+    demoted = {
         name: replace(conclusion.estimates[name], verdict="not_converged", final_at_s=None, reason=reason)
-        for name, reason in hanging.items()
+        for name, reason in reasons.items()
+        if conclusion.estimates[name].verdict == "converged"
     }
-    return replace(conclusion, estimates=conclusion.estimates | changed)
+    return replace(conclusion, estimates=conclusion.estimates | demoted)
 
 
-def _settled(history: History, i: int, first: int, tolerance: float) -> float:
-    """The time from ``first`` on after which the value stayed near where it ended: within its tolerance and a few of its own sigmas."""
-    stays = first
+def _final_time(history: History, i: int, first: int, tolerance: float) -> float:
+    """Time, s, from row ``first`` on, after which the value stays within its tolerance and :data:`FINAL_SIGMAS` of the last value."""
+    row = first
     for part in spill.parts(len(history.values), first):
-        away = np.abs(history.values[part, i] - history.values[-1, i])
-        strayed = np.flatnonzero((away > tolerance) | (away > FEW * history.sigmas[part, i]))
-        stays = part.start + int(strayed[-1]) + 1 if strayed.size else stays
-    return float(history.time_s[stays])
+        distance = np.abs(history.values[part, i] - history.values[-1, i])
+        outside = np.flatnonzero((distance > tolerance) | (distance > FINAL_SIGMAS * history.sigmas[part, i]))
+        row = part.start + int(outside[-1]) + 1 if outside.size else row
+    return float(history.time_s[row])
 
 
 def _estimate(
@@ -209,45 +212,50 @@ def _estimate(
     thesis: bool,
     tolerance: float,
 ) -> Estimate:
+    """Estimate of quantity ``i`` with the value of ``row``.
+
+    ``latched``: last run of steady updates, as by :func:`_steady_runs`. ``steady``: number of steady updates at the end, and the required
+    one.
+    """
     value, sigma = float(history.values[row, i]), float(history.sigmas[row, i])
     share = float(history.information_share[i, history.drowned].sum())
-    told = bool(np.isfinite(value) and np.isfinite(sigma) and (thesis or sigma < history.natural_sizes[i]))
-    lasts = latched is not None and (thesis or latched[2] == len(history.time_s) - 1)
+    reported = bool(np.isfinite(value) and np.isfinite(sigma) and (thesis or sigma < history.natural_sizes[i]))
+    is_steady = latched is not None and (thesis or latched[2] == len(history.time_s) - 1)
     verdict: Verdict
     if not history.observable[i]:
-        verdict, told = "unobservable", False
+        verdict, reported = "unobservable", False
         reason = _unobservable(history, i)
-    elif not np.isfinite(value) and (stood := np.isfinite(history.values[:, i])).any():
-        verdict, until = "not_converged", history.time_s[len(stood) - 1 - int(np.argmax(stood[::-1]))]
+    elif not np.isfinite(value) and (finite := np.isfinite(history.values[:, i])).any():
+        verdict, until = "not_converged", history.time_s[len(finite) - 1 - int(np.argmax(finite[::-1]))]
         reason = Reason.of("estimate-ended", until_s=float(until))
     elif not informed:
         verdict, reason = "not_excited", Reason.of("hardly-informed", wants=WANTED[QUANTITIES[i]])
     elif share > 0.5:
         verdict, reason = "not_excited", Reason.of("drowned", share=share)
-    elif not lasts and not thesis and sigma < SURE * tolerance and steady[0] >= BEGUN * steady[1]:
+    elif not is_steady and not thesis and sigma < PRECISE * tolerance and steady[0] >= LEAST_STEADY * steady[1]:
         verdict, reason = "converged", Reason.of("precise", steady=steady[0], count=steady[1])
         latched = len(history.time_s) - steady[0], 0, 0
-    elif not lasts:
+    elif not is_steady:
         verdict, reason = "not_converged", Reason.of("unsteady", steady=steady[0], count=steady[1])
     else:
         verdict, reason = "converged", Reason("steady")
     final_at = None
     if verdict == "converged" and latched:
-        final_at = float(history.time_s[latched[0]]) if thesis else _settled(history, i, latched[0], tolerance)
-    return Estimate(value if told else None, sigma if told else None, UNITS[QUANTITIES[i]], verdict, final_at, reason)
+        final_at = float(history.time_s[latched[0]]) if thesis else _final_time(history, i, latched[0], tolerance)
+    return Estimate(value if reported else None, sigma if reported else None, UNITS[QUANTITIES[i]], verdict, final_at, reason)
 
 
 def _unobservable(history: History, i: int) -> Reason:
-    """Why no motion informs a quantity: for want of a sensor, or of commands."""
+    """Reason why no motion informs a quantity: an absent sensor, or the commands."""
     if not history.unsensed[i]:
         return Reason.of("no-motion-informs", wants=WANTED[QUANTITIES[i]])
-    gone = [axis for axis, unread in zip("XYZ", history.unread[3:], strict=True) if unread]
-    absent = "accelerometer" if len(gone) == 3 else f"accelerometer along body {' and '.join(gone)}"
+    axes = [axis for axis, unread in zip("XYZ", history.unread[3:], strict=True) if unread]
+    absent = "accelerometer" if len(axes) == 3 else f"accelerometer along body {' and '.join(axes)}"
     return Reason.of("sensor-absent-mass" if QUANTITIES[i] == "mass" else "sensor-absent", absent=absent)
 
 
 def _steady(history: History, vehicle: Vehicle, limits: Array) -> tuple[BoolArray, BoolArray]:
-    """(K, 10) whether each quantity was informed and moved by less than its limit; (10,) whether it is informed in the end."""
+    """(K, 10) whether each quantity is informed and its step is within the limit; (10,) whether it is informed in the last cycle."""
     steady, before = np.empty(history.values.shape, dtype=bool), np.full((1, 10), np.nan)
     for part in spill.parts(len(steady)):
         values = history.values[part]
@@ -258,7 +266,7 @@ def _steady(history: History, vehicle: Vehicle, limits: Array) -> tuple[BoolArra
 
 
 def _informed(values: Array, sigmas: Array, natural_sizes: Array, vehicle: Vehicle) -> BoolArray:
-    """(K, 10) whether the sigma is below half the prior's: the body's own size, and for the thesis's filters their P0 as well."""
+    """(K, 10) whether the sigma is below half the prior sigma; the thesis's filters also have the prior P0."""
     sizes = np.tile(natural_sizes, (len(values), 1))
     sizes[:, POSITIVE] = np.minimum(sizes[:, POSITIVE], values[:, POSITIVE])
     prior = PRIOR * sizes
@@ -269,24 +277,24 @@ def _informed(values: Array, sigmas: Array, natural_sizes: Array, vehicle: Vehic
 
 
 def tolerances(history: History, vehicle: Vehicle) -> Array:
-    """(10,) the largest step-to-step change that counts as standing still, in each quantity's unit."""
+    """(10,) largest change from step to step of a steady quantity, in its unit."""
     settings = vehicle.convergence
     thesis = vehicle.estimator.method == "thesis"
     relative = settings.relative if settings.relative is not None else not thesis
-    found = np.empty(10)
+    limits = np.empty(10)
     for i, name in enumerate(QUANTITIES):
         kind = "inertia" if name in INERTIA else "cg" if name in CG else "mass"
-        given = getattr(settings, f"{kind}_tolerance")
-        found[i] = allowed(kind, given, relative) * (history.natural_sizes[i] if relative else 1.0)
-    return found
+        stated = getattr(settings, f"{kind}_tolerance")
+        limits[i] = tolerance_of(kind, stated, relative) * (history.natural_sizes[i] if relative else 1.0)
+    return limits
 
 
-def allowed(kind: str, given: float | None, relative: bool) -> float:
-    """The tolerance of "inertia", "cg" or "mass": as ``given``, else a part of the natural size, or the thesis's in the unit."""
-    fallback = RELATIVE_TOLERANCE if relative else THESIS_TOLERANCE[kind]
-    return fallback if given is None else given
+def tolerance_of(kind: str, stated: float | None, relative: bool) -> float:
+    """Tolerance of "inertia", "cg" or "mass": the ``stated`` one or the default; ``relative`` to the natural size, or in its unit."""
+    default = RELATIVE_TOLERANCE if relative else THESIS_TOLERANCE[kind]
+    return default if stated is None else stated
 
 
-def _stretches(steady: BoolArray, count: int) -> list[tuple[int, int, int]]:
-    """Runs of at least ``count`` steady updates: first row, the row at which the count was reached, last row."""
+def _steady_runs(steady: BoolArray, count: int) -> list[tuple[int, int, int]]:
+    """Runs of at least ``count`` steady updates: first row, row at which the count is reached, last row."""
     return [(begin, begin + count - 1, end - 1) for begin, end in runs(steady).tolist() if end - begin >= count]

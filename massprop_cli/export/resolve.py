@@ -9,7 +9,7 @@ import numpy as np
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.conclude.verdict import allowed
+from massprop_cli.conclude.verdict import tolerance_of
 from massprop_cli.diagnosis.outliers import SIGMAS
 from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.estimate import compiled, kernelflight
@@ -179,5 +179,5 @@ def _checked(source: VehicleSource, recorder: Recorder, vehicle: Vehicle, timing
 def _rule(vehicle: Vehicle) -> Array:
     settings = vehicle.convergence
     relative = settings.relative is not False
-    inertia, cg, mass = (allowed(kind, getattr(settings, f"{kind}_tolerance"), relative) for kind in ("inertia", "cg", "mass"))
+    inertia, cg, mass = (tolerance_of(kind, getattr(settings, f"{kind}_tolerance"), relative) for kind in ("inertia", "cg", "mass"))
     return kernelflight.rule_of(vehicle, (inertia, cg, mass), relative, SIGMAS)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.conclude.verdict import BEGUN, HALVED, POSITIVE, PRIOR, SURE
+from massprop_cli.conclude.verdict import HALVED, LEAST_STEADY, POSITIVE, PRECISE, PRIOR
 from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.estimate.causal import Causal
 from massprop_cli.estimate.kernelflight import MEMORY_S, VERDICTS, WAITS, Reported
@@ -164,10 +164,10 @@ class Steady:
         with np.errstate(invalid="ignore"):
             informed = sigmas < HALVED * PRIOR * prior
             still = np.abs(values - self.values) <= tolerance
-            sure = sigmas < SURE * tolerance
+            sure = sigmas < PRECISE * tolerance
         self.steady = np.where(informed & still, np.minimum(self.steady + 1, self.count), 0.0)
         self.values = values
-        stands = (self.steady == self.count) | (informed & sure & (self.steady >= BEGUN * self.count))
+        stands = (self.steady == self.count) | (informed & sure & (self.steady >= LEAST_STEADY * self.count))
         said = np.where(stands, "converged", np.where(informed, "not_converged", "not_excited"))
         if contradicted:
             said[:] = "contradicted"

@@ -16,7 +16,7 @@ from massprop_cli.conclude.verdict import Conclusion, Estimate
 from massprop_cli.estimate.crossvalidation import CrossValidation
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.quantities import open_scale
-from massprop_cli.flow import Analysis, MendedAnswer
+from massprop_cli.flow import Analysis, CorrectedEstimate
 from massprop_cli.inputs import vehicle
 from massprop_cli.inputs.estimatorsettings import UNWIDENED
 from massprop_cli.inputs.section import ZERO
@@ -195,7 +195,7 @@ def physical(conclusion: Conclusion) -> schema.Physical:
     return schema.Physical(
         consistent=not (broken and broken.certain) if told else None,
         principal_moments=[float(moment) for moment in moments] if told else None,
-        note=broken.said if broken else "",
+        note=broken.message if broken else "",
         nearest_consistent=matrix(nearest_consistent(conclusion.inertia)) if broken and broken.of_inertia else None,
     )
 
@@ -221,7 +221,7 @@ def _mended_items(found: Mapping[str, Estimate]) -> dict[str, schema.MendedEstim
     return {name: schema.MendedEstimate.model_validate(one, from_attributes=True) for name, one in found.items()}
 
 
-def _mended(answer: MendedAnswer) -> schema.Mended:
+def _mended(answer: CorrectedEstimate) -> schema.Mended:
     phases = [
         schema.MendedPhase(
             name=conclusion.phase.name,
@@ -232,7 +232,7 @@ def _mended(answer: MendedAnswer) -> schema.Mended:
         for conclusion in answer.conclusions
     ]
     notice = answer.fault.notice
-    return schema.Mended(code=notice.code, message=notice.message, settings=list(answer.settings), whole=answer.whole, phases=phases)
+    return schema.Mended(code=notice.code, message=notice.message, settings=list(answer.settings), whole=answer.complete, phases=phases)
 
 
 def _innovations(history: History, factors: Array) -> schema.Innovations | None:

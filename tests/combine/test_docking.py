@@ -75,5 +75,5 @@ def test_on_a_table_the_object_has_what_its_motion_tells(tmp_path: Path) -> None
 def test_an_object_of_which_a_part_is_untold_has_no_value_that_converged() -> None:
     """As on pedestals whose masses nobody weighed."""
     none = np.full(10, np.nan)
-    told = docking.estimates_of(none, np.full((10, 10), np.nan), "converged", Reason("sides-converged"), np.zeros(10, dtype=bool))
+    told = docking.docked_estimates(none, np.full((10, 10), np.nan), "converged", Reason("sides-converged"), np.zeros(10, dtype=bool))
     assert {(one.value, one.verdict, one.reason.code) for one in told.values()} == {(None, "unobservable", "sides-untold")}

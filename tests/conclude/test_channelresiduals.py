@@ -53,7 +53,7 @@ def test_a_jet_that_points_elsewhere_is_followed_and_none_where_all_are_as_state
     doubts = channel_residual_test(found.settled, found.samples, names, 1.0)
     assert doubts
     assert doubts[0].sigmas > 5.0
-    assert any(doubt.what.startswith(f"response to {names[jet]} ") for doubt in doubts)
+    assert any(doubt.assumption.startswith(f"response to {names[jet]} ") for doubt in doubts)
     right = sound(SEED)
     assert not channel_residual_test(right.settled, right.samples, names, 1.0)
     assert told(right).max() < 38.3

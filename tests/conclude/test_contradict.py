@@ -11,8 +11,8 @@ import pytest
 
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.conclude import contradict
-from massprop_cli.conclude.analysis import MendedAnswer
-from massprop_cli.conclude.contradict import by_known, by_lost
+from massprop_cli.conclude.analysis import CorrectedEstimate
+from massprop_cli.conclude.contradict import divergence_contradiction, known_value_contradiction
 from massprop_cli.conclude.judge import judged
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.diagnosis.corrections import Correction
@@ -176,7 +176,7 @@ def test_a_weighed_mass_leaves_the_log_its_own_part_of_each_sigma() -> None:
     log, used = faulty.sample("free-flyer")
     weighed = faulty.examined(log, faulty.stated(used, "thrust.scale_sigma=0.05", "known.mass={value=22.0, sigma=1e-4}"))
     plain = analysed("free-flyer")
-    own = np.sqrt(contradict._own_variance(weighed.conclusions[0], weighed.vehicle))
+    own = np.sqrt(contradict._noise_variance(weighed.conclusions[0], weighed.vehicle))
     bare = np.sqrt(np.diag(plain.conclusions[0].covariance))
     inertia, mass = plain.conclusions[0].values[:6], plain.conclusions[0].values[9]
     # by the weighed mass inertia is as uncertain as the log's own mass
@@ -245,7 +245,7 @@ def test_what_several_causes_agree_on_is_less_certain_where_none_of_them_is_sure
     def told(code: str) -> Analysis:
         fault = Fault(Notice(code, "the log fits if this, or if that"), Correction(()))
         # what corrects it gives the same values, and so do its rivals
-        answer = MendedAnswer(fault, (), clean.conclusions, clean.vehicle, ([clean.conclusions[0].values],))
+        answer = CorrectedEstimate(fault, (), clean.conclusions, clean.vehicle, ([clean.conclusions[0].values],))
         return judged(replace(clean, faults=(fault,)), [answer])
 
     named, unnamed = told("jet-sign"), told("cause-unknown")
@@ -317,17 +317,17 @@ def test_a_clean_log_is_not_contradicted() -> None:
 def test_a_causal_estimate_that_lost_its_way_is_contradicted_by_the_fit_of_the_same_data() -> None:
     found = analysed("free-flyer")
     causal, settled = found.histories[0], found.settled[0]
-    assert by_lost(causal, settled) is None
+    assert divergence_contradiction(causal, settled) is None
     values, covariance = causal.bare
     away = values.copy()
     away[3] += 3.5 * np.sqrt(covariance[3, 3])
-    against = by_lost(replace(causal, bare=(away, covariance)), settled)
+    against = divergence_contradiction(replace(causal, bare=(away, covariance)), settled)
     assert against is not None
-    assert [name for name, hit in zip(QUANTITIES, against.touched, strict=True) if hit] == ["iyy"]
+    assert [name for name, hit in zip(QUANTITIES, against.affected, strict=True) if hit] == ["iyy"]
     assert [cause.code for cause in against.causes] == ["causal-estimate-lost"]
-    broken = by_lost(causal, replace(settled, bare=(np.full(10, np.nan), np.full((10, 10), np.nan))))
+    broken = divergence_contradiction(causal, replace(settled, bare=(np.full(10, np.nan), np.full((10, 10), np.nan))))
     assert broken is not None
-    assert broken.touched.all()
+    assert broken.affected.all()
     assert [cause.code for cause in broken.causes] == ["fit-lost"]
 
 
@@ -360,6 +360,6 @@ def test_a_known_mass_that_the_log_belies_takes_what_it_moves_with_it() -> None:
     found = analysed("free-flyer")
     history, place = found.histories[0], QUANTITIES.index("cg_z")
     alone = history.values[-1] + 3 * history.sigmas[-1] * (np.arange(10) == place)
-    belied = by_known(replace(history, contradicted={"mass": "known.mass"}, bare=(alone, history.bare[1])), found.vehicle)
+    belied = known_value_contradiction(replace(history, contradicted={"mass": "known.mass"}, bare=(alone, history.bare[1])), found.vehicle)
     assert belied is not None
-    assert [name for name, hit in zip(QUANTITIES, belied.touched, strict=True) if not hit] == ["cg_x", "cg_y"]
+    assert [name for name, hit in zip(QUANTITIES, belied.affected, strict=True) if not hit] == ["cg_x", "cg_y"]

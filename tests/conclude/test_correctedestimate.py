@@ -12,7 +12,7 @@ from massprop_cli.base.configfile import literal, written
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.conclude import correctedestimate
-from massprop_cli.conclude.analysis import MendedAnswer
+from massprop_cli.conclude.analysis import CorrectedEstimate
 from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.pivot import with_pivot
 from massprop_cli.diagnosis import UNKNOWN
@@ -69,7 +69,7 @@ def followed(stated: Vehicle, found: Analysis, whole: bool = False) -> tuple[Ana
     """The corrected estimate, and what its settings give where they are put into the vehicle file and the log is read anew."""
     (answer, *_) = found.mended
     after = faulty.stated(stated, *answer.settings)
-    assert answer.whole
+    assert answer.complete
     return replace(found, conclusions=answer.conclusions), faulty.examined(recorded(after, whole), after)
 
 
@@ -104,9 +104,11 @@ def test_a_name_whose_remedy_leaves_the_misfit_is_none() -> None:
         found = estimated(recorded(used), VehicleSource(used, "", ""), (), lambda *_: None)
         cures += [fault.cure for fault in found.faults]
     (fault,) = found.faults
-    named, answers = correctedestimate.proven(found, lambda *_: None)
+    named, answers = correctedestimate.with_corrections(found, lambda *_: None)
     assert (named.faults, named.unknown, len(answers)) == ((fault,), "", 1)
-    vain, answers = correctedestimate.proven(replace(found, faults=(replace(fault, cure=cures[0], around=(), rivals=()),)), lambda *_: None)
+    vain, answers = correctedestimate.with_corrections(
+        replace(found, faults=(replace(fault, cure=cures[0], around=(), rivals=()),)), lambda *_: None
+    )
     assert (vain.faults, answers) == ((), [])
     assert fault.notice.message in vain.unknown
     assert vain.notices[0].code == UNKNOWN
@@ -155,7 +157,7 @@ def test_on_a_pedestal_a_remedy_that_drops_the_mass_leaves_the_cg_untold() -> No
     found = faulty.examined(flown.log(0), weighed)
     assert found.conclusions[0].estimates["cg_x"].value is not None
     fault = Fault(Notice("mass-change", "at once"), None)
-    split = MendedAnswer(fault, (), found.conclusions, found.vehicle.model_copy(update={"known": {}}))
+    split = CorrectedEstimate(fault, (), found.conclusions, found.vehicle.model_copy(update={"known": {}}))
     (answer,) = with_pivot(replace(found, mended=(split,))).mended
     assert {name for name, one in answer.conclusions[0].estimates.items() if one.verdict == "unobservable"} == {*QUANTITIES}
     assert answer.conclusions[0].about_pivot["ixx"].value is not None

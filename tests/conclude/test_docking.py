@@ -82,11 +82,11 @@ def test_an_object_that_weighs_less_than_nothing_is_contradicted() -> None:
 def test_an_object_of_less_than_three_sigmas_of_mass_may_be_none(mass: float) -> None:
     """Whether the sign of its mass is right is chance: no warning, and nothing converged."""
     found, covariance = np.array([*np.ones(6), *np.zeros(3), mass]), np.diag([*np.full(9, 1e-6), 0.39**2])
-    estimates = docking.estimates_of(found, covariance, "converged", Reason("phases-converged"), np.zeros(10, dtype=bool))
+    estimates = docking.docked_estimates(found, covariance, "converged", Reason("phases-converged"), np.zeros(10, dtype=bool))
     assert {one.verdict for one in estimates.values()} == {"not_converged"}
     assert "may be none; weigh it" in str(estimates["mass"].reason)
-    assert not docking.backwards(mass, covariance)
-    assert docking.backwards(-1.2, covariance)
+    assert not docking.has_negative_mass(mass, covariance)
+    assert docking.has_negative_mass(-1.2, covariance)
 
 
 @pytest.mark.parametrize(("factor", "told"), [(1.0, True), (1.1, False)])
@@ -122,7 +122,7 @@ def test_an_object_that_is_released_is_found_as_one_that_docks() -> None:
 
 def test_what_may_be_nothing_at_all_is_no_contradiction() -> None:
     for mass, said in ((-0.2, False), (-0.4, True), (np.nan, False)):
-        assert docking.backwards(mass, 0.01 * np.eye(10)) == said
+        assert docking.has_negative_mass(mass, 0.01 * np.eye(10)) == said
 
 
 def test_an_error_common_to_all_thrust_is_the_same_in_both_phases() -> None:
@@ -130,7 +130,7 @@ def test_an_error_common_to_all_thrust_is_the_same_in_both_phases() -> None:
     analysis = analysed("docking")
     first, second = analysis.conclusions
     wary = tuple(replace(one, thrust_scale_sigma=0.02) for one in (first, second))
-    told, unsure = docking.masses_apart((first, second), analysis.vehicle), docking.masses_apart((wary[0], wary[1]), analysis.vehicle)
+    told, unsure = docking.mass_difference((first, second), analysis.vehicle), docking.mass_difference((wary[0], wary[1]), analysis.vehicle)
     assert told is not None
     assert unsure is not None
     assert unsure[0] == told[0]

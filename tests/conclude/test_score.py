@@ -29,10 +29,10 @@ def examined(log: Log, used: Vehicle) -> Analysis:
 def scores(found: Analysis, monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
     """The largest of each kind, sigmas."""
     assert found.examination is not None
-    monkeypatch.setattr(score, "WARY", 0.0)
+    monkeypatch.setattr(score, "IN_DOUBT", 0.0)
     told: dict[str, float] = {}
     for doubt in score.doubts(found.examination, [jet.name for jet in found.vehicle.jets]):
-        told.setdefault(doubt.what, doubt.sigmas)
+        told.setdefault(doubt.assumption, doubt.sigmas)
     monkeypatch.undo()
     return told
 
@@ -80,7 +80,7 @@ def test_an_error_that_no_channel_shows_is_doubted_and_leaves_nothing_standing_t
     scaled = examined(replace(log, delta_v_imu_m_s=1.15 * log.delta_v_imu_m_s), flight.vehicle)
     for found, wrong in ((sound(SEED), False), (scaled, True)):
         assert np.allclose(found.settled[0].normalised[20:].var(0), 1.0, atol=0.5)
-        assert [doubt.what for doubt in found.doubts if doubt.sure][:1] == ["accelerometer-scale"] * wrong
+        assert [doubt.assumption for doubt in found.doubts if doubt.refuted][:1] == ["accelerometer-scale"] * wrong
         for true, estimate in zip(flight.truth[0, 0], found.conclusions[0].estimates.values(), strict=True):
             off = abs((estimate.value or 0.0) - true) / (estimate.sigma or np.inf)
             assert off < 4.5 or estimate.verdict == "contradicted"
@@ -94,7 +94,7 @@ def test_pulses_that_scatter_hide_no_wrong_assumption() -> None:
     clean = fly("free-flyer", *keys, seeds=(0,))
     found = examined(clean.log(0), clean.vehicle)
     assert {one.verdict for one in found.conclusions[0].estimates.values()} == {"converged"}
-    assert not [one for one in found.doubts if one.sure]
+    assert not [one for one in found.doubts if one.refuted]
     # nine tenths of what is stated, told of the same flight
     pitch = [i for i, jet in enumerate(clean.vehicle.jets) if jet.name.startswith("pitch")]
     weak = changed(clean.vehicle, [f"jets.{i}.force_n={[f / 0.9 for f in clean.vehicle.jets[i].force_n]}" for i in pitch])
@@ -108,8 +108,8 @@ def test_a_step_of_a_sensors_scale_is_one_of_each_of_its_axes() -> None:
     assert found is not None
     (response,) = (one for one in found.responses if one is not None)
     count = response.shift.shape[1]
-    axes = [one for one in found.taken if one.part_of == "gyro-scale"]
-    (gyro,), (accelerometer,) = ([one for one in found.taken if one.code == f"{name}-scale"] for name in ("gyro", "accelerometer"))
+    axes = [one for one in found.assumed if one.part_of == "gyro-scale"]
+    (gyro,), (accelerometer,) = ([one for one in found.assumed if one.code == f"{name}-scale"] for name in ("gyro", "accelerometer"))
     np.testing.assert_array_equal(found.step(gyro, count), sum(found.step(axis, count) for axis in axes))
     assert len(axes) == 3
     assert [one.code for one in found.varied].index(axes[0].code) == np.flatnonzero(found.step(gyro, count))[0]
@@ -128,14 +128,14 @@ def test_jets_alike_are_doubted_together_where_each_alone_would_pass(monkeypatch
     assert found.examination is not None
     groups = along_one_line(found.log, found.vehicle)
     assert pair in groups
-    monkeypatch.setattr(score, "WARY", 0.0)
-    told = {doubt.what: doubt for doubt in score.doubts(found.examination, channel_names(found.log, found.vehicle), groups)}
+    monkeypatch.setattr(score, "IN_DOUBT", 0.0)
+    told = {doubt.assumption: doubt for doubt in score.doubts(found.examination, channel_names(found.log, found.vehicle), groups)}
     alone = np.array([told[f"thrust of {jets[i]}"].sigmas for i in pair])
     together = told[f"thrust of {jets[pair[0]]}, {jets[pair[1]]}"]
     assert together.sigmas**2 == pytest.approx(left(found) - left(sound(SEED)), rel=0.15)
     assert together.sigmas > alone.max()
-    assert together.faint
-    assert not told[f"thrust of {jets[pair[0]]}"].faint
+    assert together.joint
+    assert not told[f"thrust of {jets[pair[0]]}"].joint
 
 
 @pytest.mark.parametrize(
@@ -152,7 +152,7 @@ def test_what_hangs_on_an_assumption_in_doubt_is_not_called_converged(sigmas: fl
     shift = np.zeros((10, 1))
     mass = conclusion.estimates["mass"].sigma or np.nan
     shift[0], shift[9] = moves * conclusion.values[0], 1.5 * mass / conclusion.values[9] ** 2
-    reasons = score.hanging(conclusion, 0, [score.Doubt("gyro-scale", sigmas, 5.0, (shift,), faint)], sizes)
+    reasons = score.doubtful_values(conclusion, 0, [score.Doubt("gyro-scale", sigmas, 5.0, (shift,), faint)], sizes)
     assert set(reasons) == ({"ixx"} if hangs else set())  # the mass by less than two of its sigmas
     told = in_doubt(conclusion, reasons)
     assert (told.estimates["ixx"].verdict, told.estimates["iyy"].verdict) == ("not_converged" if hangs else "converged", "converged")
@@ -168,8 +168,8 @@ def test_what_a_refuted_error_may_move_unseen_hangs_on_it() -> None:
     shown, hidden = np.zeros((10, 2)), np.zeros((10, 1))
     shown[6] = hidden[7] = 1.5 * conclusion.sigmas[7] + 0.006 * sizes[7]
     for sigmas, named in ((5.5, {"cg_y"}), (4.5, set[str]())):
-        doubt = score.Doubt("imu-position", sigmas, 5.0, (np.hstack([shown, hidden]),), hidden=(hidden,))
-        assert set(score.unseen(conclusion, 0, [doubt], sizes)) == named
+        doubt = score.Doubt("imu-position", sigmas, 5.0, (np.hstack([shown, hidden]),), unseen_shifts=(hidden,))
+        assert set(score.unseen_changes(conclusion, 0, [doubt], sizes)) == named
 
 
 def test_of_clean_logs_nothing_hangs_on_chance() -> None:
@@ -180,10 +180,10 @@ def test_of_clean_logs_nothing_hangs_on_chance() -> None:
 def test_a_response_that_grew_without_end_says_nothing(part: str) -> None:
     """Of a body that is none, as of a mass below its bearing's."""
     response = AssumptionResponse(np.zeros((10, 2)), np.eye(3))
-    found = assumptions.Examined((), (response,), 1, (np.ones(6),))
-    assert assumptions.sound(found, sound(SEED).settled[:1]).responses == (response,)
+    found = assumptions.SensitivityAnalysis((), (response,), 1, (np.ones(6),))
+    assert assumptions.without_invalid(found, sound(SEED).settled[:1]).responses == (response,)
     endless = replace(response, **{part: np.nan * getattr(response, part)})
-    assert assumptions.sound(replace(found, responses=(endless,)), sound(SEED).settled[:1]).responses == (None,)
+    assert assumptions.without_invalid(replace(found, responses=(endless,)), sound(SEED).settled[:1]).responses == (None,)
 
 
 @pytest.mark.thorough

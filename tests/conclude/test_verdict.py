@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import nnls
 
 from massprop_cli import INERTIA
-from massprop_cli.conclude.contradict import by_no_body
+from massprop_cli.conclude.contradict import unphysical_contradiction
 from massprop_cli.conclude.physical import breach, nearest_consistent
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Conclusion, Estimate, conclude, contradicted, in_doubt
@@ -212,10 +212,10 @@ def test_a_flat_bodys_noise_breaks_no_law_and_a_body_that_none_can_be_does() -> 
 
     # a rod's least moment is none but for noise
     thin = [breach(drawn([0.0, 1.5, 1.5001])) for _ in range(100)]
-    below = [one for one in thin if one and "not positive definite" in one.said]
+    below = [one for one in thin if one and "not positive definite" in one.message]
     assert 30 < len(below) < 70
     assert not any(one.certain for one in below)
-    assert all("as its sigmas allow" in one.said for one in below)
+    assert all("as its sigmas allow" in one.message for one in below)
     none = breach(drawn([-0.05, 1.5, 1.6]))
     assert none is not None
     assert none.certain
@@ -225,7 +225,7 @@ def test_a_flat_bodys_noise_breaks_no_law_and_a_body_that_none_can_be_does() -> 
     assert 0.4 < np.mean([one is not None for one in broken]) < 0.6
     lacking = [one.principal_moments @ [-1, -1, 1] for one in flat]
     # beyond twice what scatters by draws are a fortieth of a normal distribution, and the note says the sigma that they scatter by
-    sigmas = [float(one.said.split(" ± ")[1].split()[0]) for one in broken if one]
+    sigmas = [float(one.message.split(" ± ")[1].split()[0]) for one in broken if one]
     np.testing.assert_allclose(sigmas, np.std(lacking), rtol=0.1)
     none = breach(drawn([0.9, 1.5, 2.4 + 6 * float(np.std(lacking)) + 0.01]))
     assert none is not None
@@ -245,11 +245,11 @@ def test_a_body_that_is_thinner_than_air_is_said_and_one_denser_than_osmium_cont
     told["mass"] = Estimate(mass, 1e-3, "kg", "converged", None, Reason("steady"))
     scale = 2 / 5 * mass * radius**2
     ball = replace(whole, estimates=whole.estimates | told, covariance=np.eye(10) * (1e-4 * scale) ** 2, rotating_mass=mass)
-    found, against = breach(ball), by_no_body(ball)
+    found, against = breach(ball), unphysical_contradiction(ball)
     assert (found is not None) == bool(said)
-    assert found is None or (said in found.said and f"{density:.2g} kg/m^3" in found.said)
+    assert found is None or (said in found.message and f"{density:.2g} kg/m^3" in found.message)
     assert (against is not None) == certain
-    assert against is None or set(np.flatnonzero(against.touched)) == {*range(6), 9}
+    assert against is None or set(np.flatnonzero(against.affected)) == {*range(6), 9}
 
 
 def test_a_mass_below_its_bearings_is_none_and_has_no_nearest_inertia() -> None:

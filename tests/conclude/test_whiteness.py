@@ -97,8 +97,8 @@ def believed(log: Log, vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch) -> Ana
     """What would be said of a log if every disturbance counted as noise."""
     for test in ("whiteness_test", "oscillation_test"):
         monkeypatch.setattr(judge, test, lambda *_: {})
-    monkeypatch.setattr(estimated, "_baffled", lambda *_: "")
-    monkeypatch.setattr(estimated, "_doubted", lambda *_: [])
+    monkeypatch.setattr(estimated, "_correlated_disturbance", lambda *_: "")
+    monkeypatch.setattr(estimated, "_doubts", lambda *_: [])
     return examined(log, vehicle)
 
 

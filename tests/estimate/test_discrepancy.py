@@ -229,5 +229,5 @@ def test_an_error_is_held_against_what_may_physically_be(part: float) -> None:
     assert told is not None
     assert told.scale < discrepancy.MOST
     assert any(said.startswith("thrust (divert_xp)") for said in told.behaves_like)
-    assert told.farthest == pytest.approx(1 / 3, rel=0.5) or part < 0.5  # far from what is stated it is no longer linear
+    assert told.largest_impulse_error == pytest.approx(1 / 3, rel=0.5) or part < 0.5  # far from what is stated it is no longer linear
     assert told.refuted is (part < 0.5)

@@ -10,7 +10,7 @@ import pytest
 
 from massprop_cli import CG, INERTIA, QUANTITIES
 from massprop_cli.base.arrays import Array
-from massprop_cli.conclude.contradict import by_known
+from massprop_cli.conclude.contradict import known_value_contradiction
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.known import DENSEST, contradicted_values, heaviest_body
 from massprop_cli.estimate.rows import Parameters
@@ -60,7 +60,7 @@ def test_a_wrong_known_mass_leaves_no_cg_on_a_bearing(kind: str, offset: bool) -
     none = np.zeros(10)
     said = {"mass": "phase all: known.mass = 30 lies 9 sigmas from what the log alone says"}
     history = SimpleNamespace(contradicted=said, values=none[None], sigmas=none[None] + 1, bare=(none, np.eye(10)))
-    found = by_known(cast("History", history), flight.vehicle(environment={"kind": kind}))
+    found = known_value_contradiction(cast("History", history), flight.vehicle(environment={"kind": kind}))
     assert found is not None
-    assert [bool(found.touched[QUANTITIES.index(name)]) for name in CG] == [offset] * 3
-    assert all(found.touched[QUANTITIES.index(name)] for name in (*INERTIA, "mass"))
+    assert [bool(found.affected[QUANTITIES.index(name)]) for name in CG] == [offset] * 3
+    assert all(found.affected[QUANTITIES.index(name)] for name in (*INERTIA, "mass"))

@@ -89,7 +89,7 @@ def test_noisy_sensors_put_no_bearing_elsewhere() -> None:
     flown = anypedestal.fly(rng, own, "wheels", 0.05, 40.0)
     used = anypedestal.vehicle_of(own, 0, flown, biases=False, mass={"value": float(own.mass[0]), "sigma": 1e-4 * float(own.mass[0])})
     answer = flow.examine(anypedestal.log_of(rng, own, 0, flown, used), VehicleSource(used, "", ""))
-    assert "bearing-position" not in [doubt.what for doubt in answer.doubts]
+    assert "bearing-position" not in [doubt.assumption for doubt in answer.doubts]
     assert {one.verdict for one in answer.conclusions[0].about_pivot.values()} == {"converged"}
 
 

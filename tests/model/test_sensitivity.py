@@ -8,7 +8,7 @@ import pytest
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross_matrix
-from massprop_cli.conclude.assumptions import AssumptionEffects, examined
+from massprop_cli.conclude.assumptions import AssumptionEffects, sensitivity_analysis
 from massprop_cli.diagnosis import delay
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME
@@ -234,7 +234,7 @@ def test_a_delay_a_little_off_is_told_by_its_column_as_by_a_search(later: float)
     said = faulty.stated(used, f"cycle.command_delay_cycles={2.0 - later}")
     samples = Stream.of(log, said, Timing(2.0 - later, 0.0))
     about = faulty.examined(log, used).settled
-    told = examined(log, resolved(said), Timing(2.0 - later, 0.0), samples, about).delay()
+    told = sensitivity_analysis(log, resolved(said), Timing(2.0 - later, 0.0), samples, about).delay()
     assert told is not None
     found, sigma, before, after = told
     searched = delay.detect(Setup(log, resolved(said), Timing(2.0 - later, 0.0)), [about[0].cycles], ["delay"])

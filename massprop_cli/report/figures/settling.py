@@ -5,7 +5,7 @@ import numpy as np
 from massprop_cli import CG, INERTIA, QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.escape import line
-from massprop_cli.conclude.verdict import allowed
+from massprop_cli.conclude.verdict import tolerance_of
 from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
@@ -38,7 +38,7 @@ def tolerance(name: str, phase: PhaseItem, result: Result) -> float | None:
     thesis = result.provenance.method == "thesis"
     kind = "inertia" if name in INERTIA else "cg" if name in CG else "mass"
     relative = settings.get("convergence.relative", not thesis)
-    given = allowed(kind, settings.get(f"convergence.{kind}_tolerance"), relative)
+    given = tolerance_of(kind, settings.get(f"convergence.{kind}_tolerance"), relative)
     if not relative:
         return float(given)
     items = phase.estimates
