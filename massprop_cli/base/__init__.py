@@ -1,1 +1,1 @@
-"""What everything else stands on: arrays, rigid-body equations, files, limits, errors, text made safe."""
+"""Foundations: arrays, rigid-body equations, files, input limits, errors, escaped text."""

@@ -1,4 +1,4 @@
-"""The array type, freezing arrays that a stage hands on, and the factorisations that all square-root forms share."""
+"""Array types, interpolation, and the orthogonal factorisations of the square-root estimators."""
 
 from functools import cache
 from typing import Any, TypeVar
@@ -11,31 +11,31 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.integer[Any]]
 ComplexArray = NDArray[np.complexfloating[Any]]
 TINY = 1e-300
-"""Beside which no number is small: keeps zeros out of divisors and logarithms."""
+"""Lower bound of divisors and arguments of logarithms."""
 ROUNDING = 1e-9
-"""Part of what adds up to a number, below which this is none but for rounding."""
+"""Relative size of a sum, compared with its terms, below which it is a rounding error."""
 
 
 def frozen(array: Array) -> Array:
-    """A read-only view: what one stage hands on, the next can't change."""
+    """Read-only view of an array."""
     view = array.view()
     view.flags.writeable = False
     return view
 
 
 def runs(rows: BoolArray) -> IntArray:
-    """(n, 2) where rows that are True in a row begin, and the row after their last."""
+    """(n, 2) first row, and row after the last, of each run of True."""
     return np.flatnonzero(np.diff(rows, prepend=False, append=False)).reshape(-1, 2)
 
 
 def last_before(used: BoolArray) -> IntArray:
-    """(K,) of each row the last one up to it that is ``used`` (K,), or the first that is; each itself where none is."""
+    """(K,) index of the last row up to each row that is ``used`` (K,); the first used one before that; the row itself if none is used."""
     rows, every = np.flatnonzero(used), np.arange(len(used))
     return rows[np.maximum(np.searchsorted(rows, every, "right") - 1, 0)] if len(rows) else every
 
 
 def cubic(wanted: Array, at: Array, values: Array) -> Array:
-    """Values (n,) at other times: cubics with the mean slopes there (Hermite; Catmull & Rom 1974); outside, the nearest."""
+    """Values (n,) interpolated by cubic Hermite splines (Catmull & Rom 1974); the nearest value outside."""
     from scipy.interpolate import CubicHermiteSpline
 
     if len(at) < 2:
@@ -44,7 +44,7 @@ def cubic(wanted: Array, at: Array, values: Array) -> Array:
 
 
 def spline(wanted: Array, at: Array, values: Array) -> Array:
-    """Values (n,) at other times by cubics whose slope and curvature go on from one to the next."""
+    """Values (n,) interpolated by a cubic spline with continuous slope and curvature."""
     from scipy.interpolate import CubicSpline
 
     return np.asarray(CubicSpline(at, values)(wanted))
@@ -54,9 +54,9 @@ Numbers = TypeVar("Numbers", Array, ComplexArray)
 
 
 def recursion(added: Numbers, kept: Numbers, least: float = 0.0) -> Numbers:
-    """(…, n) y, ``y[k] = added[k] + kept[k] y[k − 1]`` after y[0] = added[0], with twice the reach in each pass.
+    """Linear recursion (…, n) ``y[k] = added[k] + kept[k] y[k − 1]``, ``y[0] = added[0]``, by doubling the number of steps in each pass.
 
-    Until no more than ``least`` of anything is kept.
+    Stops when all products of ``kept`` are at most ``least``.
     """
     found, kept, reach = added.copy(), kept.copy(), 1
     kept[..., 0] = 0.0
@@ -69,21 +69,21 @@ def recursion(added: Numbers, kept: Numbers, least: float = 0.0) -> Numbers:
 
 
 MUCH = 1e6
-"""Growth of information, as part of what was there, up to which products hold it to ten digits."""
+"""Largest relative growth of information that normal equations represent with ten digits."""
 
 
 def triangle_of(rows: Array) -> Array:
-    """The upper triangle of an orthogonal factorisation, as many rows as there are columns, or fewer."""
+    """Upper triangle R of the QR factorisation of ``rows`` (..., N, n): (..., min(N, n), n)."""
     if rows.ndim > 2:
         return np.asarray(np.linalg.qr(rows, mode="r"))
-    # "raw" has the triangle's transpose in its lower left, and Householder vectors, which are not wanted, beside it
+    # "raw" has Rᵀ in the lower left; the Householder vectors above it are not needed
     packed, _ = np.linalg.qr(rows, mode="raw")
     upper = packed[:, : min(rows.shape)].T
     return np.where(_upper(*upper.shape), upper, 0.0)
 
 
 def singular(matrix: Array) -> tuple[Array, Array, Array]:
-    """(N, r), (r,), (r, n) of the thin SVD of (N, n). LAPACK's fails on some low ranks in one order of columns, and hardly in any other."""
+    """Thin SVD (N, r), (r,), (r, n) of a matrix (N, n); LAPACK fails on some rank-deficient ones, but not with the columns reversed."""
     try:
         left, values, right = np.linalg.svd(matrix, full_matrices=False)
     except np.linalg.LinAlgError:
@@ -98,43 +98,43 @@ def _upper(rows: int, columns: int) -> BoolArray:
 
 
 def root_beside_unit(ahead: Array) -> Array:
-    """(K, n, n) lower-triangular root of ``1 + ahead aheadᵀ``, never squared: a prediction from hardly anything is huge."""
+    """(K, n, n) lower-triangular root of ``1 + A Aᵀ``, A = ``ahead`` (K, n, m), by QR; A may be too large to be squared."""
     count, rows, _ = ahead.shape
     upper = triangle_of(np.concatenate([ahead.transpose(0, 2, 1), np.broadcast_to(np.eye(rows), (count, rows, rows))], 1))
     return np.asarray((upper * np.sign(np.einsum("kii->ki", upper))[..., None]).transpose(0, 2, 1))
 
 
 def grown(triangle: Array, rows: Array) -> Array:
-    """(K + 1, n, n + c) a triangle (n, n + c) on n unknowns and c columns beside, and the same with rows (K, …, n + c) added one by one.
+    """(K + 1, n, n + c) square-root information ``triangle`` (n, n + c) of n unknowns and c right-hand sides, before and after each row.
 
-    In units of the triangle, rows that add little information are added by products, one that adds far more by an orthogonal factorisation,
-    since products would lose the rest in rounding. Which it is depends on no later row.
+    ``rows`` (K, …, n + c) are added one by one. In units of the triangle, rows with little information are added by normal equations, and a
+    row with much more by QR, because normal equations would lose the rest in rounding. The choice does not depend on later rows.
     """
-    found = np.empty((len(rows) + 1, *triangle.shape))
-    found[0] = triangle
-    known, count = 0, len(triangle)
-    while known < len(rows):
-        own = found[known]
-        by_unit = rows[known:, ..., :count] @ np.linalg.inv(own[:, :count])
-        told = np.cumsum(np.einsum("kij,kij->k", by_unit, by_unit))
-        few = len(told) if told[-1] < MUCH else int(np.argmin(told < MUCH))
+    triangles = np.empty((len(rows) + 1, *triangle.shape))
+    triangles[0] = triangle
+    done, count = 0, len(triangle)
+    while done < len(rows):
+        current = triangles[done]
+        scaled = rows[done:, ..., :count] @ np.linalg.inv(current[:, :count])
+        growth = np.cumsum(np.einsum("kij,kij->k", scaled, scaled))
+        few = len(growth) if growth[-1] < MUCH else int(np.argmin(growth < MUCH))
         if few:
-            by_unit = by_unit[:few]
-            transposed = by_unit.transpose(0, 2, 1)
-            left = rows[known : known + few, ..., count:] - by_unit @ own[:, count:]
-            root = np.linalg.cholesky(np.eye(count) + np.cumsum(transposed @ by_unit, 0))
-            part = found[known + 1 : known + few + 1]
-            np.matmul(root.transpose(0, 2, 1), own, out=part)
-            part[:, :, count:] += np.linalg.solve(root, np.cumsum(transposed @ left, 0))
-            known += few
-        if known < len(rows):
-            found[known + 1] = triangle_of(np.vstack([found[known], rows[known]]))[:count]
-            known += 1
-    return found
+            scaled = scaled[:few]
+            transposed = scaled.transpose(0, 2, 1)
+            residual = rows[done : done + few, ..., count:] - scaled @ current[:, count:]
+            root = np.linalg.cholesky(np.eye(count) + np.cumsum(transposed @ scaled, 0))
+            part = triangles[done + 1 : done + few + 1]
+            np.matmul(root.transpose(0, 2, 1), current, out=part)
+            part[:, :, count:] += np.linalg.solve(root, np.cumsum(transposed @ residual, 0))
+            done += few
+        if done < len(rows):
+            triangles[done + 1] = triangle_of(np.vstack([triangles[done], rows[done]]))[:count]
+            done += 1
+    return triangles
 
 
 def median(values: Array) -> float:
-    """The middle value, or the mean of both; numpy's own imports masked arrays for it, a good part of a short run's time."""
+    """Median of all values; numpy's imports masked arrays, which takes a good part of a short run."""
     ordered = np.sort(values, axis=None)
     half = len(ordered) // 2
     return float(ordered[half] if len(ordered) % 2 else (ordered[half - 1] + ordered[half]) / 2)

@@ -1,4 +1,4 @@
-"""Arrow columns from buffers: pa.array() would import pandas where it is installed, which takes longer than one estimate."""
+"""Arrow columns from buffers; pa.array() would import pandas if it is installed, which takes longer than one estimate."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,7 +10,7 @@ from massprop_cli.base.lazy import pa
 
 
 def text(values: Sequence[str | None]) -> Any:
-    """A column of text, null for None."""
+    """Text column, null for None."""
     encoded = [(value or "").encode() for value in values]
     offsets = np.concatenate([[0], np.cumsum([len(value) for value in encoded])]).astype(np.int32)
     bits = pa.py_buffer(np.packbits([value is not None for value in values], bitorder="little").tobytes())
@@ -18,7 +18,7 @@ def text(values: Sequence[str | None]) -> Any:
 
 
 def numbers(values: Array) -> Any:
-    """A column of numbers, null for NaN."""
+    """Column of numbers, null for NaN and infinity."""
     known = np.isfinite(values)
     bits = pa.py_buffer(np.packbits(known, bitorder="little").tobytes())
     data = pa.py_buffer(np.where(known, values, 0.0).astype(np.float64).tobytes())
@@ -26,12 +26,12 @@ def numbers(values: Array) -> Any:
 
 
 def held(values: Array) -> Any:
-    """A column of these very float64, without a copy."""
+    """Column that shares the memory of a float64 array."""
     return pa.Array.from_buffers(pa.float64(), len(values), [None, pa.py_buffer(values)])
 
 
 def floats(column: Any) -> Array:
-    """(rows,) numbers of a column of float64, NaN for null; to_numpy() and fill_null() would import pandas, too."""
+    """(rows,) numbers of a float64 column, NaN for null; to_numpy() and fill_null() would also import pandas."""
     valid, values = column.buffers()
     part = slice(column.offset, column.offset + len(column))
     numbers = np.frombuffer(values, np.float64)[part]

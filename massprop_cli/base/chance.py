@@ -1,8 +1,8 @@
-"""The chi-square distribution, by SciPy's incomplete gamma function, which is imported once it is needed."""
+"""Chi-square distribution by SciPy's incomplete gamma function, imported on first use."""
 
 
 def chance(chi_square: float, freedom: float) -> float:
-    """Probability of as large a chi-square with so many degrees of freedom; 1 with none."""
+    """Probability of a larger chi-square by chance with ``freedom`` degrees of freedom; 1 with none."""
     if freedom <= 0:
         return 1.0
     from scipy.special import gammaincc
@@ -11,7 +11,7 @@ def chance(chi_square: float, freedom: float) -> float:
 
 
 def limit(probability: float, freedom: float) -> float:
-    """Chi-square that is exceeded with this probability; 0 with no degree of freedom."""
+    """Chi-square that is exceeded with this probability; 0 without degrees of freedom."""
     if freedom <= 0:
         return 0.0
     from scipy.special import gammainccinv

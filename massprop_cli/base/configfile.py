@@ -18,24 +18,24 @@ from massprop_cli.base.errors import InputError
 Model = TypeVar("Model", bound=BaseModel)
 _HEADER = re.compile(r"^\s*\[(\[?)\s*([^\]]+?)\s*\]")
 _INTERNAL = ("function-", "literal[", "constrained-", "[key]")
-"""Parts of an error's place that pydantic adds to the keys of the file."""
+"""Prefixes of path components that pydantic adds to the keys of the file."""
 KEY = "key"
-"""Under which the context of an error names the key at fault."""
+"""Entry of an error's context with the invalid key."""
 _SHOWN = 40
-"""Characters of what is too long to be shown."""
+"""Characters shown of a text that is too long."""
 _QUOTED = re.compile(r"""\"{3}[\s\S]*?(?:\"{3}|\Z)|'{3}[\s\S]*?(?:'{3}|\Z)|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|#[^\n]*""")
 """Quoted keys, texts and comments of TOML."""
 _DOTTED = re.compile(r"(?<![\w-])[\w-]+(?:[ \t]*\.[ \t]*[\w-]+)+")
 _LIST = re.compile(r"\[\n((?:\s+[-+.\w]+,\n)+)\s*\]")
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
-"""Keys that TOML takes without quotes."""
+"""TOML keys that need no quotes."""
 _KEY = re.compile(r"""^\s*["']?([\w.\-]+)["']?\s*=""")
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
     """Parse TOML; :class:`InputError` names the file and the line of a syntax error."""
     limits.CONFIG.check(source, len(text))
-    # tomllib keeps every beginning of a dotted key: of 100,000 parts these are gigabytes
+    # tomllib stores every prefix of a dotted key, which needs gigabytes for 100,000 parts
     parts = max((key.count(".") + 1 for key in _DOTTED.findall(_QUOTED.sub(_unquoted, text))), default=0)
     limits.DEPTH.check(source, parts)
     try:
@@ -45,12 +45,12 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
 
 
 def _unquoted(found: re.Match[str]) -> str:
-    """A quoted key or text as one plain word; nothing of a comment, and of a text over several lines, which is no key."""
+    """Replacement of a quoted key or text by one word, and of comments and multi-line texts by nothing."""
     return "" if found[0].startswith(("#", '"""', "'''")) else "q"
 
 
 def bounded(data: object, source: str) -> None:
-    """:class:`InputError` where keys and texts are too long, or tables nested too deep, for anything that comes after."""
+    """Raise :class:`InputError` if keys or texts are too long, or tables nested too deeply."""
     level: list[object] = [data]
     depth = 0
     while level:
@@ -65,7 +65,7 @@ def bounded(data: object, source: str) -> None:
 
 
 def read_text(path: Path, what: str) -> str:
-    """The file's text; :class:`InputError` if it is missing, no file, too large, or not UTF-8."""
+    """Text of a file; :class:`InputError` if it is missing, not a regular file, too large, or not UTF-8."""
     try:
         return decoded(limits.content(path, what), str(path), what)
     except FileNotFoundError:
@@ -73,7 +73,7 @@ def read_text(path: Path, what: str) -> str:
 
 
 def decoded(content: bytes, place: str, what: str) -> str:
-    """UTF-8 text; :class:`InputError` where it is none."""
+    """Decoded UTF-8 text with Unix line ends; :class:`InputError` if it is not UTF-8."""
     try:
         return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
@@ -92,24 +92,24 @@ def override(data: dict[str, Any], assignments: Iterable[str]) -> dict[str, Any]
 
 
 def literal(text: str) -> object:
-    """A TOML literal's value, or the text itself where it is none."""
+    """Value of a TOML literal, or the text itself if it is not one."""
     try:
         found = parse_toml(f"value = {text}", "value")
     except InputError:
         return text
-    # a value over several lines may bring further keys, which nobody would see again
+    # a multi-line value may define further keys
     return found["value"] if len(found) == 1 else text
 
 
 def toml(data: Mapping[str, Any]) -> str:
-    """The text of a file; a list of numbers stands on one line, where a person reads it better."""
+    """TOML text with each list of numbers on one line."""
     import tomli_w
 
     return _LIST.sub(lambda found: "[" + ", ".join(found[1].replace(",", " ").split()) + "]", tomli_w.dumps(data))
 
 
 def written(value: object) -> str:
-    """A value as :func:`literal` reads it, on one line; :class:`InputError` of what TOML doesn't know."""
+    """A value as a one-line TOML literal; :class:`InputError` if TOML has no such type."""
     value = value.tolist() if hasattr(value, "tolist") else value  # NumPy's
     if isinstance(value, bool):
         return str(value).lower()
@@ -144,17 +144,17 @@ def _assign(data: dict[str, Any], path: list[str], value: object, source: str) -
 
 
 _BEYOND = {"greater_than": ("gt", "greater than"), "less_than": ("lt", "less than")}
-"""Of errors of a limit: its name, and how it limits."""
+"""Context entry and words of pydantic's limit errors."""
 
 
 def validate(model: type[Model], data: Mapping[str, Any], source: str, text: str = "", assignments: Sequence[str] = ()) -> Model:
     """Check ``data``; :class:`InputError` names line or assignment, dotted key and value, and the known key nearest to an unknown one."""
     bounded(data, source)
     try:
-        # as JSON, because only there does pydantic take lists for tuples while refusing true, "10" and the like for numbers
+        # strict JSON mode accepts lists for tuples, and refuses true or "10" for numbers
         return model.model_validate_json(json.dumps(data, default=str), strict=True)
     except ValidationError as error:
-        # a misspelt key shows up as an unknown and a missing one: the unknown one says more
+        # a misspelt key gives an unknown and a missing key: report the unknown one
         first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
         path = [str(part) for part in first["loc"] if not str(part).startswith(_INTERNAL)]
         path += [str(first["ctx"][KEY])] if KEY in first.get("ctx", {}) else []
@@ -193,38 +193,38 @@ def _explain(model: type[BaseModel], error: Any, path: list[str]) -> str:
 
 
 def at_key(key: str, problem: str) -> PydanticCustomError:
-    """The error that a validator of a table raises for one of its keys."""
+    """Validation error of one key of a table."""
     return PydanticCustomError("key", "{problem}", {KEY: key, "problem": problem})
 
 
 def check_once(names: Iterable[str], what: str, remedy: str) -> None:
-    """ValueError where two of a file's tables have one name."""
+    """Raise ValueError if two tables have the same name."""
     twice = repeated(names)
     if twice is not None:
         raise ValueError(f"{what} name {twice!r} is used twice; {remedy}")
 
 
 def repeated(names: Iterable[str]) -> str | None:
-    """The first name, by the alphabet, that stands there more than once."""
+    """First repeated name in alphabetical order; None without one."""
     return min((name for name, times in Counter(names).items() if times > 1), default=None)
 
 
 def nearest(name: str, known: Iterable[str], words: str) -> str:
-    """``; the nearest … is 'x'`` for a message, empty where nothing is known."""
-    # what is longer is no slip of the pen, and takes a time that grows as its square
+    """Hint ``; the nearest … is 'x'`` for a message; empty without ``known`` names."""
+    # a longer name is not a typing error, and the time of the search grows as the square of the length
     lower = {one.casefold(): one for one in known}
     near = difflib.get_close_matches(name[: limits.NAME.default].casefold(), lower, n=1, cutoff=0.0)
     return f"; {words} {lower[near[0]]!r}" if near else ""
 
 
 def _described(model: type[BaseModel], path: list[str]) -> str:
-    """The description of a key, where its model has one."""
-    said = [node["properties"].get(path[-1], {}).get("description") for node in _nodes(model, path[:-1]) if "properties" in node]
-    return next((f": {text}" for text in said if text), "")
+    """``: `` and the description of a key; empty without one."""
+    texts = [node["properties"].get(path[-1], {}).get("description") for node in _nodes(model, path[:-1]) if "properties" in node]
+    return next((f": {text}" for text in texts if text), "")
 
 
 def _nodes(model: type[BaseModel], path: list[str]) -> list[dict[str, Any]]:
-    """The nodes of the model's JSON Schema at ``path``."""
+    """Nodes of the model's JSON Schema at ``path``."""
     schema = model.model_json_schema()
     definitions = schema.get("$defs", {})
     nodes = [schema]
@@ -253,7 +253,7 @@ def _alternatives(node: dict[str, Any], definitions: dict[str, Any]) -> list[dic
 
 
 def line_of(text: str, path: list[str]) -> int | None:
-    """The line on which ``path`` is set, or its table begins; ``None`` where it can't be found."""
+    """Number of the line that sets ``path`` or begins its table; None if it is not found."""
     wanted = [part for part in path if not part.isdigit()]
     indices = [int(part) for part in path if part.isdigit()]
     table: list[str] = []

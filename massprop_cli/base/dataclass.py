@@ -1,4 +1,4 @@
-"""``@dataclass(frozen=True)`` of the standard library, all classes with the same methods: made in a fraction of the time."""
+"""Frozen dataclasses with shared methods, which are created in a fraction of the standard library's time."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, FrozenInstanceError
@@ -12,7 +12,7 @@ else:
     Made = TypeVar("Made")
 
     def dataclass(*, frozen: Literal[True]) -> Callable[[type[Made]], type[Made]]:  # noqa: ARG001
-        """A class whose instances are set once, as they are made."""
+        """Decorator of a class with immutable instances, as ``dataclasses.dataclass(frozen=True)``."""
 
         def made(plain: type[Made]) -> type[Made]:
             for name in ("__init__", "__eq__", "__hash__", "__repr__", "__setattr__", "__delattr__"):
@@ -24,12 +24,12 @@ else:
 
 
 def sliced(record: Any, names: Iterable[str], rows: slice) -> dict[str, Any]:
-    """These fields of a record, some rows of each; None where it has none."""
+    """Rows of the fields ``names`` of a record, by name; None for a field that is None."""
     return {name: None if (whole := getattr(record, name)) is None else whole[rows] for name in names}
 
 
 class _Frozen:
-    """The methods that all frozen classes share."""
+    """Methods of all frozen dataclasses."""
 
     __dataclass_fields__: dict[str, Any]
 

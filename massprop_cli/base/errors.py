@@ -2,9 +2,9 @@
 
 
 class InputError(Exception):
-    """Unusable input or configuration (exit 3). The message names file, place, value and remedy.
+    """Unusable input or configuration (exit 3); the message names file, place, value and remedy.
 
-    ``option`` is that of the command line, or the keyword of the Python interface, by which it is corrected; empty where there is none.
+    ``option`` is the command-line option, or the keyword of the Python interface, that corrects it; empty without one.
     """
 
     def __init__(self, message: str, option: str = "") -> None:
@@ -13,11 +13,11 @@ class InputError(Exception):
 
 
 class MachineError(InputError):
-    """Input that this machine doesn't take: a limit of its environment, a package that isn't there. Another run may."""
+    """Input that exceeds a limit of this machine or needs a missing package; it may be usable elsewhere."""
 
 
 class UntoldError(InputError):
-    """A log that cannot show its own delay or lag; ``settings``: likely values, each with a sigma, if any are likelier than others."""
+    """Log that does not inform its delay or lag; ``settings`` are the most likely values with sigmas, if there are any."""
 
     def __init__(self, message: str, settings: tuple[str, ...] = ()) -> None:
         super().__init__(message)
@@ -25,8 +25,8 @@ class UntoldError(InputError):
 
 
 class AttitudeError(InputError):
-    """A logged attitude that the gyro contradicts: the log may be estimated without it."""
+    """Logged attitude that the gyro contradicts; the log may be usable without it."""
 
 
 class UsageError(Exception):
-    """A command line that makes no sense (exit 2)."""
+    """Invalid command line (exit 2)."""

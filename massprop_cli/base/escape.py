@@ -1,4 +1,4 @@
-"""Text from outside (names, messages that quote them) made safe for terminal, page, table and file name: the one place for it."""
+"""Escaping of text from outside (names, messages that quote them) for terminal, page, table and JSON."""
 
 from __future__ import annotations
 
@@ -12,55 +12,55 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
 LONGEST = 2000
-"""Characters of a text that are shown."""
+"""Largest length of a text, characters."""
 _MESSAGE, _END = 8000, 1000
-"""Characters of a message, and of them those at its end, where the remedy stands."""
+"""Largest length of a message, and the length kept at its end, which states the remedy, characters."""
 _HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
-"""Unicode categories that are not shown as they are: control, format (direction overrides), surrogates, unassigned, line ends."""
+"""Unicode categories that are replaced: control, format (direction overrides), surrogates, unassigned, line ends."""
 _FORMULA = ("=", "+", "-", "@")
 _MARKDOWN = re.compile(r"([\\`*\[\]#|~$@]|(?<![^\W_])_|_(?![^\W_])|:(?=//)|(?<=www)\.|^[-+=])")
-"""What means something anywhere, or at the beginning of a line, or makes a link."""
+"""Markdown characters: special anywhere, at the beginning of a line, or in a link."""
 _NUMBERED = re.compile(r"^(\d+)([.)])(?=\s|$)")
-"""What makes an item of a numbered list."""
+"""Beginning of a numbered list item."""
 _ENTITIES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
 
 
 def visible(text: str) -> str:
-    """The text with the replacement character for what can't be shown; no format of XML, JSON or UTF-8 objects to it."""
+    """The text with the replacement character for hidden characters; valid in XML, JSON and UTF-8."""
     return "".join("\ufffd" if not c.isprintable() and unicodedata.category(c) in _HIDDEN and c not in "\t\n" else c for c in text)
 
 
 def line(text: str, longest: int = LONGEST) -> str:
-    """The text on one line."""
+    """The text on one line, at most ``longest`` characters."""
     shown = visible(" ".join(text.split()))
     return shown if len(shown) <= longest else f"{shown[: longest - 1]}…"
 
 
 def name(text: str) -> str:
-    """A path or a name as it is spelt, blanks included, on one line."""
+    """A path or a name on one line, with its blanks."""
     return visible(text).replace("\t", "\ufffd").replace("\n", "\ufffd")
 
 
 def message(text: str) -> str:
-    """The text for one line of a terminal; a longer text loses its middle, since the remedy is at the end."""
+    """The text on one line of a terminal; a long text loses its middle, because the remedy is at the end."""
     shown = line(text, sys.maxsize)
     return shown if len(shown) <= _MESSAGE else f"{shown[: _MESSAGE - _END]} … {shown[-_END:]}"
 
 
 def rich(text: str) -> str:
-    """The text on one line for rich, with rich's own marks escaped."""
+    """The text on one line, with rich's markup escaped."""
     from rich.markup import escape
 
     return escape(line(text))
 
 
 def document(found: BaseModel, end: str = "\n") -> str:
-    """A model as canonical JSON: same content, same bytes. NaN and infinity can't appear."""
+    """A model as canonical JSON without NaN and infinity: the same content gives the same bytes."""
     return json(jsons.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)) + end
 
 
 def json(text: str) -> str:
-    r"""JSON text with what can't be shown as its escape (``\u202e``): it reads back the same, and may stand on a terminal."""
+    r"""JSON text with hidden characters as escapes (``\u202e``), safe for a terminal; its content is the same."""
     if text.replace("\n", "").isprintable():
         return text
     return "".join(_escaped(c) if not c.isprintable() and unicodedata.category(c) in _HIDDEN and c != "\n" else c for c in text)
@@ -72,12 +72,12 @@ def _escaped(character: str) -> str:
 
 
 def markdown(text: str) -> str:
-    """The text as it stands, in a Markdown paragraph, heading or table cell."""
+    """The text escaped for a Markdown paragraph, heading or table cell."""
     return _NUMBERED.sub(r"\1\\\2", _MARKDOWN.sub(r"\\\1", line(text).translate(_ENTITIES)))
 
 
 def cell(text: str) -> str:
-    """The text for a spreadsheet: an apostrophe goes before what it would take for a formula."""
+    """The text escaped for a spreadsheet cell: an apostrophe precedes a formula."""
     shown = line(text)
-    # a spreadsheet takes full-width signs for signs too
+    # spreadsheets also accept full-width signs
     return f"'{shown}" if unicodedata.normalize("NFKC", shown[:1]).startswith(_FORMULA) else shown

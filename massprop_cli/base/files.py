@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, in folders that a lock of the kernel holds; what a killed process left, the next one clears."""
+"""Atomic writing of files in locked folders; partial files of a killed process are removed by the next one."""
 
 import os
 import tempfile
@@ -10,18 +10,18 @@ from massprop_cli.base.errors import InputError
 
 _LOCK = ".massprop.lock"
 _BEGIN, _PARTIAL = ".massprop-", ".partial"
-"""How the name of what is not whole yet begins and ends."""
+"""Prefix and suffix of partial files."""
 _PATIENCE_S = 30.0
-"""Writing takes less than a second; who holds a folder for longer than this is stuck."""
+"""Timeout of a folder's lock, s. Writing takes less than a second."""
 
 
 def text(path: Path, content: str) -> None:
-    """Write UTF-8 text whole."""
+    """Write UTF-8 text atomically."""
     whole(path, lambda temporary: save_text(temporary, content))
 
 
 def whole(path: Path, save: Callable[[Path], object]) -> None:
-    """Let ``save`` write a temporary file beside ``path``, then move it there."""
+    """Let ``save`` write a temporary file in the folder of ``path``, then move it to ``path``."""
     temporary = _temporary(path.parent)
     try:
         save(temporary)
@@ -39,7 +39,7 @@ class Staged:
         self._temporary: dict[str, Path] = {}
 
     def save(self, name: str, content: str | bytes | Callable[[Path], object]) -> None:
-        """Write a file aside: text, bytes, or what a function writes; :class:`InputError` where a folder of its name is in the way."""
+        """Write text, bytes, or the output of a function to a temporary file; :class:`InputError` if a folder has its name."""
         if (self.folder / name).is_dir():
             raise InputError(f"{self.folder / name}: is a folder; nothing was written. Move it, or choose another folder", option="out")
         self._temporary[name] = temporary = _temporary(self.folder)
@@ -52,20 +52,20 @@ class Staged:
         temporary.chmod(0o644)
 
     def place(self) -> None:
-        """Move all into place, in the order in which they were saved."""
+        """Move all files into place, in the order in which they were saved."""
         (self.folder / list(self._temporary)[-1]).unlink(missing_ok=True)
         for name, temporary in self._temporary.items():
             temporary.replace(self.folder / name)
 
     def clear(self) -> None:
-        """Remove what was not placed."""
+        """Remove the temporary files that were not placed."""
         for temporary in self._temporary.values():
             temporary.unlink(missing_ok=True)
 
 
 @contextmanager
 def staged(folder: Path) -> Iterator[Staged]:
-    """Files of a folder, which is held meanwhile, to write together; what is not placed in the end is gone."""
+    """Write several files of a locked folder together; those not placed at the end are removed."""
     stage = Staged(folder)
     with writing(folder), held(folder):
         try:
@@ -76,7 +76,7 @@ def staged(folder: Path) -> Iterator[Staged]:
 
 @contextmanager
 def writing(place: Path, what: str = "folder", option: str = "out") -> Iterator[None]:
-    """:class:`InputError` where a file, or a folder, can't be written."""
+    """Turn an OSError of a write into an :class:`InputError` that names ``place``."""
     try:
         yield
     except OSError as error:
@@ -85,7 +85,7 @@ def writing(place: Path, what: str = "folder", option: str = "out") -> Iterator[
 
 @contextmanager
 def made(folder: Path) -> Iterator[None]:
-    """Make a folder where there is none; if it stays empty, because the disk is full for instance, it is removed again."""
+    """Create a folder if necessary, and remove it again if it stays empty, as with a full disk."""
     new = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -98,7 +98,7 @@ def made(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Make a folder, hold it against other processes, and clear what a killed process left half-written."""
+    """Create and lock a folder, and remove partial files of a killed process."""
     with made(folder), lock(folder / _LOCK, folder, _PATIENCE_S):
         for left in folder.glob(f"{_BEGIN}*{_PARTIAL}"):
             left.unlink(missing_ok=True)
@@ -106,7 +106,7 @@ def held(folder: Path) -> Iterator[None]:
 
 
 def clear(folder: Path) -> None:
-    """Clear what a killed process left in a folder that isn't written to now; a process that is at work there is waited for."""
+    """Remove the lock and partial files of a killed process; wait for a process that uses the folder."""
     if any(map(is_left_over, folder.iterdir())):
         with held(folder):
             pass
@@ -114,7 +114,7 @@ def clear(folder: Path) -> None:
 
 @contextmanager
 def lock(file: Path, folder: Path, patience_s: float) -> Iterator[None]:
-    """Hold a lock on a file, which is removed in the end; :class:`InputError` names the ``folder`` where another holds it for too long."""
+    """Hold a lock file, removed at the end; :class:`InputError` names the ``folder`` if another process holds it for ``patience_s``."""
     from filelock import FileLock, Timeout
 
     holding = FileLock(file, timeout=patience_s)
@@ -125,14 +125,14 @@ def lock(file: Path, folder: Path, patience_s: float) -> Iterator[None]:
     try:
         yield
     finally:
-        with suppress(OSError):  # where the system does not remove open files, the release does
+        with suppress(OSError):  # a system that cannot remove open files removes it on release
             file.unlink()
         holding.release()
 
 
 def check_own(folder: Path, names: Iterable[str], mark: str) -> None:
-    """:class:`InputError` where files are someone's own: massprop's have the ``mark`` beside them, or the lock of a process."""
-    own = (folder / name for name in (_LOCK, mark, _LOCK))  # the lock again: its process may just have set to work
+    """Raise :class:`InputError` if files ``names`` exist that massprop did not write: neither the file ``mark`` nor a lock exists."""
+    own = (folder / name for name in (_LOCK, mark, _LOCK))  # the lock again: another process may have started meanwhile
     foreign = [name for name in names if (folder / name).exists()]
     if foreign and not any(path.exists() for path in own):
         raise InputError(
@@ -141,12 +141,12 @@ def check_own(folder: Path, names: Iterable[str], mark: str) -> None:
 
 
 def is_left_over(path: Path) -> bool:
-    """Whether a file is a killed process's lock, or what it had not written whole."""
+    """Whether a file is a lock or a partial file."""
     return path.name == _LOCK or (path.name.startswith(_BEGIN) and path.name.endswith(_PARTIAL))
 
 
 def check_name(log: str, shown: str | None = None) -> None:
-    """:class:`InputError` where a log's path could not be written into a result."""
+    """Raise :class:`InputError` if a log's path is not valid UTF-8, which a result needs."""
     try:
         log.encode()
     except UnicodeEncodeError:
@@ -154,12 +154,12 @@ def check_name(log: str, shown: str | None = None) -> None:
 
 
 def _temporary(folder: Path) -> Path:
-    # not after the file that it becomes, whose name may be as long as a name can be
+    # independent of the final name, which may have the largest possible length
     handle, name = tempfile.mkstemp(prefix=_BEGIN, suffix=_PARTIAL, dir=folder)
     os.close(handle)
     return Path(name)
 
 
 def save_text(path: Path, content: str) -> None:
-    """UTF-8, the same bytes on every system."""
+    """Write UTF-8 text with the same bytes on every system."""
     path.write_text(content, encoding="utf-8", newline="\n")

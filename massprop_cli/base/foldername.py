@@ -1,4 +1,4 @@
-"""Names of result folders, made from names of logs: one part of a path, whatever the log is called."""
+"""Names of result folders from names of logs: one valid path component for any log name."""
 
 import hashlib
 import re
@@ -6,15 +6,15 @@ import unicodedata
 from pathlib import PurePath
 
 _UNSAFE = re.compile(r"[^\w.+=@ -]|^[. -]|[. ]$")
-"""What a folder's name should not hold, or not begin or end with."""
+"""Characters not allowed in a folder's name, or at its ends."""
 _DEVICE = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³])(?=\.|$)", re.IGNORECASE)
-"""Names that Windows takes for a device, whatever comes after a dot."""
+"""Device names of Windows, with any suffix."""
 _LONGEST = 120
-"""Bytes of a name; longer ones end with a digest."""
+"""Largest length of a name, bytes; longer names end with a digest."""
 
 
 def safe(text: str) -> str:
-    """The text as a folder's name: what a file system may refuse, or take for another folder, becomes "_"."""
+    """The text as a folder's name: "_" replaces characters that a file system may refuse or interpret."""
     whole = _UNSAFE.sub("_", text) or "log"
     device = _DEVICE.match(whole)
     if device:
@@ -25,16 +25,16 @@ def safe(text: str) -> str:
 
 
 def stem(file: str) -> str:
-    """A file's name without its suffix, and without the .gz after that: what its vehicle file, its map and its result go by."""
+    """A file's name without suffix and .gz, from which the names of its vehicle file, map and result are derived."""
     plain = PurePath(file)
     return (plain.with_suffix("") if plain.suffix.lower() == ".gz" else plain).stem
 
 
 def same(name: str) -> str:
-    """Equal for names that some file system takes for one: upper and lower case, accents spelt in two ways."""
+    """Canonical form of a name, equal for names that some file system does not distinguish: case, composed accents."""
     return unicodedata.normalize("NFKC", name.casefold())
 
 
 def digest(text: str, length: int = 8) -> str:
-    """Tells texts apart that make the same name."""
+    """Hexadecimal digest of a text, for names that would otherwise be the same."""
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:length]

@@ -1,11 +1,11 @@
-"""Libraries that are imported once something of them is used: Arrow alone takes as long to import as one estimate, and few runs draw."""
+"""Libraries imported on first use: importing Arrow alone takes as long as one estimate, and few runs draw figures."""
 
 from importlib import import_module
 from typing import Any
 
 
 class _Lazy:
-    """A module by its name."""
+    """Module that is imported when an attribute is read."""
 
     def __init__(self, name: str) -> None:
         self._name = name

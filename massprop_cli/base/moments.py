@@ -1,4 +1,4 @@
-"""Variance of a signal that comes part by part, and its covariance with itself a step before: ``Σ x²/N`` and ``Σ x[k] x[k−1]/(N−1)``."""
+"""Variance ``Σ x²/N`` and lag-one autocovariance ``Σ x[k] x[k−1]/(N−1)`` of a signal that is added in parts."""
 
 import numpy as np
 
@@ -6,16 +6,16 @@ from massprop_cli.base.arrays import Array
 
 
 class Moments:
-    """Moments of rows (N, c) that are added part by part."""
+    """Moments of rows (N, c) that are added in parts."""
 
     def __init__(self, columns: int, centred: bool = False) -> None:
-        """``centred``: about the mean of all, else about zero."""
+        """``centred``: moments about the mean of all rows, else about zero."""
         self.count = 0
         self._centred = centred
         self._shift, self._sum, self._squares, self._products, self._last = (np.zeros(columns) for _ in range(5))
 
     def add(self, rows: Array) -> None:
-        """The next of them."""
+        """Add the next rows (n, c)."""
         if not len(rows):
             return
         if self._centred and not self.count:
@@ -31,13 +31,13 @@ class Moments:
 
     @property
     def variance(self) -> Array:
-        """(c,) mean square."""
+        """(c,) variance."""
         found: Array = self._squares / max(self.count, 1) - self._mean**2
         return np.maximum(found, 0.0)
 
     @property
     def lagged(self) -> Array:
-        """(c,) mean product of each row and the one before; two rows are the least."""
+        """(c,) lag-one autocovariance; needs two rows."""
         pairs = self.count - 1
         ends = 2 * self._sum - self._first - self._last
         return np.asarray(self._products / pairs - self._mean * ends / pairs + self._mean**2)

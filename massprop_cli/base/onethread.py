@@ -1,4 +1,4 @@
-"""Linear algebra on one thread: on matrices this small further threads only wait for each other, and take cores from other processes."""
+"""Single-threaded linear algebra: on small matrices more threads only wait for each other and take cores from other processes."""
 
 import os
 
@@ -6,6 +6,6 @@ SETTINGS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_TH
 
 
 def prefer() -> None:
-    """Ask for it where the environment says nothing else; it must come before numpy is imported."""
+    """Set one thread unless the environment sets another number; call this before importing numpy."""
     for name, value in SETTINGS.items():
         os.environ.setdefault(name, value)

@@ -1,7 +1,7 @@
-"""Rigid-body equations and the regressors that make them linear in the mass properties.
+"""Rigid-body equations of motion and their regressors, which are linear in the mass properties.
 
-Every function works on stacks: vectors have shape (..., 3). Inertia is about the CG in body axes, as a tensor (3, 3) or as
-its six elements in the order ixx ixy ixz iyy iyz izz.
+All functions are vectorised: vectors have shape (..., 3). Inertia is about the CG in body axes, as a tensor (3, 3) or as its six elements
+ixx ixy ixz iyy iyz izz.
 """
 
 import numpy as np
@@ -9,13 +9,13 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 
 ROWS, COLUMNS = np.array([0, 0, 0, 1, 1, 2]), np.array([0, 1, 2, 1, 2, 2])
-"""Where the six elements stand."""
+"""Row and column of the six elements in the tensor."""
 MOMENTS = [0, 3, 5]
-"""Which of them are moments."""
+"""Indices of the moments of inertia among the six elements."""
 
 
 def tensor(elements: Array) -> Array:
-    """(..., 6) elements to the symmetric (..., 3, 3) tensor."""
+    """Symmetric tensors (..., 3, 3) from elements (..., 6)."""
     full = np.empty((*elements.shape[:-1], 3, 3))
     full[..., ROWS, COLUMNS] = elements
     full[..., COLUMNS, ROWS] = elements
@@ -23,12 +23,12 @@ def tensor(elements: Array) -> Array:
 
 
 def elements(inertia: Array) -> Array:
-    """Symmetric (..., 3, 3) tensor to its (..., 6) elements."""
+    """Elements (..., 6) of symmetric tensors (..., 3, 3)."""
     return inertia[..., ROWS, COLUMNS]
 
 
 def cross_matrix(v: Array) -> Array:
-    """[v]×, shape (..., 3, 3): ``cross_matrix(v) @ u = v × u``."""
+    """Cross-product matrices [v]× (..., 3, 3): ``[v]× u = v × u``."""
     matrix = np.zeros((*v.shape, 3))
     matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
     matrix[..., 1, 0], matrix[..., 2, 0], matrix[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
@@ -36,7 +36,7 @@ def cross_matrix(v: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """A × b of stacks of vectors; numpy's own takes several times as long for small stacks."""
+    """Cross products of vectors (..., 3); numpy's takes several times as long for few vectors."""
     found = np.empty(np.broadcast_shapes(a.shape, b.shape))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         found[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
@@ -44,25 +44,25 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def inverse(matrix: Array) -> Array:
-    """The inverse of well-conditioned (K, 3, 3), by cofactors; numpy's own takes several times as long."""
+    """Inverses of well-conditioned matrices (K, 3, 3), by cofactors; numpy's takes several times as long."""
     cofactors = cross(matrix[:, [1, 2, 0]], matrix[:, [2, 0, 1]])
     determinant = np.einsum("ki,ki->k", matrix[:, 0], cofactors[:, 0])
     return np.asarray(cofactors.transpose(0, 2, 1) / determinant[:, None, None])
 
 
 def rotation(vector: Array) -> Array:
-    """(..., 3, 3) rotation by rotation vectors (..., 3) in rad (Rodrigues)."""
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3), rad (Rodrigues' formula)."""
     angle = np.sqrt((vector**2).sum(-1))[..., None, None]
     turn = cross_matrix(vector)
     return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * turn + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (turn @ turn))
 
 
 def mean_rotation(vector: Array) -> Array:
-    """(..., 3, 3) mean over 0 < s < 1 of :func:`rotation` by s times the vectors (..., 3) in rad: Rodrigues' formula, integrated."""
+    """Mean rotation matrices (..., 3, 3): the integral over s from 0 to 1 of :func:`rotation` of s times the vectors (..., 3), rad."""
     square = (vector**2).sum(-1)[..., None, None]
     turn = cross_matrix(vector)
     angle = np.sqrt(square)
-    # (θ − sin θ) / θ³ where it doesn't cancel
+    # (θ − sin θ) / θ³, by its series for small θ
     cubic = np.where(square > 0.01, (1 - np.sinc(angle / np.pi)) / np.maximum(square, 0.01), (1 - square / 20 * (1 - square / 42)) / 6)
     return np.asarray(np.eye(3) + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * turn + cubic * (turn @ turn))
 
@@ -80,12 +80,12 @@ def spread_by_arm(arm: Array) -> Array:
 
 
 def parallel_axis(mass: float, offset: Array) -> Array:
-    """``m S(d)``, (3, 3) kg m²: what the inertia about a point d = ``offset`` (3,) m from the CG has beyond that about the CG."""
+    """Parallel-axis term ``m S(d)``, (3, 3) kg m², of the inertia about a point d = ``offset`` (3,) m from the CG."""
     return mass * spread(offset)
 
 
 def inertia_regressor(v: Array) -> Array:
-    """L(v), shape (..., 3, 6): ``L(v) @ elements(I) = I v``."""
+    """Inertia regressors L(v) (..., 3, 6): ``L(v) @ elements(I) = I v``."""
     matrix = np.zeros((*v.shape, 6))
     for row, columns in enumerate(((0, 1, 2), (1, 3, 4), (2, 4, 5))):
         for axis, column in enumerate(columns):
@@ -94,12 +94,12 @@ def inertia_regressor(v: Array) -> Array:
 
 
 def times(matrix: Array, v: Array) -> Array:
-    """``matrix @ v`` for stacks of vectors, in an order of sums that does not depend on the size of the stack."""
+    """Products ``matrix @ v`` of stacks; the order of summation does not depend on the size of the stack."""
     return np.asarray(np.einsum("...ij,...j->...i", matrix, v))
 
 
 def angular_acceleration(inertia: Array, cg: Array, rate: Array, torque: Array, force: Array) -> Array:
-    """ω̇ of a free body, ``I ω̇ = τ − c × F − ω × I ω`` (thesis eq. 2.3), rad/s².
+    """Angular acceleration ω̇ of a free body, rad/s²: ``I ω̇ = τ − c × F − ω × I ω`` (thesis eq. 2.3).
 
     ``torque`` [N m] about O and ``force`` [N] act at O; ``cg`` [m] from O; ``rate`` [rad/s]; all (..., 3), body axes.
     """
@@ -108,11 +108,11 @@ def angular_acceleration(inertia: Array, cg: Array, rate: Array, torque: Array, 
 
 
 def lever_arm(rate: Array, rate_dot: Array, arm: Array) -> Array:
-    """Euler and centripetal acceleration ``ω̇ × ρ + ω × (ω × ρ)`` of a point ``arm`` [m] away, m/s²."""
+    """Euler and centripetal acceleration ``ω̇ × ρ + ω × (ω × ρ)``, m/s², of a point at ``arm`` ρ [m]."""
     return cross(rate_dot, arm) + cross(rate, cross(rate, arm))
 
 
 def torque_regressor(rate: Array, rate_dot: Array, force: Array) -> Array:
-    """H1, shape (..., 3, 9): ``H1 @ (ixx … izz, cg_x, cg_y, cg_z) = I ω̇ + ω × I ω + c × F = τ`` (thesis eq. 4.5–4.7)."""
+    """Torque regressor H1 (..., 3, 9): ``H1 @ (ixx … izz, cg_x, cg_y, cg_z) = I ω̇ + ω × I ω + c × F = τ`` (thesis eq. 4.5–4.7)."""
     inertia = inertia_regressor(rate_dot) + cross_matrix(rate) @ inertia_regressor(rate)
     return np.concatenate([inertia, -cross_matrix(force)], axis=-1)

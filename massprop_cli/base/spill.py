@@ -1,7 +1,6 @@
-"""Arrays and files as long as a log, of which memory holds no more than is worked on.
+"""Large arrays and files in mapped temporary files, of which memory holds only the part in use.
 
-A large one is a mapped temporary file without a name, whose memory is given back part by part; where the system or the disk allows none, it
-is an array like any other.
+An array is an ordinary one if it is small, or if the system or the disk does not allow a mapping.
 """
 
 from __future__ import annotations
@@ -18,19 +17,19 @@ if TYPE_CHECKING:
     from massprop_cli.base.arrays import Array
 
 LARGE = 2**21
-"""Bytes from which on an array lies in a file."""
+"""Least size of a mapped array, bytes."""
 PART = 8192
-"""Rows that are worked on at a time."""
+"""Rows processed at a time."""
 PIECE = 2**22
-"""Bytes of a file that are read at a time."""
+"""Bytes of a file read at a time."""
 Content = bytes | mmap.mmap
-"""What a file holds."""
+"""Content of a file."""
 _held: WeakSet[mmap.mmap] = WeakSet()
 
 
 def empty(*shape: int) -> Array:
-    """An array of float64 of this shape, whose numbers are anything yet."""
-    import numpy as np  # files are read before anything needs it
+    """Uninitialised float64 array of this shape."""
+    import numpy as np  # reading files does not need it
 
     size = 8 * prod(shape)
     file = _file(size)
@@ -38,7 +37,7 @@ def empty(*shape: int) -> Array:
 
 
 def copied(file: BinaryIO, size: int) -> Content:
-    """The first ``size`` bytes of a file, as they are now; OSError where it ends before."""
+    """Copy of the first ``size`` bytes of a file; OSError if it ends before."""
     held = _file(size)
     if held is None:
         data = file.read(size)
@@ -54,7 +53,7 @@ def copied(file: BinaryIO, size: int) -> Content:
 
 
 def pieces(data: Content, first: int = 0) -> Iterator[bytes]:
-    """The content of a file from a place on, in pieces that end with a line where one ends."""
+    """Yield the content from the byte ``first`` on, in pieces that end at a line end if they contain one."""
     while first < len(data):
         line = data.rfind(b"\n", first, first + PIECE) if first + PIECE < len(data) else -1
         end = line + 1 or min(first + PIECE, len(data))
@@ -64,7 +63,7 @@ def pieces(data: Content, first: int = 0) -> Iterator[bytes]:
 
 
 def digest(data: Content) -> str:
-    """SHA-256 of what a file holds."""
+    """SHA-256 of a content."""
     found = hashlib.sha256()
     for piece in pieces(data):
         found.update(piece)
@@ -72,27 +71,27 @@ def digest(data: Content) -> str:
 
 
 def parts(count: int, first: int = 0) -> Iterator[slice]:
-    """Rows ``first`` to before ``count``, some thousand at a time; after each the memory that large arrays took for it is given back."""
+    """Yield the rows ``first`` to ``count`` − 1 in parts; release the memory of large arrays after each part."""
     for begin in range(first, count, PART):
         yield slice(begin, min(begin + PART, count))
         give_back()
 
 
 def give_back() -> None:
-    """Gives back the memory that large arrays take at present; they hold the same numbers as before."""
+    """Release the memory that mapped arrays use; their content stays in the files."""
     for file in _held:
         file.madvise(mmap.MADV_DONTNEED)
 
 
 def _file(size: int) -> mmap.mmap | None:
-    """A nameless file of ``size`` bytes, allocated on the disk; None where that is not possible, and for a small size."""
+    """Mapping of an unnamed file of ``size`` bytes, allocated on the disk; None if that is not possible or ``size`` is small."""
     if size < LARGE or not hasattr(mmap, "MADV_DONTNEED"):
         return None
-    import tempfile  # a dozen modules that a short log does without
+    import tempfile  # a dozen modules, not needed for a short log
 
     try:
         with tempfile.TemporaryFile() as file:
-            # a full disk is told here; beneath a mapping it would end the process
+            # raises an error if the disk is full; a write to the mapping would then end the process
             os.posix_fallocate(file.fileno(), 0, size)
             found = mmap.mmap(file.fileno(), size)
     except (OSError, AttributeError, ValueError):
