@@ -1,4 +1,4 @@
-"""Several logs of one body fitted at once, where one alone doesn't tell every axis: its result can't be added to others."""
+"""Joint fit of several logs of one body, for logs that inform some axes only: their results are not Gaussian and cannot be combined."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -25,16 +25,16 @@ from massprop_cli.result.schema import Result
 from massprop_cli.testbed.bound import natural_sizes
 
 KNOWN = 0.1
-"""Relative sigma of a moment of inertia above which a result is no Gaussian in J = I⁻¹: it is not added, its log is."""
-LEFT = 2.0
-"""Chi-square per measurement that a fit may leave; with more it has got lost, and is begun elsewhere."""
-UNTOLD = 1.0
-"""Part of its natural size above which a sigma says nothing at all."""
+"""Largest relative sigma of a moment of inertia of a result that is Gaussian in J = I⁻¹."""
+CONVERGED = 2.0
+"""Largest chi-square per measurement of a converged fit; above it, another start is tried."""
+UNINFORMED = 1.0
+"""Largest sigma of a reported quantity, as a part of its natural size."""
 
 
 @dataclass(frozen=True)
-class Behind:
-    """A result with its log made ready, and the phase of it that counts."""
+class FittedLog:
+    """A result with its preprocessed log and one of its phases."""
 
     result: Result
     ready: Ready
@@ -42,54 +42,58 @@ class Behind:
 
 
 def partial(piece: Piece, environment: EnvironmentKind) -> bool:
-    """Whether a result tells inertia and CG in some axes alone, of those that its environment lets move."""
+    """Whether a result informs inertia and CG in some axes only, of those that move in its environment."""
     moving = [i for i, name in enumerate(QUANTITIES[:9]) if environment != "planar" or name in PLANAR]
     moments = [i for i in moving if i in (0, 3, 5)]
     sigma = np.sqrt(np.diag(piece.covariance))
-    told = np.isfinite(piece.values[moving]).all() and np.isfinite(sigma[moving]).all()
-    return not (told and (sigma[moments] < KNOWN * np.abs(piece.values[moments])).all())
+    finite = np.isfinite(piece.values[moving]).all() and np.isfinite(sigma[moving]).all()
+    return not (finite and (sigma[moments] < KNOWN * np.abs(piece.values[moments])).all())
 
 
 def without_inertia(piece: Piece) -> Piece:
-    """What it can add where its log can't be had."""
+    """The result without its inertia, which is not Gaussian."""
     values, covariance = _without(piece.values, piece.covariance, np.arange(10) < 6)
     return replace(piece, values=values, covariance=covariance)
 
 
-def _without(values: Array, covariance: Array, untold: BoolArray) -> tuple[Array, Array]:
-    """NaN where nothing is told."""
-    return np.where(untold, np.nan, values), np.where(untold[:, None] | untold, np.nan, covariance)
+def _without(values: Array, covariance: Array, omitted: BoolArray) -> tuple[Array, Array]:
+    """Values and covariance with NaN for the ``omitted`` quantities (10,)."""
+    return np.where(omitted, np.nan, values), np.where(omitted[:, None] | omitted, np.nan, covariance)
 
 
-def fitted(behind: Sequence[Behind], pieces: Sequence[Piece]) -> Joint | None:
-    """What all logs say at once, with what is shared once; None where they don't move at all."""
-    members = [_member(one, one.ready.stated) for one in behind]
+def fitted(fitted_logs: Sequence[FittedLog], pieces: Sequence[Piece]) -> Joint | None:
+    """Joint fit of all logs, with common thrust uncertainty and known values once; None if no log has motion.
+
+    Logs with a misfit are fitted again with the disturbances that their own estimates needed.
+    """
+    members = [_member(one, one.ready.stated) for one in fitted_logs]
     found = _fit(members)
     if found is None:
         return None
-    strange = [_misfits(one, member, found) for one, member in zip(behind, members, strict=True)]
-    if any(strange):
-        chosen = zip(behind, members, strange, strict=True)
-        members = [_member(one, logs.sized(one.result, one.ready.stated)) if odd else member for one, member, odd in chosen]
+    unexplained = [_has_misfit(one, member, found) for one, member in zip(fitted_logs, members, strict=True)]
+    if any(unexplained):
+        chosen = zip(fitted_logs, members, unexplained, strict=True)
+        members = [_member(one, logs.sized(one.result, one.ready.stated)) if misfit else member for one, member, misfit in chosen]
         found = _fit(members) or found
     bare = _quantities(found, members[0].vehicle)
     values, covariance = with_shared(*bare, pieces)
     chi_square, freedom = (sum(part) for part in zip(*found.apart, strict=True))
-    untold = tuple(np.full(10, np.nan) for _ in pieces)
+    unknown = tuple(np.full(10, np.nan) for _ in pieces)
     return Joint(
         values,
         covariance,
         bare,
         float(chi_square),
         int(freedom) - int(np.isfinite(values).sum()),
-        untold,
-        untold,
+        unknown,
+        unknown,
         found.apart,
-        tuple(strange),
+        tuple(unexplained),
     )
 
 
-def _member(one: Behind, vehicle: Vehicle) -> Member:
+def _member(one: FittedLog, vehicle: Vehicle) -> Member:
+    """One log of the joint fit, with the noise levels of ``vehicle``."""
     ready = one.ready
     used, _ = noiselevels.with_noise_levels(ready.samples, [cycles for _, cycles in ready.phases], vehicle)
     phase, cycles = next((phase, cycles) for phase, cycles in ready.phases if phase.name == one.phase)
@@ -97,7 +101,7 @@ def _member(one: Behind, vehicle: Vehicle) -> Member:
 
 
 def _fit(members: Sequence[Member]) -> Fit | None:
-    """Begun about what one log after the other gives, until all are explained; else the one that leaves least."""
+    """Joint fit from the first log's initial estimate that converges; else the fit with the least chi-square. None without motion."""
     rows = 6 * sum(member.cycles.stop - member.cycles.start for member in members)
     best: Fit | None = None
     for member in members:
@@ -107,23 +111,23 @@ def _fit(members: Sequence[Member]) -> Fit | None:
         found = Jointly(members).fit(start)
         if best is None or found.chi_square < best.chi_square:
             best = found
-        if found.converged and found.chi_square < LEFT * rows:
+        if found.converged and found.chi_square < CONVERGED * rows:
             break
     return best
 
 
-def _misfits(one: Behind, member: Member, found: Fit) -> bool:
-    """Whether a log isn't explained by its stated noise, whatever the body."""
+def _has_misfit(one: FittedLog, member: Member, found: Fit) -> bool:
+    """Whether the stated noise does not explain a log with a body of its own."""
     phase = next(phase for phase, _ in one.ready.phases if phase.name == one.phase)
     own = offline.fit(member.samples, member.cycles, phase, found.reference, member.vehicle, member.consider, 1, tied=True)
     return not np.isnan(disturbances.misfit([own.history], member.vehicle)).all()
 
 
 def _quantities(found: Fit, vehicle: Vehicle) -> tuple[Array, Array]:
-    """(10,), (10, 10) by the logs alone; on a pedestal the nine about the pivot, and no mass."""
+    """(10,) quantities and (10, 10) covariance from the logs alone; on a pedestal the nine about the pivot, and no mass."""
     values, covariance = quantities(found.parameters, alone(vehicle))
     if vehicle.on_pedestal:
         nine, spread = about_pivot(values, covariance, np.array(vehicle.environment.bearing_position_m), 1 / found.parameters.mean[:, MU])
         values, covariance = np.full((1, 10), np.nan), np.full((1, 10, 10), np.nan)
         values[:, :9], covariance[:, :9, :9] = nine, spread
-    return _without(values[0], covariance[0], np.sqrt(np.diag(covariance[0])) > UNTOLD * natural_sizes(values[0]))
+    return _without(values[0], covariance[0], np.sqrt(np.diag(covariance[0])) > UNINFORMED * natural_sizes(values[0]))

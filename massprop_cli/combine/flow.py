@@ -1,4 +1,4 @@
-"""Results read, checked to be of one vehicle, added up phase by phase, and written as one result."""
+"""Combination of several results of one vehicle into one, phase by phase."""
 
 import hashlib
 import platform
@@ -21,11 +21,14 @@ from massprop_cli.result.read import MEMBERS, Recorded, check_same, labels
 from massprop_cli.result.schema import DockedObject, PhaseItem, Result, WarningItem
 
 MISFIT = ("cause-unknown", "contradicted", "model-discrepancy", "disturbance-torque", "gyro-misfit", "accelerometer-misfit", "model-misfit")
-"""Codes of warnings that a log's own fit doesn't explain it: void where the others' body does."""
+"""Codes of misfit warnings, omitted for a log that the joint fit explains."""
 
 
 def together(recorded: Sequence[Recorded], ready: Callable[[Recorded], Ready] = logs.of_result) -> Result:
-    """One result of several of one vehicle, phase by phase; :class:`InputError` where they are not. ``ready`` has the log of each."""
+    """Combine results of one vehicle; ``ready`` preprocesses the log of a result.
+
+    :class:`InputError` if the results are of different vehicles, have different phases, or include a log twice.
+    """
     twice.refuse(recorded)
     names = labels(recorded)
     _check_alike(recorded, bearing=True)
@@ -49,8 +52,8 @@ def together_docked(
     ready: Callable[[Recorded], Ready] = logs.of_result,
     added: str | None = None,
 ) -> Result:
-    """The vehicle alone, with the object, and the object, each of several results; ``added`` states the object: it is the scale of all."""
-    # a log may hold both: its phases are told apart
+    """Combine results of the vehicle alone and with an object, and compute the object; ``added`` states it as a calibration."""
+    # a log may be on both sides with different phases
     for side in (before, after):
         twice.refuse(side)
     recorded = [*before, *after]
@@ -74,7 +77,7 @@ def together_docked(
 
 
 def _chosen(one: Recorded, side: str) -> PhaseItem:
-    """The only phase, or the one that the result's own docked object names."""
+    """The only phase of a result, or the one that its docked object names."""
     phases, docked = one.result.phases, one.result.docked_object
     if len(phases) == 1:
         return phases[0]
@@ -89,6 +92,7 @@ def _chosen(one: Recorded, side: str) -> PhaseItem:
 
 
 def _check_alike(recorded: Sequence[Recorded], bearing: bool) -> None:
+    """Raise :class:`InputError` unless all results have the same vehicle (``bearing``: and bearing mass) and the default method."""
     pivot.refuse(recorded)
     first = recorded[0]
     what = ["vehicle", "environment", "thrust.scale_sigma", "inertia about", "products of inertia", *["bearing mass [kg]"] * bearing]
@@ -111,7 +115,7 @@ def _result(recorded: Sequence[Recorded], names: Sequence[str], found: Sequence[
     if len(delays) > 1:
         message = f"the logs were taken with delays of {', '.join(f'{d:g}' for d in sorted(delays))} cycles"
         notes.append(WarningItem(code="delays-differ", message=message))
-    told = [
+    log_warnings = [
         WarningItem(code=warning.code, message=f"{name}: {warning.message}")
         for name, one in zip(names, recorded, strict=True)
         for warning in one.result.warnings
@@ -143,13 +147,13 @@ def _result(recorded: Sequence[Recorded], names: Sequence[str], found: Sequence[
         "low_passes": [],
         "mended": [],
         "assumptions": assumed.together(found),
-        "warnings": [*notes, *told],
+        "warnings": [*notes, *log_warnings],
     }
     return Result.model_validate(first.model_copy(update=update).model_dump(by_alias=True))
 
 
 def write(folder: Path, found: Result, paths: Sequence[Path]) -> None:
-    """result.json and run.json, whole; never over the result of a log."""
+    """Write result.json and run.json; :class:`InputError` if the folder has the result of a log."""
     if (folder / "history.parquet").exists():
         raise InputError(f"{folder}: holds the result of a log, with its history; choose another folder with --out")
     run = {"time": datetime.now(UTC).isoformat(timespec="seconds"), "host": platform.node(), "combined": [str(path) for path in paths]}

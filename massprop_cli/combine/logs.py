@@ -1,4 +1,4 @@
-"""The log behind a result, read again and made ready as it was for that result: where it lies, and whether it is still the same."""
+"""Reading and preprocessing the log of a result again, with a check that log and vehicle file are the same."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -16,13 +16,13 @@ from massprop_cli.result.schema import Result
 
 EMBEDDED = "(embedded vehicle)"
 SIZED = ("environment.disturbance", "estimator.adapt_noise", "estimator.accel_noise_scale")
-"""How keys begin that were sized by what one log's own estimate left: they may not be needed beside others."""
+"""Prefixes of settings that a log's estimate chose by its misfit; a joint fit may not need them."""
 
 
 def of_result(one: Recorded) -> Ready:
-    """By the run.json beside it; :class:`InputError` says why it can't be had."""
-    told = rendered.run(one.path.parent)
-    place, vehicle, mapped = (str(told.get(key) or "") for key in ("log", "vehicle", "map"))
+    """Preprocess the log that the result's run.json names; :class:`InputError` if it is missing or has changed."""
+    run = rendered.run(one.path.parent)
+    place, vehicle, mapped = (str(run.get(key) or "") for key in ("log", "vehicle", "map"))
     if not place:
         raise InputError(f"{one.path.parent}: has no run.json that names its log; make the result again")
     log = Path(place)
@@ -34,7 +34,7 @@ def of_result(one: Recorded) -> Ready:
 
 
 def of_table(result: Result, table: Table, vehicle: Callable[[list[str]], VehicleSource]) -> Ready:
-    """The same of a table at hand; ``vehicle`` finds its vehicle with assignments on top."""
+    """Preprocess a log's table; ``vehicle`` returns its vehicle with assignments. :class:`InputError` if either has changed."""
     if table.sha256 != result.provenance.input_sha256:
         raise InputError(f"{table.path}: is not what it was when the result was made; make the result again")
     source = vehicle(_assignments(result))
@@ -44,14 +44,14 @@ def of_table(result: Result, table: Table, vehicle: Callable[[list[str]], Vehicl
 
 
 def _assignments(result: Result) -> list[str]:
-    """What was set by option or found in the log, but for disturbances that were sized."""
+    """KEY=VALUE settings by option or estimated from the log, without disturbances."""
     sources, settings = result.provenance.setting_sources, result.provenance.settings
     kept = [key for key, where in sources.items() if where == "option" or (where == "log" and not key.startswith(SIZED))]
     return [f"{key}={configfile.written(settings[key])}" for key in kept if settings[key] is not None]
 
 
 def sized(result: Result, stated: Vehicle) -> Vehicle:
-    """The vehicle with the disturbances that the log's own estimate needed."""
+    """The vehicle with the disturbances of the log's own estimate."""
     sources, settings = result.provenance.setting_sources, result.provenance.settings
     found = [key for key, where in sources.items() if where == "log" and key.startswith(SIZED) and settings[key] is not None]
     return vehiclefile.changed(stated, [f"{key}={configfile.written(settings[key])}" for key in found])

@@ -1,4 +1,4 @@
-"""One phase of several results: added up, or fitted at once from their logs; its verdicts, and what contradicts."""
+"""Combination of one phase of several results: by their information, or by a joint fit of their logs; verdicts and contradictions."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -27,72 +27,72 @@ from massprop_cli.result.schema import BY_OBJECT, DockedObject, ImpliedScale, Ph
 from massprop_cli.testbed.bound import natural_sizes
 
 INFORMED = 0.5
-"""Part of the natural size above which a sigma says nothing."""
+"""Largest sigma of an informed quantity, as a part of its natural size."""
 SETTLED = 0.01
-"""Part of the natural size that is the tolerance of convergence: a quarter of it is settled without a history."""
+"""Tolerance of convergence as a part of the natural size. A quarter of it converges without a converged log."""
 CHANCE, RARE = 1e-3, 6e-5
-"""Chance of as much disagreement as there is, below which it is told of all together, and of one: four sigma."""
+"""Probability by chance below which a disagreement of all results, or of one result (four sigma), is reported."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """A result with the one of its phases that counts."""
+    """One phase of a result."""
 
     label: str
     recorded: Recorded
     phase: PhaseItem
     ready: Callable[[], Ready]
-    """Its log; :class:`InputError` where that can't be had."""
+    """Preprocesses its log; :class:`InputError` if that is not possible."""
 
     @property
     def vehicle(self) -> VehicleInfo:
-        """The result's."""
+        """Vehicle of the result."""
         return self.recorded.result.vehicle
 
 
 class Gathered(NamedTuple):
-    """Results of one phase, and what they say together."""
+    """Combined results of one phase, without verdicts."""
 
     name: str
     parts: Sequence[Part]
     joint: Joint
     notes: list[WarningItem]
     scale: ImpliedScale | None = None
-    """Of the thrust or wheels, by an object that was added."""
+    """Scale of thrust or wheels by a stated object."""
     against: str = ""
-    """What contradicts that object."""
+    """Message if the logs contradict that object."""
 
 
 class Phased(NamedTuple):
-    """What came of a phase."""
+    """Combined results of one phase, with verdicts."""
 
     item: PhaseItem
     notes: list[WarningItem]
     explained: frozenset[str]
-    """Labels of results whose logs were fitted at once and are explained by their stated noise."""
+    """Labels of the results whose logs, jointly fitted, are explained by their stated noise."""
     parts: Sequence[Part]
 
 
 def piece(vehicle: VehicleInfo, phase: PhaseItem, alike: Array | None = None) -> Piece:
-    """One phase of a result; ``alike``: what its errors may have in common with those of others (:mod:`massprop_cli.combine.incommon`)."""
+    """One phase of a result; ``alike``: sigmas of errors that it shares with other results (:mod:`massprop_cli.combine.incommon`)."""
     if vehicle.environment == "pedestal":
         return pivot.piece(vehicle, phase, alike)
     values = np.array([np.nan if e.value is None or e.sigma is None else e.value for e in phase.estimates.values()])
     covariance = np.array(phase.covariance, dtype=float)
     at = np.array(vehicle.bearing_position_m)
-    # gravity has no part in how the mass properties are written
+    # the parameters of mass properties do not depend on gravity
     bearing = BearingBody(at, vehicle.bearing_mass_kg, 0.0) if vehicle.environment == "air_bearing" else None
     common = np.zeros(10) if alike is None else alike
     return Piece(values, covariance, phase.known, scale_sigma(vehicle, phase), bearing, alike=common)
 
 
 def gathered(name: str, parts: Sequence[Part]) -> Gathered:
-    """Added up, or fitted at once, without verdicts."""
+    """Combine the results of one phase."""
     return Gathered(name, parts, *_joint(name, parts))
 
 
 def phased(of: Gathered) -> Phased:
-    """With verdicts, as a result has it."""
+    """Verdicts and warnings of a combined phase."""
     name, parts, found = of.name, of.parts, of.joint
     vehicle = parts[0].vehicle
     against = [*_contradictions(parts, found), *([of.against] if of.against else [])]
@@ -131,12 +131,12 @@ def phased(of: Gathered) -> Phased:
         implied_thrust_scale=of.scale,
         alike=found.alike[: 9 if vehicle.environment == "pedestal" else 10].tolist() if found.alike.any() else [],
     )
-    explained = frozenset(part.label for part, odd in zip(parts, found.strange, strict=False) if not odd)
+    explained = frozenset(part.label for part, unexplained in zip(parts, found.unexplained, strict=False) if not unexplained)
     return Phased(item, notes, explained, parts)
 
 
 def by_object(before: Gathered, after: Gathered, text: str) -> tuple[list[Phased], DockedObject]:
-    """Both sides in absolute terms by the object that ``text`` states, and the object."""
+    """Both sides with the thrust scale by the object that ``text`` states, and the object."""
     known = added.stated(text)
     vehicle = before.parts[0].vehicle
     scales = [piece(part.vehicle, part.phase).scale_sigma for of in (before, after) for part in of.parts]
@@ -156,6 +156,7 @@ def by_object(before: Gathered, after: Gathered, text: str) -> tuple[list[Phased
 
 
 def _side(of: Gathered) -> added.Side:
+    """Combined results as one side of a calibration by a stated object."""
     vehicle, known = of.parts[0].vehicle, {name: pair for part in of.parts for name, pair in part.phase.known.items()}
     pedestal = vehicle.environment == "pedestal"
     labels = ", ".join(part.label for part in of.parts)
@@ -165,14 +166,17 @@ def _side(of: Gathered) -> added.Side:
 
 
 def _joint(name: str, parts: Sequence[Part]) -> tuple[Joint, list[WarningItem]]:
-    """Results added up; where one shows some axes alone, the logs are fitted at once, unless one has a discrepancy: no fit explains it."""
+    """Combined result and its warnings. If a result informs some axes only, the logs are fitted jointly.
+
+    A log with model discrepancy has no valid fit, so then the results are combined.
+    """
     pieces = _pieces(parts)
     short = [fit.partial(one, part.vehicle.environment) for one, part in zip(pieces, parts, strict=True)]
-    doubted = any(part.phase.discrepancy for part in parts)
-    if len(parts) == 1 or doubted or not any(short):
-        return joint(pieces, wide=doubted and any(short)), []
+    discrepant = any(part.phase.discrepancy for part in parts)
+    if len(parts) == 1 or discrepant or not any(short):
+        return joint(pieces, wide=discrepant and any(short)), []
     try:
-        found = fit.fitted([fit.Behind(part.recorded.result, part.ready(), part.phase.name) for part in parts], pieces)
+        found = fit.fitted([fit.FittedLog(part.recorded.result, part.ready(), part.phase.name) for part in parts], pieces)
     except InputError as error:
         message = (
             f"phase {name}: {', '.join(part.label for part, few in zip(parts, short, strict=True) if few)} showed some axes alone, and "
@@ -189,28 +193,29 @@ def _pieces(parts: Sequence[Part]) -> list[Piece]:
 
 
 def _odd_one(parts: Sequence[Part]) -> str:
-    """Which one of several differs, where all others agree without it and with no other one left out, as of two; else empty."""
+    """Label of the only result without which all others agree; empty if there is none or more than one."""
     pieces, odd = _pieces(parts), []
     for i, part in enumerate(parts):
         rest = joint([*pieces[:i], *pieces[i + 1 :]])
-        agree = chance(rest.chi_square, rest.freedom) >= RARE and not any((np.abs(one) > BEYOND).any() for one in rest.apart)
+        agree = chance(rest.chi_square, rest.freedom) >= RARE and not any((np.abs(one) > BEYOND).any() for one in rest.deviates)
         odd += [part.label] if agree else []
     return odd[0] if len(odd) == 1 else ""
 
 
 def _contradictions(parts: Sequence[Part], found: Joint) -> list[str]:
+    """Messages of results that contradict each other."""
     notes = []
-    for part, apart, pulled in zip(parts, found.apart, found.pulled, strict=True):
-        # in θ, whose signs are not those of the quantities
-        strange = [f"{quantity} by {abs(z):.3g} sigma" for quantity, z in zip(QUANTITIES, apart, strict=True) if abs(z) > BEYOND]
-        along = [quantity for quantity, z, own in zip(QUANTITIES, pulled, apart, strict=True) if abs(z) > BEYOND and not abs(own) > BEYOND]
-        if strange or along:
-            said = f"{part.label} differs from the others together: {', '.join(strange) or 'in no quantity alone'}"
-            said += f", which pulls {', '.join(along)} away from it" if along else ""
-            notes.append(f"{said}; was the vehicle the same?")
+    for part, deviates, pulls in zip(parts, found.deviates, found.pulls, strict=True):
+        # absolute values: signs in θ are not those of the quantities
+        differing = [f"{quantity} by {abs(z):.3g} sigma" for quantity, z in zip(QUANTITIES, deviates, strict=True) if abs(z) > BEYOND]
+        pulled = [q for q, pull, z in zip(QUANTITIES, pulls, deviates, strict=True) if abs(pull) > BEYOND and not abs(z) > BEYOND]
+        if differing or pulled:
+            message = f"{part.label} differs from the others together: {', '.join(differing) or 'in no quantity alone'}"
+            message += f", which pulls {', '.join(pulled)} away from it" if pulled else ""
+            notes.append(f"{message}; was the vehicle the same?")
     if notes and (odd := _odd_one(parts)):
         notes = [f"{note} Without it all others agree." for note in notes if note.startswith(f"{odd} ")] or notes
-    for part, (chi_square, freedom) in zip(parts, found.alone, strict=False):
+    for part, (chi_square, freedom) in zip(parts, found.own_fits, strict=False):
         if chance(chi_square, freedom) < RARE:
             notes.append(
                 f"{part.label} does not fit the body of the others together (chi-square {chi_square:.4g} of {freedom}); was the vehicle "
@@ -227,33 +232,33 @@ def _contradictions(parts: Sequence[Part], found: Joint) -> list[str]:
 
 
 def _estimate(i: int, quantity: str, of: Gathered) -> Estimate:
+    """Combined estimate of one quantity, number ``i``."""
     parts, found = of.parts, of.joint
     value, variance = found.values[i], found.covariance[i, i]
-    told = bool(np.isfinite(value) and variance > 0)
-    # about the pivot on a pedestal, of which the ten have no part in the motion
+    finite = bool(np.isfinite(value) and variance > 0)
     items = [part.phase.about_pivot if part.vehicle.environment == "pedestal" else part.phase.estimates for part in parts]
-    own = [each[quantity].verdict for each in items]
-    sigma = math.sqrt(variance) if told else None
+    verdicts = [each[quantity].verdict for each in items]
+    sigma = math.sqrt(variance) if finite else None
     size = _sizes(parts, found.values)[i]
-    if of.scale is not None and sigma is not None and sigma > SETTLED * size:  # converged but for the scale
-        own = ["not_converged" if one == "converged" else one for one in own]
-    verdict, reason = _verdict(own, sigma, size)
-    off = [max(abs(apart[i]), abs(pulled[i])) for apart, pulled in zip(found.apart, found.pulled, strict=True)]
-    bad = [part.label for part, z in zip(parts, off, strict=True) if z > BEYOND]
-    bad += [part.label for part, alone in zip(parts, found.alone, strict=False) if chance(*alone) < RARE]
-    odd = found.strange or [True] * len(parts)  # what one log's own fit didn't explain, the others' body may
-    bad += [part.label for part, one, may in zip(parts, own, odd, strict=True) if one == "contradicted" and may]
+    if of.scale is not None and sigma is not None and sigma > SETTLED * size:  # the logs converged without the scale's uncertainty
+        verdicts = ["not_converged" if one == "converged" else one for one in verdicts]
+    verdict, reason = _verdict(verdicts, sigma, size)
+    distances = [max(abs(deviates[i]), abs(pulls[i])) for deviates, pulls in zip(found.deviates, found.pulls, strict=True)]
+    against = [part.label for part, z in zip(parts, distances, strict=True) if z > BEYOND]
+    against += [part.label for part, own_fit in zip(parts, found.own_fits, strict=False) if chance(*own_fit) < RARE]
+    unexplained = found.unexplained or [True] * len(parts)  # the joint fit may explain a log that its own fit did not
+    against += [part.label for part, one, bad in zip(parts, verdicts, unexplained, strict=True) if one == "contradicted" and bad]
     if of.against:
         verdict, reason = "contradicted", Reason("object-contradicted")
-    elif bad:
-        verdict, reason = "contradicted", Reason.of("logs-contradicted", logs=", ".join(dict.fromkeys(bad)))
-    return Estimate(float(value) if told else None, sigma, PIVOT_UNITS.get(quantity, UNITS.get(quantity, "")), verdict, None, reason)
+    elif against:
+        verdict, reason = "contradicted", Reason.of("logs-contradicted", logs=", ".join(dict.fromkeys(against)))
+    return Estimate(float(value) if finite else None, sigma, PIVOT_UNITS.get(quantity, UNITS.get(quantity, "")), verdict, None, reason)
 
 
 def _sizes(parts: Sequence[Part], values: Array) -> Array:
-    """(10,) natural sizes; a moment of inertia that nothing told, as on a table, adds nothing to the body's size."""
+    """(10,) natural sizes; a moment of inertia without a value, as on a table, counts as zero."""
     known, pedestal = np.concatenate([np.nan_to_num(values[:6]), values[6:]]), parts[0].vehicle.environment == "pedestal"
-    if pedestal or not np.isfinite(known[9]):  # a mass that nothing tells
+    if pedestal or not np.isfinite(known[9]):
         weighed, nominal = pivot.weighed([part.phase for part in parts]), parts[0].phase.estimates["mass"].nominal
         known[9] = weighed[0] if weighed else nominal or ASSUMED_KG
     sizes = natural_sizes(known)
@@ -262,6 +267,7 @@ def _sizes(parts: Sequence[Part], values: Array) -> Array:
 
 
 def _verdict(own: Sequence[Verdict], sigma: float | None, size: float) -> tuple[Verdict, Reason]:
+    """Combined verdict from each log's ``own``, the combined sigma, and the natural size."""
     if all(one == "unobservable" for one in own):
         return "unobservable", Reason("logs-unobservable")
     if sigma is None or not sigma <= INFORMED * size:

@@ -1,4 +1,4 @@
-"""Results of a fixed pedestal: values about the pivot add up, and a weighed mass makes CG and inertia about it of them."""
+"""Combination of results on a fixed pedestal: values about the pivot, from which a known mass gives CG and inertia about the CG."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -18,7 +18,7 @@ from massprop_cli.result.schema import PhaseItem, VehicleInfo
 
 
 def refuse(recorded: Sequence[Recorded]) -> None:
-    """:class:`InputError` where values about a pivot can't be added: they rest on a known inertia, or are about other points."""
+    """Raise :class:`InputError` if values about a pivot cannot be combined: different pivots, or a known inertia in them."""
     for one in recorded:
         if one.result.vehicle.environment != "pedestal":
             continue
@@ -37,7 +37,7 @@ def refuse(recorded: Sequence[Recorded]) -> None:
 
 
 def piece(vehicle: VehicleInfo, phase: PhaseItem, alike: Array | None = None) -> Piece:
-    """The nine of one phase, and no mass; ``alike`` (10,) of the ten, or (9,) of these."""
+    """Nine quantities of one phase, without mass; ``alike``: shared sigmas of the ten (10,) or of the nine (9,)."""
     values, covariance = np.full(10, np.nan), np.full((10, 10), np.nan)
     values[:9] = [np.nan if one.value is None or one.sigma is None else one.value for one in map(phase.about_pivot.get, ABOUT_PIVOT) if one]
     covariance[:9, :9] = np.array(phase.about_pivot_covariance, dtype=float)
@@ -49,7 +49,7 @@ def piece(vehicle: VehicleInfo, phase: PhaseItem, alike: Array | None = None) ->
 
 
 def weighed(phases: Sequence[PhaseItem]) -> tuple[float, float] | None:
-    """Mass and sigma that the phases of one body state, each once; None where none does."""
+    """Weighted mean and sigma of the known masses of a body's phases, kg, each once; None without one."""
     known = list(dict.fromkeys(phase.known["mass"] for phase in phases if "mass" in phase.known))
     if not known:
         return None
@@ -58,7 +58,7 @@ def weighed(phases: Sequence[PhaseItem]) -> tuple[float, float] | None:
 
 
 def ten(values: Array, covariance: Array, pivot: Array, mass: tuple[float, float] | None) -> tuple[Array, Array]:
-    """(10,) and (10, 10) quantities of the nine (10,), (10, 10); NaN where no mass makes them known."""
+    """Ten quantities (10,), (10, 10) from the nine and a known mass with its sigma, kg; NaN without a mass."""
     if mass is None or not np.isfinite(values[:9]).all():
         return np.full(10, np.nan), np.full((10, 10), np.nan)
     found = with_mass(values[None, :9], covariance[None, :9, :9], pivot, *mass)
@@ -66,10 +66,10 @@ def ten(values: Array, covariance: Array, pivot: Array, mass: tuple[float, float
 
 
 def estimates(nine: Mapping[str, Estimate], values: Array, covariance: Array) -> dict[str, Estimate]:
-    """The ten, with the verdicts of the nine that they correspond to."""
+    """Ten estimates with the verdicts of the corresponding nine."""
     if not np.isfinite(values).all():
         return {name: Estimate(None, None, UNITS[name], "unobservable", None, Reason("unweighed-pedestal")) for name in QUANTITIES}
-    like, found = [*nine.values(), nine["moment_z"]], {}
-    for one, name, value, variance in zip(like, QUANTITIES, values, np.diag(covariance), strict=True):
-        found[name] = replace(one, value=float(value), sigma=float(np.sqrt(variance)), unit=UNITS[name])
-    return found
+    counterparts, ten_estimates = [*nine.values(), nine["moment_z"]], {}
+    for one, name, value, variance in zip(counterparts, QUANTITIES, values, np.diag(covariance), strict=True):
+        ten_estimates[name] = replace(one, value=float(value), sigma=float(np.sqrt(variance)), unit=UNITS[name])
+    return ten_estimates

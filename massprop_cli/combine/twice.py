@@ -1,4 +1,4 @@
-"""The same log given twice, which would count its information twice: by its bytes, within joint results, and in another file format."""
+"""Refusal of the same log given twice: as the same file, within a combined result, or in another file format."""
 
 from collections.abc import Sequence
 from itertools import combinations, product
@@ -12,26 +12,26 @@ from massprop_cli.result.read import MEMBERS, Recorded
 from massprop_cli.result.schema import PhaseItem, Result
 
 ALIKE = 1e-3
-"""Sigmas, and part of a sigma, within which all values of two recordings never are by chance; rounding by a format is less."""
+"""Largest difference of values, sigmas, and of sigmas, relative, of one recording in two formats; different recordings differ by more."""
 ENOUGH = 3
-"""Quantities that must be told to say so."""
+"""Least number of quantities with values for this comparison."""
 
 
 def logs(result: Result) -> frozenset[str]:
-    """Digests of the logs that a result is of."""
+    """SHA-256 digests of the logs of a result."""
     made = result.provenance
     return frozenset(made.settings.get(MEMBERS) or [made.input_sha256])
 
 
 def refuse(recorded: Sequence[Recorded]) -> None:
-    """:class:`InputError` where two of these results hold the same log."""
+    """Raise :class:`InputError` if two results include the same log."""
     seen: dict[str, Recorded] = {}
     for one in recorded:
         for log in logs(one.result):
             if log in seen:
                 raise InputError(f"{one.path}: {_same_log(one, seen[log])}; its information would count twice. Name it once")
         seen |= dict.fromkeys(logs(one.result), one)
-    for (first, mine), (one, theirs) in combinations([(one, told(one.result)) for one in recorded], 2):
+    for (first, mine), (one, theirs) in combinations([(one, values_and_sigmas(one.result)) for one in recorded], 2):
         if alike(mine, theirs):
             raise InputError(
                 f"{one.path}: all values and sigmas are those of {first.path}: the same recording in another file, whose information would "
@@ -46,7 +46,7 @@ def _same_log(one: Recorded, first: Recorded) -> str:
 
 
 def refuse_across(before: Sequence[tuple[Recorded, PhaseItem]], after: Sequence[tuple[Recorded, PhaseItem]]) -> None:
-    """:class:`InputError` where one phase of one log stands on both sides of docking; its other phases may."""
+    """Raise :class:`InputError` if the same phase of a log is on both sides of docking; different phases are allowed."""
     for (first, phase), (one, other) in product(before, after):
         if logs(first.result) & logs(one.result) and phase.name == other.name:
             raise InputError(
@@ -55,15 +55,15 @@ def refuse_across(before: Sequence[tuple[Recorded, PhaseItem]], after: Sequence[
             )
 
 
-def told(result: Result) -> Array:
-    """(10 per phase, 2) values and sigmas, NaN where nothing can be said."""
+def values_and_sigmas(result: Result) -> Array:
+    """(10 per phase, 2) values and sigmas, NaN without an estimate."""
     estimates = [phase.estimates[name] for phase in result.phases for name in QUANTITIES]
     return np.array([(item.value, item.sigma) for item in estimates], dtype=float)
 
 
 def alike(mine: Array, theirs: Array) -> bool:
-    """Whether values and sigmas (n, 2), NaN where nothing can be said, are those of the same recording."""
+    """Whether values and sigmas (n, 2), NaN without an estimate, are those of the same recording."""
     if mine.shape != theirs.shape or (np.isnan(mine) != np.isnan(theirs)).any():
         return False
-    told = ~np.isnan(mine).any(1)
-    return told.sum() >= ENOUGH and bool((np.abs(mine - theirs)[told] <= ALIKE * mine[told, 1:]).all())
+    known = ~np.isnan(mine).any(1)
+    return known.sum() >= ENOUGH and bool((np.abs(mine - theirs)[known] <= ALIKE * mine[known, 1:]).all())

@@ -77,7 +77,7 @@ def _check_other(recorded: Recorded, log: Path, own: Result) -> None:
     made = own.provenance.input_sha256
     if made in twice.logs(recorded.result):
         raise InputError(f"{recorded.path}: was made from {log}, which proves nothing; name a log that it was not made from")
-    if twice.alike(twice.told(recorded.result), twice.told(own)):
+    if twice.alike(twice.values_and_sigmas(recorded.result), twice.values_and_sigmas(own)):
         raise InputError(
             f"{recorded.path}: all values and sigmas are those of {log}: the same recording in another file, which proves nothing; name a "
             "log that it was not made from"

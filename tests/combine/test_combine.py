@@ -244,7 +244,7 @@ def test_what_a_piece_does_not_tell_is_left_to_the_others() -> None:
     marginal[:9, :9] = np.linalg.inv(half[1][:9, :9])
     information = np.linalg.inv(whole[1]) + marginal
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), np.sqrt(np.diag(np.linalg.inv(information))), rtol=2e-3)
-    assert np.isnan(found.apart[1][9])
+    assert np.isnan(found.deviates[1][9])
     alone = joint([Piece(untold, covariance, {}), Piece(untold, covariance, {})])
     assert np.isnan(alone.values[9])
     assert np.isfinite(alone.values[:9]).all()
