@@ -1,4 +1,4 @@
-"""The result of an analysis: every key of result.json from what the flow found."""
+"""Conversion of an analysis to the model of result.json."""
 
 import platform
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ from massprop_cli.result import schema
 
 
 def result(analysis: Analysis) -> schema.Result:
-    """The result of an analysis."""
+    """Build the result of an analysis."""
     log = analysis.log
     start, length = cycle_edges(log, slice(0, log.cycles))
     return schema.Result(
@@ -153,7 +153,7 @@ def _phase(analysis: Analysis, i: int, factors: Array, told: Discrepancy | None)
 
 
 def _with_scatter(items: dict[str, schema.EstimateItem], sigmas: Array | None) -> dict[str, schema.EstimateItem]:
-    """The items with sigmas (n,) by the scatter of segments, where there is a value."""
+    """Estimates with sigmas (n,) by the scatter of segments, if they have a value."""
     if sigmas is None or not items:
         return items
     given = {name: float(sigma) for name, sigma in zip(items, sigmas, strict=True) if np.isfinite(sigma) and items[name].value is not None}
@@ -189,7 +189,7 @@ def _discrepancy(told: Discrepancy, common: float) -> schema.DiscrepancyItem:
 
 
 def physical(conclusion: Conclusion) -> schema.Physical:
-    """Whether a real body could have this inertia."""
+    """Physical consistency of an inertia."""
     moments, broken = conclusion.principal_moments, breach(conclusion)
     told = bool(np.isfinite(moments).all())
     return schema.Physical(
@@ -205,7 +205,7 @@ def _known(known: Mapping[Quantity, Known]) -> dict[str, tuple[float, float]]:
 
 
 def _implied(conclusion: Conclusion, vehicle: Vehicle) -> schema.ImpliedScale | None:
-    """A known mass over the one that the log gives by itself; on a pedestal no motion gives one."""
+    """Thrust scale that a known mass implies: known mass over the log's own; None on a pedestal, where no motion informs the mass."""
     known = None if vehicle.on_pedestal else vehicle.known.get("mass")
     mass, variance = float(conclusion.bare[0][9]), float(conclusion.bare[1][9, 9])
     if known is None or variance <= 0 or not np.isfinite(mass + variance) or mass <= 0:
@@ -254,7 +254,7 @@ def _innovations(history: History, factors: Array) -> schema.Innovations | None:
 
 
 def estimate_items(estimates: Mapping[str, Estimate], nominal: Nominal | None = None) -> dict[str, schema.EstimateItem]:
-    """The ten quantities as a result has them."""
+    """Estimates as items of a result."""
     return {
         name: schema.EstimateItem(
             value=e.value,
@@ -284,12 +284,12 @@ def _docked(found: Docked | None, used: Vehicle) -> schema.DockedObject | None:
 
 
 def matrix(values: Array) -> schema.Matrix:
-    """The matrix for JSON: null where nothing can be said."""
+    """A matrix for JSON: null for NaN."""
     return [[float(cell) if np.isfinite(cell) else None for cell in row] for row in values]
 
 
 def effective_settings(analysis: Analysis) -> dict[str, Any]:
-    """Dotted keys and values which, given back as settings, reproduce the result."""
+    """Dotted keys and values that reproduce the result if they are given as settings."""
     used = analysis.vehicle
     keys: dict[str, Any] = {"cycle.command_delay_cycles": analysis.timing.delay, "thrust.lag_s": analysis.timing.lag_s(used)}
     timing_sigmas = {
@@ -317,7 +317,7 @@ def effective_settings(analysis: Analysis) -> dict[str, Any]:
 
 
 def setting_sources(analysis: Analysis) -> dict[str, str]:
-    """The source of each of :func:`effective_settings`: "option", "vehicle file", "default", or "log" if a first pass found it."""
+    """Source of each of :func:`effective_settings`: "option", "vehicle file", "default", or "log" if it was estimated."""
     stated = analysis.source.vehicle
     options = {assignment.partition("=")[0].strip() for assignment in analysis.assignments}
     found = {}
@@ -334,7 +334,7 @@ def setting_sources(analysis: Analysis) -> dict[str, str]:
 
 
 def _set_by_user(analysis: Analysis, keys: dict[str, Any]) -> dict[str, Any]:
-    """Other keys that the command line overrode."""
+    """Further keys that the command line set."""
     pairs = (assignment.partition("=") for assignment in analysis.assignments)
     others = {key.strip(): literal(value.strip()) for key, _, value in pairs}
     return {k: v for k, v in others.items() if k not in keys and not k.startswith(("estimator.", "convergence."))}

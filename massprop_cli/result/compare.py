@@ -1,4 +1,4 @@
-"""A result against a baseline (``massprop schema compare``), in units and in sigmas of the difference, ``sqrt(s1² + s2²)``."""
+"""Comparison of a result with a baseline, in units and in sigmas of the difference, ``sqrt(s1² + s2²)``."""
 
 import math
 from collections import Counter
@@ -75,7 +75,7 @@ class Comparison(Item):
 
 
 def compare(result: Recorded, baseline: Recorded, gate: Gate) -> Comparison:
-    """Hold a result against a baseline of the same vehicle and phases; :class:`InputError` where they are not of the same."""
+    """Compare a result with a baseline; :class:`InputError` unless both have the same vehicle and phases."""
     _check_alike(result, baseline)
     gate.check([phase.name for phase in result.result.phases])
     before = {key: items(body) for key, body in parts(baseline.result)}
@@ -104,7 +104,7 @@ def compare(result: Recorded, baseline: Recorded, gate: Gate) -> Comparison:
 
 
 def _nothing(title: str, new: Mapping[str, EstimateItem] | None, old: Mapping[str, EstimateItem] | None) -> str:
-    """A sentence on a part in which no quantity has a value on both sides, with the reason."""
+    """Message about a part in which no quantity has a value in both results."""
     counts = [{"absent": len(QUANTITIES)} if side is None else Counter(item.verdict for item in side.values()) for side in (new, old)]
     here, there = (", ".join(f"{n} {verdict}" for verdict, n in each.items()) for each in counts)
     return f"nothing could be compared in {title}: no quantity has a value in both (result: {here}; baseline: {there})"
@@ -117,7 +117,7 @@ def _side(recorded: Recorded) -> ComparedSide:
 
 
 def _check_alike(result: Recorded, baseline: Recorded) -> None:
-    """Refuse results whose values mean different things. A changed vehicle file alone is what a comparison may be about."""
+    """Raise :class:`InputError` if the values have different meanings; the vehicle files may differ otherwise."""
     new, old = result.result, baseline.result
     what = ["vehicle", "environment", "bearing mass [kg]", "phases", "inertia about", "products of inertia"]
     what += ["docked object"] if new.docked_object and old.docked_object else []
@@ -142,7 +142,7 @@ def _notes(new: Result, old: Result) -> list[str]:
 def _difference(quantity: str, new: EstimateItem | None, old: EstimateItem | None, gate: Gate, phase: str | None) -> Difference:
     new, old = new or _absent(old), old or _absent(new)
     tolerance = gate.of(quantity, phase)
-    value, before = _told(new), _told(old)
+    value, before = _informed_value(new), _informed_value(old)
     difference = None if value is None or before is None else value - before
     sigma = None if difference is None or new.sigma is None or old.sigma is None else math.hypot(new.sigma, old.sigma)
     allowed = None if difference is None else tolerance.absolute(before or 0.0, sigma)
@@ -164,8 +164,8 @@ def _difference(quantity: str, new: EstimateItem | None, old: EstimateItem | Non
     )
 
 
-def _told(item: EstimateItem) -> float | None:
-    """The value, if the motion told it."""
+def _informed_value(item: EstimateItem) -> float | None:
+    """Value of an informed quantity; None otherwise."""
     return item.value if item.verdict in INFORMED else None
 
 
@@ -173,7 +173,7 @@ def _missing(new: EstimateItem, old: EstimateItem) -> str:
     said = [
         (("contradicted" if item.verdict == "contradicted" else "missing"), which)
         for item, which in ((new, "the result"), (old, "the baseline"))
-        if _told(item) is None
+        if _informed_value(item) is None
     ]
     if len({how for how, _ in said}) == 1 and len(said) == 2:
         return f"{said[0][0]} in both"
@@ -181,7 +181,7 @@ def _missing(new: EstimateItem, old: EstimateItem) -> str:
 
 
 def _absent(other: EstimateItem | None) -> EstimateItem:
-    """A placeholder for a quantity that one of the two results does not have."""
+    """Placeholder for a quantity that one of the results does not have."""
     unit = other.unit if other else ""
     reason = str(Reason("no-docked-object"))
     return EstimateItem(
@@ -190,14 +190,14 @@ def _absent(other: EstimateItem | None) -> EstimateItem:
 
 
 def failure(found: Comparison) -> str:
-    """Why the result does not stand against the baseline; empty where it does. Where nothing was compared, that is why."""
+    """Reason why the result fails the comparison, in words; empty if it passes. A comparison without values fails."""
     missed = beyond(found)
     reasons = [f"beyond the baseline: {'; '.join(missed)}"] if missed else []
     return ". ".join([*([] if found.compared else ["; ".join(found.warnings)]), *reasons])
 
 
 def beyond(found: Comparison) -> list[str]:
-    """Quantities beyond their tolerance, a phrase each."""
+    """One phrase for each quantity beyond its tolerance."""
     return [f"{quantity} in {part.title}: {_why(d)}" for part in found.parts for quantity, d in part.differences.items() if not d.within]
 
 

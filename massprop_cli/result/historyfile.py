@@ -1,4 +1,4 @@
-"""history.parquet: every estimate and what it was made of, cycle by cycle."""
+"""history.parquet: estimates, measurements and innovations, one row per cycle."""
 
 import io
 from pathlib import Path
@@ -16,25 +16,25 @@ from massprop_cli.prepare.compensate import acceleration
 from massprop_cli.result.schema import AXES
 
 ROWS = 4096
-"""Rows of history.parquet that are written at once."""
+"""Rows of history.parquet written at once."""
 SIGNALS = {"torque": "n_m", "force": "n", "rate": "rad_s", "acceleration": "m_s2"}
-"""What the vehicle was told and felt: kinds of columns of history.parquet, with their units."""
+"""Columns of commands and motion, with units."""
 PREDICTED = {"rate": "rad_s", "specific_force": "m_s2"}
-"""What was measured and predicted."""
+"""Columns of predicted measurements, with units."""
 PIVOT = "pivot_"
-"""Before what is about a fixed pivot."""
+"""Prefix of quantities about a fixed pivot."""
 EXECUTED = "executed_"
-"""Before a jet's name: seconds at full thrust that it executed in a cycle."""
+"""Prefix of a jet's executed on-time in a cycle, seconds at full thrust."""
 
 
 def write_history(analysis: Analysis, path: Path | BinaryIO) -> None:
-    """history.parquet: a row per cycle and phase, body axes; null where nothing can be said, and of an axis that the log lacks.
+    """Write history.parquet: one row per cycle and phase, body axes; null without an estimate, and for an axis that the log lacks.
 
-    Estimates and innovations; executed torque about O and force, rate, acceleration of O (or the bearing), specific force; what the final
-    values predict, with the sigma of measured less predicted; whitened innovations; what each jet executed.
+    Columns: estimates and innovations; executed torque about O and force, rate, acceleration of O (or the bearing), specific force;
+    prediction by the final values and sigma of the residual; whitened innovations; executed on-time of each jet.
     """
     schema = pa.schema([("phase", pa.string()), *((name, pa.float64()) for name in _columns(analysis))])
-    # numbers hardly repeat: a dictionary of them would take more room than they do, and as long to make
+    # the numbers hardly repeat, so dictionary encoding would make the file larger
     with pq.ParquetWriter(path, schema, compression="zstd", use_dictionary=["phase"]) as writer:
         for history, settled in zip(analysis.histories, analysis.settled, strict=True):
             for first in range(0, len(history.time_s), ROWS):
@@ -44,7 +44,7 @@ def write_history(analysis: Analysis, path: Path | BinaryIO) -> None:
 
 
 def content(analysis: Analysis) -> bytes:
-    """The bytes that :func:`write_history` writes."""
+    """Bytes of history.parquet."""
     out = io.BytesIO()
     write_history(analysis, out)
     return out.getvalue()
@@ -70,28 +70,28 @@ def _columns(analysis: Analysis) -> list[str]:
 
 
 def _rows(analysis: Analysis, history: History, settled: History, part: slice) -> Array:
-    """(K, columns) of part of a phase."""
+    """(K, columns) rows of a part of a phase."""
     samples = analysis.samples.part(slice(history.cycles.start + part.start, history.cycles.start + part.stop))
     wrench = samples.executed.whole / samples.executed.duration_s[:, None]
     measured = np.where(samples.unread, np.nan, np.hstack([samples.rate_rad_s, samples.specific_force_m_s2]))
-    moved = np.where(samples.unread[3:], np.nan, acceleration(samples, analysis.vehicle))
+    accelerations = np.where(samples.unread[3:], np.nan, acceleration(samples, analysis.vehicle))
     whitened = np.where(samples.unread, np.nan, settled.normalised[part])
-    left, sigma = np.full((2, *measured.shape), np.nan)
+    residual, sigma = np.full((2, *measured.shape), np.nan)
     if settled.residual is not None:
-        left, sigma = (values[part] for values in settled.residual)
-    executed = samples.executed.channels.whole[:, : len(_jets(analysis))]  # of wheels and rotors there is no on-time
+        residual, sigma = (values[part] for values in settled.residual)
+    executed = samples.executed.channels.whole[:, : len(_jets(analysis))]  # wheels and rotors have no on-time
     values, sigmas, pivot = _estimates(analysis, history, part)
     return np.hstack(
         [
             *(history.time_s[part, None], values, sigmas, history.innovation[part], history.innovation_sigma[part]),
-            *(wrench, measured[:, :3], moved),
-            *(measured[:, 3:], measured - left, sigma, whitened, executed, pivot),
+            *(wrench, measured[:, :3], accelerations),
+            *(measured[:, 3:], measured - residual, sigma, whitened, executed, pivot),
         ]
     )
 
 
 def _estimates(analysis: Analysis, history: History, part: slice) -> tuple[Array, Array, Array]:
-    """(K, 10) the ten quantities and (K, 10) their sigmas, and (K, 18 or 0) both about a fixed pivot: with no mass that is all there is."""
+    """(K, 10) ten quantities, (K, 10) their sigmas, (K, 18 or 0) both about a fixed pivot; the ten are NaN on a pedestal without a mass."""
     values, sigmas = history.values[part], history.sigmas[part]
     if history.pivot is None:
         return values, sigmas, np.zeros((len(values), 0))

@@ -1,4 +1,4 @@
-"""A result tested against expectations. Nothing passes silently: what is missing, not excited or unobservable is not as expected."""
+"""Test of a result against expectations; missing, not excited and unobservable quantities fail."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 _Kind = TypeVar("_Kind")
 INFORMED = ("converged", "not_converged")
-"""Verdicts of values that the motion told; a contradicted one meets no expectation."""
+"""Verdicts of values that can meet an expectation."""
 
 
 def judge(found: Result, expectations: Expectations) -> Result:
-    """The result with every estimate tested against its expectation; :class:`InputError` where it lacks a phase that is expected."""
+    """The result with the test of each estimate against its expectation; :class:`InputError` if an expected phase or object is missing."""
     names = [phase.name for phase in found.phases]
     own = _by_name(expectations, names)
     phases = [
@@ -40,7 +40,10 @@ def judge(found: Result, expectations: Expectations) -> Result:
 
 
 def _asked(expectations: Expectations, estimates: dict[str, EstimateItem], wanted: dict[str, Wanted]) -> dict[str, Wanted]:
-    """The expectations; of a truth only those with a part in the motion. :class:`InputError` where the result has no pivot."""
+    """Expectations that apply to the estimates; of a simulation's truth, only those of observable quantities.
+
+    :class:`InputError` if they are about a pivot and the result has none.
+    """
     stranger = next((name for name in wanted if name not in estimates), None)
     if stranger is not None and not expectations.of_truth:
         raise InputError(f"{expectations.source}: expects {stranger}, and the result has no pivot; leave about_pivot out")
@@ -49,7 +52,7 @@ def _asked(expectations: Expectations, estimates: dict[str, EstimateItem], wante
 
 
 def items(body: PhaseItem | DockedObject) -> dict[str, EstimateItem]:
-    """The ten quantities, and those about a pivot with a prefix before their names."""
+    """Estimates of the ten quantities and of those about a pivot, the latter with a prefix."""
     return together(body.estimates, body.about_pivot if isinstance(body, PhaseItem) else {})
 
 
@@ -71,7 +74,7 @@ def _phase(found: Result, phase: PhaseItem, wanted: dict[str, Wanted]) -> PhaseI
 
 
 def _implied(phase: PhaseItem, mass: Wanted | None, of: str) -> ImpliedScale | None:
-    """The part of what is stated that makes the estimated mass the expected one."""
+    """Thrust scale by which the estimated mass would be the expected one; None without either."""
     found = phase.estimates["mass"]
     if mass is None or found.value is None or found.sigma is None or not found.value > 0:
         return None
@@ -103,19 +106,19 @@ def _estimates(estimates: dict[str, EstimateItem], wanted: dict[str, Wanted]) ->
 def _expected(name: str, item: EstimateItem, wanted: Wanted) -> Expected:
     tolerance = wanted.tolerance.absolute(wanted.value, item.sigma)
     difference = None if item.value is None else item.value - wanted.value
-    told = item.verdict in INFORMED and difference is not None
+    informed = item.verdict in INFORMED and difference is not None
     return Expected(
         value=wanted.value,
         tolerance=tolerance,
         stated=wanted.tolerance.stated(name.removeprefix(PIVOT)),
-        met=told and abs(difference or 0.0) <= (tolerance or 0.0),
+        met=informed and abs(difference or 0.0) <= (tolerance or 0.0),
         difference=difference,
         sigmas=difference / item.sigma if difference is not None and item.sigma else None,
     )
 
 
 def parts(found: Result) -> list[tuple[str, PhaseItem | DockedObject]]:
-    """Phases and docked object, each with what to call it."""
+    """Title of each phase and of the docked object, with its estimates."""
     docked = found.docked_object
     return [
         *((f"phase {phase.name}", phase) for phase in found.phases),
@@ -124,12 +127,12 @@ def parts(found: Result) -> list[tuple[str, PhaseItem | DockedObject]]:
 
 
 def contradiction(body: PhaseItem | DockedObject) -> str:
-    """Why log and vehicle file contradict each other there; empty where they don't."""
+    """Contradiction of a phase or docked object in words; empty without one."""
     return body.contradiction or next((item.reason for item in body.estimates.values() if item.verdict == "contradicted"), "")
 
 
 def missed(found: Result) -> list[str]:
-    """Quantities that are not as expected, a phrase each: quantity, expected, got, tolerance."""
+    """One phrase for each quantity that misses its expectation: quantity, expected value, estimate, tolerance."""
     return [
         f"{name} in {part}: {why(item, contradiction(body))}"
         for part, body in parts(found)
@@ -139,7 +142,7 @@ def missed(found: Result) -> list[str]:
 
 
 def unpredicted(found: Result) -> dict[str, str]:
-    """Why each cross-validated phase does not pass; empty where it does."""
+    """Failure of each cross-validated phase in words, by phase; empty for a phase that passes."""
     if found.provenance.settings.get("estimator.cross_validate") is None:
         return {}
     return {phase.name: _unpredicted(phase) for phase in found.phases}
@@ -160,7 +163,7 @@ def _unpredicted(phase: PhaseItem) -> str:
 
 
 def why(item: EstimateItem, contradiction: str = "") -> str:
-    """One estimate and its expectation in words; ``contradiction`` is that of its phase."""
+    """Comparison of an estimate with its expectation in words; ``contradiction``: that of its phase."""
     expected = item.expected
     if expected is None:
         return ""

@@ -1,4 +1,4 @@
-"""A result folder read back: result.json, and history.parquet beside it where there is one."""
+"""Reading of a result folder: result.json, and history.parquet if it exists."""
 
 import hashlib
 import json
@@ -19,15 +19,15 @@ from massprop_cli.inputs import parquetheader
 from massprop_cli.result.schema import DockedObject, PhaseItem, Result
 
 LARGEST = 1e150
-"""In size, so that squares and what is so many sigmas are numbers still."""
+"""Largest magnitude of a number, so that squares and multiples of sigma stay finite."""
 ROUNDING = 1e-9
-"""Sigmas by sigmas that what is symmetric may be apart."""
+"""Largest asymmetry of a covariance, over the product of both sigmas."""
 LOGS = (".parquet", ".csv")
-"""Endings of tables, which are no results."""
+"""Suffixes of tables, which are not results."""
 
 
 MEMBERS = "combined_sha256"
-"""Setting of a joint result: the digests of all logs in it."""
+"""Setting of a combined result with the SHA-256 of all its logs."""
 
 
 @dataclass(frozen=True)
@@ -35,26 +35,26 @@ class Recorded:
     """A result with its history."""
 
     path: Path
-    """Of result.json."""
+    """Path of result.json."""
     result: Result
     history: dict[str, dict[str, Array]]
-    """Phase name to column name to values (K,), NaN where nothing can be said; empty where no history.parquet lies beside result.json."""
+    """(K,) values by phase and column, NaN without an estimate; empty without a history.parquet."""
     sha256: str = ""
-    """Of result.json."""
+    """SHA-256 of result.json."""
 
     @property
     def joint(self) -> bool:
-        """Whether the result is of several logs, and so has no history."""
+        """Whether the result combines several logs; it then has no history."""
         return MEMBERS in self.result.provenance.settings
 
     @property
     def name(self) -> str:
-        """The name of its folder."""
+        """Name of the folder."""
         return self.path.resolve().parent.name
 
 
 def read(path: Path) -> Recorded:
-    """Read a result folder or its result.json; :class:`InputError` names what is wrong with it."""
+    """Read a result folder or its result.json; :class:`InputError` if it is invalid."""
     file = path / "result.json" if path.is_dir() else path
     if path.is_dir() and not file.exists():
         below = sorted((*path.glob("*/result.json"), *path.glob("results/*/result.json")))
@@ -78,18 +78,18 @@ STATED: dict[str, Callable[[Result], object]] = {
     "inertia about": lambda of: of.conventions.inertia_about,
     "products of inertia": lambda of: of.conventions.products_of_inertia,
 }
-"""What a result's values mean, by the words for it."""
+"""Properties that define the meaning of a result's values, by their name in messages."""
 
 
 def check_same(path: Path, own: Result, other: str, theirs: Result, what: Iterable[str], so: str) -> None:
-    """:class:`InputError` where a result states ``what`` otherwise than another; ``so`` is what follows, and what to do."""
+    """Raise :class:`InputError` if two results differ in one of the properties ``what``; ``so``: consequence and remedy."""
     for name in what:
         if STATED[name](own) != STATED[name](theirs):
             raise InputError(f"{path}: {name} is {STATED[name](own)!r}, and {STATED[name](theirs)!r} in {other}; {so}")
 
 
 def result_of(text: str, file: str) -> Result:
-    """A result.json of that place; :class:`InputError` names what is wrong with it."""
+    """Parse the text of a result.json; :class:`InputError` names ``file`` and the first invalid entry."""
     try:
         data = json.loads(text, parse_constant=_finite, parse_float=_finite, parse_int=_whole)
     except (ValueError, RecursionError) as error:
@@ -116,7 +116,7 @@ def result_of(text: str, file: str) -> Result:
 
 
 def _finite(text: str) -> float:
-    """A finite number of JSON; ValueError for NaN and Infinity."""
+    """Number from JSON; ValueError for NaN, infinity, and a magnitude above :data:`LARGEST`."""
     number = float(text)
     if not math.isfinite(number):
         raise ValueError(f"{text} is no finite number")
@@ -131,7 +131,7 @@ def _whole(text: str) -> int:
 
 
 def _contradiction(part: PhaseItem | DockedObject) -> str:
-    """The first implausible number of a part, in words; empty where there is none."""
+    """First invalid number of a phase or docked object, in words; empty without one."""
     for name, item in part.estimates.items():
         if item.unit != UNITS[name]:
             return f"the unit of {name} is {item.unit!r}, not {UNITS[name]!r}"
@@ -151,6 +151,7 @@ def _contradiction(part: PhaseItem | DockedObject) -> str:
 
 
 def _history(file: Path, result: Result) -> dict[str, dict[str, Array]]:
+    """History by phase and column; empty without a file. :class:`InputError` if it is invalid or has other phases."""
     if not file.exists():
         return {}
     try:
@@ -171,7 +172,7 @@ def _history(file: Path, result: Result) -> dict[str, dict[str, Array]]:
 
 
 def _disorder(name: str, values: Array) -> str:
-    """Why a column of a history cannot be drawn; empty where it can."""
+    """Defect of a history's column, in words; empty without one."""
     if values.ndim != 1:
         return "holds no numbers"
     if (np.abs(values) > LARGEST).any():
@@ -184,7 +185,7 @@ def _disorder(name: str, values: Array) -> str:
 
 
 def labels(recorded: Sequence[Recorded]) -> list[str]:
-    """The folder of each, with as many of its parents as tell all apart: "log", or "monday/log" and "friday/log"."""
+    """Shortest distinct folder names: "log", or "monday/log" and "friday/log"."""
     folders = [item.path.resolve().parent.parts for item in recorded]
     depth = 1
     while len({folder[-depth:] for folder in folders}) < len(set(folders)):

@@ -1,4 +1,4 @@
-"""What ``massprop report`` rendered beside a result, known by the result's run.json: so that no page outlives the result it tells of."""
+"""Pages that ``massprop report`` wrote into a result's folder, listed in its run.json, so that a new result removes them."""
 
 import hashlib
 import json
@@ -11,58 +11,58 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 
 TEXTS = {"html": "report.html", "md": "report.md", "csv": "report.csv", "junit": "report.junit.xml"}
-"""Formats of text and the files that they are written to."""
+"""File of each text format."""
 RUN = "run.json"
 _KEY = "rendered"
 
 
 @dataclass(frozen=True)
 class Cleared:
-    """The pages of an earlier result that were removed, and those that were left."""
+    """Removed and kept pages of an earlier result."""
 
     removed: tuple[str, ...] = ()
     left: tuple[str, ...] = ()
-    """Those that may be someone's own: not written by massprop, or changed since."""
+    """Kept pages: not written by massprop, or changed since."""
 
 
 def run(folder: Path) -> dict[str, Any]:
-    """The content of run.json; empty where it is missing or not massprop's."""
+    """Content of run.json; empty if it is missing or invalid."""
     try:
-        said = json.loads(limits.content(folder / RUN, RUN))
+        content = json.loads(limits.content(folder / RUN, RUN))
     except (OSError, ValueError, RecursionError, InputError):
         return {}
-    return said if isinstance(said, dict) else {}
+    return content if isinstance(content, dict) else {}
 
 
 def listed(folder: Path) -> dict[str, str]:
-    """SHA-256 of the files that were rendered into a result's folder, by their names there."""
-    said = run(folder).get(_KEY)
-    found = said.items() if isinstance(said, dict) else ()
-    return {name: digest for name, digest in found if isinstance(digest, str) and Path(name).name == name}
+    """SHA-256 of the rendered pages in a result's folder, by file name."""
+    entry = run(folder).get(_KEY)
+    pairs = entry.items() if isinstance(entry, dict) else ()
+    return {name: digest for name, digest in pairs if isinstance(digest, str) and Path(name).name == name}
 
 
 def record(folder: Path, contents: Mapping[str, bytes]) -> None:
-    """Note what was just rendered into a result's folder; nothing where it has no run.json."""
-    said = run(folder)
-    if said:
-        digests = listed(folder) | {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
-        write_run(folder, said, digests)
+    """List rendered pages in run.json; no effect without a run.json."""
+    content = run(folder)
+    if content:
+        digests = listed(folder) | {name: hashlib.sha256(page).hexdigest() for name, page in contents.items()}
+        write_run(folder, content, digests)
 
 
-def write_run(folder: Path, said: Mapping[str, Any], digests: Mapping[str, str]) -> None:
+def write_run(folder: Path, content: Mapping[str, Any], digests: Mapping[str, str]) -> None:
     """Write run.json."""
-    files.text(folder / RUN, run_text(said, digests))
+    files.text(folder / RUN, run_text(content, digests))
 
 
-def run_text(said: Mapping[str, Any], digests: Mapping[str, str]) -> str:
-    """The text of run.json."""
+def run_text(content: Mapping[str, Any], digests: Mapping[str, str]) -> str:
+    """Text of run.json; ``digests``: SHA-256 of the rendered pages, by file name."""
     more = {_KEY: dict(sorted(digests.items()))} if digests else {}
-    text = escape.json(json.dumps({key: value for key, value in said.items() if key != _KEY} | more, indent=1, ensure_ascii=False))
+    text = escape.json(json.dumps({key: value for key, value in content.items() if key != _KEY} | more, indent=1, ensure_ascii=False))
     return text + "\n"
 
 
 def clear(folder: Path) -> Cleared:
-    """Remove what was rendered and is as it was written; what massprop did not write, or someone has changed, is left."""
+    """Remove the rendered pages that are unchanged; keep pages that massprop did not write or that were edited."""
     removed = []
     for name, digest in listed(folder).items():
         file = folder / name

@@ -1,4 +1,4 @@
-"""Result folders, whole or not at all. run.json names the log of each, so that no other log's result takes its place unasked."""
+"""Atomic writing of result folders; run.json names the log of each, so that another log does not overwrite it."""
 
 import platform
 from collections.abc import Iterator
@@ -16,19 +16,19 @@ from massprop_cli.result.rendered import RUN, Cleared
 
 BASE = Path("massprop-out")
 _RESERVED = ("results",)
-"""Names in the base folder that a campaign uses."""
+"""Names in the base folder reserved for campaigns."""
 
 
 @dataclass(frozen=True)
 class StoredResult:
-    """The folder of a result, and the pages of an earlier result there."""
+    """Folder of a result, and the pages of an earlier result in it."""
 
     folder: Path
     pages: Cleared
 
 
 def write(out: Path | None, analysis: Analysis, result_json: str) -> StoredResult:
-    """Write run.json, history.parquet and, last, result.json (``out`` None: a default folder); pages of another result are removed."""
+    """Write run.json, history.parquet and, last, result.json into ``out`` or a default folder; remove pages of another result."""
     log = analysis.log.path
     with files.writing(out or BASE):
         if out is not None:
@@ -39,20 +39,20 @@ def write(out: Path | None, analysis: Analysis, result_json: str) -> StoredResul
 
 
 def _placed(stage: files.Staged, analysis: Analysis, result_json: str) -> Cleared:
-    """Write all aside, so that nothing is lost where it can't be written, then remove the earlier result's pages and put it in place."""
+    """Write temporary files, then remove the earlier result's pages and move the files into place; an error changes nothing."""
     folder = stage.folder
     for name in ("history.parquet", RUN, "result.json"):
         if _is(folder / name, analysis.log.path):
             raise InputError(f"{folder / name}: is the log itself; nothing was written. Choose another folder", option="out")
     there, content = folder / "result.json", result_json.encode()
-    # a pipe or a device may never end
+    # reading a pipe or a device may never end
     unchanged = there.is_file() and there.stat().st_size == len(content) and there.read_bytes() == content
-    told: dict[str, Any] = _run(analysis.log.path, analysis.source.source)
+    run: dict[str, Any] = _run(analysis.log.path, analysis.source.source)
     if analysis.log.made is not None:
-        told |= {"map": analysis.log.made.map, "mapped": list(analysis.log.made.said)}
-    said = rendered.run_text(told, rendered.listed(folder) if unchanged else {})
+        run |= {"map": analysis.log.made.map, "mapped": list(analysis.log.made.said)}
+    run_text = rendered.run_text(run, rendered.listed(folder) if unchanged else {})
     stage.save("history.parquet", lambda path: historyfile.write_history(analysis, path))
-    stage.save(RUN, said)
+    stage.save(RUN, run_text)
     stage.save("result.json", result_json)
     pages = Cleared() if unchanged else rendered.clear(folder)
     stage.place()
@@ -64,23 +64,23 @@ def _is(file: Path, other: Path) -> bool:
 
 
 def plain(log: Path) -> Path:
-    """The default folder of a log where no other log has taken it."""
+    """Default folder of a log, unless another log uses it."""
     return BASE / foldername.safe(foldername.stem(log.name))
 
 
 def _claimed(log: Path) -> Path:
-    """The log's own default folder, else the first free of massprop-out/STEM, FOLDER-STEM, and that with a digest of its path."""
+    """The folder that the log already has, else the first free one of massprop-out/STEM, FOLDER-STEM, and FOLDER-STEM-DIGEST."""
     own = [folder for folder in _candidates(log) if rendered.run(folder).get("log") == _identity(log)]
     if own:
         files.clear(BASE)
         return own[0]
     with files.held(BASE):
         for folder in _candidates(log):
-            # what a process left that was killed before it could say whose the folder is counts as nothing
+            # a folder with only partial files of a killed process is free
             if folder.exists() and not (folder.is_dir() and all(map(files.is_left_over, folder.iterdir()))):
                 continue
             folder.mkdir(exist_ok=True)
-            # named at once, so that a process that comes next finds whose it is
+            # write the log's name at once, for the next process
             rendered.write_run(folder, _run(log, ""), {})
             return folder
     raise InputError(f"{plain(log)}: is taken, and so is every other name for this log; choose a folder", option="out")
@@ -95,7 +95,7 @@ def _candidates(log: Path) -> Iterator[Path]:
 
 
 def _identity(log: Path) -> str:
-    """Its absolute path. A link counts as a log of its own, since it may have another vehicle file beside it."""
+    """Absolute path of a log. A link is a log of its own, because another vehicle file may be next to it."""
     return str(log.parent.resolve() / log.name).encode("utf-8", "backslashreplace").decode()
 
 
