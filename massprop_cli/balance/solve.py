@@ -1,8 +1,8 @@
-"""The first moment about a pivot, what ballast makes of it, and how the table then hangs.
+"""First moment of a table about its pivot, its change by ballast, and the resulting swing periods.
 
-With b the pivot, κ = Σ m (r − b) over all parts of the table is its first moment about the pivot (SAWE, Introduction to Aircraft Weight
-Engineering: moments add up). A weight m that slides by d along the unit vector a adds ``m a d``; a weight m that is put at p adds
-``m (p − b)``. Both are linear, so the moves are a linear least-squares problem with bounds.
+κ = Σ m (r − b) over all parts of the table is the first moment about the pivot b (SAWE, Introduction to Aircraft Weight Engineering). A
+weight m that slides by d along the unit vector a adds ``m a d``; a weight m added at p adds ``m (p − b)``. Both are linear, so the changes
+follow from linear least squares with bounds.
 """
 
 from collections.abc import Sequence
@@ -16,11 +16,11 @@ from massprop_cli.base.rigidbody import parallel_axis
 from massprop_cli.inputs.ballast import Ballast
 
 LEVEL = 1e4
-"""Weight of the level components against a vertical one that nobody stated: level comes first."""
+"""Weight of the horizontal components relative to an unstated vertical one: levelling has priority."""
 ADDING = 10.0
-"""What adding all of a place's weight costs, against a slide over the whole travel: sliding comes first."""
+"""Cost of adding the full weight at a place, relative to a slide over the full travel: sliding has priority."""
 NOTHING = 1e-9
-"""Part of a ballast's room that is no move."""
+"""Least change, as a part of a ballast's range."""
 
 
 @dataclass(frozen=True)
@@ -32,14 +32,15 @@ class Hanging:
     inertia: Array
     """(3, 3) about the pivot, kg m²."""
     masses: Array
-    """(n,) of weights that slide, kg; 0 of places where weight can be added."""
+    """(n,) masses of sliding weights, kg; 0 for places where weight can be added."""
     covariance: Array
-    """(3 + n, 3 + n) of both."""
+    """(3 + n, 3 + n) covariance of moment and masses."""
     pivot: Array
-    """(3,) m from O."""
+    """(3,) position of the pivot from O, m."""
     gravity: float
+    """m/s²."""
     up: Array
-    """(3,) the body axis that is to stand upright, with its sign."""
+    """(3,) body axis that is to be vertical, with its sign."""
 
 
 def _compliance(inertia: Array, up: Array) -> Array:
@@ -49,7 +50,7 @@ def _compliance(inertia: Array, up: Array) -> Array:
 
 
 def periods(hanging: Hanging) -> tuple[float, float] | None:
-    """The longer and the shorter period of small swings about upright, s; None where the table is top-heavy.
+    """Longer and shorter period of small oscillations about the vertical, s; None for a top-heavy table.
 
     With k = −κ·u the torque of a small turn φ is ``−g k φ`` across u and none about it, so ``ω² = g k λ`` with λ of the horizontal part of
     I⁻¹ (Goldstein, Classical Mechanics, 6.2; wheels that stand still).
@@ -62,12 +63,12 @@ def periods(hanging: Hanging) -> tuple[float, float] | None:
 
 
 def below_for(hanging: Hanging, period_s: float) -> float:
-    """The first moment below the pivot, kg m, with which the slower swing takes so long."""
+    """First moment below the pivot, kg m, for which the longer period is ``period_s``."""
     return float((2 * np.pi / period_s) ** 2 / (hanging.gravity * _compliance(hanging.inertia, hanging.up)[0]))
 
 
 def effects(hanging: Hanging, ballast: Sequence[Ballast]) -> Array:
-    """(3, n) of κ by each change: kg along the axis for each metre of a slide; m from the pivot for each kg that is added."""
+    """(3, n) derivative of κ with respect to each change: per metre of a slide, or per kg added."""
     columns = [
         mass * one.direction if one.slides else np.array(one.position_m) - hanging.pivot
         for one, mass in zip(ballast, hanging.masses, strict=True)
@@ -76,7 +77,7 @@ def effects(hanging: Hanging, ballast: Sequence[Ballast]) -> Array:
 
 
 def changes(matrix: Array, room: Array, short: Array, weight: Array, cost: Array) -> Array:
-    """(n,) changes within their ``room`` (n, 2) that make most of ``short`` (3,), and of those that do the cheapest.
+    """(n,) changes within their bounds ``room`` (n, 2) that come nearest to ``short`` (3,), kg m, at the least cost.
 
     First ``min |W (A u − short)|²`` within the bounds (Stark and Parker, Bounded-variable least squares, 1995); then, with A u as it is,
     ``min Σ cost |u| / room``: a vertex of a linear programme, so that as few ballasts change as can.
@@ -145,8 +146,8 @@ class MovedMoments(NamedTuple):
 def compared(before: Hanging, after: Hanging, ballast: Sequence[Ballast], change: Array, scale_sigma: float) -> MovedMoments:
     """Hold the difference of two logs' κ against the changes (n,) between them, and refine masses, κ and the thrust's scale by it.
 
-    A log gives κ/(1 + e), e the common error of all thrust. With x = (κ₂, m, e), D the derivative of the changes by the masses and
-    κ̂ᵢ the two estimates, ``κ̂₁ = κ₂ − D m − e κ̂₁ + noise`` is a measurement of x beside its prior, which is κ̂₂, the stated masses and e = 0
+    A log gives κ/(1 + e), e the common error of all thrust. With x = (κ₂, m, e), D the derivative of the changes by the masses and κ̂ᵢ the
+    two estimates, ``κ̂₁ = κ₂ − D m − e κ̂₁ + noise`` is a measurement of x beside its prior, which is κ̂₂, the stated masses and e = 0
     (Kalman update: Bar-Shalom, Li and Kirubarajan, Estimation with Applications, eq. 5.2.3). The innovation's chi-square has three degrees
     of freedom.
     """

@@ -1,4 +1,4 @@
-"""The folder that flies: the kernel's sources, the vehicle's tables, a test vector, a Makefile and a README."""
+"""Folder of the flight code: the kernel's sources, the vehicle's tables, a test vector, a Makefile and a README."""
 
 import struct
 from pathlib import Path
@@ -25,11 +25,11 @@ HOST = (
     *("attitude.c", "blocks.c", "comparison.c", "host.c", "host.h", "hypothesis.c", "hypothesis.h"),
     *("initialbody.c", "offline.c", "signals.c"),
 )
-"""What serves the ground alone."""
+"""Sources that the flight code does not need."""
 
 
 def write(resolved: Constants, folder: Path) -> list[str]:
-    """Write all of it, whole; the files' names."""
+    """Write all files atomically; returns their names."""
     texts = contents(resolved)
     files.check_own(folder, texts, "table.h")
     with files.staged(folder) as stage:
@@ -42,7 +42,7 @@ def write(resolved: Constants, folder: Path) -> list[str]:
 
 
 def contents(resolved: Constants) -> dict[str, str]:
-    """The text of each file."""
+    """Text of each file, by name; :class:`InputError` if a test vector needs the compiled kernel and there is none."""
     sources = sorted(path for path in SOURCES.iterdir() if path.suffix in (".c", ".h") and path.name not in HOST)
     found = {path.name: path.read_text(encoding="utf-8") for path in sources}
     found |= {"replay.c": (TEMPLATES / "replay.c").read_text(encoding="utf-8")}
@@ -65,7 +65,7 @@ def contents(resolved: Constants) -> dict[str, str]:
 
 
 def _told(resolved: Constants) -> dict[str, Any]:
-    """The values of the README's template."""
+    """Values for the README's template."""
     jets, records, waits, delay_s = resolved.commands[[0, kernelflight.RECORDS, kernelflight.WAITS, kernelflight.DELAY_S]].tolist()
     return {
         "name": line(" ".join(resolved.vehicle.name.split())),
@@ -80,7 +80,7 @@ def _told(resolved: Constants) -> dict[str, Any]:
 
 
 def given(resolved: Constants, log: Log) -> str:
-    """vector.txt: of each phase its number and how many cycles, then a line of hexadecimal numbers for each cycle."""
+    """Text of vector.txt: for each phase its number and number of cycles, then one line of hexadecimal numbers per cycle."""
     lines = []
     for number, leg in enumerate(resolved.legs):
         fed = _cycles(leg, log)
@@ -90,7 +90,7 @@ def given(resolved: Constants, log: Log) -> str:
 
 
 def expected(resolved: Constants, log: Log) -> str:
-    """expected.txt: a line for each cycle that is estimated from: values and sigmas by their bits, and verdicts' numbers."""
+    """Text of expected.txt: one line per estimated cycle with the bits of values and sigmas, and the numbers of the verdicts."""
     lines = []
     for leg in resolved.legs:
         found = kernelflight.Flight(resolved.commands, leg.vehicle, leg.rule).step(_cycles(leg, log), last=True)
@@ -100,10 +100,10 @@ def expected(resolved: Constants, log: Log) -> str:
 
 
 def bits(value: float) -> str:
-    """A number's bits in hexadecimal, or a dash where nothing is told."""
+    """Bits of a number in hexadecimal; a dash for NaN."""
     return "-" if np.isnan(value) else struct.pack(">d", value).hex()
 
 
 def _cycles(leg: Leg, log: Log) -> Array:
-    """The log's cycles from the first on, since commands in flight and the attitude continue."""
+    """Kernel inputs of a phase and of all cycles before it, because delayed commands and the attitude continue."""
     return kernelflight.cycles_of(log, slice(0, min(leg.cycles.stop + 1, log.cycles)), leg.cycles)

@@ -1,4 +1,4 @@
-"""What a flight starts with: a vehicle in which nothing is left to be found, phase by phase."""
+"""Constants of a flight: the vehicle with all values resolved, phase by phase."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +28,7 @@ FILTERS = ("gyro_filter", "accel_filter")
 
 
 class GyroAttitude(NamedTuple):
-    """Measurement in flight: the attitude by the gyro alone."""
+    """Measurement model in flight: the attitude is integrated from the gyro."""
 
     kernel_effect: KernelEffect | None
     pulsed: bool
@@ -37,7 +37,7 @@ class GyroAttitude(NamedTuple):
 
 
 class FlownRecords(NamedTuple):
-    """The IMU's records in flight."""
+    """IMU records in flight."""
 
     sampled: tuple[bool, bool]
     """Whether gyro and accelerometer record samples, not means."""
@@ -45,33 +45,33 @@ class FlownRecords(NamedTuple):
 
 
 class Leg(NamedTuple):
-    """One phase."""
+    """Constants of one phase."""
 
     name: str
     vehicle: Array
-    """As :func:`massprop_cli.estimate.compiled.vehicle_numbers` has it."""
+    """Kernel arguments by :func:`massprop_cli.estimate.compiled.vehicle_numbers`."""
     rule: Array
-    """As :func:`massprop_cli.estimate.kernelflight.rule_of` has it."""
+    """Kernel arguments by :func:`massprop_cli.estimate.kernelflight.rule_of`."""
     cycles: slice
-    """Of the log; empty without one."""
+    """Cycles of the log; empty without one."""
     own: Resolved
-    """With what is known in this phase."""
+    """Vehicle with the known values of this phase."""
 
 
 class Constants(NamedTuple):
-    """All that is constant of a flight."""
+    """Constants of a flight."""
 
     vehicle: Vehicle
     commands: Array
-    """As :func:`massprop_cli.estimate.kernelflight.commands_of` has it."""
+    """Kernel arguments by :func:`massprop_cli.estimate.kernelflight.commands_of`."""
     legs: tuple[Leg, ...]
     log: Log | None
 
 
 def stated(source: VehicleSource, jets: bool | None = None, records: int = 0) -> Constants:
-    """From a vehicle file alone; :class:`InputError` where it leaves open what a log would tell.
+    """Constants from a vehicle file; :class:`InputError` if it leaves values to a log.
 
-    ``jets`` None: where it has any. ``records``: of the IMU in a control cycle, 0 where that is not known.
+    ``jets``: whether commands are on-times of jets; None: decided by the vehicle. ``records``: IMU records per control cycle, 0: unknown.
     """
     vehicle, sampled = source.vehicle, source.vehicle.imu.measures == "sample"
     if sampled and not records:
@@ -110,7 +110,7 @@ def stated(source: VehicleSource, jets: bool | None = None, records: int = 0) ->
 
 
 def told(source: VehicleSource, log_path: Path) -> Constants:
-    """Constants with the log's noise levels, disturbances and timing, and the log itself as flown."""
+    """Constants with the noise levels, disturbances and timing that a log shows, and the log."""
     table = logfile.read_table(log_path)
     wheels = tuple(wheel.model_copy(update={"between_counts": False}) for wheel in source.vehicle.wheels)
     source = replace(source, vehicle=source.vehicle.model_copy(update={"wheels": wheels}))
@@ -127,14 +127,14 @@ def told(source: VehicleSource, log_path: Path) -> Constants:
 
 
 def _leg(name: str, recorder: Recorder, vehicle: Resolved, cycles: slice) -> Leg:
-    # on a pedestal no motion depends on the mass
+    # on a pedestal the motion does not depend on the mass
     own = vehicle.model_copy(update={"known": {}}) if vehicle.on_pedestal else vehicle
     carried = GyroAttitude(kernel_effect(recorder, own), own.thrust.pulse_sigma > 0, free_inertia(1, own))
     return Leg(name, compiled.vehicle_numbers(carried, own), _rule(own), cycles, own)
 
 
 def _exactly(stated: Vehicle, found: Vehicle) -> Vehicle:
-    """The vehicle with the log's delay, lag and low-passes, exact unless stated with a sigma. The kernel finds the gyro's bias."""
+    """Vehicle with the log's delay, lag and low-passes, exact unless stated with a sigma; the kernel estimates the gyro bias."""
     delay, lag, imu = stated.cycle, stated.thrust, stated.imu
     cycle = {"command_delay_sigma_cycles": 0.0 if delay.command_delay_cycles == "auto" else delay.command_delay_sigma_cycles}
     thrust = {"lag_sigma_s": 0.0 if lag.lag_s == "auto" else lag.lag_sigma_s}

@@ -1,4 +1,4 @@
-"""A vehicle's constants as C: tables of hexadecimal numbers, which every compiler reads to the last bit."""
+"""Constants of a vehicle as C tables of hexadecimal numbers, which every compiler reads exactly."""
 
 from collections.abc import Iterator, Sequence
 from textwrap import indent
@@ -13,7 +13,7 @@ from massprop_cli.model.momentum import scale_sigmas
 
 SLIDES, SENSORS = KINDS.index("air_bearing"), 3
 ROWS = {"body_from_imu": 3, "weight": 2, "lag_s": 2}
-"""Members that are matrices, and how long their rows are."""
+"""Row lengths of matrix members."""
 
 VEHICLE = (
     *(("bearing", 0), ("gyro_bias", 0), ("accel_bias", 0), ("slow_torque", 0), ("tilt", 0), ("bins", 0), ("pulses", 0)),
@@ -30,22 +30,22 @@ VEHICLE = (
         ("wheels", 0),
     ),
 )
-"""Members of mp_vehicle in the order of its table, before each wheel's, and how many numbers each has; 0: one whole number."""
+"""Members of mp_vehicle in the order of its table, before those of the wheels, and their lengths; 0: one integer."""
 OF_WHEEL = (("axis", slice(0, 3)), ("spin_sigma", slice(3, 4)), ("spin_inertia", slice(4, 5)), ("free_inertia", slice(5, 6)))
-"""The same of each wheel, and where they stand among its own."""
+"""Members of each wheel, and their positions in its part of the table."""
 COMMANDS = (
     *(("jets", 0), ("commands", 0), ("records", 0), ("waits", 0), ("period_s", 1), ("delay_s", 1), ("memory_s", 1), ("late", 1)),
     *(("pulse_sigma", 1), ("body_from_imu", 9), ("attitude_wxyz", 4)),
 )
-"""The same of mp_commands, before its sensors and channels."""
+"""Members of mp_commands and their lengths, before those of sensors and channels."""
 SENSOR = (("instant", 0), ("lags", 0), ("latency_s", 1), ("weight", 2 * LAGS), ("lag_s", 2 * LAGS))
-"""Of each of its sensors."""
+"""Members of each sensor and their lengths."""
 RULE = (("thrust_sigma", 1), ("count", 0), ("relative", 0), ("tolerance", 3), ("beyond", 6), ("gate", 1), ("known", 0))
-"""Members of mp_rule, before each known value's."""
+"""Members of mp_rule and their lengths, before those of known values."""
 
 
 def limits(resolved: Constants) -> str:
-    """Flags of the compiler: as much room as this vehicle wants."""
+    """Compiler flags with the array sizes that this vehicle needs."""
     legs = [dict(_members(leg.vehicle, VEHICLE)) for leg in resolved.legs]
     blocks = max(3 * (1 + sum(int(leg[name][0]) for name in ("gyro_bias", "accel_bias", "slow_torque", "tilt"))) for leg in legs)
     wheels = int(legs[0]["wheels"][0])
@@ -62,7 +62,7 @@ def limits(resolved: Constants) -> str:
 
 
 def header(resolved: Constants) -> str:
-    """table.h."""
+    """Text of table.h."""
     return f"""/* {_comment(resolved.vehicle.name)}: made by massprop export-flight. */
 #ifndef MASSPROP_TABLE_H
 #define MASSPROP_TABLE_H
@@ -80,7 +80,7 @@ extern const mp_rule mp_rule_table[MP_PHASES];
 
 
 def source(resolved: Constants) -> str:
-    """table.c."""
+    """Text of table.c."""
     vehicles = ",\n".join(
         f"    {{ /* phase {_comment(leg.name)} */\n{_body(leg.vehicle, VEHICLE)}{_wheels(leg.vehicle)}    }}" for leg in resolved.legs
     )
@@ -171,5 +171,5 @@ def _number(value: float) -> str:
 
 
 def _comment(text: str) -> str:
-    """The text with only characters that a comment of C can hold."""
+    """The text with "_" for characters that a C comment cannot hold."""
     return "".join(letter if letter.isprintable() and letter.isascii() and letter not in "*/\\" else "_" for letter in text)

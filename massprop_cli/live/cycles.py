@@ -1,4 +1,4 @@
-"""Records to control cycles as they were flown."""
+"""Assembly of control cycles from records as they arrive."""
 
 import math
 from typing import NamedTuple
@@ -13,9 +13,9 @@ from massprop_cli.inputs.logtable import GAP, LONG
 from massprop_cli.live.records import Record, RecordError, StreamColumns
 
 STARTS, SPAN = 3, 1.5
-"""Intervals, and control cycles, that the first records must span to say how many there are in a cycle."""
+"""Least span of the first records that determine the number of records per cycle: intervals, and control cycles."""
 LOST = 3.5
-"""Usual intervals that three in a row last at least, the middle one long, where a record is lost and none was but stamped early or late."""
+"""Least length of three consecutive intervals around a lost record, in usual intervals; jitter of the time stamps gives less."""
 
 
 class RecordedCycle(NamedTuple):
@@ -23,28 +23,28 @@ class RecordedCycle(NamedTuple):
 
     end_s: float
     numbers: Array
-    """As :func:`massprop_cli.estimate.kernelflight.cycles_of` has them."""
+    """Kernel inputs (:func:`massprop_cli.estimate.kernelflight.cycles_of`)."""
     lacking: bool = False
-    """Whether a record before it is lacking, with a command that nobody knows."""
+    """Whether a record with an unknown command is missing before it."""
 
 
 class Gatherer:
-    """Counts records into cycles, by the median of the first intervals: one of them may be jittered, or twice as long for a lost record."""
+    """Assembles cycles from records; their number per cycle follows from the median of the first intervals, which jitter hardly changes."""
 
     def __init__(self, columns: StreamColumns, period_s: float) -> None:
         self.columns, self.period_s = columns, period_s
         self.usual_s = 0.0
         self.records = 0
-        """Of a cycle; 0 until the first have come."""
+        """Records per cycle; 0 until it is known."""
         self.ended = False
-        """Whether no cycle follows any more, whatever comes."""
+        """Whether no further cycle can follow."""
         self._begun: list[Record] = []
         self._last_s = -math.inf
         self._own: list[tuple[Record, float]] = []
         self._lengths = [1.0, 1.0, 1.0]
 
     def add(self, record: Record) -> list[RecordedCycle]:
-        """Cycles that are whole with it. :class:`RecordError` where it must be left out, :class:`InputError` where nothing can follow."""
+        """Cycles that a record completes; :class:`RecordError` if the record is invalid, :class:`InputError` if the recording is."""
         interval = record.time_s - self._last_s
         if not interval > 0:
             raise RecordError(f"time {record.time_s:.9g} s does not come after {self._last_s:.9g} s")
@@ -66,12 +66,12 @@ class Gatherer:
         return self.started() if told else []
 
     def end(self, time_s: float) -> list[RecordedCycle]:
-        """No more cycles; records that come have times after ``time_s``."""
+        """End the recording; further records must be later than ``time_s``."""
         self.ended, self._last_s = True, time_s
         return []
 
     def started(self) -> list[RecordedCycle]:
-        """Cycles of the first records, which waited for one another; nothing of a single one."""
+        """Cycles of the first records; none from a single record."""
         begun, self._begun = self._begun, []
         if len(begun) < 2:
             return []
@@ -95,7 +95,7 @@ class Gatherer:
         return made
 
     def _absurd(self, record: Record, interval: float) -> str:
-        """Which increment is more than any vehicle moves in that time; empty where none is."""
+        """Message of an increment larger than any vehicle's in that time; empty without one."""
         increments = (*(() if self.columns.rates else DELTA_THETA), *(() if self.columns.accelerations else DELTA_V))
         for name in increments:
             if abs(record.numbers[name]) > ABSURD[name] * interval:

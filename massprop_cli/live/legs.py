@@ -1,4 +1,4 @@
-"""One flight through its phases, cycle by cycle; and the running estimate of vehicles that fly in software."""
+"""Running estimate of a flight through its phases, cycle by cycle, and of simulated vehicles."""
 
 from typing import NamedTuple
 
@@ -18,25 +18,25 @@ from massprop_cli.model.kernelargs import StatusError
 
 CONVERGED = VERDICTS.index("converged")
 UNUSED = 10
-"""Where a cycle's numbers say that it is of no phase."""
+"""Index of the flag of a cycle outside all phases, among its numbers."""
 
 
 class Compiled:
-    """The kernel, fed cycle by cycle."""
+    """Compiled estimator, cycle by cycle."""
 
     def __init__(self, resolved: Constants) -> None:
         self.flight = Flight(resolved.commands, resolved.legs[0].vehicle, resolved.legs[0].rule)
 
     def begin(self, leg: Leg) -> None:
-        """Estimate anew with the next cycle; commands in flight and the attitude go on."""
+        """Restart the estimate with the next cycle; delayed commands and the attitude continue."""
         self.flight.phase(leg.vehicle, leg.rule)
 
     def step(self, numbers: Array) -> Reported | None:
-        """The next cycle, as :func:`massprop_cli.estimate.kernelflight.cycles_of` has it; what the one completed by it came to."""
+        """Process the next cycle (:func:`massprop_cli.estimate.kernelflight.cycles_of`); the estimate of the cycle that it completes."""
         return _any(self.flight.step(numbers[None]))
 
     def last(self) -> Reported | None:
-        """The cycle that waits for the next one's commands, where nothing more comes."""
+        """Estimate of the cycle that waits for the commands of the next one, at the end of the flight."""
         return _any(self.flight.last())
 
 
@@ -45,32 +45,32 @@ def _any(found: Reported) -> Reported | None:
 
 
 class Completed(NamedTuple):
-    """A cycle that is estimated."""
+    """Estimate of one cycle."""
 
     end_s: float
     phase: str
     found: Reported
     about_pivot: bool
-    """Whether values are the nine about a pivot that stands still."""
+    """Whether the values are the nine about a fixed pivot."""
     lacking: bool = False
-    """Whether a command of this phase is not known, so that no value is to be used."""
+    """Whether a command of this phase is unknown, so that the values are not valid."""
 
 
 class Legs:
-    """The estimator of one flight."""
+    """Estimator of one flight."""
 
     def __init__(self, resolved: Constants) -> None:
         vehicle = resolved.vehicle
         self.legs, self.phases, self.leg = resolved.legs, vehicle.phases, -1 if vehicle.phases else 0
         self.late = bool(resolved.commands[WAITS])
-        """Whether a cycle's estimate comes with the next cycle."""
+        """Whether the estimate of a cycle needs the next cycle."""
         self.flight: Compiled | OnNumPy = Compiled(resolved) if kernel().library is not None else OnNumPy(resolved)
         self.about_pivot = vehicle.on_pedestal
         self._waiting: tuple[float, int] | None = None
         self._lacking = False
 
     def add(self, cycle: RecordedCycle) -> list[Completed]:
-        """The cycle that is estimated by now, where there is one."""
+        """Process a cycle; the estimates that are complete."""
         leg = self._leg(cycle.end_s)
         cycle.numbers[UNUSED] = leg is None
         begins, self.leg = leg not in (None, self.leg), self.leg if leg is None else leg
@@ -81,11 +81,11 @@ class Legs:
         self._waiting = cycle.end_s, self.leg
         found = self.flight.step(cycle.numbers)
         if begins and self.late:
-            self._begin()  # the call has completed the last cycle of the phase before
+            self._begin()  # the step above completed the last cycle of the previous phase
         return self._completed(completed, found)
 
     def last(self) -> list[Completed]:
-        """The cycle that waited for the next."""
+        """Estimate of the last cycle."""
         return self._completed(self._waiting, self.flight.last())
 
     def _begin(self) -> None:
@@ -98,15 +98,15 @@ class Legs:
         return next(inside, None)
 
     def _completed(self, at: tuple[float, int] | None, found: Reported | None) -> list[Completed]:
-        # none of a cycle that is of no phase, or whose commands were issued before the first one came
+        # no estimate of a cycle outside all phases, or whose commands were issued before the first record
         return [] if at is None or found is None else [Completed(at[0], self.legs[at[1]].name, found, self.about_pivot, self._lacking)]
 
 
 class OnboardEstimator:
-    """The estimator of S vehicles, each fed with its own cycles as they arrive (:class:`massprop_cli.testbed.onboard.Running`)."""
+    """Estimator of S simulated vehicles (:class:`massprop_cli.testbed.onboard.Running`)."""
 
     def __init__(self, vehicle: Vehicle, source: str, members: int) -> None:
-        """``source`` is for messages; :class:`InputError` where the estimator can't hold the vehicle, or it is not stated in full."""
+        """:class:`InputError` if the estimator does not support the vehicle or lacks values; ``source`` begins the message."""
         source = f'{source}, control.model = "estimate"'
         if vehicle.imu.measures == "sample" or vehicle.imu.gyro_filter is not None or vehicle.imu.accel_filter is not None:
             raise InputError(f"{source}: the estimator aboard is handed what the IMU feels, before any filter; choose another model")
@@ -119,9 +119,9 @@ class OnboardEstimator:
         self.values, self.verdicts = np.full((members, 10), np.nan), np.zeros((members, 10))
 
     def step(self, end_s: float, issued: Array, angle_imu_rad: Array, velocity_imu_m_s: Array) -> tuple[Array, BoolArray]:
-        """The next cycle: its end, commands (S, C) issued in it, increments (S, 3) that the IMU sensed in it, IMU axes.
+        """Process the next cycle: its end, the commands (S, C) issued in it, and the IMU's increments (S, 3), IMU axes.
 
-        (S, 10) values, of a vehicle of which nothing can be said the last that were, and whether each has converged.
+        Returns (S, 10) values and whether each has converged; a vehicle without an estimate keeps its last values.
         """
         for i, one in enumerate(self.each):
             numbers = (end_s, end_s - self.before_s, *angle_imu_rad[i], *velocity_imu_m_s[i], *(0.0,) * 3, *issued[i])

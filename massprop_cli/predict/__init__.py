@@ -1,1 +1,1 @@
-"""Whether a result predicts a log that it was not made from."""
+"""Test whether a result predicts another log."""

@@ -1,18 +1,17 @@
-"""Whether values of one result predict another log: the likelihood-ratio test of the log's motion under them.
+"""Likelihood-ratio test of another log's motion under the values of a result.
 
-Near its own estimate x̂₂ the log's likelihood is Gaussian in θ = (J, c, 1/m), on an air bearing in θ = (J, m s, 1/m)
-(:mod:`massprop_cli.combine.joint`). The result predicts that motion with its own uncertainty in the values. The prediction with θ free
-in the log against the prediction with the result's values as prior gives, with d = θ̂₁ − θ̂₂,
+The log's likelihood is Gaussian near its estimate in θ = (J, c, 1/m), on an air bearing in θ = (J, m s, 1/m)
+(:mod:`massprop_cli.combine.joint`). The ratio of the likelihoods with θ free, and with the result's values as prior, gives
 
-    T = dᵀ V⁺ d,   V = cov(d),   chi-square of rank V degrees of freedom where both logs are of one body
+    T = dᵀ V⁺ d,   d = θ̂₁ − θ̂₂,   V = cov(d),   chi-square of rank V degrees of freedom if both logs are of one body
 
-(likelihood-ratio test; as a test of two estimators Hausman, Econometrica 46 (1978) 1251). Errors that both share are in neither's favour:
-with the thrust's common relative error κ and errors ε of values that both assume as known,
+(as a test of two estimators: Hausman, Econometrica 46 (1978) 1251). V excludes the errors that both share. With the common relative thrust
+error κ and errors ε of common known values,
 
     θ̂ᵢ − θ = gᵢ κ + Kᵢ ε + eᵢ,   V = Σ (Cᵢ − σᵢ² gᵢ gᵢᵀ) + σ² (g₁ − g₂)(g₁ − g₂)ᵀ − K₁ R K₂ᵀ − K₂ R K₁ᵀ,   σ = max σᵢ.
 
-Cᵢ is the reported covariance: with noise, stated uncertainties, and model discrepancy where there is any. A direction of which both know
-no more than what they share has no variance left in V, and counts for nothing.
+Cᵢ is the reported covariance with noise, stated uncertainties and model discrepancy. A direction with shared errors only has no variance in
+V and is omitted.
 """
 
 import math
@@ -31,41 +30,41 @@ from massprop_cli.result.schema import PhaseItem, VehicleInfo
 
 
 class PredictionSide(NamedTuple):
-    """One of the two: a phase of a result."""
+    """One phase of a result or of the log."""
 
     values: Array
-    """(n,) NaN where nothing can be said."""
+    """(n,) values; NaN without an estimate."""
     covariance: Array
-    """(n, n)"""
+    """(n, n) their covariance."""
     by_scale: Array
-    """(n,) derivative by the thrust's common relative error."""
+    """(n,) derivative with respect to the common relative thrust error."""
     scale_sigma: float
-    """Of that error, as it is in ``covariance``."""
+    """Sigma of that error in ``covariance``."""
     shared: Array
-    """(n, s) error by one sigma of each value that both assume as known."""
+    """(n, s) change of the values by one sigma of each common known value."""
     piece: Piece | None
-    """None about a pivot, where the motion is linear in the values nearly."""
+    """The phase for θ; None about a pivot, where the motion is nearly linear in the values."""
 
 
 class Compared(NamedTuple):
-    """Two sides tested against one another."""
+    """Test of two sides."""
 
     names: tuple[str, ...]
     difference: Array
-    """(n,) first less second, NaN where either says nothing."""
+    """(n,) first minus second; NaN if either has no value."""
     sigma: Array
-    """(n,) of it."""
+    """(n,) its sigma without shared errors."""
     chi_square: float
     freedom: int
 
     @property
     def p(self) -> float:
-        """Chance of as large a difference."""
+        """Probability of a larger difference by chance."""
         return chance(self.chi_square, self.freedom)
 
 
 def compared(first: tuple[VehicleInfo, PhaseItem], second: tuple[VehicleInfo, PhaseItem]) -> Compared:
-    """Two phases; :class:`InputError` where they have no quantity in common that is more than what they share."""
+    """Test two phases against each other; :class:`InputError` if a covariance is singular."""
     pivoted = first[0].environment == "pedestal"
     names = ABOUT_PIVOT if pivoted else QUANTITIES
     known = first[1].known.items() & second[1].known.items()
@@ -78,7 +77,7 @@ def compared(first: tuple[VehicleInfo, PhaseItem], second: tuple[VehicleInfo, Ph
     sigma[at] = np.sqrt(np.maximum(variance, 0.0))
     theta, slopes = _linear(sides) if not pivoted else ([side.values for side in sides], plain)
     try:
-        chi_square, freedom = _distance((theta[0] - theta[1])[at], _covariance(sides, slopes, at), _apart(sides, slopes, at))
+        chi_square, freedom = _distance((theta[0] - theta[1])[at], _covariance(sides, slopes, at), _independent(sides, slopes, at))
     except np.linalg.LinAlgError:
         raise InputError("the covariance of result or log is singular: check [known] and its sigmas") from None
     return Compared(tuple(names), difference, sigma, chi_square, freedom)
@@ -93,7 +92,7 @@ def _side(vehicle: VehicleInfo, phase: PhaseItem, both: dict[str, tuple[float, f
 
 
 def _about_pivot(vehicle: VehicleInfo, phase: PhaseItem) -> PredictionSide:
-    """Inertia and first moment, which are proportional to the thrust, but for what a known inertia says of it."""
+    """Side about a pivot: inertia and first moment are proportional to the thrust, whose sigma a known inertia reduces."""
     given = [phase.about_pivot[name] for name in ABOUT_PIVOT]
     values = np.array([np.nan if one.value is None else one.value for one in given])
     covariance = np.nan_to_num(np.array(phase.about_pivot_covariance, dtype=float))
@@ -103,7 +102,7 @@ def _about_pivot(vehicle: VehicleInfo, phase: PhaseItem) -> PredictionSide:
 
 
 def _linear(sides: list[PredictionSide]) -> tuple[list[Array], list[Array]]:
-    """θ of what both give (10,), NaN elsewhere, and its derivative by the ten quantities (10, 10)."""
+    """θ (10,) of the quantities that both sides have, NaN elsewhere, and its (10, 10) derivative with respect to the ten quantities."""
     both = np.isfinite(sides[0].values + sides[1].values)
     values = [np.where(both, side.values, np.nan) for side in sides]
     curved = all(is_body(one) for one in values)
@@ -113,29 +112,29 @@ def _linear(sides: list[PredictionSide]) -> tuple[list[Array], list[Array]]:
     return [theta for theta, _ in found], [np.nan_to_num(slope) for _, slope in found]
 
 
-def _apart(sides: list[PredictionSide], slopes: list[Array], at: IntArray) -> Array:
-    """(m, m) covariance of the difference as if nothing was shared."""
+def _independent(sides: list[PredictionSide], slopes: list[Array], at: IntArray) -> Array:
+    """(m, m) covariance of the difference for independent sides."""
     total = sum((slope @ side.covariance @ slope.T for side, slope in zip(sides, slopes, strict=True)), np.zeros_like(slopes[0]))
     return np.asarray(total[np.ix_(at, at)])
 
 
 def _covariance(sides: list[PredictionSide], slopes: list[Array], at: IntArray) -> Array:
-    """(m, m) V."""
-    scaled = [slope @ side.by_scale for side, slope in zip(sides, slopes, strict=True)]
-    own = sum((side.scale_sigma**2 * np.outer(one, one) for side, one in zip(sides, scaled, strict=True)), np.zeros_like(slopes[0]))
-    left = max(side.scale_sigma for side in sides) * (scaled[0] - scaled[1])
-    across = slopes[0] @ sides[0].shared @ (slopes[1] @ sides[1].shared).T
-    return np.asarray(_apart(sides, slopes, at) + (np.outer(left, left) - own - across - across.T)[np.ix_(at, at)])
+    """(m, m) covariance V of the difference."""
+    by_thrust = [slope @ side.by_scale for side, slope in zip(sides, slopes, strict=True)]
+    thrust = sum((side.scale_sigma**2 * np.outer(g, g) for side, g in zip(sides, by_thrust, strict=True)), np.zeros_like(slopes[0]))
+    remaining = max(side.scale_sigma for side in sides) * (by_thrust[0] - by_thrust[1])
+    known = slopes[0] @ sides[0].shared @ (slopes[1] @ sides[1].shared).T
+    return np.asarray(_independent(sides, slopes, at) + (np.outer(remaining, remaining) - thrust - known - known.T)[np.ix_(at, at)])
 
 
-def _distance(d: Array, covariance: Array, apart: Array) -> tuple[float, int]:
-    """T and its degrees of freedom, in the directions in which the sides differ by more than what they share."""
+def _distance(d: Array, covariance: Array, independent: Array) -> tuple[float, int]:
+    """T and its degrees of freedom, in the directions in which V is not zero compared with the ``independent`` covariance (m, m)."""
     if not len(d):
         return 0.0, 0
-    size = np.sqrt(np.diag(apart))
-    root = np.linalg.cholesky(apart / np.outer(size, size))
+    size = np.sqrt(np.diag(independent))
+    root = np.linalg.cholesky(independent / np.outer(size, size))
     whitened = np.linalg.solve(root, (d / size)[:, None])[:, 0]
     inner = np.linalg.solve(root, np.linalg.solve(root, covariance / np.outer(size, size)).T)
-    share, along = np.linalg.eigh((inner + inner.T) / 2)
-    told = share > ROUNDING
-    return float((((along.T @ whitened)[told]) ** 2 / share[told]).sum()), int(told.sum())
+    share, directions = np.linalg.eigh((inner + inner.T) / 2)
+    used = share > ROUNDING
+    return float((((directions.T @ whitened)[used]) ** 2 / share[used]).sum()), int(used.sum())

@@ -1,4 +1,4 @@
-"""A result tested against a log that it was not made from."""
+"""Test of a result against a log that it was not made from."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ _REMEDY = "Give the vehicle file that the result was made with (--vehicle), or m
 
 
 def predict(recorded: Recorded, log: Path, judged: Judged, phase: str | None, limit: float) -> Prediction:
-    """Whether the values of a result predict an estimated log; :class:`InputError` where that can't be tested, and what to do."""
+    """Test whether the values of a result predict an estimated log; :class:`InputError` if that cannot be tested."""
     told, own = recorded.result, judged.result
     _check_other(recorded, log, own)
     _check_alike(recorded, log, own)
@@ -46,7 +46,7 @@ def predict(recorded: Recorded, log: Path, judged: Judged, phase: str | None, li
 
 
 def chosen(path: Path, of: Result, name: str | None) -> PhaseItem:
-    """The only phase, or the one of that name; :class:`InputError` where there is none."""
+    """The only phase of a result, or the one with this name; :class:`InputError` if it does not exist."""
     phases = {one.name: one for one in of.phases}
     if len(phases) == 1:
         return of.phases[0]
@@ -57,7 +57,7 @@ def chosen(path: Path, of: Result, name: str | None) -> PhaseItem:
 
 
 def failure(found: Prediction) -> str:
-    """Why the exit code is 5; empty where the result predicts the log."""
+    """Failure of the test in words; empty if the result predicts the log."""
     test = found.test
     if test.passes:
         return ""
@@ -68,7 +68,7 @@ def failure(found: Prediction) -> str:
 
 
 def contradicted(path: Path, item: PhaseItem) -> str:
-    """Which values of a phase aren't to be used; empty where all are."""
+    """Contradicted values of a phase in words; empty without any."""
     names = [name for name, one in (item.estimates | item.about_pivot).items() if one.verdict == "contradicted"]
     return f"{path}: {', '.join(names)} contradicted in phase {item.name}: {item.contradiction}" if names else ""
 

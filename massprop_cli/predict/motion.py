@@ -1,4 +1,4 @@
-"""How much of a log's motion given values explain, by channel and by manoeuvre, without fitting any body to it."""
+"""Part of a log's motion that given values explain without a fit, by channel and by manoeuvre."""
 
 from dataclasses import replace
 
@@ -18,11 +18,11 @@ CHANNELS = ("rate_x", "rate_y", "rate_z", "specific_force_x", "specific_force_y"
 MANOEUVRES = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z", "rest")
 ALL = "all"
 RESTING = 0.05
-"""Part of the largest command about or along every axis, below which a cycle is at rest."""
+"""Largest command of a cycle at rest, as a part of the largest command on each axis."""
 
 
 def explained(found: Analysis, number: int, sides: tuple[tuple[VehicleInfo, PhaseItem], tuple[VehicleInfo, PhaseItem]]) -> list[MotionItem]:
-    """Of phase ``number`` of a log, by the values of a result and by its own; empty where either tells of no body."""
+    """Motion of phase ``number`` of a log explained by a result's values and by its own; empty if either is not a possible body."""
     settled, vehicle = found.settled[number], found.vehicle
     own = settled.reference
     if own is None or not isinstance(vehicle, Resolved):
@@ -62,9 +62,9 @@ def _explained(left: Array, sigma: Array, motion: Array) -> Explained:
 
 
 def reference(own: Reference, used: Resolved, vehicle: VehicleInfo, phase: PhaseItem) -> Reference | None:
-    """A phase's values as the equations of motion take them, those without a value as in ``own``; None where that is no body.
+    """A phase's values as parameters of the equations of motion; ``own`` replaces missing ones. None for an impossible body.
 
-    Where a known mass says by how much the thrust is off, the motion is that of inertia and mass over this scale at the stated thrust.
+    If a known mass implies a thrust scale, inertia and mass are divided by it, to predict the motion with the stated thrust.
     """
     if vehicle.environment == "pedestal":
         values = np.array([phase.about_pivot[name].value for name in ABOUT_PIVOT], dtype=float)
@@ -75,7 +75,7 @@ def reference(own: Reference, used: Resolved, vehicle: VehicleInfo, phase: Phase
         implied = phase.implied_thrust_scale
         scale = implied.value if implied is not None and vehicle.thrust_scale_sigma > 0 else 1.0
         held, bearing = vehicle.bearing_mass_kg, np.array(vehicle.bearing_position_m)
-        # what the weight shows is the first moment about the bearing of what turns with it
+        # the weight gives the first moment of the rotating mass about the bearing
         cg = bearing + (values[6:9] - bearing) * (values[9] - held) / (values[9] - held * scale) if held else values[6:9]
         beyond: Array = sum((elements(device.beyond_reported) for device in used.spinning), np.zeros(6))
         inertia, mu = values[:6] / scale + beyond, scale / values[9]
@@ -88,12 +88,12 @@ def reference(own: Reference, used: Resolved, vehicle: VehicleInfo, phase: Phase
 
 
 def _manoeuvres(found: Analysis, cycles: slice) -> Array:
-    """(K,) by the axis that is commanded most in each cycle, as a part of the most that is ever commanded there."""
+    """(K,) manoeuvre of each cycle: the axis with the largest command, relative to the largest of all cycles on that axis."""
     parts = [found.samples.part(slice(at, min(at + offline.BLOCK, cycles.stop))) for at in range(cycles.start, cycles.stop, offline.BLOCK)]
     executed = [part.executed for part in parts]
     channels = np.concatenate([(one.channels.whole / one.duration_s[:, None]) @ one.channels.wrench for one in executed])
     size = np.abs(channels).max(0)
-    # a force through a lever arm makes a torque, and several jets never push quite alike
+    # ignore axes with parasitic commands: torques by lever arms of forces, unequal jets
     size[:3] = np.where(size[:3] > RESTING * size[:3].max(), size[:3], np.inf)
     size[3:] = np.where(size[3:] > RESTING * size[3:].max(), size[3:], np.inf)
     share = np.abs(channels) / np.where(size > 0, size, np.inf)

@@ -1,4 +1,4 @@
-"""What ``massprop predict`` prints."""
+"""Terminal output of ``massprop predict``."""
 
 from rich.console import Console
 
@@ -12,7 +12,7 @@ _WORDS = ("", "unit", "channel", "manoeuvre")
 
 
 def show(found: Prediction, console: Console) -> None:
-    """The test, the values by result and log, and how much of the motion both explain."""
+    """Print the test, the values of result and log, and the part of the motion that both explain."""
     test = found.test
     console.print(escape.rich(f"{found.vehicle}: {found.result.path}, phase {found.result.phase}, against {found.log.path}"))
     _quantities(found, console)
@@ -59,5 +59,5 @@ def _manoeuvres(items: list[MotionItem], console: Console) -> None:
 
 
 def _percent(of: Explained) -> str:
-    """With two figures of what is not explained."""
+    """Explained part in percent, with two digits of the unexplained part."""
     return digits.ABSENT if of.percent is None else f"{digits.numbers(of.percent, max(100 - of.percent, 1e-9))[0]} %"
