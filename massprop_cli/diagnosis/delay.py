@@ -1,7 +1,7 @@
-"""Estimation of the command delay and of the thrust lag from a log.
+"""Estimation of command delay, thrust lag and low-passes from a log.
 
-A coarse search asks which whole delay and which lag let commands explain the motion at all; from there both are unknowns of the fit
-(:mod:`massprop_cli.diagnosis.fit`) like any other, their derivatives differences of two alignments, until they stand still.
+A coarse search finds the whole delay and the lag of least free-response cost. From there they are extra unknowns of the fit
+(:mod:`massprop_cli.diagnosis.fit`), with difference quotients of two alignments, and are iterated until they converge.
 """
 
 from __future__ import annotations
@@ -36,65 +36,65 @@ from massprop_cli.prepare.compensate import Samples, Source
 from massprop_cli.prepare.timing import Timing
 
 LONGEST = 20
-"""Cycles of delay searched."""
+"""Longest delay that is searched, cycles."""
 DELAYS = tuple(float(cycles) for cycles in range(LONGEST + 1))
 LAGS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-"""Cycles of lag searched."""
+"""Lags that are searched, cycles."""
 PRIOR = 1.0
-"""Cycles; one sigma of what a single step may change."""
+"""Prior sigma of one step, cycles."""
 LEAP = 0.5
-"""Cycles, or this part of the lag; the largest step."""
+"""Largest step, cycles or relative to the lag."""
 BADLY = 10.0
-"""Chi-square beyond which a fit may have run into another minimum."""
+"""Chi-square beyond which a fit may be in another minimum."""
 CLEARLY = 3.0
-"""−2 log likelihood, per cycle, by which a delay a cycle away is less likely where commands by themselves tell it: each of three channels,
-all that move on a table, is left with e times the variance. Of real flights, whose model is no better, it is less than a fifth of that."""
+"""−2 log likelihood ratio per cycle of a delay one cycle away, if commands alone give the delay: e times the variance in each of three
+channels, all that move on a table. Real flights, whose model is no better, have less than a fifth of it."""
 FINEST = 1 / 512
-"""Cycles at which the search by commands alone ends."""
+"""Final step of the search by commands alone, cycles."""
 SHARPEST = 1e-12
-"""Cycles; no log tells a delay better."""
+"""Least credible sigma of a delay, cycles."""
 STEPS = 6
 MORE_STEPS = 20
-"""Most steps for a delay, and for a lag: the two look alike, so that they creep."""
+"""Most steps for a lag; it is nearly collinear with the delay, so steps are small."""
 SETTLED = 1e-3
-"""Cycles."""
+"""Largest step at convergence, cycles."""
 SHORT, FARTHER = 0.1, 2.0
-"""Cycles below which a low-pass hardly differs from a delay, so that its derivative tells little of a longer one; and times its time
-constant by which that one is longer."""
+"""Time constant, cycles, below which a low-pass is nearly a delay, so that its derivative does not describe a longer one; and the longer
+time constant that is tested, relative to it."""
 LITTLE = 0.05
-"""Sigmas of a cutoff."""
+"""Largest step of a cutoff at convergence, sigmas."""
 BELOW = 4.0
-"""Sigmas by which chance puts a lag below none at most."""
+"""Sigmas by which an estimated lag may be negative by chance."""
 CUTOFFS_HZ = (300.0, 180.0, 110.0, 70.0, 45.0, 28.0, 18.0, 11.0, 7.0)
-"""Of low-passes searched."""
+"""Cutoffs of the coarse search, Hz."""
 LATENCIES_S = (0.0, 0.0015, 0.003, 0.006, 0.012)
 LATENCIES = (-3.0, -2.0, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
-"""Of sensors searched; and cycles of it where no cutoff is sought."""
+"""Latencies of the coarse search, s; and cycles in addition if no cutoff is estimated."""
 SENSORS = ("gyro", "accel")
 AT_ANY_TIME = ("delay", "gyro_latency", "accel_latency")
-"""Shifts in time, whose steps their own size does not bound."""
+"""Time shifts, whose steps their own size does not limit."""
 MISMATCH = 0.1
-"""Cycles by which a stated delay may be off and what the log says of it still be linear."""
+"""Largest error of a stated delay, cycles, for which its linear estimate is valid."""
 
 
 @dataclass(frozen=True)
 class FoundTiming:
-    """The timing that the log shows, control cycles."""
+    """Timing estimated from the log, control cycles."""
 
     at: Timing
     sigma: Timing
-    """One standard deviation; zero for what was given."""
+    """Standard deviations; zero for what was stated."""
     chi_square: float
-    """Mean squared residual over stated noise of the fit there; infinite where none stands."""
+    """Mean squared residual over stated noise; infinite without a fit."""
     unknown: tuple[str, ...] = ("delay",)
-    """Error parameters that were sought, ..."""
+    """Names of the n estimated error parameters."""
     covariance: Array = field(default_factory=lambda: np.zeros((1, 1)))
-    """(n, n) of their errors, cycles²."""
+    """(n, n) their covariance, cycles²."""
     imu: Imu | None = None
-    """With the low-passes as found; None: as stated."""
+    """IMU with the estimated low-passes; None: as stated."""
 
     def correlation(self, one: str, other: str) -> float:
-        """Of the errors of two, where both were sought."""
+        """Correlation of two parameters; 0 if not both were estimated."""
         if not {one, other} <= set(self.unknown):
             return 0.0
         both = [self.unknown.index(name) for name in (one, other)]
@@ -102,11 +102,11 @@ class FoundTiming:
         return float(part[0, 1] / np.sqrt(part[0, 0] * part[1, 1])) if part[0, 0] * part[1, 1] > 0 else 0.0
 
     def setup(self, given: Setup) -> Setup:
-        """As ``given``, with this timing and its low-passes."""
+        """``given`` with this timing and these low-passes."""
         return given._replace(vehicle=given.vehicle if self.imu is None else stating(given.vehicle, {"imu": self.imu}), timing=self.at)
 
     def between(self, moved: Array, covariance: Array, given: Setup) -> FoundTiming:
-        """What the log and what was ``given`` come to: that moved by so much, cycles."""
+        """Timing moved by ``moved`` cycles from ``given``, with another covariance."""
         setup = shifted(given, self.unknown, moved)
         sigma, imu = _sigmas(self.unknown, covariance), None if self.imu is None else setup.vehicle.imu
         return replace(self, at=setup.timing, sigma=sigma, covariance=covariance, imu=imu)
@@ -118,85 +118,85 @@ def _sigmas(unknown: Sequence[str], covariance: Array) -> Timing:
 
 
 def shifted(setup: Setup, names: Sequence[str], steps: Sequence[float] | Array) -> Setup:
-    """With some error parameters changed by so many cycles each, as far as they may be."""
+    """Setup with error parameters changed by ``steps`` cycles, within their limits."""
     for name, step in zip(names, steps, strict=True):
         setup = BY_NAME[name].apply(setup, np.array([float(step)])) or setup
     return setup
 
 
 def cycles_of(setup: Setup, name: str) -> float:
-    """One of them, in cycles."""
+    """Value of an error parameter, cycles."""
     value = float(setup.value(BY_NAME[name].key or "")[0])
     return 1 / (2 * np.pi * value * setup.period_s) if name.endswith("_cutoff") else value / BY_NAME[name].scale(setup.vehicle)
 
 
 def apart(one: Setup, other: Setup, names: Sequence[str]) -> Array:
-    """(n,) by how many cycles some error parameters of one are beyond those of the other."""
+    """(n,) difference of error parameters between two setups, cycles."""
     return np.array([cycles_of(one, name) - cycles_of(other, name) for name in names])
 
 
 def detect(setup: Setup, pieces: Sequence[slice], unknown: Sequence[str], prior: Sequence[float] | None = None) -> FoundTiming | None:
-    """The ``unknown`` delay, lag and cutoffs, from those of ``setup`` on, pooled over ``pieces`` (cycles of each phase).
+    """Estimate the ``unknown`` delay, lag and cutoffs from those of ``setup`` on, jointly over ``pieces``.
 
-    ``prior``: one sigma of what is stated of each, cycles; 0: nothing is. None where the log can't tell.
+    ``prior``: sigma of each stated value, cycles; 0: no prior. None if the iteration does not converge or the log determines too little.
     """
-    now = setup
-    last: Array = np.zeros(len(unknown))
+    setup_now = setup
+    last_steps: Array = np.zeros(len(unknown))
     references = dict[int, Reference]()
-    sharp = np.array([1 / sigma**2 if sigma else 0.0 for sigma in prior or [0.0] * len(unknown)])
-    first = np.array([cycles_of(setup, name) for name in unknown])
+    prior_information = np.array([1 / sigma**2 if sigma else 0.0 for sigma in prior or [0.0] * len(unknown)])
+    initial = np.array([cycles_of(setup, name) for name in unknown])
     for _ in range(STEPS if list(unknown) == ["delay"] else MORE_STEPS):
-        found = _move(now, pieces, unknown, references)
-        if found is None:
+        move = _move(setup_now, pieces, unknown, references)
+        if move is None:
             return None
-        at = np.array([cycles_of(now, name) for name in unknown])
-        information = np.linalg.inv(found.covariance) + np.diag(sharp)
+        values = np.array([cycles_of(setup_now, name) for name in unknown])
+        information = np.linalg.inv(move.covariance) + np.diag(prior_information)
         covariance = np.linalg.inv(information)
-        steps = covariance @ (information @ found.steps - sharp * (found.steps + at - first))
-        # two that look alike go to and fro, and one at a whole cycle, where what the motion depends on has a corner
-        steps = steps / 2 if steps @ last < -(last @ last) * (len(unknown) == 1) / 2 else steps
-        last = bounded(steps, covariance, LEAP * np.array([*map(_size, unknown, at, steps)]))
-        before, now = now, shifted(now, unknown, last)
-        moved = np.abs(apart(now, before, unknown))
+        steps = covariance @ (information @ move.steps - prior_information * (move.steps + values - initial))
+        # collinear unknowns oscillate, and so does one at a whole cycle, where the motion has a corner
+        steps = steps / 2 if steps @ last_steps < -(last_steps @ last_steps) * (len(unknown) == 1) / 2 else steps
+        last_steps = bounded(steps, covariance, LEAP * np.array([*map(_size, unknown, values, steps)]))
+        setup_before, setup_now = setup_now, shifted(setup_now, unknown, last_steps)
+        moved = np.abs(apart(setup_now, setup_before, unknown))
         sigmas = np.sqrt(np.diag(covariance))
-        small = np.where([name in ("delay", "lag") for name in unknown], SETTLED, LITTLE * sigmas)
-        if (moved < np.maximum(small, SETTLED)).all():
+        tolerance = np.where([name in ("delay", "lag") for name in unknown], SETTLED, LITTLE * sigmas)
+        if (moved < np.maximum(tolerance, SETTLED)).all():
             break
     else:
         return None
-    limits = [PRIOR / 2 * max(1.0, now.timing.lag) if name == "lag" else PRIOR / 2 for name in unknown]
-    if not (sigmas < limits).all() or now.timing.lag < -BELOW * _sigmas(unknown, covariance).lag:
+    limits = [PRIOR / 2 * max(1.0, setup_now.timing.lag) if name == "lag" else PRIOR / 2 for name in unknown]
+    if not (sigmas < limits).all() or setup_now.timing.lag < -BELOW * _sigmas(unknown, covariance).lag:
         return None
-    imu = now.vehicle.imu if set(unknown) - {"delay", "lag"} else None
-    return FoundTiming(now.timing, _sigmas(unknown, covariance), found.after, tuple(unknown), covariance, imu)
+    imu = setup_now.vehicle.imu if set(unknown) - {"delay", "lag"} else None
+    return FoundTiming(setup_now.timing, _sigmas(unknown, covariance), move.after, tuple(unknown), covariance, imu)
 
 
-def _size(name: str, own: float, step: float) -> float:
-    """What the largest step is a part of, cycles: of a time constant itself, or one that delays visibly where it becomes longer."""
+def _size(name: str, value: float, step: float) -> float:
+    """Scale of the largest step, cycles: of a time constant its own size, or a size that delays visibly if it grows."""
     if name in AT_ANY_TIME:
         return 1.0
-    return max(own, 1.0 if name == "lag" else SHORT * (step > 0))
+    return max(value, 1.0 if name == "lag" else SHORT * (step > 0))
 
 
 def bounded(steps: Array, covariance: Array, most: Array) -> Array:
-    """(n,) steps of which none is larger than ``most`` (n,), and the others are the likeliest with those that are as large.
+    """(n,) steps within ``most`` (n,): too large ones are cut, the others take their conditional means.
 
-    Those are the conditional means of a normal distribution of mean ``steps`` (n,) and ``covariance`` (n, n), all in cycles. Bounded by
-    itself, a delay that is to be exchanged for time constants would go by half a cycle, and these by thousandths of one.
+    The distribution has mean ``steps`` (n,) and ``covariance`` (n, n), cycles. Without the conditional means, a delay that trades against
+    time constants would change by half a cycle, and these by thousandths.
     """
-    found, held = steps.copy(), np.zeros(len(steps), dtype=bool)
-    while (over := np.where(held, 0.0, np.abs(found) / most)).max() > 1:
-        worst = int(over.argmax())
-        held[worst], found[worst] = True, np.copysign(most[worst], found[worst])
-        gain = covariance[np.ix_(~held, held)] @ np.linalg.inv(covariance[np.ix_(held, held)])
-        found[~held] = steps[~held] + gain @ (found - steps)[held]
-    return found
+    limited, cut = steps.copy(), np.zeros(len(steps), dtype=bool)
+    while (excess := np.where(cut, 0.0, np.abs(limited) / most)).max() > 1:
+        worst = int(excess.argmax())
+        cut[worst], limited[worst] = True, np.copysign(most[worst], limited[worst])
+        gain = covariance[np.ix_(~cut, cut)] @ np.linalg.inv(covariance[np.ix_(cut, cut)])
+        limited[~cut] = steps[~cut] + gain @ (limited - steps)[cut]
+    return limited
 
 
 def contradicted(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: FoundTiming, names: Sequence[str]) -> bool:
-    """Whether the log refutes the stated cutoffs ``names``, the timing that was ``found`` moved beside them (score test).
+    """Whether the log refutes the stated cutoffs ``names``, with the timing re-estimated (score test).
 
-    Time constants are all longer by as much: both sensors are mostly in one chip.
+    All time constants change together, since both sensors are mostly in one chip.
     """
     setup = Setup(log, vehicle, found.at)
     shortest = min(cycles_of(setup, name) for name in names)
@@ -213,58 +213,58 @@ def contradicted(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: Fo
     return bool(deviate(mean, count) > threshold(REFUTED, 1))
 
 
-def by_commands_alone(log: Log, vehicle: Vehicle, near: Timing) -> FoundTiming | None:
-    """The delay by how much commands explain of the motion, with nothing known of the body; None where others explain nearly as much.
+def by_commands_alone(log: Log, vehicle: Vehicle, timing: Timing) -> FoundTiming | None:
+    """Delay of least free-response cost; None if other delays explain nearly as much.
 
-    For logs of which no fit stands, so that what it says of the delay is worth nothing.
+    It serves logs that no body fits.
     """
 
     def cost(cycles: float) -> float:
-        return sum(unexplained_by(log, vehicle, near._replace(delay=cycles), LONGEST)) if cycles >= 0 else np.inf
+        return sum(unexplained_by(log, vehicle, timing._replace(delay=cycles), LONGEST)) if cycles >= 0 else np.inf
 
     try:
-        at = line_minimum(cost, [near.delay], 1.0, FINEST)
-        least, bent = cost(at), (cost(at - FINEST) - 2 * cost(at) + cost(at + FINEST)) / FINEST**2
-        clear = min(cost(at - 1), cost(at + 1)) - least > CLEARLY * log.cycles
+        best = line_minimum(cost, [timing.delay], 1.0, FINEST)
+        least, curvature = cost(best), (cost(best - FINEST) - 2 * cost(best) + cost(best + FINEST)) / FINEST**2
+        clear = min(cost(best - 1), cost(best + 1)) - least > CLEARLY * log.cycles
     except InputError:
         return None  # of a log that is too short
-    if not (np.isfinite(bent) and bent > 0 and clear):
+    if not (np.isfinite(curvature) and curvature > 0 and clear):
         return None
-    sigma = float(np.sqrt(2 / bent))
-    return FoundTiming(near._replace(delay=at), Timing(sigma, 0.0), np.inf, covariance=np.array([[sigma**2]]))
+    sigma = float(np.sqrt(2 / curvature))
+    return FoundTiming(timing._replace(delay=best), Timing(sigma, 0.0), np.inf, covariance=np.array([[sigma**2]]))
 
 
 def low_passes(log: Log, vehicle: Vehicle, timing: Timing, cutoffs: Sequence[str], latencies: Sequence[str]) -> Vehicle:
-    """The vehicle with the low-passes of :data:`CUTOFFS_HZ` and :data:`LATENCIES_S` by which commands explain most.
+    """The vehicle with the low-passes of :data:`CUTOFFS_HZ` and :data:`LATENCIES_S` of least free-response cost.
 
-    ``cutoffs`` and ``latencies``: sensors of which each is to be found.
+    ``cutoffs`` and ``latencies``: sensors for which each is estimated.
     """
-    for place, sensor in enumerate(SENSORS):
-        keys = [f"imu.{sensor}_filter.{key}" for key, own in (("cutoff_hz", cutoffs), ("latency_s", latencies)) if sensor in own]
-        late = (*LATENCIES_S, *(cycles * vehicle.cycle.period_s for cycles in (() if sensor in cutoffs else LATENCIES)))
-        late = tuple(one for one in late if abs(one) <= LATEST_S)
-        grid = [values for values, own in ((CUTOFFS_HZ, cutoffs), (late, latencies)) if sensor in own]
+    for number, sensor in enumerate(SENSORS):
+        keys = [f"imu.{sensor}_filter.{key}" for key, sensors in (("cutoff_hz", cutoffs), ("latency_s", latencies)) if sensor in sensors]
+        latencies_s = (*LATENCIES_S, *(cycles * vehicle.cycle.period_s for cycles in (() if sensor in cutoffs else LATENCIES)))
+        latencies_s = tuple(one for one in latencies_s if abs(one) <= LATEST_S)
+        values_of_keys = [values for values, sensors in ((CUTOFFS_HZ, cutoffs), (latencies_s, latencies)) if sensor in sensors]
         best = (np.inf, vehicle)
-        for values in itertools.product(*grid) if keys else ():
-            tried = stating(vehicle, dict(zip(keys, values, strict=True)))
-            best = min(best, (unexplained_by(log, tried, timing)[place], tried), key=itemgetter(0))
+        for values in itertools.product(*values_of_keys) if keys else ():
+            candidate = stating(vehicle, dict(zip(keys, values, strict=True)))
+            best = min(best, (unexplained_by(log, candidate, timing)[number], candidate), key=itemgetter(0))
         vehicle = best[1]
     return vehicle
 
 
-def near(stated: Timing, later: float, sigma: float, after: float) -> FoundTiming | None:
-    """A delay ``later`` than stated by so many cycles, ± ``sigma``; None where the log can't tell."""
+def near(stated: Timing, change: float, sigma: float, chi_square: float) -> FoundTiming | None:
+    """Timing with a delay ``change`` than stated, ± ``sigma``, cycles; None if the log does not determine it."""
     if not SHARPEST < sigma < PRIOR / 2:
         return None
-    return FoundTiming(stated._replace(delay=stated.delay + later), Timing(sigma, 0.0), after, covariance=np.array([[sigma**2]]))
+    return FoundTiming(stated._replace(delay=stated.delay + change), Timing(sigma, 0.0), chi_square, covariance=np.array([[sigma**2]]))
 
 
 class Rated(NamedTuple):
-    """A timing that was tried."""
+    """A timing and its cost."""
 
     at: Timing
     cost: float
-    """−2 log likelihood, but for a constant."""
+    """−2 log likelihood up to a constant."""
 
 
 def search(
@@ -274,26 +274,26 @@ def search(
     delays: Sequence[float] = DELAYS,
     pieces: Sequence[slice] | None = None,
 ) -> list[Rated]:
-    """The candidates, those first at which a plain regression of motion on commands leaves least; over the whole log without ``pieces``."""
+    """Timings in ascending order of free-response cost over ``pieces``, or over the whole log."""
     candidates = [Timing(float(delay), lag) for lag in lags for delay in delays if delay <= max(log.cycles // 4, min(delays))]
     unknown = LONGEST + int(LAGS_FORGOTTEN * max(lags))
     costs, motion = [], None
     for candidate in candidates:
         try:
-            made = impulses(log, vehicle, candidate.delay, candidate.lag_s(vehicle))
-            # what the IMU felt is the same whenever the commands act
-            motion = motion_of(candidate.of(log, vehicle, made)) if motion is None else motion
+            impulse = impulses(log, vehicle, candidate.delay, candidate.lag_s(vehicle))
+            # the measured motion does not depend on the timing
+            motion = motion_of(candidate.of(log, vehicle, impulse)) if motion is None else motion
         except InputError:
             costs.append(np.inf)
             continue
-        whole = [slice(p.start + unknown, p.stop) for p in pieces or [slice(0, log.cycles)]]  # the same cycles for every candidate
-        parts = [sum(unexplained(motion, made, piece)) for piece in whole if piece.stop - piece.start > LEAST]
+        usable = [slice(p.start + unknown, p.stop) for p in pieces or [slice(0, log.cycles)]]  # the same cycles for every candidate
+        parts = [sum(unexplained(motion, impulse, piece)) for piece in usable if piece.stop - piece.start > LEAST]
         costs.append(float(np.sum(parts)) if parts else np.inf)
     return [Rated(candidates[i], costs[i]) for i in np.argsort(costs, kind="stable") if np.isfinite(costs[i])]
 
 
 class _Move(NamedTuple):
-    """By how much a fit would move the unknowns, cycles, and the covariance of that; chi-square after it."""
+    """Step of the unknowns, cycles, its covariance, and chi-square after it."""
 
     steps: Array
     covariance: Array
@@ -301,7 +301,7 @@ class _Move(NamedTuple):
 
 
 def first_of(samples: Source, cycles: slice, vehicle: Vehicle) -> Reference | None:
-    """What a fit may begin about; None where nothing tells, or what is told runs away."""
+    """Initial reference for a fit; None if the segment is too short or regression fails."""
     try:
         return first_reference(samples, cycles, vehicle) if cycles.stop - cycles.start > 20 else None
     except np.linalg.LinAlgError:
@@ -315,44 +315,45 @@ def _move(
     references: dict[int, Reference],
     others: Sequence[tuple[Samples, float]] = (),
 ) -> _Move | None:
-    """The move that fits best, pooled over pieces, with ``others``: readings that are so many cycles on. None where no piece can tell.
+    """Linear step of the unknowns, jointly over pieces; None if no piece determines it.
 
-    Each piece is fitted from the reference that the move before left in ``references``, and from the first one where that fits badly.
+    ``others``: samples with further changes and their size, cycles. Each piece is fitted from its reference in ``references``, which is
+    updated in place, or from the initial one if that fits badly.
     """
     size, vehicle = len(unknown) + len(others), setup.vehicle
     assert isinstance(vehicle, Resolved)
     pairs = [tuple(shifted(setup, [name], [sign * BY_NAME[name].difference]) for sign in (-1, 1)) for name in unknown]
     try:
-        stated, sides = samples_of(setup), [(samples_of(low), samples_of(high)) for low, high in pairs]
+        stated, sample_pairs = samples_of(setup), [(samples_of(low), samples_of(high)) for low, high in pairs]
     except InputError:
         return None
     apart = [cycles_of(high, name) - cycles_of(low, name) for name, (low, high) in zip(unknown, pairs, strict=True)]
-    sides, apart = [*sides, *((stated, other) for other, _ in others)], [*apart, *(by for _, by in others)]
-    first = max(int(np.argmax(samples.executed.usable)) for samples in (stated, *(one for pair in sides for one in pair)))
+    sample_pairs, apart = [*sample_pairs, *((stated, other) for other, _ in others)], [*apart, *(by for _, by in others)]
+    first = max(int(np.argmax(samples.executed.usable)) for samples in (stated, *(one for pair in sample_pairs for one in pair)))
     information, moment = np.zeros((size, size)), np.zeros(size)
     after = 0.0
     rows = 0
     for number, piece in enumerate(pieces):
         cycles = slice(max(piece.start, first), piece.stop)
-        plain = fitted(stated, cycles, references.get(number), vehicle)
-        if plain is None:
+        current = fitted(stated, cycles, references.get(number), vehicle)
+        if current is None:
             continue
-        references[number] = plain.reference
-        changes = [_change(*pair, by, cycles, plain.reference, vehicle) for pair, by in zip(sides, apart, strict=True)]
-        jets = _of_jets(setup.log, stated, cycles, plain.reference, vehicle)
+        references[number] = current.reference
+        changes = [_change(*pair, by, cycles, current.reference, vehicle) for pair, by in zip(sample_pairs, apart, strict=True)]
+        jets = _of_jets(setup.log, stated, cycles, current.reference, vehicle)
         growth, force = (np.concatenate([*each, own], -1) for each, own in zip(zip(*changes, strict=True), jets, strict=True))
         extra = Extra(growth, force, np.repeat([PRIOR, 1.0], [size, growth.shape[-1] - size]))
-        moved = fit(stated, cycles, plain.reference, vehicle, extra, passes=0)
-        if moved is None:
+        linear = fit(stated, cycles, current.reference, vehicle, extra, passes=0)
+        if linear is None:
             continue
-        spread = moved.extra_covariance[:size, :size] * max(moved.chi_square, 1.0)
+        spread = linear.extra_covariance[:size, :size] * max(linear.chi_square, 1.0)
         if np.linalg.eigvalsh(spread)[0] < SHARPEST**2:
             continue
         count = cycles.stop - cycles.start
-        after, rows = after + count * moved.chi_square, rows + count
-        part = np.linalg.inv(spread)
-        information = information + part
-        moment = moment + part @ moved.extra[:size]
+        after, rows = after + count * linear.chi_square, rows + count
+        piece_information = np.linalg.inv(spread)
+        information = information + piece_information
+        moment = moment + piece_information @ linear.extra[:size]
     if rows == 0:
         return None
     covariance = np.linalg.inv(information)
@@ -360,24 +361,24 @@ def _move(
 
 
 def fitted(samples: Samples, cycles: slice, reference: Reference | None, vehicle: Resolved) -> Fit | None:
-    """About a reference, or about the first one where that is none or fits badly; None where a response that runs away tells nothing."""
-    plain = None if reference is None else fit(samples, cycles, reference, vehicle, passes=PASSES)
-    if plain is not None and plain.chi_square <= BADLY:
-        return plain
-    first = first_of(samples, cycles, vehicle)
-    again = None if first is None else fit(samples, cycles, first, vehicle, passes=PASSES)
-    return min((one for one in (plain, again) if one is not None), key=lambda one: one.chi_square, default=None)
+    """Fit about a reference, or about the initial one if there is none or it fits badly; None if the response diverges."""
+    current = None if reference is None else fit(samples, cycles, reference, vehicle, passes=PASSES)
+    if current is not None and current.chi_square <= BADLY:
+        return current
+    initial = first_of(samples, cycles, vehicle)
+    from_initial = None if initial is None else fit(samples, cycles, initial, vehicle, passes=PASSES)
+    return min((one for one in (current, from_initial) if one is not None), key=lambda one: one.chi_square, default=None)
 
 
 def samples_of(setup: Setup) -> Samples:
-    """As its timing has the log read."""
+    """Samples of a log under its timing."""
     return setup.timing.of(setup.log, setup.vehicle)
 
 
 def _of_jets(log: Log, samples: Samples, cycles: slice, reference: Reference, vehicle: Resolved) -> tuple[Array, Array]:
-    """What is uncertain of single jets does by one sigma of each: (K − 1, 3, g) rad/s and (K, 3, g) m/s².
+    """Response to one sigma of each uncertainty of single jets: (K − 1, 3, g) rad/s and (K, 3, g) m/s².
 
-    Taken as exact it would move the timing, by far more than its sigma.
+    Without these nuisance parameters, an error of a jet would move the timing by far more than its sigma.
     """
     changes = uncertain_jets(vehicle) if log.command_kind == "jets" else WrenchChanges()
     if not changes.kinds:
@@ -387,9 +388,9 @@ def _of_jets(log: Log, samples: Samples, cycles: slice, reference: Reference, ve
 
 
 def _change(early: Samples, late: Samples, step: float, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:
-    """Derivative of the response less what was read, (K − 1, 3, 1) and (K, 3, 1), per cycle by which two readings are ``step`` apart.
+    """Derivative of response less measured force by a change, per cycle: (K − 1, 3, 1) and (K, 3, 1).
 
-    On a bearing the specific force is read as it was when the gyro's motion was, so that it differs by a sensor's own lateness, too.
+    On a bearing the measured specific force depends on the sensor's delay, too, since the gyro's motion does.
     """
     (growth_early, push_early), (growth_late, push_late) = (response(s, cycles, reference, vehicle) for s in (early, late))
     read_early, read_late = (s.part(cycles).specific_force_m_s2 for s in (early, late))

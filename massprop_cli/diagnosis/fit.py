@@ -1,7 +1,7 @@
-"""Fit of a whole segment about a reference, with further unknowns beside the mass properties.
+"""Least-squares fit of a segment about a reference, with extra unknowns in addition to the mass properties.
 
-The filter's linear system without process noise is one least-squares problem in the state at the start: mass properties, rate, nuisances,
-and extra unknowns such as a shift of the delay or a factor on a jet's thrust. Quick enough to try one hypothesis after another.
+Without process noise the filter's linear system is one least-squares problem in the initial state: mass properties, rate, nuisance
+parameters, and extra unknowns such as a change of the delay.
 """
 
 import numpy as np
@@ -23,41 +23,41 @@ SETTLED = 1e-5
 PRIOR = 100.0
 """Prior sigma of the mass properties over their natural size."""
 GROWTH = float(1 / np.finfo(float).eps)
-"""Growth of an error of the rate at the start beyond which its rounding alone moves the response by the response's own size."""
+"""Growth of an initial rate error at which its rounding error reaches the size of the response."""
 
 TURN = 100.0
-"""rad; a measured turn within one cycle, sixteen times round, beyond which commands tell nothing of the motion within."""
+"""Largest measured turn within one cycle, rad. Beyond, sixteen revolutions, commands do not determine the intra-cycle motion."""
 
 
 @dataclass(frozen=True)
 class Extra:
-    """Further unknowns: what one unit of each does."""
+    """Extra unknowns: the response to one unit of each of e."""
 
     growth: Array
     """(K − 1, 3, e) growth of the mean rate from cycle to cycle, rad/s."""
     force: Array
     """(K, 3, e) specific force, m/s²."""
     sigma: Array
-    """(e,) prior sigma of each."""
+    """(e,) prior sigmas."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """What fits best."""
+    """Best fit."""
 
     reference: Reference
     chi_square: float
-    """Mean squared residual over the noise that the vehicle file states, all six channels; 1 if noise explains them."""
+    """Mean squared residual over stated noise, over all six channels; 1 if noise explains the residuals."""
     standing: float
-    """The same with the mass properties held at the reference and all else fitted: the two meet where the reference stands still."""
+    """The same with the mass properties fixed at the reference and all else fitted. Both agree at a converged reference."""
     extra: Array
-    """(e,)"""
+    """(e,) extra unknowns."""
     extra_covariance: Array
-    """(e, e) from the stated noise."""
+    """(e, e) their covariance from the stated noise."""
 
 
 def response(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:
-    """(K − 1, 3) growth of the rate and (K, 3) specific force that a reference expects of its commands and the measured rates."""
+    """(K − 1, 3) growth of the rate and (K, 3) specific force that a reference predicts from commands and measured rates."""
     system = linearise(samples, cycles, reference, vehicle)
     force = samples.part(cycles).specific_force_m_s2 - system.specific_force
     return system.steps, force + np.einsum("kij,j->ki", system.observation[:, 3:, PARAMETERS], parameters(reference))
@@ -66,36 +66,36 @@ def response(samples: Source, cycles: slice, reference: Reference, vehicle: Vehi
 def fit(
     samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, extra: Extra | None = None, passes: int = PASSES
 ) -> Fit | None:
-    """Gauss–Newton from ``reference``, or one linear fit about it with no ``passes``; the extra unknowns are linear about zero.
+    """Fit a segment by Gauss–Newton from ``reference``; with ``passes`` 0, by one linear fit about it.
 
-    A step that leaves the reference worse than it was is halved, so that no fit runs away. None where the response about ``reference``
-    itself does, or the rates are no body's. Noise levels must be set in ``vehicle``.
+    Extra unknowns are linear about zero. A step that makes the reference worse is halved. The result is None if the response about
+    ``reference`` diverges, or if the measured turn exceeds :data:`TURN`. ``vehicle`` must state noise levels.
     """
     here = samples.part(cycles)
     if not np.abs(here.rate_rad_s * here.executed.duration_s[:, None]).max() < TURN:
         return None
-    about = _about(samples, cycles, reference, vehicle, extra)
-    if about is None:
+    linear = _about(samples, cycles, reference, vehicle, extra)
+    if linear is None:
         return None
-    found, target = about
+    best, target = linear
     for _ in range(passes):
-        renewed = stepped(found.reference, target)
-        if renewed is None:
+        moved = stepped(best.reference, target)
+        if moved is None:
             break
-        about = _about(samples, cycles, renewed, vehicle, extra)
-        if about is None or about[0].standing > found.standing * (1 + SETTLED):
-            target = (parameters(found.reference) + target) / 2
+        linear = _about(samples, cycles, moved, vehicle, extra)
+        if linear is None or linear[0].standing > best.standing * (1 + SETTLED):
+            target = (parameters(best.reference) + target) / 2
             continue
-        # the residual of a linear fit about a poor reference may be too small: only that of a reference that stands still counts
-        before = found.chi_square
-        found, target = about
-        if abs(found.chi_square - before) < SETTLED * before:
+        # a linear fit about a poor reference may give too small a residual, so convergence is judged at accepted references
+        before = best.chi_square
+        best, target = linear
+        if abs(best.chi_square - before) < SETTLED * before:
             break
-    return found
+    return best
 
 
 def _about(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, extra: Extra | None) -> tuple[Fit, Array] | None:
-    """The linear fit about ``reference``, and the parameters (10,) that it finds; None where the response grows without end."""
+    """Linear fit about ``reference``, and its parameters (10,); None if the response diverges."""
     system = linearise(samples, cycles, reference, vehicle)
     layout = Layout.of(samples, vehicle)
     count = 0 if extra is None else extra.growth.shape[-1]
@@ -107,17 +107,17 @@ def _about(samples: Source, cycles: slice, reference: Reference, vehicle: Resolv
     sigma = np.concatenate([_prior(samples, reference, vehicle), extra.sigma if extra else np.zeros(0)])
     state = np.zeros(layout.size + count)
     state[PARAMETERS], state[RATE] = parameters(reference), samples.part(cycles).rate_rad_s[0]
-    left = target - rows @ state
-    # mass properties last, so that the same factorisation gives all else with these held
+    residual = target - rows @ state
+    # mass properties come last, so that the leading part of the triangle gives all else with these fixed
     free = np.concatenate([np.flatnonzero(sigma[PARAMETERS.stop :]) + PARAMETERS.stop, np.arange(*PARAMETERS.indices(len(sigma)))])
-    others, size = len(free) - 10, len(free)
+    nuisances, size = len(free) - 10, len(free)
     scaled = rows[:, free] * sigma[free]
     prior = np.eye(size, size + 1)
-    triangle = triangle_of(np.vstack([np.column_stack([scaled, left]), prior]))
-    held = np.linalg.solve(triangle[:others, :others], triangle[:others, size])
+    triangle = triangle_of(np.vstack([np.column_stack([scaled, residual]), prior]))
+    others_step = np.linalg.solve(triangle[:nuisances, :nuisances], triangle[:nuisances, size])
     step = np.linalg.solve(triangle[:size, :size], triangle[:size, size])
-    standing = ((left - scaled[:, :others] @ held) ** 2).mean()
-    chi_square = float(((left - scaled @ step).reshape(-1, 6) ** 2).mean(0).mean())
+    standing = ((residual - scaled[:, :nuisances] @ others_step) ** 2).mean()
+    chi_square = float(((residual - scaled @ step).reshape(-1, 6) ** 2).mean(0).mean())
     state[free] += sigma[free] * step
     root = np.zeros((len(state), size))
     root[free] = sigma[free][:, None] * np.linalg.inv(triangle[:size, :size])
@@ -126,7 +126,7 @@ def _about(samples: Source, cycles: slice, reference: Reference, vehicle: Resolv
 
 
 def _stacked(system: Linear, vehicle: Resolved, extra: Extra | None, used: BoolArray) -> tuple[Array, Array] | None:
-    """Whitened rows (6 K, n + e) and target (6 K,) in terms of the state at the start; None where that grows beyond ``GROWTH``."""
+    """Whitened rows (6 K, n + e) and target (6 K,) in the initial state; None if a rate error grows beyond :data:`GROWTH`."""
     cycles, size = len(system.measured), system.drive.shape[1]
     count = 0 if extra is None else extra.growth.shape[-1]
     to_state, offset = np.zeros((cycles, size, size + count)), np.zeros((cycles, size, 1))
@@ -149,7 +149,7 @@ def _stacked(system: Linear, vehicle: Resolved, extra: Extra | None, used: BoolA
 
 
 def _prior(samples: Source, reference: Reference, vehicle: Vehicle) -> Array:
-    """(n,) prior sigmas; zero for what is known."""
+    """(n,) prior sigmas of the initial state; zero for what is known."""
     layout = Layout.of(samples, vehicle)
     sigma = np.zeros(layout.size)
     sigma[PARAMETERS] = PRIOR * natural_sizes(reference)
@@ -157,6 +157,6 @@ def _prior(samples: Source, reference: Reference, vehicle: Vehicle) -> Array:
     sigma[layout.gyro_bias] = vehicle.imu.gyro_bias_sigma_rad_s
     sigma[layout.accel_bias] = vehicle.imu.accel_bias_sigma_m_s2
     sigma[layout.damping] = vehicle.environment.damping_sigma_n_m_s
-    if samples.attitude_logged:  # the carried attitude begins as far off as one of them may be
+    if samples.attitude_logged:  # the integrated attitude starts with the error of one logged attitude
         sigma[layout.tilt] = vehicle.imu.attitude_sigma_rad or 0.0
     return sigma

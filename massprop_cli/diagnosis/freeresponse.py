@@ -1,10 +1,10 @@
-"""How much commands explain of the motion with nothing known of the body: a regression on impulses whose coefficients are free.
+"""Regression of the motion on the commands with free coefficients, which need no body.
 
     w[k+1] − w[k] = A (impulse) + B (products of rates) + C (vertical) + d
     f = A' (impulse) + B' (products of rates) + C' (vertical) + d'
 
-by least squares; −2 log likelihood of what is left, its variance about each axis the most likely one. It takes milliseconds, so it says
-which delay, low-pass or limit of commands explains most; a fit of the body then tests that.
+The cost is −2 log likelihood of the residuals, with the variance about each axis at its maximum likelihood. It takes milliseconds. So it
+selects the delay, low-pass or command limit to test by a fit of the body.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,37 +24,37 @@ from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.timing import Timing
 
 LEAST = 30
-"""Cycles that a search needs beyond those whose commands it doesn't know."""
+"""Least number of cycles with known commands."""
 
 NEAR, FLAT = 0.01, 1e3
-"""Step behind the curvature of what is left by a value; the least curvature that tells a sigma: of 0.04."""
+"""Step of the second difference of a cost, in the unit of the value, and the least curvature that gives a sigma (0.04)."""
 
 
 class MeasuredMotion(NamedTuple):
-    """Of a log's K cycles."""
+    """Motion measured over K cycles."""
 
     rate: Array
-    """(K, 3)"""
+    """(K, 3) mean rate, rad/s."""
     up: Array
-    """(K, 3) mean of the vertical."""
+    """(K, 3) mean vertical, body axes."""
     force: Array
-    """(K, 3) specific force. What turns the vehicle makes it at the IMU, too, so the differenced rate, which is later, is not asked."""
+    """(K, 3) specific force, m/s². The lever arm of the IMU makes it show angular acceleration, too."""
 
 
 def unexplained_by(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0, motion: MeasuredMotion | None = None) -> tuple[float, float]:
-    """−2 log likelihood, but for a constant, of rates and of specific force over commands under one timing, with nothing known of the body.
+    """Costs of rates and of specific force over the commands under one timing, up to a constant.
 
-    By cycles from ``first`` on whose commands are known; of a ``motion`` that is the same whatever the commands do, where it is at hand.
-    :class:`massprop_cli.base.errors.InputError` where that leaves too little of the log.
+    Cycles count from ``first`` on if their commands are known. ``motion``: the measured motion, if it does not depend on what is varied.
+    Raise :class:`massprop_cli.base.errors.InputError` if too few cycles are left.
     """
-    made, cycles = commanded(log, vehicle, timing, first)
-    return unexplained(motion or motion_of(timing.of(log, vehicle, made)), made, cycles)
+    impulse, cycles = commanded(log, vehicle, timing, first)
+    return unexplained(motion or motion_of(timing.of(log, vehicle, impulse)), impulse, cycles)
 
 
 def unexplained_with(
     setup: Setup, values: Mapping[str, object], later: float = 0.0, first: int = 0, motion: MeasuredMotion | None = None
 ) -> tuple[float, float]:
-    """The same with other values of keys, and commands that act ``later`` by some cycles; infinite where too little of the log is left."""
+    """The same with other values of keys, and a delay changed by ``later`` cycles; infinite if too few cycles are left."""
     try:
         return unexplained_by(setup.log, stating(setup.vehicle, values), setup.timing.moved(("delay",), (later,)), first, motion)
     except (InputError, np.linalg.LinAlgError):
@@ -62,73 +62,77 @@ def unexplained_with(
 
 
 def commanded(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0) -> tuple[Impulses, slice]:
-    """What commands do, and the cycles from ``first`` on in which they are known; :class:`InputError` of too few."""
-    made = impulses(log, vehicle, timing.delay, timing.lag_s(vehicle))
-    cycles = slice(max(first, int(np.argmax(made.usable)) + 1), log.cycles)
-    if cycles.stop - cycles.start < LEAST + 3 * made.whole.shape[1]:
+    """Impulses of the commands, and the cycles from ``first`` on in which they are known.
+
+    Raise :class:`massprop_cli.base.errors.InputError` if these are too few.
+    """
+    impulse = impulses(log, vehicle, timing.delay, timing.lag_s(vehicle))
+    cycles = slice(max(first, int(np.argmax(impulse.usable)) + 1), log.cycles)
+    if cycles.stop - cycles.start < LEAST + 3 * impulse.whole.shape[1]:
         raise InputError(f"{log.path}: {cycles.stop - cycles.start} cycles are too few to show what the IMU records; record longer")
-    return made, cycles
+    return impulse, cycles
 
 
 def motion_of(samples: Samples) -> MeasuredMotion:
-    """What the IMU felt."""
+    """Measured motion of samples."""
     return MeasuredMotion(samples.rate_rad_s, (samples.up_b[:-1] + samples.up_b[1:]) / 2, samples.specific_force_m_s2)
 
 
-def unexplained(motion: MeasuredMotion, made: Impulses, piece: slice) -> tuple[float, float]:
-    """Log of what is left of rate growth, and of specific force, when regressed on impulses, with nothing known of the body."""
-    rates, force = residuals(motion, made, piece)
+def unexplained(motion: MeasuredMotion, impulse: Impulses, piece: slice) -> tuple[float, float]:
+    """Costs of rate growth and of specific force, regressed on impulses."""
+    rates, force = residuals(motion, impulse, piece)
     return cost(rates), cost(force)
 
 
 def cost(left: Array) -> float:
-    """−2 log likelihood, but for a constant, of residuals (n, axes) of the most likely variance about each axis."""
+    """−2 log likelihood of residuals (n, axes) up to a constant, with the variance about each axis at its maximum likelihood."""
     return len(left) * float(np.log((left**2).mean(0) + TINY).sum())
 
 
-def residuals(motion: MeasuredMotion, made: Impulses, piece: slice, summed: bool = False) -> tuple[Array, Array]:
-    """(n − 1, 3) of rate growth, or ``summed`` of the rate itself, and (n, 3) of specific force."""
+def residuals(motion: MeasuredMotion, impulse: Impulses, piece: slice, summed: bool = False) -> tuple[Array, Array]:
+    """Residuals (n − 1, 3) of rate growth, or if ``summed`` of the rate, and (n, 3) of specific force."""
     rate, up = motion.rate[piece], motion.up[piece]
-    turned = products(rate)
-    if made.stored is not None:
-        turned = np.hstack([turned, made.stored.precession(motion.rate)[piece]])
-    rising, falling, whole = (part[piece] for part in (made.rising, made.falling, made.whole))
-    impulse = rising[:-1] + falling[1:]
-    load = (turned[1:] + turned[:-1]) / 2
-    growth, causes = np.diff(rate, axis=0), np.hstack([impulse, load, (up[1:] + up[:-1]) / 2, np.ones((len(load), 1))])
+    turning = products(rate)
+    if impulse.stored is not None:
+        turning = np.hstack([turning, impulse.stored.precession(motion.rate)[piece]])
+    rising, falling, whole = (part[piece] for part in (impulse.rising, impulse.falling, impulse.whole))
+    window = rising[:-1] + falling[1:]
+    precession = (turning[1:] + turning[:-1]) / 2
+    change, regressors = np.diff(rate, axis=0), np.hstack([window, precession, (up[1:] + up[:-1]) / 2, np.ones((len(precession), 1))])
     if summed:
-        growth, causes = np.cumsum(growth, 0), np.hstack([np.cumsum(causes, 0), np.ones((len(load), 1))])
-    return _left(growth, causes), _left(motion.force[piece], np.hstack([whole, turned, up, np.ones((len(rate), 1))]))
+        change, regressors = np.cumsum(change, 0), np.hstack([np.cumsum(regressors, 0), np.ones((len(precession), 1))])
+    return _left(change, regressors), _left(motion.force[piece], np.hstack([whole, turning, up, np.ones((len(rate), 1))]))
 
 
 def summed(motion: MeasuredMotion, log: Log, vehicle: Vehicle, timing: Timing, first: int = 0) -> Array:
-    """(n, 6) what is left of the rates themselves, and of specific force."""
+    """(n, 6) residuals of the rate and of specific force."""
     rates, force = residuals(motion, *commanded(log, vehicle, timing, first), summed=True)
     return np.hstack([rates, force[1:]])
 
 
-def _left(moved: Array, causes: Array) -> Array:
-    size = np.sqrt((causes**2).sum(0))
-    told = causes[:, size > 0] / size[size > 0]
-    # jets that always fire together are one: a factorisation would take a direction of rounding for the other
-    return np.asarray(moved - told @ np.linalg.lstsq(told, moved, rcond=ROUNDING)[0])
+def _left(motion: Array, regressors: Array) -> Array:
+    """Residuals of a regression of ``motion`` on ``regressors``."""
+    size = np.sqrt((regressors**2).sum(0))
+    scaled = regressors[:, size > 0] / size[size > 0]
+    # jets that always fire together give dependent columns
+    return np.asarray(motion - scaled @ np.linalg.lstsq(scaled, motion, rcond=ROUNDING)[0])
 
 
-def line_minimum(cost: Callable[[float], float], begun: Sequence[float], step: float, finest: float) -> float:
-    """The value with the least cost, from the best of those ``begun`` on by halved steps; of values that cost the same the largest."""
+def line_minimum(cost: Callable[[float], float], starts: Sequence[float], step: float, finest: float) -> float:
+    """Minimise a cost by halved steps, from the best of ``starts``; of equal costs, the largest value."""
 
     @cache
-    def order(value: float) -> tuple[float, float]:
+    def key(value: float) -> tuple[float, float]:
         return cost(value), -value
 
-    at = min(begun, key=order)
+    best = min(starts, key=key)
     while step > finest:
         step /= 2
-        at = min((at, at - step, at + step), key=order)
-    return at
+        best = min((best, best - step, best + step), key=key)
+    return best
 
 
 def sigma_at(cost: Callable[[float], float], at: float) -> float:
-    """One sigma of a value by the curvature of −2 log likelihood."""
-    bent = (cost(at - NEAR) - 2 * cost(at) + cost(at + NEAR)) / NEAR**2
-    return float((2 / max(bent, FLAT)) ** 0.5) if np.isfinite(bent) else NEAR
+    """Sigma of a value from the curvature of its −2 log likelihood."""
+    curvature = (cost(at - NEAR) - 2 * cost(at) + cost(at + NEAR)) / NEAR**2
+    return float((2 / max(curvature, FLAT)) ** 0.5) if np.isfinite(curvature) else NEAR

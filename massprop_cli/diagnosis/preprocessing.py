@@ -30,27 +30,26 @@ from massprop_cli.prepare.sums import of_records
 from massprop_cli.prepare.timing import Timing
 
 FINER = ((1.2, 64), (0.6, 32), (0.3, 16), (0.15, 8))
-"""Angles, rad, by which a body turns in a cycle, from which on so many bins are to follow the motion within it
-(tests/estimate/test_fast_turns.py)."""
+"""(turn in a cycle [rad], bins in a cycle): bins that follow the motion from that turn on (tests/estimate/test_fast_turns.py)."""
 SELDOM = 0.98
-"""Part of the cycles that turn by less."""
+"""Quantile of the turns over all cycles that decides."""
 
 
 class Ready(NamedTuple):
-    """What an estimator starts from."""
+    """Preprocessed log, from which an estimator starts."""
 
     log: Log
-    """Without outliers."""
+    """Log without outliers."""
     stated: Vehicle
-    """With its timing resolved."""
+    """Vehicle with its timing resolved."""
     samples: Stream
     phases: list[tuple[Phase, slice]]
     timing: Timing
-    """Delay and lag as used, cycles."""
+    """Delay and lag that are used, cycles."""
     detected: FoundTiming | None
-    """What the log says of them, where the vehicle file leaves them to it."""
+    """Timing estimated from the log; None if the vehicle file states it."""
     consider: Consider
-    """Delay, lag, geometry and single keys where they are uncertain."""
+    """Uncertain delay, lag, geometry and keys."""
     notices: list[Notice]
 
     @property
@@ -60,77 +59,84 @@ class Ready(NamedTuple):
 
 
 def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
-    """:class:`massprop_cli.base.errors.InputError` where a phase holds too little, or timing can't be told."""
+    """Preprocess a log.
+
+    Raise :class:`massprop_cli.base.errors.InputError` if a phase is too short or the timing cannot be estimated.
+    """
     check_supply(log, source.vehicle, source.source)
     estimator = source.vehicle.estimator
     open_bins = estimator.method == "default" and "bins_per_cycle" not in estimator.model_fields_set
-    vehicle, told = _with_attitude(log, with_pace(log, with_phase(log, _undelayed(log, finer(log, source.vehicle)))))
+    vehicle, notices = _with_attitude(log, with_pace(log, with_phase(log, _undelayed(log, finer(log, source.vehicle)))))
     source = replace(source, vehicle=vehicle)
     detected = found_timing(log, source, say)
     timing = stated_timing(source.vehicle) if detected is None else detected.at
-    stated, bent = with_timing(source.vehicle, detected), list[Notice]()
+    stated, step_notices = with_timing(source.vehicle, detected), list[Notice]()
     if estimator.method == "default":
-        stated, bent = with_steps(log, stated, timing)
+        stated, step_notices = with_steps(log, stated, timing)
     samples = Stream.of(log, stated, timing)
     phases = phases_of(log, stated, samples)
     resolved = with_bins(Setup(log, stated, timing), [cycles for _, cycles in phases]) if open_bins else stated
     if resolved is not stated:
         stated, samples = resolved, Stream.of(log, resolved, timing)
-    read = log
+    as_read = log
     if stated.estimator.method == "default":
-        stated, others = outliers.screened(log, stated, samples, [cycles for _, cycles in phases])
-        log, told = outliers.without(log, stated), [*told, *bent, *others]
-    if log is not read:
+        stated, outlier_notices = outliers.screened(log, stated, samples, [cycles for _, cycles in phases])
+        log, notices = outliers.without(log, stated), [*notices, *step_notices, *outlier_notices]
+    if log is not as_read:
         samples = Stream.of(log, stated, timing)
     setup = Setup(log, stated, timing)
     consider = with_geometry(uncertain(uncertain_timing(setup, samples), setup, samples), setup, samples)
-    return Ready(log, stated, samples, phases, timing, detected, consider, told)
+    return Ready(log, stated, samples, phases, timing, detected, consider, notices)
 
 
 def _with_attitude(log: Log, vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
-    """With noise and latency of logged attitudes that measure something, and what to tell where the log alone shows them."""
-    # a low-pass that is still to be found makes the gyro later by milliseconds, which is no turn of an attitude
-    sought: dict[str, object] = {name: None for name in ("gyro_filter", "accel_filter") if (one := getattr(vehicle.imu, name)) and one.open}
-    if log.attitude_wxyz is not None and not vehicle.imu.gyro_noise_rad_s:  # by attitudes it is a difference of two large numbers
+    """Vehicle with noise and latency of measured attitudes, and notices of what the log alone gives."""
+    # an unknown low-pass delays the gyro by milliseconds, which hardly changes an attitude
+    unknown: dict[str, object] = {
+        name: None for name in ("gyro_filter", "accel_filter") if (one := getattr(vehicle.imu, name)) and one.open
+    }
+    if (
+        log.attitude_wxyz is not None and not vehicle.imu.gyro_noise_rad_s
+    ):  # white noise of the rates; from attitudes it would be a difference of large numbers
         rate = of_records(log.delta_theta_imu_rad, log.records_per_cycle) / cycle_edges(log, slice(0, log.cycles))[1][:, None]
-        sought["gyro_noise_rad_s"] = white_level(rate, [slice(0, log.cycles)], np.ones(log.cycles, dtype=bool)) or None
-    known = vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=sought)})
-    shown = attitudecheck.checked(recorded.undone(log, known), known)
-    if shown is None:
+        unknown["gyro_noise_rad_s"] = white_level(rate, [slice(0, log.cycles)], np.ones(log.cycles, dtype=bool)) or None
+    known = vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=unknown)})
+    attitude = attitudecheck.checked(recorded.undone(log, known), known)
+    if attitude is None:
         return vehicle, []
-    found, told = {}, []
-    if vehicle.imu.attitude_latency_s == "auto" or shown.latency_sigma_s < NARROWER * vehicle.imu.attitude_latency_sigma_s:
-        found = {"attitude_latency_s": shown.latency_s, "attitude_latency_sigma_s": shown.latency_sigma_s}
+    values, notices = {}, []
+    if vehicle.imu.attitude_latency_s == "auto" or attitude.latency_sigma_s < NARROWER * vehicle.imu.attitude_latency_sigma_s:
+        values = {"attitude_latency_s": attitude.latency_s, "attitude_latency_sigma_s": attitude.latency_sigma_s}
     if vehicle.imu.attitude_sigma_rad is None:
-        found["attitude_sigma_rad"] = sigma = shown.noise.attitude_rad
-        told = [Notice("noise-estimated", f"imu.attitude_sigma_rad is not stated; {sigma:.3g} was estimated from the log")]
-    return vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=found)}), told
+        values["attitude_sigma_rad"] = sigma = attitude.noise.attitude_rad
+        notices = [Notice("noise-estimated", f"imu.attitude_sigma_rad is not stated; {sigma:.3g} was estimated from the log")]
+    return vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=values)}), notices
 
 
 def _undelayed(log: Log, vehicle: Vehicle) -> Vehicle:
-    """Without a delay or lag that is still to be found where all that acts is measured, as speeds are: neither moves anything then."""
+    """Vehicle without an unknown delay or lag if all actuators are measured, so that neither has an effect."""
     if vehicle.rotors:
         commanded = any(rotor.column == "command" for rotor in vehicle.rotors)
     else:
         commanded = log.command.shape[1] > 0 or any(one.integrated for one in log.spinning)
-    open_ = {"cycle.command_delay_cycles": vehicle.cycle.command_delay_cycles, "thrust.lag_s": vehicle.thrust.lag_s}
-    return vehicle if commanded else stating(vehicle, {key: 0.0 for key, value in open_.items() if value == "auto"})
+    timing_keys = {"cycle.command_delay_cycles": vehicle.cycle.command_delay_cycles, "thrust.lag_s": vehicle.thrust.lag_s}
+    return vehicle if commanded else stating(vehicle, {key: 0.0 for key, value in timing_keys.items() if value == "auto"})
 
 
 def finer(log: Log, vehicle: Vehicle) -> Vehicle:
-    """With as many bins a cycle as its turns ask for, where the vehicle file states none."""
+    """Vehicle with as many bins in a cycle as its turns need, unless the vehicle file states them."""
     if "bins_per_cycle" in vehicle.estimator.model_fields_set or vehicle.estimator.method != "default":
         return vehicle
     turns = np.sort(np.linalg.norm(of_records(log.delta_theta_imu_rad, log.records_per_cycle), axis=1))
     turn = float(turns[int(SELDOM * (len(turns) - 1))])
-    bins = next((bins for least, bins in FINER if turn > least), vehicle.estimator.bins_per_cycle)
+    bins = next((bins for turn_rad, bins in FINER if turn > turn_rad), vehicle.estimator.bins_per_cycle)
     return stating(vehicle, {"estimator.bins_per_cycle": bins})
 
 
 def uncertain(consider: Consider, setup: Setup, samples: Stream) -> Consider:
-    """With what is stated to be ``uncertain``, each independent of all others.
+    """Add the ``uncertain`` keys, each independent of all others.
 
-    :class:`InputError` where an alternative has other states than the vehicle as stated: a sigma of a bias, say.
+    Raise :class:`InputError` if an alternative has other filter states than the stated vehicle, for example another sigma of a bias.
     """
     return replace(consider, restated=tuple(_restated(values, setup, samples) for values in setup.vehicle.uncertain))
 
@@ -139,12 +145,12 @@ def _restated(values: Mapping[str, Any], setup: Setup, samples: Stream) -> Resta
     log, stated, timing = setup.log, setup.vehicle, setup.timing
     vehicle = alternative(stated, values)
     before, after = stated_timing(stated, timing), stated_timing(vehicle, timing)
-    moved = Timing(*(max(used + there - here, 0.0) for used, there, here in zip(timing, after, before, strict=True)))
+    moved = Timing(*(max(used + other - own, 0.0) for used, other, own in zip(timing, after, before, strict=True)))
     gyro, accelerometer, command = (values.get(f"{name}_factors", ()) for name in ("gyro", "accel", "command"))
-    read = with_factors(log, gyro, accelerometer, command if log.command_kind == "wrench" else ())
-    there = Stream.of(read, vehicle, moved)
-    if Layout.of(there, vehicle) != Layout.of(samples, stated):
+    changed = with_factors(log, gyro, accelerometer, command if log.command_kind == "wrench" else ())
+    stream = Stream.of(changed, vehicle, moved)
+    if Layout.of(stream, vehicle) != Layout.of(samples, stated):
         raise InputError(f"uncertain: {', '.join(values)}: changes what is estimated, not what is stated; state it for itself")
     mounting = np.array(stated.imu.body_from_imu)
     rate, force = (mounting @ (np.array(factors or np.eye(3)) - np.eye(3)) @ mounting.T for factors in (gyro, accelerometer))
-    return Restated(there, vehicle, Reading(rate, force) if gyro or accelerometer else None)
+    return Restated(stream, vehicle, Reading(rate, force) if gyro or accelerometer else None)

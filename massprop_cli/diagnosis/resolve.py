@@ -1,6 +1,6 @@
-"""Delay and lag of one run, and their uncertainty.
+"""Delay, lag and low-passes of one run, and their uncertainty.
 
-As stated; as found in the log, where the vehicle file says "auto"; or between the two, where it states them with a sigma.
+They are as stated; as estimated, if the vehicle file says "auto"; or combined, if it states them with a sigma.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,11 +36,11 @@ SOUGHT = {
     "gyro_latency": ("the gyro's latency", "the gyro's latency (imu.gyro_filter.latency_s)"),
     "accel_latency": ("the accelerometer's latency", "the accelerometer's latency (imu.accel_filter.latency_s)"),
 }
-"""Error parameters that a vehicle file may leave to be found: what each is called, and what to state."""
+"""Error parameters that a vehicle file may leave open: name, and what to state."""
 PHASE = 0.1
-"""Part of a record: one sigma of when an IMU on a clock of its own takes its samples by the commands' clock, unless it is stated."""
+"""Sigma, in records, of the sampling times of an IMU with its own clock by the commands' clock, unless stated."""
 LONGEST = 4800
-"""Cycles that delay and lag are looked for in: beyond, they are known to a ten-thousandth of a cycle, and fits hold all cycles at once."""
+"""Most cycles of an estimate of the timing. With these the timing is known to a ten-thousandth of a cycle."""
 CUTOFFS, LATENCIES = ("gyro_cutoff", "accel_cutoff"), ("gyro_latency", "accel_latency")
 PAIRS = (
     ("delay", "lag"),
@@ -49,19 +49,19 @@ PAIRS = (
     *((latency, other) for other in ("delay", "lag", *CUTOFFS) for latency in LATENCIES),
     LATENCIES,
 )
-"""Of which a vehicle file may state a correlation: the first in thrust, the others in imu.filter_correlation."""
+"""Pairs with a stated correlation: the first in thrust, the others in imu.filter_correlation."""
 ROUGHLY = 0.5
-"""Cycles of delay or lag, and part of a cutoff: one sigma of what a search over whole cycles finds where no fit makes it sharper."""
+"""Sigma of a coarse search without a fit: cycles of delay or lag, and relative for a cutoff."""
 NEXT = 4
-"""Delays that are named where none is told, and the next."""
+"""Number of delays that a message compares, plus one."""
 FIRST_HZ = 50.0
-"""Cutoff that the search for one begins with."""
+"""Initial cutoff of an estimate, Hz."""
 NARROWER, FARTHEST = 0.5, 4.0
-"""Part of a stated sigma that the log's own must be below to be heard beside it; sigmas beyond which the two are not of the same thing."""
+"""Sigma of the log's own estimate over the stated sigma, up to which it is used; sigmas by which both may differ."""
 
 
 def with_phase(log: Log, vehicle: Vehicle) -> Vehicle:
-    """With an uncertain delay, where IMU and commands have clocks of their own and no uncertainty of it is stated."""
+    """Vehicle with an uncertain delay, if IMU and commands have separate clocks and no uncertainty is stated."""
     apart = log.command_s is not None or any(log.sampled)
     if not apart or vehicle.cycle.command_delay_cycles == "auto" or "command_delay_sigma_cycles" in vehicle.cycle.model_fields_set:
         return vehicle
@@ -70,32 +70,35 @@ def with_phase(log: Log, vehicle: Vehicle) -> Vehicle:
 
 
 def with_pace(log: Log, vehicle: Vehicle) -> Vehicle:
-    """With uncertain thrust, momentum and delay where cycles don't last as long as stated: inertia follows time, or its square."""
+    """Vehicle with uncertain thrust, momentum and delay, if cycles do not last as long as stated.
+
+    Inertia is proportional to time, or to its square.
+    """
     sigma, thrust, cycle = 2 * abs(log.pace), vehicle.thrust, vehicle.cycle
     if sigma == 0:
         return vehicle
     if cycle.command_delay_cycles != "auto":
-        later = abs(log.pace) * max(cycle.command_delay_cycles, 1.0)
-        cycle = cycle.model_copy(update={"command_delay_sigma_cycles": max(cycle.command_delay_sigma_cycles, later)})
+        delay_sigma = abs(log.pace) * max(cycle.command_delay_cycles, 1.0)
+        cycle = cycle.model_copy(update={"command_delay_sigma_cycles": max(cycle.command_delay_sigma_cycles, delay_sigma)})
     thrust = thrust.model_copy(update={"scale_sigma": max(thrust.scale_sigma, sigma)})
     spinning = {table: tuple(_less_known(one, sigma) for one in getattr(vehicle, table)) for table in ("wheels", "control_moment_gyros")}
     return rebuilt(vehicle, cycle=cycle, thrust=thrust, **spinning)
 
 
 def _less_known(device: MomentumDevice, sigma: float) -> MomentumDevice:
-    """With at least so much relative uncertainty of its momentum."""
-    found = {}
-    for key, own in (("h_n_m_s", "h_sigma_n_m_s"), ("spin_inertia_kg_m2", "spin_inertia_sigma_kg_m2")):
+    """Device with at least this relative sigma of its momentum."""
+    sigmas = {}
+    for key, sigma_key in (("h_n_m_s", "h_sigma_n_m_s"), ("spin_inertia_kg_m2", "spin_inertia_sigma_kg_m2")):
         if getattr(device, key, None):
-            found[own] = max(getattr(device, own), sigma * getattr(device, key))
-    return device.model_copy(update=found)
+            sigmas[sigma_key] = max(getattr(device, sigma_key), sigma * getattr(device, key))
+    return device.model_copy(update=sigmas)
 
 
 def with_timing(stated: Vehicle, detected: FoundTiming | None) -> Vehicle:
-    """The vehicle with the values and sigmas of a timing that was found in the log."""
+    """Vehicle with values and sigmas of an estimated timing."""
     if detected is None:
         return stated
-    found = dict(zip(detected.unknown, np.sqrt(np.diag(detected.covariance)).tolist(), strict=True))
+    sigmas_cycles = dict(zip(detected.unknown, np.sqrt(np.diag(detected.covariance)).tolist(), strict=True))
     values: dict[str, object] = {}
     if detected.sigma.delay > 0:
         values["cycle.command_delay_sigma_cycles"] = detected.sigma.delay
@@ -106,25 +109,25 @@ def with_timing(stated: Vehicle, detected: FoundTiming | None) -> Vehicle:
         values["thrust.lag_delay_correlation"] = first
     if detected.imu is not None:
         values["imu.filter_correlation"] = tuple(others)
-        at = stating(stated, {"imu": detected.imu})
+        estimated = stating(stated, {"imu": detected.imu})
         for sensor in delay.SENSORS:
-            own: LowPass | None = getattr(detected.imu, f"{sensor}_filter")
-            if own is not None:
+            low_pass: LowPass | None = getattr(detected.imu, f"{sensor}_filter")
+            if low_pass is not None:
                 names = {f"{part}_sigma_{unit}": f"{sensor}_{part}" for part, unit in (("cutoff", "hz"), ("latency", "s"))}
-                sigmas = {key: BY_NAME[name].scale(at) * found[name] for key, name in names.items() if name in found}
-                values[f"imu.{sensor}_filter"] = own.model_copy(update=sigmas)
+                sigmas = {key: BY_NAME[name].scale(estimated) * sigmas_cycles[name] for key, name in names.items() if name in sigmas_cycles}
+                values[f"imu.{sensor}_filter"] = low_pass.model_copy(update=sigmas)
     return stating(stated, values)
 
 
 def uncertain_timing(setup: Setup, samples: Stream) -> Consider:
-    """Delay, lag and the sensors' low-passes where they are uncertain."""
+    """Uncertain delay, lag and low-passes as consider parameters."""
     uncertain = [one for one in TABLE if one.considered and one.sigma(setup.vehicle) > 0]
-    found = {one.name: changed for one in uncertain if (changed := variant(one, setup, samples)) is not None}
-    return Consider(tuple(found.values()), _stated_covariance(setup.vehicle, list(found)))
+    variants = {one.name: changed for one in uncertain if (changed := variant(one, setup, samples)) is not None}
+    return Consider(tuple(variants.values()), _stated_covariance(setup.vehicle, list(variants)))
 
 
 def _stated_covariance(vehicle: Vehicle, names: Sequence[str]) -> Array:
-    """(n, n) of the errors of what is stated to be uncertain, cycles²."""
+    """(n, n) covariance of stated uncertain parameters, cycles²."""
     sigma, correlation = np.diag([BY_NAME[name].sigma(vehicle) for name in names]), np.eye(len(names))
     stated = zip(PAIRS, (vehicle.thrust.lag_delay_correlation, *(vehicle.imu.filter_correlation or ())), strict=False)
     for pair, value in stated:
@@ -135,36 +138,39 @@ def _stated_covariance(vehicle: Vehicle, names: Sequence[str]) -> Array:
 
 
 def stated_timing(stated: Vehicle, found: Timing = Timing(0.0, 0.0)) -> Timing:  # noqa: B008  a constant
-    """Delay and lag of the vehicle file in cycles, as ``found`` where it says "auto"."""
+    """Delay and lag of the vehicle file, cycles; those of ``found`` if it says "auto"."""
     delay, lag = stated.cycle.command_delay_cycles, stated.thrust.lag_s
     return Timing(found.delay if delay == "auto" else delay, found.lag if lag == "auto" else lag / stated.cycle.period_s)
 
 
 def found_timing(log: Log, source: VehicleSource, say: Progress) -> FoundTiming | None:
-    """What the vehicle file leaves to be found ("auto"), or states to be uncertain; None where it is to be as stated."""
+    """Estimate of what the vehicle file leaves open or states as uncertain; None if it applies as stated.
+
+    Raise :class:`InputError` if a latency and the delay are both open, or if the log does not determine them.
+    """
     found = _found(log, source.vehicle, say)
-    steps = None if found is None else stepped(log, source.vehicle, found.at)
-    if found is None or steps is None:
+    sample_steps = None if found is None else stepped(log, source.vehicle, found.at)
+    if found is None or sample_steps is None:
         return found
-    return beside_samples(*_bounded(found.setup(Setup(log, source.vehicle, found.at))), found, *steps)
+    return beside_samples(*_bounded(found.setup(Setup(log, source.vehicle, found.at))), found, *sample_steps)
 
 
 def _found(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
     automatic = {"delay": vehicle.cycle.command_delay_cycles == "auto", "lag": vehicle.thrust.lag_s == "auto"}
-    open_ = [sensor for sensor in delay.SENSORS if (one := getattr(vehicle.imu, f"{sensor}_filter")) and one.cutoff_hz == "auto"]
-    late = [sensor for sensor in delay.SENSORS if (one := getattr(vehicle.imu, f"{sensor}_filter")) and one.latency_s == "auto"]
-    automatic |= {f"{sensor}_cutoff": True for sensor in open_} | {f"{sensor}_latency": True for sensor in late}
+    open_cutoffs = [sensor for sensor in delay.SENSORS if (one := getattr(vehicle.imu, f"{sensor}_filter")) and one.cutoff_hz == "auto"]
+    open_latencies = [sensor for sensor in delay.SENSORS if (one := getattr(vehicle.imu, f"{sensor}_filter")) and one.latency_s == "auto"]
+    automatic |= {f"{sensor}_cutoff": True for sensor in open_cutoffs} | {f"{sensor}_latency": True for sensor in open_latencies}
     unknown = [name for name, auto in automatic.items() if auto]
     if not unknown:
         return _narrowed(log, vehicle, say)
-    if automatic["delay"] and len(late) == 1 + any(log.axes[3:]):
+    if automatic["delay"] and len(open_latencies) == 1 + any(log.axes[3:]):
         raise InputError(
             f'{log.path}: cycle.command_delay_cycles and the latency of each sensor are "auto", and the log gives only their sums; state '
             "one of them"
         )
     say("finding delay, lag and low-passes", 0.0)
-    vehicle = stating(vehicle, {f"imu.{sensor}_filter.cutoff_hz": FIRST_HZ for sensor in open_})  # whatever it is, to begin with
-    vehicle = stating(vehicle, {f"imu.{sensor}_filter.latency_s": 0.0 for sensor in late})
+    vehicle = stating(vehicle, {f"imu.{sensor}_filter.cutoff_hz": FIRST_HZ for sensor in open_cutoffs})
+    vehicle = stating(vehicle, {f"imu.{sensor}_filter.latency_s": 0.0 for sensor in open_latencies})
     given = stated_timing(vehicle)
     lags = delay.LAGS if automatic["lag"] else (given.lag,)
     latest = Timing(delay.LONGEST, max(lags))
@@ -173,9 +179,9 @@ def _found(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
     rated = [] if coarse else delay.search(part, vehicle, lags, delay.DELAYS if automatic["delay"] else (given.delay,), pieces)
     coarse = rated[0].at if rated else coarse
     if coarse is not None:
-        vehicle = delay.low_passes(part, vehicle, coarse, open_, late)
-        begun = Setup(log, vehicle, coarse)
-        found = _beside_stated(begun, automatic) or _detected(begun, unknown)
+        vehicle = delay.low_passes(part, vehicle, coarse, open_cutoffs, open_latencies)
+        start = Setup(log, vehicle, coarse)
+        found = _beside_stated(start, automatic) or _detected(start, unknown)
         if unknown == ["delay"] and (found is None or found.chi_square > delay.BADLY):
             found = delay.by_commands_alone(part, vehicle, coarse) or found
     if found is None:
@@ -189,9 +195,9 @@ def _found(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
 
 
 def other_cutoffs(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: FoundTiming | None) -> bool:
-    """Whether the log refutes a cutoff that is stated as exact, beside the timing that was ``found`` with it.
+    """Whether the log refutes a cutoff that is stated as exact, with the timing ``found``.
 
-    That takes what a wrong cutoff delays; what it does within a cycle is left, and may be too little for any test of what is left in all.
+    The timing absorbs the delay of a wrong cutoff. Its effect within a cycle may be too small for tests of all residuals.
     """
     low_passes = {f"{sensor}_cutoff": getattr(vehicle.imu, f"{sensor}_filter") for sensor in delay.SENSORS}
     names = [name for name, one in low_passes.items() if one is not None and one.order and not BY_NAME[name].sigma(vehicle)]
@@ -202,31 +208,31 @@ def other_cutoffs(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: F
 
 
 def _compared(log: Log, rated: Sequence[Rated]) -> str:
-    """How much more the next delays leave of the motion than the most likely does."""
-    others = {one.at.delay: np.exp((one.cost - rated[0].cost) / (2 * 6 * log.cycles)) for one in reversed(rated)}
-    each = [f"{cycles:g} leave {left:.3g} times" for cycles, left in sorted(others.items(), key=lambda one: one[1])[1:NEXT]]
-    return f" (by {rated[0].at.delay:g} cycles most; {', '.join(each)} as much unexplained)" if each else ""
+    """Text that compares the residual variance of the next best delays."""
+    ratios = {one.at.delay: np.exp((one.cost - rated[0].cost) / (2 * 6 * log.cycles)) for one in reversed(rated)}
+    texts = [f"{cycles:g} leave {left:.3g} times" for cycles, left in sorted(ratios.items(), key=lambda one: one[1])[1:NEXT]]
+    return f" (by {rated[0].at.delay:g} cycles most; {', '.join(texts)} as much unexplained)" if texts else ""
 
 
 def _likeliest(setup: Setup, unknown: Sequence[str]) -> tuple[str, ...]:
-    """Keys that state what a search found roughly, with how roughly."""
+    """Keys that state the coarse estimate with its rough sigma."""
     settings = []
-    for one in map(BY_NAME.__getitem__, unknown):
-        value = float(setup.value(one.key or "")[0])
-        sigma = ROUGHLY * (value if one.name.endswith("_cutoff") else one.scale(setup.vehicle))
-        settings += [f"{one.key}={value:.9g}", f"{one.sigma_key}={sigma:.3g}"]
+    for parameter in map(BY_NAME.__getitem__, unknown):
+        value = float(setup.value(parameter.key or "")[0])
+        sigma = ROUGHLY * (value if parameter.name.endswith("_cutoff") else parameter.scale(setup.vehicle))
+        settings += [f"{parameter.key}={value:.9g}", f"{parameter.sigma_key}={sigma:.3g}"]
     return tuple(settings)
 
 
 def _detected(setup: Setup, unknown: Sequence[str], prior: Sequence[float] | None = None) -> FoundTiming | None:
     part, within = _bounded(setup)
     if "accel_latency" not in unknown and stepped(setup.log, setup.vehicle, setup.timing) is not None:
-        part = part._replace(log=replace(part.log, axes=(*part.log.axes[:3], False, False, False)))  # its steps would be taken for slopes
+        part = part._replace(log=replace(part.log, axes=(*part.log.axes[:3], False, False, False)))  # steps have no derivative
     return delay.detect(part, within, unknown, prior)
 
 
 def _bounded(setup: Setup) -> tuple[Setup, Sequence[slice]]:
-    """A part of the log that is no longer than a search takes, with noise levels, and the cycles of each phase in it."""
+    """A part of the log short enough for an estimate, with noise levels, and the cycles of each phase in it."""
     log, vehicle, timing, *_ = setup
     samples = Stream.of(log, vehicle, timing)
     pieces = [cycles for _, cycles in phases_of(log, vehicle, samples)]
@@ -235,55 +241,55 @@ def _bounded(setup: Setup) -> tuple[Setup, Sequence[slice]]:
     return Setup(part, used, timing), within
 
 
-def _beside_stated(begun: Setup, automatic: Mapping[str, bool]) -> FoundTiming | None:
-    """What is to be found, together with what is stated with a sigma beside it; None where nothing is, or it isn't found so.
+def _beside_stated(start: Setup, automatic: Mapping[str, bool]) -> FoundTiming | None:
+    """Estimate of open parameters jointly with those stated with a sigma; None without such, or if they disagree.
 
-    Held at what is stated it would move the other as far as it is off itself.
+    Stated parameters held fixed would move the open ones by their own errors.
     """
-    sigmas = _stated_sigmas(begun.vehicle)
+    sigmas = _stated_sigmas(start.vehicle)
     unknown = [name for name in SOUGHT if automatic.get(name) or sigmas[name] > 0]
     if len(unknown) == sum(automatic.values()):
         return None
     prior = [0.0 if automatic.get(name) else sigmas[name] for name in unknown]
-    found = _detected(begun, unknown, prior)
+    found = _detected(start, unknown, prior)
     if found is None:
         return None
-    away = np.abs(delay.apart(found.setup(begun), begun, unknown))
-    return found if all(not sigma or off < FARTHEST * sigma for off, sigma in zip(away, prior, strict=True)) else None
+    differences = np.abs(delay.apart(found.setup(start), start, unknown))
+    return found if all(not sigma or off < FARTHEST * sigma for off, sigma in zip(differences, prior, strict=True)) else None
 
 
 def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
-    """What a stated timing and what the log alone shows come to.
+    """Combination of a stated timing and the log's own estimate; None if the stated timing applies.
 
-    None where nothing is uncertain, where the log can't tell or tells little beside it (so a timing that was found in this very log is not
-    found again), and where it tells another: then the stated one is what is judged.
+    It applies if nothing is uncertain, if the log adds little (a timing from this very log is not used twice), or if the log contradicts
+    it, in which case the stated timing is tested.
     """
-    given, sigmas = Setup(log, vehicle, stated_timing(vehicle)), _stated_sigmas(vehicle)
+    stated, sigmas = Setup(log, vehicle, stated_timing(vehicle)), _stated_sigmas(vehicle)
     unknown = [name for name, sigma in sigmas.items() if sigma > 0]
     if not unknown:
         return None
     say("finding delay, lag and low-passes", 0.0)
     shifts = {"delay", *LATENCIES} & set(unknown)
-    # of delay and latencies only the sums show, and what is stated parts them
-    found = None if len(shifts) > 1 + any(log.axes[3:]) else _detected(given, unknown)
+    # the log determines sums of delay and latencies; stated values separate them
+    found = None if len(shifts) > 1 + any(log.axes[3:]) else _detected(stated, unknown)
     if found is None:
-        return _beside_stated(given, {}) if len(shifts) > 1 else None
+        return _beside_stated(stated, {}) if len(shifts) > 1 else None
     if found.chi_square > delay.BADLY:
-        return None  # of pulses that err each by itself, say, which a fit without such errors makes a delay of
-    return _between(found, given, delay.apart(found.setup(given), given, unknown), _stated_covariance(vehicle, unknown))
+        return None  # for example, single pulse errors that a fit without them takes for a delay
+    return _between(found, stated, delay.apart(found.setup(stated), stated, unknown), _stated_covariance(vehicle, unknown))
 
 
 def _stated_sigmas(vehicle: Vehicle) -> dict[str, float]:
-    """By which delay, lag, cutoffs and latencies are stated to be uncertain, cycles."""
+    """Stated sigmas of delay, lag, cutoffs and latencies, cycles."""
     return {name: BY_NAME[name].sigma(vehicle) for name in SOUGHT}
 
 
-def _between(found: FoundTiming, given: Setup, moved: Array, stated: Array) -> FoundTiming | None:
-    """What a stated timing t_P ± √P and what the log alone shows, t_S ± √S, come to: t_P + P (P + S)⁻¹ (t_S − t_P)."""
-    shown = found.covariance
-    sharper = np.linalg.eigvals(np.linalg.solve(stated, shown)).real.min() < NARROWER**2
-    if not sharper or moved @ np.linalg.solve(stated + shown, moved) > FARTHEST**2:
+def _between(found: FoundTiming, given: Setup, difference: Array, stated: Array) -> FoundTiming | None:
+    """Combination of a stated timing t_P ± √P and the log's own t_S ± √S: t_P + P (P + S)⁻¹ (t_S − t_P)."""
+    log_covariance = found.covariance
+    informative = np.linalg.eigvals(np.linalg.solve(stated, log_covariance)).real.min() < NARROWER**2
+    if not informative or difference @ np.linalg.solve(stated + log_covariance, difference) > FARTHEST**2:
         return None
-    gain = stated @ np.linalg.inv(stated + shown)
-    between = gain @ shown
-    return found.between(gain @ moved, (between + between.T) / 2, given)
+    gain = stated @ np.linalg.inv(stated + log_covariance)
+    between = gain @ log_covariance
+    return found.between(gain @ difference, (between + between.T) / 2, given)

@@ -1,7 +1,7 @@
-"""A command delay beside which samples show something else at once.
+"""Estimation of a command delay near which a sample's thrust steps.
 
-A sample shows the thrust of its moment. Where commands act or end at samples' times, as those of one clock do, what it shows has a step in
-the delay there, and a delay that is off by a microsecond makes half of a pulse's samples another's. No derivative tells of that.
+A sample shows the thrust at its time. If commands act or end at sample times, on one clock, the sample is a step function of the delay. An
+error of a microsecond changes half of a pulse's samples, and derivatives do not show it.
 """
 
 from collections.abc import Sequence
@@ -22,15 +22,15 @@ from massprop_cli.prepare.sensor import ROUNDED_S
 from massprop_cli.prepare.timing import Timing
 
 SAME, MANY = 0.01, 0.1
-"""Part of a record within which thrust steps at a sample: times are rounded. And part of the steps: a fiftieth does so by chance."""
+"""Distance of a thrust step from a sample, in records, at which they coincide; part of the steps that must. A fiftieth does by chance."""
 NEAR = 6.0
-"""Sigmas of the delay within which a step is looked at."""
+"""Sigmas of the delay within which a step is considered."""
 
 
 def stepped(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[float, float] | None:
-    """Seconds by which thrust begins or ends after the accelerometer's samples, where it does at many, and by how much these times scatter.
+    """Mean delay of thrust steps after the accelerometer's samples, and its range, s, if many coincide.
 
-    None where what the accelerometer shows has no such steps: it is no sample, a low-pass or a lag rounds it, or clocks are apart.
+    None if the accelerometer's data have no such steps: no samples, a low-pass or a lag, or separate clocks.
     """
     low_pass = vehicle.imu.accel_filter
     if not log.sampled[1] or log.command_kind == "rotors" or timing.lag or (low_pass is not None and (low_pass.order or low_pass.open)):
@@ -43,34 +43,34 @@ def stepped(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[float, float] |
     acting_s = acting_s[(acting_s > sampled_s[0]) & (acting_s < sampled_s[-1])]
     place = np.searchsorted(sampled_s, acting_s)
     before, after = acting_s - sampled_s[place - 1], acting_s - sampled_s[place]
-    late = np.where(before < -after, before, after)
-    late = late[np.abs(late) < SAME * median(log.interval_s)]
-    return (float(np.median(late)), float(np.ptp(late))) if late.size > MANY * acting_s.size else None
+    offset = np.where(before < -after, before, after)
+    offset = offset[np.abs(offset) < SAME * median(log.interval_s)]
+    return (float(np.median(offset)), float(np.ptp(offset))) if offset.size > MANY * acting_s.size else None
 
 
-def beside_samples(begun: Setup, pieces: Sequence[slice], found: FoundTiming, late_s: float, scatter_s: float) -> FoundTiming:
-    """As found, or with all commands just before or just after samples that are near, whichever is likeliest.
+def beside_samples(setup: Setup, pieces: Sequence[slice], found: FoundTiming, late_s: float, scatter_s: float) -> FoundTiming:
+    """Timing as found, or with all commands just before or just after nearby samples, whichever has the least chi-square.
 
-    ``late_s`` and ``scatter_s`` as :func:`stepped` gives them.
+    ``late_s`` and ``scatter_s``: from :func:`stepped`.
     """
-    if abs(late_s) > NEAR * found.sigma.delay * begun.period_s:
+    if abs(late_s) > NEAR * found.sigma.delay * setup.period_s:
         return found
     best, least = found, np.inf
-    for later_s in (0.0, scatter_s + 2 * ROUNDED_S - late_s, -scatter_s - 2 * ROUNDED_S - late_s):
-        at = found.at._replace(delay=found.at.delay + later_s / begun.period_s)
-        left = _left(begun._replace(timing=at), pieces)
-        best, least = (replace(found, at=at), left) if left < least else (best, least)
+    for shift_s in (0.0, scatter_s + 2 * ROUNDED_S - late_s, -scatter_s - 2 * ROUNDED_S - late_s):
+        at = found.at._replace(delay=found.at.delay + shift_s / setup.period_s)
+        chi_square = _left(setup._replace(timing=at), pieces)
+        best, least = (replace(found, at=at), chi_square) if chi_square < least else (best, least)
     return best
 
 
 def _left(setup: Setup, pieces: Sequence[slice]) -> float:
-    """What fits of the pieces leave of chi-square, but for a factor; infinite where there is none."""
+    """Chi-square of fits over the pieces, up to a factor; infinite without a fit."""
     assert isinstance(setup.vehicle, Resolved)
     try:
         samples = samples_of(setup)
     except InputError:
         return np.inf
-    first = int(np.argmax(samples.executed.usable))
-    fits = [(fitted(samples, slice(max(piece.start, first), piece.stop), None, setup.vehicle), piece) for piece in pieces]
-    left = [(piece.stop - piece.start) * one.chi_square for one, piece in fits if one is not None]
-    return sum(left) if left else np.inf
+    first_usable = int(np.argmax(samples.executed.usable))
+    fits = [(fitted(samples, slice(max(piece.start, first_usable), piece.stop), None, setup.vehicle), piece) for piece in pieces]
+    chi_squares = [(piece.stop - piece.start) * one.chi_square for one, piece in fits if one is not None]
+    return sum(chi_squares) if chi_squares else np.inf

@@ -1,8 +1,7 @@
-"""The kind and filter of an IMU's records where nobody states them, and in a log that does not fit one sensor that is later than the other.
+"""Kind and low-pass of an IMU's records if not stated; in a log that does not fit, also a latency of one sensor.
 
-Rates and specific force are regressed on the commands as each kernel would show them, with nothing known of the body
-(:func:`massprop_cli.diagnosis.freeresponse.unexplained_by`). A kernel is taken where it explains the log better than means without a
-low-pass by :data:`CLEAR` of −2 log likelihood; its cutoff is then found with its sigma, as one that is stated as "auto".
+Each kernel has a free-response cost (:func:`massprop_cli.diagnosis.freeresponse.unexplained_by`). It is used if it beats means without a
+low-pass by :data:`CLEAR` of −2 log likelihood. Its cutoff is then estimated with its sigma, like one stated as "auto".
 """
 
 from __future__ import annotations
@@ -32,23 +31,23 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.prepare.timing import Timing
 
 CLEAR, LIKELY = 12.0, 4.0
-"""−2 log likelihood beyond which a kernel is none by chance: of some forty, much alike, one log in a hundred has it. And beyond which
-one sensor differs from the other's clear low-pass: they are mostly in one chip."""
+"""−2 log likelihood ratio of a significant kernel: among some forty similar ones, one log in a hundred exceeds it by chance. And that for a
+sensor to differ from the other's clear low-pass, since both are mostly in one chip."""
 UNUSUAL = 10.0
 """−2 log of the prior odds of means behind a low-pass against samples behind one."""
 CUTOFFS_HZ = (220.0, 150.0, 105.0, 75.0, 53.0, 38.0, 27.0, 19.0, 13.0, 9.5)
 BEGUN_HZ = CUTOFFS_HZ[1::3]
-"""Those that are tried first."""
+"""Cutoffs that are tested first, Hz."""
 Order = Literal[0, 1, 2]
 LOW_PASSES: tuple[Order, ...] = (1, 2)
 SHIFTS = (-2.0, -1.0, 1.0, 2.0)
-"""Sigmas of a phase that is not stated, by which means or samples without a low-pass may be early or late."""
+"""Sigmas of an unstated phase by which means or samples without a low-pass may be early or late."""
 LATER, FINEST = (-2.0, -1.0, 0.0, 1.0, 2.0), 1 / 256
-"""Cycles by which one sensor may be later than the commands and the other sensor, and the step at which the search for it ends."""
+"""Latencies of one sensor that are searched, cycles; last step of the search."""
 NEAR = (-0.5, -0.25, 0.0, 0.25, 0.5)
-"""Cycles by which commands may be later than the delay that explains most for a kernel of another kind."""
+"""Changes of the delay that are searched for kernels of another kind, cycles."""
 LONGEST, FEW = 4800, 1200
-"""Cycles that are looked at; for which of both sensors is later."""
+"""Cycles that are used; and for the latency of one sensor."""
 
 
 class _Kernel(NamedTuple):
@@ -56,93 +55,97 @@ class _Kernel(NamedTuple):
     order: Order = 0
     cutoff_hz: float = 0.0
     later: float = 0.0
-    """Cycles of latency, where order is 0."""
+    """Latency, cycles, if order is 0."""
 
     def low_pass(self, vehicle: Vehicle) -> LowPass:
-        """As a vehicle file states it."""
+        """Low-pass as a vehicle file states it."""
         return LowPass(order=self.order, cutoff_hz=self.cutoff_hz or None, latency_s=self.later * vehicle.cycle.period_s)
 
 
 class KernelsFound(NamedTuple):
-    """A log and its vehicle file, as the kernels are that the log shows."""
+    """Log and vehicle file with the kernels that the log shows."""
 
     log: Log
-    """With a notice of them."""
+    """Log with a notice."""
     source: VehicleSource
-    """With cutoffs that are still to be found."""
+    """Vehicle file with open cutoffs."""
     nearest: VehicleSource
-    """With about the most likely ones, between those that were tried."""
+    """Vehicle file with approximate cutoffs."""
     apart: bool = False
     """Whether one sensor is later than the other."""
 
 
 def found(log: Log, source: VehicleSource, say: Progress, unfit: bool = False) -> KernelsFound:
-    """Log and vehicle file with what the log shows of kernels that are not stated.
+    """Log and vehicle file with kernels that are not stated but significant in the log.
 
-    Of increments, which are what they are, low-passes alone, and where the log is ``unfit`` without any. In such a log one sensor may be
-    later than the other, too.
+    Increments are means by definition: only low-passes are searched, and only if the log is ``unfit`` without. An unfit log may also have
+    one sensor later than the other.
     """
     vehicle, as_stated = source.vehicle, KernelsFound(log, source, source)
     rates = log.rate_columns != DELTA_THETA and log.force_columns != DELTA_V
     unstated = [sensor for sensor in delay.SENSORS if f"{sensor}_filter" not in vehicle.imu.model_fields_set]
-    open_kind = not unfit and "measures" not in vehicle.imu.model_fields_set and log.made is None and not any(log.sampled)
+    kind_open = not unfit and "measures" not in vehicle.imu.model_fields_set and log.made is None and not any(log.sampled)
     lagged = vehicle.imu.gyro_lag_s > 0 or vehicle.imu.accel_lag_s > 0
     if not (rates or unfit) or len(unstated) < len(delay.SENSORS) or lagged or vehicle.estimator.method != "default":
         return as_stated
     say("finding what the IMU records", 0.0)
-    tried = _Tried.of(log, vehicle)
-    costs = _costs(tried, (False, True) if open_kind else (any(log.sampled),), LOW_PASSES if rates != unfit else ())
-    best = _best(costs, tried.later(any(log.sampled)) if unfit else {}) if costs else None
+    regression = _Tried.of(log, vehicle)
+    costs = _costs(regression, (False, True) if kind_open else (any(log.sampled),), LOW_PASSES if rates != unfit else ())
+    best = _best(costs, regression.later(any(log.sampled)) if unfit else {}) if costs else None
     if best is None or (best[0].later and best[1].later):
         return as_stated
     filters = {f"{sensor}_filter": one for sensor, one in zip(delay.SENSORS, best, strict=True) if one.order or one.later}
     sampled = best[0].sampled
-    kind: dict[str, object] = {"measures": "sample"} if sampled and open_kind else {}
+    kind: dict[str, object] = {"measures": "sample"} if sampled and kind_open else {}
     if not (filters or kind):
         return as_stated
-    sought, nearest = (
-        replace(source, vehicle=vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=kind | own)}))
-        for own in (
+    with_open, nearest = (
+        replace(source, vehicle=vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=kind | low_passes_of)}))
+        for low_passes_of in (
             {key: LowPass(order=one.order, **{"cutoff_hz" if one.order else "latency_s": "auto"}) for key, one in filters.items()},
             {key: _likeliest(costs, key, one).low_pass(vehicle) for key, one in filters.items()},
         )
     )
-    log = replace(log, sampled=(sampled, sampled), notices=(*log.notices, _notice(best, sampled and open_kind)))
-    return KernelsFound(log, sought, nearest, any(one.later for one in best))
+    log = replace(log, sampled=(sampled, sampled), notices=(*log.notices, _notice(best, sampled and kind_open)))
+    return KernelsFound(log, with_open, nearest, any(one.later for one in best))
 
 
 def _likeliest(costs: Mapping[_Kernel, tuple[float, float]], key: str, best: _Kernel) -> _Kernel:
-    """With the cutoff by a parabola through the costs of the best of :data:`CUTOFFS_HZ` and of those beside it."""
+    """Kernel with the cutoff at the minimum of a parabola through the costs of the best cutoff and its neighbours."""
     sensor, at = delay.SENSORS.index(key.removesuffix("_filter")), CUTOFFS_HZ.index(best.cutoff_hz) if best.order else 0
     if not 0 < at < len(CUTOFFS_HZ) - 1:
         return best
-    near = CUTOFFS_HZ[at - 1 : at + 2]
-    bent, slope, _ = np.polyfit(np.log(near), [costs[best._replace(cutoff_hz=cutoff)][sensor] for cutoff in near], 2)
-    return best._replace(cutoff_hz=float(np.exp(np.clip(-slope / (2 * bent), *np.log([near[-1], near[0]]))))) if bent > 0 else best
+    cutoffs = CUTOFFS_HZ[at - 1 : at + 2]
+    curvature, slope, _ = np.polyfit(np.log(cutoffs), [costs[best._replace(cutoff_hz=cutoff)][sensor] for cutoff in cutoffs], 2)
+    return (
+        best._replace(cutoff_hz=float(np.exp(np.clip(-slope / (2 * curvature), *np.log([cutoffs[-1], cutoffs[0]])))))
+        if curvature > 0
+        else best
+    )
 
 
 def without(source: VehicleSource) -> VehicleSource:
-    """The vehicle file with no low-pass, stated so."""
+    """Vehicle file that states no low-pass."""
     return replace(source, vehicle=stating(source.vehicle, {f"imu.{sensor}_filter": None for sensor in delay.SENSORS}))
 
 
 def _begun(log: Log, cycles: int) -> Log:
-    """Its first cycles; all of it where momentum by its torque follows from all that went before."""
+    """First cycles of a log; all of it if momentum is integrated from its start."""
     return log if any(one.integrated for one in log.spinning) else log.part(0, min(log.cycles, cycles))
 
 
 class _Tried(NamedTuple):
-    """A part of a log, and by which timing its motion is regressed on its commands."""
+    """A part of a log, and the timing of its regression on the commands."""
 
     log: Log
     vehicle: Vehicle
     at: Timing
     first: int
-    """Cycle from which on commands are known, whatever delays them."""
+    """First cycle whose commands are known under any delay."""
 
     @staticmethod
     def of(log: Log, vehicle: Vehicle) -> _Tried:
-        """With the delay that explains most where none is stated."""
+        """Regression with the stated delay, or that of least cost."""
         part = _begun(log, LONGEST)
         stated = vehicle.cycle.command_delay_cycles
         lag = 0.0 if vehicle.thrust.lag_s == "auto" else vehicle.thrust.lag_s / vehicle.cycle.period_s
@@ -150,27 +153,27 @@ class _Tried(NamedTuple):
         if stated == "auto":
             at = next((rated.at for rated in delay.search(part, vehicle, [lag])), at)
         first = int(np.ceil(at.delay + 2)) + 5 * int(np.ceil(lag + 1 / (2 * np.pi * CUTOFFS_HZ[-1] * vehicle.cycle.period_s)))
-        # of the bins within a cycle nothing is asked
+        # intra-cycle bins are not used
         return _Tried(part, stating(vehicle, {"estimator.bins_per_cycle": 2}), at, first)
 
     def cost(self, sampled: bool, low_passes: Mapping[str, LowPass | None], shift: float = 0.0) -> tuple[float, float]:
-        """−2 log likelihood of gyro and accelerometer; ``shift``, cycles: by which commands come later."""
+        """−2 log likelihood of gyro and accelerometer, with the delay changed by ``shift`` cycles."""
         timing = self.at._replace(delay=max(self.at.delay + shift, 0.0))
         vehicle = stating(self.vehicle, {f"imu.{sensor}_filter": one for sensor, one in low_passes.items()})
         return unexplained_by(replace(self.log, sampled=(sampled, sampled)), vehicle, timing, self.first)
 
     def bare_shift(self, sampled: bool) -> float:
-        """Cycles by which commands come later if sensors have no low-pass, which would make up for a delay that is still to be found."""
+        """Change of an open delay of least cost without low-passes, cycles; it compensates a missing low-pass."""
         if self.vehicle.cycle.command_delay_cycles != "auto":
             return 0.0
         short = self._replace(log=_begun(self.log, FEW))
         return line_minimum(lambda shift: sum(short.cost(sampled, {}, shift)), NEAR, NEAR[-1] / 2, FINEST)
 
     def later(self, sampled: bool) -> dict[tuple[_Kernel, _Kernel], float]:
-        """−2 log likelihood where either sensor is later than the other by what explains most, or the commands are later for both.
+        """−2 log likelihood with the best latency of one sensor, or of both, which is a delay.
 
-        With the price of the former: where one sensor tells little the two leave as much, and a wrong delay is the more likely.
-        In free flight commands that come later for one sensor say as much; on a bearing gravity turns between the two, too.
+        One sensor alone has a penalty, since both costs are similar if one sensor gives little information. In free flight, commands later
+        for one sensor are equivalent. On a bearing gravity turns between the two sensors, too.
         """
         short, bare = self._replace(log=_begun(self.log, FEW)), _Kernel(sampled)
         log = replace(short.log, sampled=(sampled, sampled))
@@ -193,62 +196,67 @@ class _Tried(NamedTuple):
                 return sum(short.cost(sampled, dict.fromkeys(itertools.compress(delay.SENSORS, shown), low_pass)))
             return np.inf
 
-        found = dict[tuple[_Kernel, _Kernel], float]()
+        costs_of_pairs = dict[tuple[_Kernel, _Kernel], float]()
         for shown in ((True, False), (False, True), (True, True)):
-            own = partial(cost, shown=shown)
-            by = line_minimum(own, LATER, LATER[-1] / 2, FINEST)
-            gyro, accelerometer = (bare._replace(later=by * one) for one in shown)
-            found[(gyro, accelerometer)] = own(by) + (0.0 if all(shown) else CLEAR)
-        return found
+            cost_of = partial(cost, shown=shown)
+            latency = line_minimum(cost_of, LATER, LATER[-1] / 2, FINEST)
+            gyro, accelerometer = (bare._replace(later=latency * one) for one in shown)
+            costs_of_pairs[(gyro, accelerometer)] = cost_of(latency) + (0.0 if all(shown) else CLEAR)
+        return costs_of_pairs
 
 
-def _costs(tried: _Tried, kinds: tuple[bool, ...], orders: tuple[Order, ...]) -> dict[_Kernel, tuple[float, float]]:
-    """−2 log likelihood of gyro and accelerometer by each kernel that is tried; none where the log is too short."""
-    phase, costs = PHASE * float(np.mean(tried.log.interval_s)) / tried.vehicle.cycle.period_s, dict[_Kernel, tuple[float, float]]()
+def _costs(regression: _Tried, kinds: tuple[bool, ...], orders: tuple[Order, ...]) -> dict[_Kernel, tuple[float, float]]:
+    """−2 log likelihood of gyro and accelerometer for each kernel; empty if the log is too short."""
+    phase, costs = (
+        PHASE * float(np.mean(regression.log.interval_s)) / regression.vehicle.cycle.period_s,
+        dict[_Kernel, tuple[float, float]](),
+    )
 
     def add(one: _Kernel) -> None:
-        low_passes = dict.fromkeys(delay.SENSORS, one.low_pass(tried.vehicle) if one.order else None)
-        likeliest, around = (0.0, ()) if one.order else (tried.bare_shift(one.sampled), SHIFTS)
-        shifts = dict.fromkeys([0.0, likeliest, *(likeliest + by * phase for by in around)])
-        each = [tried.cost(one.sampled, low_passes, shift) for shift in shifts]
-        costs[one] = min(gyro for gyro, _ in each), min(accelerometer for _, accelerometer in each)
+        low_passes = dict.fromkeys(delay.SENSORS, one.low_pass(regression.vehicle) if one.order else None)
+        likeliest, phases = (0.0, ()) if one.order else (regression.bare_shift(one.sampled), SHIFTS)
+        shifts = dict.fromkeys([0.0, likeliest, *(likeliest + by * phase for by in phases)])
+        costs_by_shift = [regression.cost(one.sampled, low_passes, shift) for shift in shifts]
+        costs[one] = min(gyro for gyro, _ in costs_by_shift), min(accelerometer for _, accelerometer in costs_by_shift)
 
     try:
         for kind in kinds:
             add(_Kernel(kind))
         for kind, order in itertools.product(kinds, orders):
-            due = {_Kernel(kind, order, cutoff) for cutoff in BEGUN_HZ}
-            while due:
-                for one in due:
+            pending = {_Kernel(kind, order, cutoff) for cutoff in BEGUN_HZ}
+            while pending:
+                for one in pending:
                     add(one)
-                due = _beside_the_best(costs, kind, order)
+                pending = _beside_the_best(costs, kind, order)
     except InputError:
         return {}
     return costs
 
 
 def _beside_the_best(costs: Mapping[_Kernel, tuple[float, float]], kind: bool, order: int) -> set[_Kernel]:
-    """What is still to be tried: cutoffs on both sides of the one that leaves least of either sensor, where it is less than with none."""
-    own = [one for one in costs if (one.sampled, one.order) == (kind, order)]
-    found = set[_Kernel]()
+    """Cutoffs still to test: neighbours of each sensor's best one, if that beats no low-pass."""
+    of_kind = [one for one in costs if (one.sampled, one.order) == (kind, order)]
+    pending = set[_Kernel]()
     for sensor in range(len(delay.SENSORS)):
-        best = min(own, key=lambda one: costs[one][sensor])
+        best = min(of_kind, key=lambda one: costs[one][sensor])
         if costs[best][sensor] < costs[_Kernel(kind)][sensor]:
             at = CUTOFFS_HZ.index(best.cutoff_hz)
-            found |= {best._replace(cutoff_hz=cutoff) for cutoff in CUTOFFS_HZ[max(at - 1, 0) : at + 2]}
-    return found - costs.keys()
+            pending |= {best._replace(cutoff_hz=cutoff) for cutoff in CUTOFFS_HZ[max(at - 1, 0) : at + 2]}
+    return pending - costs.keys()
 
 
-def _best(costs: Mapping[_Kernel, tuple[float, float]], others: Mapping[tuple[_Kernel, _Kernel], float]) -> tuple[_Kernel, _Kernel] | None:
-    """Of gyro and accelerometer, both sampled or neither, or of ``others``; None where what is stated does as well."""
+def _best(
+    costs: Mapping[_Kernel, tuple[float, float]], pairs_later: Mapping[tuple[_Kernel, _Kernel], float]
+) -> tuple[_Kernel, _Kernel] | None:
+    """Kernels of gyro and accelerometer, both sampled or neither, or of ``pairs_later``; None if the stated case is as good."""
     plain = next(iter(costs))
 
     def least(sensor: int, sampled: bool, other: _Kernel | None = None) -> _Kernel:
-        own = {one: both[sensor] for one, both in costs.items() if one.sampled == sampled}
-        bare, best = next(one for one in own if one.order == 0), min(own, key=lambda one: own[one])
-        if own[best] < own[bare] - (CLEAR if other is None else LIKELY):
+        of_kind = {one: both[sensor] for one, both in costs.items() if one.sampled == sampled}
+        bare, best = next(one for one in of_kind if one.order == 0), min(of_kind, key=lambda one: of_kind[one])
+        if of_kind[best] < of_kind[bare] - (CLEAR if other is None else LIKELY):
             return best
-        return other if other is not None and own[other] < own[bare] + LIKELY else bare
+        return other if other is not None and of_kind[other] < of_kind[bare] + LIKELY else bare
 
     pairs = []
     for kind in {one.sampled for one in costs}:
@@ -257,17 +265,17 @@ def _best(costs: Mapping[_Kernel, tuple[float, float]], others: Mapping[tuple[_K
         pairs.append(pair if clear is None else (least(0, kind, clear), least(1, kind, clear)))
     total = {(gyro, accelerometer): costs[gyro][0] + costs[accelerometer][1] for gyro, accelerometer in pairs}
     for gyro, accelerometer in total:
-        if not gyro.sampled and (gyro.order or accelerometer.order):  # sensors that average hardly have a low-pass before
+        if not gyro.sampled and (gyro.order or accelerometer.order):  # averaging sensors rarely have a low-pass
             total[gyro, accelerometer] += UNUSUAL
-    total.update(others)
+    total.update(pairs_later)
     best = min(total, key=lambda pair: total[pair])
     return best if total[best] < sum(costs[plain]) - CLEAR else None
 
 
 def _notice(best: tuple[_Kernel, _Kernel], sampled: bool) -> Notice:
-    late = next(((sensor, one) for sensor, one in zip(delay.SENSORS, best, strict=True) if one.later), None)
-    if late is not None:
-        sensor, one = late
+    late_sensor = next(((sensor, one) for sensor, one in zip(delay.SENSORS, best, strict=True) if one.later), None)
+    if late_sensor is not None:
+        sensor, one = late_sensor
         order = "later" if one.later > 0 else "earlier"
         return Notice(
             "imu-kernel",
