@@ -1,8 +1,8 @@
-"""Model of the free coefficients of :mod:`massprop_cli.diagnosis.channelwise`: a body and any error parameter.
+"""Model of the free coefficients of :mod:`massprop_cli.diagnosis.channelwise`: mass properties and error parameters.
 
-One vector x holds everything that decides these coefficients: the ten mass properties θ of :mod:`massprop_cli.model.plant`, and beside
-them thrust, place and direction of each channel, scale and turn of gyro and accelerometer, biases, timing, torques, and what changes with
-time. A :class:`Hypothesis` names a few entries that may differ from what is stated; :mod:`massprop_cli.diagnosis.comparison` fits them.
+The vector x determines all coefficients. It holds the ten mass properties θ of :mod:`massprop_cli.model.plant`, and the error parameters:
+thrust, place and direction of each channel, scale and turn of gyro and accelerometer, biases, timing, torques, and rates of change. A
+:class:`Hypothesis` names the entries that may differ from the stated values; :mod:`massprop_cli.diagnosis.comparison` fits them.
 """
 
 from __future__ import annotations
@@ -33,61 +33,61 @@ from massprop_cli.model.plant.plant import MOMENT, MU, J
 
 _UNIT = np.eye(3)
 RAMP = 2 / 3
-"""Half the mean square of what thrust is late by, over the square of its mean, that rises and falls along a straight line."""
+"""Half the mean square delay of thrust that rises and falls linearly, over the square of its mean delay."""
 _SENSORS = (slice(0, 3), slice(3, 6))
 THETA = 10
-"""Entries of x that are mass properties; those of the error parameters come after them, and the channels' own last."""
+"""Number of mass properties at the start of x. Error parameters follow; those of single channels come last."""
 
 
 @dataclass(frozen=True)
 class Model:
-    """The coefficients that any x makes."""
+    """Free coefficients as functions of x, for C channels that act."""
 
     places: Mapping[str, slice]
     position: Array
-    """(C, 3) of each channel that fired, from O."""
+    """(C, 3) place of each channel, from O, body axes, m."""
     force: Array
-    """(C, 3) at full thrust."""
+    """(C, 3) force of each channel at full thrust, N."""
     couple: Array
-    """(C, 3) torque beside that of the force: of commanded wrenches."""
+    """(C, 3) torque of each channel in addition to that of its force, N m."""
     imu: Array
     mounting: Array
     """(3, 3) body from IMU, as stated."""
     bearing: Array | None
     gravity: float
     level: Array
-    """(3, 3) mean projector on the level plane, body axes."""
+    """(3, 3) mean projector onto the horizontal plane, body axes."""
     lags: Mapping[str, float]
-    """Time constants as stated, cycles."""
+    """Stated time constants, cycles."""
     clock_s: tuple[float, float] = (0.0, 1.0)
-    """From the log's beginning to the middle of the stretch, and how long that is."""
+    """Mean mid-cycle time since the start of the log, and length of the segment, s."""
     together: tuple[tuple[int, ...], ...] = ()
-    """Channels that always fire together, two or more each."""
+    """Groups of channels that always fire together."""
     biases: Mapping[str, float] = field(default_factory=dict)
-    """Entries that the vehicle file says to be uncertain, with their sigma: unknown beside every hypothesis, and no fault."""
+    """Nuisance parameters of the vehicle file and their sigmas; in every fit, and no fault."""
     walking: Mapping[str, float] = field(default_factory=dict)
-    """The same of what the attitude walks by, as the gyro's noise makes it, but beside hypotheses of others alone."""
+    """Nuisance parameters for the walk of an integrated attitude, and their sigmas; only with hypotheses about something else."""
     world: Array = field(default_factory=lambda: np.eye(3))
-    """(3, 3) the world's axes at the start of the log, in rows, body axes; on a bearing."""
+    """(3, 3) world axes at the start of the log, in rows, body axes; on a bearing."""
     room_torque: Array = field(default_factory=lambda: np.zeros(3))
-    """(3,) that is stated, along these, N m."""
+    """(3,) stated torque along the world axes, N m."""
     steady: Array = field(default_factory=lambda: np.zeros(3))
-    """(3,) specific force of what carries the weight on a table, which was taken off."""
+    """(3,) specific force of the support on a table, which was subtracted, m/s²."""
     plant: Plant = field(default_factory=FreeBody)
-    """On a pedestal forces do not move the vehicle, which is as if no force could move the mass, mu = 0."""
+    """Plant. On a pedestal forces do not move the mass, as with mu = 0."""
     kind: CommandKind = "jets"
     thrusting: int = 0
-    """Channels that are commanded; the others, after them, store momentum."""
+    """Number of commanded channels; the channels after them store momentum."""
     devices: Mapping[str, tuple[tuple[int, ...], ...]] = field(default_factory=dict)
-    """By their tables in the vehicle file, wheels and gyros, by their channels."""
+    """Channels of each wheel and gyro, by table of the vehicle file."""
     fired: tuple[int, ...] = ()
-    """Which of the log's channels these are."""
+    """Indices of the channels in the log."""
     released: Array | None = None
-    """(10,) θ of a body that nothing but its weight turns, near which the best one is; None where commands tell."""
+    """(10,) initial θ of a body that only its weight turns; None if the commands give it."""
 
     @staticmethod
     def of(free: Free, vehicle: Vehicle, lag: float, kind: CommandKind) -> Model:
-        """For a log's triangles; ``lag`` of the thrust as stated, cycles."""
+        """Model for a free response; ``lag`` of the thrust as stated, cycles."""
         position, force, couple = (part[free.fired] for part in _acting(vehicle, kind))
         bearing = np.array(vehicle.environment.bearing_position_m) if vehicle.pivoted else None
         gravity = vehicle.environment.gravity_m_s2 if vehicle.pivoted else 0.0
@@ -96,46 +96,48 @@ class Model:
         period = vehicle.cycle.period_s
         lags = {"lag": lag, "gyro_lag": vehicle.imu.gyro_lag_s / period, "accel_lag": vehicle.imu.accel_lag_s / period}
         (world,) = matrices(np.array([vehicle.environment.initial_attitude_wxyz]))
-        around = world, np.array(vehicle.environment.room_torque_n_m), vehicle.environment.steady_force_m_s2
-        stated = position, force, couple, imu, mounting, bearing
+        world_forces = world, np.array(vehicle.environment.room_torque_n_m), vehicle.environment.steady_force_m_s2
+        geometry = position, force, couple, imu, mounting, bearing
         thrusting = len(free.fired) - len(vehicle.momentum_wrench)
         commands = kind, thrusting, _devices(vehicle, thrusting)
-        told = free.level, lags, free.clock_s, _together(free), biases, walking(free.places, free.clock_s, vehicle, biases)
-        return Model(free.places, *stated, gravity, *told, *around, plant_of(vehicle), *commands, fired=tuple(free.fired.tolist()))
+        free_parts = free.level, lags, free.clock_s, _together(free), biases, walking(free.places, free.clock_s, vehicle, biases)
+        return Model(
+            free.places, *geometry, gravity, *free_parts, *world_forces, plant_of(vehicle), *commands, fired=tuple(free.fired.tolist())
+        )
 
     @cached_property
     def entries(self) -> dict[str, slice]:
-        """Where each stands in x."""
-        found, at = {"theta": slice(0, THETA)}, THETA
+        """Range of each parameter in x."""
+        ranges, at = {"theta": slice(0, THETA)}, THETA
         for name in ENTRIES:
             size = BY_NAME[name].size * (len(self.force) if BY_NAME[name].per_channel else 1)
-            found[name] = slice(at, at + size)
+            ranges[name] = slice(at, at + size)
             at += size
-        return found
+        return ranges
 
     def place(self, name: str) -> slice:
-        """Of an entry."""
+        """Range of one parameter in x."""
         return self.entries[name]
 
     @property
     def nuisances(self) -> dict[str, float]:
-        """Entries that are unknown whatever is supposed of others, with their sigma."""
+        """Nuisance parameters of every fit, and their sigmas."""
         return {**self.biases, **self.walking}
 
     @property
     def stated(self) -> Array:
-        """(nx,) x with everything as stated, and no mass properties yet."""
+        """(nx,) x as stated, with mass properties zero."""
         x = np.zeros(self.place("direction").stop)
         x[self.place("thrust")] = 1.0
         return x
 
     def cg(self, x: Array) -> Array:
-        """(3,) from O."""
+        """(3,) CG from O, body axes, m."""
         return np.asarray(self.plant.parameters(x[:THETA])[MOMENT] + x[self.place("bearing")])
 
     @property
     def uncertain(self) -> Array:
-        """(nx, n) directions that x may move in whatever is supposed, each scaled to its stated sigma."""
+        """(nx, n) directions of the nuisance parameters in x, each scaled to its sigma."""
         unit = np.eye(len(self.stated))
         return np.hstack([unit[:, :0], *(sigma * unit[:, self.place(name)] for name, sigma in self.nuisances.items())])
 
@@ -144,46 +146,49 @@ class Model:
         return {}
 
     def columns(self, moved: BoolArray) -> int:
-        """How many of the first columns explain the motion where these entries alone (nx,) differ: without what swings, or comes late."""
+        """Number of leading columns that a fit needs if it varies the entries ``moved`` (nx,)."""
         key = moved.tobytes()
         if key not in self._columns:
             self._columns[key] = self._counted(moved)
         return self._columns[key]
 
     def _counted(self, moved: BoolArray) -> int:
-        before = np.concatenate([[0], np.cumsum(moved)])
-        away = {name for name, place in self.entries.items() if before[place.stop] > before[place.start]}
-        away |= {*self.nuisances, *["room_torque"] * bool(self.room_torque.any())}
-        most = max(place.stop for name, place in self.places.items() if name not in BY_COLUMN or away & BY_COLUMN[name])
-        late = max(place.stop for name, place in self.places.items() if not name.startswith((*SWUNG, *LEVEL)))
-        return int(late if self.places["rates"].start < most < late else most)
+        count = np.concatenate([[0], np.cumsum(moved)])
+        differing = {name for name, place in self.entries.items() if count[place.stop] > count[place.start]}
+        differing |= {*self.nuisances, *["room_torque"] * bool(self.room_torque.any())}
+        last = max(place.stop for name, place in self.places.items() if name not in BY_COLUMN or differing & BY_COLUMN[name])
+        last_unswung = max(place.stop for name, place in self.places.items() if not name.startswith((*SWUNG, *LEVEL)))
+        return int(last_unswung if self.places["rates"].start < last < last_unswung else last)
 
-    def channel(self, supposed: Hypothesis) -> int | None:
-        """The one channel that a hypothesis is about, if it is about one and nothing else."""
-        rows = np.flatnonzero(supposed.moved)
+    def channel(self, hypothesis: Hypothesis) -> int | None:
+        """The channel that a hypothesis is about, if it is about one channel and nothing else."""
+        rows = np.flatnonzero(hypothesis.moved)
         first, count = self.place("thrust").start, len(self.force)
-        if not rows.size or rows[0] < first or supposed.gyro is not STRAIGHT or supposed.accelerometer is not STRAIGHT:
+        if not rows.size or rows[0] < first or hypothesis.gyro is not STRAIGHT or hypothesis.accelerometer is not STRAIGHT:
             return None
         at = rows - first
-        own = set(np.where(at < count, at, (at - count) // 3 % max(count, 1)).tolist())
-        return own.pop() if len(own) == 1 else None
+        channels = set(np.where(at < count, at, (at - count) // 3 % max(count, 1)).tolist())
+        return channels.pop() if len(channels) == 1 else None
 
     def without(self, channel: int) -> Hypothesis:
-        """Nothing, but that nothing is supposed of one channel."""
+        """Hypothesis that the effect of one channel is free, and nothing else."""
         return Hypothesis("", (), np.zeros((len(self.stated), 0))).whatever(channel)
 
     def wired(self, does: Sequence[int], spun: Sequence[int]) -> Model:
-        """Where each channel does what is stated of another one, and rotors turn the other way round."""
+        """Model with channels exchanged (``does``) and rotors reversed (``spun``)."""
         order, sign = list(does or range(len(self.force))), np.where(np.isin(np.arange(len(self.force)), spun), -1.0, 1.0)
         return replace(self, position=self.position[order], force=self.force[order], couple=sign[:, None] * self.couple[order])
 
     @property
     def turns(self) -> BoolArray:
-        """(3,) about which axes the body turns: on a table about Z alone."""
+        """(3,) axes about which the body can turn; on a table only Z."""
         return self.plant.observable[[0, 3, 5]]
 
     def wrench(self, x: Array) -> tuple[Array, Array]:
-        """(..., C, 3) torque about O and force of each channel, of which its force, or else its torque, is turned at its size."""
+        """(..., C, 3) torque about O and force of each channel.
+
+        An error of the direction turns the force, or the torque of a channel without force; its size stays.
+        """
         shape = (*x.shape[:-1], -1, 3)
         thrust, pushes = x[..., self.place("thrust"), None], self.force.any(-1, keepdims=True)
         line = np.where(pushes, self.force, self.couple)
@@ -195,7 +200,7 @@ class Model:
         return cross(position, force) + couple, force
 
     def coefficients(self, x: Array, gyro: Array, accelerometer: Array) -> Array:
-        """(..., p, 6) of x (..., nx) for IMUs turned so: growth of the rate, specific force."""
+        """(..., p, 6) coefficients for x (..., nx) and IMU turns: growth of the rate, specific force."""
 
         def get(name: str) -> Array:
             return x[..., self.entries[name]]
@@ -243,10 +248,10 @@ class Model:
         return self._measured(spin, push, x, gyro, accelerometer)
 
     def _add_times(self, spin: dict[str, Array], push: dict[str, Array], x: Array, response: Array, thrust: Array) -> None:
-        """What the stated wrench does later, smeared, with a drifting clock or a longer rise or fall; sensors that lag see all of it later.
+        """Add coefficients of delay, lag, clock drift, ramps and supply, in place.
 
-        A lag L as stated that is L + e is ``(1 + sL) / (1 + s(L + e)) = 1 − s e + s² e (L + e) − …``; of a sensor's the first term is taken
-        as the sensor sees it, ``− s e / (1 + sL)``.
+        A stated lag L that is L + e has the transfer function ``(1 + sL) / (1 + s(L + e)) = 1 − s e + s² e (L + e) − …`` relative to the
+        stated one. For a sensor the first term is used with the sensor's lag, ``− s e / (1 + sL)``.
         """
         delay, lag, rise, fall = (x[..., self.entries[name]][..., 0] for name in ("delay", "lag", "rise", "fall"))
         for own, parts, sensor in ((response, spin, "gyro_lag"), (thrust, push, "accel_lag")):
@@ -264,7 +269,7 @@ class Model:
             parts["ebbing"] = x[..., self.entries["cycle_droop"]][..., None] * own
 
     def _add_weight(self, spin: dict[str, Array], push: dict[str, Array], x: Array, inverse: Array, felt: Callable[[Array], Array]) -> None:
-        """On a bearing: what the weight and level forces do to the body, and a torque that stands still in the room."""
+        """Add coefficients of the weight, of horizontal forces and of a torque fixed in the room, in place; on a bearing."""
         spin["up"] = -self.gravity * inverse @ cross_matrix(x[..., MOMENT])
         push["up"] = self.gravity * _UNIT + felt(spin["up"])
         push["level"] = (x[..., MU] * self.plant.translates)[..., None, None] * _UNIT + felt(spin["level"])
@@ -274,10 +279,10 @@ class Model:
             spin[one], push[one] = spin[one] + spun, push[one] + felt(spun)
 
     def _add_swings(self, spin: dict[str, Array], push: dict[str, Array], x: Array) -> None:
-        """On a bearing: what a wrong vertical does, tilted from the beginning or turned with what the gyro gets wrong.
+        """Add coefficients of a wrong vertical, in place; on a bearing: initial tilt, and gyro errors that turn it.
 
-        Rates in axes that are turned by δ carry a vertical that is turned by −δ, and began turned by δ. A body that is turned about the
-        world's X has its vertical moved along Y, and one about Y against X.
+        If the gyro's axes are turned by δ, the integrated vertical turns by −δ from an initial vertical that is turned by δ. A turn of the
+        body about the world's X moves its vertical along Y; a turn about Y moves it along −X.
         """
         turn, tilt = x[..., self.entries["gyro_turn"]], x[..., self.entries["tilt"]]
         integrated = INTEGRATED in self.places
@@ -300,14 +305,14 @@ class Model:
         return felt
 
     def _centripetal(self, arm: Array, moment: Array, mu: Array) -> Array:
-        """(..., 3, 6) specific force by products of rates."""
+        """(..., 3, 6) specific force at the IMU by products of rates."""
         found = centripetal(arm)
         if self.bearing is not None:
             found = found - self.level @ centripetal(moment * mu[..., None])
         return found
 
     def _measured(self, spin: Mapping[str, Array], push: Mapping[str, Array], x: Array, gyro: Array, accelerometer: Array) -> Array:
-        """In the axes, units and scales of the IMU that measured the rates that the columns are made of."""
+        """Coefficients in axes, units and scales of the IMU that measured."""
         found = np.zeros((*x.shape[:-1], max(p.stop for p in self.places.values()), 6))
         for name, place in self.places.items():
             found[..., place, :3], found[..., place, 3:] = np.swapaxes(spin[name], -1, -2), np.swapaxes(push[name], -1, -2)
@@ -319,7 +324,7 @@ class Model:
         return found
 
     def _turned(self, found: Array, x: Array, gyro: Array, accelerometer: Array) -> Array:
-        """(N, p, 6) the coefficients of IMUs that are turned or scaled."""
+        """(N, p, 6) coefficients of IMUs that are turned or scaled."""
         turns = []
         for name, base in (("gyro", gyro), ("accel", accelerometer)):
             scale = np.exp(x[:, self.place(f"{name}_scale")])
@@ -340,7 +345,7 @@ class Model:
 
 def _devices(vehicle: Vehicle, first: int) -> dict[str, tuple[tuple[int, ...], ...]]:
     found: dict[str, tuple[tuple[int, ...], ...]] = {}
-    # a rotor that turns is no wheel
+    # rotors are momentum devices without a table of their own
     stating = [one for _, own in vehicle.actuators for one in own if one.device is not None]
     for device, one in zip(vehicle.spinning, stating, strict=True):
         own, first = tuple(range(first, first + len(device.axes))), first + len(device.axes)
@@ -350,7 +355,7 @@ def _devices(vehicle: Vehicle, first: int) -> dict[str, tuple[tuple[int, ...], .
 
 
 def _acting(vehicle: Vehicle, kind: CommandKind) -> tuple[Array, Array, Array]:
-    """(C, 3) place, force at full as far as that moves the vehicle, and torque beside that of the force, of each channel."""
+    """(C, 3) place, force that moves the vehicle at full thrust, and additional torque of each channel."""
     if kind == "jets":
         position, force = np.array([jet.position_m for jet in vehicle.jets]).reshape(-1, 3), vehicle.jet_wrench[:, 3:]
         couple = np.zeros_like(force)
@@ -365,20 +370,20 @@ def _acting(vehicle: Vehicle, kind: CommandKind) -> tuple[Array, Array, Array]:
 
 
 def _precession(torque: Array, bias: Array) -> Array:
-    """(..., 3, 4 A) torque by the rates times momentum, of channels (..., A, 3) by a unit, and by momentum that a gyro's ``bias`` turns."""
+    """(..., 3, 4 A) torque of rates × stored momentum for axes (..., A, 3), and that by the gyro's ``bias``."""
     by_rate = -cross_matrix(torque)
     each = np.concatenate([by_rate, -(by_rate @ bias[..., None, :, None])], -1)
     return np.moveaxis(each, -3, -2).reshape(*each.shape[:-3], 3, -1)
 
 
 def _less_bias(parts: dict[str, Array], bias: Array) -> None:
-    """Products of the rates less their bias."""
+    """Replace the rates by rates less their bias, in place."""
     parts["rates"] = parts["rates"] - parts["products"] @ products_by_rate(bias)
     parts["constant"] = parts["constant"] + parts["products"] @ products(bias)[..., None]
 
 
 def _together(free: Free) -> tuple[tuple[int, ...], ...]:
-    """Channels whose columns are one and the same, or its opposite."""
+    """Groups of channels whose columns are parallel."""
     columns = free.accelerometer.triangle[:, free.places["channels"]]
     size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
     alike = np.abs((columns / size).T @ (columns / size)) > 1 - ROUNDING

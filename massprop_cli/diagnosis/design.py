@@ -1,6 +1,6 @@
 """Regressor columns of a segment for its free coefficients.
 
-What commands do is the same under every hypothesis about jets' places and strengths or the IMU, and so is gone through once for all.
+Hypotheses about jets' places and thrust or about the IMU do not change these columns. So they are computed once.
 """
 
 from __future__ import annotations
@@ -35,73 +35,73 @@ from massprop_cli.prepare.sums import net
 from massprop_cli.prepare.timing import Timing
 
 SHIFT = 0.25
-"""Cycles by which commands are moved to see what a delay would do."""
+"""Cycles by which commands are shifted for the derivatives by the delay."""
 SWUNG = ("gyro_scale", "gyro_bias")
-"""Errors of a gyro that the attitude is integrated from: each axis of each moves the vertical. A turned gyro needs no columns of its own:
-with it the vertical is turned, and begins elsewhere."""
+"""Gyro errors that tilt the integrated vertical: a column for each axis of each. A turned gyro needs none, since it turns the initial
+vertical."""
 INTEGRATED = f"{SWUNG[0]} 0"
-"""A column that is there where the gyro alone carries the attitude."""
+"""A column that exists only if the attitude is integrated from the gyro."""
 COUPLING = 0.5
-"""Noise in the rates that the products are made of moves the rate by so much of its square, times (rate × cycle)²: half of the moments of
-inertia's differences over one of them, squared, as it is of a slab."""
+"""Variance that rate noise in the products adds to a rate step, over noise variance × (rate × cycle)²: half the square of the ratio (I_a −
+I_b) / I_c of moments of inertia, which is 1 for a plate."""
 RAMPS, SUPPLY = ("rising", "falling"), ("sagging", "ebbing")
-"""Columns of thrust that rises, and that falls, more slowly; and that is less beside other jets. A short log does without."""
+"""Columns of thrust that rises or falls more slowly, and of thrust that is lower while other jets fire. A short log does without."""
 ENOUGH = 2
-"""Cycles that there must be for each column."""
+"""Least number of cycles per column."""
 KEPT = 16
-"""Timings of commands that are remembered."""
+"""Number of command timings whose impulses are cached."""
 
 
 @dataclass(frozen=True)
 class Design:
-    """Columns of one stretch of a log. K cycles, p columns."""
+    """Regressor columns of one segment: K cycles, p columns, C channels that act."""
 
     places: Mapping[str, slice]
-    """Where each kind of column stands."""
+    """Column range of each kind of column."""
     fired: IntArray
     """Indices of the channels that have a column."""
     growth: Array
-    """(K − 1, p) what a unit acceleration by each column adds to the mean rate."""
+    """(K − 1, p) growth of the mean rate from cycle to cycle by a unit coefficient of each column."""
     mean: Array
-    """(K, p) mean over each cycle."""
+    """(K, p) mean of each column over each cycle."""
     rate: Array
-    """(K, 3) measured, rad/s."""
+    """(K, 3) measured rate, rad/s."""
     force: Array
     """(K, 3) measured specific force, m/s²."""
     cycle_s: float
-    """Mean length of a cycle."""
+    """Mean cycle length, s."""
     level: Array
-    """(3, 3) mean projector on the level plane, body axes."""
+    """(3, 3) mean projector onto the horizontal plane, body axes."""
     used: BoolArray
-    """(K, 2) whether gyro and accelerometer are."""
+    """(K, 2) whether the gyro's and the accelerometer's reading is used."""
     clock_s: tuple[float, float]
-    """From the log's beginning to the mean of the cycles' middles, and from the first of these to the last."""
+    """Mean mid-cycle time since the start of the log, and time between the first and the last mid-cycle, s."""
     acted: tuple[Array, Array, Array]
-    """(K, C) s each: what the channels that fired did under the rising half of each cycle's window, and under the falling one."""
+    """(K, C) impulses of the channels under the rising and the falling half of each cycle's window, and in the whole cycle."""
     start_s: Array
-    """(K,) of each cycle."""
+    """(K,) start of each cycle, s."""
     duration_s: Array
     nutation: float = 0.0
-    """What stored momentum turns an error of the rate by, squared: (rad/s)²."""
+    """Square of the nutation frequency by stored momentum, (rad/s)²."""
     scatter: StatedScatter | None = None
-    """What is stated beside the IMU's noise, where anything is."""
+    """Stated noise other than the IMU's; None without any."""
 
     @property
     def heard(self) -> Array:
-        """(K,) by which the specific force is weighted: noise over what scatters beside it, one sigma."""
+        """(K,) weight of the specific force: IMU noise over total stated noise."""
         return np.asarray(np.ones(len(self.mean)) if self.scatter is None else 1 / np.sqrt(1 + self.scatter.felt))
 
     @property
     def driven(self) -> Driven:
-        """The rates, as they are made white."""
+        """Rates and their columns, for whitening."""
         coupling = COUPLING * (float((self.rate**2).sum(1).mean()) + self.nutation) * self.cycle_s**2
         steady = self.places["constant"].start if "constant" in self.places else None
-        scattered, walking = (None, 0.0) if self.scatter is None else (self.scatter.turned, self.scatter.walking)
-        return Driven(self.growth, self.rate, self.used[:, 0], coupling, False, steady, self.cycle_s, walking, scattered)
+        rate_step, random_walk = (None, 0.0) if self.scatter is None else (self.scatter.turned, self.scatter.walking)
+        return Driven(self.growth, self.rate, self.used[:, 0], coupling, False, steady, self.cycle_s, random_walk, rate_step)
 
 
 class _Window(NamedTuple):
-    """What commands do under one timing: (K, 6) under the halves of the window, and in all."""
+    """(K, 6) wrench impulses of the commands under one timing: under the halves of the window, and in the whole cycle."""
 
     rising: Array
     falling: Array
@@ -109,7 +109,7 @@ class _Window(NamedTuple):
 
 
 class Designs:
-    """Those of cases that differ by what is supposed."""
+    """Designs of related cases, with a cache of what they share."""
 
     def __init__(self) -> None:
         self._made: dict[tuple[object, ...], tuple[Array, Impulses]] = {}
@@ -117,45 +117,47 @@ class Designs:
         self._turned: dict[tuple[object, ...], list[tuple[str, Array]]] = {}
 
     def of(self, log: Log, vehicle: Resolved, timing: Timing, piece: slice, theta: Array | None = None) -> Design:
-        """The columns of cycles ``piece``; with the motion within the cycles of a body ``theta`` (10,) where one is given.
+        """Columns of cycles ``piece``; with ``theta`` (10,), with the intra-cycle motion of that body.
 
-        :class:`InputError` if they are too few.
+        Raise :class:`InputError` if there are too few cycles.
         """
-        asked = (log, vehicle, timing, piece, None if theta is None else theta.tobytes())
-        if self._last is None or not all(a is b or (i > 1 and a == b) for i, (a, b) in enumerate(zip(self._last[0], asked, strict=True))):
-            self._last = asked, self._design(log, vehicle, timing, piece, theta)
+        key = (log, vehicle, timing, piece, None if theta is None else theta.tobytes())
+        if self._last is None or not all(a is b or (i > 1 and a == b) for i, (a, b) in enumerate(zip(self._last[0], key, strict=True))):
+            self._last = key, self._design(log, vehicle, timing, piece, theta)
         return self._last[1]
 
     def _design(self, log: Log, vehicle: Resolved, timing: Timing, piece: slice, theta: Array | None) -> Design:
         lag_s = timing.lag_s(vehicle)
         samples = timing.of(log, vehicle, self._impulses(log, vehicle, timing.delay, lag_s))
-        begun = max(int(np.argmax(samples.executed.usable)) + 1, 0 if samples.measured is None else samples.measured.settled)
-        cycles = slice(max(piece.start, begun), min(piece.stop, len(samples) - 1))
+        first_usable = max(int(np.argmax(samples.executed.usable)) + 1, 0 if samples.measured is None else samples.measured.settled)
+        cycles = slice(max(piece.start, first_usable), min(piece.stop, len(samples) - 1))
         if cycles.stop - cycles.start < 2:
             raise InputError(
                 f"{log.path}: {max(cycles.stop - cycles.start, 0)} cycles are too few to say how the motion follows the commands"
             )
-        # what comes before it was commanded is no effect of a command that a controller made of the noise that is measured
+        # no column for effects before the command: a controller computes commands from measured noise
         earliest = max(timing.delay - SHIFT, 0.0)
-        moved = [self._window(log, vehicle, earliest + by, lag_s) for by in (0.0, SHIFT, 2 * SHIFT)]
-        thrusts = [(name, self._window(log, other, timing.delay, lag_s), by) for name, other, by in _otherwise(log, vehicle, timing)]
-        parts = list(_columns(samples, moved, (timing.delay - earliest) / SHIFT, thrusts, vehicle, cycles))
+        shifted = [self._window(log, vehicle, earliest + by, lag_s) for by in (0.0, SHIFT, 2 * SHIFT)]
+        thrust_variants = [
+            (name, self._window(log, other, timing.delay, lag_s), by) for name, other, by in _otherwise(log, vehicle, timing)
+        ]
+        parts = list(_columns(samples, shifted, (timing.delay - earliest) / SHIFT, thrust_variants, vehicle, cycles))
         parts += self._turned_columns(samples, vehicle, cycles) if vehicle.pivoted else []
         count, places = len(parts[0].mean), _places(parts)
-        for further in (SUPPLY, RAMPS):
+        for optional in (SUPPLY, RAMPS):
             if count < ENOUGH * _wide(places):
-                parts = [part for part in parts if part.name not in further]
+                parts = [part for part in parts if part.name not in optional]
                 places = _places(parts)
         if count < ENOUGH * _wide(places):
             raise InputError(f"{log.path}: {count} cycles are too few for {_wide(places)} free columns")
-        acted = samples.executed.channels
-        fired = np.flatnonzero(_acting(acted, cycles))
+        channels = samples.executed.channels
+        fired = np.flatnonzero(_acting(channels, cycles))
         growth, mean = (np.concatenate([part[i] for part in parts], 1) for i in (1, 2))
         rate = samples.rate_rad_s[cycles]
         if theta is not None:
             rate = rate - _by_body(samples.part(cycles), vehicle, theta, places, growth, mean)
         middle_s = samples.executed.start_s[cycles] + samples.executed.duration_s[cycles] / 2
-        cycle_s, up = float(samples.executed.duration_s[cycles].mean()), samples.up_b[cycles]
+        cycle_s, up_b = float(samples.executed.duration_s[cycles].mean()), samples.up_b[cycles]
         return Design(
             places,
             fired,
@@ -164,10 +166,10 @@ class Designs:
             rate,
             samples.specific_force_m_s2[cycles],
             cycle_s,
-            np.eye(3) - up.T @ up / len(up),
+            np.eye(3) - up_b.T @ up_b / len(up_b),
             np.asarray(~samples.executed.ignored[cycles].reshape(-1, 2, 3).all(2)),
             (float(middle_s.mean()) - log.origin_s, float(np.ptp(middle_s))),
-            (acted.rising[cycles][:, fired], acted.falling[cycles][:, fired], acted.whole[cycles][:, fired]),
+            (channels.rising[cycles][:, fired], channels.falling[cycles][:, fired], channels.whole[cycles][:, fired]),
             samples.executed.start_s[cycles],
             samples.executed.duration_s[cycles],
             nutation(samples.executed.stored, cycles, rate),
@@ -176,53 +178,53 @@ class Designs:
 
     def _window(self, log: Log, vehicle: Vehicle, delay: float, lag_s: float) -> _Window:
         wrench = channel_wrench(log, vehicle)
-        made = self._impulses(log, vehicle, delay, lag_s)
-        return _Window(*(net(part, wrench) for part in (made.rising, made.falling, made.whole)))
+        impulses_of = self._impulses(log, vehicle, delay, lag_s)
+        return _Window(*(net(part, wrench) for part in (impulses_of.rising, impulses_of.falling, impulses_of.whole)))
 
     def _turned_columns(self, samples: Samples, vehicle: Vehicle, cycles: slice) -> list[_Part]:
-        """The world's X and Y, and by how much the vertical moves with what a gyro that carries it has wrong."""
+        """Columns of the world's X and Y, and of the vertical's change by each gyro error that it is integrated with."""
         duration_s = samples.executed.duration_s[cycles]
         lasting = (duration_s[:-1] + duration_s[1:])[:, None] / 2
-        found = self._verticals(samples, vehicle) if samples.measured is None else by_log(samples.measured.attitude_wxyz)
-        return [_turning_with(name, turned, cycles, lasting) for name, turned in found]
+        vectors = self._verticals(samples, vehicle) if samples.measured is None else by_log(samples.measured.attitude_wxyz)
+        return [_turning_with(name, vector, cycles, lasting) for name, vector in vectors]
 
     def _verticals(self, samples: Samples, vehicle: Vehicle) -> list[tuple[str, Array]]:
-        """What a wrong gyro does to the vertical, as before where rates and the first vertical are the same."""
-        told = (samples.rate_rad_s, samples.executed.duration_s, samples.up_b[0])
-        key = (vehicle.imu.body_from_imu, *(part.tobytes() for part in told))
+        """Change of the vertical by each gyro error, cached by rates and initial vertical."""
+        inputs = (samples.rate_rad_s, samples.executed.duration_s, samples.up_b[0])
+        key = (vehicle.imu.body_from_imu, *(part.tobytes() for part in inputs))
         if key not in self._turned:
-            self._turned = dict([*self._turned.items()][-1:]) | {key: verticals_by_errors(samples, vehicle)}  # two, since they may be long
+            self._turned = dict([*self._turned.items()][-1:]) | {key: verticals_by_errors(samples, vehicle)}
         return self._turned[key]
 
     def _impulses(self, log: Log, vehicle: Vehicle, delay: float, lag_s: float) -> Impulses:
-        """What the commands do, as before where nothing differs that they go by."""
+        """Impulses of the commands, cached by everything in the vehicle file on which they depend."""
         times = tuple((jet.rise_s, jet.fall_s, jet.delay_s) for jet in vehicle.jets)
         thrust, imu = vehicle.thrust, vehicle.imu
         supply = thrust.droop, thrust.cycle_droop, thrust.failures, thrust.wrench_limits, thrust.least_on_s, thrust.dead_on_s
-        others = tuple(one.model_dump_json() for _, own in vehicle.actuators for one in own)
-        shown = log.sampled, imu.clock_drift_ppm, imu.gyro_filter, imu.accel_filter
-        key = (id(log.command), delay, lag_s, vehicle.cycle.pulse_at, times, supply, shown, others)
+        actuators = tuple(one.model_dump_json() for _, table in vehicle.actuators for one in table)
+        sensors = log.sampled, imu.clock_drift_ppm, imu.gyro_filter, imu.accel_filter
+        key = (id(log.command), delay, lag_s, vehicle.cycle.pulse_at, times, supply, sensors, actuators)
         if key not in self._made:
             if len(self._made) == KEPT:
                 del self._made[next(iter(self._made))]
-            self._made[key] = log.command, impulses(log, vehicle, delay, lag_s)  # the array held, no other has its id
+            self._made[key] = log.command, impulses(log, vehicle, delay, lag_s)  # keeps the array, so that its id stays unique
         return self._made[key][1]
 
 
 class Case(NamedTuple):
-    """A log as it is read."""
+    """A log, the vehicle file and the timing under which it is read."""
 
     log: Log
     vehicle: Resolved
     timing: Timing
     designs: Designs | None = None
-    """Made of it so far, and of what is supposed of it; None: they are made anew."""
+    """Cache of designs; None: no cache."""
     whole: tuple[Log, slice] | None = None
-    """The log that it is a part of, and the piece of that; None: it is no part."""
+    """The log that this one is a part of, and the cycles of the phase in it; None: not a part."""
 
     @property
     def setup(self) -> Setup:
-        """As the table of error parameters takes it."""
+        """The case as the error parameters take it."""
         return Setup(self.log, self.vehicle, self.timing)
 
     def design(self, piece: slice, theta: Array | None = None) -> Design:
@@ -231,42 +233,42 @@ class Case(NamedTuple):
 
 
 def _by_body(samples: Samples, vehicle: Vehicle, theta: Array, places: Mapping[str, slice], growth: Array, mean: Array) -> Array:
-    """(K, 3) rate by the swing of a body's CG. Products of rates and the mean vertical are set to what they are in the motion that it has.
+    """(K, 3) rate by the motion of the CG within the cycles. Also set products and mean vertical to the intra-cycle motion, in place.
 
-    The vertical within the cycles turns it by the body's weight, too, and is taken with θ: columns of a gyro's errors hold the vertical
-    without it, and one that differs from their sum by the rate's noise alone would explain that noise.
+    The change of the vertical within the cycles, by the weight's torque, is taken with θ. A separate column would differ from those of the
+    gyro errors by rate noise alone, and explain that noise.
     """
     phi_map = ResponseMap(plant_of(vehicle))
-    step, whole, swung = integrals_about(samples, phi_map.reference(theta), vehicle)
+    step, whole, cg_rate = integrals_about(samples, phi_map.reference(theta), vehicle)
     for name, column in (("products", phi_map.plant.channels - 6), ("up", 3), ("level", 6)):
         if name in places:
-            own = places[name]
-            here = slice(column, column + own.stop - own.start)
+            place = places[name]
+            columns = slice(column, column + place.stop - place.start)
             if name == "up":
-                swung = swung + (step[:, here] - growth[:, own]) @ phi_map.plant.response(theta)[:, here].T
+                cg_rate = cg_rate + (step[:, columns] - growth[:, place]) @ phi_map.plant.response(theta)[:, columns].T
             else:
-                growth[:, own] = step[:, here]
-            mean[:, own] = whole[:, here]
-    if "level" in places:  # of the force that acts, as the channels' own columns have it, what is level stays
+                growth[:, place] = step[:, columns]
+            mean[:, place] = whole[:, columns]
+    if "level" in places:  # columns of channels hold the whole force; this one takes only its horizontal part
         force, duration_s = slice(3, 6), samples.executed.duration_s[:, None]
         growth[:, places["level"]] -= (samples.executed.rising[:-1] + samples.executed.falling[1:])[:, force]
         mean[:, places["level"]] -= samples.executed.whole[:, force] / duration_s
     if samples.executed.stored is not None:
         motion = intra_cycle_motion(samples, phi_map.reference(theta), phi_map).motion
-        within = precessing_within(samples.executed.stored, motion, samples.executed.duration_s)
-        for part, products_of in zip((growth, mean), within, strict=True):
-            columns = np.arange(places["precession"].start, places["precession"].stop).reshape(-1, PER_AXIS)[:, :3]
-            part[:, columns.ravel()] = products_of.reshape(len(part), -1)
-    return np.concatenate([np.zeros((1, 3)), np.cumsum(swung, 0)])
+        precession = precessing_within(samples.executed.stored, motion, samples.executed.duration_s)
+        for part, products_of in zip((growth, mean), precession, strict=True):
+            axes = np.arange(places["precession"].start, places["precession"].stop).reshape(-1, PER_AXIS)[:, :3]
+            part[:, axes.ravel()] = products_of.reshape(len(part), -1)
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(cg_rate, 0)])
 
 
 def _otherwise(log: Log, vehicle: Vehicle, timing: Timing) -> Iterator[tuple[str, Vehicle, float]]:
-    """Columns of jets that act otherwise: the vehicle that has them so, and by how many units."""
+    """Columns of jets with changed thrust: name, vehicle with the change, and size of the change."""
     if log.command_kind != "jets":
         return
     for column in (*RAMPS, *SUPPLY) if together(log) > 1 else RAMPS:
-        (one,) = (BY_NAME[name] for name in BY_COLUMN[column])
-        yield column, one.differing(Setup(log, vehicle, timing), one.difference).vehicle, one.difference
+        (parameter,) = (BY_NAME[name] for name in BY_COLUMN[column])
+        yield column, parameter.differing(Setup(log, vehicle, timing), parameter.difference).vehicle, parameter.difference
 
 
 class _Part(NamedTuple):
@@ -287,90 +289,92 @@ def _wide(places: Mapping[str, slice]) -> int:
 def _columns(
     samples: Samples, moved: Sequence[_Window], at: float, thrusts: Sequence[tuple[str, _Window, float]], vehicle: Vehicle, cycles: slice
 ) -> list[_Part]:
-    """Each kind: (K − 1, n) growth of the rate, (K, n) means.
+    """Column blocks in their order.
 
-    ``moved``: commands at three delays, ``SHIFT`` apart, of which the stated is ``at``; ``thrusts``: by jets that act otherwise by so many
-    units.
+    ``moved``: wrench at three delays, :data:`SHIFT` apart, of which the stated one is number ``at``. ``thrusts``: name, wrench and size of
+    each change of thrust.
     """
     executed = samples.executed
     duration = executed.duration_s[cycles, None]
-    lasting = (duration[:-1] + duration[1:]) / 2
+    window_s = (duration[:-1] + duration[1:]) / 2
     rate, channels = samples.rate_rad_s[cycles], executed.channels
-    fired = _acting(channels, cycles)
+    active = _acting(channels, cycles)
     middle, step = (rate[1:] + rate[:-1]) / 2, np.diff(rate, axis=0)
-    # of a rate that grows linearly: its mean square under the triangular window, and over a cycle
-    product = (products(middle) + products(step) / 6) * lasting
+    # mean product of a linear rate under the triangular window, and over a cycle
+    product = (products(middle) + products(step) / 6) * window_s
     inner = np.gradient(rate, axis=0)
 
     def by_window(one: _Window) -> tuple[Array, Array]:
         rising, falling, whole = (part[cycles] for part in one)
         return rising[:-1] + falling[1:], whole / duration
 
-    wrench = by_window(_Window(*(net(part, channels.wrench) for part in channels.windows)))  # of the commands alone
+    wrench = by_window(_Window(*(net(part, channels.wrench) for part in channels.windows)))  # without stored momentum
     of_channels = by_window(_Window(*channels.windows))
     later, smeared = _parabola([by_window(one) for one in moved], at)
     middle_s = executed.start_s[cycles] + executed.duration_s[cycles] / 2
     clock = ((middle_s - middle_s.mean()) / np.ptp(middle_s))[:, None]
     clocks = (clock[1:] + clock[:-1]) / 2, clock
-    # what a body does by itself comes first, so that what is supposed of that alone takes but the first columns
+    # columns that every hypothesis needs come first, so that most hypotheses use only those
     parts = [
-        _Part("channels", *(part[:, fired] for part in of_channels)),
+        _Part("channels", *(part[:, active] for part in of_channels)),
         _Part("products", product, products(rate) + products(inner) / 12),
-        _Part("constant", lasting, np.ones_like(duration)),
-        *(_by_gravity(samples, cycles, lasting) if vehicle.pivoted else []),
-        *([] if executed.stored is None else [_Part("precession", *precessing(executed.stored.part(cycles), rate, duration, lasting))]),
+        _Part("constant", window_s, np.ones_like(duration)),
+        *(_by_gravity(samples, cycles, window_s) if vehicle.pivoted else []),
+        *([] if executed.stored is None else [_Part("precession", *precessing(executed.stored.part(cycles), rate, duration, window_s))]),
     ]
     if plant_of(vehicle).tilt_sigma > 0:
         turning = np.broadcast_to(samples.rate_rad_s, (2, *samples.rate_rad_s.shape))
         level = verticals(turning, samples.executed.duration_s, np.eye(3)[:2])
-        parts += [_turning_with(f"slope {i}", edges, cycles, lasting) for i, edges in enumerate(level)]
+        parts += [_turning_with(f"slope {i}", edges, cycles, window_s) for i, edges in enumerate(level)]
     parts += [
-        _Part("rates", middle * lasting, rate),
+        _Part("rates", middle * window_s, rate),
         _Part("later", *later),
         *_lagging(vehicle, *later),
         _Part("smeared", *smeared),
         _Part("drifting", *(c * x for c, x in zip(clocks, later, strict=True))),
         _Part("aging", *(c * x for c, x in zip(clocks, wrench, strict=True))),
     ]
-    return parts + [_Part(name, *((b - a) / by for a, b in zip(wrench, by_window(own), strict=True))) for name, own, by in thrusts]
+    return parts + [
+        _Part(name, *((b - a) / size for a, b in zip(wrench, by_window(variant), strict=True))) for name, variant, size in thrusts
+    ]
 
 
 def _acting(channels: Channels, cycles: slice) -> BoolArray:
-    """(C,) which channels have a column: those that acted, and all that store momentum, which turns with the body."""
+    """(C,) channels that have a column: those that fired, and all that store momentum, which precesses with the body."""
     return np.asarray((channels.whole[cycles] != 0).any(0) | (np.arange(len(channels.wrench)) >= channels.thrusting))
 
 
 def _parabola(moved: Sequence[tuple[Array, Array]], at: float) -> tuple[list[Array], list[Array]]:
-    """Slope and curvature, by a cycle's delay, of what commands do at three delays ``SHIFT`` apart, where it is ``at`` one of them."""
+    """First and second derivative by the delay, at position ``at``, of columns at three delays :data:`SHIFT` apart."""
     early, between, late = moved
     curvature: list[Array] = [(a - 2 * b + c) / SHIFT**2 for a, b, c in zip(early, between, late, strict=True)]
-    return [(c - a) / (2 * SHIFT) + (at - 1) * SHIFT * bent for a, c, bent in zip(early, late, curvature, strict=True)], curvature
+    return [(c - a) / (2 * SHIFT) + (at - 1) * SHIFT * second for a, c, second in zip(early, late, curvature, strict=True)], curvature
 
 
 def _lagging(vehicle: Vehicle, growth: Array, mean: Array) -> list[_Part]:
-    """What comes later as sensors see it that lag by so much already: ``d/dL 1 / (1 + sL)``, as a low-pass of what was undone has it."""
+    """Delay columns as seen by sensors with a stated lag L: the derivative d/dL 1 / (1 + sL)."""
     imu, period = vehicle.imu, vehicle.cycle.period_s
     if imu.gyro_lag_s == 0 and imu.accel_lag_s == 0:
         return []
-    seen = [recorded.applied(part, period, lag) for part, lag in ((growth, imu.gyro_lag_s), (mean, imu.accel_lag_s))]
-    return [_Part("lagging", *seen)]
+    lagged = [recorded.applied(part, period, lag) for part, lag in ((growth, imu.gyro_lag_s), (mean, imu.accel_lag_s))]
+    return [_Part("lagging", *lagged)]
 
 
-def _turning_with(name: str, vector: Array, cycles: slice, lasting: Array) -> _Part:
-    """Of a vector (K + 1, 3) at the edges of all cycles."""
+def _turning_with(name: str, vector: Array, cycles: slice, window_s: Array) -> _Part:
+    """Columns of a body-axes vector (K + 1, 3) given at the edges of all cycles."""
     edges = vector[cycles.start : cycles.stop + 1]
-    bent = np.zeros_like(edges)
-    bent[1:-1] = edges[2:] - 2 * edges[1:-1] + edges[:-2]
-    return _Part(name, (edges + bent / 12)[1:-1] * lasting, (edges[1:] + edges[:-1]) / 2 - (bent[1:] + bent[:-1]) / 24)
+    curvature = np.zeros_like(edges)
+    curvature[1:-1] = edges[2:] - 2 * edges[1:-1] + edges[:-2]
+    return _Part(name, (edges + curvature / 12)[1:-1] * window_s, (edges[1:] + edges[:-1]) / 2 - (curvature[1:] + curvature[:-1]) / 24)
 
 
-def _by_gravity(samples: Samples, cycles: slice, lasting: Array) -> list[_Part]:
-    """The vertical, and what of the force is level; each (K − 1, 3) under the triangular window, (K, 3) means."""
+def _by_gravity(samples: Samples, cycles: slice, window_s: Array) -> list[_Part]:
+    """Columns of the vertical, and of the horizontal part of the force: (K − 1, 3) under the triangular window, (K, 3) means."""
     executed = samples.executed
     duration = executed.duration_s[cycles, None]
     mean = (samples.up_b[:-1] + samples.up_b[1:]) / 2
-    # what of the force acts along the vertical, under both halves of the window
+    # minus the vertical part of the force, under both halves of the window
     rising, falling, whole = (
         (-mean * (mean * part[:, 3:]).sum(1, keepdims=True))[cycles] for part in (executed.rising, executed.falling, executed.whole)
     )
-    return [_turning_with("up", samples.up_b, cycles, lasting), _Part("level", rising[:-1] + falling[1:], whole / duration)]
+    return [_turning_with("up", samples.up_b, cycles, window_s), _Part("level", rising[:-1] + falling[1:], whole / duration)]
