@@ -1,4 +1,4 @@
-"""Several channels at once: actuators of a kind that do what is stated of one another, and any two that give another thrust."""
+"""Pairs of channels: exchanged actuators of a kind, and any two with another thrust."""
 
 from collections.abc import Sequence
 
@@ -16,26 +16,26 @@ from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.inputs.notice import Notice
 
 SLIGHT = 0.01
-"""Part of its thrust below which a second channel is no cause beside one with which the log fits."""
+"""Least change of a second channel's thrust, if one cause fits already."""
 EXCHANGES = 4
-"""Most pairs of jets that are exchanged one after another."""
+"""Most successive exchanges."""
 CHANNELS = 3
-"""How many pairs of channels are tried."""
+"""Pairs of channels that are refitted."""
 
 
 def swapped(screening: Screening) -> Diagnosis | None:
-    """Actuators of a kind, each of which does what is stated of another."""
+    """Diagnosis by exchanged actuators."""
     return chosen(screening, wired(screening))
 
 
 def wired(screening: Screening) -> list[Refit]:
-    """Two of them, or more of which two after two are exchanged, or of few any three."""
-    refits, does, least = list[Refit](), tuple[int, ...](), np.inf
+    """Refits of exchanged actuators: two, several exchanges in succession, or of few any three."""
+    refits, wiring, least = list[Refit](), tuple[int, ...](), np.inf
     for _ in range(EXCHANGES):
-        likeliest = _likeliest(screening, hypotheses.swapped(screening.model, screening.names, does))
+        likeliest = _likeliest(screening, hypotheses.swapped(screening.model, screening.names, wiring))
         if not likeliest or screening.likelihood(likeliest[0].chi_square) > least - CLEAR:
             break
-        least, does = screening.likelihood(likeliest[0].chi_square), likeliest[0].hypothesis.does
+        least, wiring = screening.likelihood(likeliest[0].chi_square), likeliest[0].hypothesis.does
         refits += _tried(screening, likeliest)
         if any(refit.fits for refit in refits):
             break
@@ -43,18 +43,18 @@ def wired(screening: Screening) -> list[Refit]:
 
 
 def two_channels(screening: Screening, one_fits: bool) -> Diagnosis | None:
-    """The thrust of any two channels at once; where one cause fits already, only if both are off by more than :data:`SLIGHT`."""
+    """Diagnosis by the thrust of two channels. If one cause fits already, both must differ by more than :data:`SLIGHT`."""
     likeliest = _likeliest(screening, hypotheses.two_channels(screening.model, screening.names))
     fitting = [one for one in _tried(screening, likeliest) if one.fits]
-    if one_fits:  # a channel that is hardly off stands for a misfit of another kind
+    if one_fits:  # a small change of a channel stands for another misfit
         fitting = [one for one in fitting if not (np.abs(one.fitted.factors - 1) < SLIGHT).any()]
     refit = min(fitting, key=lambda one: one.score, default=None)
     if refit is None:
         return None
-    both, near = correction_of(screening.case, refit.case, refit.fitted), around(screening.case, refit.fitted)
+    correction, sigma_variants = correction_of(screening.case, refit.case, refit.fitted), around(screening.case, refit.fitted)
     return Diagnosis(
         tuple(
-            Fault(Notice(code, f"the log fits if {words}"), both, around=near)
+            Fault(Notice(code, f"the log fits if {words}"), correction, around=sigma_variants)
             for name in refit.fitted.hypothesis.subject
             for code, words in [words_of(alone(refit.fitted, name), screening.names, screening.case, refit.case)]
         ),
@@ -62,9 +62,9 @@ def two_channels(screening: Screening, one_fits: bool) -> Diagnosis | None:
     )
 
 
-def _likeliest(screening: Screening, supposed: Sequence[Hypothesis]) -> list[Fitted]:
-    found = screening.fitted(supposed, still=ROUGHLY)
-    return sorted(found, key=lambda one: (screening.likelihood(one.chi_square), one.hypothesis.subject))[:CHANNELS]
+def _likeliest(screening: Screening, exchanges: Sequence[Hypothesis]) -> list[Fitted]:
+    fits = screening.fitted(exchanges, tolerance=ROUGHLY)
+    return sorted(fits, key=lambda one: (screening.likelihood(one.chi_square), one.hypothesis.subject))[:CHANNELS]
 
 
 def _tried(screening: Screening, likeliest: Sequence[Fitted]) -> list[Refit]:

@@ -1,4 +1,4 @@
-"""Faults that a diagnosis names, and what it says where it names none."""
+"""Result of a diagnosis: named faults, or what was tried without success."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Fault:
-    """Something with a name that is wrong with the log or the vehicle file."""
+    """A named error of the log or the vehicle file."""
 
     notice: Notice
     cure: Correction | None
-    """None where neither the vehicle file's keys nor factors on the log's columns correct it."""
+    """Correction; None if neither keys of the vehicle file nor factors on columns correct it."""
     change_s: float | None = None
-    """When the mass properties changed, if they did."""
+    """Time of a change of the mass properties, s; None without one."""
     around: tuple[Correction, ...] = ()
-    """The remedy with each of its unknowns one sigma further on, and with the gyro's axes out of square where they may be."""
+    """The correction with each unknown one sigma further, and with skewed gyro axes where these cannot be ruled out."""
     rivals: tuple[Correction, ...] = ()
-    """Of causes that can't be ruled out."""
+    """Corrections of causes that cannot be ruled out."""
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What was found: several faults are there together."""
+    """Faults of a log, all present together."""
 
     faults: tuple[Fault, ...] = ()
     detected: FoundTiming | None = None
-    """What the log says of the command delay, if that is the cause."""
+    """Command delay estimated from the log, if the delay is the cause."""
     unknown: str = ""
-    """Where log and vehicle file don't fit and nothing explains it: what was tried."""
+    """If log and vehicle file do not fit and no cause was found: what was tried."""
     score: float = -np.inf
-    """Of what is named: −2 log likelihood, with its price."""
+    """−2 log likelihood of the named causes plus the penalty for their unknowns."""

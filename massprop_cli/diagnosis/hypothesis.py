@@ -1,6 +1,6 @@
-"""A hypothesis: the error parameters that may differ from what is stated.
+"""A hypothesis: the error parameters that may differ from their stated values.
 
-x is that of :mod:`massprop_cli.diagnosis.coefficients`.
+x is the parameter vector of :mod:`massprop_cli.diagnosis.coefficients`.
 """
 
 from __future__ import annotations
@@ -15,58 +15,58 @@ from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 
 STRAIGHT = np.eye(3)
-"""No turn; by identity, so that none is told from one that came to nothing."""
+"""No turn. Tested by identity, so that a computed unit matrix counts as a turn."""
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Entries of x that may differ from what is stated."""
+    """Entries of x that may differ from the stated values."""
 
     code: str
     subject: tuple[str, ...]
-    """What it is about: channel names, axes, a unit."""
+    """Channel names, axes or the unit concerned."""
     free: Array
-    """(nx, d) directions in which x may move, each scaled to one sigma of what is to be expected."""
+    """(nx, d) directions of the unknowns in x, each scaled to its prior sigma."""
     start: Mapping[int, float] = field(default_factory=dict)
-    """Entries that begin elsewhere."""
+    """Initial values of entries that do not start at the stated value."""
     gyro: Array = field(default_factory=lambda: STRAIGHT)
-    """(3, 3) turn or mirror that the gyro's axes are supposed to have beyond the stated."""
+    """(3, 3) supposed turn, mirror or unit of the gyro beyond the stated mounting, body axes; next, that of the accelerometer."""
     accelerometer: Array = field(default_factory=lambda: STRAIGHT)
     suspects: tuple[int, ...] = ()
-    """Channels whose commands are not to be relied on to find a body first."""
+    """Channels whose commands the initial regression does not use."""
     parts: tuple[Hypothesis, ...] = ()
-    """Of two at once, each."""
+    """The two hypotheses of a pair."""
     states: Mapping[str, object] = field(default_factory=dict)
-    """Keys of the vehicle file that have other values by it, in which the motion is not linear."""
+    """Supposed values of keys of the vehicle file on which the motion depends nonlinearly."""
     rare: float = 0.0
-    """−2 log of its odds against others of its kind."""
+    """−2 log of the prior odds against others of its kind."""
     further: tuple[Mapping[str, object], ...] = ()
-    """The same with each number that was sought in the log one sigma away."""
+    """``key_values`` with each estimated number one sigma further."""
     does: tuple[int, ...] = ()
-    """The channel of which each does what is stated, where some are wired as others are."""
+    """For each channel, the channel whose stated effect it has; empty: its own."""
     spun: tuple[int, ...] = ()
-    """Channels of rotors that turn the other way round than stated: of their thrust, and of the momentum that they store."""
+    """Rotor channels (thrust and stored momentum) that turn the other way than stated."""
     freed: int | None = None
-    """A channel of which nothing at all is supposed: what it does is free."""
+    """Channel whose effect is free; None: no channel."""
 
     @cached_property
     def moved(self) -> BoolArray:
-        """(nx,) which entries it moves."""
+        """(nx,) entries that the directions vary."""
         return np.asarray(self.free.any(1))
 
     @cached_property
     def begins(self) -> tuple[tuple[int, float], ...]:
-        """Entries that begin elsewhere, and where."""
+        """Initial values as (entry, value), to serve as a key."""
         return tuple(self.start.items())
 
     def beside(self, other: Hypothesis) -> Hypothesis:
-        """Both at once; what begins elsewhere or is turned must be in place already."""
+        """The pair of both. Initial values and turns must be applied already."""
         both = {**self.states, **other.states}
         return Hypothesis("", (), np.hstack([self.free, other.free]), parts=(self, other), states=both)
 
     def whatever(self, channel: int) -> Hypothesis:
-        """The same where nothing is supposed of what one channel does."""
-        # by position: thousands are made, which takes ``replace`` thrice as long
+        """The same hypothesis with the effect of one channel free."""
+        # positional arguments: thousands are made, and ``replace`` takes three times as long
         return Hypothesis(self.code, self.subject, self.free, self.start, self.gyro, self.accelerometer, (channel,), freed=channel)
 
     @property
@@ -77,5 +77,5 @@ class Hypothesis:
 
     @property
     def moves(self) -> Hypothesis:
-        """What is left to be found once it is in place."""
+        """Its unknowns alone, for a fit after initial values and turns are applied."""
         return Hypothesis(self.code, self.subject, self.free)

@@ -19,75 +19,71 @@ from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.prepare.recorded import narrowed
 
 PROMISED = 0.5
-"""Part of what a look promises of a cause that an exact fit must gain by it: a look's own misfit, by the motion within the cycles, is none
-of the log's."""
+"""Part of a screening's gain that an exact fit must confirm. The screening's own misfit by intra-cycle motion is not one of the log."""
 PART = 1e-3
-"""Of what was left before; what leaves less explains a log though its pure error is far above the stated noise."""
+"""Misfit over the former one, below which a hypothesis explains a log even if its pure error far exceeds the stated noise."""
 HOPELESS, SMALL = 8.0, 0.01
-"""Times pure error, and part of what was left before, above which a hypothesis about anything else won't make the log fit. docs/faults.md
-moves."""
+"""Multiple of pure error, and part of the stated misfit, above which a screened hypothesis does not make the log fit (docs/faults.md)."""
 NO_DRIFT = (0.01, 5.0)
-"""Cycles over the stretch, and sigmas, below which clocks don't drift apart."""
+"""Drift of the clocks over the segment, cycles, and its sigmas, below which there is none."""
 ASTRAY = 1e5
-"""Times pure error that is more than the motion within the cycles may leave."""
+"""Misfit beyond which the intra-cycle motion of the fitted body is meaningless."""
 NO_WAY, STRAIGHT = 100.0, 2
-"""Times pure error that the next step promises to leave, from which on none leads anywhere, and how often one is applied anew all the same.
-docs/faults.md moves."""
+"""Predicted misfit of the next step beyond which an iteration is abandoned, and the iterations before this test (docs/faults.md)."""
 AGAIN, ROUGH = 16, 6
-"""How often one is applied anew from where it led; where it goes on beside another disturbance anyhow."""
+"""Most iterations; and those before the disturbance is estimated again."""
 ROUNDS = 3
-"""How often beside another disturbance."""
+"""Most estimates of the disturbance."""
 STILL, ROUGHLY = 0.01, 1.0
-"""A change of −2 log likelihood that ends that; where it goes on beside another disturbance anyhow."""
+"""Change of −2 log likelihood that ends the iterations; and before the disturbance is estimated again."""
 BOLD = 3.0
-"""Times what a step promises, that following it on may bring."""
+"""Multiple of a predicted decrease that further iterations may reach."""
 SLOWLY, FARTHER = 0.3, 0.97
-"""Parts of the last step above which the next one goes further, and that it is taken for at most."""
+"""Ratio of successive steps above which a step is extrapolated, and its largest value."""
 MOST = 24_000
-"""Cycles that a cause is fitted to in the end, twenty times those of a look: of an hour at 20 Hz all would tell it less than twice as
-well."""
+"""Cycles of the final fit, twenty times those of a screening. An hour at 20 Hz would lower the sigmas by less than a half."""
 
 
 @dataclass(frozen=True)
 class Refit:
-    """A hypothesis, how it is corrected, and what it leaves."""
+    """A hypothesis applied to its case, and the fit that results."""
 
     fitted: Fitted
     case: Case
     excess: float
-    """−2 log likelihood beyond that of free coefficients, with the price of its freedom."""
+    """−2 log likelihood relative to free coefficients, with penalties."""
     score: float
-    """−2 log likelihood of what was measured, with that price."""
+    """−2 log likelihood of the measurements, with penalties."""
     fits: bool
     screening: Screening | None = None
-    """What is left of the log as corrected; None where that can't be written down."""
+    """Screening of the corrected log; None if the correction cannot be applied."""
     units: float = 0.0
-    """−2 log of how densely the corrected measurements lie where they were measured."""
+    """−2 log Jacobian of the corrected measurements."""
 
 
-def hopeless(screening: Screening, found: Fitted, most: float) -> bool:
-    """Whether it leaves more than so much of chi-square in the first reduction, where that is as good as exact for what it is about."""
-    if _before_its_cause(screening, found):
+def hopeless(screening: Screening, fit: Fitted, most: float) -> bool:
+    """Whether a screened hypothesis leaves more than ``most`` of chi-square, if the screening is nearly exact for it; or is acausal."""
+    if _before_its_cause(screening, fit):
         return True
-    if float(found.chi_square.sum()) <= most:
+    if float(fit.chi_square.sum()) <= most:
         return False
-    turns = [turn for turn in (found.hypothesis.gyro, found.hypothesis.accelerometer) if (turn != np.eye(3)).any()]
+    imu_turns = [turn for turn in (fit.hypothesis.gyro, fit.hypothesis.accelerometer) if (turn != np.eye(3)).any()]
     on_bearing = screening.model.bearing is not None
-    # other units make of the motion within the cycles another motion
-    curved = bool(turns) if on_bearing else any(not np.isclose(abs(np.linalg.det(turn)), 1.0) for turn in turns)
-    free = found.hypothesis.free
-    moved = {BY_NAME[name].bends for name in ENTRIES if free[found.model.place(name)].any()}
-    return not curved and not moved & ({"always", "with gravity"} if on_bearing else {"always"})
+    # another unit changes the intra-cycle motion
+    changes_motion = bool(imu_turns) if on_bearing else any(not np.isclose(abs(np.linalg.det(turn)), 1.0) for turn in imu_turns)
+    free = fit.hypothesis.free
+    nonlinear = {BY_NAME[name].bends for name in ENTRIES if free[fit.model.place(name)].any()}
+    return not changes_motion and not nonlinear & ({"always", "with gravity"} if on_bearing else {"always"})
 
 
 def beyond(screening: Screening) -> float:
-    """Chi-square that is far too much."""
+    """Chi-square above which a screened hypothesis is ruled out."""
     return max(HOPELESS, SMALL * screening.misfit) * screening.freedom
 
 
-def _before_its_cause(screening: Screening, found: Fitted) -> bool:
-    """Whether it takes a delay, a lag, a rise or a droop below zero, by more than chance."""
-    errors = ((BY_NAME[name], float(found.error(name)[0])) for name in ENTRIES if np.isfinite(BY_NAME[name].slack))
+def _before_its_cause(screening: Screening, fit: Fitted) -> bool:
+    """Whether a delay, a lag, a rise or a droop is negative by more than chance."""
+    errors = ((BY_NAME[name], float(fit.error(name)[0])) for name in ENTRIES if np.isfinite(BY_NAME[name].slack))
     return any(error < one.least(screening.case.setup) - one.slack for one, error in errors if error < -one.slack)
 
 
@@ -97,289 +93,304 @@ class AppliedHypothesis:
 
     screening: Screening
     promised: float
-    """Score that its next step promises."""
+    """Score that its next step predicts."""
     least: float
-    """Cost that following it on may bring."""
+    """Cost that further iterations may reach."""
 
 
-def begin(screening: Screening, found: Fitted, first: Refit | None) -> AppliedHypothesis | None:
-    """A hypothesis with its values applied, perhaps beside a ``first`` one; None where that makes another testbed."""
-    found = found if first is None else _beside(screening, first, found)
-    case = applied(screening.case, found)
-    mended = None if case is None else _anew(screening, case, screening.free.beside, _own_theta(found))
-    if mended is None:
+def begin(screening: Screening, fit: Fitted, first: Refit | None) -> AppliedHypothesis | None:
+    """Apply a hypothesis once, in addition to ``first``; None if the corrected log cannot be reduced."""
+    fit = fit if first is None else _beside(screening, first, fit)
+    case = applied(screening.case, fit)
+    corrected = None if case is None else _anew(screening, case, screening.free.beside, _own_theta(fit))
+    if corrected is None:
         return None
-    more, promised = mended.next_step(found)
-    units = _by_units(mended, found, screening.case)
-    return AppliedHypothesis(mended, mended.free_cost + units + mended.score(more.chi_square, found), mended.cost + units - BOLD * promised)
+    next_fit, promised = corrected.next_step(fit)
+    units = _by_units(corrected, fit, screening.case)
+    return AppliedHypothesis(
+        corrected, corrected.free_cost + units + corrected.score(next_fit.chi_square, fit), corrected.cost + units - BOLD * promised
+    )
 
 
 def tried(
-    screening: Screening, found: Fitted, best: float = np.inf, first: Refit | None = None, begun: AppliedHypothesis | None = None
+    screening: Screening, fit: Fitted, best: float = np.inf, first: Refit | None = None, applied_once: AppliedHypothesis | None = None
 ) -> Refit | None:
-    """A hypothesis with its best values in log and vehicle file, perhaps beside a ``first`` one, both fitted together.
+    """Refit of a hypothesis, jointly with ``first`` if there is one; None if the correction cannot be applied.
 
-    None where they make it another testbed's. It is followed no further than it may come near the ``best`` score so far.
+    Iterations end if they cannot come near the ``best`` score.
     """
-    found = found if first is None else _beside(screening, first, found)
-    case = applied(screening.case, found)
+    fit = fit if first is None else _beside(screening, first, fit)
+    case = applied(screening.case, fit)
     if case is not None:
-        return refined(screening, found, case, best, begun)
+        return refined(screening, fit, case, best, applied_once)
     if first is not None:
         return None
-    screening, found = _once_more(screening, found)
-    excess = screening.score(found.chi_square, found)
-    return Refit(found, screening.case, excess, screening.free_cost + excess, _passes(screening, found))
+    screening, fit = _once_more(screening, fit)
+    excess = screening.score(fit.chi_square, fit)
+    return Refit(fit, screening.case, excess, screening.free_cost + excess, _passes(screening, fit))
 
 
-def tried_each(screening: Screening, each: Iterable[Fitted]) -> list[Refit]:
-    """Several hypotheses, each put to the test."""
-    return [refit for found in each if (refit := tried(screening, found)) is not None]
+def tried_each(screening: Screening, fits: Iterable[Fitted]) -> list[Refit]:
+    """Refits of several hypotheses."""
+    return [refit for fit in fits if (refit := tried(screening, fit)) is not None]
 
 
-def drifts_no_more(refit: Refit, found: Fitted) -> bool:
-    """Whether a drift of the clocks would explain no more than its price of what a trial leaves that is a delay alone."""
-    if refit.screening is None or (refit.fitted.hypothesis.code, found.hypothesis.code) != ("delay-mismatch", "clock-drift"):
+def drifts_no_more(refit: Refit, fit: Fitted) -> bool:
+    """Whether a clock drift explains no more than its penalty after a refit of the delay alone."""
+    if refit.screening is None or (refit.fitted.hypothesis.code, fit.hypothesis.code) != ("delay-mismatch", "clock-drift"):
         return False
-    _, gained = refit.screening.next_step(replace(found, x=refit.fitted.x))
+    _, gained = refit.screening.next_step(replace(fit, x=refit.fitted.x))
     return bool(gained < np.log(refit.screening.free.gyro.spare))
 
 
-def helped(screening: Screening, begun: Fitted) -> Refit | None:
-    """The same from a beginning far away; None where that explains less than what is stated."""
-    case = applied(screening.case, begun)
-    there = None if case is None else _anew(screening, case, as_many=True)
-    if case is None or there is None or there.cost + _by_units(there, begun, screening.case) > screening.cost:
+def helped(screening: Screening, start: Fitted) -> Refit | None:
+    """Refit from distant initial values; None if these explain less than the stated case."""
+    case = applied(screening.case, start)
+    corrected = None if case is None else _anew(screening, case, as_many=True)
+    if case is None or corrected is None or corrected.cost + _by_units(corrected, start, screening.case) > screening.cost:
         return None
-    return refined(screening, replace(begun, x=np.concatenate([there.stated.x[:10], begun.x[10:]])), case)
+    return refined(screening, replace(start, x=np.concatenate([corrected.stated.x[:10], start.x[10:]])), case)
 
 
 def _beside(screening: Screening, first: Refit, second: Fitted) -> Fitted:
-    """A hypothesis beside the one that is corrected already."""
-    one = first.fitted
-    x = _together(one.x, second.x, screening.model)
-    supposed = one.hypothesis.beside(second.hypothesis)
-    turned = replace(
-        supposed,
-        gyro=second.hypothesis.gyro @ one.hypothesis.gyro,
-        accelerometer=second.hypothesis.accelerometer @ one.hypothesis.accelerometer,
+    """The pair of a corrected hypothesis and another one."""
+    first_fit = first.fitted
+    x = _together(first_fit.x, second.x, screening.model)
+    pair = first_fit.hypothesis.beside(second.hypothesis)
+    with_turns = replace(
+        pair,
+        gyro=second.hypothesis.gyro @ first_fit.hypothesis.gyro,
+        accelerometer=second.hypothesis.accelerometer @ first_fit.hypothesis.accelerometer,
     )
-    return Fitted(turned, screening.model, x, second.chi_square, np.zeros(supposed.free.shape[1]))
+    return Fitted(with_turns, screening.model, x, second.chi_square, np.zeros(pair.free.shape[1]))
 
 
 def corrected_alone(screening: Screening, part: Fitted) -> Refit | None:
-    """One of two hypotheses, with the values that it has beside the other; it is in the running with that alone."""
-    own = np.asarray(part.hypothesis.free.any(1)) | (np.arange(len(part.x)) < 10)
-    found = replace(part, x=np.where(own, part.x, screening.model.stated))
-    case = applied(screening.case, found)
-    mended = None if case is None else _anew(screening, case, (), found.value("theta"))
-    if case is None or mended is None:
+    """One part of a pair applied alone, with its values from the pair; its score is infinite."""
+    entries = np.asarray(part.hypothesis.free.any(1)) | (np.arange(len(part.x)) < 10)
+    fit = replace(part, x=np.where(entries, part.x, screening.model.stated))
+    case = applied(screening.case, fit)
+    corrected = None if case is None else _anew(screening, case, (), fit.value("theta"))
+    if case is None or corrected is None:
         return None
-    return Refit(found, case, np.inf, np.inf, False, mended, _by_units(mended, found, screening.case))
+    return Refit(fit, case, np.inf, np.inf, False, corrected, _by_units(corrected, fit, screening.case))
 
 
-def _once_more(screening: Screening, found: Fitted) -> tuple[Screening, Fitted]:
-    """Fitted to a reduction about its own body, where that leaves less."""
-    theta = found.value("theta")
+def _once_more(screening: Screening, fit: Fitted) -> tuple[Screening, Fitted]:
+    """Fit on a reduction about the fitted body, if that lowers the cost."""
+    theta = fit.value("theta")
     about = screened(screening.case, screening.piece, screening.free.beside, theta)
     if about is None:
-        return screening, found
-    (again,) = about.fitted([found.hypothesis], theta)
-    better = about.free_cost + about.likelihood(again.chi_square) < screening.free_cost + screening.likelihood(found.chi_square)
-    return (about, again) if better else (screening, found)
+        return screening, fit
+    (again,) = about.fitted([fit.hypothesis], theta)
+    better = about.free_cost + about.likelihood(again.chi_square) < screening.free_cost + screening.likelihood(fit.chi_square)
+    return (about, again) if better else (screening, fit)
 
 
-def _passes(screening: Screening, found: Fitted) -> bool:
-    """Whether the log fits so far as the small step to it tells: of what can't be put into log or vehicle file."""
-    freedom = screening.freedom - found.unknowns
-    left = float(found.chi_square.sum() / freedom)
-    return left < FITS[0] + FITS[1] * np.sqrt(2 / freedom) and (left < PART * screening.misfit or not screening.loud)
+def _passes(screening: Screening, fit: Fitted) -> bool:
+    """Whether a linear fit makes the log fit, for errors that cannot be applied to log or vehicle file."""
+    freedom = screening.freedom - fit.unknowns
+    misfit = float(fit.chi_square.sum() / freedom)
+    return misfit < FITS[0] + FITS[1] * np.sqrt(2 / freedom) and (misfit < PART * screening.misfit or not screening.loud)
 
 
-def refined(screening: Screening, found: Fitted, case: Case, best: float = np.inf, begun: AppliedHypothesis | None = None) -> Refit | None:
-    """What is left once the case is reduced anew, its unknowns moved on from there until they stand, or can't come near the ``best`` score.
+def refined(
+    screening: Screening, fit: Fitted, case: Case, best: float = np.inf, applied_once: AppliedHypothesis | None = None
+) -> Refit | None:
+    """Iterate a hypothesis from ``case`` until its values converge, or cannot come near the ``best`` score.
 
-    First beside the disturbance that it was found with: a misfit may hide behind that, and without it the way is too steep. Then beside
-    what is most likely there, until that stays.
+    First under the disturbance of the screening, which may hide a misfit and without which the cost is too steep. Then under the maximum
+    likelihood disturbance, until that stays the same.
     """
-    beside = screening.free.beside
-    found, case, mended = _led(screening, found, case, beside, best, bool(beside), begun)
+    disturbances = screening.free.beside
+    fit, case, corrected = _led(screening, fit, case, disturbances, best, bool(disturbances), applied_once)
     for _ in range(ROUNDS):
         if (
-            mended is None
-            or not beside
-            or (not found.unknowns and _by_units(mended, found, screening.case) + mended.cost > screening.cost + CLEAR)
+            corrected is None
+            or not disturbances
+            or (not fit.unknowns and _by_units(corrected, fit, screening.case) + corrected.cost > screening.cost + CLEAR)
         ):
             break
-        before = case
-        found, case, mended = _led(screening, found, case, (), best)
-        if case is before:
+        previous = case
+        fit, case, corrected = _led(screening, fit, case, (), best)
+        if case is previous:
             break
-        beside = () if mended is None or mended.free.beside == beside else mended.free.beside
-    if mended is None:
+        disturbances = () if corrected is None or corrected.free.beside == disturbances else corrected.free.beside
+    if corrected is None:
         return None
-    rounded = _rounded(screening, found)
-    if rounded is not found:
-        # what is lighter by as much as its forces are weaker looks like one whose forces are none, but for what these do to it
+    rounded = _rounded(screening, fit)
+    if rounded is not fit:
+        # a body that is lighter in proportion to its forces looks like one with weaker forces, but for other effects
         case = applied(screening.case, rounded) or case
-        found, mended = rounded, screened(case, screening.piece, mended.free.beside, found.value("theta")) or mended
-    found = replace(found, chi_square=mended.stated.chi_square)
-    much = mended.misfit < PART * screening.misfit
+        fit, corrected = rounded, screened(case, screening.piece, corrected.free.beside, fit.value("theta")) or corrected
+    fit = replace(fit, chi_square=corrected.stated.chi_square)
+    explained_most = corrected.misfit < PART * screening.misfit
     fits = (
-        mended.close
-        and (much or not mended.loud)
-        and not _no_drift(found)
-        and not any(_nothing(part) or _no_unit(part) for part in found.parts)
+        corrected.close
+        and (explained_most or not corrected.loud)
+        and not _no_drift(fit)
+        and not any(_nothing(part) or _no_unit(part) for part in fit.parts)
     )
-    # noise that was stated too small may be all that is wrong with a log that fits as it is
-    fits = fits and (not (screening.fits and screening.noisy) or _gained(screening, mended) > PROMISED * (screening.cost - mended.cost))
-    excess = mended.score(mended.stated.chi_square, found)
-    units = _by_units(mended, found, screening.case)
-    return Refit(found, case, excess, mended.free_cost + excess + units, fits, mended, units)
+    # the stated noise may be too small, and nothing else wrong
+    fits = fits and (
+        not (screening.fits and screening.noisy) or _gained(screening, corrected) > PROMISED * (screening.cost - corrected.cost)
+    )
+    excess = corrected.score(corrected.stated.chi_square, fit)
+    units = _by_units(corrected, fit, screening.case)
+    return Refit(fit, case, excess, corrected.free_cost + excess + units, fits, corrected, units)
 
 
 def over_all(screening: Screening, refit: Refit) -> Refit:
-    """A cause with its values as all of a long log has them, of which the look was a part; as it is where the whole does not fit."""
-    found, whole = refit.fitted, screening.case.whole
-    if whole is None or found.unknowns == 0 or refit.screening is None:
+    """Refit on the whole of a long log, of which the screening used a segment; unchanged if the whole does not fit."""
+    fit, whole = refit.fitted, screening.case.whole
+    if whole is None or fit.unknowns == 0 or refit.screening is None:
         return refit
     case, piece = busiest(screening.case._replace(log=whole[0], whole=None), whole[1], MOST)
-    longer = screened(case, piece, refit.screening.free.beside, found.value("theta"))
+    longer = screened(case, piece, refit.screening.free.beside, fit.value("theta"))
     if longer is None or not np.array_equal(longer.free.fired, screening.free.fired):
         return refit
-    there = applied(case, replace(found, model=longer.model))
-    better = None if there is None else refined(longer, replace(found, model=longer.model), there)
-    if better is None or not better.fits:
+    applied_case = applied(case, replace(fit, model=longer.model))
+    refitted_whole = None if applied_case is None else refined(longer, replace(fit, model=longer.model), applied_case)
+    if refitted_whole is None or not refitted_whole.fits:
         return refit
-    told = replace(found, x=better.fitted.x, spread=better.fitted.spread)
-    mended = applied(screening.case, told)
-    return refit if mended is None else replace(refit, fitted=told, case=mended)
+    final = replace(fit, x=refitted_whole.fitted.x, spread=refitted_whole.fitted.spread)
+    final_case = applied(screening.case, final)
+    return refit if final_case is None else replace(refit, fitted=final, case=final_case)
 
 
-def _rounded(screening: Screening, found: Fitted) -> Fitted:
-    """With the factors of channels that are dead, push the other way round or are logged in rpm as they are then."""
+def _rounded(screening: Screening, fit: Fitted) -> Fitted:
+    """With exact thrust factors of channels that are dead, reversed or logged in rpm."""
     thrust = screening.model.place("thrust")
-    exact = [part for part in found.parts if at_once(part)]
+    exact = [part for part in fit.parts if at_once(part)]
     if not exact:
-        return found
-    x = found.x.copy()
+        return fit
+    x = fit.x.copy()
     for part in exact:
         x[thrust][part.hypothesis.free[thrust].any(1)] = exact_of(part)
-    return replace(found, x=x)
+    return replace(fit, x=x)
 
 
-def _gained(screening: Screening, mended: Screening) -> float:
-    """By how much −2 log likelihood of free noise levels is less once corrected, of a fit as exact as the estimator is."""
-    before, after = screening.exact, mended.exact
+def _gained(screening: Screening, corrected: Screening) -> float:
+    """Decrease of −2 log likelihood by the correction, from exact innovations with free noise levels."""
+    before, after = screening.exact, corrected.exact
     return -np.inf if before is None or after is None else float((len(before) * np.log((before**2).mean(0) / (after**2).mean(0))).sum())
 
 
 def _nothing(part: Fitted) -> bool:
-    """Whether its values are none but by chance: then the log fits for what else was found on the way to them."""
+    """Whether the values of a hypothesis are not significant, so that something else made the log fit."""
     return bool(part.unknowns and not part.hypothesis.states and not at_once(part) and ((part.moved / part.spread) ** 2).sum() < CLEAR)
 
 
 def _no_unit(part: Fitted) -> bool:
-    """Whether a place that is supposed to be in another unit was led to where it is in none: then it is anywhere."""
+    """Whether a place supposed in another unit converged to one in no unit."""
     return part.hypothesis.code == "imu-position" and bool(part.hypothesis.start) and float(abs(part.moved[0] - 1)) > NEAR
 
 
-def _no_drift(found: Fitted) -> bool:
-    """Whether a drift of the clocks is none beside the delay that is supposed with it: then it is the delay alone."""
-    drift = abs(float(found.value("drift")[0]))
-    own = found.hypothesis.code == "clock-drift"
-    return own and drift < max(NO_DRIFT[0], NO_DRIFT[1] * float(found.spread[-1]) * PRIORS["drift"])
+def _no_drift(fit: Fitted) -> bool:
+    """Whether a clock drift is not significant next to the delay."""
+    drift = abs(float(fit.value("drift")[0]))
+    is_drift = fit.hypothesis.code == "clock-drift"
+    return is_drift and drift < max(NO_DRIFT[0], NO_DRIFT[1] * float(fit.spread[-1]) * PRIORS["drift"])
 
 
 def _led(
     screening: Screening,
-    found: Fitted,
+    fit: Fitted,
     case: Case,
     likely: tuple[Disturbance, ...],
     best: float,
     roughly: bool = False,
-    begun: AppliedHypothesis | None = None,
+    applied_once: AppliedHypothesis | None = None,
 ) -> tuple[Fitted, Case, Screening | None]:
-    """A hypothesis moved on until it stands, beside one of the ``likely`` disturbances, or what is most likely now.
+    """Iterate a hypothesis under one of the ``likely`` disturbances, or the maximum likelihood one, until it converges.
 
-    Or until it promises too little to come near the ``best`` cost.
+    Or until it cannot come near the ``best`` cost.
     """
-    mended = _anew(screening, case, likely, _own_theta(found)) if begun is None else begun.screening
-    if mended is None:
-        return found, case, None
-    if not found.unknowns:
-        return found, case, mended if likely or mended.misfit > ASTRAY else about_its_body(mended)
-    last: Array = np.zeros(found.unknowns)
+    corrected = _anew(screening, case, likely, _own_theta(fit)) if applied_once is None else applied_once.screening
+    if corrected is None:
+        return fit, case, None
+    if not fit.unknowns:
+        return fit, case, corrected if likely or corrected.misfit > ASTRAY else about_its_body(corrected)
+    last: Array = np.zeros(fit.unknowns)
     too_far = False
-    still, most = (ROUGHLY, ROUGH) if roughly else (STILL, AGAIN)
+    tolerance, most = (ROUGHLY, ROUGH) if roughly else (STILL, AGAIN)
     for i in range(most):
-        more, promised = mended.next_step(found)
-        found = replace(found, spread=_of_stated(found, more.spread) * np.sqrt(max(mended.misfit, 1.0)))
-        now = mended.cost + _by_units(mended, found, screening.case)
-        if i >= STRAIGHT and float(more.chi_square.sum()) > NO_WAY * mended.freedom:
+        next_fit, promised = corrected.next_step(fit)
+        fit = replace(fit, spread=_of_stated(fit, next_fit.spread) * np.sqrt(max(corrected.misfit, 1.0)))
+        cost_now = corrected.cost + _by_units(corrected, fit, screening.case)
+        if i >= STRAIGHT and float(next_fit.chi_square.sum()) > NO_WAY * corrected.freedom:
             break
-        if promised < still or now - BOLD * promised > best + CLEAR:
+        if promised < tolerance or cost_now - BOLD * promised > best + CLEAR:
             break
-        step = more.moved
+        step = next_fit.moved
         ratio = min(max(float(step @ last) / float(last @ last), 0.0), FARTHER) if last.any() else 0.0
-        # where steps shrink by little, what they sum up to (Aitken 1926); else one alone
+        # if steps shrink slowly, their sum to infinity (Aitken 1926)
         parts = (1 / (1 - ratio), 1.0) if ratio > SLOWLY and not too_far else (1.0,)
         too_far = False
         for part in parts:
-            further = replace(found, x=_together(found.x, more.along(part), screening.model))
-            then = applied(screening.case, further)
-            there = None if then is None else _anew(screening, then, mended.free.beside, more.value("theta"), as_many=True)
-            if then is not None and there is not None and there.cost + _by_units(there, further, screening.case) < now - still:
+            next_guess = replace(fit, x=_together(fit.x, next_fit.along(part), screening.model))
+            next_case = applied(screening.case, next_guess)
+            next_screening = (
+                None if next_case is None else _anew(screening, next_case, corrected.free.beside, next_fit.value("theta"), as_many=True)
+            )
+            if (
+                next_case is not None
+                and next_screening is not None
+                and next_screening.cost + _by_units(next_screening, next_guess, screening.case) < cost_now - tolerance
+            ):
                 break
-            too_far = True  # not tried again at once
+            too_far = True  # no extrapolation in the next iteration
         else:
             break
-        found, case, mended, last = further, then, there, part * step
-    return found, case, mended
+        fit, case, corrected, last = next_guess, next_case, next_screening, part * step
+    return fit, case, corrected
 
 
 def _anew(
     screening: Screening, case: Case, likely: tuple[Disturbance, ...] = (), theta: Array | None = None, as_many: bool = False
 ) -> Screening | None:
-    """A corrected case reduced about θ; None where that is too short, or other channels fire: where ``as_many`` will do, more or fewer."""
-    there = screened(case, screening.piece, likely, theta)
-    if there is None or len(there.free.fired) != len(screening.free.fired):
+    """Reduce a corrected case about θ; None if it is too short, or if other channels act.
+
+    With ``as_many``, only their number must agree.
+    """
+    screening_again = screened(case, screening.piece, likely, theta)
+    if screening_again is None or len(screening_again.free.fired) != len(screening.free.fired):
         return None
-    return there if as_many or (there.free.fired == screening.free.fired).all() else None
+    return screening_again if as_many or (screening_again.free.fired == screening.free.fired).all() else None
 
 
-def _own_theta(found: Fitted) -> Array | None:
-    """θ of a hypothesis that was fitted; None of one without unknowns."""
-    return found.value("theta") if found.unknowns else None
+def _own_theta(fit: Fitted) -> Array | None:
+    """θ of a hypothesis that was fitted; None without unknowns."""
+    return fit.value("theta") if fit.unknowns else None
 
 
-def _together(x: Array, more: Array, model: Model) -> Array:
-    """Both changes of x one after the other; the second was found with the first in place."""
-    found = more.copy()
-    own = slice(10, None)
-    found[own] = x[own] + more[own] - model.stated[own]
+def _together(x: Array, second: Array, model: Model) -> Array:
+    """Apply two successive changes to x; the second was found with the first applied."""
+    composed = second.copy()
+    errors = slice(10, None)
+    composed[errors] = x[errors] + second[errors] - model.stated[errors]
     thrust = model.place("thrust")
-    found[thrust] = x[thrust] * more[thrust]
-    return found
+    composed[thrust] = x[thrust] * second[thrust]
+    return composed
 
 
-def _of_stated(found: Fitted, spread: Array) -> Array:
-    """(d,) sigmas of the unknowns as they change what is stated, of those (d,) by which they change it again: factors multiply."""
-    place = found.model.place("thrust")
-    free = np.abs(found.hypothesis.free[place])
-    before, after = free.max(0, initial=0.0), (np.abs(found.x[place])[:, None] * free).max(0, initial=0.0)
+def _of_stated(fit: Fitted, spread: Array) -> Array:
+    """(d,) sigmas relative to the stated values, from those (d,) relative to the applied ones: thrust factors multiply."""
+    place = fit.model.place("thrust")
+    free = np.abs(fit.hypothesis.free[place])
+    before, after = free.max(0, initial=0.0), (np.abs(fit.x[place])[:, None] * free).max(0, initial=0.0)
     return spread * np.where(before > 0, after / np.where(before > 0, before, 1.0), 1.0)
 
 
-def _by_units(mended: Screening, found: Fitted, stated: Case) -> float:
-    """−2 log of the density of corrected measurements in the units, along the axes and behind the low-passes of the measured."""
-    supposed, free, log = found.hypothesis, mended.free, stated.log
+def _by_units(corrected: Screening, fit: Fitted, stated: Case) -> float:
+    """−2 log Jacobian of the correction: density of the corrected measurements in the units, axes and low-passes of the measured ones."""
+    hypothesis, free, log = fit.hypothesis, corrected.free, stated.log
     record_s = median(log.interval_s)
-    sensors = (("gyro", supposed.gyro, free.gyro), ("accel", supposed.accelerometer, free.accelerometer))
+    sensors = (("gyro", hypothesis.gyro, free.gyro), ("accel", hypothesis.accelerometer, free.accelerometer))
     total = 0.0
-    for name, turn, told in sensors:
-        scale = 2 * (found.value(f"{name}_scale").sum() + np.log(abs(np.linalg.det(turn))))
-        lags = (getattr(case.vehicle.imu, f"{name}_lag_s") for case in (mended.case, stated))
-        now, before = (3 * narrowed(lag_s, record_s, log.records_per_cycle) for lag_s in lags)
-        total += told.spare * (scale + now - before)
+    for name, turn, sensor in sensors:
+        scale = 2 * (fit.value(f"{name}_scale").sum() + np.log(abs(np.linalg.det(turn))))
+        lags = (getattr(case.vehicle.imu, f"{name}_lag_s") for case in (corrected.case, stated))
+        lag_now, lag_before = (3 * narrowed(lag_s, record_s, log.records_per_cycle) for lag_s in lags)
+        total += sensor.spare * (scale + lag_now - lag_before)
     return float(total)

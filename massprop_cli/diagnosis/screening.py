@@ -1,6 +1,6 @@
-"""Screening: a segment reduced once, and every hypothesis fitted on it, the most likely first.
+"""Screening: fit of every hypothesis to one reduction of a segment, ranked by likelihood.
 
-What is left is counted as a likelihood of free noise levels, with a price for each unknown and for each alternative of its kind.
+The criterion is −2 log likelihood with free noise levels, plus penalties for each unknown (Schwarz 1978) and for alternatives.
 """
 
 from __future__ import annotations
@@ -35,48 +35,48 @@ from massprop_cli.prepare.actuators import channel_names, pushing
 from massprop_cli.prepare.stream import Stream
 
 LONGEST = 1200
-"""Cycles that hypotheses are tried on."""
+"""Cycles of the segment that hypotheses are screened on."""
 FITS = (2.0, 6.0)
-"""The log fits if what is left is below this many times pure error, and this many sigmas of chance more. The motion within a cycle is taken
-as linear, which leaves as much as the noise does where a body turns by 0.06 rad in a cycle."""
+"""Misfit limit: this multiple of pure error, plus this many sigmas of chance. The linear motion within a cycle leaves as much as the noise
+if a body turns 0.06 rad in a cycle."""
 CLOSE = 1.4
-"""The same where the motion within the cycles is a body's own: beside a torque, and of a log that is corrected."""
+"""The same multiple if the columns hold the body's own intra-cycle motion."""
 BY_CHANCE = 3.0
-"""Sigmas of chance beyond which it is more than that."""
+"""Sigmas within which a misfit is chance."""
 LOUD = 4.0
-"""Pure error over the stated noise, variances, beyond which the log says too little for a cause that explains but a part."""
+"""Pure error over stated noise variance in any channel, beyond which a cause that explains a part only does not count."""
 NOISY = 1.2
-"""The same, beyond which noise itself was stated too small: five sigma of chance in 1,000 cycles."""
+"""Median pure error over stated noise variance, beyond which the stated noise is too small: five sigma in 1,000 cycles."""
 AS_STATED = 3.5
-"""Sigmas of chance within which pure error is the stated noise in each of the channels."""
+"""Sigmas within which the pure error of each channel is the stated noise."""
 SHARE = 12
-"""Mountings that are fitted."""
+"""Number of units and mountings that are fitted."""
 UPRIGHT, AS_WELL, UPSET = 4, 1.05, 0.8
-"""Mountings that are put to the test because gravity is where it should be, and channels beside which; parts of what it leaves as stated
-that are as well and less."""
+"""On a bearing: number of mountings refitted by gravity, and limits of the gravity residual over the stated one that count as no worse and
+as better."""
 
 
 TOLD = 2.0, 0.1
-"""Sigmas from 1, and sigma, of a scale that the log tells to be 1."""
+"""Sigmas from 1 and largest sigma of a scale that the log confirms to be 1."""
 END = 5
-"""Cycles of a piece that are its end."""
+"""Cycles at the end of a segment in which no channel may fire for the first time."""
 
 
 def busiest(case: Case, piece: slice, longest: int = LONGEST) -> tuple[Case, slice]:
-    """A case of so many cycles of a piece, those in which most is commanded, up to what is commanded at the end alone.
+    """The most commanded cycles of a piece, cut before a channel that fires only at the end.
 
-    Under a longer delay that would have no part in it, and nothing could be held against what there is without.
+    Under a longer delay such a channel would not act, and no hypothesis could be compared with the stated case.
     """
-    log, found = segment.busiest(case.log, case.vehicle, case.timing, piece, longest)
+    log, cycles = segment.busiest(case.log, case.vehicle, case.timing, piece, longest)
     if log.command_s is None:
-        commanded = log.command[found] != 0
-        first = found.start + commanded.argmax(0)[commanded.any(0)]
-        found = slice(found.start, int(min(found.stop, *first[first >= found.stop - END], found.stop)))
-    return case._replace(log=log, whole=(case.log, piece) if piece.stop - piece.start > longest else None), found
+        commanded = log.command[cycles] != 0
+        first = cycles.start + commanded.argmax(0)[commanded.any(0)]
+        cycles = slice(cycles.start, int(min(cycles.stop, *first[first >= cycles.stop - END], cycles.stop)))
+    return case._replace(log=log, whole=(case.log, piece) if piece.stop - piece.start > longest else None), cycles
 
 
 def screened(case: Case, piece: slice, likely: Sequence[Disturbance] = (), theta: Array | None = None) -> Screening | None:
-    """A case reduced as :func:`free_response` does; None where it is too short."""
+    """Screening of cycles ``piece``, reduced as by :func:`free_response`; None if they are too few."""
     try:
         free = free_response(case, piece, likely, theta)
     except (InputError, np.linalg.LinAlgError):
@@ -87,166 +87,166 @@ def screened(case: Case, piece: slice, likely: Sequence[Disturbance] = (), theta
 def _screening(case: Case, piece: slice, free: Free, theta: Array | None) -> Screening:
     model = Model.of(free, case.vehicle, float(case.setup.value(LAG)[0]) / case.vehicle.cycle.period_s, case.log.command_kind)
     if not len(free.fired) and case.vehicle.swings:
-        body = first_reference(case.timing.of(case.log, case.vehicle), piece, case.vehicle)
-        model = replace(model, released=None if body is None else model.plant.theta(body))
+        reference = first_reference(case.timing.of(case.log, case.vehicle), piece, case.vehicle)
+        model = replace(model, released=None if reference is None else model.plant.theta(reference))
     noise = np.repeat([case.vehicle.imu.gyro_noise_rad_s, case.vehicle.imu.accel_noise_m_s2], 3) ** 2
     (stated,) = fitted(model, free, free.variance, [Hypothesis("", (), np.zeros((len(model.stated), 0)))], theta)
     return Screening(case, piece, free, model, noise, stated)
 
 
 def about_its_body(screening: Screening) -> Screening:
-    """The look with the motion within the cycles that its own body as stated has, where that explains more and leaves less.
+    """The screening with the intra-cycle motion of its own body, if that lowers cost and misfit.
 
-    What hardly is a body, where the log tells of none, moves so much that only a torque explains it.
+    An ill-determined body may imply so much motion that only a torque explains it.
     """
     again = screened(screening.case, screening.piece, theta=screening.stated.value("theta"))
     return again if again is not None and again.cost < screening.cost and again.misfit < screening.misfit else screening
 
 
 def beside_a_torque(screening: Screening) -> Screening:
-    """The look beside the torque, wandering or white, beside which its body as stated explains most; itself where it does so without."""
+    """The screening under the disturbance torque that gives the least cost; unchanged if that is no torque."""
     best = _likeliest_beside(screening, screening)
     near = best.free.beside[0] if best.free.beside else None
     return best if near is None else _likeliest_beside(best, screening, near)
 
 
 def _likeliest_beside(best: Screening, screening: Screening, near: Disturbance | None = None) -> Screening:
-    """Of torques of a few levels, or ``near`` one, or what was the ``best``."""
+    """The best of ``best`` and screenings under torques of a few levels, or of levels near ``near``."""
     theta, cost = screening.stated.value("theta"), partial(free_cost, noise=screening.noise)
     for free in sorted(beside_torques(screening.case, screening.piece, theta, near), key=cost):
         if cost(free) >= best.cost:
-            break  # no body leaves less than free coefficients
-        one = _screening(screening.case, screening.piece, free, theta)
-        explains = one.cost < best.cost and (one.close or one.misfit < screening.misfit)
-        best = one if explains else best
+            break  # a body never has less cost than free coefficients
+        candidate = _screening(screening.case, screening.piece, free, theta)
+        better = candidate.cost < best.cost and (candidate.close or candidate.misfit < screening.misfit)
+        best = candidate if better else best
     return best
 
 
 def free_cost(free: Free, noise: Array) -> float:
-    """−2 log likelihood of free noise levels and free coefficients, beyond that of ``noise`` (6,) alone.
+    """−2 log likelihood with free noise levels and free coefficients, relative to that of ``noise`` (6,).
 
-    With another delay the log holds a cycle more or less of which the commands are known: so that is worth nothing. A torque that wanders
-    has the price of its beginnings, as a steady one has of its axes.
+    It is relative so that a cycle more or fewer under another delay has no effect. A random-walk torque has a penalty for its three initial
+    values, as a steady torque has for its three components.
     """
     begun = 3 * float(np.log(free.gyro.spare)) * sum(one.walk > 0 for one in free.beside)
     return float((_counts(free) * np.log(free.variance / noise)).sum()) + free.gyro.volume + free.accelerometer.volume + begun
 
 
 def _counts(free: Free) -> Array:
-    """(6,) measurements less coefficients."""
+    """(6,) degrees of freedom with free coefficients."""
     return np.repeat([free.gyro.spare, free.accelerometer.spare], 3).astype(float)
 
 
 @dataclass(frozen=True)
 class Screening:
-    """A stretch of a case: what it says, and what is left of it as stated."""
+    """Reduction of a segment, and the fit of the stated case to it."""
 
     case: Case
     piece: slice
     free: Free
     model: Model
     noise: Array
-    """(6,) variance of the IMU's noise, as stated."""
+    """(6,) stated variance of the IMU noise."""
     stated: Fitted
 
     @property
     def names(self) -> list[str]:
-        """Of the channels that fired."""
+        """Names of the channels that act."""
         every = channel_names(self.case.log, self.case.vehicle)
         return [every[i] for i in self.free.fired]
 
-    def fitted(self, supposed: Sequence[Hypothesis], theta: Array | None = None, still: float = STILL) -> list[Fitted]:
-        """Hypotheses fitted to the stretch (:func:`massprop_cli.diagnosis.comparison.fitted`)."""
-        return fitted(self.model, self.free, self.free.variance, supposed, theta, still)
+    def fitted(self, hypotheses_to_fit: Sequence[Hypothesis], theta: Array | None = None, tolerance: float = STILL) -> list[Fitted]:
+        """Fit hypotheses to the segment (:func:`massprop_cli.diagnosis.comparison.fitted`)."""
+        return fitted(self.model, self.free, self.free.variance, hypotheses_to_fit, theta, tolerance)
 
-    def supposing(self, supposed: Hypothesis, **moved: float) -> Fitted:
-        """A hypothesis before anything is fitted to it, with entries of x moved by so much."""
+    def supposing(self, hypothesis: Hypothesis, **shifts: float) -> Fitted:
+        """A hypothesis before any fit, with entries of x shifted."""
         x = self.stated.x.copy()
-        for name, by in moved.items():
-            x[self.model.place(name)] += by
-        return Fitted(supposed, self.model, x, self.stated.chi_square, np.zeros(supposed.free.shape[1]))
+        for name, shift in shifts.items():
+            x[self.model.place(name)] += shift
+        return Fitted(hypothesis, self.model, x, self.stated.chi_square, np.zeros(hypothesis.free.shape[1]))
 
-    def next_step(self, found: Fitted) -> tuple[Fitted, float]:
-        """The next step of a hypothesis that is in place here, and by how much it promises to lower −2 log likelihood."""
-        (more,) = self.fitted([found.hypothesis.moves], found.value("theta"))
-        return more, self.likelihood(self.stated.chi_square) - self.likelihood(more.chi_square)
+    def next_step(self, applied: Fitted) -> tuple[Fitted, float]:
+        """The next step of an applied hypothesis, and the decrease of −2 log likelihood that it predicts."""
+        (further,) = self.fitted([applied.hypothesis.moves], applied.value("theta"))
+        return further, self.likelihood(self.stated.chi_square) - self.likelihood(further.chi_square)
 
     @property
     def misfit(self) -> float:
-        """What is left over what is to be expected."""
+        """Chi-square of the stated case over its expectation."""
         return float(self.stated.chi_square.sum() / self.freedom)
 
     @cached_property
     def freedom(self) -> int:
-        """How many squares of chance are expected of what is left: equations of the triangles less the body's ten.
+        """Degrees of freedom of that chi-square: equations of the triangles less ten mass properties.
 
-        A column that others are the sum of leaves an equation, too: of some direction of the noise.
+        A dependent column leaves an equation, too, along some direction of the noise.
         """
-        return max(3 * sum(len(told.triangle) for told in (self.free.gyro, self.free.accelerometer)) - 10, 1)
+        return max(3 * sum(len(sensor.triangle) for sensor in (self.free.gyro, self.free.accelerometer)) - 10, 1)
 
     @property
     def excess(self) -> float:
-        """Chi-square beyond what is to be expected."""
+        """Chi-square of the stated case beyond its expectation."""
         return max(self.misfit - 1.0, 0.0) * self.freedom
 
     @property
     def fits(self) -> bool:
-        """Whether what is left is chance."""
+        """Whether the stated case fits (:data:`FITS`)."""
         return bool(self.misfit < FITS[0] + FITS[1] * np.sqrt(2 / self.freedom))
 
     @property
     def close(self) -> bool:
-        """The same where the motion within the cycles is a body's own."""
+        """The same if the columns hold the body's own intra-cycle motion (:data:`CLOSE`)."""
         return bool(self.misfit < CLOSE + FITS[1] * np.sqrt(2 / self.freedom))
 
     @property
     def chance(self) -> bool:
-        """Whether it is no more than chance leaves by itself."""
+        """Whether the misfit is within :data:`BY_CHANCE` sigmas."""
         return bool(self.misfit < 1 + BY_CHANCE * np.sqrt(2 / self.freedom))
 
     @property
     def constant(self) -> bool:
-        """Whether free coefficients leave no more nor less than the stated noise, in whatever units.
+        """Whether pure error is the stated noise, in whatever unit.
 
-        Then whatever is wrong is so all along: commands that come cycles later, a sensor's low-pass and another body from some moment on
-        make a response that no coefficients stand for.
+        Then the error is the same throughout. A delay of cycles, a sensor's low-pass or a change of the body gives a response that no free
+        coefficients describe.
         """
         ratio = np.log(np.maximum(self.free.pure / self.noise, TINY)).reshape(2, 3)
-        unit = 2 * np.log([[DEGREE], [GRAVITY]])
-        away = np.abs(ratio - unit * np.rint(ratio.mean(1, keepdims=True) / unit))
-        spare = np.array([[self.free.gyro.spare], [self.free.accelerometer.spare]])
-        return bool((away < AS_STATED * np.sqrt(2 / spare)).all())
+        log_unit = 2 * np.log([[DEGREE], [GRAVITY]])
+        difference = np.abs(ratio - log_unit * np.rint(ratio.mean(1, keepdims=True) / log_unit))
+        degrees = np.array([[self.free.gyro.spare], [self.free.accelerometer.spare]])
+        return bool((difference < AS_STATED * np.sqrt(2 / degrees)).all())
 
     @cached_property
     def free_cost(self) -> float:
-        """−2 log likelihood of free noise levels and free coefficients."""
+        """−2 log likelihood with free noise levels and free coefficients."""
         return free_cost(self.free, self.noise)
 
     @property
     def cost(self) -> float:
-        """−2 log likelihood of free noise levels, as stated."""
+        """−2 log likelihood of the stated case, with free noise levels."""
         return self.free_cost + self.likelihood(self.stated.chi_square)
 
-    def score(self, left: Array, found: Fitted, alternatives: int = 1) -> float:
-        """−2 log of how likely a hypothesis is that leaves chi-square ``left`` (6,): of free noise levels, times what is to be expected.
+    def score(self, chi_square: Array, fit: Fitted, alternatives: int = 1) -> float:
+        """−2 log posterior odds of a hypothesis with chi-square (6,), relative to free coefficients.
 
-        Each unknown has its price (Schwarz 1978), but none that is just what a jet does that is dead or mounted the other way round.
+        Each unknown has a penalty (Schwarz 1978) and a prior. A jet that is exactly dead or reversed has no unknown.
         """
-        each = np.log(self.free.gyro.spare)
-        price = sum(
-            np.log(2) if certain(part) else part.unlikely + (part.unknowns + len(part.hypothesis.further)) * each for part in found.parts
+        penalty = np.log(self.free.gyro.spare)
+        penalties = sum(
+            np.log(2) if certain(part) else part.unlikely + (part.unknowns + len(part.hypothesis.further)) * penalty for part in fit.parts
         )
-        rare = sum(part.hypothesis.rare for part in found.parts)
-        return self.likelihood(left) + float(price + rare + 2 * np.log(alternatives))
+        prior_odds = sum(part.hypothesis.rare for part in fit.parts)
+        return self.likelihood(chi_square) + float(penalties + prior_odds + 2 * np.log(alternatives))
 
     @property
     def noisy(self) -> bool:
-        """Whether pure error is above the stated noise in most channels."""
+        """Whether pure error exceeds the stated noise in most channels."""
         return bool(median(self.free.pure / self.noise) > NOISY)
 
     @cached_property
     def exact(self) -> Array | None:
-        """(N, 6) normalised innovations of an off-line fit, as exact as the estimator is; None where there is none."""
+        """(N, 6) normalised innovations of an off-line fit; None if it fails."""
         log, vehicle, timing, *_ = self.case
         phase = Phase(name="piece", start_s=0.0, end_s=1.0)
         try:
@@ -257,16 +257,16 @@ class Screening:
 
     @property
     def loud(self) -> bool:
-        """Whether pure error is far above the stated noise: something is wrong that no coefficient stands for."""
+        """Whether pure error far exceeds the stated noise in a channel, so that no free coefficients describe the error."""
         return bool((self.free.pure > LOUD * self.noise).any())
 
-    def likelihood(self, left: Array) -> float:
-        """−2 log likelihood of free noise levels, of chi-square (6,), beyond that of free coefficients."""
-        return float(self.likelihoods(left))
+    def likelihood(self, chi_square: Array) -> float:
+        """−2 log likelihood of chi-square (6,), with free noise levels, relative to free coefficients."""
+        return float(self.likelihoods(chi_square))
 
-    def likelihoods(self, left: Array) -> Array:
-        """The same (...,) of each (..., 6)."""
-        return np.asarray((self._counts * np.log1p(left / self._counts)).sum(-1))
+    def likelihoods(self, chi_square: Array) -> Array:
+        """The same (...,) of chi-squares (..., 6)."""
+        return np.asarray((self._counts * np.log1p(chi_square / self._counts)).sum(-1))
 
     @cached_property
     def _counts(self) -> Array:
@@ -274,115 +274,119 @@ class Screening:
 
     @cached_property
     def ranked(self) -> Ranking:
-        """Every hypothesis that leaves less than what is stated, the most likely first."""
+        """Hypotheses that explain more than the stated case, ranked."""
         listed = hypotheses.listed(self.model, self.names)
-        own = normalised.suspected(self.names, (self.case.whole or (self.case.log,))[0])
-        every = [*listed, *normalised.supposed(self.model, self.names, own), *self._likely_turns(), *self._pushing_more()]
-        supposed = normalised.renamed(every, self.names, own)
-        most = self.score(self.stated.chi_square, self.stated) - CLEAR
-        return Ranking(self.model, self.free, supposed, self.score, self.likelihood, most)
+        suspected = normalised.suspected(self.names, (self.case.whole or (self.case.log,))[0])
+        every = [*listed, *normalised.supposed(self.model, self.names, suspected), *self._likely_turns(), *self._pushing_more()]
+        supposed = normalised.renamed(every, self.names, suspected)
+        limit = self.score(self.stated.chi_square, self.stated) - CLEAR
+        return Ranking(self.model, self.free, supposed, self.score, self.likelihood, limit)
 
     @property
     def scales_told(self) -> bool:
-        """Whether the log tells the scale of columns whose largest value is 1, and it is 1.
+        """Whether the log gives the scales of columns whose largest value is 1, and they are 1.
 
-        Where that is all that is commanded, whether it tells that of torques beside forces: no one number normalises both.
+        If nothing else is commanded, only the ratio of torques to forces can be tested, since a common scale has no effect.
         """
-        own = normalised.suspected(self.names, (self.case.whole or (self.case.log,))[0])
-        supposed = normalised.supposed(self.model, self.names, own)[:1]
-        if not supposed or (len(own) == len(self.names) and len({"torque" in name for name in own}) < 2):
+        suspected = normalised.suspected(self.names, (self.case.whole or (self.case.log,))[0])
+        scale = normalised.supposed(self.model, self.names, suspected)[:1]
+        if not scale or (len(suspected) == len(self.names) and len({"torque" in name for name in suspected}) < 2):
             return False
-        (found,) = self.fitted(supposed, self.stated.value("theta"))
-        near = np.abs(found.moved) < TOLD[0] * found.spread
-        return bool((near & (normalised.SIZE * found.spread < TOLD[1])).all())
+        (fit,) = self.fitted(scale, self.stated.value("theta"))
+        equal = np.abs(fit.moved) < TOLD[0] * fit.spread
+        return bool((equal & (normalised.SIZE * fit.spread < TOLD[1])).all())
 
     def _pushing_more(self) -> list[Hypothesis]:
-        """The channels that push giving another part of what is stated than those that only turn, from where it is most likely on.
+        """The pushing channels with another part of their stated force than turning ones, from the most likely value on.
 
-        Of k times the force the CG c and the mass m look like k c and m / k, with the IMU (k − 1) c away from its place. So where that
-        explains the log this does too, and a small step leads from the one to the other no more than along a curved valley.
+        With k times the force, the CG c becomes k c, the mass m becomes m / k, and the IMU appears (k − 1) c away from its place. A fit
+        from the stated value would have to follow a curved valley, so the IMU's apparent place gives the initial k.
         """
         stored = range(self.model.thrusting, len(self.names))
-        if self.model.thrusting and stored:  # as much less of what stores momentum is the same motion, and may be nearer
-            (other,) = self.fitted([hypotheses.scaled(self.model, self.names, stored)], still=ROUGHLY)
-            part = float(other.factors[0])
-            return [hypotheses.scaled(self.model, self.names, range(self.model.thrusting), 1 / part)] if part > 0 else []
+        if self.model.thrusting and stored:  # the inverse factor on stored momentum gives the same motion, and may be nearer
+            (momentum,) = self.fitted([hypotheses.scaled(self.model, self.names, stored)], tolerance=ROUGHLY)
+            factor = float(momentum.factors[0])
+            return [hypotheses.scaled(self.model, self.names, range(self.model.thrusting), 1 / factor)] if factor > 0 else []
         group = pushing(self.model.wrench(self.model.stated)[1], self.model.together)
         if self.model.bearing is not None or not group:
             return []
-        (away,) = self.fitted([hypotheses.imu_position(self.model)], still=ROUGHLY)
-        centre, by = away.value("theta")[MOMENT], away.value("imu")
-        share = float(np.dot(by, centre)) / max(float(np.dot(centre, centre)), TINY)
+        (moved_imu,) = self.fitted([hypotheses.imu_position(self.model)], tolerance=ROUGHLY)
+        centre, shift = moved_imu.value("theta")[MOMENT], moved_imu.value("imu")
+        share = float(np.dot(shift, centre)) / max(float(np.dot(centre, centre)), TINY)
         return [hypotheses.scaled(self.model, self.names, group, 1 / (1 - share))] if share < 1 else []
 
     def _likely_turns(self) -> list[Hypothesis]:
-        """The few units and mountings that leave least; on a bearing, as far as gravity is where it should be.
+        """The units and mountings of least cost; on a bearing, of least gravity residual.
 
-        In free flight each is fitted: by another unit a body is far from the one that regression begins with.
+        In free flight each is fitted, since another unit puts the body far from the initial regression.
         """
-        every = self.turns
+        candidates = self.turns
         if self.model.bearing is not None:
-            rough = np.array(self._gravity[: len(every)])
+            costs = np.array(self._gravity[: len(candidates)])
         else:
-            rough = self.likelihoods(np.array([one.chi_square for one in self.fitted(every, still=ROUGHLY)]))
-        return [every[i] for i in np.argsort(rough, kind="stable")[:SHARE]]
+            costs = self.likelihoods(np.array([one.chi_square for one in self.fitted(candidates, tolerance=ROUGHLY)]))
+        return [candidates[i] for i in np.argsort(costs, kind="stable")[:SHARE]]
 
     @cached_property
     def upright(self) -> list[Fitted]:
-        """Units and mountings by which, on a bearing, gravity is found where it should be as well as as stated; the most likely first.
+        """On a bearing, units and mountings whose gravity residual is no worse than the stated one, best first.
 
-        They turn the vertical that the log was reduced with, so that nothing is fitted to it.
+        They turn the vertical that the log was reduced with, so nothing is fitted.
         """
         if self.model.bearing is None:
             return []
-        *rough, stated = self._gravity
-        order = [i for i in np.argsort(rough, kind="stable")[:UPRIGHT] if rough[i] < stated * AS_WELL]
+        *residuals, stated = self._gravity
+        order = [i for i in np.argsort(residuals, kind="stable")[:UPRIGHT] if residuals[i] < stated * AS_WELL]
         return [self.supposing(self.turns[i]) for i in order]
 
     @cached_property
     def turned_beside_a_channel(self) -> list[Hypothesis]:
-        """The unit or mounting that leaves least whatever one of the channels does; none on a bearing (:attr:`upright`)."""
+        """In free flight, the unit or mounting of least cost with the effect of one channel free."""
         turns, channels = [] if self.model.bearing is not None else self.turns, range(len(self.names))
         if not turns or not channels:
             return []
-        every = [turn.whatever(channel) for turn in turns for channel in channels]
-        roughly = self.likelihoods(compared(self.model, self.free, self.free.variance, every))
-        of_each = roughly.reshape(len(turns), len(channels))
-        likely = np.argsort(of_each.min(1), kind="stable")[:UPRIGHT]
-        some = [(i, j) for i in likely for j in np.argsort(of_each[i], kind="stable")[:UPRIGHT]]
-        near = self.fitted([every[i * len(channels) + j] for i, j in some], still=ROUGHLY)
-        best = int(np.argmin([self.likelihood(one.chi_square) for one in near]))
-        return [turns[some[best][0]]]
+        pairs = [turn.whatever(channel) for turn in turns for channel in channels]
+        costs = self.likelihoods(compared(self.model, self.free, self.free.variance, pairs))
+        by_turn = costs.reshape(len(turns), len(channels))
+        best_turns = np.argsort(by_turn.min(1), kind="stable")[:UPRIGHT]
+        likely_pairs = [(i, j) for i in best_turns for j in np.argsort(by_turn[i], kind="stable")[:UPRIGHT]]
+        fits = self.fitted([pairs[i * len(channels) + j] for i, j in likely_pairs], tolerance=ROUGHLY)
+        best = int(np.argmin([self.likelihood(one.chi_square) for one in fits]))
+        return [turns[likely_pairs[best][0]]]
 
     @property
     def upset(self) -> bool:
-        """Whether gravity is not where it should be, and is for some other unit or mounting."""
+        """Whether another unit or mounting explains gravity better than the stated one."""
         return bool(self.upright) and min(self._gravity) < UPSET * self._gravity[-1]
 
     @cached_property
     def turns(self) -> list[Hypothesis]:
-        """Units and mountings, but of what shows nothing: on a table a gyro's axes X and Y."""
-        log, same, about = self.case.log, np.eye(3), self.model.turns
+        """Units and mountings that change a measured axis; on a table the gyro's X and Y are not."""
+        log, identity, turning = self.case.log, np.eye(3), self.model.turns
         units = hypotheses.units(self.model, median(log.interval_s), log.rate_columns[0].startswith("delta"))
-        every = [*units, *hypotheses.mountings(self.model)]
-        return [one for one in every if not (np.allclose(one.gyro[about], same[about]) and np.allclose(one.accelerometer, same))]
+        candidates = [*units, *hypotheses.mountings(self.model)]
+        return [
+            one
+            for one in candidates
+            if not (np.allclose(one.gyro[turning], identity[turning]) and np.allclose(one.accelerometer, identity))
+        ]
 
     @cached_property
     def _gravity(self) -> list[float]:
-        """Mean square of what is left of the specific force once the vertical, integrated from the rates, is taken out.
+        """Gravity residual of each of ``turns``, and of the stated mounting, (m/s²)².
 
-        Under each of ``turns``, and as stated.
+        It is the mean square of specific force less the vertical that is integrated from the rates.
         """
-        supposed = [*self.turns, self.stated.hypothesis]
+        candidates = [*self.turns, self.stated.hypothesis]
         samples = self.case.timing.of(self.case.log, self.case.vehicle)
         rate, force = samples.rate_rad_s[: self.piece.stop], samples.specific_force_m_s2[: self.piece.stop]
-        turns = np.linalg.inv(np.stack([one.gyro for one in supposed]))
-        different, which = np.unique(turns.round(9).reshape(len(turns), 9), axis=0, return_inverse=True)
+        back = np.linalg.inv(np.stack([one.gyro for one in candidates]))
+        different, which = np.unique(back.round(9).reshape(len(back), 9), axis=0, return_inverse=True)
         rates = np.einsum("nij,kj->nki", different.reshape(-1, 3, 3), rate)
         ups = verticals(rates, samples.executed.duration_s[: self.piece.stop], samples.up_b[0])
         means = (ups[:, 1:] + ups[:, :-1]) / 2
-        left = [
+        residuals = [
             force @ np.linalg.inv(one.accelerometer).T - self.model.gravity * means[i]
-            for one, i in zip(supposed, which.ravel(), strict=True)
+            for one, i in zip(candidates, which.ravel(), strict=True)
         ]
-        return [float((part**2).mean()) for part in left]
+        return [float((part**2).mean()) for part in residuals]

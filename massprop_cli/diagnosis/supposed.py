@@ -1,4 +1,4 @@
-"""A hypothesis that the vehicle file says otherwise: other values of its keys, which free coefficients found."""
+"""A hypothesis about keys of the vehicle file, whose values come from free-response regressions."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -16,24 +16,24 @@ States = dict[str, object]
 
 
 class Supposed(NamedTuple):
-    """What may have been otherwise."""
+    """Other values of keys of the vehicle file, and the change of the delay that goes with them."""
 
     codes: tuple[str, ...]
-    """Of a fault of one thing, or of several at once."""
+    """Codes of the faults: one, or several at once."""
     states: States
     further: tuple[States, ...] = ()
-    """Keys with each number that was sought one sigma away."""
+    """Key values with each estimated number one sigma further."""
     later: float = 0.0
-    """Cycles by which commands act later with it."""
+    """Change of the command delay, cycles."""
     loose: float = 0.0
-    """One sigma of the error of that, cycles; 0: none."""
+    """Prior sigma of that change, cycles; 0: known."""
 
     def fitted(self, screening: Screening) -> Fitted:
-        """As a hypothesis, before anything is fitted to it."""
-        none = np.zeros((len(screening.stated.x), 0))
-        free = along(screening.model, ("delay", np.full(1, self.loose / PRIORS["delay"]))) if self.loose else none
+        """The hypothesis with its key values, before any fit."""
+        no_unknowns = np.zeros((len(screening.stated.x), 0))
+        directions = along(screening.model, ("delay", np.full(1, self.loose / PRIORS["delay"]))) if self.loose else no_unknowns
         first, *others = self.codes
-        supposed = Hypothesis(first, (), free, states=self.states, further=self.further)
+        hypothesis = Hypothesis(first, (), directions, states=self.states, further=self.further)
         for code in others:
-            supposed = replace(supposed, code="", parts=(supposed, Hypothesis(code, (), none)))
-        return screening.supposing(supposed, delay=self.later)
+            hypothesis = replace(hypothesis, code="", parts=(hypothesis, Hypothesis(code, (), no_unknowns)))
+        return screening.supposing(hypothesis, delay=self.later)

@@ -32,7 +32,7 @@ def test_the_order_is_that_of_all_fitted_at_once() -> None:
     screening = weak(3)
     supposed = [*hypotheses.listed(screening.model, screening.names), *screening._likely_turns(), *screening._pushing_more()]
     kinds = [one.code for one in supposed]
-    every = fitted(screening.model, screening.free, screening.free.variance, supposed, still=ROUGHLY)
+    every = fitted(screening.model, screening.free, screening.free.variance, supposed, tolerance=ROUGHLY)
     scores = sorted((screening.score(one.chi_square, one, kinds.count(one.hypothesis.code)), i) for i, one in enumerate(every))
     lazy = list(islice(replace(screening).ranked, 12))
     # two that always act together come in either order
