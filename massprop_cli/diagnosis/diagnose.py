@@ -1,9 +1,12 @@
 """Diagnosis of a log that does not fit its vehicle file: the cause, its rivals, or none.
 
-Every hypothesis of :mod:`massprop_cli.diagnosis.hypotheses` is tested against one reduction of the log
-(:mod:`massprop_cli.diagnosis.screening`). The best are applied to log and vehicle file and the log is reduced again, so that what counts in
-the end is exact. One is named only if the log passes its test once it is corrected; those that come near stand beside it. Two at once are
-tried where no single one suffices. massprop never changes its inputs.
+- Every hypothesis of :mod:`massprop_cli.diagnosis.hypotheses` is fitted to one reduction of the log
+  (:mod:`massprop_cli.diagnosis.screening`).
+- The best ones are applied to log and vehicle file, and the log is reduced again. So the result is exact.
+- A cause is named only if the corrected log passes its test. Causes with a similar score are reported as rivals.
+- If no single cause suffices, pairs are tested.
+
+massprop never changes its inputs.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -49,33 +52,33 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.timing import Timing
 
 FINALISTS = (6, 12)
-"""How many are applied in turn until one fits: in free flight; and on a bearing, where a wrong gyro turns gravity too."""
+"""Most refits until one fits: in free flight; on a bearing, where a wrong gyro turns gravity too."""
 FIRST, SECOND = (2, 3), 2
-"""How many are tried with a second one, in free flight and on a bearing, where gravity tells several mountings apart from the stated but
-not from one another; and how many of these each time if none makes the log fit. docs/faults.md moves, dead-turned."""
+"""Number of first causes of pairs, in free flight and on a bearing, where gravity separates the stated mounting from others but these not
+from one another; and refits of second causes for each if none fits (docs/faults.md, dead-turned)."""
 LEFT = 0.5
-"""Part of what one body leaves beyond chance that two may leave in all: of a change that happened it is a tenth. docs/faults.md moves."""
+"""Part of the excess of one body that two bodies may leave; a real change leaves a tenth (docs/faults.md)."""
 WITH_IT = 0.5
-"""Part of what a cause leaves that was fitted alone, more than which one that goes with it doesn't leave: beside a tilted IMU
-a weak jet left up to 0.26 (docs/faults.md, weak-tilted)."""
+"""Part of the excess of a first cause, fitted alone, that a screened second cause may leave. A weak jet next to a tilted IMU left up to
+0.26 (docs/faults.md, weak-tilted)."""
 PROPORTION = 0.02
-"""Part by which bodies differ at most that answer all thrust in one proportion, or differ in the CG alone."""
+"""Relative difference up to which two bodies count as proportional in all that answers thrust, or as different in the CG alone."""
 NOTHING = 0.5
-"""Sigmas of chance within which what is left is nothing more."""
+"""Sigmas of chance within which a refit leaves nothing to explain."""
 ANSWERED = 30.0
-"""Sigmas of chance by which a motion follows commands, at least: those that moved a vehicle, however wrongly stated, make hundreds, those
-of another recording six, and shifted by some cycles 20."""
+"""Least significance, in sigmas, of a motion that follows the commands. Vehicles moved by their commands have hundreds, commands of another
+recording six, and commands shifted by some cycles 20."""
 
 
 Search = Callable[[Screening], Diagnosis | None]
 Rest = Callable[[], Undisturbed | None]
-"""What else to look for; and the stretches that fit, looked for once."""
+"""Deferred search for undisturbed segments, evaluated once."""
 
 
 def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice]) -> Diagnosis:
-    """Why the piece that fits worst doesn't fit, of a log of which a test has failed.
+    """Cause of the misfit of the piece that fits worst, in a log that failed a test.
 
-    Noise levels must be set in ``vehicle``, and no disturbance beyond what it states.
+    ``vehicle`` must state noise levels, and no disturbance beyond what the vehicle file states.
     """
     if not all(log.axes):
         return Diagnosis(unknown=ABSENT)
@@ -83,7 +86,7 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     screenings = [screening for piece in pieces if (screening := screened(*busiest(case, piece))) is not None]
     if not screenings:
         return Diagnosis()
-    # where nothing fires the columns are the noise that they should explain; another piece says more
+    # without commands the columns are the noise that they should explain
     driven = [screening for screening in screenings if len(screening.free.fired)]
     screening = max(driven or screenings, key=lambda one: one.misfit)
     if screening.chance and (elsewhere := _elsewhere(case, pieces)) is not None:
@@ -91,65 +94,69 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     if (at_sight := _at_sight(screening)) is not None:
         return at_sight
     screening = about_its_body(screening)
-    alone, rarely = _alone(screening), sparse(screening.case) or lost(log)
-    if rarely and not any(map(_whole, alone)):
-        return Diagnosis(unknown=rarely)
-    wandering = beside_a_torque(screening)
-    rest = cache(partial(undisturbed, screening, float(log.time_s[-1])))
-    found = _instead(screening, alone, wandering, rest) or chosen(screening, alone)
-    found = found if any(map(_whole, alone)) else _for_a_time(screening, screenings, found, alone, rest)
-    # a torque that wanders may explain it too, or with what goes with it
-    with_it = [refit.score for refit in alone if refit.fits and by_wander(refit, screening)]
-    least = min([wandering.cost, *with_it]) - CLEAR
-    moved = wandering.free.answered > ANSWERED
-    for search in () if wandering.close and moved else _further(screening, alone, wandering, least, rest):
-        if found is not None and found.score < least:
+    single_causes, lost_text = _alone(screening), sparse(screening.case) or lost(log)
+    if lost_text and not any(map(_whole, single_causes)):
+        return Diagnosis(unknown=lost_text)
+    under_torque = beside_a_torque(screening)
+    undisturbed_segments = cache(partial(undisturbed, screening, float(log.time_s[-1])))
+    diagnosis = _instead(screening, single_causes, under_torque, undisturbed_segments) or chosen(screening, single_causes)
+    diagnosis = (
+        diagnosis if any(map(_whole, single_causes)) else _for_a_time(screening, screenings, diagnosis, single_causes, undisturbed_segments)
+    )
+    # a random-walk torque may explain it too, or a cause that goes with one
+    with_walk = [refit.score for refit in single_causes if refit.fits and by_wander(refit, screening)]
+    least = min([under_torque.cost, *with_walk]) - CLEAR
+    follows_commands = under_torque.free.answered > ANSWERED
+    for search in (
+        () if under_torque.close and follows_commands else _further(screening, single_causes, under_torque, least, undisturbed_segments)
+    ):
+        if diagnosis is not None and diagnosis.score < least:
             break
-        found = search(screening)
-    if found is not None and found.score < least:
-        return found
-    at = next((placed for one in screenings if (placed := border(one, float(log.time_s[-1]))) is not None), None)
-    if at is not None:  # all the rest needs no torque that wanders
-        return Diagnosis((Fault(Notice("phase-border", at.words), at.correction),))
-    kept = rest()
-    if kept is not None:
-        return Diagnosis((Fault(Notice("phase-border", kept.words), kept.correction(vehicle)),))
+        diagnosis = search(screening)
+    if diagnosis is not None and diagnosis.score < least:
+        return diagnosis
+    boundary = next((placed for one in screenings if (placed := border(one, float(log.time_s[-1]))) is not None), None)
+    if boundary is not None:  # the other causes need no random-walk torque
+        return Diagnosis((Fault(Notice("phase-border", boundary.words), boundary.correction),))
+    segments = undisturbed_segments()
+    if segments is not None:
+        return Diagnosis((Fault(Notice("phase-border", segments.words), segments.correction(vehicle)),))
     if screening.fits and (units := chosen(screening, by_noise(screening))) is not None:
         return units
-    unanswered = not moved and screening.loud
-    explained = not unanswered and (wandering.close or with_it)
+    unanswered = not follows_commands and screening.loud
+    explained = not unanswered and (under_torque.close or with_walk)
     return Diagnosis() if explained else _unexplained(screening, UNANSWERED if unanswered else _in_vain(screening))
 
 
 def _at_sight(screening: Screening) -> Diagnosis | None:
-    """What is said before any hypothesis is fitted; None where hypotheses are to tell."""
+    """Result without hypotheses; None if hypotheses are to be fitted."""
     if screening.free.dead:
         return Diagnosis(unknown=DEAD)
-    shown = seen(screening.case)
-    if shown is not None:
-        return Diagnosis((Fault(shown, None),))
+    notice = seen(screening.case)
+    if notice is not None:
+        return Diagnosis((Fault(notice, None),))
     vehicle = screening.case.vehicle
-    # a swing tells ratios, so that there is no body of which anything could be left
+    # a swing determines ratios only, so a body leaves no residual
     return Diagnosis() if vehicle.on_pedestal and not len(screening.free.fired) and not vehicle.swings else None
 
 
 def _elsewhere(case: Case, pieces: Sequence[slice]) -> Screening | None:
-    """The cycles about the moment from which on another body explains most, where the busiest ones fit and these don't."""
+    """Screening of the cycles around the most likely change of the body, if the most commanded cycles fit and these do not."""
     longest = max(pieces, key=lambda piece: piece.stop - piece.start)
     if longest.stop - longest.start <= LONGEST or (case.vehicle.pivoted and case.log.attitude_wxyz is None):
         return None
     part, piece = busiest(case, longest, MOST)
-    found = _likeliest_change(part, piece)
-    if found is None:
+    change_at = _likeliest_change(part, piece)
+    if change_at is None:
         return None
-    first = min(max(found[0] - LONGEST // 2, piece.start), piece.stop - LONGEST)
-    about, own = busiest(part, slice(first, first + LONGEST))
-    there = screened(about._replace(whole=(case.log, longest)), own)
-    return None if there is None or there.chance else there
+    first = min(max(change_at[0] - LONGEST // 2, piece.start), piece.stop - LONGEST)
+    about, around = busiest(part, slice(first, first + LONGEST))
+    screening = screened(about._replace(whole=(case.log, longest)), around)
+    return None if screening is None or screening.chance else screening
 
 
 def _likeliest_change(case: Case, piece: slice) -> tuple[int, float] | None:
-    """The cycle, and the time, from which on another body explains most."""
+    """Cycle and time, s, from which on another body explains most."""
     samples = case.timing.of(case.log, case.vehicle)
     reference = first_reference(samples, piece, case.vehicle)
     at = None if reference is None else change.likeliest(samples, piece, reference, case.vehicle)
@@ -157,163 +164,171 @@ def _likeliest_change(case: Case, piece: slice) -> tuple[int, float] | None:
 
 
 def _unexplained(screening: Screening, unknown: str) -> Diagnosis:
-    """Where no cause was found: that commands are logged after they act, which no log corrected by its vehicle file shows; else none."""
-    up = logged_after(screening.case)
-    said = LOGGED_AFTER.format(up - screening.case.timing.delay, up)
-    return Diagnosis((Fault(Notice("delay-mismatch", said), None),)) if up else Diagnosis(unknown=unknown)
+    """Result without a cause: commands logged after they act, which no vehicle file corrects; otherwise no fault."""
+    cycles = logged_after(screening.case)
+    text = LOGGED_AFTER.format(cycles - screening.case.timing.delay, cycles)
+    return Diagnosis((Fault(Notice("delay-mismatch", text), None),)) if cycles else Diagnosis(unknown=unknown)
 
 
-def _further(screening: Screening, alone: Sequence[Refit], whole: Screening, least: float, rest: Rest) -> list[Search]:
-    """What else to look for, the most likely first, that explains more than the ``least`` score: all along in pairs, or in time."""
-    pair = partial(_pair, alone=alone, worst=min([least, *(refit.score for refit in alone)]))
-    changed = partial(_changed, whole=whole, rest=rest)
+def _further(
+    screening: Screening, single_causes: Sequence[Refit], under_torque: Screening, least: float, undisturbed_segments: Rest
+) -> list[Search]:
+    """Further searches that may score below ``least``, the most likely first: constant errors by pairs, or changes in time."""
+    pair = partial(_pair, single_causes=single_causes, worst=min([least, *(refit.score for refit in single_causes)]))
+    changed = partial(_changed, under_torque=under_torque, undisturbed_segments=undisturbed_segments)
     two: list[Search] = [swapped, pair]
-    best = min(alone, key=lambda refit: refit.score, default=None)
+    best = min(single_causes, key=lambda refit: refit.score, default=None)
     if best is not None and "fuel-use" in codes(best):
         return [changed, _much_later, _lowpassed, *two]
     return [*two, _much_later, _lowpassed, changed] if screening.constant or screening.upset else [_much_later, _lowpassed, changed, *two]
 
 
 def _whole(refit: Refit) -> bool:
-    """Whether it leaves hardly more than the stated noise does in the mean: then nothing else explains more."""
+    """Whether a refit leaves hardly more than the stated noise, so that nothing else can explain more."""
     left = refit.screening
     return refit.fits and left is not None and left.constant and left.misfit < 1 + NOTHING * np.sqrt(2 / left.freedom)
 
 
 def _for_a_time(
-    screening: Screening, screenings: Sequence[Screening], found: Diagnosis | None, alone: Sequence[Refit], rest: Rest
+    screening: Screening,
+    screenings: Sequence[Screening],
+    found: Diagnosis | None,
+    single_causes: Sequence[Refit],
+    undisturbed_segments: Rest,
 ) -> Diagnosis | None:
-    """A jet that fails for a time, where that explains more than what was ``found``, of causes ``alone``.
+    """Temporary failure of a jet if it explains more than ``found`` from the causes ``single_causes``; otherwise ``found``.
 
-    One that leaves more than chance is none where all but the ``rest`` of the log leaves no more.
+    A failure that leaves more than chance does not count if the ``undisturbed_segments`` of the log leaves no more.
     """
-    cause = min((refit for refit in alone if refit.fits and refit.screening is not None), key=lambda refit: refit.score, default=None)
-    each = episodes(screening, screenings, cause)
-    if not each or (found is not None and found.score < each[0].score + CLEAR):
+    cause = min(
+        (refit for refit in single_causes if refit.fits and refit.screening is not None), key=lambda refit: refit.score, default=None
+    )
+    failures = episodes(screening, screenings, cause)
+    if not failures or (found is not None and found.score < failures[0].score + CLEAR):
         return found
-    best, vehicle = each[0], screening.case.vehicle
-    if not (best.screening.chance and best.screening.constant) and rest() is not None:
+    best, vehicle = failures[0], screening.case.vehicle
+    if not (best.screening.chance and best.screening.constant) and undisturbed_segments() is not None:
         return found
-    message = f"the log fits if {', or else '.join(one.words for one in each)}; look at its valve and supply, and state thrust.failures"
-    near = (best.correction(vehicle, 1.0),) if best.sigma else ()
-    rivals = tuple(one.correction(vehicle) for one in each[1:])
-    return Diagnosis((Fault(Notice(best.code, message), best.correction(vehicle), around=near, rivals=rivals),), score=best.score)
+    message = f"the log fits if {', or else '.join(one.words for one in failures)}; look at its valve and supply, and state thrust.failures"
+    sigma_variant = (best.correction(vehicle, 1.0),) if best.sigma else ()
+    rivals = tuple(one.correction(vehicle) for one in failures[1:])
+    return Diagnosis((Fault(Notice(best.code, message), best.correction(vehicle), around=sigma_variant, rivals=rivals),), score=best.score)
 
 
 def _alone(screening: Screening) -> list[Refit]:
-    """The most likely causes, each put to the test."""
+    """Refits of the most likely single causes."""
     begun = tried_each(screening, screening.upright) if screening.upset else []
     most = SECOND if screening.upset else FINALISTS[screening.model.bearing is not None]
-    best = searched(screening, begun, (most, most), beyond(screening))
-    best += otherwise_filtered(screening)
-    best += _leaning(screening)
-    best += [] if any(map(_whole, best)) else otherwise(screening, best)
-    likeliest = min((refit for refit in best if refit.fits), key=lambda refit: refit.score, default=None)
-    if likeliest is not None and likeliest.fitted.hypothesis.turns:
-        # actuators that are wired round may be a turn of the whole vehicle
-        return [*best, *wired(screening)]
-    return best if screening.upset or likeliest is not None else [*best, *tried_each(screening, screening.upright)]
+    refits = searched(screening, begun, (most, most), beyond(screening))
+    refits += otherwise_filtered(screening)
+    refits += _leaning(screening)
+    refits += [] if any(map(_whole, refits)) else otherwise(screening, refits)
+    best = min((refit for refit in refits if refit.fits), key=lambda refit: refit.score, default=None)
+    if best is not None and best.fitted.hypothesis.turns:
+        # exchanged actuators may look like a turn of the whole vehicle
+        return [*refits, *wired(screening)]
+    return refits if screening.upset or best is not None else [*refits, *tried_each(screening, screening.upright)]
 
 
 def _leaning(screening: Screening) -> list[Refit]:
-    """Axes of wheels and gyros: they explain much of what other parts of their momentum make, which a look takes for more."""
-    each = screening.fitted(hypotheses.device_axes(screening.model, screening.names), screening.stated.value("theta"))
-    return tried_each(screening, (found for found in each if not hopeless(screening, found, beyond(screening))))
+    """Refits of the axes of wheels and gyros. Screening prefers other scales of their momentum, which the axes explain in part."""
+    fits = screening.fitted(hypotheses.device_axes(screening.model, screening.names), screening.stated.value("theta"))
+    return tried_each(screening, (found for found in fits if not hopeless(screening, found, beyond(screening))))
 
 
 def _different(each: Iterable[Fitted]) -> Iterator[Fitted]:
-    """Without those that say what one before them says."""
-    seen: list[Fitted] = []
-    for found in each:
-        if not any(same(one, found) for one in seen):
-            seen.append(found)
-            yield found
+    """Fits without repeated causes."""
+    distinct: list[Fitted] = []
+    for fit in each:
+        if not any(same(one, fit) for one in distinct):
+            distinct.append(fit)
+            yield fit
 
 
-def _instead(screening: Screening, alone: Sequence[Refit], whole: Screening, rest: Rest) -> Diagnosis | None:
-    """What the most likely of single causes may stand for: it hides what is further off than a small step leads to.
+def _instead(screening: Screening, single_causes: Sequence[Refit], under_torque: Screening, undisturbed_segments: Rest) -> Diagnosis | None:
+    """A distant cause that the most likely single cause may stand for.
 
-    A turned gyro for a delay of cycles, where a torque or more noise is left than is stated; a slow change of the body for one at once.
+    A turned gyro may stand for a delay of cycles, if a torque or more noise than stated remains; fuel use for a sudden change of the body.
     """
-    best = next(iter(fitting_causes(screening, alone)), None)
+    best = next(iter(fitting_causes(screening, single_causes)), None)
     if best is None:
         return None
     if best.screening is not None and (best.screening.free.beside or best.screening.noisy):
-        later = _much_later(screening)
-        return later if later is not None and later.score < best.score else None
+        with_delay = _much_later(screening)
+        return with_delay if with_delay is not None and with_delay.score < best.score else None
     if "fuel-use" in codes(best):
-        return _changed(screening, whole, rest, max(float(best.fitted.chi_square.sum()) - screening.freedom, 0.0))
+        return _changed(screening, under_torque, undisturbed_segments, max(float(best.fitted.chi_square.sum()) - screening.freedom, 0.0))
     return None
 
 
 def _much_later(screening: Screening) -> Diagnosis | None:
-    """Another command delay, further off than a small step leads to: where free coefficients leave least."""
+    """A distant command delay, started at the delay of least free-response cost."""
     log, vehicle, timing, *_ = screening.case
     rated = delay.search(log, vehicle, [timing.lag], pieces=[screening.piece])
     if not rated:
         return None
     at = rated[0].at
-    supposed = Hypothesis("delay-mismatch", (), hypotheses.along(screening.model, ("delay", np.ones(1))))
-    begun = screening.supposing(supposed, delay=at.delay - timing.delay)
-    refit = refined(screening, begun, screening.case._replace(timing=timing._replace(delay=at.delay)))
+    hypothesis = Hypothesis("delay-mismatch", (), hypotheses.along(screening.model, ("delay", np.ones(1))))
+    start = screening.supposing(hypothesis, delay=at.delay - timing.delay)
+    refit = refined(screening, start, screening.case._replace(timing=timing._replace(delay=at.delay)))
     return None if refit is None else chosen(screening, [refit])
 
 
 def _lowpassed(screening: Screening) -> Diagnosis | None:
-    """A sensor's low-pass of cycles: further than a small step leads to."""
+    """A distant low-pass of a sensor."""
     refits = []
     for sensor in ("gyro", "accel"):
-        supposed = next(one for one in hypotheses.timing(screening.model) if one.code == f"{sensor}-filter")
-        refit = helped(screening, screening.supposing(supposed, **{f"{sensor}_lag": PRIORS[f"{sensor}_lag"]}))
+        hypothesis = next(one for one in hypotheses.timing(screening.model) if one.code == f"{sensor}-filter")
+        refit = helped(screening, screening.supposing(hypothesis, **{f"{sensor}_lag": PRIORS[f"{sensor}_lag"]}))
         refits += [] if refit is None else [refit]
     return chosen(screening, refits)
 
 
-def _changed(screening: Screening, whole: Screening, rest: Rest, less_than: float = np.inf) -> Diagnosis | None:
-    """Another body from some moment on; ``whole`` is what one body leaves of the log beside a torque.
+def _changed(screening: Screening, under_torque: Screening, undisturbed_segments: Rest, less_than: float = np.inf) -> Diagnosis | None:
+    """Another body from some moment on; ``under_torque`` is the screening of one body under a torque.
 
-    None where two leave no ``less_than`` so much of chi-square beyond chance.
+    None if two bodies leave no less than ``less_than`` of excess chi-square.
     """
     log, piece = screening.case.whole or (screening.case.log, screening.piece)
     case, piece = busiest(screening.case._replace(log=log), piece, MOST)
-    found = _likeliest_change(case, piece)
-    if found is None:
+    change_at = _likeliest_change(case, piece)
+    if change_at is None:
         return None
-    at, time = found
+    at, time = change_at
     each = (screened(*busiest(case, part), screening.free.beside) for part in (slice(piece.start, at), slice(at, piece.stop)))
     sides = [side and about_its_body(side) for side in each]
     if not all(side is not None and side.fits for side in sides):
         return None
-    left = sum(side.excess for side in sides if side is not None)
-    if left > LEFT * whole.excess or left >= less_than:
-        return None  # each side fits for being shorter alone, or something else explains as much
-    kept = rest()
-    if kept is not None and (len(kept.kept_s) > 1 or kept.answered < ANSWERED):
-        return None  # what acts for a time, or nothing that is commanded, tells of no other body
+    excess = sum(side.excess for side in sides if side is not None)
+    if excess > LEFT * under_torque.excess or excess >= less_than:
+        return None  # the sides fit only because they are shorter, or something else explains as much
+    segments = undisturbed_segments()
+    if segments is not None and (len(segments.kept_s) > 1 or segments.answered < ANSWERED):
+        return None  # a temporary disturbance, or uncommanded motion, gives no evidence of another body
     thrust, imu = _or_thrust(screening, sides), _or_imu(screening, sides)
     message = (
         f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release{thrust}{imu}; "
         "give the vehicle file [[phases]] that end and begin there "
         "(estimator.split_on_change = true does it): what is estimated over the change is no body's"
     ) + ("; what [known] states is of neither part then: state it under [[phases]]" if case.vehicle.known else "")
-    cure = None if imu else Correction(("estimator.split_on_change=true",))
-    return Diagnosis((Fault(Notice("mass-change", message), cure, time),))
+    correction = None if imu else Correction(("estimator.split_on_change=true",))
+    return Diagnosis((Fault(Notice("mass-change", message), correction, time),))
 
 
 def _or_thrust(screening: Screening, sides: Sequence[Screening | None]) -> str:
-    """That all thrust may change instead, where all that answers it does so in one proportion."""
+    """Text that all thrust may change instead, if all that answers it changes in one proportion."""
     kind = screening.case.vehicle.environment.kind
     answers = [5, MU] if kind == "planar" else [0, 3, 5] + [MU] * (kind == "free")
     before, after = (side.stated.value("theta")[answers] for side in sides if side is not None)
-    by = after / before
-    part = float(by.mean())
-    if not screening.model.thrusting or np.ptp(by) > PROPORTION * part or abs(part - 1) < PROPORTION:
+    ratios = after / before
+    ratio = float(ratios.mean())
+    if not screening.model.thrusting or np.ptp(ratios) > PROPORTION * ratio or abs(ratio - 1) < PROPORTION:
         return ""
-    return f", or if all thrust is {part:.3g} of what it was from then on, as by another supply pressure"
+    return f", or if all thrust is {ratio:.3g} of what it was from then on, as by another supply pressure"
 
 
 def _or_imu(screening: Screening, sides: Sequence[Screening | None]) -> str:
-    """That another IMU may record from then on, where the CG alone changes and no thrust tells where it is."""
+    """Text that another IMU may record instead, if only the CG changes and no thrust determines it."""
     before, after = (side.stated.value("theta") for side in sides if side is not None)
     turned = np.abs(tensor(after[:6]) @ np.linalg.inv(tensor(before[:6])) - np.eye(3)).max()
     if screening.model.thrusting or screening.model.bearing is not None or turned > PROPORTION:
@@ -322,73 +337,75 @@ def _or_imu(screening: Screening, sides: Sequence[Screening | None]) -> str:
     return f", or if another IMU, some way off, records from then on ({where})"
 
 
-def _pair(screening: Screening, alone: Sequence[Refit], worst: float) -> Diagnosis | None:
-    """Two causes at once that beat the ``worst`` score: two channels; or the most likely few, each with what explains the rest."""
-    if (channels := two_channels(screening, any(refit.fits for refit in alone))) is not None:
+def _pair(screening: Screening, single_causes: Sequence[Refit], worst: float) -> Diagnosis | None:
+    """Two causes at once that score below ``worst``: two channels, or one of the most likely few and what explains its residual."""
+    if (channels := two_channels(screening, any(refit.fits for refit in single_causes))) is not None:
         return channels
     upright = [found.hypothesis for found in screening.upright]
-    likeliest = sorted((refit for refit in alone if any(refit.fitted.hypothesis is one for one in upright)), key=lambda refit: refit.score)
+    likeliest = sorted(
+        (refit for refit in single_causes if any(refit.fitted.hypothesis is one for one in upright)), key=lambda refit: refit.score
+    )
     turned = (replace(screening.stated, hypothesis=one) for one in screening.turned_beside_a_channel)
     each = chain((refit.fitted for refit in likeliest), turned, (found for _, found in screening.ranked))
-    together, firsts = list[Refit](), list[Refit]()
+    pairs, firsts = list[Refit](), list[Refit]()
     beside = partial(_beside, screening, worst=worst)
     for found in islice(_different(each), FIRST[screening.model.bearing is not None]):
-        known = next((one for one in alone if one.fitted.hypothesis is found.hypothesis), None)
-        refit = known or tried(screening, found)
+        known_refit = next((one for one in single_causes if one.fitted.hypothesis is found.hypothesis), None)
+        refit = known_refit or tried(screening, found)
         firsts += [] if refit is None else [refit]
-        # one that fits alone was further off than the look tells
-        together += [refit] if known is None and refit is not None and refit.fits else beside(refit, together)
-        if any(refit.fits for refit in together):
-            break  # what comes near it has a part in common with it
-    # a torque that nobody stated may be what is beside a first
-    together += [refit for first in firsts if (refit := _beside_a_torque(first)) is not None]
-    # what explains most may have been found beside a first that was not yet as it is, or is but nearly the right one
-    best = min(together, key=lambda refit: refit.score, default=None)
+        # a refit that fits alone was beyond the screening's accuracy
+        pairs += [refit] if known_refit is None and refit is not None and refit.fits else beside(refit, pairs)
+        if any(refit.fits for refit in pairs):
+            break  # its rivals share a part with it
+    # the second cause may be an unstated torque
+    pairs += [refit for first in firsts if (refit := _beside_a_torque(first)) is not None]
+    # the second cause may have been found next to an inaccurate or wrong first one
+    best = min(pairs, key=lambda refit: refit.score, default=None)
     parts = () if best is None else best.fitted.parts
     exact = best is not None and best.fits and best.screening is not None and best.screening.chance
     for i, part in enumerate(parts if len(parts) > 1 else ()):
-        # where a pair leaves no more than chance, what is about a channel may still be about it otherwise, or about another
+        # if the pair is exact, a part about a channel has rivals about it or about others
         if (i > 0 or part.unknowns) and not (exact and screening.model.channel(part.hypothesis) is not None):
-            together += beside(corrected_alone(screening, part), together)
-    return chosen(screening, together)
+            pairs += beside(corrected_alone(screening, part), pairs)
+    return chosen(screening, pairs)
 
 
 def _beside(screening: Screening, first: Refit | None, others: Sequence[Refit], worst: float) -> list[Refit]:
-    """Pairs with a first that is corrected, where there are ``others``; what explains less than the ``worst`` score is none.
+    """Pairs with a corrected first cause and score below ``worst``; ``others`` are refits that compete.
 
-    Nor is there any with a first by which a channel does nothing, and which is looked at without that.
+    A first cause that leaves a channel without effect has none, since its screening lacks the channel.
     """
     if first is None or first.screening is None or len(first.screening.free.fired) != len(screening.free.fired):
         return []
     most = beyond(first.screening)
     if first.fitted.unknowns and np.isfinite(first.score):
-        # what a first was fitted to alone moves with a second, and so does what is left
+        # the values of a first cause fitted alone move with a second
         most = max(most, WITH_IT * first.screening.misfit * first.screening.freedom)
-    left = worst - first.screening.free_cost - first.units
-    return searched(screening, [], (SECOND, FINALISTS[0]), most, first, others, left)
+    worst_excess = worst - first.screening.free_cost - first.units
+    return searched(screening, [], (SECOND, FINALISTS[0]), most, first, others, worst_excess)
 
 
 def _beside_a_torque(first: Refit) -> Refit | None:
-    """A cause that is corrected, beside a torque with which the log fits then; None where it doesn't, or without it does."""
-    left = first.screening
-    if left is None or left.close or not left.constant or float(left.stated.chi_square.sum()) > beyond(left):
+    """A corrected cause under a disturbance torque; None if the log does not fit then, or fits without it."""
+    corrected = first.screening
+    if corrected is None or corrected.close or not corrected.constant or float(corrected.stated.chi_square.sum()) > beyond(corrected):
         return None
-    found = beside_a_torque(left)
-    if not found.close:
+    with_torque = beside_a_torque(corrected)
+    if not with_torque.close:
         return None
-    excess = found.score(found.stated.chi_square, first.fitted)
-    return replace(first, excess=excess, score=found.free_cost + excess + first.units, fits=True, screening=found)
+    excess = with_torque.score(with_torque.stated.chi_square, first.fitted)
+    return replace(first, excess=excess, score=with_torque.free_cost + excess + first.units, fits=True, screening=with_torque)
 
 
 def _in_vain(screening: Screening) -> str:
-    """What was tried, and what came nearest."""
+    """Text for an unknown cause: what was tried, and what came nearest."""
     nearest: dict[str, str] = {}
     for _, found in islice(screening.ranked, 4):
         code, _ = words_of(found, screening.names, screening.case, screening.case)
         about = f" of {', '.join(found.hypothesis.subject)}" if found.hypothesis.subject else ""
         nearest.setdefault(f"{code}{about}", f"{100 * found.chi_square.sum() / screening.stated.chi_square.sum():.2g} %")
-    said = ", ".join(f"{what} leaves {left}" for what, left in islice(nearest.items(), 2))
-    near = f"; nearest: {said} of the misfit" if said else ""
+    text = ", ".join(f"{what} leaves {left}" for what, left in islice(nearest.items(), 2))
+    near = f"; nearest: {text} of the misfit" if text else ""
     scatter = jitter(screening.case.log.interval_s)
     if scatter > JITTER:
         near += f"; records' intervals scatter by {100 * scatter:.2g} %: times of arrival? State imu.clock_even = true"

@@ -1,4 +1,4 @@
-"""What is said of the causes with which a log fits: the most likely one, its rivals, and the settings that correct it."""
+"""Notices and corrections for the causes with which a log fits: the most likely one, and its rivals."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -31,37 +31,37 @@ LOGGED_AFTER = (
     "issued, or move their columns up by {} control cycle(s)"
 )
 IN_VEHICLE_FILE, IN_MAP = "under [columns]", "in the map (unit, scale, axes)"
-"""Where the columns of a plain log are corrected, and those of a recording."""
+"""Where to correct the columns of a plain log, and those of a recording."""
 NEARLY = 4.6
-"""−2 log of the odds (1 : 10) below which of two kinds neither is named."""
+"""−2 log of the odds, 1 : 10, up to which neither of two codes is named."""
 EVEN = 6.0
-"""−2 log of the odds (1 : 20) below which two of a kind are named side by side."""
+"""−2 log of the odds, 1 : 20, up to which two causes of the same code are named side by side."""
 
 ALIKE = 1e-9
-"""Between factors that are one."""
+"""Largest difference of equal factors."""
 UNIT = float(np.log(2.0))
-"""Log of a factor from which on it is a unit's, of torques or of forces: a smaller one is a scale, and may be stated as uncertain."""
+"""Log of the least factor that may be a unit of torques or forces; a smaller one is a scale, which can be stated as uncertain."""
 
 
 def chosen(screening: Screening, refits: Sequence[Refit]) -> Diagnosis | None:
-    """The most likely of those with which the log fits."""
+    """Diagnosis by the most likely cause with which the log fits; None without one."""
     fitting = fitting_causes(screening, refits)
     if not fitting:
         return None
     rivals = [refit for refit in fitting[1:] if refit.score < fitting[0].score + CLEAR]
     first = over_all(screening, fitting[0])
-    alike = [refit for refit in (_in_proportion(screening, first), _about_another_point(screening, first)) if refit is not None]
-    rivals = [*alike, *(rival for rival in rivals if all(_about(rival) != _about(own) for own in alike))]
+    equivalent = [refit for refit in (_in_proportion(screening, first), _about_another_point(screening, first)) if refit is not None]
+    rivals = [*equivalent, *(rival for rival in rivals if all(_about(rival) != _about(equal) for equal in equivalent))]
     detected = None
     if first.fitted.hypothesis.code == "delay-mismatch":
-        after = float(first.fitted.chi_square.sum() / screening.freedom)
-        by = first.case.timing.delay - screening.case.timing.delay
-        detected = near(screening.case.timing, by, float(first.fitted.spread[0]), after)
-    return Diagnosis(_explained(screening, first, rivals, len(alike)), detected, score=first.score)
+        misfit = float(first.fitted.chi_square.sum() / screening.freedom)
+        change = first.case.timing.delay - screening.case.timing.delay
+        detected = near(screening.case.timing, change, float(first.fitted.spread[0]), misfit)
+    return Diagnosis(_explained(screening, first, rivals, len(equivalent)), detected, score=first.score)
 
 
 def fitting_causes(screening: Screening, refits: Sequence[Refit]) -> list[Refit]:
-    """Those with which the log fits, but for rivals of what doesn't; these come last where they are too faint to be named themselves."""
+    """Refits with which the log fits, the best first; those that were only rivals come last, and do not count alone."""
     fitting = [
         (screening.ranked.faint(refit.fitted.hypothesis), refit) for refit in refits if refit.fits and not by_wander(refit, screening)
     ]
@@ -71,104 +71,109 @@ def fitting_causes(screening: Screening, refits: Sequence[Refit]) -> list[Refit]
 
 
 def by_wander(refit: Refit, screening: Screening) -> bool:
-    """Whether it goes with a torque that wanders: its mean, its part along the rate, or what the accelerometer feels of it."""
+    """Whether a cause goes with a random-walk torque: its mean, its part along the rate, or its specific force."""
     beside = (refit.screening or screening).free.beside
     return bool(codes(refit) & {"gyro-bias", "accel-bias", "steady-torque", "rate-torque"}) and any(one.walk > 0 for one in beside)
 
 
 def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = (), alike: int = 0) -> tuple[Fault, ...]:
-    """In words, with the settings that correct it: one for each of two causes at once.
+    """Faults of a refit, one for each of its causes, with corrections.
 
-    What a rival that is nearly as likely has not got is not named; the first ``alike`` of them make the same motion.
+    A code that a rival of similar score does not share is not named. The first ``alike`` rivals make the same motion.
     """
-    said = _said(screening, refit)
-    message, beside, sure = _joined(said), [], [code for code, _ in said]
+    causes = _said(screening, refit)
+    message, rival_texts, named = _joined(causes), [], [code for code, _ in causes]
     for i, rival in enumerate(rivals):
-        its = _said(screening, rival)
+        rival_causes = _said(screening, rival)
         if _about(rival) == _about(refit):
             continue  # the same, found from elsewhere
-        if i < alike or ([code for code, _ in its] == [code for code, _ in said] and rival.score < refit.score + EVEN):
-            message += f", or else {_joined(its)}"
+        if i < alike or ([code for code, _ in rival_causes] == [code for code, _ in causes] and rival.score < refit.score + EVEN):
+            message += f", or else {_joined(rival_causes)}"
         else:
-            beside.append(f"{_joined(its)} (odds {np.exp((refit.score - rival.score) / 2):.2g} to 1)")
-            sure = [code for code in sure if code in dict(its) or rival.score > refit.score + NEARLY]
-    turned, heavier = _of_what_turns(refit)
-    message = f"the log fits if {message}{turned}"
-    if beside:
-        message += "; rivals that the log can't rule out: " + "; or ".join(beside[:2])
-    if not sure:
+            rival_texts.append(f"{_joined(rival_causes)} (odds {np.exp((refit.score - rival.score) / 2):.2g} to 1)")
+            named = [code for code in named if code in dict(rival_causes) or rival.score > refit.score + NEARLY]
+    inertia_text, inertia_corrections = _of_what_turns(refit)
+    message = f"the log fits if {message}{inertia_text}"
+    if rival_texts:
+        message += "; rivals that the log can't rule out: " + "; or ".join(rival_texts[:2])
+    if not named:
         message = f"log and vehicle file don't fit, cause unknown: {message}"
-    others = (correction_of(screening.case, rival.case, rival.fitted) for rival in rivals)
+    corrections = (correction_of(screening.case, rival.case, rival.fitted) for rival in rivals)
     # a scale that all commands have in common shows nowhere: no correction is right
-    scaled = normalised.CODE in codes(refit)
-    correction = None if scaled else correction_of(screening.case, refit.case, refit.fitted)
-    near = (*around(screening.case, refit.fitted), *skewed(correction, refit.fitted))
-    instead = (*(other for other in others if other is not None), *_of_the_others(correction), *heavier)
-    return tuple(Fault(Notice(code, message), correction, around=near, rivals=instead) for code in dict.fromkeys(sure or [UNKNOWN]))
+    normalised_commands = normalised.CODE in codes(refit)
+    correction = None if normalised_commands else correction_of(screening.case, refit.case, refit.fitted)
+    sigma_variants = (*around(screening.case, refit.fitted), *skewed(correction, refit.fitted))
+    rival_corrections = (*(other for other in corrections if other is not None), *_of_the_others(correction), *inertia_corrections)
+    return tuple(
+        Fault(Notice(code, message), correction, around=sigma_variants, rivals=rival_corrections)
+        for code in dict.fromkeys(named or [UNKNOWN])
+    )
 
 
 def _of_the_others(correction: Correction | None) -> Iterator[Correction]:
-    """Where all torques, or all forces, of a commanded wrench are in another unit: as well the others are, and the body another."""
+    """Corrections by the other half of a commanded wrench, where all torques or all forces are in another unit; the body then differs."""
     if correction is None or not correction.command:
         return
-    for own, others in ((slice(0, 3), slice(3, 6)), (slice(3, 6), slice(0, 3))):
-        moved = [factor for factor in correction.command[own] if factor != 1]
-        factor, alike = (moved or [1.0])[0], len(set(moved)) == 1 and set(correction.command[others]) == {1.0}
-        if alike and factor and abs(np.log(abs(factor))) > UNIT:  # what does nothing is in no unit
-            parts = [1.0] * 6
-            parts[others] = [1.0 / factor] * 3
-            yield replace(correction, command=tuple(parts))
+    for half, other_half in ((slice(0, 3), slice(3, 6)), (slice(3, 6), slice(0, 3))):
+        factors = [factor for factor in correction.command[half] if factor != 1]
+        factor, only_half = (factors or [1.0])[0], len(set(factors)) == 1 and set(correction.command[other_half]) == {1.0}
+        if only_half and factor and abs(np.log(abs(factor))) > UNIT:  # a zero factor is no unit
+            components = [1.0] * 6
+            components[other_half] = [1.0 / factor] * 3
+            yield replace(correction, command=tuple(components))
 
 
 def _in_proportion(screening: Screening, refit: Refit) -> Refit | None:
-    """Where all that pushes gives one part of what is stated beside what stores momentum, or the other way round: the other one instead.
+    """The inverse factor on stored momentum instead of a factor on all thrust, or the reverse.
 
-    Forces, momentum, inertia and mass in one proportion make the same motion, so the log tells nothing of which it is.
+    Forces, momentum, inertia and mass in one proportion make the same motion.
     """
-    found, model, names = refit.fitted, refit.fitted.model, screening.names
+    fit, model, names = refit.fitted, refit.fitted.model, screening.names
     sides = [range(model.thrusting), range(model.thrusting, len(names))]
-    for one, other in (sides, sides[::-1]):
-        whole = tuple(names[i] for i in one)
-        part = next((part for part in found.parts if part.hypothesis.code == "thrust-scale" and part.hypothesis.subject == whole), None)
-        if part is None or not whole or not other or not (factor := float(np.median(part.factors))) > 0:
+    for scaled, unscaled in (sides, sides[::-1]):
+        subject = tuple(names[i] for i in scaled)
+        scale = next(
+            (scale for scale in fit.parts if scale.hypothesis.code == "thrust-scale" and scale.hypothesis.subject == subject), None
+        )
+        if scale is None or not subject or not unscaled or not (factor := float(np.median(scale.factors))) > 0:
             continue
-        x = found.x.copy()
-        x[model.place("thrust")] /= factor  # and the body, of which nothing is said
-        return _instead(screening, refit, part, hypotheses.scaled(model, names, other, 1 / factor), x)
+        x = fit.x.copy()
+        x[model.place("thrust")] /= factor  # the body scales too, but is not reported
+        return _instead(screening, refit, scale, hypotheses.scaled(model, names, unscaled, 1 / factor), x)
     return None
 
 
 def _instead(screening: Screening, refit: Refit, part: Fitted, other: Hypothesis, x: Array) -> Refit | None:
-    """The same motion by another cause in the place of one part."""
-    rest = [own.hypothesis for own in refit.fitted.parts if own is not part]
-    found = replace(refit.fitted, hypothesis=other.beside(*rest) if rest else other, x=x)
-    case = applied(screening.case, found)
-    return None if case is None else replace(refit, fitted=found, case=case)
+    """A refit with one part replaced by another cause of the same motion."""
+    others = [part_of_pair.hypothesis for part_of_pair in refit.fitted.parts if part_of_pair is not part]
+    fit = replace(refit.fitted, hypothesis=other.beside(*others) if others else other, x=x)
+    case = applied(screening.case, fit)
+    return None if case is None else replace(refit, fitted=fit, case=case)
 
 
 def _about_another_point(screening: Screening, refit: Refit) -> Refit | None:
-    """Where the IMU is elsewhere: as well commanded torques are about another point, and IMU and CG as far from where they are held to be.
+    """The reference point of commanded torques instead of the IMU's place, or the reverse, since both make the same motion.
 
-    Or the other way round, unless that point is the CG, or the IMU's place is in another unit, which is no coincidence.
+    Not if that point is the CG, or if the IMU's place is in another unit, which would be no coincidence.
     """
-    found, model = refit.fitted, refit.fitted.model
+    fit, model = refit.fitted, refit.fitted.model
     if model.kind != "wrench" or not model.thrusting or model.bearing is not None:
-        return None  # under gravity the CG shows where it is
+        return None  # gravity determines the CG
     place, point = hypotheses.imu_position(model), hypotheses.wrench_point(model, len(screening.names))
-    for one, other, error in ((place, point, found.error("imu")), (point, place, found.error("position")[:3])):
-        part = next((part for part in found.parts if part.hypothesis.code == one.code), None)
-        if part is None or part.hypothesis.start or (one is point and certain(part)):
+    for one, other, error in ((place, point, fit.error("imu")), (point, place, fit.error("position")[:3])):
+        stated_part = next((stated_part for stated_part in fit.parts if stated_part.hypothesis.code == one.code), None)
+        if stated_part is None or stated_part.hypothesis.start or (one is point and certain(stated_part)):
             continue
-        x = np.where(one.moved, model.stated, found.x) - other.free @ error / np.abs(other.free).max()
-        return _instead(screening, refit, part, other, x)
+        x = np.where(one.moved, model.stated, fit.x) - other.free @ error / np.abs(other.free).max()
+        return _instead(screening, refit, stated_part, other, x)
     return None
 
 
 def _of_what_turns(refit: Refit) -> tuple[str, tuple[Correction, ...]]:
-    """Where all rotors that store momentum give one part of their thrust: as well they store that much more, and the body is another."""
-    rotors, part = refit.case.vehicle.rotors, refit.fitted.parts[-1]
-    group, factors = part.hypothesis.subject, refit.fitted.factors
-    all_of_them = part.hypothesis.code == "thrust-scale" and len(rotors) > 1 and group == tuple(rotor.name for rotor in rotors)
+    """More rotor inertia instead of one common thrust factor of all rotors that store momentum."""
+    rotors, cause = refit.case.vehicle.rotors, refit.fitted.parts[-1]
+    subject, factors = cause.hypothesis.subject, refit.fitted.factors
+    all_of_them = cause.hypothesis.code == "thrust-scale" and len(rotors) > 1 and subject == tuple(rotor.name for rotor in rotors)
     inertia = [rotor.spin_inertia_kg_m2 for rotor in rotors if rotor.spin_inertia_kg_m2 is not None]
     if not all_of_them or not float(np.ptp(factors)) < ALIKE or len(inertia) < len(rotors) or not factors[0] > 0:
         return "", ()
@@ -177,17 +182,18 @@ def _of_what_turns(refit: Refit) -> tuple[str, tuple[Correction, ...]]:
 
 
 def _said(screening: Screening, refit: Refit) -> list[tuple[str, str]]:
-    """(code, words) of each cause; a delay that is to be found is none beside another, which the search for it did not know of.
+    """(code, words) of each cause.
 
-    Nor is another scale beside normalised commands, of which each has one.
+    A delay next to another cause is omitted if the vehicle file says "auto", since its estimate did not know the other cause. A thrust
+    scale next to normalised commands is omitted, since each normalised column has a scale.
     """
-    said = list(dict.fromkeys(words_of(part, screening.names, screening.case, refit.case) for part in refit.fitted.parts))
-    if normalised.CODE in dict(said):
-        said = [one for one in said if one[0] not in ("thrust-scale", normalised.CODE)] + [
-            one for one in said if one[0] == normalised.CODE
+    causes = list(dict.fromkeys(words_of(part, screening.names, screening.case, refit.case) for part in refit.fitted.parts))
+    if normalised.CODE in dict(causes):
+        causes = [one for one in causes if one[0] not in ("thrust-scale", normalised.CODE)] + [
+            one for one in causes if one[0] == normalised.CODE
         ][:1]
-    sought = screening.case.vehicle.cycle.command_delay_cycles == "auto"
-    return [one for one in said if one[0] != "delay-mismatch" or not sought] or said
+    estimated = screening.case.vehicle.cycle.command_delay_cycles == "auto"
+    return [one for one in causes if one[0] != "delay-mismatch" or not estimated] or causes
 
 
 def _joined(said: Sequence[tuple[str, str]]) -> str:
@@ -198,12 +204,12 @@ def _about(refit: Refit) -> list[tuple[str, tuple[str, ...]]]:
     return sorted((part.hypothesis.code, part.hypothesis.subject) for part in refit.fitted.parts)
 
 
-def words_of(found: Fitted, names: Sequence[str], stated: Case, corrected: Case) -> tuple[str, str]:
-    """(code, words) that go on "the log fits if …"."""
-    code, words = table.words_of(found.hypothesis.code, found.finding(names, stated.setup, corrected.setup))
+def words_of(fit: Fitted, names: Sequence[str], stated: Case, corrected: Case) -> tuple[str, str]:
+    """(code, words) that continue "the log fits if …"."""
+    code, words = table.words_of(fit.hypothesis.code, fit.finding(names, stated.setup, corrected.setup))
     return code, words if stated.log.made is None else words.replace(IN_VEHICLE_FILE, IN_MAP)
 
 
-def alone(found: Fitted, name: str) -> Fitted:
-    """Of a hypothesis about several channels, what it says of one."""
-    return replace(found, hypothesis=replace(found.hypothesis, subject=(name,)))
+def alone(fit: Fitted, name: str) -> Fitted:
+    """A fit about several channels, reduced to one of them."""
+    return replace(fit, hypothesis=replace(fit.hypothesis, subject=(name,)))

@@ -1,4 +1,4 @@
-"""What the numbers of a log that doesn't fit show by themselves, before any hypothesis: gravity, commands that were not logged."""
+"""Errors that a log shows without any hypothesis: gravity in free flight, commands that were not logged."""
 
 import numpy as np
 
@@ -11,35 +11,36 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.model.gyroscopic import products
 
 RARELY, MOSTLY, LEAST = range(2, 41), 0.98, 12
-"""Cycles after which commands may change, part of the changes that come so, and how many there must be."""
+"""Intervals between changes of commands, cycles; part of the changes that must keep the interval; least number of changes."""
 UNEQUAL, NEXT_TO = 30.0, 0.75
-"""−2 log likelihood ratio, per cycle of the n, by which residual variances differ; and the least of them over their mean. The latter is
-0.77 or more of slow controllers with another fault, and 0.68 or less where commands are missing."""
+"""−2 log likelihood ratio per cycle of the n, by which residual variances differ; and the largest ratio of the least to the mean. That
+ratio is at least 0.77 for slow controllers with another fault, and at most 0.68 for missing commands."""
 WEIGHT, ONE_WAY = 0.03, 0.5
-"""Part of gravity within which an accelerometer feels it; part of its usual size beyond which a mean force may hold a vehicle up."""
+"""Relative difference from gravity within which an accelerometer measures it; mean force over root mean square force, beyond which thrust
+may support the vehicle."""
 
 
 def seen(case: Case) -> Notice | None:
-    """What the numbers themselves show of a log that doesn't fit."""
+    """Notice that the accelerometer measures gravity in free flight; None otherwise."""
     log, environment = case.log, case.vehicle.environment
     if environment.kind != "free":
         return None
     samples = case.timing.of(log, case.vehicle)
-    felt = median(np.linalg.norm(samples.specific_force_m_s2, axis=1))
-    pushed = samples.executed.channels.whole @ samples.wrench[:, 3:]
-    held_up = float(np.linalg.norm(pushed.mean(0))) > ONE_WAY * float(np.sqrt((pushed**2).sum(1).mean()))
-    if held_up or abs(felt / environment.gravity_m_s2 - 1) > WEIGHT:
+    specific_force = median(np.linalg.norm(samples.specific_force_m_s2, axis=1))
+    thrust = samples.executed.channels.whole @ samples.wrench[:, 3:]
+    supported = float(np.linalg.norm(thrust.mean(0))) > ONE_WAY * float(np.sqrt((thrust**2).sum(1).mean()))
+    if supported or abs(specific_force / environment.gravity_m_s2 - 1) > WEIGHT:
         return None
-    words = f'the accelerometer feels {felt:.4g} m/s^2 (median), as on the ground, and environment.kind is "free"'
+    words = f'the accelerometer feels {specific_force:.4g} m/s^2 (median), as on the ground, and environment.kind is "free"'
     return Notice("gravity-felt", f'{words}; state "air_bearing", "pedestal" or "planar"')
 
 
 def sparse(case: Case) -> str:
-    """A sentence that commands were logged more rarely than given; empty where that is not so.
+    """Sentence that commands were logged more rarely than they were issued; empty otherwise.
 
-    Commands that change in every n-th cycle alone may be those of a slow controller. So the motion is regressed on the logged wrench, the
-    one before and the one behind it, for each cycle of the n separately. If all commands are logged, the residual variance is the same in
-    each of the n, whatever else is wrong. If not, it is least next to a logged command.
+    Commands that change only in every n-th cycle may be those of a slow controller. So the motion is regressed on the logged wrench, the
+    previous and the next one, for each cycle of the n separately. If all commands are logged, the residual variance is the same in each of
+    the n, whatever else is wrong. If not, it is least next to a logged command.
     """
     slow = {rotor.name: each for rotor, each in zip(case.vehicle.rotors, case.log.cycles_apart, strict=False) if each > 1}
     if slow:
@@ -48,25 +49,25 @@ def sparse(case: Case) -> str:
             f"log and vehicle file don't fit, cause unknown: {named}: a speed in every {max(slow.values())}. control cycle alone, and what "
             "these rotors do in between moves the vehicle. Log their speeds in every control cycle, or their commands"
         )
-    given = _each_cycle(case.log)
-    every, first = (1, 0) if given is None else _rhythm(given)
-    if given is None or every == 1:
+    commands = _each_cycle(case.log)
+    interval, first = (1, 0) if commands is None else _rhythm(commands)
+    if commands is None or interval == 1:
         return ""
-    variance, count = _left_between(case, given, every, first)
+    variance, count = _left_between(case, commands, interval, first)
     if not len(variance):
         return ""
     mean = (count * variance).sum(0) / count.sum()
-    unequal = float((count * np.log(mean / variance)).sum())
-    if unequal < UNEQUAL * every or (variance / mean).mean(1).min() > NEXT_TO:
+    log_ratio = float((count * np.log(mean / variance)).sum())
+    if log_ratio < UNEQUAL * interval or (variance / mean).mean(1).min() > NEXT_TO:
         return ""
     return (
-        f"log and vehicle file don't fit, cause unknown: logged commands change only in every {every}. control cycle, and the motion in "
+        f"log and vehicle file don't fit, cause unknown: logged commands change only in every {interval}. control cycle, and the motion in "
         "between does not follow them. Probably not every command was logged. Log every command with its time (command_time_s)"
     )
 
 
 def lost(log: Log) -> str:
-    """A sentence that records were lost, and commands in them; empty where none was, or commands have times of their own."""
+    """Sentence that records and their commands were lost; empty if none was, or if commands have times of their own."""
     rows = np.flatnonzero(log.interval_s > LONG * median(log.interval_s))
     if log.command_s is not None or not len(rows):
         return ""
@@ -77,39 +78,42 @@ def lost(log: Log) -> str:
 
 
 def _each_cycle(log: Log) -> Array | None:
-    """(K, C) the command that stands in each control cycle; None where the log begins before them."""
+    """(K, C) command in force in each control cycle; None if the log begins before the first command."""
     if log.command_s is None:
         return log.command
     rows = np.searchsorted(log.command_s, log.time_s[:: log.records_per_cycle][: log.cycles], "right") - 1
-    found: Array = log.command[rows]
-    return None if rows[0] < 0 else found
+    commands: Array = log.command[rows]
+    return None if rows[0] < 0 else commands
 
 
-def _rhythm(given: Array) -> tuple[int, int]:
-    """After how many cycles commands change, and in which first; 1 where they do in any."""
-    rows = np.flatnonzero((np.diff(given, axis=0) != 0).any(1)) + 1
-    if len(rows) < LEAST:
+def _rhythm(commands: Array) -> tuple[int, int]:
+    """Interval of the changes of commands, cycles, and the first of these cycles; interval 1 if they change in any cycle."""
+    changes = np.flatnonzero((np.diff(commands, axis=0) != 0).any(1)) + 1
+    if len(changes) < LEAST:
         return 1, 0
-    return max(((n, at) for n in RARELY for at in range(n) if np.mean(rows % n == at) > MOSTLY), default=(1, 0))
+    return max(((n, at) for n in RARELY for at in range(n) if np.mean(changes % n == at) > MOSTLY), default=(1, 0))
 
 
-def _left_between(case: Case, given: Array, every: int, first: int) -> tuple[Array, Array]:
-    """(n, 6) residual variance of rates and specific force in each of the n cycles, and (n, 1) degrees of freedom; empty of a short log."""
-    samples, none = case.timing.of(case.log, case.vehicle), np.zeros((0, 1))
-    wrench = given @ samples.executed.channels.wrench[: given.shape[1]]
+def _left_between(case: Case, commands: Array, interval: int, first: int) -> tuple[Array, Array]:
+    """Residual variances of each of the n cycles: (n, 6) of rates and specific force, and (n, 1) degrees of freedom.
+
+    Empty for a short log.
+    """
+    samples, empty = case.timing.of(case.log, case.vehicle), np.zeros((0, 1))
+    wrench = commands @ samples.executed.channels.wrench[: commands.shape[1]]
     wrench = wrench[:, np.ptp(wrench, axis=0) > 0]
     rate = samples.rate_rad_s
-    load = [products(rate), samples.up_b[:-1], np.ones((len(rate), 1))]
-    causes = np.hstack([np.roll(wrench, every, 0), wrench, np.roll(wrench, -every, 0), *load])
-    causes = causes / np.maximum(np.sqrt((causes**2).mean(0)), TINY)
-    moved = np.hstack([np.diff(rate, axis=0, prepend=rate[:1]), samples.specific_force_m_s2])
-    inner = np.arange(2 * every, len(rate) - 2 * every)
-    left, counts = [], []
-    for cycle in range(every):
-        own = inner[(inner - first) % every == cycle]
-        if len(own) - causes.shape[1] < LEAST:
-            return none, none
-        rest = moved[own] - causes[own] @ np.linalg.lstsq(causes[own], moved[own], rcond=ROUNDING)[0]
-        counts.append(len(own) - causes.shape[1])
-        left.append((rest**2).sum(0) / counts[-1] + TINY)
-    return np.array(left), np.array(counts)[:, None]
+    body_columns = [products(rate), samples.up_b[:-1], np.ones((len(rate), 1))]
+    regressors = np.hstack([np.roll(wrench, interval, 0), wrench, np.roll(wrench, -interval, 0), *body_columns])
+    regressors = regressors / np.maximum(np.sqrt((regressors**2).mean(0)), TINY)
+    motion = np.hstack([np.diff(rate, axis=0, prepend=rate[:1]), samples.specific_force_m_s2])
+    usable = np.arange(2 * interval, len(rate) - 2 * interval)
+    variances, counts = [], []
+    for cycle in range(interval):
+        of_cycle = usable[(usable - first) % interval == cycle]
+        if len(of_cycle) - regressors.shape[1] < LEAST:
+            return empty, empty
+        residual = motion[of_cycle] - regressors[of_cycle] @ np.linalg.lstsq(regressors[of_cycle], motion[of_cycle], rcond=ROUNDING)[0]
+        counts.append(len(of_cycle) - regressors.shape[1])
+        variances.append((residual**2).sum(0) / counts[-1] + TINY)
+    return np.array(variances), np.array(counts)[:, None]
