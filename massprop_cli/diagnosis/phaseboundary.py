@@ -1,6 +1,6 @@
-"""A phase boundary stated too early or too late, or a vehicle that is held or caught within a phase.
+"""A phase boundary stated too early or too late, or a vehicle held at the start or end of a phase.
 
-Of a few cycles no body can be told, so that no search for a change finds them. But without them the rest fits.
+A few cycles do not determine a body, so no search for a change finds them. But the rest fits without them.
 """
 
 from typing import NamedTuple
@@ -15,37 +15,37 @@ from massprop_cli.estimate.whitening import NONE
 from massprop_cli.inputs.vehicle import Phase
 
 LONGEST, MOST = 128, 0.25
-"""Most cycles that are left out, and the most of them as a part of all."""
+"""Most cycles that are left out, absolute and relative."""
 BEYOND = 8.0
-"""Sigmas of chance beyond which a look leaves more than noise."""
+"""Sigmas of chance beyond which a screening leaves more than noise."""
 LEFT = 0.3
-"""Part of what is beyond noise that may be left without them."""
+"""Part of the excess that may remain without the cycles left out."""
 NEAR = 3
-"""Cycles, beside those whose commands are not known yet, within which a stretch begins with its phase."""
+"""Cycles, after commands are known, within which a segment starts with its phase."""
 
 
 class Border(NamedTuple):
-    """Where a phase should begin, or end."""
+    """A corrected start or end of a phase."""
 
     phase: Phase | None
-    """As stated; None: the only one, which isn't."""
+    """Phase as stated; None if none is stated."""
     number: int
     begins: bool
-    """Whether it should begin later; else end earlier."""
+    """Whether the phase must start later; otherwise it must end earlier."""
     time_s: float
     left_out: int
-    """Cycles."""
+    """Number of cycles left out."""
     log_s: tuple[float, float]
-    """When the whole log begins and ends."""
+    """Start and end of the whole log, s."""
 
     @property
     def key(self) -> str:
-        """Of the phase, that is to be corrected."""
+        """Key of the phase that is corrected."""
         return "start_s" if self.begins else "end_s"
 
     @property
     def words(self) -> str:
-        """For the reader."""
+        """Message text."""
         name = "" if self.phase is None else f" of phase {self.phase.name}"
         which, side = ("first", "from") if self.begins else ("last", "until")
         other = "until then something else was docked" if self.begins else "from then on something else is docked"
@@ -56,7 +56,7 @@ class Border(NamedTuple):
 
     @property
     def correction(self) -> Correction:
-        """The key that corrects it."""
+        """Corrected key."""
         if self.phase is not None:
             return Correction((f"phases.{self.number}.{self.key}={self.time_s}",))
         begin_s, end_s = self.log_s
@@ -65,74 +65,74 @@ class Border(NamedTuple):
 
 
 def border(screening: Screening, end_s: float) -> Border | None:
-    """Where leaving out the first or the last cycles leaves nothing but noise, of a look that leaves more; None where it doesn't.
+    """The boundary of a phase without whose first or last cycles a screening leaves only noise; None without one.
 
-    ``end_s`` is when the whole log ends, of which the look may have but a stretch.
+    ``end_s``: end of the whole log, s, of which the screening may have a segment only.
     """
-    plain, count = plainly(screening, screening.piece), screening.piece.stop - screening.piece.start
-    if plain is None:
+    under_noise, count = plainly(screening, screening.piece), screening.piece.stop - screening.piece.start
+    if under_noise is None:
         return None
-    screening, most = plain, min(LONGEST, int(MOST * count))
+    screening, most = under_noise, min(LONGEST, int(MOST * count))
     if beyond_noise(screening) < BEYOND * np.sqrt(2 * 6 * count) or most < 1:
         return None
     sides = [_fewest(screening, most, begins) for begins in (True, False)]
-    found = min((one for one in sides if one is not None), key=lambda one: one[0], default=None)
-    if found is not None and beyond_noise(found[2]) > LEFT * beyond_noise(screening):
-        return None  # what is left is spread over all of it: noise that was stated too small
-    return None if found is None else _placed(screening, *found[:2], end_s)
+    fewest = min((one for one in sides if one is not None), key=lambda one: one[0], default=None)
+    if fewest is not None and beyond_noise(fewest[2]) > LEFT * beyond_noise(screening):
+        return None  # the misfit is spread over all cycles, as by understated noise
+    return None if fewest is None else _placed(screening, *fewest[:2], end_s)
 
 
 def beyond_noise(screening: Screening) -> float:
-    """Sum of squares that body and commands leave, over the stated noise, beyond that of noise."""
+    """Squared residuals over the stated noise, beyond their expectation."""
     free = screening.free
     squares = np.concatenate([free.gyro.left, free.accelerometer.left]) + screening.stated.chi_square * free.variance
     return float((squares / np.maximum(screening.noise, TINY)).sum() - 6 * (screening.piece.stop - screening.piece.start))
 
 
 def plainly(screening: Screening, piece: slice) -> Screening | None:
-    """A piece of the same beside the noise alone, or what is stated beside it: a torque that wanders would explain a few cycles, too."""
+    """Screening of a piece under the stated noise only; a random-walk torque would explain a few cycles, too."""
     case, theta = screening.case, screening.stated.value("theta")
-    there = screened(case, piece, (NONE,), theta)
-    return there if there is None else screened(case, piece, (NONE,), there.stated.value("theta"))
+    first = screened(case, piece, (NONE,), theta)
+    return first if first is None else screened(case, piece, (NONE,), first.stated.value("theta"))
 
 
 def _without(screening: Screening, cut: int, begins: bool) -> Screening | None:
-    """The look without so many cycles; None where it leaves more than noise, or what fires in them fires nowhere else."""
+    """Screening without some cycles at one end; None if it leaves more than noise, or if a channel acts in those cycles only."""
     first, stop = screening.piece.start, screening.piece.stop
-    there = plainly(screening, slice(first + cut, stop) if begins else slice(first, stop - cut))
-    if there is None or not np.array_equal(there.free.fired, screening.free.fired):
+    rest = plainly(screening, slice(first + cut, stop) if begins else slice(first, stop - cut))
+    if rest is None or not np.array_equal(rest.free.fired, screening.free.fired):
         return None
-    return there if there.chance and there.constant else None
+    return rest if rest.chance and rest.constant else None
 
 
 def _fewest(screening: Screening, enough: int, begins: bool) -> tuple[int, bool, Screening] | None:
-    """The fewest cycles without which it fits, at which end, and the look without them; None where so many aren't enough."""
-    found, too_few = _without(screening, enough, begins), 0
-    if found is None:
+    """The fewest cycles without which the rest fits, their end, and that screening; None if ``enough`` are not enough."""
+    rest, too_few = _without(screening, enough, begins), 0
+    if rest is None:
         return None
     while enough - too_few > 1:
         middle = (too_few + enough) // 2
-        there = _without(screening, middle, begins)
-        if there is None:
+        trial = _without(screening, middle, begins)
+        if trial is None:
             too_few = middle
         else:
-            enough, found = middle, there
-    return enough, begins, found
+            enough, rest = middle, trial
+    return enough, begins, rest
 
 
 class Placed(NamedTuple):
-    """Where in the vehicle file a look is."""
+    """Place of a screening in the vehicle file."""
 
     phase: Phase | None
-    """None: the only one, which isn't stated."""
+    """Phase as stated; None if none is stated."""
     number: int
     begins: bool
-    """Whether it begins with its phase."""
+    """Whether the screening starts with its phase."""
     ends: bool
 
 
 def phase_of(screening: Screening, end_s: float) -> Placed | None:
-    """The phase that holds a look, of a log that ends then; None where none does."""
+    """Phase that holds a screening, in a log that ends at ``end_s``; None without one."""
     log, vehicle, timing, *_ = screening.case
     executed, period = timing.of(log, vehicle).executed, vehicle.cycle.period_s
     ends = executed.start_s + executed.duration_s
@@ -141,19 +141,19 @@ def phase_of(screening: Screening, end_s: float) -> Placed | None:
     if vehicle.phases and number is None:
         return None
     phase = None if number is None else vehicle.phases[number]
-    known = max(log.origin_s if phase is None else phase.start_s, log.origin_s + timing.delay * period)
-    last = end_s if phase is None else min(phase.end_s, end_s)
-    begins = float(executed.start_s[screening.piece.start]) <= known + NEAR * period
-    return Placed(phase, number or 0, begins, float(ends[screening.piece.stop - 1]) >= last - NEAR * period)
+    known_from_s = max(log.origin_s if phase is None else phase.start_s, log.origin_s + timing.delay * period)
+    end_of_phase_s = end_s if phase is None else min(phase.end_s, end_s)
+    begins = float(executed.start_s[screening.piece.start]) <= known_from_s + NEAR * period
+    return Placed(phase, number or 0, begins, float(ends[screening.piece.stop - 1]) >= end_of_phase_s - NEAR * period)
 
 
 def _placed(screening: Screening, cut: int, begins: bool, end_s: float) -> Border | None:
-    """In the vehicle file; None where the stretch that was looked at begins, or ends, elsewhere than its phase."""
-    placed = phase_of(screening, end_s)
-    if placed is None or not (placed.begins if begins else placed.ends):
+    """The boundary in the vehicle file; None if the screening does not reach that end of its phase."""
+    location = phase_of(screening, end_s)
+    if location is None or not (location.begins if begins else location.ends):
         return None
     log, vehicle, timing, *_ = screening.case
     executed = timing.of(log, vehicle).executed
     last = screening.piece.stop - cut - 1
     time = float(executed.start_s[screening.piece.start + cut] if begins else executed.start_s[last] + executed.duration_s[last])
-    return Border(placed.phase, placed.number, begins, round(time, 6), cut, (log.origin_s, end_s))
+    return Border(location.phase, location.number, begins, round(time, 6), cut, (log.origin_s, end_s))

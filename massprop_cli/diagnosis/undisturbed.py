@@ -1,7 +1,7 @@
-"""Stretches of a phase that fit, where something else acted between them, or before and after one.
+"""Segments of a phase that fit, if something disturbed the vehicle between them, or before and after one.
 
-A hand on the table, valves that are shut for a while, a battery that is exchanged while someone holds the vehicle: no body and no
-actuator explains such a time, and the rest fits without it. What is wrong all along, or from some moment on, leaves no such time.
+Examples are a hand on the table, valves shut for a while, or a battery exchanged while someone holds the vehicle. No body and no actuator
+explains such a time, and the rest fits without it. An error from some moment on leaves no such time.
 """
 
 from collections.abc import Callable
@@ -21,92 +21,92 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 
 SHORTEST, PARTS = 40, (0.5, 0.35, 0.25, 0.18, 0.125)
-"""Least cycles of a stretch, and the parts of all that may be its beginning."""
+"""Least cycles of a segment; parts of all that an outer segment may start with."""
 CHANCE = 5.0
-"""Sigmas within which what a stretch leaves is chance: of a dozen stretches each is to pass."""
+"""Sigmas within which a segment's misfit is chance, for a dozen segments of which each must pass."""
 MOST = 0.5
-"""Part of all cycles that is left out at most."""
+"""Largest part of the cycles that is left out."""
 EDGE, SHARP = 32, 5.0
-"""Cycles further on, as a part of all, within which a stretch that no longer fits leaves so many times what chance may leave: what wanders
-slowly leaves hardly more."""
+"""Part of all cycles by which a segment is extended, and the multiple of the chance limit that it must then exceed. Slow disturbances
+exceed it by little."""
 MARGIN = 3
-"""Cycles at each edge that are left out as well: what begins softly is not noticed at once."""
+"""Cycles left out in addition at each edge, where a disturbance may begin softly."""
 OTHER = 6.0
-"""Sigmas of chance beyond which two stretches are of two bodies."""
+"""Sigmas of chance beyond which two segments have two bodies."""
 
 
 class Undisturbed(NamedTuple):
-    """What fits of a phase."""
+    """The undisturbed part of a phase."""
 
     phase: Phase | None
-    """As stated; None: the only one, which isn't."""
+    """Phase as stated; None if none is stated."""
     number: int
     kept_s: tuple[tuple[float, float], ...]
-    """Begin and end of one stretch, or of two."""
+    """Start and end of one segment or of two, s."""
     own_s: tuple[float, float]
-    """When the phase begins and ends, or else the whole log."""
+    """Start and end of the phase, or of the whole log, s."""
     changed: bool
-    """Whether two stretches are of two bodies."""
+    """Whether two segments have two bodies."""
     answered: float
-    """Sigmas of chance by which what is left out at the beginning and the end follows its commands, the less; infinite where nothing is."""
+    """Least significance, in sigmas, with which the parts left out at start and end follow their commands; infinite without such parts."""
 
     @property
     def words(self) -> str:
-        """For the reader."""
+        """Message text."""
         name = "" if self.phase is None else f" of phase {self.phase.name}"
         ((begin_s, end_s), *more), (first_s, last_s) = self.kept_s, self.own_s
-        state = "state what is left under [[phases]]"
-        acted = "something held or touched the vehicle, or commands were not executed"
+        remedy = "state what is left under [[phases]]"
+        cause = "something held or touched the vehicle, or commands were not executed"
         if not more:
             sides = [side for side, cut in (("before", begin_s > first_s), ("after", end_s < last_s)) if cut]
-            return f"the log fits from {shown(begin_s)} to {shown(end_s)} s alone{name}: {' and '.join(sides)} that, {acted}; {state}"
+            return f"the log fits from {shown(begin_s)} to {shown(end_s)} s alone{name}: {' and '.join(sides)} that, {cause}; {remedy}"
         changed = ", and its mass properties are others since" if self.changed else ""
-        return f"the log fits without {shown(end_s)} to {shown(more[0][0])} s{name}: in that time {acted}{changed}; {state}"
+        return f"the log fits without {shown(end_s)} to {shown(more[0][0])} s{name}: in that time {cause}{changed}; {remedy}"
 
     def correction(self, vehicle: Resolved) -> Correction:
-        """Phases of what is left. Of a body that became another, what was known is of the first."""
-        own = self.phase or Phase(name="all", start_s=self.own_s[0], end_s=self.own_s[1])
-        known = {**vehicle.known, **own.known}
+        """Phases of the undisturbed segments. After a change of the body, known values belong to the first."""
+        phase = self.phase or Phase(name="all", start_s=self.own_s[0], end_s=self.own_s[1])
+        known = {**vehicle.known, **phase.known}
         parts = []
         for i, (begin_s, end_s) in enumerate(self.kept_s):
-            name = own.name if len(self.kept_s) == 1 else f"{own.name}-{i + 1}"
-            kept = {} if self.changed and i else known
-            parts.append(Phase(name=name, start_s=begin_s, end_s=end_s, known=kept))
+            name = phase.name if len(self.kept_s) == 1 else f"{phase.name}-{i + 1}"
+            known_of_part = {} if self.changed and i else known
+            parts.append(Phase(name=name, start_s=begin_s, end_s=end_s, known=known_of_part))
         phases = (*vehicle.phases[: self.number], *parts, *vehicle.phases[self.number + 1 :])
         settings = [f"phases={written([one.model_dump(exclude_defaults=True) for one in phases])}"] + ["known={}"] * bool(vehicle.known)
         for key, part in (("before", parts[-1]), ("after", parts[0])):
-            if vehicle.docking is not None and getattr(vehicle.docking, key) == own.name:
+            if vehicle.docking is not None and getattr(vehicle.docking, key) == phase.name:
                 settings.append(f"docking.{key}={written(part.name)}")
         return Correction(tuple(settings))
 
 
 def undisturbed(screening: Screening, end_s: float) -> Undisturbed | None:
-    """The stretches of a look without which it leaves more than noise, where these leave no more; None where there are none.
+    """Undisturbed segments of a screening that has a misfit; None if there are none.
 
-    ``end_s`` is when the whole log ends, of which the look may have but a stretch.
+    ``end_s``: end of the whole log, s, of which the screening may have a segment only.
     """
-    plain, count = plainly(screening, screening.piece), screening.piece.stop - screening.piece.start
-    if plain is None or count < 4 * SHORTEST or beyond_noise(plain) < BEYOND * np.sqrt(2 * 6 * count):
+    under_noise, count = plainly(screening, screening.piece), screening.piece.stop - screening.piece.start
+    if under_noise is None or count < 4 * SHORTEST or beyond_noise(under_noise) < BEYOND * np.sqrt(2 * 6 * count):
         return None
-    looks = _Looks(plain)
-    kept = looks.between() or looks.around()
+    tests = _Looks(under_noise)
+    kept = tests.between() or tests.around()
     if not kept or any(stretch.stop - stretch.start < SHORTEST for stretch in kept):
         return None
-    return _placed(plain, kept, end_s)
+    return _placed(under_noise, kept, end_s)
 
 
 class _Looks:
-    """At stretches of one look."""
+    """Tests of segments of one screening."""
 
     def __init__(self, screening: Screening) -> None:
         self.screening, self.piece = screening, screening.piece
         self.count = self.piece.stop - self.piece.start
         self.all = beyond_noise(screening)
         self.integrated = _integrated(screening)
-        """Then free coefficients judge alone."""
+        """Whether free coefficients alone decide."""
 
     def between(self) -> tuple[slice, ...]:
-        """The longest stretch with the middle of all that fits; empty where there is none."""
+        """The longest fitting segment around the middle; empty without one."""
         first, stop, most = self.piece.start, self.piece.stop, int(MOST / 2 * self.count)
         if not self.fits(slice(first + most, stop - most)):
             return ()
@@ -122,7 +122,7 @@ class _Looks:
         return (kept,) if sharp and kept != self.piece and self.fires([kept]) else ()
 
     def around(self) -> tuple[slice, ...]:
-        """The longest stretches from the beginning and up to the end that fit; empty where they meet, or leave out too much."""
+        """The longest fitting segments at start and end; empty if they meet or leave out too much."""
         first, stop, edge = self.piece.start, self.piece.stop, max(self.count // EDGE, 1)
         end = first + self._from_a_part(lambda cycles: self.fits(slice(first, first + cycles)))
         begin = stop - self._from_a_part(lambda cycles: self.fits(slice(stop - cycles, stop)))
@@ -135,34 +135,34 @@ class _Looks:
         return kept if sharp and self.fires(kept) else ()
 
     def _from_a_part(self, fits: Callable[[int], bool]) -> int:
-        """The most cycles that fit, from the largest part that does on; 0 where none does."""
-        least = next((cycles for part in PARTS if (cycles := int(part * self.count)) >= SHORTEST and fits(cycles)), 0)
-        return least and least + _longest(self.count - least, lambda more: fits(least + more))
+        """Most cycles that fit, extended from the largest of :data:`PARTS` that fits; 0 if none does."""
+        start = next((cycles for part in PARTS if (cycles := int(part * self.count)) >= SHORTEST and fits(cycles)), 0)
+        return start and start + _longest(self.count - start, lambda more: fits(start + more))
 
     def fits(self, piece: slice) -> bool:
-        """Whether a stretch leaves no more than noise, or as little as counts for nothing beside all."""
-        there = plainly(self.screening, piece)
-        if there is None or not there.constant or beyond_noise(there) > LEFT * self.all:
+        """Whether a segment leaves no more than noise, and little of the excess of all."""
+        part = plainly(self.screening, piece)
+        if part is None or not part.constant or beyond_noise(part) > LEFT * self.all:
             return False
-        return self.integrated or there.misfit < 1 + CHANCE * np.sqrt(2 / there.freedom)
+        return self.integrated or part.misfit < 1 + CHANCE * np.sqrt(2 / part.freedom)
 
     def misses(self, piece: slice) -> bool:
-        """Whether it leaves far more."""
-        there = plainly(self.screening, piece)
-        if there is None:
+        """Whether a segment leaves far more than noise."""
+        part = plainly(self.screening, piece)
+        if part is None:
             return True
-        left = float(np.max(there.free.pure / there.noise)) if self.integrated else there.misfit
-        return bool(left > 1 + SHARP * CHANCE * np.sqrt(2 / there.freedom))
+        misfit = float(np.max(part.free.pure / part.noise)) if self.integrated else part.misfit
+        return bool(misfit > 1 + SHARP * CHANCE * np.sqrt(2 / part.freedom))
 
     def fires(self, kept: list[slice] | tuple[slice, ...]) -> bool:
-        """Whether all that fires does so in what is left."""
-        there = [plainly(self.screening, piece) for piece in kept]
-        fired = set().union(*(one.free.fired.tolist() for one in there if one is not None))
+        """Whether all channels that act do so in the segments kept."""
+        parts = [plainly(self.screening, piece) for piece in kept]
+        fired = set().union(*(one.free.fired.tolist() for one in parts if one is not None))
         return fired == set(self.screening.free.fired.tolist())
 
 
 def _longest(most: int, fits: Callable[[int], bool]) -> int:
-    """The most, up to so many, that fits, where none does."""
+    """Largest number up to ``most`` that fits, by bisection."""
     if fits(most):
         return most
     low, high = 0, most
@@ -173,47 +173,49 @@ def _longest(most: int, fits: Callable[[int], bool]) -> int:
 
 
 def _integrated(screening: Screening) -> bool:
-    """Whether the vertical drifts as a gyro bias has it, which a look does not know of."""
+    """Whether the vertical is integrated, so that it drifts by a gyro bias that a screening ignores."""
     return screening.case.vehicle.pivoted and screening.case.log.attitude_wxyz is None
 
 
 def _two_bodies(screening: Screening, kept: tuple[slice, ...]) -> bool:
-    """Whether stretches fit one body far worse than each its own; not known where the vertical drifts."""
+    """Whether two bodies fit the segments far better than one; False if the vertical is integrated."""
     log, vehicle, timing, *_ = screening.case
     samples = timing.of(log, vehicle)
     reference = first_reference(samples, kept[0], vehicle)
     if reference is None or len(kept) < 2 or _integrated(screening):
         return False
     triangle = Triangle(samples, screening.piece, vehicle, Consider())
-    begun, whole = triangle.begin(reference), triangle.phase_system(reference)
-    told = [triangle.segment_triangle(begun, whole, piece) for piece in kept]
-    first, second, both = change.least(np.stack([*told, change.joined(*told)]), reference, vehicle)
+    start, system = triangle.begin(reference), triangle.phase_system(reference)
+    triangles = [triangle.segment_triangle(start, system, piece) for piece in kept]
+    first, second, both = change.least(np.stack([*triangles, change.joined(*triangles)]), reference, vehicle)
     return bool(both - first - second > 10 + OTHER * np.sqrt(2 * 10))
 
 
 def _placed(screening: Screening, kept: tuple[slice, ...], end_s: float) -> Undisturbed | None:
-    """In the vehicle file; None where the look begins, or ends, elsewhere than its phase, and is cut there."""
-    placed = phase_of(screening, end_s)
-    if placed is None:
+    """The segments in the vehicle file; None if the screening does not reach the edge of its phase and is cut there."""
+    location = phase_of(screening, end_s)
+    if location is None:
         return None
     log, vehicle, timing, *_ = screening.case
     executed = timing.of(log, vehicle).executed
     piece, last = screening.piece, kept[-1]
     begins, ends = kept[0].start > piece.start, last.stop < piece.stop
-    if (begins and not placed.begins) or (ends and not placed.ends):
+    if (begins and not location.begins) or (ends and not location.ends):
         return None
-    own = (log.origin_s, end_s) if placed.phase is None else (placed.phase.start_s, placed.phase.end_s)
+    span_s = (log.origin_s, end_s) if location.phase is None else (location.phase.start_s, location.phase.end_s)
     times = [
         [float(executed.start_s[one.start]), float(executed.start_s[one.stop - 1] + executed.duration_s[one.stop - 1])] for one in kept
     ]
-    times[0][0] = times[0][0] if begins else own[0]
-    times[-1][1] = times[-1][1] if ends else own[1]
-    rest = [plainly(screening, one) for one in (slice(piece.start, kept[0].start), slice(last.stop, piece.stop)) if one.start < one.stop]
+    times[0][0] = times[0][0] if begins else span_s[0]
+    times[-1][1] = times[-1][1] if ends else span_s[1]
+    left_out = [
+        plainly(screening, one) for one in (slice(piece.start, kept[0].start), slice(last.stop, piece.stop)) if one.start < one.stop
+    ]
     return Undisturbed(
-        placed.phase,
-        placed.number,
+        location.phase,
+        location.number,
         tuple((round(begin, 6), round(end, 6)) for begin, end in times),
-        own,
+        span_s,
         _two_bodies(screening, kept),
-        min((one.free.answered for one in rest if one is not None), default=np.inf),
+        min((one.free.answered for one in left_out if one is not None), default=np.inf),
     )
