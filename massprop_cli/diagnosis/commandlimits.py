@@ -1,7 +1,6 @@
-"""Limits of a commanded wrench: those at which commands explain most of the motion, with nothing known of the body.
+"""Limits of a commanded wrench by maximum likelihood of the free response.
 
-By what free coefficients leave (:mod:`massprop_cli.diagnosis.freeresponse`) of the rates themselves. Their growth from cycle to cycle has
-the noise of two of them, in which a limit that few commands reach does not show.
+Residuals are those of the rates themselves. Their growth has the noise of two rates, which hides a limit that few commands reach.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,49 +19,49 @@ from massprop_cli.errorparameters.setup import stating
 
 KEY = "thrust.wrench_limits"
 PARTS = (1.0, 0.98, 0.96, 0.93, 0.9, 0.86, 0.82, 0.77, 0.7, 0.6, 0.5, 0.4, 0.3, 0.22, 0.16, 0.12, 0.08, 0.05)
-"""Of the largest command, at which a component may end: finer where few commands reach so far."""
+"""Limits that are searched, over the largest command."""
 NEAR, FINE, FINEST = 0.04, 2.5e-3, 1e-5
-"""Steps at which the search about the best of these begins, and ends; and ends where a limit explains more than none."""
+"""Steps of the search about the best of these: first and last; last once a limit explains more than none."""
 ROUNDS, STEP = 6, 1e-3
-"""Gauss–Newton steps at most; the part of the largest command behind their derivatives."""
+"""Most Gauss–Newton steps; step of their difference quotients over the largest command."""
 SHORTER, STILL = (1.0, 0.5, 0.25, 0.1), 0.1
-"""Parts of a step that are tried; by how much −2 log likelihood must fall for another one."""
+"""Parts of a step that are tested; least decrease of −2 log likelihood for another step."""
 ALIKE_TO = 3
-"""Digits of −2 log likelihood behind the point to which scales are alike."""
+"""Decimals of −2 log likelihood at which equal scales agree."""
 
 
 class FoundLimits(NamedTuple):
-    """Those at which commands explain most."""
+    """Limits of least cost."""
 
     states: States
     further: tuple[States, ...]
-    """With each combination that was sought one sigma away."""
+    """Key values with each estimated combination one sigma further."""
     later: float
-    """Cycles by which commands act later beside them."""
+    """Change of the delay, cycles."""
     cost: float
-    """−2 log likelihood, but for a constant."""
+    """−2 log likelihood up to a constant."""
 
 
 class _Explained:
-    """The motion that is left under limits, each a part of the component's largest command, where commands act ``later`` by some cycles."""
+    """Residuals of the motion under limits, each over the component's largest command, with a delay changed by ``later`` cycles."""
 
     def __init__(self, case: Case, motion: MeasuredMotion, later: float) -> None:
         self._case, self._motion, self._later = case, motion, later
         self._first = int(case.timing.delay + max(later, 1.0)) + 2
-        """The same cycles whatever the delay."""
+        """First cycle, the same for every delay."""
         self.commanded = np.flatnonzero(np.abs(case.log.command).max(0)).tolist()
         self.largest = np.abs(case.log.command).max(0)
-        # what is not limited in a part of the log is not either in the rest
+        # a component that is not limited in a part of the log is not limited in the rest
         self._all = np.maximum(self.largest, np.abs((case.whole or (case.log,))[0].command).max(0))
         self._all[self._all == 0] = 1.0
         self.cost = cache(self._cost)
 
     def states(self, parts: Array) -> States:
-        """As the vehicle file has them."""
+        """Key values of the vehicle file."""
         return {KEY: tuple(np.where(parts < 1, parts * self.largest, self._all).tolist())}
 
     def left(self, values: Array) -> Array:
-        """(n, 6) of rates and specific force, of parts (6,) and the delay beyond that of the case."""
+        """(n, 6) residuals of rates and specific force, for limits (6,) and the change of the delay."""
         vehicle = stating(self._case.vehicle, self.states(values[:-1]))
         timing = self._case.timing.moved(("delay",), (values[-1],))
         return summed(self._motion, self._case.log, vehicle, timing, self._first)
@@ -74,58 +73,58 @@ class _Explained:
 
 
 def limits(case: Case, motion: MeasuredMotion, later: float | None = None) -> FoundLimits | None:
-    """Those that explain most, beside the stated delay or one about so many cycles ``later``; None where it is more without any.
+    """Limits of least cost with the stated delay, or with one near ``later``; None if no limits explain as much.
 
-    One part of each one's largest command, as of an allocation that saturates; of a component by itself only where that explains more: of
-    commands that are as large whenever there are any a limit is a scale. So of limits that explain as much it is the largest.
+    They are one part of each component's largest command, as of a saturated allocation, or of single components if that explains more. If
+    all commands have one size, a limit acts as a scale; so of equal costs the largest limit is used.
     """
     try:
         return _limits(_Explained(case, motion, later or 0.0), later)
     except (InputError, np.linalg.LinAlgError):
-        return None  # a log that is too short to tell
+        return None  # the log is too short
 
 
 def _limits(explained: _Explained, later: float | None) -> FoundLimits | None:
-    none, every = np.ones(len(explained.largest)), explained.commanded
-    common = parts = _likeliest(explained, none, every, PARTS)
-    for begun in (PARTS, ()):  # each beside the others, which may move then
-        for i in every:
-            parts = _likeliest(explained, parts, [i], (*begun, 1.0, float(parts[i])), float(common[i]))
-    own = [[i] for i in every if parts[i] < 1 and parts[i] != common[i]]
-    group = [i for i in every if parts[i] < 1 and parts[i] == common[i]]
-    units = np.array([np.isin(np.arange(len(parts) + 1), which) for which in (group, *own) if which], float)
+    unlimited, components = np.ones(len(explained.largest)), explained.commanded
+    common = parts = _likeliest(explained, unlimited, components, PARTS)
+    for starts in (PARTS, ()):  # each with the others, which may change then
+        for i in components:
+            parts = _likeliest(explained, parts, [i], (*starts, 1.0, float(parts[i])), float(common[i]))
+    single = [[i] for i in components if parts[i] < 1 and parts[i] != common[i]]
+    shared = [i for i in components if parts[i] < 1 and parts[i] == common[i]]
+    units = np.array([np.isin(np.arange(len(parts) + 1), which) for which in (shared, *single) if which], float)
     values = np.append(parts, later or 0.0)
     delay = np.eye(len(values))[-1:][: int(later is not None)]
     while len(units):
         values = _sharpened(explained, values, np.vstack([units, delay]))
-        left = cost(explained.left(values))
-        needed = np.array([cost(explained.left(np.where(unit > 0, 1.0, values))) > left + CLEAR for unit in units])
+        cost_now = cost(explained.left(values))
+        needed = np.array([cost(explained.left(np.where(unit > 0, 1.0, values))) > cost_now + CLEAR for unit in units])
         if needed.all():
-            return FoundLimits(explained.states(values[:-1]), tuple(_further(explained, values, delay)), float(values[-1]), left)
+            return FoundLimits(explained.states(values[:-1]), tuple(_further(explained, values, delay)), float(values[-1]), cost_now)
         values = np.where(units[~needed].any(0), 1.0, values)
         units = units[needed]
     return None
 
 
-def _likeliest(explained: _Explained, parts: Array, which: Sequence[int], begun: Sequence[float], common: float = 1.0) -> Array:
-    """With the part of these that explains clearly more than none, or than the ``common`` one that they have."""
+def _likeliest(explained: _Explained, parts: Array, which: Sequence[int], starts: Sequence[float], common: float = 1.0) -> Array:
+    """Limits with a new part for components ``which``, if that explains clearly more than none, or than the ``common`` part."""
 
-    def by(part: float) -> float:
+    def cost_of(part: float) -> float:
         return explained.cost(tuple(_with(parts, which, part).tolist()))
 
     now = float(parts[which[0]])
-    kept = now if now == common and by(now) < by(1.0) else 1.0
-    best = line_minimum(by, begun, NEAR, FINE)
-    return _with(parts, which, kept if by(best) > by(kept) - CLEAR else line_minimum(by, [best], FINE, FINEST))
+    kept = now if now == common and cost_of(now) < cost_of(1.0) else 1.0
+    best = line_minimum(cost_of, starts, NEAR, FINE)
+    return _with(parts, which, kept if cost_of(best) > cost_of(kept) - CLEAR else line_minimum(cost_of, [best], FINE, FINEST))
 
 
 def _sharpened(explained: _Explained, values: Array, units: Array) -> Array:
-    """The values with combinations of ``units`` (d, 7) moved to the greatest likelihood."""
+    """Values maximised over combinations ``units`` (d, 7)."""
     for _ in range(ROUNDS):
-        now, slopes = _slopes(explained, values, units)
-        step = -np.linalg.solve(slopes.T @ slopes + np.eye(len(units)), slopes.T @ now) @ units
-        tried = [_bounded(values + shorter * step) for shorter in SHORTER]
-        best = min(tried, key=lambda at: cost(explained.left(at)))
+        residuals, slopes = _slopes(explained, values, units)
+        step = -np.linalg.solve(slopes.T @ slopes + np.eye(len(units)), slopes.T @ residuals) @ units
+        candidates = [_bounded(values + shorter * step) for shorter in SHORTER]
+        best = min(candidates, key=lambda at: cost(explained.left(at)))
         if cost(explained.left(best)) > cost(explained.left(values)) - STILL:
             break
         values = best
@@ -133,7 +132,7 @@ def _sharpened(explained: _Explained, values: Array, units: Array) -> Array:
 
 
 def _further(explained: _Explained, values: Array, delay: Array) -> Iterator[States]:
-    """With each combination of limits, each by itself, one sigma away: that they are one part is but supposed."""
+    """Key values with each combination of separate limits one sigma further, since a common part is an assumption."""
     units = np.eye(len(values))[np.flatnonzero(values[:-1] < 1)]
     _, slopes = _slopes(explained, values, np.vstack([units, delay]))
     covariance = np.linalg.inv(slopes.T @ slopes + np.eye(slopes.shape[1]))[: len(units), : len(units)]
@@ -143,29 +142,29 @@ def _further(explained: _Explained, values: Array, delay: Array) -> Iterator[Sta
 
 
 def _slopes(explained: _Explained, values: Array, units: Array) -> tuple[Array, Array]:
-    """(n,) what is left, over its noise, and (n, d) its derivatives along ``units`` (d, 7).
+    """(n,) residuals over their noise, and (n, d) derivatives along ``units`` (d, 7).
 
-    Towards larger limits: below what most commands are a limit is a scale, which explains as much.
+    Differences are taken towards larger limits. Below most commands a limit acts as a scale, which explains as much.
     """
-    now = explained.left(values)
-    white = 1 / np.sqrt((now**2).mean(0) + TINY)
+    residuals = explained.left(values)
+    weights = 1 / np.sqrt((residuals**2).mean(0) + TINY)
     steps = [STEP if (values + STEP * unit)[:-1].max() <= 1 else -STEP for unit in units]
-    moved = [(explained.left(values + step * unit) - now) * white / step for step, unit in zip(steps, units, strict=True)]
-    return (now * white).ravel(), np.stack([one.ravel() for one in moved], 1)
+    derivatives = [(explained.left(values + step * unit) - residuals) * weights / step for step, unit in zip(steps, units, strict=True)]
+    return (residuals * weights).ravel(), np.stack([one.ravel() for one in derivatives], 1)
 
 
 def _bounded(values: Array) -> Array:
-    """With no limit beyond the largest command."""
+    """Values with limits at most the largest command."""
     return np.append(np.clip(values[:-1], STEP, 1.0), values[-1])
 
 
 def _room(values: Array, step: Array) -> Array:
-    """A step further on, the way on which limits stay below the largest command."""
+    """A step in the direction in which limits stay below the largest command."""
     ways = (values + step, values - step)
     return _bounded(min(ways, key=lambda one: float(one[:-1].max())))
 
 
 def _with(parts: Array, which: Sequence[int], part: float) -> Array:
-    found = parts.copy()
-    found[list(which)] = part
-    return found
+    changed = parts.copy()
+    changed[list(which)] = part
+    return changed

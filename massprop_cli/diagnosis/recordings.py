@@ -1,7 +1,7 @@
-"""Hypotheses of how a log was recorded: keys in which the motion is far from linear.
+"""Hypotheses about the recording of a log: keys on which the motion depends nonlinearly.
 
-Free coefficients (:func:`massprop_cli.diagnosis.freeresponse.unexplained_with`) say in milliseconds how much commands explain under any of
-them. The one that explains most is put to the test like any other hypothesis.
+Their values are those of least free-response cost (:func:`massprop_cli.diagnosis.freeresponse.unexplained_with`), which takes milliseconds.
+The result is then refitted like any other hypothesis.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,116 +28,120 @@ from massprop_cli.model.gyroscopic import products
 from massprop_cli.prepare.actuators import LATE
 
 SHORT = (0.05, 0.1, 0.2, 0.3, 0.4)
-"""Cycles that valves may take at least."""
+"""Shortest valve openings that are searched, cycles."""
 EARLIER = (1, 2, 3)
-"""Cycles by which commands of one jet may be logged before those of another one that fires with it, or all of them after they act."""
+"""Cycles by which commands of a jet may be logged before those of a jet that fires with it, or all commands after they act."""
 SHARPENED, FARTHEST = 4, 3.0
-"""Rounds at most, two at least, in which values are moved to the greatest likelihood; sigmas by which one may be moved in each."""
+"""Most rounds that maximise the likelihood over key values, of at least two; largest step of each in sigmas."""
 MORE = 0.1
-"""By how much values that are moved must explain more."""
+"""Least decrease of the score by a step."""
 NEARLY, LEFT = 0.5, 0.01
-"""Part of the cost of what is stated, above which values are not about right, and moved no further. And of the variance of a torque beside
-the log, above which a correction doesn't explain it."""
+"""Score over the stated cost, above which values are not maximised further; variance of a disturbance torque over the stated one, above
+which a correction does not explain it."""
 ANOTHER = 0.25
-"""Cycles by which a delay that is found with something else is another one."""
+"""Change of the delay by a refit, cycles, beyond which the cause is a delay."""
 AS_NOISE, FAR_OFF = 0.26, 1.1
-"""Logarithms of the factors within which noise is what is stated, and beyond which it is another in both sensors: 1.3 and 3."""
+"""Logarithms of noise ratios: within 1.3 noise is as stated; beyond 3 in both sensors it is not."""
 
 
-def otherwise(screening: Screening, alone: Sequence[Refit]) -> list[Refit]:
-    """What explains more of the motion than what is stated, and than what of ``alone`` explains it, put to the test.
+def otherwise(screening: Screening, single_causes: Sequence[Refit]) -> list[Refit]:
+    """Refits of recording hypotheses that explain more of the motion than the stated case and the causes ``single_causes``.
 
-    Such a fault leaves nothing once it is corrected: beside a torque of its own it would be one of many that leave less.
+    A correct one leaves no disturbance torque. Next to a torque many hypotheses would explain a part.
     """
     case = screening.case
     motion = motion_of(case.timing.of(case.log, case.vehicle))
-    fitting = (refit.case for refit in alone if refit.fits)
-    seen_alike = (one for one in fitting if one.log is case.log and one.vehicle.imu == case.vehicle.imu)
-    least = min(_left(one, motion, {}) for one in (case, *seen_alike))
-    found = []
-    every = [(one, least - CLEAR) for one in _supposed(case, motion)]
-    every += [(one, np.inf) for one in (*_limited(case, motion), *_before_its_twin(case), *wheelfriction.supposed(case, motion))]
-    for one, most in every:
-        if most == np.inf or _left(case, None if one.codes == ("accel-axes",) else motion, one.states, one.later) < most:
+    fitting = (refit.case for refit in single_causes if refit.fits)
+    comparable = (one for one in fitting if one.log is case.log and one.vehicle.imu == case.vehicle.imu)
+    least_cost = min(_left(one, motion, {}) for one in (case, *comparable))
+    refits = []
+    candidates = [(one, least_cost - CLEAR) for one in _supposed(case, motion)]
+    candidates += [(one, np.inf) for one in (*_limited(case, motion), *_before_its_twin(case), *wheelfriction.supposed(case, motion))]
+    for one, limit in candidates:
+        if limit == np.inf or _left(case, None if one.codes == ("accel-axes",) else motion, one.states, one.later) < limit:
             refit = _sharpened(screening, one.fitted(screening))
-            # what is led to another delay is that delay
-            found += [refit] if refit is not None and abs(refit.case.timing.delay - case.timing.delay - one.later) < ANOTHER else []
-    return _undisturbed(screening, found)
+            # a refit that moves the delay is a hypothesis about the delay
+            refits += [refit] if refit is not None and abs(refit.case.timing.delay - case.timing.delay - one.later) < ANOTHER else []
+    return _undisturbed(screening, refits)
 
 
 def otherwise_filtered(screening: Screening) -> list[Refit]:
-    """Other cutoffs and latencies than stated that explain more of the motion, put to the test."""
+    """Refits of other cutoffs and latencies that explain more of the motion."""
     return _undisturbed(
         screening, [_sharpened(screening, one.fitted(screening)) for one in other_low_passes(screening.case, screening.piece)]
     )
 
 
 def _undisturbed(screening: Screening, refits: Sequence[Refit | None]) -> list[Refit]:
+    """Refits that leave no disturbance torque."""
     return [one for one in refits if one is not None and one.screening is not None and not _disturbed(one.screening, screening)]
 
 
 def _disturbed(corrected: Screening, stated: Screening) -> bool:
-    """Whether a torque beside a log is left of about the size that there was before it was corrected, where the vehicle file states none.
+    """Whether a correction leaves a disturbance torque of similar size, although none is stated.
 
-    By the variance that K cycles of it give the rate: K w + K³ v / 3, of steps w and of steps v of what it grows by.
+    The variance of K cycles of white steps w and of a random walk with steps v is K w + K³ v / 3.
     """
     environment, count = stated.case.vehicle.environment, stated.piece.stop - stated.piece.start
     if max(environment.disturbance_torque_n_m, environment.disturbance_walk_n_m) > 0:
         return False
-    now, before = (sum(count * torque.white + count**3 / 3 * torque.walk for torque in one.free.beside) for one in (corrected, stated))
-    return bool(now > LEFT * before)
+    after, before = (sum(count * torque.white + count**3 / 3 * torque.walk for torque in one.free.beside) for one in (corrected, stated))
+    return bool(after > LEFT * before)
 
 
-def _sharpened(screening: Screening, found: Fitted) -> Refit | None:
-    """With the values that free coefficients found moved to the greatest likelihood: they take rates cycle by cycle, and momentum adds up.
+def _sharpened(screening: Screening, fit: Fitted) -> Refit | None:
+    """Refit with key values of maximum likelihood.
 
-    By parabolas along each that was sought, by what is one sigma of the former.
+    Free responses use rates cycle by cycle, while momentum accumulates. Each value is maximised along a parabola, in steps of one sigma.
     """
-    best, begun = tried(screening, found), found.hypothesis.states
+    best, key_values = tried(screening, fit), fit.hypothesis.states
     if best is None or best.score > NEARLY * screening.cost:
         return best
-    directions = [{key: np.array(further[key]) - np.array(begun[key]) for key in further} for further in found.hypothesis.further]
+    directions = [{key: np.array(further[key]) - np.array(key_values[key]) for key in further} for further in fit.hypothesis.further]
     for round_ in range(SHARPENED):
         before = best.score
         for steps in directions:
             moved = partial(_moved, screening, best.fitted, steps)
-            left = [np.inf if one is None else one.score for one in (moved(-1.0), best, moved(1.0))]
-            bent = left[0] - 2 * left[1] + left[2]
-            if not np.isfinite(bent) or bent <= 0:
+            scores = [np.inf if one is None else one.score for one in (moved(-1.0), best, moved(1.0))]
+            curvature = scores[0] - 2 * scores[1] + scores[2]
+            if not np.isfinite(curvature) or curvature <= 0:
                 continue
-            tip = moved(float(np.clip((left[0] - left[2]) / (2 * bent), -FARTHEST, FARTHEST)))
-            if tip is not None and tip.score < left[1] - MORE:
-                best = tip
+            at_minimum = moved(float(np.clip((scores[0] - scores[2]) / (2 * curvature), -FARTHEST, FARTHEST)))
+            if at_minimum is not None and at_minimum.score < scores[1] - MORE:
+                best = at_minimum
         if round_ and best.score > before - CLEAR:
             break
     return best
 
 
-def _moved(screening: Screening, found: Fitted, steps: Mapping[str, Array], by: float) -> Refit | None:
-    values = {key: np.maximum(np.array(found.hypothesis.states[key]) + by * step, 0).tolist() for key, step in steps.items()}
+def _moved(screening: Screening, fit: Fitted, steps: Mapping[str, Array], sigmas: float) -> Refit | None:
+    values = {key: np.maximum(np.array(fit.hypothesis.states[key]) + sigmas * step, 0).tolist() for key, step in steps.items()}
     states = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
-    return tried(screening, replace(found, hypothesis=replace(found.hypothesis, states={**found.hypothesis.states, **states})))
+    return tried(screening, replace(fit, hypothesis=replace(fit.hypothesis, states={**fit.hypothesis.states, **states})))
 
 
 def by_noise(screening: Screening) -> list[Refit]:
-    """Units of both sensors that make their noise what is stated, of a log that fits either way: a larger body moves alike by less."""
-    ratio = np.sqrt(screening.free.pure / screening.noise).reshape(2, 3)
-    away = np.log([median(own) for own in ratio])
+    """Refit of units of both sensors that make their noise as stated, in a log that fits either way.
 
-    def off(supposed: Hypothesis) -> float:
-        sizes = [abs(float(np.linalg.det(turn))) ** (1 / 3) for turn in (supposed.gyro, supposed.accelerometer)]
-        return float(np.abs(away - np.log(sizes)).max())
+    A larger body moves the same way with less motion, so only the noise shows the unit.
+    """
+    ratio = np.sqrt(screening.free.pure / screening.noise).reshape(2, 3)
+    log_ratio = np.log([median(own) for own in ratio])
+
+    def distance(unit: Hypothesis) -> float:
+        sizes = [abs(float(np.linalg.det(turn))) ** (1 / 3) for turn in (unit.gyro, unit.accelerometer)]
+        return float(np.abs(log_ratio - np.log(sizes)).max())
 
     units = [one for one in screening.turns if one.code == "column-kind"]
-    nearest = min(units, key=off, default=None)
-    if nearest is None or off(nearest) > AS_NOISE or np.abs(away).min() < FAR_OFF:
+    nearest = min(units, key=distance, default=None)
+    if nearest is None or distance(nearest) > AS_NOISE or np.abs(log_ratio).min() < FAR_OFF:
         return []
     refit = tried(screening, screening.supposing(nearest))
     return [] if refit is None or refit.screening is None or not refit.screening.close else [replace(refit, fits=True)]
 
 
 def _supposed(case: Case, motion: MeasuredMotion) -> Iterator[Supposed]:
-    """What is put to the test."""
+    """Recording hypotheses."""
     if case.vehicle.imu.accel_axes == "imu":
         yield Supposed(("accel-axes",), {"imu.accel_axes": "start"})
     if any(wheel.column == "speed" for wheel in case.vehicle.wheels):
@@ -149,87 +153,87 @@ def _supposed(case: Case, motion: MeasuredMotion) -> Iterator[Supposed]:
 
 
 def _limited(case: Case, motion: MeasuredMotion) -> Iterator[Supposed]:
-    """Of a commanded wrench no more than some limits acting, and with another delay where that explains more: what is cut off moves it."""
-    found = limits(case, motion) if case.log.command_kind == "wrench" and case.vehicle.thrust.wrench_limits is None else None
-    if found is None:
+    """Limits of a commanded wrench, with another delay if that explains more, since limiting shifts the commands in time."""
+    limits_stated = limits(case, motion) if case.log.command_kind == "wrench" and case.vehicle.thrust.wrench_limits is None else None
+    if limits_stated is None:
         return
-    later, sought = _delay_beside(case, motion, found.states), case.vehicle.cycle.command_delay_cycles == "auto"
-    again = limits(case, motion, later) if sought or abs(later) > NEAR else None
-    if again is None or not sought:
-        yield Supposed(("commands-limited",), found.states, found.further)
-    if again is not None and (sought or again.cost < found.cost - CLEAR):
-        codes = ("commands-limited",) if sought else ("commands-limited", "delay-mismatch")
-        yield Supposed(codes, again.states, again.further, again.later, PRIORS["delay"])
+    change, delay_open = _delay_beside(case, motion, limits_stated.states), case.vehicle.cycle.command_delay_cycles == "auto"
+    limits_delayed = limits(case, motion, change) if delay_open or abs(change) > NEAR else None
+    if limits_delayed is None or not delay_open:
+        yield Supposed(("commands-limited",), limits_stated.states, limits_stated.further)
+    if limits_delayed is not None and (delay_open or limits_delayed.cost < limits_stated.cost - CLEAR):
+        codes = ("commands-limited",) if delay_open else ("commands-limited", "delay-mismatch")
+        yield Supposed(codes, limits_delayed.states, limits_delayed.further, limits_delayed.later, PRIORS["delay"])
 
 
 def _delay_beside(case: Case, motion: MeasuredMotion, states: States) -> float:
-    """By how many cycles later commands act beside these keys, as far as they explain most."""
+    """Change of the delay of least cost with these key values, cycles."""
 
-    def left(by: float) -> float:
-        return _left(case, motion, states, by) if case.timing.delay + by >= 0 else np.inf
+    def cost(change: float) -> float:
+        return _left(case, motion, states, change) if case.timing.delay + change >= 0 else np.inf
 
-    return line_minimum(left, (0.0, -case.timing.delay), ANOTHER, NEAR / 4)
+    return line_minimum(cost, (0.0, -case.timing.delay), ANOTHER, NEAR / 4)
 
 
 def _pulses_elsewhere(case: Case, motion: MeasuredMotion) -> Iterator[Supposed]:
-    """With the delay as stated, or one by which pulses act about when they now do in the mean."""
+    """Pulses elsewhere in the cycle, with the delay as stated or one that keeps their mean time."""
     on, cycle = case.log.command[:, : len(case.vehicle.jets)], case.vehicle.cycle
     idle = 1 - float((on**2).sum() / max(on.sum(), TINY)) / cycle.period_s
     for at in [at for at in LATE if at != cycle.pulse_at] if idle > NEAR else []:
         states: States = {"cycle.pulse_at": at}
-        left = partial(_left, case, motion, states)
-        by = (LATE[cycle.pulse_at] - LATE[at]) * idle
-        by = line_minimum(left, (by,), 0.1, NEAR / 4) if left(0.0) > left(by) else 0.0
-        if case.timing.delay + by >= 0:
-            yield Supposed(("pulse-position",), states, later=by, loose=PRIORS["delay"] if by else 0.0)
+        cost = partial(_left, case, motion, states)
+        change = (LATE[cycle.pulse_at] - LATE[at]) * idle
+        change = line_minimum(cost, (change,), 0.1, NEAR / 4) if cost(0.0) > cost(change) else 0.0
+        if case.timing.delay + change >= 0:
+            yield Supposed(("pulse-position",), states, later=change, loose=PRIORS["delay"] if change else 0.0)
 
 
 def _short_pulses(case: Case, motion: MeasuredMotion) -> Iterator[Supposed]:
-    """With short pulses that last as long as valves take at least, or for which they do not open, by what explains most."""
+    """Short pulses that last a least time or do not open the valve, by the value of least cost."""
     on, period_s = case.log.command[:, : len(case.vehicle.jets)], case.vehicle.cycle.period_s
     shortest = float(on[on > 0].min(initial=period_s)) / period_s
     for key in ("thrust.least_on_s", "thrust.dead_on_s"):
         if case.setup.value(key)[0] == 0 and shortest < SHORT[-1]:
 
-            def left(cycles: float, key: str = key) -> float:
+            def cost(cycles: float, key: str = key) -> float:
                 return _left(case, motion, {key: max(cycles, 0.0) * period_s})
 
-            by = line_minimum(left, [cycles for cycles in SHORT if cycles > shortest], SHORT[0], NEAR / 8)
-            further: States = {key: (by + sigma_at(left, by)) * period_s}
-            yield Supposed(("short-pulses",), {key: by * period_s}, (further,) if key == "thrust.least_on_s" else ())
+            cycles_best = line_minimum(cost, [cycles for cycles in SHORT if cycles > shortest], SHORT[0], NEAR / 8)
+            further: States = {key: (cycles_best + sigma_at(cost, cycles_best)) * period_s}
+            yield Supposed(("short-pulses",), {key: cycles_best * period_s}, (further,) if key == "thrust.least_on_s" else ())
 
 
 def _later(case: Case, motion: MeasuredMotion, jet: int) -> Supposed:
-    """With pulses of one jet later by what explains most."""
+    """Pulses of one jet later, by the value of least cost."""
     return _all_later(case, motion, "jet-late", {f"jets.{jet}.delay_s": case.vehicle.jets[jet].delay_s}, (0.5, 1.0, 1.5, 2.0), 0.5)
 
 
 def _tachometers_later(case: Case, motion: MeasuredMotion) -> Supposed:
-    """With speeds of wheels later than stated, all by as much, as of one motor controller's filter or bus: by what explains most."""
+    """Wheel speeds later than stated, all by one value of least cost, as by a motor controller's filter or a bus."""
     by_speed = {n: wheel.speed_latency_s for n, wheel in enumerate(case.vehicle.wheels) if wheel.column == "speed"}
     stated_s = {f"wheels.{n}.speed_latency_s": latency_s for n, latency_s in by_speed.items()}
     return _all_later(case, motion, "speed-late", stated_s, (0.1, 0.2, 0.4, 0.8, 1.6), 0.2)
 
 
 def _all_later(
-    case: Case, motion: MeasuredMotion, code: str, stated_s: Mapping[str, float], begun: Sequence[float], step: float
+    case: Case, motion: MeasuredMotion, code: str, stated_s: Mapping[str, float], starts: Sequence[float], step: float
 ) -> Supposed:
-    """With all of these keys later than stated by as much, from so many cycles ``begun`` on, by what explains most."""
+    """Keys later than stated by one value of least cost, from the ``starts`` on, cycles."""
 
     def states(cycles: float) -> States:
         return {key: max(stated + cycles * case.vehicle.cycle.period_s, 0.0) for key, stated in stated_s.items()}
 
-    def left(cycles: float) -> float:
+    def cost(cycles: float) -> float:
         return _left(case, motion, states(cycles))
 
-    by = line_minimum(left, begun, step, NEAR)
-    return Supposed((code,), states(by), (states(by + sigma_at(left, by)),))
+    change = line_minimum(cost, starts, step, NEAR)
+    return Supposed((code,), states(change), (states(change + sigma_at(cost, change)),))
 
 
 def _before_its_twin(case: Case) -> Iterator[Supposed]:
-    """Each jet whose commands are those of another one some cycles earlier, which may act together.
+    """Each jet whose commands are those of another one some cycles earlier, so that both may act together.
 
-    Free coefficients explain as much by that other one alone, which gives all that both do, so they do not tell.
+    Free responses cannot show it, since the other jet's coefficient describes both.
     """
     if case.log.command_kind != "jets":
         return
@@ -243,41 +247,41 @@ def _before_its_twin(case: Case) -> Iterator[Supposed]:
 
 
 def _likeliest_later(case: Case) -> list[int]:
-    """The jets of which a pulse a cycle later explains most, if any does: some may be commanded alike.
+    """Jets for which a delay of one cycle explains most; several if they are commanded alike.
 
-    By regression of the motion on what all of them do, beside what one does a cycle later.
+    The motion is regressed on the impulses of all jets, plus the change of one jet's by a cycle.
     """
     samples = case.timing.of(case.log, case.vehicle)
-    acted, rate, jets = samples.executed.channels, samples.rate_rad_s, len(case.vehicle.jets)
-    load = np.hstack([products(rate), samples.up_b[:-1], np.ones((len(rate), 1))])
+    impulses, rate, jets = samples.executed.channels, samples.rate_rad_s, len(case.vehicle.jets)
+    body = np.hstack([products(rate), samples.up_b[:-1], np.ones((len(rate), 1))])
     first = int(np.argmax(samples.executed.usable)) + 1
-    gained = np.zeros(jets)
-    for moved, did, beside in (
-        (np.diff(rate, axis=0), acted.step[:, :jets], (load[1:] + load[:-1]) / 2),
-        (samples.specific_force_m_s2, acted.whole[:, :jets], load),
+    gains = np.zeros(jets)
+    for motion, impulse, body_columns in (
+        (np.diff(rate, axis=0), impulses.step[:, :jets], (body[1:] + body[:-1]) / 2),
+        (samples.specific_force_m_s2, impulses.whole[:, :jets], body),
     ):
-        causes = np.hstack([did, beside])[first:]
-        base = np.linalg.qr(causes[:, np.ptp(causes, axis=0) > 0])[0]
-        rest, later = (one - base @ (base.T @ one) for one in (moved[first:], (np.roll(did, 1, 0) - did)[first:]))
-        explained = (later.T @ rest) ** 2 / np.maximum(np.outer((later**2).sum(0), (rest**2).sum(0)), TINY)
-        gained -= len(rest) * np.log1p(-np.minimum(explained, 1 - ROUNDING)).sum(1)
-    return np.flatnonzero(gained > max(gained.max(initial=0.0) - MORE, CLEAR)).tolist()
+        regressors = np.hstack([impulse, body_columns])[first:]
+        basis = np.linalg.qr(regressors[:, np.ptp(regressors, axis=0) > 0])[0]
+        residual, delayed = (one - basis @ (basis.T @ one) for one in (motion[first:], (np.roll(impulse, 1, 0) - impulse)[first:]))
+        explained = (delayed.T @ residual) ** 2 / np.maximum(np.outer((delayed**2).sum(0), (residual**2).sum(0)), TINY)
+        gains -= len(residual) * np.log1p(-np.minimum(explained, 1 - ROUNDING)).sum(1)
+    return np.flatnonzero(gains > max(gains.max(initial=0.0) - MORE, CLEAR)).tolist()
 
 
 def logged_after(case: Case) -> int:
-    """Control cycles that commands are to be moved up by, as they explain far more if they acted before they were logged; else 0."""
+    """Control cycles by which commands acted before they were logged; 0 if that does not explain far more."""
     if case.log.command_kind not in ("jets", "wrench") or case.log.command_s is not None:
         return 0
-    delay = int(case.timing.delay)  # which undoes fewer
+    delay = int(case.timing.delay)  # a shift within the delay
     motion = motion_of(case.timing.of(case.log, case.vehicle))
 
-    def left(cycles: int) -> float:
-        sooner = np.vstack([case.log.command[cycles:], np.zeros((cycles, case.log.command.shape[1]))])
-        return _left(case._replace(log=replace(case.log, command=frozen(sooner))), motion, {})
+    def cost(cycles: int) -> float:
+        shifted = np.vstack([case.log.command[cycles:], np.zeros((cycles, case.log.command.shape[1]))])
+        return _left(case._replace(log=replace(case.log, command=frozen(shifted))), motion, {})
 
-    best = min((*range(delay + 1), *(delay + cycles for cycles in EARLIER)), key=left)
-    # what a smaller delay explains was logged before it acted
-    return best if best > delay and left(best) < left(0) - case.log.cycles else 0
+    best = min((*range(delay + 1), *(delay + cycles for cycles in EARLIER)), key=cost)
+    # a smaller delay explains commands that were logged before they acted
+    return best if best > delay and cost(best) < cost(0) - case.log.cycles else 0
 
 
 def _left(case: Case, motion: MeasuredMotion | None, states: States, later: float = 0.0) -> float:

@@ -1,15 +1,14 @@
-"""Other ways to read a log's columns, each tested by an off-line fit of its own.
+"""Other readings of a log's columns, each tested by an off-line fit.
 
-Where no hypothesis (:mod:`massprop_cli.diagnosis.hypotheses`) explains the log of rotors, each of a few readings is fitted as the log
-is estimated: the IMU in other units, and rotors that have one another's columns in any order. A reading is named where the log fits under
-it alone.
+If no hypothesis (:mod:`massprop_cli.diagnosis.hypotheses`) explains a log of rotors, a few readings are fitted: other IMU units, other
+rotor units, and rotor columns in any order. A reading is named if only that one makes the log fit.
 
-Which rotor a column is, its own answer tells. With growth b of the rate and a of the specific force per newton, of regressions on all
-columns, the rotor of wrench (τ, F) about O has, with inertia I, CG c, mass m and an IMU at p,
+The order follows from the response to each column. Let b be the growth of the rate and a the specific force per newton, by regression. The
+rotor with wrench (τ, F) about O satisfies, with inertia I, CG c, mass m and an IMU at p,
 
     I b + c × F = τ,        a − b × p = F / m − b × c,
 
-which is linear in I, c and 1/m: of all orders of the rotors those are fitted that leave least.
+which is linear in I, c and 1/m. The orders of least residual are fitted.
 """
 
 import itertools
@@ -44,61 +43,63 @@ from massprop_cli.prepare.align import Impulses, impulses
 from massprop_cli.prepare.timing import Timing
 
 FITS, CHANCE = 1.5, 6.0
-"""Mean square of normalised innovations up to which a channel fits, and sigmas of chance more."""
+"""Largest mean square of the normalised innovations of a channel that fits, plus sigmas of chance."""
 MOVED = 5.0
-"""Times its noise, what a sensor must show of a motion: anything fits readings that are smaller."""
+"""Least motion over noise of a sensor; anything fits smaller readings."""
 FINALISTS = 3
-"""How many are fitted until they stand."""
+"""Number of readings that are fitted until they converge."""
 LONGEST = 400
-"""Cycles that readings are fitted to."""
+"""Cycles of the rough fits."""
 ORDERS, EVERY = 4, 7
-"""Orders of rotors that are fitted; rotors up to which every order is compared, of more only two or three that are exchanged."""
+"""Number of orders that are fitted; most rotors of which every order is compared, of more only two or three exchanged."""
 
 
 SPEEDS = {"in rpm": RPM, "in revolutions a second": 2 * np.pi}
 COMMANDS = {"in percent": 0.01, "counted to 255": 1 / 255, "counted to 1000": 1e-3, "counted to 65535": 1 / 65535}
-"""Units of rotors' columns, and their factors to rad/s, or to commands from 0 to 1."""
+"""Units of rotors' columns, with factors to rad/s or to commands from 0 to 1."""
 
 
 class ColumnReading(NamedTuple):
-    """How a log may have to be read."""
+    """A reading of a log's columns."""
 
     code: str
     words: str
-    """Go on "the log fits if …"."""
+    """Text that continues "the log fits if …"."""
     correction: Correction
     rare: float = 0.0
-    """−2 log of its odds against others."""
+    """−2 log of the prior odds against other readings."""
 
 
 def reread(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[tuple[Phase, slice]], no_matter: bool = False) -> Diagnosis | None:
-    """The reading with which the log fits, beside those that are nearly as likely; None where it fits with none.
+    """Reading with which the log fits, and its rivals; None if no reading fits.
 
-    It must fit better than as stated, or be of a body of matter where that is of ``no_matter``.
+    It must fit better than the stated reading, or with ``no_matter`` give a body of possible density.
     """
     phase, whole = max(pieces, key=lambda one: one[1].stop - one[1].start)
     part, (cycles,) = segment.bounded(log, vehicle, timing, [whole], LONGEST)
-    some, case = (
-        _Case(own, vehicle, timing, (phase, piece), impulses(own, vehicle, timing.delay, timing.lag_s(vehicle)))
-        for own, piece in ((part, cycles), (log, whole))
+    part_case, whole_case = (
+        _Case(log_part, vehicle, timing, (phase, piece), impulses(log_part, vehicle, timing.delay, timing.lag_s(vehicle)))
+        for log_part, piece in ((part, cycles), (log, whole))
     )
-    stated = some.look(Correction(), roughly=True).cost
-    each = [(some.look(one.correction, roughly=True).cost + one.rare, i, one) for i, one in enumerate(_readings(case))]
-    likely: list[tuple[float, int, ColumnReading]] = []
-    for cost, i, reading in sorted(each)[:FINALISTS]:
-        look = case.look(reading.correction) if cost < (np.inf if no_matter else stated - CLEAR) else NOTHING
-        likely += [(look.cost + reading.rare, i, reading)] if look.fits and not (no_matter and look.no_matter) else []
-    near = [reading for cost, _, reading in sorted(likely) if cost < min(likely)[0] + EVEN]
-    if not near:
+    stated = part_case.look(Correction(), roughly=True).cost
+    rated = [(part_case.look(one.correction, roughly=True).cost + one.rare, i, one) for i, one in enumerate(_readings(whole_case))]
+    fitting: list[tuple[float, int, ColumnReading]] = []
+    for cost, i, reading in sorted(rated)[:FINALISTS]:
+        look = whole_case.look(reading.correction) if cost < (np.inf if no_matter else stated - CLEAR) else NOTHING
+        fitting += [(look.cost + reading.rare, i, reading)] if look.fits and not (no_matter and look.no_matter) else []
+    named = [reading for cost, _, reading in sorted(fitting) if cost < min(fitting)[0] + EVEN]
+    if not named:
         return None
-    message = f"the log fits if {', or else '.join(one.words for one in near)}"
-    rivals = tuple(one.correction for one in near[1:])
-    return Diagnosis((Fault(Notice(near[0].code, message), near[0].correction, rivals=rivals),))
+    message = f"the log fits if {', or else '.join(one.words for one in named)}"
+    rivals = tuple(one.correction for one in named[1:])
+    return Diagnosis((Fault(Notice(named[0].code, message), named[0].correction, rivals=rivals),))
 
 
 class _Look(NamedTuple):
+    """Result of a fit under one reading."""
+
     cost: float
-    """−2 log likelihood of free noise levels, of what was measured."""
+    """−2 log likelihood of the measurements, with free noise levels."""
     fits: bool
     no_matter: bool = False
 
@@ -112,28 +113,28 @@ class _Case(NamedTuple):
     timing: Timing
     phase: tuple[Phase, slice]
     made: Impulses
-    """What the commands do, however the IMU is read."""
+    """Impulses of the commands, which do not depend on the IMU's reading."""
 
     def look(self, correction: Correction, roughly: bool = False) -> _Look:
-        """What a fit leaves of the log as it is read then."""
-        made = self.made if correction.rotors is None and correction.gimbals is None else None
+        """Fit the log under a correction of its columns."""
+        impulse = self.made if correction.rotors is None and correction.gimbals is None else None
         try:
-            with np.errstate(all="ignore"):  # of a reading that is far off numbers run away
-                samples = self.timing.of(correction.log(self.log), self.vehicle, made)
-                few = phases.rough_fits(samples, [self.phase], self.vehicle) if roughly else None
-                (fit,) = few or phases.as_stated(samples, [self.phase], self.vehicle, Consider()).fits
+            with np.errstate(all="ignore"):  # a wrong reading may overflow
+                samples = self.timing.of(correction.log(self.log), self.vehicle, impulse)
+                rough = phases.rough_fits(samples, [self.phase], self.vehicle) if roughly else None
+                (fit,) = rough or phases.as_stated(samples, [self.phase], self.vehicle, Consider()).fits
         except (InputError, np.linalg.LinAlgError):
             return NOTHING
-        left = None if fit is None else fit.history.moments()
-        if fit is None or left is None or not left.count:
+        innovations = None if fit is None else fit.history.moments()
+        if fit is None or innovations is None or not innovations.count:
             return NOTHING
-        variance = left.variance[~fit.history.unread]
-        # as densely as what was measured lies
+        variance = innovations.variance[~fit.history.unread]
+        # Jacobian of the change of units
         sizes = [float(np.abs(np.linalg.det(np.array(one)))) for one in (correction.gyro, correction.accelerometer) if one]
-        cost = float((left.count * np.log(variance + TINY)).sum()) - 2 * left.count * float(np.log(sizes).sum())
-        shown = [float((part**2).sum(1).mean()) for part in (samples.rate_rad_s, samples.specific_force_m_s2)]
-        moved = max(np.sqrt(shown) / (self.vehicle.imu.gyro_noise_rad_s, self.vehicle.imu.accel_noise_m_s2)) > MOVED
-        fits = bool(moved and (variance < FITS + CHANCE * np.sqrt(2 / left.count)).all())
+        cost = float((innovations.count * np.log(variance + TINY)).sum()) - 2 * innovations.count * float(np.log(sizes).sum())
+        mean_squares = [float((part**2).sum(1).mean()) for part in (samples.rate_rad_s, samples.specific_force_m_s2)]
+        moving = max(np.sqrt(mean_squares) / (self.vehicle.imu.gyro_noise_rad_s, self.vehicle.imu.accel_noise_m_s2)) > MOVED
+        fits = bool(moving and (variance < FITS + CHANCE * np.sqrt(2 / innovations.count)).all())
         return _Look(cost, fits, exceeds_density(fit.history.values[-1], fit.history.sigmas[-1]))
 
 
@@ -146,52 +147,55 @@ def _readings(case: _Case) -> Iterator[ColumnReading]:
 
 
 def _gimbals_in_degrees(case: _Case) -> Iterator[ColumnReading]:
-    """All angles, or one alone."""
+    """All gimbal angles in degrees, or one alone."""
     spinning = case.vehicle.spinning
     names, gyros = tuple(GIMBAL.of(one.name) for one in spinning), [isinstance(one, GyroLog) for one in case.log.spinning]
     where = IN_VEHICLE_FILE if case.log.made is None else IN_MAP
     each = [np.arange(len(gyros)) == i for i in np.flatnonzero(gyros)]
-    for own in [np.array(gyros), *each] if len(each) > 1 else each:
-        said = ", ".join(name for name, one in zip(names, own, strict=True) if one)
-        words = f"gimbal angles are in degrees, not radians ({said}); correct the log, or scale the columns {where} ({DEGREE:.6g})"
-        yield ColumnReading("gimbal-units", words, Correction(gimbals=GimbalColumns(names, tuple(np.where(own, DEGREE, 1.0).tolist()))))
+    for turned in [np.array(gyros), *each] if len(each) > 1 else each:
+        names_text = ", ".join(name for name, one in zip(names, turned, strict=True) if one)
+        words = f"gimbal angles are in degrees, not radians ({names_text}); correct the log, or scale the columns {where} ({DEGREE:.6g})"
+        yield ColumnReading("gimbal-units", words, Correction(gimbals=GimbalColumns(names, tuple(np.where(turned, DEGREE, 1.0).tolist()))))
 
 
 def _of_rotors(case: _Case) -> Iterator[ColumnReading]:
-    """All speeds or commands of rotors in another unit, where all are of one kind."""
+    """All rotor speeds or commands in another unit, if all are of one kind."""
     kinds = {rotor.column for rotor in case.vehicle.rotors}
     if len(kinds) > 1:
         return
     (kind,), names = kinds, _columns_of(case.vehicle)
-    where, same = IN_VEHICLE_FILE if case.log.made is None else IN_MAP, tuple(range(len(names)))
+    where, order = IN_VEHICLE_FILE if case.log.made is None else IN_MAP, tuple(range(len(names)))
     for unit, factor in (SPEEDS if kind == "speed" else COMMANDS).items():
         who = f"{'speeds' if kind == 'speed' else 'commands'} of rotors are {unit} ({', '.join(names)})"
         words = f"{who}; correct the log, or scale the columns {where} ({factor:.6g})"
-        correction = Correction(rotors=RotorColumns(names, same, factor))
+        correction = Correction(rotors=RotorColumns(names, order, factor))
         yield ColumnReading("speed-units" if kind == "speed" else "command-units", words, correction)
 
 
 def _columns_of(vehicle: Resolved) -> tuple[str, ...]:
-    """Names of the rotors' columns, of each the one that tells what it does."""
+    """Names of the columns that drive the rotors."""
     return tuple(next(column for column in one.COLUMNS if column.key == one.column).of(one.name) for one in vehicle.rotors)
 
 
 def _other_units(log: Log) -> Iterator[ColumnReading]:
-    """Other units of axes that the log has."""
+    """Other units of the axes that the log has."""
     where = IN_VEHICLE_FILE if log.made is None else IN_MAP
     record_s = float(log.interval_s.mean())
     absent = ~np.array(log.axes)
     for unit in other_units(record_s, log.rate_columns == DELTA_THETA):
         if (np.append(unit.gyro, unit.accelerometer)[absent] != 1).any():
             continue
-        factors = [tuple(map(tuple, np.diag(1 / own).tolist())) if (own != 1).any() else () for own in (unit.gyro, unit.accelerometer)]
+        factors = [
+            tuple(map(tuple, np.diag(1 / factors_of).tolist())) if (factors_of != 1).any() else ()
+            for factors_of in (unit.gyro, unit.accelerometer)
+        ]
         by = " and ".join(dict.fromkeys(f"{1 / one:.6g}" for one in (*unit.gyro, *unit.accelerometer) if one != 1))
         words = f"its {unit.words}; correct the log, or scale its columns {where} ({by})"
         yield ColumnReading(unit.code, words, Correction(gyro=factors[0], accelerometer=factors[1]), unit.rare)
 
 
 def _other_orders(case: _Case) -> Iterator[ColumnReading]:
-    """Orders of the rotors in which their columns' own answers leave least."""
+    """Orders of the rotors in which the responses to their columns leave the least residual."""
     vehicle = case.vehicle
     names = _columns_of(vehicle)
     answers = _answers(case)
@@ -199,76 +203,76 @@ def _other_orders(case: _Case) -> Iterator[ColumnReading]:
     orders = _orders(len(names))
     costs = _left(*answers, np.array(vehicle.imu.position_m), wrench, orders)
     for at in np.argsort(costs, kind="stable")[: ORDERS + 1]:
-        does = orders[at].tolist()  # column i is that of rotor does[i]
-        moved = [i for i, own in enumerate(does) if own != i]
-        if not moved:
+        rotor_of = orders[at].tolist()  # column i is that of rotor does[i]
+        exchanged = [i for i, rotor in enumerate(rotor_of) if rotor != i]
+        if not exchanged:
             continue
-        order = tuple(int(does.index(i)) for i in range(len(does)))
-        said = "; ".join(f"column {names[i]} belongs to rotor {vehicle.rotors[does[i]].name}" for i in moved)
-        yield ColumnReading("actuators-swapped", f"{said}; swap wires, columns or entries", Correction(rotors=RotorColumns(names, order)))
+        order = tuple(int(rotor_of.index(i)) for i in range(len(rotor_of)))
+        text = "; ".join(f"column {names[i]} belongs to rotor {vehicle.rotors[rotor_of[i]].name}" for i in exchanged)
+        yield ColumnReading("actuators-swapped", f"{text}; swap wires, columns or entries", Correction(rotors=RotorColumns(names, order)))
 
 
 def _orders(count: int) -> Array:
-    """(n, count) which rotor each column is."""
+    """(n, count) rotor of each column."""
     if count <= EVERY:
         return np.array(list(itertools.permutations(range(count))))
-    found = {tuple(range(count))}
-    for some in (*itertools.combinations(range(count), 2), *itertools.permutations(range(count), 3)):
+    orders = {tuple(range(count))}
+    for exchanged in (*itertools.combinations(range(count), 2), *itertools.permutations(range(count), 3)):
         order = list(range(count))
-        for i, j in zip(some, (*some[1:], some[0]), strict=True):
+        for i, j in zip(exchanged, (*exchanged[1:], exchanged[0]), strict=True):
             order[i] = j
-        found.add(tuple(order))
-    return np.array(sorted(found))
+        orders.add(tuple(order))
+    return np.array(sorted(orders))
 
 
 def _answers(case: _Case) -> tuple[Array, Array]:
-    """(C, 6) of each column: growth of the rate, rad/s² per newton, and specific force at the IMU, m/s² per newton; and their sigmas."""
+    """(C, 6) response to each column, and its sigmas: growth of the rate, rad/s² per newton, and specific force, m/s² per newton."""
     log, vehicle, timing, (_, cycles), made = case
     samples = timing.of(log, vehicle, made)
     rate, force = samples.rate_rad_s[cycles], samples.specific_force_m_s2[cycles]
-    turned = products(rate)
+    turning = products(rate)
     rising, falling, whole = (part[cycles] for part in (made.rising, made.falling, made.whole))
-    both = []
-    for moved, by, more in (
-        (np.diff(rate, axis=0), rising[:-1] + falling[1:], (turned[1:] + turned[:-1]) / 2),
-        (force, whole, turned),
+    responses = []
+    for motion, impulse, body_columns in (
+        (np.diff(rate, axis=0), rising[:-1] + falling[1:], (turning[1:] + turning[:-1]) / 2),
+        (force, whole, turning),
     ):
-        causes = np.hstack([by, more, np.ones((len(by), 1))])
-        size = np.maximum(np.sqrt((causes**2).sum(0)), TINY)
-        inverse = np.linalg.pinv(causes / size, rcond=ROUNDING)
-        solved = inverse @ moved
-        spread = np.sqrt(((moved - causes / size @ solved) ** 2).mean(0)) * np.sqrt((inverse**2).sum(1))[:, None]
-        count = by.shape[1]
-        both.append(((solved / size[:, None])[:count], (spread / size[:, None])[:count]))
-    # a mean over a cycle goes with an impulse over its length
-    (grown, grown_sigma), (felt, felt_sigma) = both[0], (vehicle.cycle.period_s * part for part in both[1])
-    sigmas = np.maximum(np.hstack([grown_sigma, felt_sigma]), TINY)
-    return np.hstack([grown, felt]), np.where((np.ptp(whole, axis=0) > 0)[:, None], sigmas, np.inf)
+        regressors = np.hstack([impulse, body_columns, np.ones((len(impulse), 1))])
+        size = np.maximum(np.sqrt((regressors**2).sum(0)), TINY)
+        inverse = np.linalg.pinv(regressors / size, rcond=ROUNDING)
+        coefficients = inverse @ motion
+        spread = np.sqrt(((motion - regressors / size @ coefficients) ** 2).mean(0)) * np.sqrt((inverse**2).sum(1))[:, None]
+        count = impulse.shape[1]
+        responses.append(((coefficients / size[:, None])[:count], (spread / size[:, None])[:count]))
+    # a mean over a cycle corresponds to an impulse over its length
+    (rate_growth, rate_sigma), (force_response, force_sigma) = responses[0], (vehicle.cycle.period_s * part for part in responses[1])
+    sigmas = np.maximum(np.hstack([rate_sigma, force_sigma]), TINY)
+    return np.hstack([rate_growth, force_response]), np.where((np.ptp(whole, axis=0) > 0)[:, None], sigmas, np.inf)
 
 
-def _left(answers: Array, sigmas: Array, place: Array, wrench: Array, orders: Array) -> Array:
-    """(n,) what of the columns' answers a body leaves that each order of the rotors goes with."""
-    answers, sigmas = answers[: len(wrench)], sigmas[: len(wrench)]  # the columns after thrust are those of stored momentum
+def _left(responses: Array, sigmas: Array, imu_position: Array, wrench: Array, orders: Array) -> Array:
+    """(n,) residual of the columns' responses with the best body, for each order of the rotors."""
+    responses, sigmas = responses[: len(wrench)], sigmas[: len(wrench)]  # without columns of stored momentum
     torque, force = wrench[:, :3][orders], wrench[:, 3:][orders]
-    grown, felt = answers[:, :3], answers[:, 3:]
+    rate_growth, force_response = responses[:, :3], responses[:, 3:]
     count = len(orders)
-    design: Array = np.zeros((count, len(answers), 6, 10))
-    wanted: Array = np.zeros((count, len(answers), 6))
+    design: Array = np.zeros((count, len(responses), 6, 10))
+    target: Array = np.zeros((count, len(responses), 6))
     unit = np.eye(3)
     for column, (i, j) in enumerate(zip(*np.triu_indices(3), strict=True)):
-        design[:, :, i, column] += grown[:, j]
+        design[:, :, i, column] += rate_growth[:, j]
         if i != j:
-            design[:, :, j, column] += grown[:, i]
+            design[:, :, j, column] += rate_growth[:, i]
     for axis in range(3):
         design[:, :, :3, 6 + axis] = cross(np.broadcast_to(unit[axis], force.shape), force)
-        design[:, :, 3:, 6 + axis] = -cross(grown, np.broadcast_to(unit[axis], grown.shape))
+        design[:, :, 3:, 6 + axis] = -cross(rate_growth, np.broadcast_to(unit[axis], rate_growth.shape))
     design[:, :, 3:, 9] = force
-    wanted[:, :, :3] = torque
-    wanted[:, :, 3:] = felt - cross(grown, np.broadcast_to(place, grown.shape))
-    # sigmas of torques by the size that inertia has
-    size = np.linalg.norm(wrench[:, :3]) / max(float(np.linalg.norm(grown)), TINY)
+    target[:, :, :3] = torque
+    target[:, :, 3:] = force_response - cross(rate_growth, np.broadcast_to(imu_position, rate_growth.shape))
+    # torque sigmas from the scale of the inertia
+    size = np.linalg.norm(wrench[:, :3]) / max(float(np.linalg.norm(rate_growth)), TINY)
     weight = 1 / np.hstack([sigmas[:, :3] * size, sigmas[:, 3:]])
-    weighed, aim = (design * weight[None, :, :, None]).reshape(count, -1, 10), (wanted * weight).reshape(count, -1)
-    weighed = weighed / np.maximum(np.sqrt((weighed**2).sum(1, keepdims=True)), TINY)
-    solved = np.linalg.pinv(weighed) @ aim[..., None]
-    return np.asarray(((aim - (weighed @ solved)[..., 0]) ** 2).sum(1))
+    weighted, weighted_target = (design * weight[None, :, :, None]).reshape(count, -1, 10), (target * weight).reshape(count, -1)
+    weighted = weighted / np.maximum(np.sqrt((weighted**2).sum(1, keepdims=True)), TINY)
+    solution = np.linalg.pinv(weighted) @ weighted_target[..., None]
+    return np.asarray(((weighted_target - (weighted @ solution)[..., 0]) ** 2).sum(1))
