@@ -130,7 +130,7 @@ def _stated(vehicle: Vehicle, key: str) -> Any:
 def _rival_estimates(found: Analysis, corrected: Analysis, rival: Correction, passes: int) -> list[Array]:
     """(10,) estimates by phase with a rival correction, after ``passes`` iterations from the corrected fit; NaN without a fit."""
     vehicle = stating_as(vehiclefile.changed(found.source.vehicle, rival.settings), corrected.vehicle, ESTIMATED_KEYS)
-    samples = Stream.of(outliers.without(rival.log(found.log), vehicle), vehicle, stated_timing(vehicle, corrected.timing))
+    samples = Stream.of(outliers.without_outliers(rival.log(found.log), vehicle), vehicle, stated_timing(vehicle, corrected.timing))
     phases = phases_of(samples.log, vehicle, samples)
     used, _ = with_noise_levels(samples, [cycles for _, cycles in phases], vehicle)
     references = [settled.reference for settled in corrected.settled]

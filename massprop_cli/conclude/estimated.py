@@ -214,4 +214,4 @@ def _checked_timing(settled: Sequence[History], at: Timing, analysis: Sensitivit
         return None
     rows = 6 * sum(cycles.stop - cycles.start for cycles in fitted)
     scale = max(error.before / rows, 1.0)
-    return delay.near(at, error.cycles, error.sigma * scale**0.5, error.after / rows)
+    return delay.timing_near(at, error.cycles, error.sigma * scale**0.5, error.after / rows)

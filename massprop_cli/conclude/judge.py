@@ -32,7 +32,7 @@ from massprop_cli.conclude.verdict import Conclusion, contradicted, in_doubt
 from massprop_cli.conclude.whiteness import whiteness_test
 from massprop_cli.diagnosis import UNKNOWN
 from massprop_cli.diagnosis.design import Case, Designs
-from massprop_cli.diagnosis.normalised import FEWEST, ones
+from massprop_cli.diagnosis.normalised import FEWEST, unit_columns
 from massprop_cli.diagnosis.screening import busiest, screened
 from massprop_cli.estimate.discrepancy import LEAST
 from massprop_cli.estimate.disturbances import beyond_commands, sized
@@ -235,7 +235,7 @@ def _unknown_scale(found: Analysis) -> tuple[list[str], tuple[str, ...]]:
     log, known = found.log, set(found.vehicle.known)
     if log.command_kind != "wrench" or found.vehicle.thrust.wrench_limits is not None:
         return [], ()
-    used, suspects = np.abs(log.command).max(0) > 0, set(ones(log))
+    used, suspects = np.abs(log.command).max(0) > 0, set(unit_columns(log))
     for part, scaled in ((slice(0, 6), (*INERTIA, "mass")), (slice(0, 3), (*INERTIA, *CG)), (slice(3, 6), ("mass", *CG))):
         names = [name for name, is_used in zip(WRENCH[part], used[part], strict=True) if is_used]
         calibrated = any(name in known and (name != "mass" or used[3:].any()) for name in scaled)
@@ -254,7 +254,7 @@ def _scale_is_one(found: Analysis) -> bool:
         return False
     case = Case(found.log, cast("Resolved", found.vehicle), found.timing, Designs())
     screenings = (screened(*busiest(case, settled.cycles)) for settled in found.settled)
-    return any(screening is not None and screening.scales_told for screening in screenings)
+    return any(screening is not None and screening.unit_scales_confirmed for screening in screenings)
 
 
 def _normalised_notice(names: Sequence[str], unknown: str) -> Iterator[Notice]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.diagnosis import segment
-from massprop_cli.diagnosis.delay import first_of
+from massprop_cli.diagnosis.delay import initial_reference
 from massprop_cli.diagnosis.fit import response
 from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.estimate.noiselevels import MEDIAN, with_noise_levels
@@ -34,7 +34,7 @@ def with_bins(setup: Setup, pieces: Sequence[slice]) -> Vehicle:
     here = Stream.of(log, setup.vehicle, setup.timing)
     used, _ = with_noise_levels(here, parts, setup.vehicle)
     fewest = setup.vehicle.estimator.bins_per_cycle
-    starts = [(part, first_of(here, part, used)) for part in parts]
+    starts = [(part, initial_reference(here, part, used)) for part in parts]
     known = [(part, reference) for part, reference in starts if reference is not None]
     share = sum(part.stop - part.start for part, _ in known) / sum(piece.stop - piece.start for piece in pieces)
 

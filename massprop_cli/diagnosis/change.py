@@ -27,7 +27,7 @@ STEPS = 12
 """Most Gauss–Newton steps to a body, which may be a hundred times as heavy as its initial value."""
 
 
-def likeliest(samples: Source, piece: slice, reference: Reference, vehicle: Resolved) -> int | None:
+def change_cycle(samples: Source, piece: slice, reference: Reference, vehicle: Resolved) -> int | None:
     """Cycle before which a change explains most; None if ``piece`` is too short.
 
     Recursively select the part without which two bodies leave the least chi-square, down to single cycles. Each body starts from that of
@@ -47,7 +47,7 @@ def likeliest(samples: Source, piece: slice, reference: Reference, vehicle: Reso
     def least_of(before: Sequence[Array], after: Sequence[Array]) -> int:
         """Which pair two bodies leave least of."""
         each = (
-            np.min([least(np.stack(own), body, vehicle) for body in (near, reference)], 0)
+            np.min([least_chi_squares(np.stack(own), body, vehicle) for body in (near, reference)], 0)
             for own, near in zip((before, after), bodies, strict=True)
         )
         return int(np.argmin(sum(each)))
@@ -76,17 +76,17 @@ def joined(one: Array, other: Array) -> Array:
     return triangle_of(np.vstack([one, other]))
 
 
-def least(triangles: Array, reference: Reference, vehicle: Resolved) -> Array:
+def least_chi_squares(triangles: Array, reference: Reference, vehicle: Resolved) -> Array:
     """(M,) least chi-square of ``triangles`` (M, N + 1, N + 1), by Gauss–Newton from ``reference``.
 
     The prior sigma of each step is the body's own size.
     """
     phi_map = ResponseMap(plant_of(vehicle))
     theta = phi_map.plant.theta(reference)
-    return np.array([_least(triangle, phi_map, theta) for triangle in triangles])
+    return np.array([_least_chi_square(triangle, phi_map, theta) for triangle in triangles])
 
 
-def _least(triangle: Array, phi_map: ResponseMap, theta: Array) -> float:
+def _least_chi_square(triangle: Array, phi_map: ResponseMap, theta: Array) -> float:
     by_phi, measured = triangle[:, : phi_map.size], triangle[:, phi_map.size]
     for _ in range(STEPS):
         phi, slopes = phi_map.coefficients(theta)

@@ -6,12 +6,12 @@ import numpy as np
 
 from massprop_cli.diagnosis import hypotheses
 from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted
-from massprop_cli.diagnosis.corrections import around, correction_of
-from massprop_cli.diagnosis.explanation import alone, chosen, words_of
+from massprop_cli.diagnosis.corrections import correction_of, uncertain_corrections
+from massprop_cli.diagnosis.explanation import about_one_channel, chosen, words_of
 from massprop_cli.diagnosis.fault import Diagnosis, Fault
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.ranking import CLEAR
-from massprop_cli.diagnosis.refit import Refit, beyond, hopeless, tried_each
+from massprop_cli.diagnosis.refit import Refit, chi_square_limit, hopeless, refitted_each
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.inputs.notice import Notice
 
@@ -35,7 +35,7 @@ def wired(screening: Screening) -> list[Refit]:
         likeliest = _likeliest(screening, hypotheses.swapped(screening.model, screening.names, wiring))
         if not likeliest or screening.likelihood(likeliest[0].chi_square) > least - CLEAR:
             break
-        least, wiring = screening.likelihood(likeliest[0].chi_square), likeliest[0].hypothesis.does
+        least, wiring = screening.likelihood(likeliest[0].chi_square), likeliest[0].hypothesis.wiring
         refits += _tried(screening, likeliest)
         if any(refit.fits for refit in refits):
             break
@@ -51,12 +51,15 @@ def two_channels(screening: Screening, one_fits: bool) -> Diagnosis | None:
     refit = min(fitting, key=lambda one: one.score, default=None)
     if refit is None:
         return None
-    correction, sigma_variants = correction_of(screening.case, refit.case, refit.fitted), around(screening.case, refit.fitted)
+    correction, sigma_variants = (
+        correction_of(screening.case, refit.case, refit.fitted),
+        uncertain_corrections(screening.case, refit.fitted),
+    )
     return Diagnosis(
         tuple(
             Fault(Notice(code, f"the log fits if {words}"), correction, around=sigma_variants)
             for name in refit.fitted.hypothesis.subject
-            for code, words in [words_of(alone(refit.fitted, name), screening.names, screening.case, refit.case)]
+            for code, words in [words_of(about_one_channel(refit.fitted, name), screening.names, screening.case, refit.case)]
         ),
         score=refit.score,
     )
@@ -68,4 +71,4 @@ def _likeliest(screening: Screening, exchanges: Sequence[Hypothesis]) -> list[Fi
 
 
 def _tried(screening: Screening, likeliest: Sequence[Fitted]) -> list[Refit]:
-    return tried_each(screening, (one for one in likeliest if not hopeless(screening, one, beyond(screening))))
+    return refitted_each(screening, (one for one in likeliest if not hopeless(screening, one, chi_square_limit(screening))))

@@ -23,16 +23,16 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis.design import INTEGRATED, Case, Design
 from massprop_cli.estimate.whitening import LEVELS, TORQUES, Disturbance, ReducedLeastSquares, reduced, whitened, whitened_fits
 
-SLOW = 12
+HALF_WAVES = 12
 """Half-waves over a segment in which the specific force may wander, if gyro noise is integrated to an attitude."""
-NEARER = tuple(10 ** (k / 4) for k in range(-4, 5) if k)
+LEVEL_FACTORS = tuple(10 ** (k / 4) for k in range(-4, 5) if k)
 """Factors on the level of a torque that was selected from levels a hundred times apart."""
 RESOLUTION = 1e-4
 """Relative size below which a misfit does not count, because the motion within a cycle is modelled as linear."""
 
 
 @dataclass(frozen=True)
-class Free:
+class FreeResponse:
     """Free response of a segment: p columns."""
 
     places: Mapping[str, slice]
@@ -43,18 +43,18 @@ class Free:
     """(6,) root mean square of the measurements, over the axes of each sensor: rad/s, m/s²."""
     gyro: ReducedLeastSquares
     accelerometer: ReducedLeastSquares
-    beside: tuple[Disturbance, ...]
+    disturbances: tuple[Disturbance, ...]
     """Maximum likelihood disturbance; empty if the stated noise explains the rates."""
     clock_s: tuple[float, float]
     """Mean mid-cycle time since the start of the log, and length of the segment, s."""
 
     @cached_property
-    def regressed(self) -> dict[tuple[object, ...], Array]:
+    def regressions(self) -> dict[tuple[object, ...], Array]:
         """(9, 3) each: cache of regressions for initial bodies (:mod:`massprop_cli.diagnosis.initialbody`)."""
         return {}
 
     @property
-    def anew(self) -> Free:
+    def without_cache(self) -> FreeResponse:
         """The same with an empty cache, for channels that are exchanged."""
         return replace(self)
 
@@ -64,12 +64,12 @@ class Free:
         return int(self.gyro.triangle.shape[1])
 
     @property
-    def dead(self) -> bool:
+    def dead_sensor(self) -> bool:
         """Whether a sensor reads 0 in every cycle."""
         return not self.signal.all()
 
     @property
-    def answered(self) -> float:
+    def command_significance(self) -> float:
         """Significance, in sigmas, with which rates and specific force follow the commands; infinite without commands.
 
         The squared coefficients of n pure-noise columns, over the pure error, have mean 1 ± √(2 / n).
@@ -86,17 +86,17 @@ class Free:
         return float((ratios.mean() - 1) / np.sqrt(2 / ratios.size))
 
     @property
-    def pure(self) -> Array:
+    def pure_error(self) -> Array:
         """(6,) pure error: mean squared residual with free coefficients, (rad/s)² and (m/s²)²."""
         return np.concatenate([sensor.left / sensor.spare for sensor in (self.gyro, self.accelerometer)])
 
     @property
     def variance(self) -> Array:
         """(6,) pure error, at least that of the resolution."""
-        return np.asarray(np.maximum(self.pure, (RESOLUTION * self.signal) ** 2))
+        return np.asarray(np.maximum(self.pure_error, (RESOLUTION * self.signal) ** 2))
 
 
-def free_response(case: Case, piece: slice, likely: Sequence[Disturbance] = (), theta: Array | None = None) -> Free:
+def free_response(case: Case, piece: slice, likely: Sequence[Disturbance] = (), theta: Array | None = None) -> FreeResponse:
     """Free response of cycles ``piece``.
 
     If the stated noise does not explain the rates, they are whitened under the maximum likelihood disturbance, or the most likely of
@@ -105,33 +105,33 @@ def free_response(case: Case, piece: slice, likely: Sequence[Disturbance] = (), 
     """
     design = case.design(piece, theta)
     turning, beside = whitened(design.driven, case.vehicle.imu.gyro_noise_rad_s**2, likely)
-    return _free(design, turning, beside)
+    return _reduced(design, turning, beside)
 
 
-def beside_torques(case: Case, piece: slice, theta: Array, near: Disturbance | None = None) -> list[Free]:
+def free_responses_by_torque(case: Case, piece: slice, theta: Array, near: Disturbance | None = None) -> list[FreeResponse]:
     """Free responses under each disturbance torque, white or random walk; with ``near``, under torques of levels near it."""
     if near is None:
         disturbances = TORQUES
     elif near.walk > 0:
         disturbances = [
-            near._replace(walk=near.walk * by) for by in NEARER if near.walk * by >= LEVELS[0]
+            near._replace(walk=near.walk * by) for by in LEVEL_FACTORS if near.walk * by >= LEVELS[0]
         ]  # a lower level is a steady torque
     else:
-        disturbances = [near._replace(white=near.white * by) for by in NEARER]
+        disturbances = [near._replace(white=near.white * by) for by in LEVEL_FACTORS]
     design = case.design(piece, theta)
-    return [_free(design, each.fit, (each.disturbance,)) for each in whitened_fits(design.driven, disturbances)]
+    return [_reduced(design, each.fit, (each.disturbance,)) for each in whitened_fits(design.driven, disturbances)]
 
 
-def _free(design: Design, rates: ReducedLeastSquares, disturbances: tuple[Disturbance, ...]) -> Free:
+def _reduced(design: Design, rates: ReducedLeastSquares, disturbances: tuple[Disturbance, ...]) -> FreeResponse:
     count = len(design.mean)
-    wander = waves(count, SLOW if INTEGRATED in design.places else 0)
-    weight = design.heard[design.used[:, 1], None]
+    wander = cosines(count, HALF_WAVES if INTEGRATED in design.places else 0)
+    weight = design.force_weight[design.used[:, 1], None]
     columns, force = (weight * part[design.used[:, 1]] for part in (np.hstack([wander, design.mean]), design.force))
     accelerometer = reduced(columns, force, wander.shape[1])._replace(volume=-6 * float(np.log(weight).sum()))
     signal = np.repeat([np.sqrt((part**2).mean()) for part in (design.rate, design.force)], 3)
-    return Free(design.places, design.fired, design.level, signal, rates, accelerometer, disturbances, design.clock_s)
+    return FreeResponse(design.places, design.fired, design.level, signal, rates, accelerometer, disturbances, design.clock_s)
 
 
-def waves(count: int, most: int) -> Array:
+def cosines(count: int, most: int) -> Array:
     """(count, most) cosines with 1, 2, … half-waves."""
     return np.asarray(np.cos(np.pi * np.outer((np.arange(count) + 0.5) / count, np.arange(1, most + 1))))

@@ -17,8 +17,8 @@ from massprop_cli.base.arrays import ROUNDING, Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.quaternion import matrices
 from massprop_cli.base.rigidbody import cross, cross_matrix, rotation, tensor
-from massprop_cli.diagnosis.channelwise import Free
-from massprop_cli.diagnosis.design import INTEGRATED, SWUNG
+from massprop_cli.diagnosis.channelwise import FreeResponse
+from massprop_cli.diagnosis.design import GYRO_ERRORS, INTEGRATED
 from massprop_cli.diagnosis.hypothesis import STRAIGHT, Hypothesis
 from massprop_cli.diagnosis.precession import PER_AXIS
 from massprop_cli.diagnosis.verticals import walking
@@ -86,9 +86,9 @@ class Model:
     """(10,) initial θ of a body that only its weight turns; None if the commands give it."""
 
     @staticmethod
-    def of(free: Free, vehicle: Vehicle, lag: float, kind: CommandKind) -> Model:
+    def of(free: FreeResponse, vehicle: Vehicle, lag: float, kind: CommandKind) -> Model:
         """Model for a free response; ``lag`` of the thrust as stated, cycles."""
-        position, force, couple = (part[free.fired] for part in _acting(vehicle, kind))
+        position, force, couple = (part[free.fired] for part in _channel_geometry(vehicle, kind))
         bearing = np.array(vehicle.environment.bearing_position_m) if vehicle.pivoted else None
         gravity = vehicle.environment.gravity_m_s2 if vehicle.pivoted else 0.0
         imu, mounting = np.array(vehicle.imu.position_m), np.array(vehicle.imu.body_from_imu)
@@ -100,7 +100,7 @@ class Model:
         geometry = position, force, couple, imu, mounting, bearing
         thrusting = len(free.fired) - len(vehicle.momentum_wrench)
         commands = kind, thrusting, _devices(vehicle, thrusting)
-        free_parts = free.level, lags, free.clock_s, _together(free), biases, walking(free.places, free.clock_s, vehicle, biases)
+        free_parts = free.level, lags, free.clock_s, _parallel_channels(free), biases, walking(free.places, free.clock_s, vehicle, biases)
         return Model(
             free.places, *geometry, gravity, *free_parts, *world_forces, plant_of(vehicle), *commands, fired=tuple(free.fired.tolist())
         )
@@ -157,12 +157,12 @@ class Model:
         differing = {name for name, place in self.entries.items() if count[place.stop] > count[place.start]}
         differing |= {*self.nuisances, *["room_torque"] * bool(self.room_torque.any())}
         last = max(place.stop for name, place in self.places.items() if name not in BY_COLUMN or differing & BY_COLUMN[name])
-        last_unswung = max(place.stop for name, place in self.places.items() if not name.startswith((*SWUNG, *LEVEL)))
+        last_unswung = max(place.stop for name, place in self.places.items() if not name.startswith((*GYRO_ERRORS, *LEVEL)))
         return int(last_unswung if self.places["rates"].start < last < last_unswung else last)
 
     def channel(self, hypothesis: Hypothesis) -> int | None:
         """The channel that a hypothesis is about, if it is about one channel and nothing else."""
-        rows = np.flatnonzero(hypothesis.moved)
+        rows = np.flatnonzero(hypothesis.varied)
         first, count = self.place("thrust").start, len(self.force)
         if not rows.size or rows[0] < first or hypothesis.gyro is not STRAIGHT or hypothesis.accelerometer is not STRAIGHT:
             return None
@@ -172,7 +172,7 @@ class Model:
 
     def without(self, channel: int) -> Hypothesis:
         """Hypothesis that the effect of one channel is free, and nothing else."""
-        return Hypothesis("", (), np.zeros((len(self.stated), 0))).whatever(channel)
+        return Hypothesis("", (), np.zeros((len(self.stated), 0))).with_free_channel(channel)
 
     def wired(self, does: Sequence[int], spun: Sequence[int]) -> Model:
         """Model with channels exchanged (``does``) and rotors reversed (``spun``)."""
@@ -229,7 +229,7 @@ class Model:
             push["precession"] = felt(spin["precession"])
         if "rates" in self.places:
             for parts in (spin, push):
-                _less_bias(parts, get("gyro_bias"))
+                _subtract_bias(parts, get("gyro_bias"))
         if "later" in self.places:
             response = np.concatenate([inverse, -inverse @ cross_matrix(centre)], -1)
             through = felt(response)
@@ -289,7 +289,7 @@ class Model:
         away = integrated * (np.stack([-tilt[..., 1], tilt[..., 0]], -1) + cross(turn, self.world[2]) @ self.world[:2].T)
         for i, name in enumerate(LEVEL):
             spin[name], push[name] = away[..., i, None, None] * spin["up"], away[..., i, None, None] * push["up"]
-        for name in SWUNG:
+        for name in GYRO_ERRORS:
             for i in range(3):
                 if f"{name} {i}" in self.places:
                     by = x[..., self.entries[name]][..., i, None, None]
@@ -354,7 +354,7 @@ def _devices(vehicle: Vehicle, first: int) -> dict[str, tuple[tuple[int, ...], .
     return found
 
 
-def _acting(vehicle: Vehicle, kind: CommandKind) -> tuple[Array, Array, Array]:
+def _channel_geometry(vehicle: Vehicle, kind: CommandKind) -> tuple[Array, Array, Array]:
     """(C, 3) place, force that moves the vehicle at full thrust, and additional torque of each channel."""
     if kind == "jets":
         position, force = np.array([jet.position_m for jet in vehicle.jets]).reshape(-1, 3), vehicle.jet_wrench[:, 3:]
@@ -376,13 +376,13 @@ def _precession(torque: Array, bias: Array) -> Array:
     return np.moveaxis(each, -3, -2).reshape(*each.shape[:-3], 3, -1)
 
 
-def _less_bias(parts: dict[str, Array], bias: Array) -> None:
+def _subtract_bias(parts: dict[str, Array], bias: Array) -> None:
     """Replace the rates by rates less their bias, in place."""
     parts["rates"] = parts["rates"] - parts["products"] @ products_by_rate(bias)
     parts["constant"] = parts["constant"] + parts["products"] @ products(bias)[..., None]
 
 
-def _together(free: Free) -> tuple[tuple[int, ...], ...]:
+def _parallel_channels(free: FreeResponse) -> tuple[tuple[int, ...], ...]:
     """Groups of channels whose columns are parallel."""
     columns = free.accelerometer.triangle[:, free.places["channels"]]
     size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)

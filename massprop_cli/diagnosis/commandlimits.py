@@ -12,9 +12,9 @@ import numpy as np
 from massprop_cli.base.arrays import TINY, Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.design import Case
-from massprop_cli.diagnosis.freeresponse import MeasuredMotion, cost, line_minimum, summed
+from massprop_cli.diagnosis.freeresponse import MeasuredMotion, cost, line_minimum, summed_residuals
+from massprop_cli.diagnosis.keyhypothesis import KeyValues
 from massprop_cli.diagnosis.ranking import CLEAR
-from massprop_cli.diagnosis.supposed import States
 from massprop_cli.errorparameters.setup import stating
 
 KEY = "thrust.wrench_limits"
@@ -33,16 +33,16 @@ ALIKE_TO = 3
 class FoundLimits(NamedTuple):
     """Limits of least cost."""
 
-    states: States
-    further: tuple[States, ...]
+    key_values: KeyValues
+    sigma_key_values: tuple[KeyValues, ...]
     """Key values with each estimated combination one sigma further."""
-    later: float
+    delay_change: float
     """Change of the delay, cycles."""
     cost: float
     """−2 log likelihood up to a constant."""
 
 
-class _Explained:
+class _LimitSearch:
     """Residuals of the motion under limits, each over the component's largest command, with a delay changed by ``later`` cycles."""
 
     def __init__(self, case: Case, motion: MeasuredMotion, later: float) -> None:
@@ -56,20 +56,20 @@ class _Explained:
         self._all[self._all == 0] = 1.0
         self.cost = cache(self._cost)
 
-    def states(self, parts: Array) -> States:
+    def key_values(self, parts: Array) -> KeyValues:
         """Key values of the vehicle file."""
         return {KEY: tuple(np.where(parts < 1, parts * self.largest, self._all).tolist())}
 
-    def left(self, values: Array) -> Array:
+    def residuals(self, values: Array) -> Array:
         """(n, 6) residuals of rates and specific force, for limits (6,) and the change of the delay."""
-        vehicle = stating(self._case.vehicle, self.states(values[:-1]))
+        vehicle = stating(self._case.vehicle, self.key_values(values[:-1]))
         timing = self._case.timing.moved(("delay",), (values[-1],))
-        return summed(self._motion, self._case.log, vehicle, timing, self._first)
+        return summed_residuals(self._motion, self._case.log, vehicle, timing, self._first)
 
     def _cost(self, parts: tuple[float, ...]) -> float:
         if min(parts) <= 0 or max(parts) > 1:
             return np.inf
-        return round(cost(self.left(np.array([*parts, self._later]))), ALIKE_TO)
+        return round(cost(self.residuals(np.array([*parts, self._later]))), ALIKE_TO)
 
 
 def limits(case: Case, motion: MeasuredMotion, later: float | None = None) -> FoundLimits | None:
@@ -79,34 +79,34 @@ def limits(case: Case, motion: MeasuredMotion, later: float | None = None) -> Fo
     all commands have one size, a limit acts as a scale; so of equal costs the largest limit is used.
     """
     try:
-        return _limits(_Explained(case, motion, later or 0.0), later)
+        return _limits(_LimitSearch(case, motion, later or 0.0), later)
     except (InputError, np.linalg.LinAlgError):
         return None  # the log is too short
 
 
-def _limits(explained: _Explained, later: float | None) -> FoundLimits | None:
+def _limits(explained: _LimitSearch, later: float | None) -> FoundLimits | None:
     unlimited, components = np.ones(len(explained.largest)), explained.commanded
-    common = parts = _likeliest(explained, unlimited, components, PARTS)
+    common = parts = _best_part(explained, unlimited, components, PARTS)
     for starts in (PARTS, ()):  # each with the others, which may change then
         for i in components:
-            parts = _likeliest(explained, parts, [i], (*starts, 1.0, float(parts[i])), float(common[i]))
+            parts = _best_part(explained, parts, [i], (*starts, 1.0, float(parts[i])), float(common[i]))
     single = [[i] for i in components if parts[i] < 1 and parts[i] != common[i]]
     shared = [i for i in components if parts[i] < 1 and parts[i] == common[i]]
     units = np.array([np.isin(np.arange(len(parts) + 1), which) for which in (shared, *single) if which], float)
     values = np.append(parts, later or 0.0)
     delay = np.eye(len(values))[-1:][: int(later is not None)]
     while len(units):
-        values = _sharpened(explained, values, np.vstack([units, delay]))
-        cost_now = cost(explained.left(values))
-        needed = np.array([cost(explained.left(np.where(unit > 0, 1.0, values))) > cost_now + CLEAR for unit in units])
+        values = _maximised(explained, values, np.vstack([units, delay]))
+        cost_now = cost(explained.residuals(values))
+        needed = np.array([cost(explained.residuals(np.where(unit > 0, 1.0, values))) > cost_now + CLEAR for unit in units])
         if needed.all():
-            return FoundLimits(explained.states(values[:-1]), tuple(_further(explained, values, delay)), float(values[-1]), cost_now)
+            return FoundLimits(explained.key_values(values[:-1]), tuple(_further(explained, values, delay)), float(values[-1]), cost_now)
         values = np.where(units[~needed].any(0), 1.0, values)
         units = units[needed]
     return None
 
 
-def _likeliest(explained: _Explained, parts: Array, which: Sequence[int], starts: Sequence[float], common: float = 1.0) -> Array:
+def _best_part(explained: _LimitSearch, parts: Array, which: Sequence[int], starts: Sequence[float], common: float = 1.0) -> Array:
     """Limits with a new part for components ``which``, if that explains clearly more than none, or than the ``common`` part."""
 
     def cost_of(part: float) -> float:
@@ -118,38 +118,40 @@ def _likeliest(explained: _Explained, parts: Array, which: Sequence[int], starts
     return _with(parts, which, kept if cost_of(best) > cost_of(kept) - CLEAR else line_minimum(cost_of, [best], FINE, FINEST))
 
 
-def _sharpened(explained: _Explained, values: Array, units: Array) -> Array:
+def _maximised(explained: _LimitSearch, values: Array, units: Array) -> Array:
     """Values maximised over combinations ``units`` (d, 7)."""
     for _ in range(ROUNDS):
         residuals, slopes = _slopes(explained, values, units)
         step = -np.linalg.solve(slopes.T @ slopes + np.eye(len(units)), slopes.T @ residuals) @ units
         candidates = [_bounded(values + shorter * step) for shorter in SHORTER]
-        best = min(candidates, key=lambda at: cost(explained.left(at)))
-        if cost(explained.left(best)) > cost(explained.left(values)) - STILL:
+        best = min(candidates, key=lambda at: cost(explained.residuals(at)))
+        if cost(explained.residuals(best)) > cost(explained.residuals(values)) - STILL:
             break
         values = best
     return values
 
 
-def _further(explained: _Explained, values: Array, delay: Array) -> Iterator[States]:
+def _further(explained: _LimitSearch, values: Array, delay: Array) -> Iterator[KeyValues]:
     """Key values with each combination of separate limits one sigma further, since a common part is an assumption."""
     units = np.eye(len(values))[np.flatnonzero(values[:-1] < 1)]
     _, slopes = _slopes(explained, values, np.vstack([units, delay]))
     covariance = np.linalg.inv(slopes.T @ slopes + np.eye(slopes.shape[1]))[: len(units), : len(units)]
     variance, directions = np.linalg.eigh(covariance)
     for step in np.sqrt(variance)[:, None] * directions.T @ units:
-        yield explained.states(_room(values, step)[:-1])
+        yield explained.key_values(_moved_within(values, step)[:-1])
 
 
-def _slopes(explained: _Explained, values: Array, units: Array) -> tuple[Array, Array]:
+def _slopes(explained: _LimitSearch, values: Array, units: Array) -> tuple[Array, Array]:
     """(n,) residuals over their noise, and (n, d) derivatives along ``units`` (d, 7).
 
     Differences are taken towards larger limits. Below most commands a limit acts as a scale, which explains as much.
     """
-    residuals = explained.left(values)
+    residuals = explained.residuals(values)
     weights = 1 / np.sqrt((residuals**2).mean(0) + TINY)
     steps = [STEP if (values + STEP * unit)[:-1].max() <= 1 else -STEP for unit in units]
-    derivatives = [(explained.left(values + step * unit) - residuals) * weights / step for step, unit in zip(steps, units, strict=True)]
+    derivatives = [
+        (explained.residuals(values + step * unit) - residuals) * weights / step for step, unit in zip(steps, units, strict=True)
+    ]
     return (residuals * weights).ravel(), np.stack([one.ravel() for one in derivatives], 1)
 
 
@@ -158,7 +160,7 @@ def _bounded(values: Array) -> Array:
     return np.append(np.clip(values[:-1], STEP, 1.0), values[-1])
 
 
-def _room(values: Array, step: Array) -> Array:
+def _moved_within(values: Array, step: Array) -> Array:
     """A step in the direction in which limits stay below the largest command."""
     ways = (values + step, values - step)
     return _bounded(min(ways, key=lambda one: float(one[:-1].max())))

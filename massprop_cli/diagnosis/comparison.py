@@ -14,10 +14,10 @@ import numpy as np
 from massprop_cli.base.arrays import TINY, Array, BoolArray, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import tensor
-from massprop_cli.diagnosis.channelwise import Free
+from massprop_cli.diagnosis.channelwise import FreeResponse
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.hypothesis import Hypothesis
-from massprop_cli.diagnosis.initialbody import begun
+from massprop_cli.diagnosis.initialbody import initial_bodies
 from massprop_cli.diagnosis.kernelfits import Fits, PackedTriangles
 from massprop_cli.errorparameters.parameter import FittedHypothesis
 from massprop_cli.errorparameters.setup import Setup
@@ -33,7 +33,7 @@ PULL = 0.01
 """Prior information of a body's entries: inverse sigma about the initial regression, over the natural size."""
 STILL, ROUGHLY = 1e-3, 0.1
 """Change of −2 log likelihood that ends a fit; and that for a ranking."""
-SHOWN = {"gyro_bias": slice(0, 3), "drag": slice(0, 3), "accel_bias": slice(3, 6), "slope": slice(3, 5), "tilt": slice(3, 5)}
+ACTS_ON = {"gyro_bias": slice(0, 3), "drag": slice(0, 3), "accel_bias": slice(3, 6), "slope": slice(3, 5), "tilt": slice(3, 5)}
 """Channels that each nuisance parameter acts on."""
 USUAL = 9.0
 """Square of a nuisance parameter over its variance, up to which it has no penalty."""
@@ -67,59 +67,59 @@ class Fitted:
         if not self.hypothesis.parts:
             return [self]
         parts = self.hypothesis.parts
-        spreads = np.split(self.spread, np.cumsum([part.free.shape[1] for part in parts])[:-1])
+        spreads = np.split(self.spread, np.cumsum([part.directions.shape[1] for part in parts])[:-1])
         return [replace(self, hypothesis=part, spread=own) for part, own in zip(parts, spreads, strict=True)]
 
     @property
     def unknowns(self) -> int:
         """Number of unknowns, d."""
-        return int(self.hypothesis.free.shape[1])
+        return int(self.hypothesis.directions.shape[1])
 
     @property
     def factors(self) -> Array:
         """Thrust over stated thrust of the channels that the hypothesis is about."""
-        own = np.flatnonzero(self.hypothesis.free[self.model.place("thrust")].any(1))
+        own = np.flatnonzero(self.hypothesis.directions[self.model.place("thrust")].any(1))
         return self.value("thrust")[own]
 
     def sigma(self, name: str) -> Array:
         """Sigma of a parameter by the hypothesis's own unknowns."""
-        return np.asarray(np.sqrt(((self.hypothesis.free[self.model.place(name)] * self.spread) ** 2).sum(1)))
+        return np.asarray(np.sqrt(((self.hypothesis.directions[self.model.place(name)] * self.spread) ** 2).sum(1)))
 
     def finding(self, names: Sequence[str], stated: Setup, corrected: Setup) -> FittedHypothesis:
         """The fit as the error parameters take it; ``names`` of the channels that act."""
         errors, sigmas = ({name: of(name) for name in ENTRIES} for of in (self.error, self.sigma))
         turns, force = (self.hypothesis.gyro, self.hypothesis.accelerometer), (self.model.force, self.model.wrench(self.x)[1])
         about = (self.hypothesis.subject, tuple(names), errors, sigmas, stated, corrected)
-        does = {names[i]: names[other] for i, other in enumerate(self.hypothesis.does) if names and i != other}
+        does = {names[i]: names[other] for i, other in enumerate(self.hypothesis.wiring) if names and i != other}
         return FittedHypothesis(*about, self.model.mounting, turns, force, float(self.x[MU]), self.model.cg(self.x), does)
 
     @cached_property
-    def moved(self) -> Array:
+    def scaled(self) -> Array:
         """(d,) unknowns in prior sigmas."""
-        return np.asarray(np.linalg.lstsq(self.hypothesis.free[10:], (self.x - self.model.stated)[10:], rcond=None)[0])
+        return np.asarray(np.linalg.lstsq(self.hypothesis.directions[10:], (self.x - self.model.stated)[10:], rcond=None)[0])
 
-    def along(self, part: float) -> Array:
+    def extrapolated(self, part: float) -> Array:
         """(nx,) x with the errors scaled by ``part``."""
         x = self.x.copy()
         x[10:] = self.model.stated[10:] + part * (x - self.model.stated)[10:]
         return x
 
     @property
-    def unlikely(self) -> float:
+    def prior_chi_square(self) -> float:
         """Prior chi-square: sum of squared unknowns over their prior variances."""
-        return float((self.moved**2).sum()) if self.unknowns else 0.0
+        return float((self.scaled**2).sum()) if self.unknowns else 0.0
 
 
-def compared(model: Model, free: Free, variance: Array, hypotheses: Sequence[Hypothesis]) -> Array:
+def compared(model: Model, free: FreeResponse, variance: Array, hypotheses: Sequence[Hypothesis]) -> Array:
     """(H, 6) chi-square of each hypothesis with an initial body, before any fit."""
-    rows = _Rows.of_all(model, free, variance, hypotheses)
-    x, _ = rows.begun(hypotheses)
-    return np.asarray((rows.left(x) ** 2).sum(1) + rows.rest)
+    rows = _LeastSquares.of_all(model, free, variance, hypotheses)
+    x, _ = rows.initial(hypotheses)
+    return np.asarray((rows.residuals(x) ** 2).sum(1) + rows.unexplained)
 
 
 def fitted(
     model: Model,
-    free: Free,
+    free: FreeResponse,
     variance: Array,
     hypotheses: Sequence[Hypothesis],
     theta: Array | None = None,
@@ -131,48 +131,54 @@ def fitted(
     A fit starts from the body of a plain regression, or from ``theta`` (10,) if that has less chi-square or if ``start_at_theta``.
     Hypotheses with the same columns are fitted together.
     """
-    systems = [(model.columns(one.moved), one.does, one.spun) for one in hypotheses]
+    systems = [(model.columns(one.varied), one.wiring, one.reversed_rotors) for one in hypotheses]
     fits: dict[int, Fitted] = {}
     for key in dict.fromkeys(systems):
         which = [i for i, own in enumerate(systems) if own == key]
-        used = (model.wired(*key[1:]), free.anew) if any(key[1:]) else (model, free)
-        fits |= zip(which, _beside(*used, variance, [hypotheses[i] for i in which], theta, tolerance, start_at_theta), strict=True)
+        used = (model.wired(*key[1:]), free.without_cache) if any(key[1:]) else (model, free)
+        fits |= zip(which, _fitted_together(*used, variance, [hypotheses[i] for i in which], theta, tolerance, start_at_theta), strict=True)
     return [fits[i] for i in range(len(hypotheses))]
 
 
-def _beside(
-    model: Model, free: Free, variance: Array, hypotheses: Sequence[Hypothesis], theta: Array | None, tolerance: float, start_at_theta: bool
+def _fitted_together(
+    model: Model,
+    free: FreeResponse,
+    variance: Array,
+    hypotheses: Sequence[Hypothesis],
+    theta: Array | None,
+    tolerance: float,
+    start_at_theta: bool,
 ) -> list[Fitted]:
-    most_unknowns = max(s.free.shape[1] for s in hypotheses)
-    rows = _Rows.of_all(model, free, variance, hypotheses)
-    x, sizes = _begun(rows, hypotheses, theta, start_at_theta)
+    most_unknowns = max(s.directions.shape[1] for s in hypotheses)
+    rows = _LeastSquares.of_all(model, free, variance, hypotheses)
+    x, sizes = _initial(rows, hypotheses, theta, start_at_theta)
     uncertain = model.uncertain
     first_own = 10 + uncertain.shape[1]
     directions = np.zeros((len(hypotheses), x.shape[1], first_own + most_unknowns))
-    nuisances = uncertain * ~np.array([one.moved for one in hypotheses])[..., None]
+    nuisances = uncertain * ~np.array([one.varied for one in hypotheses])[..., None]
     directions[:, :, 10:first_own] = nuisances
     directions[:, range(10), range(10)] = sizes * model.plant.observable  # unobservable entries stay
     for i, one in enumerate(hypotheses):
-        directions[i, :, first_own : first_own + one.free.shape[1]] = one.free
+        directions[i, :, first_own : first_own + one.directions.shape[1]] = one.directions
     prior_root = np.concatenate([np.full(10, PULL), np.ones(first_own + most_unknowns - 10)])
     result = (
-        rows.posed.fitted(x, directions, prior_root, (tolerance, rows.spare, STEPS))
+        rows.packed.fitted(x, directions, prior_root, (tolerance, rows.degrees_of_freedom, STEPS))
         if compiled()
-        else _descended(rows, directions, prior_root, x, tolerance)
+        else _gauss_newton(rows, directions, prior_root, x, tolerance)
     )
-    spread, chi_square = result.spread[:, first_own:], (result.left**2).sum(1) + rows.rest
+    spread, chi_square = result.spread[:, first_own:], (result.residuals**2).sum(1) + rows.unexplained
     # nuisance parameters are no part of the hypothesis
     is_nuisance = nuisances.any(2)
-    chi_square = chi_square + _taken(model, np.where(is_nuisance, result.x - x, 0.0))
+    chi_square = chi_square + _nuisance_penalty(model, np.where(is_nuisance, result.x - x, 0.0))
     x_fitted = np.where(is_nuisance, x, result.x)
-    return [Fitted(one, model, x_fitted[i], chi_square[i], spread[i, : one.free.shape[1]]) for i, one in enumerate(hypotheses)]
+    return [Fitted(one, model, x_fitted[i], chi_square[i], spread[i, : one.directions.shape[1]]) for i, one in enumerate(hypotheses)]
 
 
-def _taken(model: Model, moved: Array) -> Array:
+def _nuisance_penalty(model: Model, moved: Array) -> Array:
     """(H, 6) penalty of nuisance parameters that the fits moved by ``moved`` (H, nx)."""
     penalty = np.zeros((len(moved), 6))
     for name, sigma in model.nuisances.items():
-        penalty[:, SHOWN[name]] += np.maximum((moved[:, model.place(name)] / sigma) ** 2 - USUAL, 0.0)
+        penalty[:, ACTS_ON[name]] += np.maximum((moved[:, model.place(name)] / sigma) ** 2 - USUAL, 0.0)
     return penalty
 
 
@@ -181,21 +187,21 @@ def compiled() -> bool:
     return kernel().library is not None
 
 
-def _descended(rows: _Rows, directions: Array, prior_root: Array, x: Array, tolerance: float) -> Fits:
+def _gauss_newton(rows: _LeastSquares, directions: Array, prior_root: Array, x: Array, tolerance: float) -> Fits:
     descent = _Descent(rows, directions, prior_root, x.copy())
     active = np.arange(len(x))
     for _ in range(STEPS):
         gained = descent.step(active)
         # the change in the likelihood with free noise levels
-        active = active[gained > tolerance * (1 + descent.cost[active] / rows.spare)]
+        active = active[gained > tolerance * (1 + descent.cost[active] / rows.degrees_of_freedom)]
         if not len(active):
             break
     return Fits(descent.x, descent.left, descent.spread())
 
 
-def _begun(rows: _Rows, hypotheses: Sequence[Hypothesis], theta: Array | None, start_at_theta: bool) -> tuple[Array, Array]:
+def _initial(rows: _LeastSquares, hypotheses: Sequence[Hypothesis], theta: Array | None, start_at_theta: bool) -> tuple[Array, Array]:
     """(H, nx) initial x, and (H, 10) sizes of θ."""
-    x, sizes = rows.begun(hypotheses)
+    x, sizes = rows.initial(hypotheses)
     if rows.model.released is not None:
         x[:, :10] = rows.model.released if theta is None else theta
         inverse, mu = tensor(rows.model.released[J]), rows.model.released[MU]
@@ -206,33 +212,33 @@ def _begun(rows: _Rows, hypotheses: Sequence[Hypothesis], theta: Array | None, s
         return x, sizes
     centred = x.copy()  # with little force or weight, regression may place the CG anywhere
     centred[:, MOMENT] = 0.0
-    x = _least(rows, x, centred)
+    x = _better(rows, x, centred)
     with_suspects = np.array([i for i, one in enumerate(hypotheses) if one.suspects], int)
     if len(with_suspects):  # regression with all channels, and without the suspected ones
         subset = rows.of(with_suspects)
-        others, _ = subset.begun([hypotheses[i] for i in with_suspects], trusting=True)
-        x[with_suspects] = _least(subset, x[with_suspects], others)
+        others, _ = subset.initial([hypotheses[i] for i in with_suspects], trusting=True)
+        x[with_suspects] = _better(subset, x[with_suspects], others)
     if theta is not None:
         others = x.copy()
         others[:, :10] = theta
-        x = _least(rows, x, others)
+        x = _better(rows, x, others)
     return x, sizes
 
 
-def _least(rows: _Rows, x: Array, alternative: Array) -> Array:
+def _better(rows: _LeastSquares, x: Array, alternative: Array) -> Array:
     """(H, nx) the better of two initial x."""
-    better = (rows.left(alternative) ** 2).sum((1, 2)) < (rows.left(x) ** 2).sum((1, 2))
+    better = (rows.residuals(alternative) ** 2).sum((1, 2)) < (rows.residuals(x) ** 2).sum((1, 2))
     return np.where(better[:, None], alternative, x)
 
 
 class _Descent:
     """Damped Gauss–Newton steps (Levenberg 1944) of H fits; each unknown has a prior about its initial value."""
 
-    def __init__(self, rows: _Rows, directions: Array, prior_root: Array, x: Array) -> None:
+    def __init__(self, rows: _LeastSquares, directions: Array, prior_root: Array, x: Array) -> None:
         self.rows, self.moves, self.pulled, self.x = rows, directions, prior_root, x
         count, size = len(x), directions.shape[2]
         self.offset, self.damping = np.zeros((count, size)), np.full(count, 1e-6)
-        self.left = rows.left(x)
+        self.left = rows.residuals(x)
         self.cost = (self.left**2).sum((-2, -1))
         self.slopes = np.empty((count, *self.left.shape[1:], size))
         self.due = np.ones(count, dtype=bool)
@@ -253,7 +259,7 @@ class _Descent:
         unphysical = ~is_body(x_next[:, :10])
         x_next[unphysical] = self.x[which][unphysical]
         with np.errstate(over="ignore", invalid="ignore"):  # an overflowing step fails
-            left = self.rows.of(which).left(x_next)
+            left = self.rows.of(which).residuals(x_next)
             cost = (left**2).sum((-2, -1)) + ((self.pulled * (offset + step)) ** 2).sum(-1)
         before = self.cost[which]
         better = (cost < before) & ~unphysical
@@ -287,28 +293,28 @@ def is_body(theta: Array) -> BoolArray:
 
 
 @dataclass(frozen=True)
-class _Rows:
+class _LeastSquares:
     """Whitened least-squares systems of H hypotheses, with the columns that they need."""
 
     model: Model
-    told: tuple[ReducedLeastSquares, ReducedLeastSquares]
+    systems: tuple[ReducedLeastSquares, ReducedLeastSquares]
     """Of gyro and accelerometer."""
     variance: Array
     gyro: Array
     accelerometer: Array
-    rest: Array
+    unexplained: Array
     """(6,) chi-square that these columns cannot explain."""
-    spare: int
+    degrees_of_freedom: int
     """Degrees of freedom."""
-    regressed: dict[tuple[object, ...], Array]
-    """Cache of regressions (:class:`Free`)."""
-    freed: tuple[Array, Array] | None = None
+    regressions: dict[tuple[object, ...], Array]
+    """Cache of regressions (:class:`FreeResponse`)."""
+    free_directions: tuple[Array, Array] | None = None
     """(p, H) for each sensor: unit vector along the free channel, projected out of the residuals; None without any."""
 
     @staticmethod
-    def of_all(model: Model, free: Free, variance: Array, hypotheses: Sequence[Hypothesis]) -> _Rows:
+    def of_all(model: Model, free: FreeResponse, variance: Array, hypotheses: Sequence[Hypothesis]) -> _LeastSquares:
         """Systems with all columns that the hypotheses need."""
-        count = max(model.columns(one.moved) for one in hypotheses)
+        count = max(model.columns(one.varied) for one in hypotheses)
         model = replace(model, places={name: place for name, place in model.places.items() if place.stop <= count})
         each = (free.gyro, free.accelerometer)
         # the residual by the first columns of a triangle is in its first rows
@@ -316,43 +322,45 @@ class _Rows:
         unexplained = np.concatenate([(one.measured[count:] ** 2).sum(0) for one in each]) / variance
         gyro, accelerometer = (np.stack(turns) for turns in ([s.gyro for s in hypotheses], [s.accelerometer for s in hypotheses]))
         spare = 3 * sum(one.spare for one in each)
-        rows = _Rows(model, (sensors[0], sensors[1]), variance, gyro, accelerometer, unexplained, spare, free.regressed)
-        if all(one.freed is None for one in hypotheses):
+        rows = _LeastSquares(model, (sensors[0], sensors[1]), variance, gyro, accelerometer, unexplained, spare, free.regressions)
+        if all(one.free_channel is None for one in hypotheses):
             return rows
-        which = [model.places["channels"].start + (one.freed or 0) for one in hypotheses]
-        along = [one.triangle[:, which] * [one.freed is not None for one in hypotheses] for one in sensors]
-        return replace(rows, freed=tuple(part / np.maximum(np.linalg.norm(part, axis=0), TINY) for part in along))
+        which = [model.places["channels"].start + (one.free_channel or 0) for one in hypotheses]
+        along = [one.triangle[:, which] * [one.free_channel is not None for one in hypotheses] for one in sensors]
+        return replace(rows, free_directions=tuple(part / np.maximum(np.linalg.norm(part, axis=0), TINY) for part in along))
 
-    def of(self, which: IntArray) -> _Rows:
+    def of(self, which: IntArray) -> _LeastSquares:
         """Systems of some fits."""
-        freed = self.freed and (self.freed[0][:, which], self.freed[1][:, which])
-        return replace(self, gyro=self.gyro[which], accelerometer=self.accelerometer[which], freed=freed)
+        freed = self.free_directions and (self.free_directions[0][:, which], self.free_directions[1][:, which])
+        return replace(self, gyro=self.gyro[which], accelerometer=self.accelerometer[which], free_directions=freed)
 
     @cached_property
-    def posed(self) -> PackedTriangles:
+    def packed(self) -> PackedTriangles:
         """Systems packed for the kernel."""
-        return PackedTriangles(self.model, self.told, self.variance, self.gyro, self.accelerometer, self.freed)
+        return PackedTriangles(self.model, self.systems, self.variance, self.gyro, self.accelerometer, self.free_directions)
 
-    def begun(self, hypotheses: Sequence[Hypothesis], trusting: bool = False) -> tuple[Array, Array]:
+    def initial(self, hypotheses: Sequence[Hypothesis], trusting: bool = False) -> tuple[Array, Array]:
         """(H, nx) initial x, and (H, 10) sizes of θ; if ``trusting``, suspected channels take part in the regression."""
-        return begun(self.model, self.told, self.regressed, self.posed if compiled() else None, hypotheses, trusting)
+        return initial_bodies(self.model, self.systems, self.regressions, self.packed if compiled() else None, hypotheses, trusting)
 
-    def left(self, x: Array) -> Array:
+    def residuals(self, x: Array) -> Array:
         """(H, p, 6) residuals for x (H, nx), over the noise."""
         if compiled():
-            return self.posed.left(x)
-        return self._against(self.model.coefficients(x, self.gyro, self.accelerometer))
+            return self.packed.residuals(x)
+        return self._whitened(self.model.coefficients(x, self.gyro, self.accelerometer))
 
     def slopes(self, x: Array, directions: Array, left: Array) -> Array:
         """(H, p, 6, n) derivative of the residuals along the columns of ``directions`` (H, nx, n)."""
         moved = x[:, None, :] + HALF_STEP * np.swapaxes(directions, 1, 2)
-        residuals_moved = self._against(self.model.coefficients(moved, self.gyro[:, None], self.accelerometer[:, None]))
+        residuals_moved = self._whitened(self.model.coefficients(moved, self.gyro[:, None], self.accelerometer[:, None]))
         return np.moveaxis((residuals_moved - left[:, None]) / HALF_STEP, 1, -1)
 
-    def _against(self, coefficients: Array) -> Array:
+    def _whitened(self, coefficients: Array) -> Array:
         root = np.sqrt(self.variance)
         whitened = np.zeros(coefficients.shape)
-        for sensor, axes, free_direction in zip(self.told, (slice(0, 3), slice(3, 6)), self.freed or (None, None), strict=True):
+        for sensor, axes, free_direction in zip(
+            self.systems, (slice(0, 3), slice(3, 6)), self.free_directions or (None, None), strict=True
+        ):
             rows = len(sensor.triangle)
             # one product of two matrices takes a fraction of the time of many small ones
             of_axes = np.moveaxis(coefficients[..., axes], -2, 0)

@@ -37,7 +37,7 @@ ROUNDING, ALMOST = 1e-12, 1e-2
 _NUMBER = re.compile(r"\.\d+\.")
 SECTIONS = ("jets", "imu", "environment", "thrust", "cycle")
 """Sections of the vehicle file in the order in which a correction lists them."""
-UNTOLD = 0.9
+UNOBSERVED = 0.9
 """Sigma of an unknown, in prior sigmas, beyond which the log does not determine it."""
 ANEW = 4.0
 """Prior sigma with which a corrected estimate estimates an unknown anew, over its sigma from the log: using the log twice lowers that by 3 %."""
@@ -163,28 +163,28 @@ def applied(case: Case, fit: Fitted) -> Case | None:
     if any(one.by_hand for one in changed):
         return None
     try:
-        columns = _on_columns(fit)
+        columns = _column_factors(fit)
     except np.linalg.LinAlgError:
         return None
-    vehicle = stating(case.vehicle, fit.hypothesis.states)
+    vehicle = stating(case.vehicle, fit.hypothesis.key_values)
     setup = Setup(columns.log(case.log), vehicle, case.timing, fit.model.fired, fit.model.clock_s)
-    setup = wired(setup, fit.hypothesis.does) if fit.hypothesis.does else setup
-    setup = spun(setup, fit.hypothesis.spun) if fit.hypothesis.spun else setup
+    setup = wired(setup, fit.hypothesis.wiring) if fit.hypothesis.wiring else setup
+    setup = spun(setup, fit.hypothesis.reversed_rotors) if fit.hypothesis.reversed_rotors else setup
     for one in changed:
         next_setup = setup if one.by_columns else one.apply(setup, fit.error(one.name))
         if next_setup is None:
             return None
         setup = next_setup
-    mounting = _both_turned(fit)
+    mounting = _common_mounting(fit)
     if mounting is not None:
         setup = setup.having("imu.body_from_imu", mounting)
     timing = Timing(*(max(value, 0.0) for value in setup.timing))
     return case._replace(log=setup.log, vehicle=cast("Resolved", setup.vehicle), timing=timing)
 
 
-def _on_columns(fit: Fitted) -> Correction:
+def _column_factors(fit: Fitted) -> Correction:
     """Factors on the IMU's columns: scale, unit, a turn of one sensor, or a mirror of both."""
-    mounting, common_turn = fit.model.mounting, _both_turned(fit) is not None
+    mounting, common_turn = fit.model.mounting, _common_mounting(fit) is not None
 
     def inverse_of(sensor: str, base: Array) -> Matrix:
         """What undoes the sensor's parameters, each of which multiplies what it shows of what is."""
@@ -199,7 +199,7 @@ def _on_columns(fit: Fitted) -> Correction:
     return Correction(gyro=inverse_of("gyro", fit.hypothesis.gyro), accelerometer=inverse_of("accel", fit.hypothesis.accelerometer))
 
 
-def _both_turned(fit: Fitted) -> Array | None:
+def _common_mounting(fit: Fitted) -> Array | None:
     """(3, 3) body from IMU, if the hypothesis turns both sensors by one rotation, in whatever units; otherwise None."""
     turns = [
         rotation(fit.value(f"{name}_turn")) @ base / _unit(base)
@@ -225,7 +225,7 @@ _EACH = ("jets", *ACTUATORS)
 def correction_of(case: Case, corrected: Case, fit: Fitted) -> Correction | None:
     """Keys and factors that turn ``case`` into the corrected one; None if there are none."""
     settings = tuple(_settings(case.setup, corrected.setup._replace(fired=fit.model.fired), fit))
-    correction = replace(_on_columns(fit), settings=settings, command=_command(case, fit))
+    correction = replace(_column_factors(fit), settings=settings, command=_command(case, fit))
     return None if correction == Correction() else correction
 
 
@@ -235,11 +235,11 @@ def _settings(before: Setup, after: Setup, fit: Fitted) -> Iterator[str]:
     keys = dict.fromkeys(one.key for one in parameters if one.key is not None)
     differing = [key for key in keys if not np.array_equal(before.value(key), after.value(key))]
     # a delay that is stated with a sigma is estimated again
-    delay_again = fit.hypothesis.states and 0 < fit.hypothesis.free[fit.model.place("delay")].max(initial=0.0) < PRIORS["delay"]
+    delay_again = fit.hypothesis.key_values and 0 < fit.hypothesis.directions[fit.model.place("delay")].max(initial=0.0) < PRIORS["delay"]
     differing = [key for key in differing if not key.startswith("jets") and not (key == DELAY and delay_again)]
-    yield from _of_actuators(before.vehicle, after.vehicle)
-    yield from _anew(after, fit)
-    for key, value in fit.hypothesis.states.items():
+    yield from _actuator_settings(before.vehicle, after.vehicle)
+    yield from _jet_sigmas(after, fit)
+    for key, value in fit.hypothesis.key_values.items():
         if key.partition(".")[0] not in _EACH:
             yield f"{key}={_literal(value) if isinstance(value, float) else configfile.written(value)}"
     finding = fit.finding((), before, after)
@@ -255,16 +255,16 @@ def _settings(before: Setup, after: Setup, fit: Fitted) -> Iterator[str]:
             yield f"{one.sigma_key}={sigma:.3g}"
 
 
-def _anew(after: Setup, fit: Fitted) -> Iterator[str]:
+def _jet_sigmas(after: Setup, fit: Fitted) -> Iterator[str]:
     """Sigmas with which corrected parameters of jets are estimated."""
     for one in (one for one in TABLE if one.per_channel and one.states):
-        parts = [part for part in fit.parts if part.hypothesis.free[fit.model.place(one.name)].any()]
-        if parts and not any(map(at_once, parts)):
+        parts = [part for part in fit.parts if part.hypothesis.directions[fit.model.place(one.name)].any()]
+        if parts and not any(map(is_discrete, parts)):
             error, key = fit.error(one.name).reshape(len(after.fired), -1), (one.sigma_key or "").removeprefix("jets.")
             yield from (f"{name}={sigma:.3g}" for name, sigma in channels.jet_sigmas(after, key, error, one.prior).items())
 
 
-def _of_actuators(before: Vehicle, after: Vehicle) -> Iterator[str]:
+def _actuator_settings(before: Vehicle, after: Vehicle) -> Iterator[str]:
     """Changed keys of each actuator."""
     for table in _EACH:
         for i, (one, other) in enumerate(zip(getattr(before, table), getattr(after, table), strict=True)):
@@ -272,30 +272,30 @@ def _of_actuators(before: Vehicle, after: Vehicle) -> Iterator[str]:
             yield from (f"{table}.{i}.{key}={_literal(getattr(other, key))}" for key in keys)
 
 
-def around(case: Case, fit: Fitted) -> tuple[Correction, ...]:
+def uncertain_corrections(case: Case, fit: Fitted) -> tuple[Correction, ...]:
     """The correction with each unknown changed by its prior sigma, except unknowns whose sigma the vehicle file can state."""
     can_be_stated = np.zeros(len(fit.x), dtype=bool)
     jets = channels.of_jets(case.setup._replace(fired=fit.model.fired))
     for one in map(BY_NAME.__getitem__, ENTRIES):
         can_be_stated[fit.model.place(one.name)] = np.repeat(jets, one.size) & bool(one.states) if one.per_channel else bool(one.states)
-    if _both_turned(fit) is not None:
+    if _common_mounting(fit) is not None:
         for name in MOUNTING.entries:
             can_be_stated[fit.model.place(name)] = True
     variants = [
-        replace(fit, hypothesis=replace(fit.hypothesis, states=states))
-        for states in fit.hypothesis.further
-        if not all(SIGMA_KEYS.get(key) in fit.hypothesis.states for key in states)
+        replace(fit, hypothesis=replace(fit.hypothesis, key_values=states))
+        for states in fit.hypothesis.sigma_key_values
+        if not all(SIGMA_KEYS.get(key) in fit.hypothesis.key_values for key in states)
     ]
     # an unobservable unknown may be as far off as an observable one
-    size = np.where(fit.spread > UNTOLD, max(1.0, float(np.abs(fit.moved).max(initial=0.0))), 1.0)
-    directions = () if at_once(fit) else zip(fit.hypothesis.free.T, size * np.minimum(ANEW * fit.spread, 1.0), strict=True)
+    size = np.where(fit.spread > UNOBSERVED, max(1.0, float(np.abs(fit.scaled).max(initial=0.0))), 1.0)
+    directions = () if is_discrete(fit) else zip(fit.hypothesis.directions.T, size * np.minimum(ANEW * fit.spread, 1.0), strict=True)
     variants += [replace(fit, x=fit.x + sigma * move) for move, sigma in directions if not move[can_be_stated].any()]
     cases = ((applied(case, one), one) for one in variants)
     corrections = (None if then is None else correction_of(case, then, one) for then, one in cases)
     return tuple(one for one in corrections if one is not None)
 
 
-def skewed(correction: Correction | None, fit: Fitted) -> tuple[Correction, ...]:
+def skew_corrections(correction: Correction | None, fit: Fitted) -> tuple[Correction, ...]:
     """The correction with each pair of the gyro's axes skewed by the size of a small turn.
 
     A single tilted axis is a turn plus a skew. The fit finds the turn, and the inertia absorbs the skew.
@@ -307,24 +307,24 @@ def skewed(correction: Correction | None, fit: Fitted) -> tuple[Correction, ...]
     return tuple(replace(correction, gyro=_rows(shear @ np.array(correction.gyro or np.eye(3)))) for shear in shears)
 
 
-def at_once(fit: Fitted) -> bool:
+def is_discrete(fit: Fitted) -> bool:
     """Whether a hypothesis states only that channels are dead, reversed or logged in rpm."""
     if fit.hypothesis.code != "thrust-scale":
         return False
-    exact = exact_of(fit)
+    exact = discrete_factors(fit)
     return bool((np.abs(fit.factors - exact) < np.where(exact == RPM, NEAR * RPM, NEAR)).all())
 
 
-def exact_of(fit: Fitted) -> Array:
+def discrete_factors(fit: Fitted) -> Array:
     """Nearest exact thrust factors: dead, reversed or in rpm."""
     cases = np.array([-1.0, 0.0, *([RPM] if fit.model.devices.get("wheels") else [])])
     return np.asarray(cases[np.abs(fit.factors[:, None] - cases).argmin(1)])
 
 
-def certain(fit: Fitted) -> bool:
+def is_certain(fit: Fitted) -> bool:
     """Whether its unknowns have the exact values of a discrete case: a dead jet, torques about the CG."""
     if fit.hypothesis.code != "wrench-point":
-        return at_once(fit)
+        return is_discrete(fit)
     at, sigma = fit.model.position[0] + fit.error("position")[:3], fit.sigma("position")[:3]
     return about_cg(at, sigma, fit.model.cg(fit.x), fit.model.force)
 
@@ -338,7 +338,7 @@ def _command(case: Case, fit: Fitted) -> tuple[float, ...]:
     return tuple(_printed(f) for f in command) if (command != 1).any() else ()
 
 
-def shown(time_s: float) -> str:
+def time_text(time_s: float) -> str:
     """A time of the log to a microsecond."""
     return f"{time_s:.6f}".rstrip("0").rstrip(".")
 

@@ -18,7 +18,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.fit import PASSES, Extra, Fit, fit, response
-from massprop_cli.diagnosis.freeresponse import LEAST, line_minimum, motion_of, unexplained, unexplained_by
+from massprop_cli.diagnosis.freeresponse import FEWEST, line_minimum, log_costs, motion_costs, motion_of
 from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.estimate.initial import first_reference
@@ -42,11 +42,11 @@ LAGS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 """Lags that are searched, cycles."""
 PRIOR = 1.0
 """Prior sigma of one step, cycles."""
-LEAP = 0.5
+LARGEST_STEP = 0.5
 """Largest step, cycles or relative to the lag."""
-BADLY = 10.0
+MISFIT = 10.0
 """Chi-square beyond which a fit may be in another minimum."""
-CLEARLY = 3.0
+SIGNIFICANT = 3.0
 """−2 log likelihood ratio per cycle of a delay one cycle away, if commands alone give the delay: e times the variance in each of three
 channels, all that move on a table. Real flights, whose model is no better, have less than a fifth of it."""
 FINEST = 1 / 512
@@ -130,7 +130,7 @@ def cycles_of(setup: Setup, name: str) -> float:
     return 1 / (2 * np.pi * value * setup.period_s) if name.endswith("_cutoff") else value / BY_NAME[name].scale(setup.vehicle)
 
 
-def apart(one: Setup, other: Setup, names: Sequence[str]) -> Array:
+def differences(one: Setup, other: Setup, names: Sequence[str]) -> Array:
     """(n,) difference of error parameters between two setups, cycles."""
     return np.array([cycles_of(one, name) - cycles_of(other, name) for name in names])
 
@@ -146,7 +146,7 @@ def detect(setup: Setup, pieces: Sequence[slice], unknown: Sequence[str], prior:
     prior_information = np.array([1 / sigma**2 if sigma else 0.0 for sigma in prior or [0.0] * len(unknown)])
     initial = np.array([cycles_of(setup, name) for name in unknown])
     for _ in range(STEPS if list(unknown) == ["delay"] else MORE_STEPS):
-        move = _move(setup_now, pieces, unknown, references)
+        move = _joint_step(setup_now, pieces, unknown, references)
         if move is None:
             return None
         values = np.array([cycles_of(setup_now, name) for name in unknown])
@@ -155,9 +155,9 @@ def detect(setup: Setup, pieces: Sequence[slice], unknown: Sequence[str], prior:
         steps = covariance @ (information @ move.steps - prior_information * (move.steps + values - initial))
         # collinear unknowns oscillate, and so does one at a whole cycle, where the motion has a corner
         steps = steps / 2 if steps @ last_steps < -(last_steps @ last_steps) * (len(unknown) == 1) / 2 else steps
-        last_steps = bounded(steps, covariance, LEAP * np.array([*map(_size, unknown, values, steps)]))
+        last_steps = bounded_steps(steps, covariance, LARGEST_STEP * np.array([*map(_size, unknown, values, steps)]))
         setup_before, setup_now = setup_now, shifted(setup_now, unknown, last_steps)
-        moved = np.abs(apart(setup_now, setup_before, unknown))
+        moved = np.abs(differences(setup_now, setup_before, unknown))
         sigmas = np.sqrt(np.diag(covariance))
         tolerance = np.where([name in ("delay", "lag") for name in unknown], SETTLED, LITTLE * sigmas)
         if (moved < np.maximum(tolerance, SETTLED)).all():
@@ -168,7 +168,7 @@ def detect(setup: Setup, pieces: Sequence[slice], unknown: Sequence[str], prior:
     if not (sigmas < limits).all() or setup_now.timing.lag < -BELOW * _sigmas(unknown, covariance).lag:
         return None
     imu = setup_now.vehicle.imu if set(unknown) - {"delay", "lag"} else None
-    return FoundTiming(setup_now.timing, _sigmas(unknown, covariance), move.after, tuple(unknown), covariance, imu)
+    return FoundTiming(setup_now.timing, _sigmas(unknown, covariance), move.chi_square, tuple(unknown), covariance, imu)
 
 
 def _size(name: str, value: float, step: float) -> float:
@@ -178,7 +178,7 @@ def _size(name: str, value: float, step: float) -> float:
     return max(value, 1.0 if name == "lag" else SHORT * (step > 0))
 
 
-def bounded(steps: Array, covariance: Array, most: Array) -> Array:
+def bounded_steps(steps: Array, covariance: Array, most: Array) -> Array:
     """(n,) steps within ``most`` (n,): too large ones are cut, the others take their conditional means.
 
     The distribution has mean ``steps`` (n,) and ``covariance`` (n, n), cycles. Without the conditional means, a delay that trades against
@@ -193,7 +193,7 @@ def bounded(steps: Array, covariance: Array, most: Array) -> Array:
     return limited
 
 
-def contradicted(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: FoundTiming, names: Sequence[str]) -> bool:
+def cutoffs_refuted(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: FoundTiming, names: Sequence[str]) -> bool:
     """Whether the log refutes the stated cutoffs ``names``, with the timing re-estimated (score test).
 
     All time constants change together, since both sensors are mostly in one chip.
@@ -205,7 +205,7 @@ def contradicted(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: Fo
         longer = [(samples_of(shifted(setup, names, [by] * len(names))), by) for by in steps]
     except InputError:
         return False
-    move = _move(setup, pieces, found.unknown, {}, longer)
+    move = _joint_step(setup, pieces, found.unknown, {}, longer)
     if move is None:
         return False
     count = len(longer)
@@ -213,19 +213,19 @@ def contradicted(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: Fo
     return bool(deviate(mean, count) > threshold(REFUTED, 1))
 
 
-def by_commands_alone(log: Log, vehicle: Vehicle, timing: Timing) -> FoundTiming | None:
+def by_free_response(log: Log, vehicle: Vehicle, timing: Timing) -> FoundTiming | None:
     """Delay of least free-response cost; None if other delays explain nearly as much.
 
     It serves logs that no body fits.
     """
 
     def cost(cycles: float) -> float:
-        return sum(unexplained_by(log, vehicle, timing._replace(delay=cycles), LONGEST)) if cycles >= 0 else np.inf
+        return sum(log_costs(log, vehicle, timing._replace(delay=cycles), LONGEST)) if cycles >= 0 else np.inf
 
     try:
         best = line_minimum(cost, [timing.delay], 1.0, FINEST)
         least, curvature = cost(best), (cost(best - FINEST) - 2 * cost(best) + cost(best + FINEST)) / FINEST**2
-        clear = min(cost(best - 1), cost(best + 1)) - least > CLEARLY * log.cycles
+        clear = min(cost(best - 1), cost(best + 1)) - least > SIGNIFICANT * log.cycles
     except InputError:
         return None  # of a log that is too short
     if not (np.isfinite(curvature) and curvature > 0 and clear):
@@ -247,12 +247,12 @@ def low_passes(log: Log, vehicle: Vehicle, timing: Timing, cutoffs: Sequence[str
         best = (np.inf, vehicle)
         for values in itertools.product(*values_of_keys) if keys else ():
             candidate = stating(vehicle, dict(zip(keys, values, strict=True)))
-            best = min(best, (unexplained_by(log, candidate, timing)[number], candidate), key=itemgetter(0))
+            best = min(best, (log_costs(log, candidate, timing)[number], candidate), key=itemgetter(0))
         vehicle = best[1]
     return vehicle
 
 
-def near(stated: Timing, change: float, sigma: float, chi_square: float) -> FoundTiming | None:
+def timing_near(stated: Timing, change: float, sigma: float, chi_square: float) -> FoundTiming | None:
     """Timing with a delay ``change`` than stated, ± ``sigma``, cycles; None if the log does not determine it."""
     if not SHARPEST < sigma < PRIOR / 2:
         return None
@@ -268,11 +268,7 @@ class Rated(NamedTuple):
 
 
 def search(
-    log: Log,
-    vehicle: Vehicle,
-    lags: Sequence[float],
-    delays: Sequence[float] = DELAYS,
-    pieces: Sequence[slice] | None = None,
+    log: Log, vehicle: Vehicle, lags: Sequence[float], delays: Sequence[float] = DELAYS, pieces: Sequence[slice] | None = None
 ) -> list[Rated]:
     """Timings in ascending order of free-response cost over ``pieces``, or over the whole log."""
     candidates = [Timing(float(delay), lag) for lag in lags for delay in delays if delay <= max(log.cycles // 4, min(delays))]
@@ -287,20 +283,20 @@ def search(
             costs.append(np.inf)
             continue
         usable = [slice(p.start + unknown, p.stop) for p in pieces or [slice(0, log.cycles)]]  # the same cycles for every candidate
-        parts = [sum(unexplained(motion, impulse, piece)) for piece in usable if piece.stop - piece.start > LEAST]
+        parts = [sum(motion_costs(motion, impulse, piece)) for piece in usable if piece.stop - piece.start > FEWEST]
         costs.append(float(np.sum(parts)) if parts else np.inf)
     return [Rated(candidates[i], costs[i]) for i in np.argsort(costs, kind="stable") if np.isfinite(costs[i])]
 
 
-class _Move(NamedTuple):
+class _TimingStep(NamedTuple):
     """Step of the unknowns, cycles, its covariance, and chi-square after it."""
 
     steps: Array
     covariance: Array
-    after: float
+    chi_square: float
 
 
-def first_of(samples: Source, cycles: slice, vehicle: Vehicle) -> Reference | None:
+def initial_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Reference | None:
     """Initial reference for a fit; None if the segment is too short or regression fails."""
     try:
         return first_reference(samples, cycles, vehicle) if cycles.stop - cycles.start > 20 else None
@@ -308,13 +304,13 @@ def first_of(samples: Source, cycles: slice, vehicle: Vehicle) -> Reference | No
         return None
 
 
-def _move(
+def _joint_step(
     setup: Setup,
     pieces: Sequence[slice],
     unknown: Sequence[str],
     references: dict[int, Reference],
     others: Sequence[tuple[Samples, float]] = (),
-) -> _Move | None:
+) -> _TimingStep | None:
     """Linear step of the unknowns, jointly over pieces; None if no piece determines it.
 
     ``others``: samples with further changes and their size, cycles. Each piece is fitted from its reference in ``references``, which is
@@ -335,12 +331,12 @@ def _move(
     rows = 0
     for number, piece in enumerate(pieces):
         cycles = slice(max(piece.start, first), piece.stop)
-        current = fitted(stated, cycles, references.get(number), vehicle)
+        current = fit_near(stated, cycles, references.get(number), vehicle)
         if current is None:
             continue
         references[number] = current.reference
-        changes = [_change(*pair, by, cycles, current.reference, vehicle) for pair, by in zip(sample_pairs, apart, strict=True)]
-        jets = _of_jets(setup.log, stated, cycles, current.reference, vehicle)
+        changes = [_derivative(*pair, by, cycles, current.reference, vehicle) for pair, by in zip(sample_pairs, apart, strict=True)]
+        jets = _jet_columns(setup.log, stated, cycles, current.reference, vehicle)
         growth, force = (np.concatenate([*each, own], -1) for each, own in zip(zip(*changes, strict=True), jets, strict=True))
         extra = Extra(growth, force, np.repeat([PRIOR, 1.0], [size, growth.shape[-1] - size]))
         linear = fit(stated, cycles, current.reference, vehicle, extra, passes=0)
@@ -357,15 +353,15 @@ def _move(
     if rows == 0:
         return None
     covariance = np.linalg.inv(information)
-    return _Move(covariance @ moment, covariance, after / rows)
+    return _TimingStep(covariance @ moment, covariance, after / rows)
 
 
-def fitted(samples: Samples, cycles: slice, reference: Reference | None, vehicle: Resolved) -> Fit | None:
+def fit_near(samples: Samples, cycles: slice, reference: Reference | None, vehicle: Resolved) -> Fit | None:
     """Fit about a reference, or about the initial one if there is none or it fits badly; None if the response diverges."""
     current = None if reference is None else fit(samples, cycles, reference, vehicle, passes=PASSES)
-    if current is not None and current.chi_square <= BADLY:
+    if current is not None and current.chi_square <= MISFIT:
         return current
-    initial = first_of(samples, cycles, vehicle)
+    initial = initial_reference(samples, cycles, vehicle)
     from_initial = None if initial is None else fit(samples, cycles, initial, vehicle, passes=PASSES)
     return min((one for one in (current, from_initial) if one is not None), key=lambda one: one.chi_square, default=None)
 
@@ -375,7 +371,7 @@ def samples_of(setup: Setup) -> Samples:
     return setup.timing.of(setup.log, setup.vehicle)
 
 
-def _of_jets(log: Log, samples: Samples, cycles: slice, reference: Reference, vehicle: Resolved) -> tuple[Array, Array]:
+def _jet_columns(log: Log, samples: Samples, cycles: slice, reference: Reference, vehicle: Resolved) -> tuple[Array, Array]:
     """Response to one sigma of each uncertainty of single jets: (K − 1, 3, g) rad/s and (K, 3, g) m/s².
 
     Without these nuisance parameters, an error of a jet would move the timing by far more than its sigma.
@@ -387,7 +383,7 @@ def _of_jets(log: Log, samples: Samples, cycles: slice, reference: Reference, ve
     return wrench_columns(samples, cycles, reference, vehicle, regressors(samples, cycles, reference, vehicle), changes)
 
 
-def _change(early: Samples, late: Samples, step: float, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:
+def _derivative(early: Samples, late: Samples, step: float, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:
     """Derivative of response less measured force by a change, per cycle: (K − 1, 3, 1) and (K, 3, 1).
 
     On a bearing the measured specific force depends on the sensor's delay, too, since the gyro's motion does.

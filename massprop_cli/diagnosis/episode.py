@@ -12,11 +12,11 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import written
-from massprop_cli.diagnosis.corrections import Correction, shown
+from massprop_cli.diagnosis.corrections import Correction, time_text
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import PART, Refit
-from massprop_cli.diagnosis.screening import Screening, about_its_body, screened
-from massprop_cli.diagnosis.windows import Reduced, Window
+from massprop_cli.diagnosis.screening import Screening, relinearised, screened
+from massprop_cli.diagnosis.windows import Window, WindowRegression
 from massprop_cli.errorparameters.actuatornames import NEAR
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.estimate.whitening import NONE, Disturbance
@@ -58,9 +58,9 @@ class Episode(NamedTuple):
         """Text that continues "the log fits if …"."""
         jet, start_s, end_s = self.failure.jet, self.failure.start_s, self.failure.end_s
         if start_s is None:
-            when = "" if end_s is None else f" until {shown(end_s)} s"
+            when = "" if end_s is None else f" until {time_text(end_s)} s"
         else:
-            when = f" from {shown(start_s)} s on" if end_s is None else f" from {shown(start_s)} to {shown(end_s)} s"
+            when = f" from {time_text(start_s)} s on" if end_s is None else f" from {time_text(start_s)} to {time_text(end_s)} s"
         if self.code == "jet-dead":
             return f"jet {jet} does not push at all{when}"
         if self.code == "jet-sign":
@@ -85,7 +85,7 @@ def episodes(screening: Screening, others: Sequence[Screening] = (), cause: Refi
         return []
     failures = list[Episode]()
     groups: Iterable[tuple[Disturbance, list[Window]]] = (
-        (disturbance, _windows(screening, disturbance)) for disturbance in dict.fromkeys([NONE, *screening.free.beside])
+        (disturbance, _windows(screening, disturbance)) for disturbance in dict.fromkeys([NONE, *screening.free.disturbances])
     )
     if cause is not None and cause.screening is not None:
         by_cause = [_as_stated(cause, window) for window in _windows(cause.screening, NONE)]
@@ -94,17 +94,17 @@ def episodes(screening: Screening, others: Sequence[Screening] = (), cause: Refi
         groups = chain([(NONE, by_cause)], groups)
     for disturbance, windows in groups:
         if not failures:
-            failures = [failure for window in windows if (failure := _tested(screening, window, disturbance)) is not None]
+            failures = [failure for window in windows if (failure := _failure(screening, window, disturbance)) is not None]
     failures.sort(key=lambda failure: failure.score)
-    return [_bordered(failure, screening, others) for failure in failures if failure.score < failures[0].score + CLEAR]
+    return [_with_known_edges(failure, screening, others) for failure in failures if failure.score < failures[0].score + CLEAR]
 
 
-def _bordered(one: Episode, screening: Screening, others: Sequence[Screening]) -> Episode:
+def _with_known_edges(one: Episode, screening: Screening, others: Sequence[Screening]) -> Episode:
     """The failure with its open start or end at the edge of another segment, if the jet works there."""
-    (first_s, last_s), failure, period_s = _lasts(screening), one.failure, screening.case.vehicle.cycle.period_s
+    (first_s, last_s), failure, period_s = _span_s(screening), one.failure, screening.case.vehicle.cycle.period_s
     for other in others:
-        begin_s, end_s = _lasts(other)
-        if not other.close or failure.jet not in other.names:
+        begin_s, end_s = _span_s(other)
+        if not other.fits_closely or failure.jet not in other.names:
             continue
         if failure.end_s is None and begin_s > last_s - period_s:
             failure = failure.model_copy(update={"end_s": round(last_s, 6)})
@@ -113,7 +113,7 @@ def _bordered(one: Episode, screening: Screening, others: Sequence[Screening]) -
     return one._replace(failure=failure)
 
 
-def _lasts(screening: Screening) -> tuple[float, float]:
+def _span_s(screening: Screening) -> tuple[float, float]:
     """Start and end of a screening's segment, s."""
     start_s, duration_s = cycle_edges(screening.case.log, slice(screening.piece.start, screening.piece.stop))
     return float(start_s[0]), float(start_s[-1] + duration_s[-1])
@@ -121,8 +121,8 @@ def _lasts(screening: Screening) -> tuple[float, float]:
 
 def _windows(screening: Screening, disturbance: Disturbance) -> list[Window]:
     """Windows of the jets with the most gain, the best first."""
-    regression = Reduced(screening, screening, disturbance)
-    candidates = (regression.likeliest(i) for i in range(screening.model.thrusting))
+    regression = WindowRegression(screening, screening, disturbance)
+    candidates = (regression.best_window(i) for i in range(screening.model.thrusting))
     windows = [one for one in candidates if one is not None and abs(one.thrust - 1) > LITTLE]
     best_gain = max((one.gain for one in windows), default=0.0)
     return sorted((one for one in windows if one.gain > AS_WELL * best_gain), key=lambda one: -one.gain)[:LIKELY]
@@ -140,21 +140,21 @@ def _as_stated(cause: Refit, window: Window) -> Window:
     return window._replace(thrust=thrust)
 
 
-def _tested(screening: Screening, window: Window, disturbance: Disturbance) -> Episode | None:
+def _failure(screening: Screening, window: Window, disturbance: Disturbance) -> Episode | None:
     """Failure of a jet near a window; None if the log does not fit with it."""
-    applied = _led(screening, window, disturbance)
+    applied = _iterated(screening, window, disturbance)
     screening_again = (
         None if applied is None else screened(applied.screening.case, screening.piece, theta=applied.screening.stated.value("theta"))
     )
-    if applied is not None and screening_again is not None and screening_again.free.beside:
-        applied = _led(screening, applied.window, screening_again.free.beside[0])
+    if applied is not None and screening_again is not None and screening_again.free.disturbances:
+        applied = _iterated(screening, applied.window, screening_again.free.disturbances[0])
         screening_again = (
             None if applied is None else screened(applied.screening.case, screening.piece, theta=applied.screening.stated.value("theta"))
         )
     if applied is None or screening_again is None:
         return None
-    corrected = about_its_body(min(screening_again, applied.screening, key=lambda one: one.cost))
-    if not corrected.close or (corrected.loud and corrected.misfit >= PART * screening.misfit):
+    corrected = relinearised(min(screening_again, applied.screening, key=lambda one: one.cost))
+    if not corrected.fits_closely or (corrected.far_exceeds_noise and corrected.misfit >= PART * screening.misfit):
         return None
     count, exact = len(_pulses(screening, window.channel)), applied.failure.thrust in EXACT
     spans = count if applied.failure.start_s is None or applied.failure.end_s is None else count * (count - 1) / 2
@@ -163,7 +163,7 @@ def _tested(screening: Screening, window: Window, disturbance: Disturbance) -> E
     return Episode(applied.failure, 0.0 if exact else applied.window.sigma, corrected, score)
 
 
-class _Mended(NamedTuple):
+class _AppliedFailure(NamedTuple):
     """A jet's failure applied to the vehicle file."""
 
     window: Window
@@ -171,20 +171,20 @@ class _Mended(NamedTuple):
     screening: Screening
 
 
-def _led(screening: Screening, window: Window, disturbance: Disturbance) -> _Mended | None:
+def _iterated(screening: Screening, window: Window, disturbance: Disturbance) -> _AppliedFailure | None:
     """Iterate a failure from a window; None if it does not converge."""
     # a dead or reversed jet disturbs the initial body, and so its apparent thrust
     initial = next((value for value in EXACT if abs(window.thrust - value) < 0.5 or window.thrust < value < 0), window.thrust)
-    applied = _mended(screening, window._replace(thrust=initial), disturbance, screening.stated.value("theta"))
+    applied = _applied(screening, window._replace(thrust=initial), disturbance, screening.stated.value("theta"))
     for _ in range(ROUNDS):
         if applied is None:
             break
         regression, theta, thrust = (
-            Reduced(screening, applied.screening, disturbance),
+            WindowRegression(screening, applied.screening, disturbance),
             applied.screening.stated.value("theta"),
             applied.failure.thrust,
         )
-        next_window = regression.likeliest(window.channel, applied.window)
+        next_window = regression.best_window(window.channel, applied.window)
         if next_window is None or not LITTLE < abs(next_window.thrust - 1) < MOST:
             return None
         rounded = next(
@@ -193,13 +193,13 @@ def _led(screening: Screening, window: Window, disturbance: Disturbance) -> _Men
         unchanged = (next_window.first, next_window.stop) == (applied.window.first, applied.window.stop)
         if unchanged and (thrust == rounded or abs(next_window.thrust - thrust) < STANDS * next_window.sigma):
             return applied._replace(window=next_window)
-        misfit, applied = applied.screening.misfit, _mended(screening, next_window._replace(thrust=rounded), disturbance, theta)
+        misfit, applied = applied.screening.misfit, _applied(screening, next_window._replace(thrust=rounded), disturbance, theta)
         if applied is not None and applied.screening.misfit > max(SLOWLY * misfit, FAR):
             return None
     return applied
 
 
-def _mended(screening: Screening, window: Window, disturbance: Disturbance, theta: Array) -> _Mended | None:
+def _applied(screening: Screening, window: Window, disturbance: Disturbance, theta: Array) -> _AppliedFailure | None:
     """Apply a failure to the pulses in a window; None if these are none or all, or if the log cannot be reduced."""
     begin_s, vehicle = _pulses(screening, window.channel), screening.case.vehicle
     half_s, edges = vehicle.cycle.period_s / 2, np.array([window.begin_s, window.end_s])
@@ -212,7 +212,9 @@ def _mended(screening: Screening, window: Window, disturbance: Disturbance, thet
     case = screening.case._replace(vehicle=stating(vehicle, {"thrust.failures": (*vehicle.thrust.failures, failure)}))
     corrected = screened(case, screening.piece, (disturbance,), theta)
     return (
-        None if corrected is None or not np.array_equal(corrected.free.fired, screening.free.fired) else _Mended(window, failure, corrected)
+        None
+        if corrected is None or not np.array_equal(corrected.free.fired, screening.free.fired)
+        else _AppliedFailure(window, failure, corrected)
     )
 
 

@@ -8,13 +8,13 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis import UNKNOWN, hypotheses, normalised
 from massprop_cli.diagnosis.comparison import Fitted
-from massprop_cli.diagnosis.corrections import Correction, applied, around, certain, correction_of, skewed
-from massprop_cli.diagnosis.delay import near
+from massprop_cli.diagnosis.corrections import Correction, applied, correction_of, is_certain, uncertain_corrections, skew_corrections
+from massprop_cli.diagnosis.delay import timing_near
 from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.fault import Diagnosis, Fault
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.ranking import CLEAR
-from massprop_cli.diagnosis.refit import Refit, over_all
+from massprop_cli.diagnosis.refit import Refit, refined_on_whole_log
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.diagnosis.search import codes
 from massprop_cli.errorparameters import table
@@ -49,50 +49,52 @@ def chosen(screening: Screening, refits: Sequence[Refit]) -> Diagnosis | None:
     if not fitting:
         return None
     rivals = [refit for refit in fitting[1:] if refit.score < fitting[0].score + CLEAR]
-    first = over_all(screening, fitting[0])
-    equivalent = [refit for refit in (_in_proportion(screening, first), _about_another_point(screening, first)) if refit is not None]
-    rivals = [*equivalent, *(rival for rival in rivals if all(_about(rival) != _about(equal) for equal in equivalent))]
+    first = refined_on_whole_log(screening, fitting[0])
+    equivalent = [refit for refit in (_proportional(screening, first), _about_another_point(screening, first)) if refit is not None]
+    rivals = [*equivalent, *(rival for rival in rivals if all(_subjects(rival) != _subjects(equal) for equal in equivalent))]
     detected = None
     if first.fitted.hypothesis.code == "delay-mismatch":
-        misfit = float(first.fitted.chi_square.sum() / screening.freedom)
+        misfit = float(first.fitted.chi_square.sum() / screening.degrees_of_freedom)
         change = first.case.timing.delay - screening.case.timing.delay
-        detected = near(screening.case.timing, change, float(first.fitted.spread[0]), misfit)
-    return Diagnosis(_explained(screening, first, rivals, len(equivalent)), detected, score=first.score)
+        detected = timing_near(screening.case.timing, change, float(first.fitted.spread[0]), misfit)
+    return Diagnosis(_faults(screening, first, rivals, len(equivalent)), detected, score=first.score)
 
 
 def fitting_causes(screening: Screening, refits: Sequence[Refit]) -> list[Refit]:
     """Refits with which the log fits, the best first; those that were only rivals come last, and do not count alone."""
     fitting = [
-        (screening.ranked.faint(refit.fitted.hypothesis), refit) for refit in refits if refit.fits and not by_wander(refit, screening)
+        (screening.ranked.only_rival(refit.fitted.hypothesis), refit)
+        for refit in refits
+        if refit.fits and not goes_with_random_walk(refit, screening)
     ]
     if all(faint for faint, _ in fitting):
         return []
     return [refit for _, refit in sorted(fitting, key=lambda one: (one[0], one[1].score))]
 
 
-def by_wander(refit: Refit, screening: Screening) -> bool:
+def goes_with_random_walk(refit: Refit, screening: Screening) -> bool:
     """Whether a cause goes with a random-walk torque: its mean, its part along the rate, or its specific force."""
-    beside = (refit.screening or screening).free.beside
+    beside = (refit.screening or screening).free.disturbances
     return bool(codes(refit) & {"gyro-bias", "accel-bias", "steady-torque", "rate-torque"}) and any(one.walk > 0 for one in beside)
 
 
-def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = (), alike: int = 0) -> tuple[Fault, ...]:
+def _faults(screening: Screening, refit: Refit, rivals: Sequence[Refit] = (), alike: int = 0) -> tuple[Fault, ...]:
     """Faults of a refit, one for each of its causes, with corrections.
 
     A code that a rival of similar score does not share is not named. The first ``alike`` rivals make the same motion.
     """
-    causes = _said(screening, refit)
+    causes = _causes(screening, refit)
     message, rival_texts, named = _joined(causes), [], [code for code, _ in causes]
     for i, rival in enumerate(rivals):
-        rival_causes = _said(screening, rival)
-        if _about(rival) == _about(refit):
+        rival_causes = _causes(screening, rival)
+        if _subjects(rival) == _subjects(refit):
             continue  # the same, found from elsewhere
         if i < alike or ([code for code, _ in rival_causes] == [code for code, _ in causes] and rival.score < refit.score + EVEN):
             message += f", or else {_joined(rival_causes)}"
         else:
             rival_texts.append(f"{_joined(rival_causes)} (odds {np.exp((refit.score - rival.score) / 2):.2g} to 1)")
             named = [code for code in named if code in dict(rival_causes) or rival.score > refit.score + NEARLY]
-    inertia_text, inertia_corrections = _of_what_turns(refit)
+    inertia_text, inertia_corrections = _rotor_inertia(refit)
     message = f"the log fits if {message}{inertia_text}"
     if rival_texts:
         message += "; rivals that the log can't rule out: " + "; or ".join(rival_texts[:2])
@@ -102,15 +104,15 @@ def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = (),
     # a scale that all commands have in common shows nowhere: no correction is right
     normalised_commands = normalised.CODE in codes(refit)
     correction = None if normalised_commands else correction_of(screening.case, refit.case, refit.fitted)
-    sigma_variants = (*around(screening.case, refit.fitted), *skewed(correction, refit.fitted))
-    rival_corrections = (*(other for other in corrections if other is not None), *_of_the_others(correction), *inertia_corrections)
+    sigma_variants = (*uncertain_corrections(screening.case, refit.fitted), *skew_corrections(correction, refit.fitted))
+    rival_corrections = (*(other for other in corrections if other is not None), *_other_half(correction), *inertia_corrections)
     return tuple(
         Fault(Notice(code, message), correction, around=sigma_variants, rivals=rival_corrections)
         for code in dict.fromkeys(named or [UNKNOWN])
     )
 
 
-def _of_the_others(correction: Correction | None) -> Iterator[Correction]:
+def _other_half(correction: Correction | None) -> Iterator[Correction]:
     """Corrections by the other half of a commanded wrench, where all torques or all forces are in another unit; the body then differs."""
     if correction is None or not correction.command:
         return
@@ -123,7 +125,7 @@ def _of_the_others(correction: Correction | None) -> Iterator[Correction]:
             yield replace(correction, command=tuple(components))
 
 
-def _in_proportion(screening: Screening, refit: Refit) -> Refit | None:
+def _proportional(screening: Screening, refit: Refit) -> Refit | None:
     """The inverse factor on stored momentum instead of a factor on all thrust, or the reverse.
 
     Forces, momentum, inertia and mass in one proportion make the same motion.
@@ -139,14 +141,14 @@ def _in_proportion(screening: Screening, refit: Refit) -> Refit | None:
             continue
         x = fit.x.copy()
         x[model.place("thrust")] /= factor  # the body scales too, but is not reported
-        return _instead(screening, refit, scale, hypotheses.scaled(model, names, unscaled, 1 / factor), x)
+        return _replaced(screening, refit, scale, hypotheses.scaled(model, names, unscaled, 1 / factor), x)
     return None
 
 
-def _instead(screening: Screening, refit: Refit, part: Fitted, other: Hypothesis, x: Array) -> Refit | None:
+def _replaced(screening: Screening, refit: Refit, part: Fitted, other: Hypothesis, x: Array) -> Refit | None:
     """A refit with one part replaced by another cause of the same motion."""
     others = [part_of_pair.hypothesis for part_of_pair in refit.fitted.parts if part_of_pair is not part]
-    fit = replace(refit.fitted, hypothesis=other.beside(*others) if others else other, x=x)
+    fit = replace(refit.fitted, hypothesis=other.combined_with(*others) if others else other, x=x)
     case = applied(screening.case, fit)
     return None if case is None else replace(refit, fitted=fit, case=case)
 
@@ -162,14 +164,14 @@ def _about_another_point(screening: Screening, refit: Refit) -> Refit | None:
     place, point = hypotheses.imu_position(model), hypotheses.wrench_point(model, len(screening.names))
     for one, other, error in ((place, point, fit.error("imu")), (point, place, fit.error("position")[:3])):
         stated_part = next((stated_part for stated_part in fit.parts if stated_part.hypothesis.code == one.code), None)
-        if stated_part is None or stated_part.hypothesis.start or (one is point and certain(stated_part)):
+        if stated_part is None or stated_part.hypothesis.initial_values or (one is point and is_certain(stated_part)):
             continue
-        x = np.where(one.moved, model.stated, fit.x) - other.free @ error / np.abs(other.free).max()
-        return _instead(screening, refit, stated_part, other, x)
+        x = np.where(one.varied, model.stated, fit.x) - other.directions @ error / np.abs(other.directions).max()
+        return _replaced(screening, refit, stated_part, other, x)
     return None
 
 
-def _of_what_turns(refit: Refit) -> tuple[str, tuple[Correction, ...]]:
+def _rotor_inertia(refit: Refit) -> tuple[str, tuple[Correction, ...]]:
     """More rotor inertia instead of one common thrust factor of all rotors that store momentum."""
     rotors, cause = refit.case.vehicle.rotors, refit.fitted.parts[-1]
     subject, factors = cause.hypothesis.subject, refit.fitted.factors
@@ -181,7 +183,7 @@ def _of_what_turns(refit: Refit) -> tuple[str, tuple[Correction, ...]]:
     return f", or else they have {1 / factors[0]:.4g} of the stated spin_inertia_kg_m2", (Correction(keys),)
 
 
-def _said(screening: Screening, refit: Refit) -> list[tuple[str, str]]:
+def _causes(screening: Screening, refit: Refit) -> list[tuple[str, str]]:
     """(code, words) of each cause.
 
     A delay next to another cause is omitted if the vehicle file says "auto", since its estimate did not know the other cause. A thrust
@@ -200,7 +202,7 @@ def _joined(said: Sequence[tuple[str, str]]) -> str:
     return ", and ".join(words for _, words in said) + " as well" * (len(said) > 1)
 
 
-def _about(refit: Refit) -> list[tuple[str, tuple[str, ...]]]:
+def _subjects(refit: Refit) -> list[tuple[str, tuple[str, ...]]]:
     return sorted((part.hypothesis.code, part.hypothesis.subject) for part in refit.fitted.parts)
 
 
@@ -210,6 +212,6 @@ def words_of(fit: Fitted, names: Sequence[str], stated: Case, corrected: Case) -
     return code, words if stated.log.made is None else words.replace(IN_VEHICLE_FILE, IN_MAP)
 
 
-def alone(fit: Fitted, name: str) -> Fitted:
+def about_one_channel(fit: Fitted, name: str) -> Fitted:
     """A fit about several channels, reduced to one of them."""
     return replace(fit, hypothesis=replace(fit.hypothesis, subject=(name,)))

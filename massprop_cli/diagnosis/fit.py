@@ -48,7 +48,7 @@ class Fit:
     reference: Reference
     chi_square: float
     """Mean squared residual over stated noise, over all six channels; 1 if noise explains the residuals."""
-    standing: float
+    chi_square_at_reference: float
     """The same with the mass properties fixed at the reference and all else fitted. Both agree at a converged reference."""
     extra: Array
     """(e,) extra unknowns."""
@@ -83,7 +83,7 @@ def fit(
         if moved is None:
             break
         linear = _about(samples, cycles, moved, vehicle, extra)
-        if linear is None or linear[0].standing > best.standing * (1 + SETTLED):
+        if linear is None or linear[0].chi_square_at_reference > best.chi_square_at_reference * (1 + SETTLED):
             target = (parameters(best.reference) + target) / 2
             continue
         # a linear fit about a poor reference may give too small a residual, so convergence is judged at accepted references

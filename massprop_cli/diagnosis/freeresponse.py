@@ -23,7 +23,7 @@ from massprop_cli.prepare.align import Impulses, impulses
 from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.timing import Timing
 
-LEAST = 30
+FEWEST = 30
 """Least number of cycles with known commands."""
 
 NEAR, FLAT = 0.01, 1e3
@@ -41,34 +41,34 @@ class MeasuredMotion(NamedTuple):
     """(K, 3) specific force, m/s². The lever arm of the IMU makes it show angular acceleration, too."""
 
 
-def unexplained_by(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0, motion: MeasuredMotion | None = None) -> tuple[float, float]:
+def log_costs(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0, motion: MeasuredMotion | None = None) -> tuple[float, float]:
     """Costs of rates and of specific force over the commands under one timing, up to a constant.
 
     Cycles count from ``first`` on if their commands are known. ``motion``: the measured motion, if it does not depend on what is varied.
     Raise :class:`massprop_cli.base.errors.InputError` if too few cycles are left.
     """
-    impulse, cycles = commanded(log, vehicle, timing, first)
-    return unexplained(motion or motion_of(timing.of(log, vehicle, impulse)), impulse, cycles)
+    impulse, cycles = known_impulses(log, vehicle, timing, first)
+    return motion_costs(motion or motion_of(timing.of(log, vehicle, impulse)), impulse, cycles)
 
 
-def unexplained_with(
+def costs_with(
     setup: Setup, values: Mapping[str, object], later: float = 0.0, first: int = 0, motion: MeasuredMotion | None = None
 ) -> tuple[float, float]:
     """The same with other values of keys, and a delay changed by ``later`` cycles; infinite if too few cycles are left."""
     try:
-        return unexplained_by(setup.log, stating(setup.vehicle, values), setup.timing.moved(("delay",), (later,)), first, motion)
+        return log_costs(setup.log, stating(setup.vehicle, values), setup.timing.moved(("delay",), (later,)), first, motion)
     except (InputError, np.linalg.LinAlgError):
         return np.inf, np.inf
 
 
-def commanded(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0) -> tuple[Impulses, slice]:
+def known_impulses(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0) -> tuple[Impulses, slice]:
     """Impulses of the commands, and the cycles from ``first`` on in which they are known.
 
     Raise :class:`massprop_cli.base.errors.InputError` if these are too few.
     """
     impulse = impulses(log, vehicle, timing.delay, timing.lag_s(vehicle))
     cycles = slice(max(first, int(np.argmax(impulse.usable)) + 1), log.cycles)
-    if cycles.stop - cycles.start < LEAST + 3 * impulse.whole.shape[1]:
+    if cycles.stop - cycles.start < FEWEST + 3 * impulse.whole.shape[1]:
         raise InputError(f"{log.path}: {cycles.stop - cycles.start} cycles are too few to show what the IMU records; record longer")
     return impulse, cycles
 
@@ -78,7 +78,7 @@ def motion_of(samples: Samples) -> MeasuredMotion:
     return MeasuredMotion(samples.rate_rad_s, (samples.up_b[:-1] + samples.up_b[1:]) / 2, samples.specific_force_m_s2)
 
 
-def unexplained(motion: MeasuredMotion, impulse: Impulses, piece: slice) -> tuple[float, float]:
+def motion_costs(motion: MeasuredMotion, impulse: Impulses, piece: slice) -> tuple[float, float]:
     """Costs of rate growth and of specific force, regressed on impulses."""
     rates, force = residuals(motion, impulse, piece)
     return cost(rates), cost(force)
@@ -101,16 +101,18 @@ def residuals(motion: MeasuredMotion, impulse: Impulses, piece: slice, summed: b
     change, regressors = np.diff(rate, axis=0), np.hstack([window, precession, (up[1:] + up[:-1]) / 2, np.ones((len(precession), 1))])
     if summed:
         change, regressors = np.cumsum(change, 0), np.hstack([np.cumsum(regressors, 0), np.ones((len(precession), 1))])
-    return _left(change, regressors), _left(motion.force[piece], np.hstack([whole, turning, up, np.ones((len(rate), 1))]))
+    return _regression_residual(change, regressors), _regression_residual(
+        motion.force[piece], np.hstack([whole, turning, up, np.ones((len(rate), 1))])
+    )
 
 
-def summed(motion: MeasuredMotion, log: Log, vehicle: Vehicle, timing: Timing, first: int = 0) -> Array:
+def summed_residuals(motion: MeasuredMotion, log: Log, vehicle: Vehicle, timing: Timing, first: int = 0) -> Array:
     """(n, 6) residuals of the rate and of specific force."""
-    rates, force = residuals(motion, *commanded(log, vehicle, timing, first), summed=True)
+    rates, force = residuals(motion, *known_impulses(log, vehicle, timing, first), summed=True)
     return np.hstack([rates, force[1:]])
 
 
-def _left(motion: Array, regressors: Array) -> Array:
+def _regression_residual(motion: Array, regressors: Array) -> Array:
     """Residuals of a regression of ``motion`` on ``regressors``."""
     size = np.sqrt((regressors**2).sum(0))
     scaled = regressors[:, size > 0] / size[size > 0]

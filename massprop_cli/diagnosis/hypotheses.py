@@ -62,7 +62,7 @@ def _channels(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
         yield from _scales(model, names, (i,))
         if model.kind == "rotors" and model.couple[i].any():
             spun = _of_rotors(names, (i,))
-            yield Hypothesis("rotor-spin", (name,), np.zeros((len(model.stated), 0)), spun=spun, suspects=spun)
+            yield Hypothesis("rotor-spin", (name,), np.zeros((len(model.stated), 0)), reversed_rotors=spun, suspects=spun)
         size = float(np.linalg.norm(force))
         if size == 0 or model.kind == "wrench":
             continue
@@ -75,13 +75,13 @@ def _scales(model: Model, names: Sequence[str], group: tuple[int, ...], begins: 
     column, subject = along(model, ("thrust", np.isin(np.arange(len(names)), group).astype(float))), tuple(names[i] for i in group)
     yield Hypothesis("thrust-scale", subject, column, suspects=group)
     for begin in begins:
-        yield Hypothesis("thrust-scale", subject, column, start={model.place("thrust").start + i: begin for i in group})
+        yield Hypothesis("thrust-scale", subject, column, initial_values={model.place("thrust").start + i: begin for i in group})
 
 
 def _reversed(model: Model, names: Sequence[str], group: Sequence[int]) -> Hypothesis:
     """Channels that all act the opposite way."""
     start = {model.place("thrust").start + i: -1.0 for i in group}
-    return Hypothesis("thrust-scale", tuple(names[i] for i in group), np.zeros((len(model.stated), 0)), start=start)
+    return Hypothesis("thrust-scale", tuple(names[i] for i in group), np.zeros((len(model.stated), 0)), initial_values=start)
 
 
 def _of_rotors(names: Sequence[str], which: Sequence[int]) -> tuple[int, ...]:
@@ -111,7 +111,7 @@ def device_axes(model: Model, names: Sequence[str]) -> list[Hypothesis]:
     for kind in model.devices.values() if model.turns.all() else ():
         each = [Hypothesis("jet-direction", tuple(names[i] for i in group), _turned(model, group), suspects=group) for group in kind]
         names_of_kind = tuple(name for one in each for name in one.subject)
-        listed_axes += [*each, *[Hypothesis("jet-direction", names_of_kind, np.hstack([one.free for one in each]))] * (len(each) > 1)]
+        listed_axes += [*each, *[Hypothesis("jet-direction", names_of_kind, np.hstack([one.directions for one in each]))] * (len(each) > 1)]
     return listed_axes
 
 
@@ -142,7 +142,7 @@ def swapped(model: Model, names: Sequence[str], does: Sequence[int] = ()) -> lis
         if not moved:  #  swapped back
             continue
         code = "jets-swapped" if model.kind == "jets" and moved[0] < model.thrusting else "actuators-swapped"
-        exchanges.append(Hypothesis(code, tuple(names[k] for k in moved), no_unknowns, suspects=moved, does=tuple(order)))
+        exchanges.append(Hypothesis(code, tuple(names[k] for k in moved), no_unknowns, suspects=moved, wiring=tuple(order)))
     return exchanges
 
 
@@ -162,11 +162,11 @@ def _groups(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
         column, subject = along(model, ("thrust", np.isin(np.arange(len(names)), group).astype(float))), tuple(names[i] for i in group)
         for begin in (0.0, -1.0):
             start = {model.place("thrust").start + i: begin for i in group}
-            yield Hypothesis("thrust-scale", subject, column, start=start, suspects=group)
+            yield Hypothesis("thrust-scale", subject, column, initial_values=start, suspects=group)
     turning = tuple(np.flatnonzero(model.couple[: model.thrusting].any(1)).tolist())
     if model.kind == "rotors" and turning:  # the opposite sign convention
         spun = _of_rotors(names, turning)
-        yield Hypothesis("rotor-spin", tuple(names[i] for i in turning), np.zeros((len(model.stated), 0)), spun=spun)
+        yield Hypothesis("rotor-spin", tuple(names[i] for i in turning), np.zeros((len(model.stated), 0)), reversed_rotors=spun)
     if len(names) > 1:  # a common positive factor is not observable, a common sign is
         yield _reversed(model, names, range(len(names)))
     if model.kind == "wrench":  # axes of another convention, for example forward-right-down
@@ -186,7 +186,7 @@ def scaled(model: Model, names: Sequence[str], group: Sequence[int], begin: floa
     """Channels with a common thrust factor, from ``begin`` on."""
     start = {} if begin == 1 else {model.place("thrust").start + i: begin for i in group}
     weights = np.isin(np.arange(len(names)), group) * max(1.0, abs(begin - 1) / PRIORS["thrust"])
-    return Hypothesis("thrust-scale", tuple(names[i] for i in group), along(model, ("thrust", weights)), start=start)
+    return Hypothesis("thrust-scale", tuple(names[i] for i in group), along(model, ("thrust", weights)), initial_values=start)
 
 
 def timing(model: Model) -> Iterator[Hypothesis]:
@@ -224,7 +224,7 @@ class OtherUnit(NamedTuple):
     gyro: Array
     """(3,) measured over true value of each gyro axis, IMU axes."""
     accelerometer: Array
-    rare: float = 0.0
+    prior_odds: float = 0.0
     """−2 log of the prior odds against others of its kind."""
 
 
@@ -275,7 +275,14 @@ def units(model: Model, record_s: float, increments: bool) -> list[Hypothesis]:
         return STRAIGHT if (factors == 1).all() else turn
 
     return [
-        Hypothesis(one.code, (one.words,), no_unknowns, gyro=body_turn(one.gyro), accelerometer=body_turn(one.accelerometer), rare=one.rare)
+        Hypothesis(
+            one.code,
+            (one.words,),
+            no_unknowns,
+            gyro=body_turn(one.gyro),
+            accelerometer=body_turn(one.accelerometer),
+            prior_odds=one.prior_odds,
+        )
         for one in other_units(record_s, increments)
     ]
 
@@ -314,7 +321,7 @@ def _in_another_unit(model: Model) -> Iterator[Hypothesis]:
         if np.abs(shift).max() > REACHED * PRIORS["imu"]:
             start = {place.start + i: float(part) for i, part in enumerate(shift)}
             column = along(model, ("imu", shift / PRIORS["imu"]))
-            yield Hypothesis("imu-position", (), column, start=start)
+            yield Hypothesis("imu-position", (), column, initial_values=start)
 
 
 def _others(model: Model) -> Iterator[Hypothesis]:

@@ -25,9 +25,9 @@ class Hypothesis:
     code: str
     subject: tuple[str, ...]
     """Channel names, axes or the unit concerned."""
-    free: Array
+    directions: Array
     """(nx, d) directions of the unknowns in x, each scaled to its prior sigma."""
-    start: Mapping[int, float] = field(default_factory=dict)
+    initial_values: Mapping[int, float] = field(default_factory=dict)
     """Initial values of entries that do not start at the stated value."""
     gyro: Array = field(default_factory=lambda: STRAIGHT)
     """(3, 3) supposed turn, mirror or unit of the gyro beyond the stated mounting, body axes; next, that of the accelerometer."""
@@ -36,46 +36,48 @@ class Hypothesis:
     """Channels whose commands the initial regression does not use."""
     parts: tuple[Hypothesis, ...] = ()
     """The two hypotheses of a pair."""
-    states: Mapping[str, object] = field(default_factory=dict)
+    key_values: Mapping[str, object] = field(default_factory=dict)
     """Supposed values of keys of the vehicle file on which the motion depends nonlinearly."""
-    rare: float = 0.0
+    prior_odds: float = 0.0
     """−2 log of the prior odds against others of its kind."""
-    further: tuple[Mapping[str, object], ...] = ()
+    sigma_key_values: tuple[Mapping[str, object], ...] = ()
     """``key_values`` with each estimated number one sigma further."""
-    does: tuple[int, ...] = ()
+    wiring: tuple[int, ...] = ()
     """For each channel, the channel whose stated effect it has; empty: its own."""
-    spun: tuple[int, ...] = ()
+    reversed_rotors: tuple[int, ...] = ()
     """Rotor channels (thrust and stored momentum) that turn the other way than stated."""
-    freed: int | None = None
+    free_channel: int | None = None
     """Channel whose effect is free; None: no channel."""
 
     @cached_property
-    def moved(self) -> BoolArray:
+    def varied(self) -> BoolArray:
         """(nx,) entries that the directions vary."""
-        return np.asarray(self.free.any(1))
+        return np.asarray(self.directions.any(1))
 
     @cached_property
-    def begins(self) -> tuple[tuple[int, float], ...]:
+    def initial_items(self) -> tuple[tuple[int, float], ...]:
         """Initial values as (entry, value), to serve as a key."""
-        return tuple(self.start.items())
+        return tuple(self.initial_values.items())
 
-    def beside(self, other: Hypothesis) -> Hypothesis:
+    def combined_with(self, other: Hypothesis) -> Hypothesis:
         """The pair of both. Initial values and turns must be applied already."""
-        both = {**self.states, **other.states}
-        return Hypothesis("", (), np.hstack([self.free, other.free]), parts=(self, other), states=both)
+        both = {**self.key_values, **other.key_values}
+        return Hypothesis("", (), np.hstack([self.directions, other.directions]), parts=(self, other), key_values=both)
 
-    def whatever(self, channel: int) -> Hypothesis:
+    def with_free_channel(self, channel: int) -> Hypothesis:
         """The same hypothesis with the effect of one channel free."""
         # positional arguments: thousands are made, and ``replace`` takes three times as long
-        return Hypothesis(self.code, self.subject, self.free, self.start, self.gyro, self.accelerometer, (channel,), freed=channel)
+        return Hypothesis(
+            self.code, self.subject, self.directions, self.initial_values, self.gyro, self.accelerometer, (channel,), free_channel=channel
+        )
 
     @property
-    def turns(self) -> bool:
+    def turns_gyro(self) -> bool:
         """Whether it turns or mirrors the gyro's axes; another unit does neither."""
         scale = np.diag(self.gyro)
         return bool((self.gyro != np.diag(scale)).any() or (scale < 0).any())
 
     @property
-    def moves(self) -> Hypothesis:
+    def unknowns_only(self) -> Hypothesis:
         """Its unknowns alone, for a fit after initial values and turns are applied."""
-        return Hypothesis(self.code, self.subject, self.free)
+        return Hypothesis(self.code, self.subject, self.directions)

@@ -16,7 +16,7 @@ LEAST, FARTHEST = 0.03, 0.3
 """Limits of an initial body: least over largest principal response; CG offset over √(trace I / m)."""
 
 
-def begun(
+def initial_bodies(
     model: Model,
     sensors: tuple[ReducedLeastSquares, ReducedLeastSquares],
     regressed: dict[tuple[object, ...], Array],
@@ -30,19 +30,19 @@ def begun(
     """
     x = np.repeat(model.stated[None], len(hypotheses), 0)
     for row, one in zip(x, hypotheses, strict=True):
-        for entry, value in one.start.items():
+        for entry, value in one.initial_values.items():
             row[entry] = value
-    keys = [(sensors[0].triangle.shape[1], one.begins, () if trusting else one.suspects) for one in hypotheses]
+    keys = [(sensors[0].triangle.shape[1], one.initial_items, () if trusting else one.suspects) for one in hypotheses]
     new = {key: i for i, key in enumerate(keys) if key not in regressed}
     if new:
         suspects = np.zeros((len(new), len(model.force)), np.uint8)
         for row, (_, _, suspected) in zip(suspects, new, strict=True):
             row[list(suspected)] = 1
         which = list(new.values())
-        new_regressions = _plain(model, sensors, x[which], suspects != 0) if packed is None else packed.plain(x[which], suspects)
+        new_regressions = _regressions(model, sensors, x[which], suspects != 0) if packed is None else packed.regressed(x[which], suspects)
         regressed.update(zip(new, new_regressions, strict=True))
     regressions_of = np.array([regressed[key] for key in keys])
-    return _bodies(model, x, hypotheses, regressions_of) if packed is None else packed.begun(x, regressions_of)
+    return _bodies(model, x, hypotheses, regressions_of) if packed is None else packed.initial(x, regressions_of)
 
 
 def _bodies(model: Model, x: Array, hypotheses: Sequence[Hypothesis], regressions: Array) -> tuple[Array, Array]:
@@ -69,12 +69,12 @@ def _bodies(model: Model, x: Array, hypotheses: Sequence[Hypothesis], regression
     return x, np.concatenate([np.repeat(top[:, None], 6, 1), np.repeat(size[:, None], 3, 1), mu[:, None]], 1)
 
 
-def _plain(model: Model, sensors: tuple[ReducedLeastSquares, ReducedLeastSquares], x: Array, suspects: BoolArray) -> Array:
+def _regressions(model: Model, sensors: tuple[ReducedLeastSquares, ReducedLeastSquares], x: Array, suspects: BoolArray) -> Array:
     """(N, 9, 3) regressions for x (N, nx), with free responses of ``suspects`` (N, C)."""
-    return np.stack([_each(model, sensors, *each) for each in zip(x, suspects, strict=True)])
+    return np.stack([_regression(model, sensors, *each) for each in zip(x, suspects, strict=True)])
 
 
-def _each(model: Model, sensors: tuple[ReducedLeastSquares, ReducedLeastSquares], x: Array, suspects: BoolArray) -> Array:
+def _regression(model: Model, sensors: tuple[ReducedLeastSquares, ReducedLeastSquares], x: Array, suspects: BoolArray) -> Array:
     """(9, 3): growth of the rate by unit torques, and by forces or the vertical; specific force by unit forces; each (3, 3)."""
     (gyro, accelerometer), unit = sensors, np.eye(sensors[0].triangle.shape[1])
     torque, force = model.wrench(x)

@@ -20,7 +20,7 @@ WEIGHT, ONE_WAY = 0.03, 0.5
 may support the vehicle."""
 
 
-def seen(case: Case) -> Notice | None:
+def gravity_felt(case: Case) -> Notice | None:
     """Notice that the accelerometer measures gravity in free flight; None otherwise."""
     log, environment = case.log, case.vehicle.environment
     if environment.kind != "free":
@@ -35,7 +35,7 @@ def seen(case: Case) -> Notice | None:
     return Notice("gravity-felt", f'{words}; state "air_bearing", "pedestal" or "planar"')
 
 
-def sparse(case: Case) -> str:
+def sparse_commands(case: Case) -> str:
     """Sentence that commands were logged more rarely than they were issued; empty otherwise.
 
     Commands that change only in every n-th cycle may be those of a slow controller. So the motion is regressed on the logged wrench, the
@@ -53,7 +53,7 @@ def sparse(case: Case) -> str:
     interval, first = (1, 0) if commands is None else _rhythm(commands)
     if commands is None or interval == 1:
         return ""
-    variance, count = _left_between(case, commands, interval, first)
+    variance, count = _variance_by_cycle(case, commands, interval, first)
     if not len(variance):
         return ""
     mean = (count * variance).sum(0) / count.sum()
@@ -66,7 +66,7 @@ def sparse(case: Case) -> str:
     )
 
 
-def lost(log: Log) -> str:
+def lost_records(log: Log) -> str:
     """Sentence that records and their commands were lost; empty if none was, or if commands have times of their own."""
     rows = np.flatnonzero(log.interval_s > LONG * median(log.interval_s))
     if log.command_s is not None or not len(rows):
@@ -94,7 +94,7 @@ def _rhythm(commands: Array) -> tuple[int, int]:
     return max(((n, at) for n in RARELY for at in range(n) if np.mean(changes % n == at) > MOSTLY), default=(1, 0))
 
 
-def _left_between(case: Case, commands: Array, interval: int, first: int) -> tuple[Array, Array]:
+def _variance_by_cycle(case: Case, commands: Array, interval: int, first: int) -> tuple[Array, Array]:
     """Residual variances of each of the n cycles: (n, 6) of rates and specific force, and (n, 1) degrees of freedom.
 
     Empty for a short log.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis.coefficients import RAMP, Model
-from massprop_cli.diagnosis.design import SWUNG
+from massprop_cli.diagnosis.design import GYRO_ERRORS
 from massprop_cli.errorparameters.environment import LEVEL
 from massprop_cli.estimate.whitening import ReducedLeastSquares
 from massprop_cli.kernel import kernel, pointer
@@ -17,7 +17,7 @@ from massprop_cli.kernel import kernel, pointer
 BLOCKS = (
     *("channels", "products", "constant", "rates", "later", "lagging", "smeared", "drifting", "rising", "falling"),
     *("sagging", "ebbing", "aging", "up", "level"),
-    *(*LEVEL, *(f"{name} {axis}" for name in SWUNG for axis in range(3)), "slope 0", "slope 1", "precession"),
+    *(*LEVEL, *(f"{name} {axis}" for name in GYRO_ERRORS for axis in range(3)), "slope 0", "slope 1", "precession"),
 )
 """Column blocks in the kernel's order."""
 
@@ -27,7 +27,7 @@ class Fits(NamedTuple):
 
     x: Array
     """(H, nx) fitted x."""
-    left: Array
+    residuals: Array
     """(H, p, 6) residuals over the noise."""
     spread: Array
     """(H, n) sigma of each unknown."""
@@ -66,7 +66,7 @@ class PackedTriangles:
         self._turns = np.ascontiguousarray(np.stack([gyro, accelerometer], 1))
         self._freed = None if freed is None else np.ascontiguousarray(np.concatenate(freed).T)
 
-    def plain(self, x: Array, suspects: NDArray[np.uint8]) -> Array:
+    def regressed(self, x: Array, suspects: NDArray[np.uint8]) -> Array:
         """(N, 9, 3) regressions of motion on commands for x (N, nx), with free responses of the channels ``suspects`` (N, C)."""
         channels = suspects.shape[1]
         regressions = np.empty((len(x), 9, 3))
@@ -74,13 +74,13 @@ class PackedTriangles:
         self._run("mp_host_plain", 0, np.ascontiguousarray(x), suspects, workspace, regressions, count=len(x))
         return regressions
 
-    def begun(self, x: Array, regressions: Array) -> tuple[Array, Array]:
+    def initial(self, x: Array, regressions: Array) -> tuple[Array, Array]:
         """(H, nx) x with initial bodies from regressions (H, 9, 3), and (H, 10) sizes of θ."""
         start, sizes = np.ascontiguousarray(x), np.empty((len(x), 10))
         self._run("mp_host_initial_bodies", 0, self._turns, np.ascontiguousarray(regressions), start, sizes)
         return start, sizes
 
-    def left(self, x: Array) -> Array:
+    def residuals(self, x: Array) -> Array:
         """(H, p, 6) residuals of x (H, nx), over the noise."""
         residuals, workspace = np.empty((len(x), 6, self.columns)), np.empty(6 * self.columns)
         start = np.ascontiguousarray(x)

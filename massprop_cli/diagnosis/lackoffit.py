@@ -91,16 +91,16 @@ def hidden_error(history: History, samples: Source, vehicle: Resolved, spread: f
     tilted = vehicle.pivoted
     slow = tilted or vehicle.environment.disturbance_walk_n_m > 0
     biased = slow or vehicle.imu.accel_bias_sigma_m_s2 > 0  # a slow torque accelerates the IMU
-    within = _within(reference, vehicle)
+    within = _wander_cycles(reference, vehicle)
     rates, forces = _folded(samples, history.cycles, reference, vehicle, (slow * within, biased * within))
-    squares = _hidden(rates, share[:, :3], spread), _hidden(forces, share[:, 3:], spread)
+    squares = _hidden_squares(rates, share[:, :3], spread), _hidden_squares(forces, share[:, 3:], spread)
     weight = np.stack([share[:, :3].sum(1), share[:, 3:].sum(1)])
     error: Array = np.sqrt((weight * np.stack(squares)).sum(0))
     error[MU] /= reference.mu**2
     return error
 
 
-def _within(reference: Reference, vehicle: Resolved) -> int:
+def _wander_cycles(reference: Reference, vehicle: Resolved) -> int:
     """Cycles within which slow variation is negligible: :data:`WANDER`, or fewer if a slow torque soon exceeds the noise.
 
     N cycles of a torque walk of q per cycle have a variance of N (J T q)². Noise in a rate step has 2 σ² and that of a white torque.
@@ -128,7 +128,7 @@ def _folded(
         kinds = zip(_rows(samples, wide, reference, vehicle), quick, (last - 1, last - (part.stop < cycles.stop)), strict=True)
         # the mean is subtracted before weighting
         part_rows = [
-            (rows.quick(weight, within) if within else rows).weighted(weight).part(slice(first, end))
+            (rows.without_mean(weight, within) if within else rows).weighted(weight).part(slice(first, end))
             for (rows, weight), within, end in kinds
         ]
         folded = (
@@ -163,11 +163,11 @@ def _rows(
     rates = _MeasurementRows.of_all(system.transition[:, RATE, PARAMETERS], growth, _probes(samples, cycles, _window)[:-1])
     forces = _MeasurementRows.of_all(system.observation[:, 3:, PARAMETERS], felt, _probes(samples, cycles, _whole))
     rate_ignored, force_ignored = np.split(here.executed.ignored & ~samples.unread, 2, 1)
-    steps, whole = _held(np.asarray((rate_ignored[1:] | rate_ignored[:-1]).any(1))), _held(np.asarray(force_ignored.any(1)))
+    steps, whole = _last_used(np.asarray((rate_ignored[1:] | rate_ignored[:-1]).any(1))), _last_used(np.asarray(force_ignored.any(1)))
     return (rates.of(steps), turning[:, steps]), (forces.of(whole), pushing[:, whole])
 
 
-def _held(ignored: BoolArray) -> IntArray | slice:
+def _last_used(ignored: BoolArray) -> IntArray | slice:
     """(N,) row numbers, with the last used row in place of each ignored one."""
     return last_before(~ignored) if ignored.any() else slice(None)  # no copy
 
@@ -196,7 +196,7 @@ def _quietest(variance: Array) -> Array:
 class _MeasurementRows:
     """Least-squares rows of one kind of measurement: ``count`` rows, reduced to N."""
 
-    own: Array
+    by_axis: Array
     """(3, N, 11) for each axis: regressors of the ten parameters, and residual."""
     probes: Array
     """(A, N, d) probes; A is 3, or 1 if they are the same for each axis."""
@@ -210,26 +210,28 @@ class _MeasurementRows:
     def weighted(self, weight: Array) -> _MeasurementRows:
         """Rows times weights (3, N)."""
         alike = len(self.probes) == 1 and (weight == weight[0]).all()
-        return _MeasurementRows(self.own * weight[..., None], self.probes * (weight[:1] if alike else weight)[..., None], self.count)
+        return _MeasurementRows(self.by_axis * weight[..., None], self.probes * (weight[:1] if alike else weight)[..., None], self.count)
 
     def of(self, rows: IntArray | slice) -> _MeasurementRows:
         """Selected rows, with the count unchanged."""
-        return _MeasurementRows(self.own[:, rows], self.probes[:, rows], self.count)
+        return _MeasurementRows(self.by_axis[:, rows], self.probes[:, rows], self.count)
 
-    def quick(self, weight: Array, within: int) -> _MeasurementRows:
+    def without_mean(self, weight: Array, within: int) -> _MeasurementRows:
         """Rows less their moving mean over ``within`` rows, by weights (3, N)."""
         square = weight[..., None] ** 2
-        return _MeasurementRows(_quick(self.own, square, within), _quick(self._probes_by_axis, square, within), self.count)
+        return _MeasurementRows(
+            _without_mean(self.by_axis, square, within), _without_mean(self._probes_by_axis, square, within), self.count
+        )
 
     def part(self, rows: slice) -> _MeasurementRows:
         selected = self.of(rows)
-        return _MeasurementRows(selected.own, selected.probes, selected.own.shape[1])
+        return _MeasurementRows(selected.by_axis, selected.probes, selected.by_axis.shape[1])
 
     def joined(self, other: _MeasurementRows) -> _MeasurementRows:
         both = [one.probes for one in (self, other)]
         if len(both[0]) != len(both[1]):
             both = [one._probes_by_axis for one in (self, other)]
-        return _MeasurementRows(np.concatenate([self.own, other.own], 1), np.concatenate(both, 1), self.count + other.count)
+        return _MeasurementRows(np.concatenate([self.by_axis, other.by_axis], 1), np.concatenate(both, 1), self.count + other.count)
 
     @property
     def _probes_by_axis(self) -> Array:
@@ -239,15 +241,15 @@ class _MeasurementRows:
         """The same inner products as triangles of orthogonal factorisations."""
         width = self.probes.shape[2]
         if len(self.probes) == 1:
-            upper = triangle_of(np.hstack([self.probes[0], *self.own]))
+            upper = triangle_of(np.hstack([self.probes[0], *self.by_axis]))
             return _MeasurementRows(np.stack(np.split(upper[:, width:], 3, axis=1)), upper[None, :, :width], self.count)
-        each = [triangle_of(np.hstack(pair)) for pair in zip(self.probes, self.own, strict=True)]
+        each = [triangle_of(np.hstack(pair)) for pair in zip(self.probes, self.by_axis, strict=True)]
         return _MeasurementRows(np.stack([upper[:, width:] for upper in each]), np.stack([upper[:, :width] for upper in each]), self.count)
 
 
-def _hidden(rows: _MeasurementRows, share: Array, spread: float) -> Array:
+def _hidden_squares(rows: _MeasurementRows, share: Array, spread: float) -> Array:
     """(10,) δ² of one kind of measurement."""
-    regressors, residual = rows.own[..., :10], rows.own[..., 10]
+    regressors, residual = rows.by_axis[..., :10], rows.by_axis[..., 10]
     size = np.sqrt((regressors**2).sum((0, 1)))
     sensitive = size > 0
     if not sensitive.any():
@@ -271,7 +273,7 @@ def _hidden(rows: _MeasurementRows, share: Array, spread: float) -> Array:
     return square
 
 
-def _quick(values: Array, weight: Array, within: int) -> Array:
+def _without_mean(values: Array, weight: Array, within: int) -> Array:
     """(3, N, c) values less their mean, by ``weight`` (3, N, 1), over the ``within`` rows around each."""
     count = values.shape[1]
     half = min(within, count - 1) // 2

@@ -1,7 +1,7 @@
 """Hypotheses about stated low-passes: another cutoff or another latency.
 
 Cutoffs are fitted together (:func:`massprop_cli.diagnosis.delay.detect`), with the delay if that was estimated, since it absorbs their
-common delay. Latencies are those of least free-response cost (:func:`massprop_cli.diagnosis.freeresponse.unexplained_with`). A common
+common delay. Latencies are those of least free-response cost (:func:`massprop_cli.diagnosis.freeresponse.costs_with`). A common
 latency error of both sensors is a delay of the commands.
 """
 
@@ -10,11 +10,11 @@ from functools import cached_property
 
 import numpy as np
 
-from massprop_cli.diagnosis.delay import LONGEST, PRIOR, SENSORS, apart, cycles_of, detect
+from massprop_cli.diagnosis.delay import LONGEST, PRIOR, SENSORS, cycles_of, detect, differences
 from massprop_cli.diagnosis.design import Case
-from massprop_cli.diagnosis.freeresponse import MeasuredMotion, line_minimum, motion_of, sigma_at, unexplained_with
+from massprop_cli.diagnosis.freeresponse import MeasuredMotion, costs_with, line_minimum, motion_of, sigma_at
+from massprop_cli.diagnosis.keyhypothesis import KeyHypothesis, KeyValues
 from massprop_cli.diagnosis.ranking import CLEAR
-from massprop_cli.diagnosis.supposed import States, Supposed
 from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.errorparameters.table import BY_NAME, SIGMA_KEYS
 
@@ -32,7 +32,7 @@ MOST = 0.8
 """Least gain over that of the best hypothesis."""
 
 
-def other_low_passes(case: Case, piece: slice) -> list[Supposed]:
+def other_low_passes(case: Case, piece: slice) -> list[KeyHypothesis]:
     """Other low-passes with a clearly lower free-response cost than the stated ones."""
     search = _Search(case)
     # with an open delay, only the difference of both latencies is observable
@@ -61,7 +61,7 @@ class _Search:
         """Measured motion; None on a bearing, where it depends on the low-passes."""
         return None if self.case.vehicle.pivoted else motion_of(self.case.timing.of(self.case.log, self.case.vehicle))
 
-    def cutoffs(self, piece: slice) -> list[tuple[float, Supposed]]:
+    def cutoffs(self, piece: slice) -> list[tuple[float, KeyHypothesis]]:
         """Hypothesis of the cutoffs that changed significantly, with its decrease of −2 log likelihood."""
         case, filtered = self.case, [sensor for sensor, one in self.stated.items() if one.order]
         delay, names = ["delay"] if self.loose else [], [f"{sensor}_cutoff" for sensor in filtered]
@@ -73,8 +73,8 @@ class _Search:
             return []
         setup = case.setup._replace(vehicle=stating(case.vehicle, {"imu": timing.imu}))
         sigmas = np.sqrt(np.diag(timing.covariance))[len(delay) :]
-        changes = np.abs(apart(setup, case.setup, names))
-        states, codes = States(), list[str]()
+        changes = np.abs(differences(setup, case.setup, names))
+        states, codes = KeyValues(), list[str]()
         for sensor, name, by, sigma in zip(filtered, names, changes, sigmas, strict=True):
             key = f"imu.{sensor}_filter.cutoff_hz"
             if by > MOVED * sigma:
@@ -83,14 +83,14 @@ class _Search:
                 codes.append(f"{sensor}-filter")
         later = timing.at.delay - case.timing.delay
         # an open delay stays open
-        hypothesis = Supposed(tuple(codes), states, later=later, loose=PRIOR / 2 if estimated else self.loose)
+        hypothesis = KeyHypothesis(tuple(codes), states, delay_change=later, delay_sigma=PRIOR / 2 if estimated else self.loose)
         return [(self.cost - sum(self._left(states, later)), hypothesis)] if codes else []
 
     def _begun(self, filtered: Sequence[str]) -> Setup:
         """Setup with one factor on all time constants; an open delay compensates their mean."""
         delays = [(1.0, 2**0.5)[self.stated[sensor].order - 1] * cycles_of(self.case.setup, f"{sensor}_cutoff") for sensor in filtered]
 
-        def states(by: float) -> States:
+        def states(by: float) -> KeyValues:
             return {f"imu.{sensor}_filter.cutoff_hz": self.stated[sensor].cutoff * float(np.exp(-by)) for sensor in filtered}
 
         def later(by: float) -> float:
@@ -99,7 +99,7 @@ class _Search:
         by = line_minimum(lambda by: sum(self._left(states(by), later(by))), SLOWER, STEP / 2, STEP / 8)
         return Setup(self.case.log, stating(self.case.vehicle, states(by)), self.case.timing.moved(("delay",), (later(by),)))
 
-    def latency(self, sensor: str) -> tuple[float, Supposed]:
+    def latency(self, sensor: str) -> tuple[float, KeyHypothesis]:
         """Latency of least cost, with its decrease of −2 log likelihood; an open delay is that of the other sensor."""
         others = [i for i, one in enumerate(SENSORS) if one != sensor]
         later, key = self._later(others) if self.sought else self.back, f"imu.{sensor}_filter.latency_s"
@@ -112,13 +112,13 @@ class _Search:
 
         by = line_minimum(cost, LATER, STEP, FINEST)
         one_sigma = value(by + sigma_at(cost, by))
-        states: States = {key: value(by), SIGMA_KEYS[key]: float(f"{ROUGHLY * abs(one_sigma - value(by)):.3g}")}
-        return self.cost - cost(by), Supposed((f"{sensor}-filter",), states, ({key: one_sigma},), later, self.loose)
+        states: KeyValues = {key: value(by), SIGMA_KEYS[key]: float(f"{ROUGHLY * abs(one_sigma - value(by)):.3g}")}
+        return self.cost - cost(by), KeyHypothesis((f"{sensor}-filter",), states, ({key: one_sigma},), later, self.loose)
 
     def _later(self, sensors: Sequence[int]) -> float:
         """Change of the delay of least cost by these sensors, cycles."""
         return line_minimum(lambda later: sum(self._left({}, later)[i] for i in sensors), (0.0, *LATER), STEP, FINEST)
 
-    def _left(self, values: States, later: float) -> tuple[float, float]:
+    def _left(self, values: KeyValues, later: float) -> tuple[float, float]:
         """Costs over the same cycles for all low-passes, since a slower one settles later."""
-        return unexplained_with(self.case.setup, values, later, min(LONGEST, self.case.log.cycles // 4), self.motion)
+        return costs_with(self.case.setup, values, later, min(LONGEST, self.case.log.cycles // 4), self.motion)

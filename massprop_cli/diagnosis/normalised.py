@@ -25,18 +25,18 @@ BEGUN = (1.0, 0.1, 0.01, 10.0)
 """Initial scales."""
 
 
-def ones(log: Log) -> list[str]:
+def unit_columns(log: Log) -> list[str]:
     """Columns of a commanded wrench whose largest value is 1."""
     return [name for name, most in zip(WRENCH, np.abs(log.command).max(0), strict=True) if abs(most - 1) < EXACT]
 
 
 def suspected(names: Sequence[str], log: Log) -> tuple[str, ...]:
     """Channels that may be normalised; none if such torques, or forces, are too few."""
-    named = ones(log) if log.command_kind == "wrench" else []
+    named = unit_columns(log) if log.command_kind == "wrench" else []
     return tuple(name for name in names if name in named and sum(("torque" in name) == ("torque" in other) for other in named) >= FEWEST)
 
 
-def supposed(model: Model, names: Sequence[str], normalised_names: Sequence[str]) -> list[Hypothesis]:
+def scale_hypotheses(model: Model, names: Sequence[str], normalised_names: Sequence[str]) -> list[Hypothesis]:
     """Hypotheses that these columns are normalised, each with its own scale."""
     # a scale common to all commands is not observable
     free = normalised_names[:-1] if len(normalised_names) == len(names) else normalised_names
@@ -45,7 +45,7 @@ def supposed(model: Model, names: Sequence[str], normalised_names: Sequence[str]
     places = [model.place("thrust").start + names.index(name) for name in free]
     units = np.hstack([along(model, ("thrust", SIZE / PRIORS["thrust"] * (np.array(names) == name))) for name in free])
     starts = [dict.fromkeys(places, scale) if scale != 1 else {} for scale in BEGUN]
-    return [Hypothesis(CODE, tuple(normalised_names), units, start=start, rare=LIKELY) for start in starts]
+    return [Hypothesis(CODE, tuple(normalised_names), units, initial_values=start, prior_odds=LIKELY) for start in starts]
 
 
 def renamed(listed: Sequence[Hypothesis], names: Sequence[str], own: Sequence[str]) -> list[Hypothesis]:
@@ -53,7 +53,7 @@ def renamed(listed: Sequence[Hypothesis], names: Sequence[str], own: Sequence[st
     others = set(names) - set(own)
 
     def scales(one: Hypothesis) -> bool:
-        subject, positive = set(one.subject), all(begin > 0 for begin in one.start.values())
+        subject, positive = set(one.subject), all(begin > 0 for begin in one.initial_values.values())
         return one.code == "thrust-scale" and positive and bool(subject) and (subject <= set(own) or subject == others)
 
-    return [replace(one, code=CODE, subject=tuple(own), rare=LIKELY) if own and scales(one) else one for one in listed]
+    return [replace(one, code=CODE, subject=tuple(own), prior_odds=LIKELY) if own and scales(one) else one for one in listed]

@@ -76,7 +76,7 @@ class SensorOutliers(NamedTuple):
     """Distance of each, sigmas."""
 
 
-def screened(log: Log, vehicle: Vehicle, samples: Stream, pieces: Sequence[slice]) -> tuple[Vehicle, list[Notice]]:
+def with_outliers(log: Log, vehicle: Vehicle, samples: Stream, pieces: Sequence[slice]) -> tuple[Vehicle, list[Notice]]:
     """Vehicle with the times of outliers in ``pieces``, unless the vehicle file states them, and notices."""
     times, notices = {}, list[Notice]()
     doubled = _doubled(log)
@@ -129,19 +129,20 @@ def _doubled(log: Log) -> IntArray:
     return np.flatnonzero(alone)
 
 
-def without(log: Log, vehicle: Vehicle) -> Log:
+def without_outliers(log: Log, vehicle: Vehicle) -> Log:
     """Log with the stated outliers marked as ignored, and the previous reading in their place."""
-    ignored = np.stack([_named(log, getattr(vehicle.imu, f"{sensor}_outliers_s") or ()) for sensor in SENSORS], 1)
+    ignored = np.stack([_cycles_at(log, getattr(vehicle.imu, f"{sensor}_outliers_s") or ()) for sensor in SENSORS], 1)
     if not ignored.any():
         return log
     theta, velocity = (
-        _held(log, increments, flags) for increments, flags in zip((log.delta_theta_imu_rad, log.delta_v_imu_m_s), ignored.T, strict=True)
+        _with_previous_rate(log, increments, flags)
+        for increments, flags in zip((log.delta_theta_imu_rad, log.delta_v_imu_m_s), ignored.T, strict=True)
     )
     ignored = ignored if log.ignored is None else ignored | log.ignored
     return replace(log, delta_theta_imu_rad=frozen(theta), delta_v_imu_m_s=frozen(velocity), ignored=ignored)
 
 
-def _named(log: Log, times: Sequence[float]) -> BoolArray:
+def _cycles_at(log: Log, times: Sequence[float]) -> BoolArray:
     """(K,) cycles with records that end at these times."""
     flags = np.zeros(log.cycles, dtype=bool)
     for time in times:
@@ -150,7 +151,7 @@ def _named(log: Log, times: Sequence[float]) -> BoolArray:
     return flags
 
 
-def _held(log: Log, increments: Array, flags: BoolArray) -> Array:
+def _with_previous_rate(log: Log, increments: Array, flags: BoolArray) -> Array:
     """(n, 3) increments with the previous rate in flagged cycles; at the start of the log, the next one."""
     per_cycle = (-1, log.records_per_cycle)
     whole, duration = increments.reshape(*per_cycle, 3).sum(1), log.interval_s.reshape(per_cycle).sum(1)
@@ -187,10 +188,10 @@ def _search(log: Log, vehicle: Vehicle, samples: Stream, pieces: Sequence[slice]
                     continue
                 sigmas_found = find(samples.part(extended), noise[sensor], max(max(usable, piece.start) - extended.start, 0))
                 sizes[sensor][cycles] = sigmas_found[cycles.start - extended.start : cycles.stop - extended.start]
-    return _judged(sizes[0], log.rows), _judged(sizes[1], log.rows)
+    return _accepted(sizes[0], log.rows), _accepted(sizes[1], log.rows)
 
 
-def _judged(sigmas: Array, rows: int) -> SensorOutliers:
+def _accepted(sigmas: Array, rows: int) -> SensorOutliers:
     """Readings beyond the limit, if they are few and distinct."""
     far = sigmas > SIGMAS
     for start, stop in runs(far):
@@ -211,7 +212,7 @@ def _of_gyro(here: Samples, noise: float, first: int) -> Array:
     falling, impulses = executed.channels.falling, executed.channels.step
 
     def residual_of(rate: Array, used: BoolArray) -> Array:
-        median_rate = _usual(rate)
+        median_rate = _median_rate(rate)
         middle = (median_rate[1:] + median_rate[:-1]) / 2
         precession = _precession(here, median_rate)
         others = np.hstack([products(middle) * window_s, middle * window_s, (precession[1:] + precession[:-1]) * window_s, up, window_s])
@@ -223,7 +224,7 @@ def _of_gyro(here: Samples, noise: float, first: int) -> Array:
         opposite = np.abs(incoming + outgoing) < RETURNS * 2 * np.abs(sizes)
         return sizes, opposite
 
-    return _taken_out(here.rate_rad_s, residual_of, size, _busy(impulses), noise, _told(here, "gyro", first))
+    return _removed(here.rate_rad_s, residual_of, size, _commanded(impulses), noise, _usable_cycles(here, "gyro", first))
 
 
 def _of_accelerometer(here: Samples, noise: float, first: int) -> Array:
@@ -231,7 +232,7 @@ def _of_accelerometer(here: Samples, noise: float, first: int) -> Array:
     executed, rate = here.executed, here.rate_rad_s
     impulses = executed.channels.whole / executed.duration_s[:, None]
     up = (here.up_b[1:] + here.up_b[:-1]) / 2
-    median_rate = _usual(rate)
+    median_rate = _median_rate(rate)
     others = np.hstack([products(median_rate), median_rate, _precession(here, median_rate), up, np.ones((len(rate), 1))])
 
     def residual_of(force: Array, used: BoolArray) -> Array:
@@ -241,25 +242,25 @@ def _of_accelerometer(here: Samples, noise: float, first: int) -> Array:
         around = (np.vstack([residual_rows[1:2], residual_rows[:-1]]) + np.vstack([residual_rows[1:], residual_rows[-2:-1]])) / 2
         return residual_rows - around, np.ones(residual_rows.shape, dtype=bool)
 
-    return _taken_out(here.specific_force_m_s2, residual_of, size, _busy(impulses)[:-1], noise, _told(here, "accel", first))
+    return _removed(here.specific_force_m_s2, residual_of, size, _commanded(impulses)[:-1], noise, _usable_cycles(here, "accel", first))
 
 
-class _Told(NamedTuple):
+class _UsableCycles(NamedTuple):
     """Usable cycles of K."""
 
-    known: BoolArray
+    usable: BoolArray
     """(K,) cycles with a used reading and known commands."""
     first: int
     """First cycle whose earlier commands are known."""
 
 
-def _told(here: Samples, sensor: str, first: int) -> _Told:
+def _usable_cycles(here: Samples, sensor: str, first: int) -> _UsableCycles:
     """Usable cycles of one sensor. An unknown reading or command also affects the regressors and comparisons of its neighbours."""
     executed, axes = here.executed, slice(3 * SENSORS.index(sensor), 3 * SENSORS.index(sensor) + 3)
     unknown = executed.uncommanded | np.asarray((executed.ignored & ~here.unread)[:, axes].any(1))
     before, after = RUN, max(LAGS) + 1
     near = np.lib.stride_tricks.sliding_window_view(np.pad(unknown, (after, before)), before + after + 1)
-    return _Told(np.asarray(~near.any(1)), first)
+    return _UsableCycles(np.asarray(~near.any(1)), first)
 
 
 def _precession(here: Samples, rate: Array) -> Array:
@@ -268,7 +269,7 @@ def _precession(here: Samples, rate: Array) -> Array:
     return np.zeros((len(rate), 0)) if stored is None else stored.precession(rate)
 
 
-def _usual(rate: Array) -> Array:
+def _median_rate(rate: Array) -> Array:
     """(K, 3) median of each rate and its neighbours, so that an outlier does not distort the regressors.
 
     At an end, the line through the next two rates replaces the missing neighbour.
@@ -278,7 +279,7 @@ def _usual(rate: Array) -> Array:
     return np.asarray(np.sort(np.stack([before, rate, after]), axis=0)[1])
 
 
-def _busy(commands: Array) -> BoolArray:
+def _commanded(commands: Array) -> BoolArray:
     """(K + 1,) cycles with commands in a step or the previous one."""
     some = (commands != 0).any(1)
     return np.asarray(np.append(some, False) | np.append(False, some))
@@ -301,13 +302,13 @@ def _residual(motion: Array, commands: Array, before: Array, others: Array, used
     return np.zeros_like(motion)
 
 
-def _taken_out(
+def _removed(
     measured: Array,
     residual_of: Callable[[Array, BoolArray], Array],
     size: Callable[[Array], tuple[Array, BoolArray]],
     busy: BoolArray,
     noise: float,
-    usable: _Told,
+    usable: _UsableCycles,
 ) -> Array:
     """(K,) distance, in sigmas, of outliers removed from ``measured`` (K, 3), and of the remaining readings."""
     first = usable.first
@@ -315,7 +316,7 @@ def _taken_out(
         return np.zeros(len(measured))
     cleaned, total, outlying = measured.copy(), np.zeros_like(measured), np.zeros(measured.shape, dtype=bool)
     least_scale = max(1.2 * noise, RESOLUTION * float(np.sqrt((measured**2).mean())))
-    trusted = usable.known & (np.arange(len(measured)) >= first)
+    trusted = usable.usable & (np.arange(len(measured)) >= first)
     for _ in range(ROUNDS):
         # rows outside the regression have no residual to compare the first ones with
         sizes, distinct = size(residual_of(cleaned, trusted & ~outlying.any(1))[first:])
@@ -323,7 +324,7 @@ def _taken_out(
         scale = np.maximum(_scales(sizes, busy), least_scale)
         removed = np.where(outlying, sizes, 0.0)
         if (np.abs(removed) < scale).all():  # earlier removals have converged
-            distance = np.where(distinct & ~outlying & usable.known[:, None], np.abs(sizes), 0.0) / scale
+            distance = np.where(distinct & ~outlying & usable.usable[:, None], np.abs(sizes), 0.0) / scale
             distance[: first + BEGUN], distance[-1] = distance[: first + BEGUN] / EARLY, distance[-1] / ALONE
             neighbours = np.vstack([distance[1:2], np.maximum(distance[2:], distance[:-2]), distance[-2:-1]])
             # the largest first, since they leave residuals that look like outliers
@@ -333,7 +334,7 @@ def _taken_out(
             outlying, removed = outlying | peak, np.where(peak, sizes, 0.0)
         cleaned, total = cleaned - removed, total + removed
     sigmas: Array = np.where(outlying, np.abs(total), np.minimum(np.abs(sizes), SIGMAS * scale)) / scale
-    return np.asarray(np.where(usable.known, sigmas.max(1), 0.0))
+    return np.asarray(np.where(usable.usable, sigmas.max(1), 0.0))
 
 
 def _scales(sizes: Array, busy: BoolArray) -> Array:

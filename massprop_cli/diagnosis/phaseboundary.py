@@ -9,7 +9,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import TINY
 from massprop_cli.base.configfile import written
-from massprop_cli.diagnosis.corrections import Correction, shown
+from massprop_cli.diagnosis.corrections import Correction, time_text
 from massprop_cli.diagnosis.screening import Screening, screened
 from massprop_cli.estimate.whitening import NONE
 from massprop_cli.inputs.vehicle import Phase
@@ -24,7 +24,7 @@ NEAR = 3
 """Cycles, after commands are known, within which a segment starts with its phase."""
 
 
-class Border(NamedTuple):
+class PhaseBoundary(NamedTuple):
     """A corrected start or end of a phase."""
 
     phase: Phase | None
@@ -50,7 +50,7 @@ class Border(NamedTuple):
         which, side = ("first", "from") if self.begins else ("last", "until")
         other = "until then something else was docked" if self.begins else "from then on something else is docked"
         return (
-            f"the log fits without the {which} {self.left_out} cycles{name}, that is {side} {shown(self.time_s)} s: {other}, "
+            f"the log fits without the {which} {self.left_out} cycles{name}, that is {side} {time_text(self.time_s)} s: {other}, "
             f"the vehicle was held, or a jet failed; correct {self.key} under [[phases]]"
         )
 
@@ -64,12 +64,12 @@ class Border(NamedTuple):
         return Correction((f"phases={written([only])}",))
 
 
-def border(screening: Screening, end_s: float) -> Border | None:
+def phase_boundary(screening: Screening, end_s: float) -> PhaseBoundary | None:
     """The boundary of a phase without whose first or last cycles a screening leaves only noise; None without one.
 
     ``end_s``: end of the whole log, s, of which the screening may have a segment only.
     """
-    under_noise, count = plainly(screening, screening.piece), screening.piece.stop - screening.piece.start
+    under_noise, count = under_stated_noise(screening, screening.piece), screening.piece.stop - screening.piece.start
     if under_noise is None:
         return None
     screening, most = under_noise, min(LONGEST, int(MOST * count))
@@ -79,7 +79,7 @@ def border(screening: Screening, end_s: float) -> Border | None:
     fewest = min((one for one in sides if one is not None), key=lambda one: one[0], default=None)
     if fewest is not None and beyond_noise(fewest[2]) > LEFT * beyond_noise(screening):
         return None  # the misfit is spread over all cycles, as by understated noise
-    return None if fewest is None else _placed(screening, *fewest[:2], end_s)
+    return None if fewest is None else _boundary(screening, *fewest[:2], end_s)
 
 
 def beyond_noise(screening: Screening) -> float:
@@ -89,7 +89,7 @@ def beyond_noise(screening: Screening) -> float:
     return float((squares / np.maximum(screening.noise, TINY)).sum() - 6 * (screening.piece.stop - screening.piece.start))
 
 
-def plainly(screening: Screening, piece: slice) -> Screening | None:
+def under_stated_noise(screening: Screening, piece: slice) -> Screening | None:
     """Screening of a piece under the stated noise only; a random-walk torque would explain a few cycles, too."""
     case, theta = screening.case, screening.stated.value("theta")
     first = screened(case, piece, (NONE,), theta)
@@ -99,10 +99,10 @@ def plainly(screening: Screening, piece: slice) -> Screening | None:
 def _without(screening: Screening, cut: int, begins: bool) -> Screening | None:
     """Screening without some cycles at one end; None if it leaves more than noise, or if a channel acts in those cycles only."""
     first, stop = screening.piece.start, screening.piece.stop
-    rest = plainly(screening, slice(first + cut, stop) if begins else slice(first, stop - cut))
+    rest = under_stated_noise(screening, slice(first + cut, stop) if begins else slice(first, stop - cut))
     if rest is None or not np.array_equal(rest.free.fired, screening.free.fired):
         return None
-    return rest if rest.chance and rest.constant else None
+    return rest if rest.within_chance and rest.constant else None
 
 
 def _fewest(screening: Screening, enough: int, begins: bool) -> tuple[int, bool, Screening] | None:
@@ -120,7 +120,7 @@ def _fewest(screening: Screening, enough: int, begins: bool) -> tuple[int, bool,
     return enough, begins, rest
 
 
-class Placed(NamedTuple):
+class PhaseLocation(NamedTuple):
     """Place of a screening in the vehicle file."""
 
     phase: Phase | None
@@ -131,7 +131,7 @@ class Placed(NamedTuple):
     ends: bool
 
 
-def phase_of(screening: Screening, end_s: float) -> Placed | None:
+def phase_of(screening: Screening, end_s: float) -> PhaseLocation | None:
     """Phase that holds a screening, in a log that ends at ``end_s``; None without one."""
     log, vehicle, timing, *_ = screening.case
     executed, period = timing.of(log, vehicle).executed, vehicle.cycle.period_s
@@ -144,10 +144,10 @@ def phase_of(screening: Screening, end_s: float) -> Placed | None:
     known_from_s = max(log.origin_s if phase is None else phase.start_s, log.origin_s + timing.delay * period)
     end_of_phase_s = end_s if phase is None else min(phase.end_s, end_s)
     begins = float(executed.start_s[screening.piece.start]) <= known_from_s + NEAR * period
-    return Placed(phase, number or 0, begins, float(ends[screening.piece.stop - 1]) >= end_of_phase_s - NEAR * period)
+    return PhaseLocation(phase, number or 0, begins, float(ends[screening.piece.stop - 1]) >= end_of_phase_s - NEAR * period)
 
 
-def _placed(screening: Screening, cut: int, begins: bool, end_s: float) -> Border | None:
+def _boundary(screening: Screening, cut: int, begins: bool, end_s: float) -> PhaseBoundary | None:
     """The boundary in the vehicle file; None if the screening does not reach that end of its phase."""
     location = phase_of(screening, end_s)
     if location is None or not (location.begins if begins else location.ends):
@@ -156,4 +156,4 @@ def _placed(screening: Screening, cut: int, begins: bool, end_s: float) -> Borde
     executed = timing.of(log, vehicle).executed
     last = screening.piece.stop - cut - 1
     time = float(executed.start_s[screening.piece.start + cut] if begins else executed.start_s[last] + executed.duration_s[last])
-    return Border(location.phase, location.number, begins, round(time, 6), cut, (log.origin_s, end_s))
+    return PhaseBoundary(location.phase, location.number, begins, round(time, 6), cut, (log.origin_s, end_s))

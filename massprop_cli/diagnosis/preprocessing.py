@@ -80,8 +80,8 @@ def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
         stated, samples = resolved, Stream.of(log, resolved, timing)
     as_read = log
     if stated.estimator.method == "default":
-        stated, outlier_notices = outliers.screened(log, stated, samples, [cycles for _, cycles in phases])
-        log, notices = outliers.without(log, stated), [*notices, *step_notices, *outlier_notices]
+        stated, outlier_notices = outliers.with_outliers(log, stated, samples, [cycles for _, cycles in phases])
+        log, notices = outliers.without_outliers(log, stated), [*notices, *step_notices, *outlier_notices]
     if log is not as_read:
         samples = Stream.of(log, stated, timing)
     setup = Setup(log, stated, timing)

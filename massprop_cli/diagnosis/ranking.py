@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.diagnosis.channelwise import Free
+from massprop_cli.diagnosis.channelwise import FreeResponse
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted, fitted
 from massprop_cli.diagnosis.hypothesis import Hypothesis
@@ -26,7 +26,13 @@ class Ranking:
     """Hypotheses with a score below ``most``, in ascending order. ``likelihood`` is the score without penalties."""
 
     def __init__(
-        self, model: Model, free: Free, hypotheses: Sequence[Hypothesis], score: Score, likelihood: Callable[[Array], float], most: float
+        self,
+        model: Model,
+        free: FreeResponse,
+        hypotheses: Sequence[Hypothesis],
+        score: Score,
+        likelihood: Callable[[Array], float],
+        most: float,
     ) -> None:
         self._model, self._free, self._supposed = model, free, hypotheses
         self._score, self._likelihood, self._most = score, likelihood, most
@@ -54,11 +60,11 @@ class Ranking:
         return self.within(np.inf)
 
     @property
-    def known(self) -> list[tuple[float, Fitted]]:
+    def fitted_so_far(self) -> list[tuple[float, Fitted]]:
         """Hypotheses that are fitted so far, in any order."""
         return [each for each in self._found.values() if each[0] < self._most]
 
-    def faint(self, hypothesis: Hypothesis) -> bool:
+    def only_rival(self, hypothesis: Hypothesis) -> bool:
         """Whether a hypothesis was ranked only as a rival of the first, with a score too weak to be named itself."""
         return any(one is hypothesis for one in self._rivals)
 

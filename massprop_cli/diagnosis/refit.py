@@ -9,10 +9,10 @@ from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import Fitted
-from massprop_cli.diagnosis.corrections import applied, at_once, exact_of
+from massprop_cli.diagnosis.corrections import applied, discrete_factors, is_discrete
 from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.ranking import CLEAR
-from massprop_cli.diagnosis.screening import FITS, Screening, about_its_body, busiest, screened
+from massprop_cli.diagnosis.screening import FITS, Screening, busiest, relinearised, screened
 from massprop_cli.errorparameters.actuatornames import NEAR
 from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, PRIORS
 from massprop_cli.estimate.whitening import Disturbance
@@ -57,13 +57,13 @@ class Refit:
     fits: bool
     screening: Screening | None = None
     """Screening of the corrected log; None if the correction cannot be applied."""
-    units: float = 0.0
+    unit_cost: float = 0.0
     """−2 log Jacobian of the corrected measurements."""
 
 
 def hopeless(screening: Screening, fit: Fitted, most: float) -> bool:
     """Whether a screened hypothesis leaves more than ``most`` of chi-square, if the screening is nearly exact for it; or is acausal."""
-    if _before_its_cause(screening, fit):
+    if _acausal(screening, fit):
         return True
     if float(fit.chi_square.sum()) <= most:
         return False
@@ -71,17 +71,17 @@ def hopeless(screening: Screening, fit: Fitted, most: float) -> bool:
     on_bearing = screening.model.bearing is not None
     # another unit changes the intra-cycle motion
     changes_motion = bool(imu_turns) if on_bearing else any(not np.isclose(abs(np.linalg.det(turn)), 1.0) for turn in imu_turns)
-    free = fit.hypothesis.free
+    free = fit.hypothesis.directions
     nonlinear = {BY_NAME[name].bends for name in ENTRIES if free[fit.model.place(name)].any()}
     return not changes_motion and not nonlinear & ({"always", "with gravity"} if on_bearing else {"always"})
 
 
-def beyond(screening: Screening) -> float:
+def chi_square_limit(screening: Screening) -> float:
     """Chi-square above which a screened hypothesis is ruled out."""
-    return max(HOPELESS, SMALL * screening.misfit) * screening.freedom
+    return max(HOPELESS, SMALL * screening.misfit) * screening.degrees_of_freedom
 
 
-def _before_its_cause(screening: Screening, fit: Fitted) -> bool:
+def _acausal(screening: Screening, fit: Fitted) -> bool:
     """Whether a delay, a lag, a rise or a droop is negative by more than chance."""
     errors = ((BY_NAME[name], float(fit.error(name)[0])) for name in ENTRIES if np.isfinite(BY_NAME[name].slack))
     return any(error < one.least(screening.case.setup) - one.slack for one, error in errors if error < -one.slack)
@@ -92,50 +92,50 @@ class AppliedHypothesis:
     """A hypothesis applied once."""
 
     screening: Screening
-    promised: float
+    promised_score: float
     """Score that its next step predicts."""
-    least: float
+    least_cost: float
     """Cost that further iterations may reach."""
 
 
-def begin(screening: Screening, fit: Fitted, first: Refit | None) -> AppliedHypothesis | None:
+def apply_once(screening: Screening, fit: Fitted, first: Refit | None) -> AppliedHypothesis | None:
     """Apply a hypothesis once, in addition to ``first``; None if the corrected log cannot be reduced."""
-    fit = fit if first is None else _beside(screening, first, fit)
+    fit = fit if first is None else _combined(screening, first, fit)
     case = applied(screening.case, fit)
-    corrected = None if case is None else _anew(screening, case, screening.free.beside, _own_theta(fit))
+    corrected = None if case is None else _reduced_again(screening, case, screening.free.disturbances, _fitted_theta(fit))
     if corrected is None:
         return None
     next_fit, promised = corrected.next_step(fit)
-    units = _by_units(corrected, fit, screening.case)
+    units = _unit_cost(corrected, fit, screening.case)
     return AppliedHypothesis(
         corrected, corrected.free_cost + units + corrected.score(next_fit.chi_square, fit), corrected.cost + units - BOLD * promised
     )
 
 
-def tried(
+def refitted(
     screening: Screening, fit: Fitted, best: float = np.inf, first: Refit | None = None, applied_once: AppliedHypothesis | None = None
 ) -> Refit | None:
     """Refit of a hypothesis, jointly with ``first`` if there is one; None if the correction cannot be applied.
 
     Iterations end if they cannot come near the ``best`` score.
     """
-    fit = fit if first is None else _beside(screening, first, fit)
+    fit = fit if first is None else _combined(screening, first, fit)
     case = applied(screening.case, fit)
     if case is not None:
         return refined(screening, fit, case, best, applied_once)
     if first is not None:
         return None
-    screening, fit = _once_more(screening, fit)
+    screening, fit = _relinearised(screening, fit)
     excess = screening.score(fit.chi_square, fit)
-    return Refit(fit, screening.case, excess, screening.free_cost + excess, _passes(screening, fit))
+    return Refit(fit, screening.case, excess, screening.free_cost + excess, _fits_linearly(screening, fit))
 
 
-def tried_each(screening: Screening, fits: Iterable[Fitted]) -> list[Refit]:
+def refitted_each(screening: Screening, fits: Iterable[Fitted]) -> list[Refit]:
     """Refits of several hypotheses."""
-    return [refit for fit in fits if (refit := tried(screening, fit)) is not None]
+    return [refit for fit in fits if (refit := refitted(screening, fit)) is not None]
 
 
-def drifts_no_more(refit: Refit, fit: Fitted) -> bool:
+def drift_is_unneeded(refit: Refit, fit: Fitted) -> bool:
     """Whether a clock drift explains no more than its penalty after a refit of the delay alone."""
     if refit.screening is None or (refit.fitted.hypothesis.code, fit.hypothesis.code) != ("delay-mismatch", "clock-drift"):
         return False
@@ -143,43 +143,43 @@ def drifts_no_more(refit: Refit, fit: Fitted) -> bool:
     return bool(gained < np.log(refit.screening.free.gyro.spare))
 
 
-def helped(screening: Screening, start: Fitted) -> Refit | None:
+def refined_from(screening: Screening, start: Fitted) -> Refit | None:
     """Refit from distant initial values; None if these explain less than the stated case."""
     case = applied(screening.case, start)
-    corrected = None if case is None else _anew(screening, case, as_many=True)
-    if case is None or corrected is None or corrected.cost + _by_units(corrected, start, screening.case) > screening.cost:
+    corrected = None if case is None else _reduced_again(screening, case, as_many=True)
+    if case is None or corrected is None or corrected.cost + _unit_cost(corrected, start, screening.case) > screening.cost:
         return None
     return refined(screening, replace(start, x=np.concatenate([corrected.stated.x[:10], start.x[10:]])), case)
 
 
-def _beside(screening: Screening, first: Refit, second: Fitted) -> Fitted:
+def _combined(screening: Screening, first: Refit, second: Fitted) -> Fitted:
     """The pair of a corrected hypothesis and another one."""
     first_fit = first.fitted
-    x = _together(first_fit.x, second.x, screening.model)
-    pair = first_fit.hypothesis.beside(second.hypothesis)
+    x = _composed(first_fit.x, second.x, screening.model)
+    pair = first_fit.hypothesis.combined_with(second.hypothesis)
     with_turns = replace(
         pair,
         gyro=second.hypothesis.gyro @ first_fit.hypothesis.gyro,
         accelerometer=second.hypothesis.accelerometer @ first_fit.hypothesis.accelerometer,
     )
-    return Fitted(with_turns, screening.model, x, second.chi_square, np.zeros(pair.free.shape[1]))
+    return Fitted(with_turns, screening.model, x, second.chi_square, np.zeros(pair.directions.shape[1]))
 
 
 def corrected_alone(screening: Screening, part: Fitted) -> Refit | None:
     """One part of a pair applied alone, with its values from the pair; its score is infinite."""
-    entries = np.asarray(part.hypothesis.free.any(1)) | (np.arange(len(part.x)) < 10)
+    entries = np.asarray(part.hypothesis.directions.any(1)) | (np.arange(len(part.x)) < 10)
     fit = replace(part, x=np.where(entries, part.x, screening.model.stated))
     case = applied(screening.case, fit)
-    corrected = None if case is None else _anew(screening, case, (), fit.value("theta"))
+    corrected = None if case is None else _reduced_again(screening, case, (), fit.value("theta"))
     if case is None or corrected is None:
         return None
-    return Refit(fit, case, np.inf, np.inf, False, corrected, _by_units(corrected, fit, screening.case))
+    return Refit(fit, case, np.inf, np.inf, False, corrected, _unit_cost(corrected, fit, screening.case))
 
 
-def _once_more(screening: Screening, fit: Fitted) -> tuple[Screening, Fitted]:
+def _relinearised(screening: Screening, fit: Fitted) -> tuple[Screening, Fitted]:
     """Fit on a reduction about the fitted body, if that lowers the cost."""
     theta = fit.value("theta")
-    about = screened(screening.case, screening.piece, screening.free.beside, theta)
+    about = screened(screening.case, screening.piece, screening.free.disturbances, theta)
     if about is None:
         return screening, fit
     (again,) = about.fitted([fit.hypothesis], theta)
@@ -187,11 +187,11 @@ def _once_more(screening: Screening, fit: Fitted) -> tuple[Screening, Fitted]:
     return (about, again) if better else (screening, fit)
 
 
-def _passes(screening: Screening, fit: Fitted) -> bool:
+def _fits_linearly(screening: Screening, fit: Fitted) -> bool:
     """Whether a linear fit makes the log fit, for errors that cannot be applied to log or vehicle file."""
-    freedom = screening.freedom - fit.unknowns
+    freedom = screening.degrees_of_freedom - fit.unknowns
     misfit = float(fit.chi_square.sum() / freedom)
-    return misfit < FITS[0] + FITS[1] * np.sqrt(2 / freedom) and (misfit < PART * screening.misfit or not screening.loud)
+    return misfit < FITS[0] + FITS[1] * np.sqrt(2 / freedom) and (misfit < PART * screening.misfit or not screening.far_exceeds_noise)
 
 
 def refined(
@@ -202,51 +202,51 @@ def refined(
     First under the disturbance of the screening, which may hide a misfit and without which the cost is too steep. Then under the maximum
     likelihood disturbance, until that stays the same.
     """
-    disturbances = screening.free.beside
-    fit, case, corrected = _led(screening, fit, case, disturbances, best, bool(disturbances), applied_once)
+    disturbances = screening.free.disturbances
+    fit, case, corrected = _iterated(screening, fit, case, disturbances, best, bool(disturbances), applied_once)
     for _ in range(ROUNDS):
         if (
             corrected is None
             or not disturbances
-            or (not fit.unknowns and _by_units(corrected, fit, screening.case) + corrected.cost > screening.cost + CLEAR)
+            or (not fit.unknowns and _unit_cost(corrected, fit, screening.case) + corrected.cost > screening.cost + CLEAR)
         ):
             break
         previous = case
-        fit, case, corrected = _led(screening, fit, case, (), best)
+        fit, case, corrected = _iterated(screening, fit, case, (), best)
         if case is previous:
             break
-        disturbances = () if corrected is None or corrected.free.beside == disturbances else corrected.free.beside
+        disturbances = () if corrected is None or corrected.free.disturbances == disturbances else corrected.free.disturbances
     if corrected is None:
         return None
     rounded = _rounded(screening, fit)
     if rounded is not fit:
         # a body that is lighter in proportion to its forces looks like one with weaker forces, but for other effects
         case = applied(screening.case, rounded) or case
-        fit, corrected = rounded, screened(case, screening.piece, corrected.free.beside, fit.value("theta")) or corrected
+        fit, corrected = rounded, screened(case, screening.piece, corrected.free.disturbances, fit.value("theta")) or corrected
     fit = replace(fit, chi_square=corrected.stated.chi_square)
     explained_most = corrected.misfit < PART * screening.misfit
     fits = (
-        corrected.close
-        and (explained_most or not corrected.loud)
-        and not _no_drift(fit)
-        and not any(_nothing(part) or _no_unit(part) for part in fit.parts)
+        corrected.fits_closely
+        and (explained_most or not corrected.far_exceeds_noise)
+        and not _without_drift(fit)
+        and not any(_insignificant(part) or _in_no_unit(part) for part in fit.parts)
     )
     # the stated noise may be too small, and nothing else wrong
     fits = fits and (
-        not (screening.fits and screening.noisy) or _gained(screening, corrected) > PROMISED * (screening.cost - corrected.cost)
+        not (screening.fits and screening.exceeds_noise) or _exact_gain(screening, corrected) > PROMISED * (screening.cost - corrected.cost)
     )
     excess = corrected.score(corrected.stated.chi_square, fit)
-    units = _by_units(corrected, fit, screening.case)
+    units = _unit_cost(corrected, fit, screening.case)
     return Refit(fit, case, excess, corrected.free_cost + excess + units, fits, corrected, units)
 
 
-def over_all(screening: Screening, refit: Refit) -> Refit:
+def refined_on_whole_log(screening: Screening, refit: Refit) -> Refit:
     """Refit on the whole of a long log, of which the screening used a segment; unchanged if the whole does not fit."""
     fit, whole = refit.fitted, screening.case.whole
     if whole is None or fit.unknowns == 0 or refit.screening is None:
         return refit
     case, piece = busiest(screening.case._replace(log=whole[0], whole=None), whole[1], MOST)
-    longer = screened(case, piece, refit.screening.free.beside, fit.value("theta"))
+    longer = screened(case, piece, refit.screening.free.disturbances, fit.value("theta"))
     if longer is None or not np.array_equal(longer.free.fired, screening.free.fired):
         return refit
     applied_case = applied(case, replace(fit, model=longer.model))
@@ -261,92 +261,92 @@ def over_all(screening: Screening, refit: Refit) -> Refit:
 def _rounded(screening: Screening, fit: Fitted) -> Fitted:
     """With exact thrust factors of channels that are dead, reversed or logged in rpm."""
     thrust = screening.model.place("thrust")
-    exact = [part for part in fit.parts if at_once(part)]
+    exact = [part for part in fit.parts if is_discrete(part)]
     if not exact:
         return fit
     x = fit.x.copy()
     for part in exact:
-        x[thrust][part.hypothesis.free[thrust].any(1)] = exact_of(part)
+        x[thrust][part.hypothesis.directions[thrust].any(1)] = discrete_factors(part)
     return replace(fit, x=x)
 
 
-def _gained(screening: Screening, corrected: Screening) -> float:
+def _exact_gain(screening: Screening, corrected: Screening) -> float:
     """Decrease of −2 log likelihood by the correction, from exact innovations with free noise levels."""
-    before, after = screening.exact, corrected.exact
+    before, after = screening.innovations, corrected.innovations
     return -np.inf if before is None or after is None else float((len(before) * np.log((before**2).mean(0) / (after**2).mean(0))).sum())
 
 
-def _nothing(part: Fitted) -> bool:
+def _insignificant(part: Fitted) -> bool:
     """Whether the values of a hypothesis are not significant, so that something else made the log fit."""
-    return bool(part.unknowns and not part.hypothesis.states and not at_once(part) and ((part.moved / part.spread) ** 2).sum() < CLEAR)
+    return bool(
+        part.unknowns and not part.hypothesis.key_values and not is_discrete(part) and ((part.scaled / part.spread) ** 2).sum() < CLEAR
+    )
 
 
-def _no_unit(part: Fitted) -> bool:
+def _in_no_unit(part: Fitted) -> bool:
     """Whether a place supposed in another unit converged to one in no unit."""
-    return part.hypothesis.code == "imu-position" and bool(part.hypothesis.start) and float(abs(part.moved[0] - 1)) > NEAR
+    return part.hypothesis.code == "imu-position" and bool(part.hypothesis.initial_values) and float(abs(part.scaled[0] - 1)) > NEAR
 
 
-def _no_drift(fit: Fitted) -> bool:
+def _without_drift(fit: Fitted) -> bool:
     """Whether a clock drift is not significant next to the delay."""
     drift = abs(float(fit.value("drift")[0]))
     is_drift = fit.hypothesis.code == "clock-drift"
     return is_drift and drift < max(NO_DRIFT[0], NO_DRIFT[1] * float(fit.spread[-1]) * PRIORS["drift"])
 
 
-def _led(
+def _iterated(
     screening: Screening,
     fit: Fitted,
     case: Case,
     likely: tuple[Disturbance, ...],
     best: float,
     roughly: bool = False,
-    applied_once: AppliedHypothesis | None = None,
+    once: AppliedHypothesis | None = None,
 ) -> tuple[Fitted, Case, Screening | None]:
     """Iterate a hypothesis under one of the ``likely`` disturbances, or the maximum likelihood one, until it converges.
 
     Or until it cannot come near the ``best`` cost.
     """
-    corrected = _anew(screening, case, likely, _own_theta(fit)) if applied_once is None else applied_once.screening
+    corrected = _reduced_again(screening, case, likely, _fitted_theta(fit)) if once is None else once.screening
     if corrected is None:
         return fit, case, None
     if not fit.unknowns:
-        return fit, case, corrected if likely or corrected.misfit > ASTRAY else about_its_body(corrected)
+        return fit, case, corrected if likely or corrected.misfit > ASTRAY else relinearised(corrected)
     last: Array = np.zeros(fit.unknowns)
     too_far = False
     tolerance, most = (ROUGHLY, ROUGH) if roughly else (STILL, AGAIN)
     for i in range(most):
         next_fit, promised = corrected.next_step(fit)
-        fit = replace(fit, spread=_of_stated(fit, next_fit.spread) * np.sqrt(max(corrected.misfit, 1.0)))
-        cost_now = corrected.cost + _by_units(corrected, fit, screening.case)
-        if i >= STRAIGHT and float(next_fit.chi_square.sum()) > NO_WAY * corrected.freedom:
+        fit = replace(fit, spread=_scaled_spread(fit, next_fit.spread) * np.sqrt(max(corrected.misfit, 1.0)))
+        cost = corrected.cost + _unit_cost(corrected, fit, screening.case)
+        if i >= STRAIGHT and float(next_fit.chi_square.sum()) > NO_WAY * corrected.degrees_of_freedom:
             break
-        if promised < tolerance or cost_now - BOLD * promised > best + CLEAR:
+        if promised < tolerance or cost - BOLD * promised > best + CLEAR:
             break
-        step = next_fit.moved
+        step = next_fit.scaled
         ratio = min(max(float(step @ last) / float(last @ last), 0.0), FARTHER) if last.any() else 0.0
         # if steps shrink slowly, their sum to infinity (Aitken 1926)
         parts = (1 / (1 - ratio), 1.0) if ratio > SLOWLY and not too_far else (1.0,)
         too_far = False
         for part in parts:
-            next_guess = replace(fit, x=_together(fit.x, next_fit.along(part), screening.model))
-            next_case = applied(screening.case, next_guess)
-            next_screening = (
-                None if next_case is None else _anew(screening, next_case, corrected.free.beside, next_fit.value("theta"), as_many=True)
+            guess = replace(fit, x=_composed(fit.x, next_fit.extrapolated(part), screening.model))
+            then = applied(screening.case, guess)
+            there = (
+                None
+                if then is None
+                else _reduced_again(screening, then, corrected.free.disturbances, next_fit.value("theta"), as_many=True)
             )
-            if (
-                next_case is not None
-                and next_screening is not None
-                and next_screening.cost + _by_units(next_screening, next_guess, screening.case) < cost_now - tolerance
-            ):
+            if then is not None and there is not None and there.cost + _unit_cost(there, guess, screening.case) < cost - tolerance:
                 break
             too_far = True  # no extrapolation in the next iteration
         else:
             break
-        fit, case, corrected, last = next_guess, next_case, next_screening, part * step
+        fit, case, corrected, last = guess, then, there, part * step
     return fit, case, corrected
 
 
-def _anew(
+def _reduced_again(
     screening: Screening, case: Case, likely: tuple[Disturbance, ...] = (), theta: Array | None = None, as_many: bool = False
 ) -> Screening | None:
     """Reduce a corrected case about θ; None if it is too short, or if other channels act.
@@ -359,12 +359,12 @@ def _anew(
     return screening_again if as_many or (screening_again.free.fired == screening.free.fired).all() else None
 
 
-def _own_theta(fit: Fitted) -> Array | None:
+def _fitted_theta(fit: Fitted) -> Array | None:
     """θ of a hypothesis that was fitted; None without unknowns."""
     return fit.value("theta") if fit.unknowns else None
 
 
-def _together(x: Array, second: Array, model: Model) -> Array:
+def _composed(x: Array, second: Array, model: Model) -> Array:
     """Apply two successive changes to x; the second was found with the first applied."""
     composed = second.copy()
     errors = slice(10, None)
@@ -374,15 +374,15 @@ def _together(x: Array, second: Array, model: Model) -> Array:
     return composed
 
 
-def _of_stated(fit: Fitted, spread: Array) -> Array:
+def _scaled_spread(fit: Fitted, spread: Array) -> Array:
     """(d,) sigmas relative to the stated values, from those (d,) relative to the applied ones: thrust factors multiply."""
     place = fit.model.place("thrust")
-    free = np.abs(fit.hypothesis.free[place])
+    free = np.abs(fit.hypothesis.directions[place])
     before, after = free.max(0, initial=0.0), (np.abs(fit.x[place])[:, None] * free).max(0, initial=0.0)
     return spread * np.where(before > 0, after / np.where(before > 0, before, 1.0), 1.0)
 
 
-def _by_units(corrected: Screening, fit: Fitted, stated: Case) -> float:
+def _unit_cost(corrected: Screening, fit: Fitted, stated: Case) -> float:
     """−2 log Jacobian of the correction: density of the corrected measurements in the units, axes and low-passes of the measured ones."""
     hypothesis, free, log = fit.hypothesis, corrected.free, stated.log
     record_s = median(log.interval_s)

@@ -66,7 +66,7 @@ class ColumnReading(NamedTuple):
     words: str
     """Text that continues "the log fits if …"."""
     correction: Correction
-    rare: float = 0.0
+    prior_odds: float = 0.0
     """−2 log of the prior odds against other readings."""
 
 
@@ -82,11 +82,11 @@ def reread(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[tuple[P
         for log_part, piece in ((part, cycles), (log, whole))
     )
     stated = part_case.look(Correction(), roughly=True).cost
-    rated = [(part_case.look(one.correction, roughly=True).cost + one.rare, i, one) for i, one in enumerate(_readings(whole_case))]
+    rated = [(part_case.look(one.correction, roughly=True).cost + one.prior_odds, i, one) for i, one in enumerate(_readings(whole_case))]
     fitting: list[tuple[float, int, ColumnReading]] = []
     for cost, i, reading in sorted(rated)[:FINALISTS]:
-        look = whole_case.look(reading.correction) if cost < (np.inf if no_matter else stated - CLEAR) else NOTHING
-        fitting += [(look.cost + reading.rare, i, reading)] if look.fits and not (no_matter and look.no_matter) else []
+        look = whole_case.look(reading.correction) if cost < (np.inf if no_matter else stated - CLEAR) else NO_FIT
+        fitting += [(look.cost + reading.prior_odds, i, reading)] if look.fits and not (no_matter and look.exceeds_density) else []
     named = [reading for cost, _, reading in sorted(fitting) if cost < min(fitting)[0] + EVEN]
     if not named:
         return None
@@ -95,16 +95,16 @@ def reread(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[tuple[P
     return Diagnosis((Fault(Notice(named[0].code, message), named[0].correction, rivals=rivals),))
 
 
-class _Look(NamedTuple):
+class _ReadingFit(NamedTuple):
     """Result of a fit under one reading."""
 
     cost: float
     """−2 log likelihood of the measurements, with free noise levels."""
     fits: bool
-    no_matter: bool = False
+    exceeds_density: bool = False
 
 
-NOTHING = _Look(np.inf, False)
+NO_FIT = _ReadingFit(np.inf, False)
 
 
 class _Case(NamedTuple):
@@ -115,7 +115,7 @@ class _Case(NamedTuple):
     made: Impulses
     """Impulses of the commands, which do not depend on the IMU's reading."""
 
-    def look(self, correction: Correction, roughly: bool = False) -> _Look:
+    def look(self, correction: Correction, roughly: bool = False) -> _ReadingFit:
         """Fit the log under a correction of its columns."""
         impulse = self.made if correction.rotors is None and correction.gimbals is None else None
         try:
@@ -124,10 +124,10 @@ class _Case(NamedTuple):
                 rough = phases.rough_fits(samples, [self.phase], self.vehicle) if roughly else None
                 (fit,) = rough or phases.as_stated(samples, [self.phase], self.vehicle, Consider()).fits
         except (InputError, np.linalg.LinAlgError):
-            return NOTHING
+            return NO_FIT
         innovations = None if fit is None else fit.history.moments()
         if fit is None or innovations is None or not innovations.count:
-            return NOTHING
+            return NO_FIT
         variance = innovations.variance[~fit.history.unread]
         # Jacobian of the change of units
         sizes = [float(np.abs(np.linalg.det(np.array(one)))) for one in (correction.gyro, correction.accelerometer) if one]
@@ -135,7 +135,7 @@ class _Case(NamedTuple):
         mean_squares = [float((part**2).sum(1).mean()) for part in (samples.rate_rad_s, samples.specific_force_m_s2)]
         moving = max(np.sqrt(mean_squares) / (self.vehicle.imu.gyro_noise_rad_s, self.vehicle.imu.accel_noise_m_s2)) > MOVED
         fits = bool(moving and (variance < FITS + CHANCE * np.sqrt(2 / innovations.count)).all())
-        return _Look(cost, fits, exceeds_density(fit.history.values[-1], fit.history.sigmas[-1]))
+        return _ReadingFit(cost, fits, exceeds_density(fit.history.values[-1], fit.history.sigmas[-1]))
 
 
 def _readings(case: _Case) -> Iterator[ColumnReading]:
@@ -191,17 +191,17 @@ def _other_units(log: Log) -> Iterator[ColumnReading]:
         ]
         by = " and ".join(dict.fromkeys(f"{1 / one:.6g}" for one in (*unit.gyro, *unit.accelerometer) if one != 1))
         words = f"its {unit.words}; correct the log, or scale its columns {where} ({by})"
-        yield ColumnReading(unit.code, words, Correction(gyro=factors[0], accelerometer=factors[1]), unit.rare)
+        yield ColumnReading(unit.code, words, Correction(gyro=factors[0], accelerometer=factors[1]), unit.prior_odds)
 
 
 def _other_orders(case: _Case) -> Iterator[ColumnReading]:
     """Orders of the rotors in which the responses to their columns leave the least residual."""
     vehicle = case.vehicle
     names = _columns_of(vehicle)
-    answers = _answers(case)
+    answers = _responses(case)
     wrench = channel_wrench(case.log, vehicle)[: len(names)]
     orders = _orders(len(names))
-    costs = _left(*answers, np.array(vehicle.imu.position_m), wrench, orders)
+    costs = _order_costs(*answers, np.array(vehicle.imu.position_m), wrench, orders)
     for at in np.argsort(costs, kind="stable")[: ORDERS + 1]:
         rotor_of = orders[at].tolist()  # column i is that of rotor does[i]
         exchanged = [i for i, rotor in enumerate(rotor_of) if rotor != i]
@@ -225,7 +225,7 @@ def _orders(count: int) -> Array:
     return np.array(sorted(orders))
 
 
-def _answers(case: _Case) -> tuple[Array, Array]:
+def _responses(case: _Case) -> tuple[Array, Array]:
     """(C, 6) response to each column, and its sigmas: growth of the rate, rad/s² per newton, and specific force, m/s² per newton."""
     log, vehicle, timing, (_, cycles), made = case
     samples = timing.of(log, vehicle, made)
@@ -250,7 +250,7 @@ def _answers(case: _Case) -> tuple[Array, Array]:
     return np.hstack([rate_growth, force_response]), np.where((np.ptp(whole, axis=0) > 0)[:, None], sigmas, np.inf)
 
 
-def _left(responses: Array, sigmas: Array, imu_position: Array, wrench: Array, orders: Array) -> Array:
+def _order_costs(responses: Array, sigmas: Array, imu_position: Array, wrench: Array, orders: Array) -> Array:
     """(n,) residual of the columns' responses with the best body, for each order of the rotors."""
     responses, sigmas = responses[: len(wrench)], sigmas[: len(wrench)]  # without columns of stored momentum
     torque, force = wrench[:, :3][orders], wrench[:, 3:][orders]

@@ -12,7 +12,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError, UntoldError
 from massprop_cli.diagnosis import delay, segment
 from massprop_cli.diagnosis.delay import FoundTiming, Rated
-from massprop_cli.diagnosis.samplededges import beside_samples, stepped
+from massprop_cli.diagnosis.samplededges import near_samples, steps_at_samples
 from massprop_cli.errorparameters.setup import Setup, rebuilt, stating
 from massprop_cli.errorparameters.table import BY_NAME, TABLE
 from massprop_cli.estimate import noiselevels
@@ -149,10 +149,10 @@ def found_timing(log: Log, source: VehicleSource, say: Progress) -> FoundTiming 
     Raise :class:`InputError` if a latency and the delay are both open, or if the log does not determine them.
     """
     found = _found(log, source.vehicle, say)
-    sample_steps = None if found is None else stepped(log, source.vehicle, found.at)
+    sample_steps = None if found is None else steps_at_samples(log, source.vehicle, found.at)
     if found is None or sample_steps is None:
         return found
-    return beside_samples(*_bounded(found.setup(Setup(log, source.vehicle, found.at))), found, *sample_steps)
+    return near_samples(*_bounded(found.setup(Setup(log, source.vehicle, found.at))), found, *sample_steps)
 
 
 def _found(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
@@ -181,15 +181,15 @@ def _found(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
     if coarse is not None:
         vehicle = delay.low_passes(part, vehicle, coarse, open_cutoffs, open_latencies)
         start = Setup(log, vehicle, coarse)
-        found = _beside_stated(start, automatic) or _detected(start, unknown)
-        if unknown == ["delay"] and (found is None or found.chi_square > delay.BADLY):
-            found = delay.by_commands_alone(part, vehicle, coarse) or found
+        found = _with_stated(start, automatic) or _detected(start, unknown)
+        if unknown == ["delay"] and (found is None or found.chi_square > delay.MISFIT):
+            found = delay.by_free_response(part, vehicle, coarse) or found
     if found is None:
         raise UntoldError(
             f"{log.path}: {' and '.join(SOUGHT[name][0] for name in unknown)} cannot be estimated from this log; its commands "
             f"explain too little of its motion{_compared(log, rated)}. State {' and '.join(SOUGHT[name][1] for name in unknown)}; of "
             "commands that are stamped after they act bring the clocks together first (clock.offset_s of a map)",
-            () if coarse is None else _likeliest(Setup(log, vehicle, coarse), unknown),
+            () if coarse is None else _rough_settings(Setup(log, vehicle, coarse), unknown),
         )
     return found
 
@@ -204,7 +204,7 @@ def other_cutoffs(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: F
     if found is None or not names:
         return False
     part, within = segment.bounded(log, vehicle, found.at, pieces, LONGEST)
-    return delay.contradicted(part, vehicle, within, found, names)
+    return delay.cutoffs_refuted(part, vehicle, within, found, names)
 
 
 def _compared(log: Log, rated: Sequence[Rated]) -> str:
@@ -214,7 +214,7 @@ def _compared(log: Log, rated: Sequence[Rated]) -> str:
     return f" (by {rated[0].at.delay:g} cycles most; {', '.join(texts)} as much unexplained)" if texts else ""
 
 
-def _likeliest(setup: Setup, unknown: Sequence[str]) -> tuple[str, ...]:
+def _rough_settings(setup: Setup, unknown: Sequence[str]) -> tuple[str, ...]:
     """Keys that state the coarse estimate with its rough sigma."""
     settings = []
     for parameter in map(BY_NAME.__getitem__, unknown):
@@ -226,7 +226,7 @@ def _likeliest(setup: Setup, unknown: Sequence[str]) -> tuple[str, ...]:
 
 def _detected(setup: Setup, unknown: Sequence[str], prior: Sequence[float] | None = None) -> FoundTiming | None:
     part, within = _bounded(setup)
-    if "accel_latency" not in unknown and stepped(setup.log, setup.vehicle, setup.timing) is not None:
+    if "accel_latency" not in unknown and steps_at_samples(setup.log, setup.vehicle, setup.timing) is not None:
         part = part._replace(log=replace(part.log, axes=(*part.log.axes[:3], False, False, False)))  # steps have no derivative
     return delay.detect(part, within, unknown, prior)
 
@@ -241,7 +241,7 @@ def _bounded(setup: Setup) -> tuple[Setup, Sequence[slice]]:
     return Setup(part, used, timing), within
 
 
-def _beside_stated(start: Setup, automatic: Mapping[str, bool]) -> FoundTiming | None:
+def _with_stated(start: Setup, automatic: Mapping[str, bool]) -> FoundTiming | None:
     """Estimate of open parameters jointly with those stated with a sigma; None without such, or if they disagree.
 
     Stated parameters held fixed would move the open ones by their own errors.
@@ -254,7 +254,7 @@ def _beside_stated(start: Setup, automatic: Mapping[str, bool]) -> FoundTiming |
     found = _detected(start, unknown, prior)
     if found is None:
         return None
-    differences = np.abs(delay.apart(found.setup(start), start, unknown))
+    differences = np.abs(delay.differences(found.setup(start), start, unknown))
     return found if all(not sigma or off < FARTHEST * sigma for off, sigma in zip(differences, prior, strict=True)) else None
 
 
@@ -273,10 +273,10 @@ def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
     # the log determines sums of delay and latencies; stated values separate them
     found = None if len(shifts) > 1 + any(log.axes[3:]) else _detected(stated, unknown)
     if found is None:
-        return _beside_stated(stated, {}) if len(shifts) > 1 else None
-    if found.chi_square > delay.BADLY:
+        return _with_stated(stated, {}) if len(shifts) > 1 else None
+    if found.chi_square > delay.MISFIT:
         return None  # for example, single pulse errors that a fit without them takes for a delay
-    return _between(found, stated, delay.apart(found.setup(stated), stated, unknown), _stated_covariance(vehicle, unknown))
+    return _combined(found, stated, delay.differences(found.setup(stated), stated, unknown), _stated_covariance(vehicle, unknown))
 
 
 def _stated_sigmas(vehicle: Vehicle) -> dict[str, float]:
@@ -284,7 +284,7 @@ def _stated_sigmas(vehicle: Vehicle) -> dict[str, float]:
     return {name: BY_NAME[name].sigma(vehicle) for name in SOUGHT}
 
 
-def _between(found: FoundTiming, given: Setup, difference: Array, stated: Array) -> FoundTiming | None:
+def _combined(found: FoundTiming, given: Setup, difference: Array, stated: Array) -> FoundTiming | None:
     """Combination of a stated timing t_P ± √P and the log's own t_S ± √S: t_P + P (P + S)⁻¹ (t_S − t_P)."""
     log_covariance = found.covariance
     informative = np.linalg.eigvals(np.linalg.solve(stated, log_covariance)).real.min() < NARROWER**2

@@ -11,7 +11,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import median
 from massprop_cli.base.errors import InputError
-from massprop_cli.diagnosis.delay import FoundTiming, fitted, samples_of
+from massprop_cli.diagnosis.delay import FoundTiming, fit_near, samples_of
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -27,7 +27,7 @@ NEAR = 6.0
 """Sigmas of the delay within which a step is considered."""
 
 
-def stepped(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[float, float] | None:
+def steps_at_samples(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[float, float] | None:
     """Mean delay of thrust steps after the accelerometer's samples, and its range, s, if many coincide.
 
     None if the accelerometer's data have no such steps: no samples, a low-pass or a lag, or separate clocks.
@@ -48,22 +48,22 @@ def stepped(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[float, float] |
     return (float(np.median(offset)), float(np.ptp(offset))) if offset.size > MANY * acting_s.size else None
 
 
-def beside_samples(setup: Setup, pieces: Sequence[slice], found: FoundTiming, late_s: float, scatter_s: float) -> FoundTiming:
+def near_samples(setup: Setup, pieces: Sequence[slice], found: FoundTiming, late_s: float, scatter_s: float) -> FoundTiming:
     """Timing as found, or with all commands just before or just after nearby samples, whichever has the least chi-square.
 
-    ``late_s`` and ``scatter_s``: from :func:`stepped`.
+    ``late_s`` and ``scatter_s``: from :func:`steps_at_samples`.
     """
     if abs(late_s) > NEAR * found.sigma.delay * setup.period_s:
         return found
     best, least = found, np.inf
     for shift_s in (0.0, scatter_s + 2 * ROUNDED_S - late_s, -scatter_s - 2 * ROUNDED_S - late_s):
         at = found.at._replace(delay=found.at.delay + shift_s / setup.period_s)
-        chi_square = _left(setup._replace(timing=at), pieces)
+        chi_square = _chi_square(setup._replace(timing=at), pieces)
         best, least = (replace(found, at=at), chi_square) if chi_square < least else (best, least)
     return best
 
 
-def _left(setup: Setup, pieces: Sequence[slice]) -> float:
+def _chi_square(setup: Setup, pieces: Sequence[slice]) -> float:
     """Chi-square of fits over the pieces, up to a factor; infinite without a fit."""
     assert isinstance(setup.vehicle, Resolved)
     try:
@@ -71,6 +71,6 @@ def _left(setup: Setup, pieces: Sequence[slice]) -> float:
     except InputError:
         return np.inf
     first_usable = int(np.argmax(samples.executed.usable))
-    fits = [(fitted(samples, slice(max(piece.start, first_usable), piece.stop), None, setup.vehicle), piece) for piece in pieces]
+    fits = [(fit_near(samples, slice(max(piece.start, first_usable), piece.stop), None, setup.vehicle), piece) for piece in pieces]
     chi_squares = [(piece.stop - piece.start) * one.chi_square for one, piece in fits if one is not None]
     return sum(chi_squares) if chi_squares else np.inf

@@ -11,18 +11,18 @@ from massprop_cli.prepare.compensate import Samples
 
 OF_MOTION = ("products", "constant", "up", "level", "precession")
 """Columns of motion that is not commanded."""
-HARDLY = 0.03
+RIDGE = 0.03
 """Ridge, relative to the largest singular value of the torques."""
 
 
 class StatedScatter(NamedTuple):
     """Variances of stated noise over those of the IMU noise."""
 
-    turned: Array
+    rate_step: Array
     """(K,) white noise of the rate's step up to each cycle."""
-    felt: Array
+    force: Array
     """(K,) white noise of the specific force."""
-    walking: float
+    random_walk: float
     """Random-walk torque: variance of the change of the step per cycle."""
 
 
@@ -46,7 +46,7 @@ def scatter_of(
     torque_of, force_of = (float(np.linalg.norm(part)) for part in np.hsplit(executed.channels.wrench, 2))
     arm_m = torque_of / max(force_of, TINY)
     rates, forces = (
-        _answer(by, other, arm_m, motion_of_sensor) for by, other, motion_of_sensor in zip(wrench, other_columns, motion, strict=True)
+        _response(by, other, arm_m, motion_of_sensor) for by, other, motion_of_sensor in zip(wrench, other_columns, motion, strict=True)
     )
     covariance = np.zeros((len(duration), 6, 6)) if executed.pulse_covariance is None else executed.pulse_covariance.copy()
     covariance[:, range(3), range(3)] += (torque * duration[:, None]) ** 2
@@ -64,7 +64,7 @@ def scatter_of(
     return StatedScatter(rate_step, force_noise / duration**2, random_walk / 3)
 
 
-def _answer(wrench: Array, others: Array, arm_m: float, motion: Array) -> Array:
+def _response(wrench: Array, others: Array, arm_m: float, motion: Array) -> Array:
     """(6 + p, 3) response of a motion to wrench and other columns, by ridge regression (Hoerl & Kennard 1970).
 
     A force is scaled to the torque that it has at ``arm_m``.
@@ -72,7 +72,7 @@ def _answer(wrench: Array, others: Array, arm_m: float, motion: Array) -> Array:
     torques = np.hstack([wrench[:, :3], arm_m * wrench[:, 3:]])
     size = float(np.linalg.norm(torques, 2)) or 1.0
     weights = size / np.maximum(np.linalg.norm(others, axis=0), TINY)
-    columns = np.vstack([np.hstack([torques, others * weights]), HARDLY * size * np.eye(6 + others.shape[1])])
+    columns = np.vstack([np.hstack([torques, others * weights]), RIDGE * size * np.eye(6 + others.shape[1])])
     if not (np.isfinite(columns).all() and np.isfinite(motion).all()):
         raise np.linalg.LinAlgError("the motion is no number")  # LAPACK would print on stdout
     response: Array = np.linalg.lstsq(columns, np.vstack([motion, np.zeros((columns.shape[1], 3))]), rcond=None)[0]

@@ -15,10 +15,10 @@ from massprop_cli.base.arrays import TINY, Array, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import hypotheses, normalised, segment
-from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_response
+from massprop_cli.diagnosis.channelwise import FreeResponse, free_response, free_responses_by_torque
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import ROUGHLY, STILL, Fitted, compared, fitted
-from massprop_cli.diagnosis.corrections import certain
+from massprop_cli.diagnosis.corrections import is_certain
 from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.ranking import CLEAR, Ranking
@@ -43,9 +43,9 @@ CLOSE = 1.4
 """The same multiple if the columns hold the body's own intra-cycle motion."""
 BY_CHANCE = 3.0
 """Sigmas within which a misfit is chance."""
-LOUD = 4.0
+FAR_ABOVE_NOISE = 4.0
 """Pure error over stated noise variance in any channel, beyond which a cause that explains a part only does not count."""
-NOISY = 1.2
+ABOVE_NOISE = 1.2
 """Median pure error over stated noise variance, beyond which the stated noise is too small: five sigma in 1,000 cycles."""
 AS_STATED = 3.5
 """Sigmas within which the pure error of each channel is the stated noise."""
@@ -56,7 +56,7 @@ UPRIGHT, AS_WELL, UPSET = 4, 1.05, 0.8
 as better."""
 
 
-TOLD = 2.0, 0.1
+UNIT_SCALE = 2.0, 0.1
 """Sigmas from 1 and largest sigma of a scale that the log confirms to be 1."""
 END = 5
 """Cycles at the end of a segment in which no channel may fire for the first time."""
@@ -84,7 +84,7 @@ def screened(case: Case, piece: slice, likely: Sequence[Disturbance] = (), theta
     return _screening(case, piece, free, theta)
 
 
-def _screening(case: Case, piece: slice, free: Free, theta: Array | None) -> Screening:
+def _screening(case: Case, piece: slice, free: FreeResponse, theta: Array | None) -> Screening:
     model = Model.of(free, case.vehicle, float(case.setup.value(LAG)[0]) / case.vehicle.cycle.period_s, case.log.command_kind)
     if not len(free.fired) and case.vehicle.swings:
         reference = first_reference(case.timing.of(case.log, case.vehicle), piece, case.vehicle)
@@ -94,7 +94,7 @@ def _screening(case: Case, piece: slice, free: Free, theta: Array | None) -> Scr
     return Screening(case, piece, free, model, noise, stated)
 
 
-def about_its_body(screening: Screening) -> Screening:
+def relinearised(screening: Screening) -> Screening:
     """The screening with the intra-cycle motion of its own body, if that lowers cost and misfit.
 
     An ill-determined body may imply so much motion that only a torque explains it.
@@ -103,36 +103,36 @@ def about_its_body(screening: Screening) -> Screening:
     return again if again is not None and again.cost < screening.cost and again.misfit < screening.misfit else screening
 
 
-def beside_a_torque(screening: Screening) -> Screening:
+def under_likeliest_torque(screening: Screening) -> Screening:
     """The screening under the disturbance torque that gives the least cost; unchanged if that is no torque."""
-    best = _likeliest_beside(screening, screening)
-    near = best.free.beside[0] if best.free.beside else None
-    return best if near is None else _likeliest_beside(best, screening, near)
+    best = _best_torque(screening, screening)
+    near = best.free.disturbances[0] if best.free.disturbances else None
+    return best if near is None else _best_torque(best, screening, near)
 
 
-def _likeliest_beside(best: Screening, screening: Screening, near: Disturbance | None = None) -> Screening:
+def _best_torque(best: Screening, screening: Screening, near: Disturbance | None = None) -> Screening:
     """The best of ``best`` and screenings under torques of a few levels, or of levels near ``near``."""
     theta, cost = screening.stated.value("theta"), partial(free_cost, noise=screening.noise)
-    for free in sorted(beside_torques(screening.case, screening.piece, theta, near), key=cost):
+    for free in sorted(free_responses_by_torque(screening.case, screening.piece, theta, near), key=cost):
         if cost(free) >= best.cost:
             break  # a body never has less cost than free coefficients
         candidate = _screening(screening.case, screening.piece, free, theta)
-        better = candidate.cost < best.cost and (candidate.close or candidate.misfit < screening.misfit)
+        better = candidate.cost < best.cost and (candidate.fits_closely or candidate.misfit < screening.misfit)
         best = candidate if better else best
     return best
 
 
-def free_cost(free: Free, noise: Array) -> float:
+def free_cost(free: FreeResponse, noise: Array) -> float:
     """−2 log likelihood with free noise levels and free coefficients, relative to that of ``noise`` (6,).
 
     It is relative so that a cycle more or fewer under another delay has no effect. A random-walk torque has a penalty for its three initial
     values, as a steady torque has for its three components.
     """
-    begun = 3 * float(np.log(free.gyro.spare)) * sum(one.walk > 0 for one in free.beside)
-    return float((_counts(free) * np.log(free.variance / noise)).sum()) + free.gyro.volume + free.accelerometer.volume + begun
+    begun = 3 * float(np.log(free.gyro.spare)) * sum(one.walk > 0 for one in free.disturbances)
+    return float((_degrees_of_freedom(free) * np.log(free.variance / noise)).sum()) + free.gyro.volume + free.accelerometer.volume + begun
 
 
-def _counts(free: Free) -> Array:
+def _degrees_of_freedom(free: FreeResponse) -> Array:
     """(6,) degrees of freedom with free coefficients."""
     return np.repeat([free.gyro.spare, free.accelerometer.spare], 3).astype(float)
 
@@ -143,7 +143,7 @@ class Screening:
 
     case: Case
     piece: slice
-    free: Free
+    free: FreeResponse
     model: Model
     noise: Array
     """(6,) stated variance of the IMU noise."""
@@ -159,25 +159,25 @@ class Screening:
         """Fit hypotheses to the segment (:func:`massprop_cli.diagnosis.comparison.fitted`)."""
         return fitted(self.model, self.free, self.free.variance, hypotheses_to_fit, theta, tolerance)
 
-    def supposing(self, hypothesis: Hypothesis, **shifts: float) -> Fitted:
+    def unfitted(self, hypothesis: Hypothesis, **shifts: float) -> Fitted:
         """A hypothesis before any fit, with entries of x shifted."""
         x = self.stated.x.copy()
         for name, shift in shifts.items():
             x[self.model.place(name)] += shift
-        return Fitted(hypothesis, self.model, x, self.stated.chi_square, np.zeros(hypothesis.free.shape[1]))
+        return Fitted(hypothesis, self.model, x, self.stated.chi_square, np.zeros(hypothesis.directions.shape[1]))
 
     def next_step(self, applied: Fitted) -> tuple[Fitted, float]:
         """The next step of an applied hypothesis, and the decrease of −2 log likelihood that it predicts."""
-        (further,) = self.fitted([applied.hypothesis.moves], applied.value("theta"))
+        (further,) = self.fitted([applied.hypothesis.unknowns_only], applied.value("theta"))
         return further, self.likelihood(self.stated.chi_square) - self.likelihood(further.chi_square)
 
     @property
     def misfit(self) -> float:
         """Chi-square of the stated case over its expectation."""
-        return float(self.stated.chi_square.sum() / self.freedom)
+        return float(self.stated.chi_square.sum() / self.degrees_of_freedom)
 
     @cached_property
-    def freedom(self) -> int:
+    def degrees_of_freedom(self) -> int:
         """Degrees of freedom of that chi-square: equations of the triangles less ten mass properties.
 
         A dependent column leaves an equation, too, along some direction of the noise.
@@ -187,22 +187,22 @@ class Screening:
     @property
     def excess(self) -> float:
         """Chi-square of the stated case beyond its expectation."""
-        return max(self.misfit - 1.0, 0.0) * self.freedom
+        return max(self.misfit - 1.0, 0.0) * self.degrees_of_freedom
 
     @property
     def fits(self) -> bool:
         """Whether the stated case fits (:data:`FITS`)."""
-        return bool(self.misfit < FITS[0] + FITS[1] * np.sqrt(2 / self.freedom))
+        return bool(self.misfit < FITS[0] + FITS[1] * np.sqrt(2 / self.degrees_of_freedom))
 
     @property
-    def close(self) -> bool:
+    def fits_closely(self) -> bool:
         """The same if the columns hold the body's own intra-cycle motion (:data:`CLOSE`)."""
-        return bool(self.misfit < CLOSE + FITS[1] * np.sqrt(2 / self.freedom))
+        return bool(self.misfit < CLOSE + FITS[1] * np.sqrt(2 / self.degrees_of_freedom))
 
     @property
-    def chance(self) -> bool:
+    def within_chance(self) -> bool:
         """Whether the misfit is within :data:`BY_CHANCE` sigmas."""
-        return bool(self.misfit < 1 + BY_CHANCE * np.sqrt(2 / self.freedom))
+        return bool(self.misfit < 1 + BY_CHANCE * np.sqrt(2 / self.degrees_of_freedom))
 
     @property
     def constant(self) -> bool:
@@ -211,7 +211,7 @@ class Screening:
         Then the error is the same throughout. A delay of cycles, a sensor's low-pass or a change of the body gives a response that no free
         coefficients describe.
         """
-        ratio = np.log(np.maximum(self.free.pure / self.noise, TINY)).reshape(2, 3)
+        ratio = np.log(np.maximum(self.free.pure_error / self.noise, TINY)).reshape(2, 3)
         log_unit = 2 * np.log([[DEGREE], [GRAVITY]])
         difference = np.abs(ratio - log_unit * np.rint(ratio.mean(1, keepdims=True) / log_unit))
         degrees = np.array([[self.free.gyro.spare], [self.free.accelerometer.spare]])
@@ -234,18 +234,19 @@ class Screening:
         """
         penalty = np.log(self.free.gyro.spare)
         penalties = sum(
-            np.log(2) if certain(part) else part.unlikely + (part.unknowns + len(part.hypothesis.further)) * penalty for part in fit.parts
+            np.log(2) if is_certain(part) else part.prior_chi_square + (part.unknowns + len(part.hypothesis.sigma_key_values)) * penalty
+            for part in fit.parts
         )
-        prior_odds = sum(part.hypothesis.rare for part in fit.parts)
+        prior_odds = sum(part.hypothesis.prior_odds for part in fit.parts)
         return self.likelihood(chi_square) + float(penalties + prior_odds + 2 * np.log(alternatives))
 
     @property
-    def noisy(self) -> bool:
+    def exceeds_noise(self) -> bool:
         """Whether pure error exceeds the stated noise in most channels."""
-        return bool(median(self.free.pure / self.noise) > NOISY)
+        return bool(median(self.free.pure_error / self.noise) > ABOVE_NOISE)
 
     @cached_property
-    def exact(self) -> Array | None:
+    def innovations(self) -> Array | None:
         """(N, 6) normalised innovations of an off-line fit; None if it fails."""
         log, vehicle, timing, *_ = self.case
         phase = Phase(name="piece", start_s=0.0, end_s=1.0)
@@ -256,9 +257,9 @@ class Screening:
         return None if fit is None else fit.history.normalised[np.isfinite(fit.history.normalised).all(1)]
 
     @property
-    def loud(self) -> bool:
+    def far_exceeds_noise(self) -> bool:
         """Whether pure error far exceeds the stated noise in a channel, so that no free coefficients describe the error."""
-        return bool((self.free.pure > LOUD * self.noise).any())
+        return bool((self.free.pure_error > FAR_ABOVE_NOISE * self.noise).any())
 
     def likelihood(self, chi_square: Array) -> float:
         """−2 log likelihood of chi-square (6,), with free noise levels, relative to free coefficients."""
@@ -270,33 +271,38 @@ class Screening:
 
     @cached_property
     def _counts(self) -> Array:
-        return _counts(self.free)
+        return _degrees_of_freedom(self.free)
 
     @cached_property
     def ranked(self) -> Ranking:
         """Hypotheses that explain more than the stated case, ranked."""
         listed = hypotheses.listed(self.model, self.names)
         suspected = normalised.suspected(self.names, (self.case.whole or (self.case.log,))[0])
-        every = [*listed, *normalised.supposed(self.model, self.names, suspected), *self._likely_turns(), *self._pushing_more()]
+        every = [
+            *listed,
+            *normalised.scale_hypotheses(self.model, self.names, suspected),
+            *self._likely_imu_hypotheses(),
+            *self._force_scales(),
+        ]
         supposed = normalised.renamed(every, self.names, suspected)
         limit = self.score(self.stated.chi_square, self.stated) - CLEAR
         return Ranking(self.model, self.free, supposed, self.score, self.likelihood, limit)
 
     @property
-    def scales_told(self) -> bool:
+    def unit_scales_confirmed(self) -> bool:
         """Whether the log gives the scales of columns whose largest value is 1, and they are 1.
 
         If nothing else is commanded, only the ratio of torques to forces can be tested, since a common scale has no effect.
         """
         suspected = normalised.suspected(self.names, (self.case.whole or (self.case.log,))[0])
-        scale = normalised.supposed(self.model, self.names, suspected)[:1]
+        scale = normalised.scale_hypotheses(self.model, self.names, suspected)[:1]
         if not scale or (len(suspected) == len(self.names) and len({"torque" in name for name in suspected}) < 2):
             return False
         (fit,) = self.fitted(scale, self.stated.value("theta"))
-        equal = np.abs(fit.moved) < TOLD[0] * fit.spread
-        return bool((equal & (normalised.SIZE * fit.spread < TOLD[1])).all())
+        equal = np.abs(fit.scaled) < UNIT_SCALE[0] * fit.spread
+        return bool((equal & (normalised.SIZE * fit.spread < UNIT_SCALE[1])).all())
 
-    def _pushing_more(self) -> list[Hypothesis]:
+    def _force_scales(self) -> list[Hypothesis]:
         """The pushing channels with another part of their stated force than turning ones, from the most likely value on.
 
         With k times the force, the CG c becomes k c, the mass m becomes m / k, and the IMU appears (k − 1) c away from its place. A fit
@@ -315,12 +321,12 @@ class Screening:
         share = float(np.dot(shift, centre)) / max(float(np.dot(centre, centre)), TINY)
         return [hypotheses.scaled(self.model, self.names, group, 1 / (1 - share))] if share < 1 else []
 
-    def _likely_turns(self) -> list[Hypothesis]:
+    def _likely_imu_hypotheses(self) -> list[Hypothesis]:
         """The units and mountings of least cost; on a bearing, of least gravity residual.
 
         In free flight each is fitted, since another unit puts the body far from the initial regression.
         """
-        candidates = self.turns
+        candidates = self.imu_hypotheses
         if self.model.bearing is not None:
             costs = np.array(self._gravity[: len(candidates)])
         else:
@@ -328,7 +334,7 @@ class Screening:
         return [candidates[i] for i in np.argsort(costs, kind="stable")[:SHARE]]
 
     @cached_property
-    def upright(self) -> list[Fitted]:
+    def gravity_candidates(self) -> list[Fitted]:
         """On a bearing, units and mountings whose gravity residual is no worse than the stated one, best first.
 
         They turn the vertical that the log was reduced with, so nothing is fitted.
@@ -337,15 +343,15 @@ class Screening:
             return []
         *residuals, stated = self._gravity
         order = [i for i in np.argsort(residuals, kind="stable")[:UPRIGHT] if residuals[i] < stated * AS_WELL]
-        return [self.supposing(self.turns[i]) for i in order]
+        return [self.unfitted(self.imu_hypotheses[i]) for i in order]
 
     @cached_property
-    def turned_beside_a_channel(self) -> list[Hypothesis]:
+    def turn_with_free_channel(self) -> list[Hypothesis]:
         """In free flight, the unit or mounting of least cost with the effect of one channel free."""
-        turns, channels = [] if self.model.bearing is not None else self.turns, range(len(self.names))
+        turns, channels = [] if self.model.bearing is not None else self.imu_hypotheses, range(len(self.names))
         if not turns or not channels:
             return []
-        pairs = [turn.whatever(channel) for turn in turns for channel in channels]
+        pairs = [turn.with_free_channel(channel) for turn in turns for channel in channels]
         costs = self.likelihoods(compared(self.model, self.free, self.free.variance, pairs))
         by_turn = costs.reshape(len(turns), len(channels))
         best_turns = np.argsort(by_turn.min(1), kind="stable")[:UPRIGHT]
@@ -355,12 +361,12 @@ class Screening:
         return [turns[likely_pairs[best][0]]]
 
     @property
-    def upset(self) -> bool:
+    def gravity_misplaced(self) -> bool:
         """Whether another unit or mounting explains gravity better than the stated one."""
-        return bool(self.upright) and min(self._gravity) < UPSET * self._gravity[-1]
+        return bool(self.gravity_candidates) and min(self._gravity) < UPSET * self._gravity[-1]
 
     @cached_property
-    def turns(self) -> list[Hypothesis]:
+    def imu_hypotheses(self) -> list[Hypothesis]:
         """Units and mountings that change a measured axis; on a table the gyro's X and Y are not."""
         log, identity, turning = self.case.log, np.eye(3), self.model.turns
         units = hypotheses.units(self.model, median(log.interval_s), log.rate_columns[0].startswith("delta"))
@@ -373,11 +379,11 @@ class Screening:
 
     @cached_property
     def _gravity(self) -> list[float]:
-        """Gravity residual of each of ``turns``, and of the stated mounting, (m/s²)².
+        """Gravity residual of each of ``imu_hypotheses``, and of the stated mounting, (m/s²)².
 
         It is the mean square of specific force less the vertical that is integrated from the rates.
         """
-        candidates = [*self.turns, self.stated.hypothesis]
+        candidates = [*self.imu_hypotheses, self.stated.hypothesis]
         samples = self.case.timing.of(self.case.log, self.case.vehicle)
         rate, force = samples.rate_rad_s[: self.piece.stop], samples.specific_force_m_s2[: self.piece.stop]
         back = np.linalg.inv(np.stack([one.gyro for one in candidates]))

@@ -1,6 +1,6 @@
 """Kind and low-pass of an IMU's records if not stated; in a log that does not fit, also a latency of one sensor.
 
-Each kernel has a free-response cost (:func:`massprop_cli.diagnosis.freeresponse.unexplained_by`). It is used if it beats means without a
+Each kernel has a free-response cost (:func:`massprop_cli.diagnosis.freeresponse.log_costs`). It is used if it beats means without a
 low-pass by :data:`CLEAR` of −2 log likelihood. Its cutoff is then estimated with its sigma, like one stated as "auto".
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import delay
-from massprop_cli.diagnosis.freeresponse import line_minimum, motion_of, unexplained_by
+from massprop_cli.diagnosis.freeresponse import line_minimum, log_costs, motion_of
 from massprop_cli.diagnosis.resolve import PHASE
 from massprop_cli.errorparameters.sensor import WORDS
 from massprop_cli.errorparameters.setup import stating
@@ -89,7 +89,7 @@ def found(log: Log, source: VehicleSource, say: Progress, unfit: bool = False) -
     if not (rates or unfit) or len(unstated) < len(delay.SENSORS) or lagged or vehicle.estimator.method != "default":
         return as_stated
     say("finding what the IMU records", 0.0)
-    regression = _Tried.of(log, vehicle)
+    regression = _CommandRegression.of(log, vehicle)
     costs = _costs(regression, (False, True) if kind_open else (any(log.sampled),), LOW_PASSES if rates != unfit else ())
     best = _best(costs, regression.later(any(log.sampled)) if unfit else {}) if costs else None
     if best is None or (best[0].later and best[1].later):
@@ -129,12 +129,12 @@ def without(source: VehicleSource) -> VehicleSource:
     return replace(source, vehicle=stating(source.vehicle, {f"imu.{sensor}_filter": None for sensor in delay.SENSORS}))
 
 
-def _begun(log: Log, cycles: int) -> Log:
+def _first_cycles(log: Log, cycles: int) -> Log:
     """First cycles of a log; all of it if momentum is integrated from its start."""
     return log if any(one.integrated for one in log.spinning) else log.part(0, min(log.cycles, cycles))
 
 
-class _Tried(NamedTuple):
+class _CommandRegression(NamedTuple):
     """A part of a log, and the timing of its regression on the commands."""
 
     log: Log
@@ -144,9 +144,9 @@ class _Tried(NamedTuple):
     """First cycle whose commands are known under any delay."""
 
     @staticmethod
-    def of(log: Log, vehicle: Vehicle) -> _Tried:
+    def of(log: Log, vehicle: Vehicle) -> _CommandRegression:
         """Regression with the stated delay, or that of least cost."""
-        part = _begun(log, LONGEST)
+        part = _first_cycles(log, LONGEST)
         stated = vehicle.cycle.command_delay_cycles
         lag = 0.0 if vehicle.thrust.lag_s == "auto" else vehicle.thrust.lag_s / vehicle.cycle.period_s
         at = Timing(0.0, lag) if stated == "auto" else Timing(stated, lag)
@@ -154,19 +154,19 @@ class _Tried(NamedTuple):
             at = next((rated.at for rated in delay.search(part, vehicle, [lag])), at)
         first = int(np.ceil(at.delay + 2)) + 5 * int(np.ceil(lag + 1 / (2 * np.pi * CUTOFFS_HZ[-1] * vehicle.cycle.period_s)))
         # intra-cycle bins are not used
-        return _Tried(part, stating(vehicle, {"estimator.bins_per_cycle": 2}), at, first)
+        return _CommandRegression(part, stating(vehicle, {"estimator.bins_per_cycle": 2}), at, first)
 
     def cost(self, sampled: bool, low_passes: Mapping[str, LowPass | None], shift: float = 0.0) -> tuple[float, float]:
         """−2 log likelihood of gyro and accelerometer, with the delay changed by ``shift`` cycles."""
         timing = self.at._replace(delay=max(self.at.delay + shift, 0.0))
         vehicle = stating(self.vehicle, {f"imu.{sensor}_filter": one for sensor, one in low_passes.items()})
-        return unexplained_by(replace(self.log, sampled=(sampled, sampled)), vehicle, timing, self.first)
+        return log_costs(replace(self.log, sampled=(sampled, sampled)), vehicle, timing, self.first)
 
     def bare_shift(self, sampled: bool) -> float:
         """Change of an open delay of least cost without low-passes, cycles; it compensates a missing low-pass."""
         if self.vehicle.cycle.command_delay_cycles != "auto":
             return 0.0
-        short = self._replace(log=_begun(self.log, FEW))
+        short = self._replace(log=_first_cycles(self.log, FEW))
         return line_minimum(lambda shift: sum(short.cost(sampled, {}, shift)), NEAR, NEAR[-1] / 2, FINEST)
 
     def later(self, sampled: bool) -> dict[tuple[_Kernel, _Kernel], float]:
@@ -175,7 +175,7 @@ class _Tried(NamedTuple):
         One sensor alone has a penalty, since both costs are similar if one sensor gives little information. In free flight, commands later
         for one sensor are equivalent. On a bearing gravity turns between the two sensors, too.
         """
-        short, bare = self._replace(log=_begun(self.log, FEW)), _Kernel(sampled)
+        short, bare = self._replace(log=_first_cycles(self.log, FEW)), _Kernel(sampled)
         log = replace(short.log, sampled=(sampled, sampled))
         motion = motion_of(self.at.of(log, self.vehicle))
 
@@ -183,7 +183,7 @@ class _Tried(NamedTuple):
         def costs(later: float) -> tuple[float, float]:
             with suppress(InputError):
                 if self.at.delay + later >= 0:
-                    return unexplained_by(log, self.vehicle, self.at._replace(delay=self.at.delay + later), self.first, motion)
+                    return log_costs(log, self.vehicle, self.at._replace(delay=self.at.delay + later), self.first, motion)
             return np.inf, np.inf
 
         def cost(later: float, shown: tuple[bool, bool]) -> float:
@@ -205,7 +205,7 @@ class _Tried(NamedTuple):
         return costs_of_pairs
 
 
-def _costs(regression: _Tried, kinds: tuple[bool, ...], orders: tuple[Order, ...]) -> dict[_Kernel, tuple[float, float]]:
+def _costs(regression: _CommandRegression, kinds: tuple[bool, ...], orders: tuple[Order, ...]) -> dict[_Kernel, tuple[float, float]]:
     """−2 log likelihood of gyro and accelerometer for each kernel; empty if the log is too short."""
     phase, costs = (
         PHASE * float(np.mean(regression.log.interval_s)) / regression.vehicle.cycle.period_s,
@@ -227,13 +227,13 @@ def _costs(regression: _Tried, kinds: tuple[bool, ...], orders: tuple[Order, ...
             while pending:
                 for one in pending:
                     add(one)
-                pending = _beside_the_best(costs, kind, order)
+                pending = _neighbours(costs, kind, order)
     except InputError:
         return {}
     return costs
 
 
-def _beside_the_best(costs: Mapping[_Kernel, tuple[float, float]], kind: bool, order: int) -> set[_Kernel]:
+def _neighbours(costs: Mapping[_Kernel, tuple[float, float]], kind: bool, order: int) -> set[_Kernel]:
     """Cutoffs still to test: neighbours of each sensor's best one, if that beats no low-pass."""
     of_kind = [one for one in costs if (one.sampled, one.order) == (kind, order)]
     pending = set[_Kernel]()

@@ -10,7 +10,7 @@ from functools import cache, partial
 import numpy as np
 
 from massprop_cli.base.errors import InputError
-from massprop_cli.diagnosis.freeresponse import NEAR, commanded, cost, line_minimum, motion_of, residuals
+from massprop_cli.diagnosis.freeresponse import NEAR, cost, known_impulses, line_minimum, motion_of, residuals
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.segment import bounded
 from massprop_cli.errorparameters.setup import Setup, stating
@@ -35,7 +35,7 @@ def with_steps(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[Vehicle, lis
     rotors = [f"rotors.{n}" for n, apart in enumerate(log.cycles_apart) if apart == 1 and log.command_s is None]
     gyros = [f"control_moment_gyros.{n}" for n in range(len(vehicle.control_moment_gyros)) if not (wheels or rotors or log.sampled[0])]
     devices, setup = wheels or rotors or gyros, Setup(log, vehicle, timing)
-    if not devices or _stated(vehicle):
+    if not devices or _steps_stated(vehicle):
         return vehicle, []
     key = "torque_steps_s" if wheels or rotors else "gimbal_steps_s"
     log = bounded(log, vehicle, timing, [slice(0, log.cycles)], LONGEST)[0]
@@ -49,7 +49,7 @@ def with_steps(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[Vehicle, lis
     @cache
     def cost_with(key: str, part: float, summed: bool = False) -> float:
         try:
-            rates, _ = residuals(motion, *commanded(log, stated(key, part), timing), summed)  # without a force
+            rates, _ = residuals(motion, *known_impulses(log, stated(key, part), timing), summed)  # without a force
         except (InputError, np.linalg.LinAlgError):
             return np.inf
         return cost(rates) * log.cycles / len(rates)  # scaled to equal cycles
@@ -75,7 +75,7 @@ def with_steps(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[Vehicle, lis
     return stated(key, part), [Notice("noise-estimated", text)]
 
 
-def _stated(vehicle: Vehicle) -> bool:
+def _steps_stated(vehicle: Vehicle) -> bool:
     steps = *(wheel.torque_steps_s for wheel in vehicle.wheels), *(rotor.torque_steps_s for rotor in vehicle.rotors)
     gimbals = [gyro.gimbal_steps_s for gyro in vehicle.control_moment_gyros]
     return any(step is not None for step in (*steps, *gimbals)) or any(gyro.gimbal_smooth for gyro in vehicle.control_moment_gyros)

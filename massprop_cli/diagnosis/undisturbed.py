@@ -11,8 +11,8 @@ import numpy as np
 
 from massprop_cli.base.configfile import written
 from massprop_cli.diagnosis import change
-from massprop_cli.diagnosis.corrections import Correction, shown
-from massprop_cli.diagnosis.phaseboundary import BEYOND, LEFT, beyond_noise, phase_of, plainly
+from massprop_cli.diagnosis.corrections import Correction, time_text
+from massprop_cli.diagnosis.phaseboundary import BEYOND, LEFT, beyond_noise, phase_of, under_stated_noise
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.estimate.triangle import Triangle
@@ -43,29 +43,31 @@ class Undisturbed(NamedTuple):
     number: int
     kept_s: tuple[tuple[float, float], ...]
     """Start and end of one segment or of two, s."""
-    own_s: tuple[float, float]
+    span_s: tuple[float, float]
     """Start and end of the phase, or of the whole log, s."""
     changed: bool
     """Whether two segments have two bodies."""
-    answered: float
+    command_significance: float
     """Least significance, in sigmas, with which the parts left out at start and end follow their commands; infinite without such parts."""
 
     @property
     def words(self) -> str:
         """Message text."""
         name = "" if self.phase is None else f" of phase {self.phase.name}"
-        ((begin_s, end_s), *more), (first_s, last_s) = self.kept_s, self.own_s
+        ((begin_s, end_s), *more), (first_s, last_s) = self.kept_s, self.span_s
         remedy = "state what is left under [[phases]]"
         cause = "something held or touched the vehicle, or commands were not executed"
         if not more:
             sides = [side for side, cut in (("before", begin_s > first_s), ("after", end_s < last_s)) if cut]
-            return f"the log fits from {shown(begin_s)} to {shown(end_s)} s alone{name}: {' and '.join(sides)} that, {cause}; {remedy}"
+            return (
+                f"the log fits from {time_text(begin_s)} to {time_text(end_s)} s alone{name}: {' and '.join(sides)} that, {cause}; {remedy}"
+            )
         changed = ", and its mass properties are others since" if self.changed else ""
-        return f"the log fits without {shown(end_s)} to {shown(more[0][0])} s{name}: in that time {cause}{changed}; {remedy}"
+        return f"the log fits without {time_text(end_s)} to {time_text(more[0][0])} s{name}: in that time {cause}{changed}; {remedy}"
 
     def correction(self, vehicle: Resolved) -> Correction:
         """Phases of the undisturbed segments. After a change of the body, known values belong to the first."""
-        phase = self.phase or Phase(name="all", start_s=self.own_s[0], end_s=self.own_s[1])
+        phase = self.phase or Phase(name="all", start_s=self.span_s[0], end_s=self.span_s[1])
         known = {**vehicle.known, **phase.known}
         parts = []
         for i, (begin_s, end_s) in enumerate(self.kept_s):
@@ -85,17 +87,17 @@ def undisturbed(screening: Screening, end_s: float) -> Undisturbed | None:
 
     ``end_s``: end of the whole log, s, of which the screening may have a segment only.
     """
-    under_noise, count = plainly(screening, screening.piece), screening.piece.stop - screening.piece.start
+    under_noise, count = under_stated_noise(screening, screening.piece), screening.piece.stop - screening.piece.start
     if under_noise is None or count < 4 * SHORTEST or beyond_noise(under_noise) < BEYOND * np.sqrt(2 * 6 * count):
         return None
-    tests = _Looks(under_noise)
+    tests = _SegmentTests(under_noise)
     kept = tests.between() or tests.around()
     if not kept or any(stretch.stop - stretch.start < SHORTEST for stretch in kept):
         return None
-    return _placed(under_noise, kept, end_s)
+    return _located(under_noise, kept, end_s)
 
 
-class _Looks:
+class _SegmentTests:
     """Tests of segments of one screening."""
 
     def __init__(self, screening: Screening) -> None:
@@ -114,49 +116,49 @@ class _Looks:
         begin = first + most - early
         end = stop - most + _longest(most, lambda more: self.fits(slice(begin, stop - most + more)))
         edge = max(self.count // EDGE, 1)
-        sharp = (begin == first or self.misses(slice(max(begin - edge, first), end))) and (
-            end == stop or self.misses(slice(begin, min(end + edge, stop)))
+        sharp = (begin == first or self.clearly_misfits(slice(max(begin - edge, first), end))) and (
+            end == stop or self.clearly_misfits(slice(begin, min(end + edge, stop)))
         )
         begin, end = begin + MARGIN * (begin > first), end - MARGIN * (end < stop)
         kept = slice(begin, end)
-        return (kept,) if sharp and kept != self.piece and self.fires([kept]) else ()
+        return (kept,) if sharp and kept != self.piece and self.all_channels_act([kept]) else ()
 
     def around(self) -> tuple[slice, ...]:
         """The longest fitting segments at start and end; empty if they meet or leave out too much."""
         first, stop, edge = self.piece.start, self.piece.stop, max(self.count // EDGE, 1)
-        end = first + self._from_a_part(lambda cycles: self.fits(slice(first, first + cycles)))
-        begin = stop - self._from_a_part(lambda cycles: self.fits(slice(stop - cycles, stop)))
+        end = first + self._longest_from_part(lambda cycles: self.fits(slice(first, first + cycles)))
+        begin = stop - self._longest_from_part(lambda cycles: self.fits(slice(stop - cycles, stop)))
         if end == first or begin == stop:
             return ()
         if not 0 < begin - end < MOST * self.count:
             return ()
-        sharp = self.misses(slice(first, min(end + edge, stop))) and self.misses(slice(max(begin - edge, first), stop))
+        sharp = self.clearly_misfits(slice(first, min(end + edge, stop))) and self.clearly_misfits(slice(max(begin - edge, first), stop))
         kept = slice(first, end - MARGIN), slice(begin + MARGIN, stop)
-        return kept if sharp and self.fires(kept) else ()
+        return kept if sharp and self.all_channels_act(kept) else ()
 
-    def _from_a_part(self, fits: Callable[[int], bool]) -> int:
+    def _longest_from_part(self, fits: Callable[[int], bool]) -> int:
         """Most cycles that fit, extended from the largest of :data:`PARTS` that fits; 0 if none does."""
         start = next((cycles for part in PARTS if (cycles := int(part * self.count)) >= SHORTEST and fits(cycles)), 0)
         return start and start + _longest(self.count - start, lambda more: fits(start + more))
 
     def fits(self, piece: slice) -> bool:
         """Whether a segment leaves no more than noise, and little of the excess of all."""
-        part = plainly(self.screening, piece)
+        part = under_stated_noise(self.screening, piece)
         if part is None or not part.constant or beyond_noise(part) > LEFT * self.all:
             return False
-        return self.integrated or part.misfit < 1 + CHANCE * np.sqrt(2 / part.freedom)
+        return self.integrated or part.misfit < 1 + CHANCE * np.sqrt(2 / part.degrees_of_freedom)
 
-    def misses(self, piece: slice) -> bool:
+    def clearly_misfits(self, piece: slice) -> bool:
         """Whether a segment leaves far more than noise."""
-        part = plainly(self.screening, piece)
+        part = under_stated_noise(self.screening, piece)
         if part is None:
             return True
-        misfit = float(np.max(part.free.pure / part.noise)) if self.integrated else part.misfit
-        return bool(misfit > 1 + SHARP * CHANCE * np.sqrt(2 / part.freedom))
+        misfit = float(np.max(part.free.pure_error / part.noise)) if self.integrated else part.misfit
+        return bool(misfit > 1 + SHARP * CHANCE * np.sqrt(2 / part.degrees_of_freedom))
 
-    def fires(self, kept: list[slice] | tuple[slice, ...]) -> bool:
+    def all_channels_act(self, kept: list[slice] | tuple[slice, ...]) -> bool:
         """Whether all channels that act do so in the segments kept."""
-        parts = [plainly(self.screening, piece) for piece in kept]
+        parts = [under_stated_noise(self.screening, piece) for piece in kept]
         fired = set().union(*(one.free.fired.tolist() for one in parts if one is not None))
         return fired == set(self.screening.free.fired.tolist())
 
@@ -187,11 +189,11 @@ def _two_bodies(screening: Screening, kept: tuple[slice, ...]) -> bool:
     triangle = Triangle(samples, screening.piece, vehicle, Consider())
     start, system = triangle.begin(reference), triangle.phase_system(reference)
     triangles = [triangle.segment_triangle(start, system, piece) for piece in kept]
-    first, second, both = change.least(np.stack([*triangles, change.joined(*triangles)]), reference, vehicle)
+    first, second, both = change.least_chi_squares(np.stack([*triangles, change.joined(*triangles)]), reference, vehicle)
     return bool(both - first - second > 10 + OTHER * np.sqrt(2 * 10))
 
 
-def _placed(screening: Screening, kept: tuple[slice, ...], end_s: float) -> Undisturbed | None:
+def _located(screening: Screening, kept: tuple[slice, ...], end_s: float) -> Undisturbed | None:
     """The segments in the vehicle file; None if the screening does not reach the edge of its phase and is cut there."""
     location = phase_of(screening, end_s)
     if location is None:
@@ -209,7 +211,9 @@ def _placed(screening: Screening, kept: tuple[slice, ...], end_s: float) -> Undi
     times[0][0] = times[0][0] if begins else span_s[0]
     times[-1][1] = times[-1][1] if ends else span_s[1]
     left_out = [
-        plainly(screening, one) for one in (slice(piece.start, kept[0].start), slice(last.stop, piece.stop)) if one.start < one.stop
+        under_stated_noise(screening, one)
+        for one in (slice(piece.start, kept[0].start), slice(last.stop, piece.stop))
+        if one.start < one.stop
     ]
     return Undisturbed(
         location.phase,
@@ -217,5 +221,5 @@ def _placed(screening: Screening, kept: tuple[slice, ...], end_s: float) -> Undi
         tuple((round(begin, 6), round(end, 6)) for begin, end in times),
         span_s,
         _two_bodies(screening, kept),
-        min((one.free.answered for one in left_out if one is not None), default=np.inf),
+        min((one.free.command_significance for one in left_out if one is not None), default=np.inf),
     )

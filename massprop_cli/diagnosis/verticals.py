@@ -33,7 +33,7 @@ def verticals_by_errors(samples: Samples, vehicle: Vehicle) -> list[tuple[str, A
     return [*zip(LEVEL, level, strict=True), *zip(changes, slopes, strict=True)]
 
 
-def by_log(attitude_wxyz: Array) -> list[tuple[str, Array]]:
+def logged_axes(attitude_wxyz: Array) -> list[tuple[str, Array]]:
     """(K + 1, 3) the world's X and Y in body axes, from measured attitudes (K + 1, 4)."""
     return list(zip(LEVEL, np.moveaxis(matrices(attitude_wxyz)[:, :2], 1, 0), strict=True))
 

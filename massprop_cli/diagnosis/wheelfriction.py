@@ -10,9 +10,9 @@ import numpy as np
 from massprop_cli.base.arrays import TINY, Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.design import Case
-from massprop_cli.diagnosis.freeresponse import MeasuredMotion, cost, summed
+from massprop_cli.diagnosis.freeresponse import MeasuredMotion, cost, summed_residuals
+from massprop_cli.diagnosis.keyhypothesis import KeyHypothesis, KeyValues
 from massprop_cli.diagnosis.ranking import CLEAR
-from massprop_cli.diagnosis.supposed import States, Supposed
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.inputs.actuators.wheel import WheelLog
 
@@ -23,21 +23,21 @@ SHORTER, STILL = (1.0, 0.5, 0.25, 0.1), 0.1
 KEYS = ("coulomb_friction_n_m", "viscous_friction_n_m_s")
 
 
-def supposed(case: Case, motion: MeasuredMotion) -> list[Supposed]:
+def friction_hypotheses(case: Case, motion: MeasuredMotion) -> list[KeyHypothesis]:
     """Hypothesis of wheel friction with its key values of least cost; empty if it does not explain clearly more."""
     entries, sizes = _sizes(case)
     try:
-        return _supposed(case, motion, entries, sizes) if entries else []
+        return _friction_hypotheses(case, motion, entries, sizes) if entries else []
     except (InputError, np.linalg.LinAlgError):
         return []  # the log is too short
 
 
-def _supposed(case: Case, motion: MeasuredMotion, entries: Sequence[str], sizes: Array) -> list[Supposed]:
-    def states(parts: Array) -> States:
+def _friction_hypotheses(case: Case, motion: MeasuredMotion, entries: Sequence[str], sizes: Array) -> list[KeyHypothesis]:
+    def states(parts: Array) -> KeyValues:
         return dict(zip(entries, (np.maximum(parts, 0) * sizes).tolist(), strict=True))
 
     def residuals(parts: Array) -> Array:
-        return summed(motion, case.log, stating(case.vehicle, states(parts)), case.timing)
+        return summed_residuals(motion, case.log, stating(case.vehicle, states(parts)), case.timing)
 
     parts = np.array([case.setup.value(key)[0] for key in entries]) / sizes
     initial = current = residuals(parts)
@@ -46,7 +46,7 @@ def _supposed(case: Case, motion: MeasuredMotion, entries: Sequence[str], sizes:
         slopes = np.stack([((residuals(parts + STEP * unit) - current) * weights).ravel() / STEP for unit in np.eye(len(parts))], 1)
         # prior sigma: the largest torque
         rows, target = np.vstack([slopes, np.eye(len(parts))]), np.append(-(current * weights).ravel(), -parts)
-        step = _bounded(rows, target + rows @ parts) - parts
+        step = _nonnegative(rows, target + rows @ parts) - parts
         next_parts, next_residuals = min(
             ((at, residuals(at)) for at in (parts + part * step for part in SHORTER)), key=lambda one: cost(one[1])
         )
@@ -56,8 +56,8 @@ def _supposed(case: Case, motion: MeasuredMotion, entries: Sequence[str], sizes:
     if cost(current) > cost(initial) - CLEAR:
         return []
     variance, directions = np.linalg.eigh(np.linalg.inv(rows.T @ rows))
-    one_sigma = tuple(states(_beside(parts, sigma * along)) for sigma, along in zip(np.sqrt(variance), directions.T, strict=True))
-    return [Supposed(("wheel-friction",), states(parts), one_sigma)]
+    one_sigma = tuple(states(_moved_within(parts, sigma * along)) for sigma, along in zip(np.sqrt(variance), directions.T, strict=True))
+    return [KeyHypothesis(("wheel-friction",), states(parts), one_sigma)]
 
 
 def _sizes(case: Case) -> tuple[list[str], Array]:
@@ -74,13 +74,13 @@ def _sizes(case: Case) -> tuple[list[str], Array]:
     return entries, np.array(sizes)
 
 
-def _beside(parts: Array, step: Array) -> Array:
+def _moved_within(parts: Array, step: Array) -> Array:
     """A step in the direction with more room above 0, within it."""
     room = [min([1.0, *(parts[down] / -way[down])]) for way in (step, -step) for down in [way < 0]]
     return np.asarray(parts + (step * room[0] if room[0] >= room[1] else -step * room[1]))
 
 
-def _bounded(rows: Array, target: Array) -> Array:
+def _nonnegative(rows: Array, target: Array) -> Array:
     """Least-squares solution of ``rows`` x = ``target`` with x ≥ 0, by removing negative components."""
     free, solution = np.ones(rows.shape[1], dtype=bool), np.zeros(rows.shape[1])
     while free.any():

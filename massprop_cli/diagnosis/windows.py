@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, TINY, Array, IntArray
-from massprop_cli.diagnosis.channelwise import SLOW, waves
+from massprop_cli.diagnosis.channelwise import HALF_WAVES, cosines
 from massprop_cli.diagnosis.design import INTEGRATED
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.screening import Screening
@@ -41,17 +41,17 @@ class Window(NamedTuple):
     """−2 log likelihood ratio against one thrust factor throughout."""
 
 
-class Reduced:
+class WindowRegression:
     """Whitened residuals of a segment about a body, and their tangents by its mass properties and nuisance parameters."""
 
     def __init__(self, screening: Screening, by: Screening, beside: Disturbance) -> None:
         case, theta = screening.case, by.stated.value("theta")
         self.design = case.design(screening.piece, theta)
         self._beside = beside
-        self._slow = waves(len(self.design.mean), SLOW if INTEGRATED in self.design.places else 0)
-        rates, turning = self._white(self.design.growth)
-        force = self._heard(self.design.mean)
-        measured = turning, self._heard(self.design.force)
+        self._slow = cosines(len(self.design.mean), HALF_WAVES if INTEGRATED in self.design.places else 0)
+        rates, turning = self._whitened(self.design.growth)
+        force = self._weighted(self.design.mean)
+        measured = turning, self._weighted(self.design.force)
         model, x, turn = screening.model, by.stated.x, np.eye(3)[None]
         sizes = ResponseMap(plant_of(case.vehicle)).sizes(theta)
         moves = np.hstack([np.eye(len(x), 10) * (STEP * sizes), STEP * model.uncertain])
@@ -70,7 +70,7 @@ class Reduced:
         self.chi_square = float(residual @ residual - self.pull @ self.inverse @ self.pull)
         self.count = 3 * int(self.design.used.sum())
 
-    def _white(self, growth: Array) -> tuple[Array, Array]:
+    def _whitened(self, growth: Array) -> tuple[Array, Array]:
         """(K, n) columns and (K, 3) rates, whitened, orthogonal to the unknown initial states."""
         _, white, _ = next(white_rows(self.design.driven._replace(growth=growth), [self._beside]))
         initial = white.shape[1] - 3 - growth.shape[1]
@@ -78,16 +78,16 @@ class Reduced:
         rows = white[:, initial:] - base @ (base.T @ white[:, initial:])
         return -rows[:, :-3], rows[:, -3:]
 
-    def _heard(self, mean: Array) -> Array:
+    def _weighted(self, mean: Array) -> Array:
         """(K, n) weighted columns of the specific force, orthogonal to its slow wander."""
-        weight = self.design.heard[self.design.used[:, 1], None]
+        weight = self.design.force_weight[self.design.used[:, 1], None]
         rows = weight * mean[self.design.used[:, 1]]
         if not self._slow.shape[1]:
             return rows
         base = np.linalg.qr(weight * self._slow[self.design.used[:, 1]])[0]
         return np.asarray(rows - base @ (base.T @ rows))
 
-    def likeliest(self, channel: int, near: Window | None = None) -> Window | None:
+    def best_window(self, channel: int, near: Window | None = None) -> Window | None:
         """Maximum likelihood window of one channel, between edges of equal parts and any cycles near the edges of ``near``.
 
         None if one thrust factor throughout explains as much.
@@ -128,9 +128,9 @@ class Reduced:
         """(B, B) inner products of a channel's parts between edges, and (B,) those with the residuals, both projected off the tangents."""
         cycle = np.arange(len(self.design.mean))[:, None]
         within = (cycle >= edges[:-1]) & (cycle < edges[1:])
-        rising, falling, whole = (part[:, channel, None] * within for part in self.design.acted)
-        rates, _ = self._white(rising[:-1] + falling[1:])
-        force = self._heard(whole / self.design.duration_s[:, None])
+        rising, falling, whole = (part[:, channel, None] * within for part in self.design.impulses)
+        rates, _ = self._whitened(rising[:-1] + falling[1:])
+        force = self._weighted(whole / self.design.duration_s[:, None])
         coefficients = self.by[self.design.places["channels"].start + channel]
         size, with_residual = np.zeros((len(edges) - 1, len(edges) - 1)), np.zeros(len(edges) - 1)
         with_tangents = np.zeros((len(edges) - 1, len(self.pull)))

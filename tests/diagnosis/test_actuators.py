@@ -15,7 +15,7 @@ from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis import comparison, explanation
 from massprop_cli.diagnosis.channelwise import free_response
 from massprop_cli.diagnosis.coefficients import Model
-from massprop_cli.diagnosis.comparison import _Rows
+from massprop_cli.diagnosis.comparison import _LeastSquares
 from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.refit import Refit
@@ -58,11 +58,11 @@ def test_the_kernel_makes_of_stored_momentum_what_numpy_makes(platform: str, mon
     x[:, :10] = [1.0, 0.1, 0.2, 2.0, 0.1, 1.5, 0.1, -0.05, 0.02, 0.05]
     turns = np.eye(3), rotation(np.array([0.3, 0.1, -0.2]))
     own = [Hypothesis("", (), np.eye(len(model.stated)), gyro=turn, accelerometer=turn, suspects=(1,)) for turn in turns]
-    rows = _Rows.of_all(model, free, NOISE, own)
-    left, (begun, _) = rows.left(x), rows.begun(own)
+    rows = _LeastSquares.of_all(model, free, NOISE, own)
+    left, (begun, _) = rows.residuals(x), rows.initial(own)
     monkeypatch.setattr(comparison, "compiled", lambda: False)
-    np.testing.assert_allclose(left, rows.left(x), rtol=1e-9, atol=1e-9 * np.abs(left).max())
-    np.testing.assert_allclose(begun, replace(rows, regressed={}).begun(own)[0], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(left, rows.residuals(x), rtol=1e-9, atol=1e-9 * np.abs(left).max())
+    np.testing.assert_allclose(begun, replace(rows, regressions={}).initial(own)[0], rtol=1e-6, atol=1e-9)
 
 
 def wrong(of: Subject, seed: int) -> tuple[set[str], Array, Array]:
@@ -195,7 +195,7 @@ def test_all_rotors_may_store_more_where_they_may_give_less(factors: tuple[float
     names = tuple(one.name for one, factor in zip(rotors, factors, strict=True) if factor != 1)
     part = SimpleNamespace(hypothesis=Hypothesis("thrust-scale", names, np.zeros((1, 0))))
     fitted, case = SimpleNamespace(parts=(part,), factors=np.array(factors)), SimpleNamespace(vehicle=SimpleNamespace(rotors=rotors))
-    words, rivals = explanation._of_what_turns(cast("Refit", SimpleNamespace(fitted=fitted, case=case)))
+    words, rivals = explanation._rotor_inertia(cast("Refit", SimpleNamespace(fitted=fitted, case=case)))
     assert words == (", or else they have 1.429 of the stated spin_inertia_kg_m2" if told else "")
     values = [setting for one in rivals for setting in one.settings]
     assert values == ([f"rotors.{i}.spin_inertia_kg_m2={1e-5 * (i + 1) / 0.7:.9g}" for i in range(4)] if told else [])

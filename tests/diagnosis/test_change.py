@@ -40,7 +40,7 @@ def stretch(samples: Samples, cycles: slice, about: Reference, used: Vehicle) ->
 
 def test_the_docking_of_the_sample_is_where_the_change_is_found() -> None:
     samples, used, about, at = docked(*faulty.sample("docking"), faulty.truth("docking"))
-    found = change.likeliest(samples, slice(2, len(samples)), about, resolved(used))
+    found = change.change_cycle(samples, slice(2, len(samples)), about, resolved(used))
     assert found is not None
     assert abs(found - at) <= 3
 
@@ -51,7 +51,7 @@ def test_the_docking_is_where_the_change_is_found() -> None:
     flown = fly("docking", seeds=tuple(range(1, 11)))
     for member in range(3):
         samples, used, about, at = docked(flown.log(member), flown.vehicle, flown.truth[member, 0])
-        found = change.likeliest(samples, slice(2, len(samples)), about, resolved(used))
+        found = change.change_cycle(samples, slice(2, len(samples)), about, resolved(used))
         assert found is not None
         assert abs(found - at) <= 3
 
@@ -88,7 +88,7 @@ def test_where_the_cg_alone_changes_and_nothing_pushes_it_may_be_another_imu() -
 
 def test_nothing_is_said_of_a_stretch_too_short_to_have_two_sides() -> None:
     samples, used, about, _ = docked(*faulty.sample("docking"), faulty.truth("docking"))
-    assert change.likeliest(samples, slice(2, 2 + 4 * change.SHORTEST - 1), about, resolved(used)) is None
+    assert change.change_cycle(samples, slice(2, 2 + 4 * change.SHORTEST - 1), about, resolved(used)) is None
 
 
 def test_the_body_that_fits_a_triangle_is_the_one_that_flew() -> None:
@@ -98,14 +98,14 @@ def test_the_body_that_fits_a_triangle_is_the_one_that_flew() -> None:
     phi_map = ResponseMap(plant_of(used))
     about = reference(flight.TRUTH)
     triangle = stretch(samples, slice(2, 320), about, used)
-    (left,) = change.least(triangle[None], about, resolved(used))
+    (left,) = change.least_chi_squares(triangle[None], about, resolved(used))
     rows = 6 * 318
     assert left == pytest.approx(rows - 19, abs=4 * np.sqrt(2 * rows))
     other = Reference(1.1 * about.inertia, about.cg, about.mu)
     heavier = phi_map.plant.theta(other)
     by_phi, measured = triangle[:, :-1], triangle[:, -1]
     assert ((measured - by_phi @ phi_map.coefficients(heavier)[0]) ** 2).sum() > 100 * left
-    assert change.least(triangle[None], other, resolved(used)) == pytest.approx(left, rel=1e-3)
+    assert change.least_chi_squares(triangle[None], other, resolved(used)) == pytest.approx(left, rel=1e-3)
 
 
 def test_two_stretches_say_together_what_their_rows_say() -> None:

@@ -75,7 +75,7 @@ def test_torques_in_another_unit_than_forces_leave_neither_inertia_nor_mass() ->
 @pytest.mark.parametrize(("factor", "others"), [(1000.0, [1e-3]), (-1000.0, [-1e-3]), (1.5, []), (-1.0, []), (0.0, [])])
 def test_only_another_unit_may_as_well_be_that_of_the_others(factor: float, others: list[float]) -> None:
     """Neither a scale, nor a sign, nor torques that do nothing."""
-    instead = [*explanation._of_the_others(Correction((), command=(*[factor] * 3, 1.0, 1.0, 1.0)))]
+    instead = [*explanation._other_half(Correction((), command=(*[factor] * 3, 1.0, 1.0, 1.0)))]
     assert [one.command for one in instead] == [(1.0, 1.0, 1.0, *[other] * 3) for other in others]
 
 

@@ -70,7 +70,7 @@ def test_an_unknown_delay_is_found_to_a_tenth_of_a_cycle_with_an_honest_sigma(tr
 def test_commands_alone_tell_the_delay_with_its_sigma_where_no_fit_of_a_body_stands() -> None:
     """Eight logs, 1.6 cycles: within 2 % of a cycle, and what they are off by is their sigma's size, by chi-square at 99.9 %."""
     flown = late()
-    every = [delay.by_commands_alone(flown.log(i), flown.vehicle, Timing(2.0, 0.0)) for i in range(len(flown.seeds))]
+    every = [delay.by_free_response(flown.log(i), flown.vehicle, Timing(2.0, 0.0)) for i in range(len(flown.seeds))]
     found = [one for one in every if one is not None]
     assert len(found) == len(every)
     away = np.array([one.at.delay - 1.6 for one in found])
@@ -202,9 +202,9 @@ def test_bounded_steps_are_the_likeliest_of_those_allowed() -> None:
     for _ in range(100):
         root = rng.normal(size=(3, 4))
         covariance, steps, most = root @ root.T, 3 * rng.normal(size=3), rng.uniform(0.2, 3, 3)
-        found = delay.bounded(steps, covariance, most)
+        found = delay.bounded_steps(steps, covariance, most)
         assert (np.abs(found) <= most * (1 + 1e-12)).all()
         slope = np.linalg.solve(covariance, found - steps)
         free = np.abs(found) < most * (1 - 1e-9)
         np.testing.assert_allclose(slope[free], 0.0, atol=1e-9 * np.abs(slope).max(initial=1.0))
-        assert (delay.bounded(steps[:1], covariance[:1, :1], most[:1]) == np.clip(steps[:1], -most[:1], most[:1])).all()
+        assert (delay.bounded_steps(steps[:1], covariance[:1, :1], most[:1]) == np.clip(steps[:1], -most[:1], most[:1])).all()

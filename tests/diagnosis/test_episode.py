@@ -8,9 +8,9 @@ import pytest
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.diagnosis import design, episode
 from massprop_cli.diagnosis.episode import episodes
-from massprop_cli.diagnosis.refit import tried
+from massprop_cli.diagnosis.refit import refitted
 from massprop_cli.diagnosis.screening import Screening
-from massprop_cli.diagnosis.windows import Reduced
+from massprop_cli.diagnosis.windows import WindowRegression
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import actuators, align
@@ -39,7 +39,7 @@ def test_what_a_window_explains_is_what_regression_says(monkeypatch: pytest.Monk
     monkeypatch.setattr(design, "COUPLING", 0.0)  # no white noise by the rates' products
     flown = fly("free-flyer", *PLAN, failing("divert_xp", 0.7, 8.0))
     screening = look_of(flown.log(0), flown.vehicle)
-    reduced = Reduced(screening, screening, NONE)
+    reduced = WindowRegression(screening, screening, NONE)
     root, cycle = np.sqrt(reduced.weight), np.arange(len(reduced.design.mean))
     growth = np.vstack([np.zeros((1, reduced.design.growth.shape[1])), np.cumsum(reduced.design.growth, 0)])
     columns, rate = growth - growth.mean(0), reduced.design.rate - reduced.design.rate.mean(0)
@@ -50,7 +50,7 @@ def test_what_a_window_explains_is_what_regression_says(monkeypatch: pytest.Monk
 
     def regression(channel: int, within: BoolArray) -> tuple[float, float]:
         """What part of a channel explains the most, and the squares that it leaves."""
-        rising, falling, _ = (part[:, channel] * within for part in reduced.design.acted)
+        rising, falling, _ = (part[:, channel] * within for part in reduced.design.impulses)
         own = reduced.by[reduced.design.places["channels"].start + channel] * root
         # rates without a disturbance are sums of their growth, less their own mean; specific force is as it stands
         steps = np.concatenate([[0.0], np.cumsum(rising[:-1] + falling[1:])])
@@ -60,7 +60,7 @@ def test_what_a_window_explains_is_what_regression_says(monkeypatch: pytest.Monk
         return float(solved[-1]), float(squares[0])
 
     for channel in (0, 12):
-        found = reduced.likeliest(channel)
+        found = reduced.best_window(channel)
         assert found is not None
         part, after = regression(channel, (cycle >= found.first) & (cycle < found.stop))
         _, throughout = regression(channel, cycle >= 0)
@@ -190,7 +190,7 @@ def test_what_a_jet_gives_all_along_tells_when_it_failed(monkeypatch: pytest.Mon
     flown = fly("free-flyer", *PLAN, failing("pitch_n2", 0.0, 4.0))
     screening = look_of(flown.log(0), flown.vehicle)
     weak = next(one for _, one in screening.ranked if (one.hypothesis.code, one.hypothesis.subject) == ("thrust-scale", ("pitch_n2",)))
-    cause = tried(screening, weak)
+    cause = refitted(screening, weak)
     assert cause is not None
     likeliest = episode._windows
     monkeypatch.setattr(episode, "_windows", lambda one, beside: [] if one is screening else likeliest(one, beside))

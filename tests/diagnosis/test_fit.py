@@ -79,8 +79,8 @@ def test_a_standing_reference_is_judged_as_it_is_not_as_a_linear_fit_would_mend_
     (_, force), (_, too_large) = (response(flown.samples(), CYCLES, reference, flown.used) for reference in (right, light))
     at_light = fit(flown.samples(), CYCLES, light, flown.resolved, passes=0)
     assert at_light is not None
-    assert at_light.standing == pytest.approx((((too_large - force) / 0.02) ** 2).sum() / (6 * 318), rel=1e-3)
-    assert at_light.chi_square < 1e-3 * at_light.standing
+    assert at_light.chi_square_at_reference == pytest.approx((((too_large - force) / 0.02) ** 2).sum() / (6 * 318), rel=1e-3)
+    assert at_light.chi_square < 1e-3 * at_light.chi_square_at_reference
 
 
 def mistaken(gyro: float, mounting: Array) -> Samples:
@@ -99,11 +99,11 @@ def test_no_fit_runs_away(gyro: float, cyclic: bool) -> None:
     samples, used = mistaken(gyro, mounting), flight.standard("free").used
     first = first_reference(samples, CYCLES, used) or Reference(np.eye(3), np.zeros(3), 0.05)
     fits = [fit(samples, CYCLES, first, flight.resolved(used), passes=passes) for passes in (0, 1, 3, 8)]
-    stood = [found.standing if found is not None else np.inf for found in fits]
+    stood = [found.chi_square_at_reference if found is not None else np.inf for found in fits]
     assert all(after <= before * (1 + 1e-4) for before, after in itertools.pairwise(stood))
     for found in fits:
         if found is not None:
-            assert found.chi_square <= found.standing * (1 + 1e-9)
+            assert found.chi_square <= found.chi_square_at_reference * (1 + 1e-9)
             moments = np.linalg.eigvalsh(found.reference.inertia) / np.trace(first.inertia)
             assert 1e-3 < moments[0] <= moments[2] < 1e3
             assert 1e-3 < found.reference.mu / first.mu < 1e3

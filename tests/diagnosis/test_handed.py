@@ -10,9 +10,9 @@ import pytest
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis import comparison, hypotheses
-from massprop_cli.diagnosis.channelwise import Free, free_response
+from massprop_cli.diagnosis.channelwise import FreeResponse, free_response
 from massprop_cli.diagnosis.coefficients import Model
-from massprop_cli.diagnosis.comparison import _Rows, fitted
+from massprop_cli.diagnosis.comparison import _LeastSquares, fitted
 from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.kernel import kernel
@@ -26,7 +26,7 @@ RULED_OUT = 1e6
 """Of chi-square, where all as stated has 482 and 616: nothing hangs on where such a fit ends, which is a matter of rounding."""
 
 
-def reduced(kind: str) -> tuple[Model, Free]:
+def reduced(kind: str) -> tuple[Model, FreeResponse]:
     flown = flight.standard(kind)
     free = free_response(Case(flown.log(np.random.default_rng(0)), flown.resolved, Timing(2.0, 0.0)), PIECE)
     return Model.of(free, flown.used, 0.3, "jets"), free
@@ -44,19 +44,19 @@ def test_what_is_left_of_anything_is_what_numpy_says(kind: str, monkeypatch: pyt
     model, free = reduced(kind)
     rng = np.random.default_rng(1)
     supposed = [
-        Hypothesis("", (), np.eye(len(model.stated)), gyro=gyro, accelerometer=accelerometer, freed=freed)
+        Hypothesis("", (), np.eye(len(model.stated)), gyro=gyro, accelerometer=accelerometer, free_channel=freed)
         for gyro, accelerometer, freed in (
             (np.eye(3), np.eye(3), None),
             (rotation(np.array([0.3, 0.1, -0.2])), np.diag([1.0, -1.0, 1.0]), None),
             (57.3 * np.eye(3), np.eye(3), 3),
         )
     ]
-    rows = _Rows.of_all(model, free, NOISE, supposed)
+    rows = _LeastSquares.of_all(model, free, NOISE, supposed)
     x = np.stack([anything(model, rng) for _ in supposed])
     x[0, 10:22] = 0.0  # an IMU as it is stated to be
-    found = rows.left(x)
+    found = rows.residuals(x)
     monkeypatch.setattr(comparison, "compiled", lambda: False)
-    np.testing.assert_allclose(found, rows.left(x), rtol=1e-9, atol=1e-9 * np.abs(found).max())
+    np.testing.assert_allclose(found, rows.residuals(x), rtol=1e-9, atol=1e-9 * np.abs(found).max())
 
 
 @pytest.mark.parametrize("kind", ["free", "air_bearing"])
@@ -65,10 +65,10 @@ def test_fits_begin_where_numpy_begins(kind: str, monkeypatch: pytest.MonkeyPatc
     names = [f"jet {i}" for i in range(len(model.force))]
     supposed = [*hypotheses.listed(model, names), *hypotheses.units(model, 0.05, True), *map(model.without, range(len(names)))]
     alone = [Hypothesis("", (), np.zeros((len(model.stated), 0)), suspects=tuple(range(1, len(names))))]  # hardly any are left to go by
-    rows = _Rows.of_all(model, free, NOISE, [*supposed, *alone])
-    x, sizes = rows.begun([*supposed, *alone])
+    rows = _LeastSquares.of_all(model, free, NOISE, [*supposed, *alone])
+    x, sizes = rows.initial([*supposed, *alone])
     monkeypatch.setattr(comparison, "compiled", lambda: False)
-    by_numpy, its_sizes = replace(rows, regressed={}).begun([*supposed, *alone])
+    by_numpy, its_sizes = replace(rows, regressions={}).initial([*supposed, *alone])
     assert np.isfinite(x).all()
     np.testing.assert_allclose(sizes, its_sizes, rtol=1e-6)
     assert np.abs((x - by_numpy)[:, :10] / its_sizes).max() < 1e-6
@@ -83,7 +83,7 @@ def test_a_sum_that_cancels_but_for_rounding_begins_no_body() -> None:
     same = free.gyro.triangle[:, place.start].copy(), free.accelerometer.triangle[:, place.start].copy()
     free.gyro.triangle[:, place.start + 1], free.accelerometer.triangle[:, place.start + 1] = (part * (1 + 1e-16) for part in same)
     free.accelerometer.triangle[1, place.start + 1] += 1e-13
-    x, _ = _Rows.of_all(opposed, free, NOISE, [model.without(5)]).begun([Hypothesis("", (), np.zeros((len(model.stated), 0)))])
+    x, _ = _LeastSquares.of_all(opposed, free, NOISE, [model.without(5)]).initial([Hypothesis("", (), np.zeros((len(model.stated), 0)))])
     assert x[0, 9] < 1e-3  # 1/m: nothing, and not what rounding makes of it
 
 
@@ -103,8 +103,8 @@ def test_every_supposition_ends_where_numpy_ends(kind: str, monkeypatch: pytest.
 
 def test_a_fit_without_a_next_step_is_told() -> None:
     model, free = reduced("free")
-    rows = _Rows.of_all(model, free, NOISE, [Hypothesis("", (), np.zeros((len(model.stated), 0)))])
+    rows = _LeastSquares.of_all(model, free, NOISE, [Hypothesis("", (), np.zeros((len(model.stated), 0)))])
     x = model.stated[None].copy()
     x[0, :10] = [1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.05]
     with pytest.raises(np.linalg.LinAlgError):
-        rows.posed.fitted(x, np.zeros((1, x.shape[1], 10)), np.zeros(10), (1e-3, 100.0, 8))
+        rows.packed.fitted(x, np.zeros((1, x.shape[1], 10)), np.zeros(10), (1e-3, 100.0, 8))

@@ -12,7 +12,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import elements, rotation, tensor
 from massprop_cli.diagnosis.channelwise import free_response
 from massprop_cli.diagnosis.coefficients import Model
-from massprop_cli.diagnosis.comparison import _Rows, fitted
+from massprop_cli.diagnosis.comparison import _LeastSquares, fitted
 from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.hypotheses import mountings, other_units
 from massprop_cli.diagnosis.hypothesis import Hypothesis
@@ -52,8 +52,8 @@ def left(log: Log, used: Vehicle, kind: str, **entries: Array) -> float:
     x[:10] = theta(kind)
     for name, value in entries.items():
         x[model.place(name)] = value
-    rows = _Rows.of_all(model, free, VARIANCE, [Hypothesis("", (), np.eye(len(x)))])
-    return float((rows.left(x[None]) ** 2).sum())
+    rows = _LeastSquares.of_all(model, free, VARIANCE, [Hypothesis("", (), np.eye(len(x)))])
+    return float((rows.residuals(x[None]) ** 2).sum())
 
 
 @pytest.mark.parametrize("kind", ["free", "air_bearing"])
@@ -215,4 +215,4 @@ def test_units_of_the_accelerometer_are_told_from_rates_of_about_the_same_size()
     each = {one.words: one for one in other_units(0.01, increments=True)}
     milli, rates = each["accelerometer columns are in milli-g"], each["accelerometer columns hold rates, not increments"]
     np.testing.assert_allclose(milli.accelerometer / rates.accelerometer, 1.0197162, rtol=1e-7)
-    assert milli.rare > rates.rare == 0.0
+    assert milli.prior_odds > rates.prior_odds == 0.0

@@ -9,7 +9,7 @@ import pytest
 
 from massprop_cli.base.arrays import frozen
 from massprop_cli.base.rigidbody import rotation
-from massprop_cli.diagnosis.comparison import _Rows
+from massprop_cli.diagnosis.comparison import _LeastSquares
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.kernel import kernel
 from tests import faulty
@@ -64,12 +64,12 @@ def test_an_object_that_docks_is_no_fuel_that_burns() -> None:
 @pytest.mark.skipif(kernel().library is None, reason="no compiled kernel was built")
 def test_a_fit_that_comes_to_no_number_leads_nowhere_and_refuses_nothing() -> None:
     model, free = reduced("free")
-    rows = _Rows.of_all(model, free, NOISE, [Hypothesis("", (), np.eye(len(model.stated)))])
+    rows = _LeastSquares.of_all(model, free, NOISE, [Hypothesis("", (), np.eye(len(model.stated)))])
     x = model.stated[None].copy()
     x[0, :10] = [1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.05]
     x[0, model.place("gyro_scale")] = 800.0  # whose exponential is no number
     moves = np.eye(x.shape[1], 10)[None]
-    found = rows.posed.fitted(x, moves, np.ones(10), (1e-3, 100.0, 8))
+    found = rows.packed.fitted(x, moves, np.ones(10), (1e-3, 100.0, 8))
     np.testing.assert_array_equal(found.x, x)
     assert not np.isfinite(found.spread).all()
 

@@ -139,7 +139,7 @@ def searched(log: Log, used: Vehicle) -> bool:
     samples = Stream.of(log, used, Timing(float(used.cycle.command_delay_cycles), 0.0))
     phases = used.phases or (Phase(name="all", start_s=0.0, end_s=1e9),)
     pieces = [phase_cycles(phase, log.cycle_end_s, log.cycle_end_s > samples.usable_s + 0.01) for phase in phases]
-    return bool(outliers.screened(log, used, samples, pieces)[1])
+    return bool(outliers.with_outliers(log, used, samples, pieces)[1])
 
 
 def test_at_its_ends_a_fast_spin_is_as_usual_as_its_own_curvature_and_a_spike_is_not() -> None:
@@ -148,11 +148,11 @@ def test_at_its_ends_a_fast_spin_is_as_usual_as_its_own_curvature_and_a_spike_is
     rate = np.stack([np.full(100, 6.3), 1.5 * np.cos(angle), 1.5 * np.sin(angle)], 1)
     step, curvature = 1.5 * 0.2, 1.5 * 0.2**2
     for end in (0, -1):
-        assert np.abs(outliers._usual(rate) - rate)[end].max() < 1.05 * curvature
+        assert np.abs(outliers._median_rate(rate) - rate)[end].max() < 1.05 * curvature
         for spike in (-2.0, 2.0):
             spiked = rate.copy()
             spiked[end] += spike
-            assert np.abs(outliers._usual(spiked) - rate)[end].max() < 1.05 * step
+            assert np.abs(outliers._median_rate(spiked) - rate)[end].max() < 1.05 * step
 
 
 def test_counts_of_coarse_sensors_at_rest_are_no_records_that_came_late() -> None:

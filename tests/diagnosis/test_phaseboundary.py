@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from massprop_cli import QUANTITIES
-from massprop_cli.diagnosis.phaseboundary import border
+from massprop_cli.diagnosis.phaseboundary import phase_boundary
 from massprop_cli.diagnosis.screening import screened
 from tests import faulty
 from tests.diagnosis.test_screening import look_at, otherwise, thrust
@@ -72,7 +72,7 @@ def test_a_vehicle_that_is_held_as_its_log_begins_is_named() -> None:
 
 @pytest.mark.parametrize("key", ["", thrust("yaw_p1", 0.8), "cycle.command_delay_cycles=1.5"])
 def test_what_is_wrong_all_along_or_not_at_all_has_no_border(key: str) -> None:
-    assert border(otherwise(*([key] if key else [])), 20.0) is None
+    assert phase_boundary(otherwise(*([key] if key else [])), 20.0) is None
 
 
 @pytest.mark.thorough
@@ -85,5 +85,5 @@ def test_of_a_long_log_nothing_is_left_out_that_was_not_looked_at() -> None:
     case = screening.case._replace(log=faulty.with_increments(log, turned, log.delta_v_imu_m_s), designs=None)
     held = screened(case, screening.piece)
     assert held is not None
-    assert border(held, float(log.time_s[-1])) is not None
-    assert border(held, float(log.time_s[-1]) + 60.0) is None
+    assert phase_boundary(held, float(log.time_s[-1])) is not None
+    assert phase_boundary(held, float(log.time_s[-1]) + 60.0) is None

@@ -10,7 +10,7 @@ import numpy as np
 from massprop_cli.diagnosis import hypotheses
 from massprop_cli.diagnosis.comparison import ROUGHLY, fitted
 from massprop_cli.diagnosis.design import Case
-from massprop_cli.diagnosis.refit import beyond
+from massprop_cli.diagnosis.refit import chi_square_limit
 from massprop_cli.diagnosis.screening import Screening, screened
 from massprop_cli.inputs.vehiclefile import changed
 from massprop_cli.prepare.timing import Timing
@@ -30,7 +30,7 @@ def weak(jet: int) -> Screening:
 
 def test_the_order_is_that_of_all_fitted_at_once() -> None:
     screening = weak(3)
-    supposed = [*hypotheses.listed(screening.model, screening.names), *screening._likely_turns(), *screening._pushing_more()]
+    supposed = [*hypotheses.listed(screening.model, screening.names), *screening._likely_imu_hypotheses(), *screening._force_scales()]
     kinds = [one.code for one in supposed]
     every = fitted(screening.model, screening.free, screening.free.variance, supposed, tolerance=ROUGHLY)
     scores = sorted((screening.score(one.chi_square, one, kinds.count(one.hypothesis.code)), i) for i, one in enumerate(every))
@@ -52,7 +52,7 @@ def test_a_channel_left_free_leaves_no_more_than_any_of_its_own_suppositions() -
 
 def test_those_of_channels_beyond_hope_are_left_out() -> None:
     screening = weak(3)
-    within = list(screening.ranked.within(beyond(screening)))
+    within = list(screening.ranked.within(chi_square_limit(screening)))
     about = {found.hypothesis.subject for _, found in within if screening.model.channel(found.hypothesis) is not None}
     assert (screening.names[3],) in about
     assert len(about) < len(screening.names)
@@ -61,13 +61,13 @@ def test_those_of_channels_beyond_hope_are_left_out() -> None:
 def test_beyond_reach_nothing_that_is_about_a_channel_is_fitted() -> None:
     screening = weak(3)
     every = replace(screening).ranked
-    others = {id(found) for _, found in every.known}
+    others = {id(found) for _, found in every.fitted_so_far}
     assert {id(found) for _, found in every.within(np.inf, lambda: -np.inf)} == others
     best, _ = next(iter(every))
     reached = replace(screening).ranked
     (_, found), *_ = reached.within(np.inf, lambda: best)
     assert found.hypothesis.subject == (screening.names[3],)
-    assert len(others) < len(reached.known) < len([*every])
+    assert len(others) < len(reached.fitted_so_far) < len([*every])
 
 
 def test_rivals_of_the_first_come_though_they_be_too_faint_to_be_named() -> None:
@@ -86,7 +86,7 @@ def test_one_that_came_by_another_way_than_as_a_rival_is_not_too_faint() -> None
     ranked = replace(screening).ranked
     (_, first), *_ = ranked.within(np.inf)
     ranked._most = -np.inf  # whatever its rough score, which on a bearing says nothing of a turned gyro
-    assert not ranked.faint(first.hypothesis)
+    assert not ranked.only_rival(first.hypothesis)
 
 
 def test_jets_that_are_swapped_back_are_no_hypothesis() -> None:
@@ -94,6 +94,6 @@ def test_jets_that_are_swapped_back_are_no_hypothesis() -> None:
     screening = weak(3)
     first, count = hypotheses.swapped(screening.model, screening.names), len(screening.names)
     assert len(first) == count * (count - 1) // 2
-    again = hypotheses.swapped(screening.model, screening.names, first[0].does)
+    again = hypotheses.swapped(screening.model, screening.names, first[0].wiring)
     assert len(again) == len(first) - 1
     assert all(len(one.subject) > 1 for one in again)

@@ -151,10 +151,10 @@ def test_commands_that_were_logged_more_rarely_than_given_leave_least_next_to_on
     used, log = Resolved.stated(flown.vehicle), flown.log(0)
     assert used is not None
     logged = replace(log, command=log.command[np.arange(len(log.command)) // 5 * 5])
-    said = inspection.sparse(Case(logged, used, stated_timing(used)))
+    said = inspection.sparse_commands(Case(logged, used, stated_timing(used)))
     assert "every 5. control cycle" in said
     assert "command_time_s" in said
-    assert inspection.sparse(Case(log, used, stated_timing(used))) == ""
+    assert inspection.sparse_commands(Case(log, used, stated_timing(used))) == ""
     # a slow controller's: the motion follows what is held
     held, mass = logged.command, 20.0
     turned = np.cumsum(held[:, :3], 0) * used.cycle.period_s
@@ -167,7 +167,7 @@ def test_commands_that_were_logged_more_rarely_than_given_leave_least_next_to_on
     )
     for late in (0, 1, 3):
         shifted = replace(slow, command=np.roll(3.0 * held, -late, axis=0))
-        assert inspection.sparse(Case(shifted, used, stated_timing(used))) == ""
+        assert inspection.sparse_commands(Case(shifted, used, stated_timing(used))) == ""
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.thorough), pytest.param(3, marks=pytest.mark.thorough)])

@@ -35,7 +35,7 @@ def answered(log: Log, vehicle: Resolved) -> tuple[Array, Array]:
     timing = stated_timing(vehicle)
     made = impulses(log, vehicle, timing.delay, timing.lag_s(vehicle))
     phase = Phase(name="all", start_s=0.0, end_s=1.0)
-    return rereading._answers(rereading._Case(log, vehicle, timing, (phase, slice(20, 290)), made))
+    return rereading._responses(rereading._Case(log, vehicle, timing, (phase, slice(20, 290)), made))
 
 
 @pytest.mark.thorough
@@ -46,7 +46,7 @@ def test_a_rotors_own_answer_tells_which_column_is_its() -> None:
     log = replace(log, command=log.command[:, wired])
     answers = answered(log, vehicle)
     orders = rereading._orders(6)
-    left = rereading._left(*answers, np.array(vehicle.imu.position_m), channel_wrench(log, vehicle), orders)
+    left = rereading._order_costs(*answers, np.array(vehicle.imu.position_m), channel_wrench(log, vehicle), orders)
     first, second = np.sort(left)[:2]
     assert orders[int(np.argmin(left))].tolist() == wired
     assert second > 20 * first
@@ -68,7 +68,7 @@ def test_a_rotor_whose_momentum_counts_answers_by_its_thrust() -> None:
         answers = answered(log, vehicle)
         assert len(answers[0]) == count
         orders, wrench = rereading._orders(6), channel_wrench(log, vehicle)[:6]
-        best = orders[int(np.argmin(rereading._left(*answers, np.array(vehicle.imu.position_m), wrench, orders)))]
+        best = orders[int(np.argmin(rereading._order_costs(*answers, np.array(vehicle.imu.position_m), wrench, orders)))]
         assert best.tolist() == list(range(6))
 
 

@@ -11,10 +11,11 @@ import pytest
 from massprop_cli.diagnosis import change
 from massprop_cli.diagnosis.comparison import USUAL, fitted
 from massprop_cli.diagnosis.design import Case, Designs
-from massprop_cli.diagnosis.diagnose import _beside, _changed
+from massprop_cli.diagnosis.diagnose import _beside
 from massprop_cli.diagnosis.hypotheses import listed
-from massprop_cli.diagnosis.refit import _nothing, tried
-from massprop_cli.diagnosis.screening import Screening, about_its_body, beside_a_torque, busiest, screened
+from massprop_cli.diagnosis.masschange import mass_change
+from massprop_cli.diagnosis.refit import _insignificant, refitted
+from massprop_cli.diagnosis.screening import Screening, busiest, relinearised, screened, under_likeliest_torque
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.estimate.noiselevels import with_noise_levels
 from massprop_cli.inputs.telemetry import Log
@@ -71,7 +72,7 @@ def look_of(log: Log, vehicle: Vehicle) -> Screening:
     used, _ = with_noise_levels(Stream.of(log, vehicle, timing), [piece], vehicle)
     screening = screened(*busiest(Case(log, used, timing, Designs()), piece))
     assert screening is not None
-    return about_its_body(screening)
+    return relinearised(screening)
 
 
 def test_another_unit_is_fitted_whose_body_regression_does_not_find() -> None:
@@ -86,7 +87,7 @@ def test_another_unit_is_fitted_whose_body_regression_does_not_find() -> None:
 
 def test_on_a_table_no_unit_or_mounting_is_supposed_of_axes_that_show_nothing() -> None:
     """The gyro's X and Y are noise there, which fits in degrees as well as in radians."""
-    turns = look_of(fly("planar").log(0), fly("planar").vehicle).turns
+    turns = look_of(fly("planar").log(0), fly("planar").vehicle).imu_hypotheses
     same = np.eye(3)
     assert any(not np.allclose(one.gyro, same) for one in turns)
     assert all(not np.allclose(one.gyro[2], same[2]) or not np.allclose(one.accelerometer, same) for one in turns)
@@ -109,9 +110,9 @@ def test_what_is_stated_to_scatter_leaves_a_clean_log_no_more_than_chance(kind: 
         flown = fly("free-flyer", *PLAN, "vehicle.imu.gyro_bias_sigma_rad_s=0.01", SCATTER[kind], seeds=(seed,))
         stated, unstated = (look_of(flown.log(0), vehicle) for vehicle in (flown.vehicle, changed(flown.vehicle, [f"{key}=0.0"])))
         left.append(stated.misfit)
-        assert stated.chance
-        assert not stated.free.beside
-        assert unstated.free.beside
+        assert stated.within_chance
+        assert not stated.free.disturbances
+        assert unstated.free.disturbances
     assert np.mean(left) == pytest.approx(1.0, abs=0.15)
 
 
@@ -142,9 +143,9 @@ def test_a_clean_log_leaves_no_more_than_chance_about_its_own_body(name: str) ->
 
 def by_chance(screening: Screening, mass: float) -> None:
     """Columns that say the same twice, but for the noise in them, explain noise that no body does: 1.4 times pure error on a bearing."""
-    assert screening.misfit < 1 + 5 * np.sqrt(2 / screening.freedom)
+    assert screening.misfit < 1 + 5 * np.sqrt(2 / screening.degrees_of_freedom)
     # noise is what it is stated to be
-    assert 0.8 < (screening.free.pure / screening.noise).min() < (screening.free.pure / screening.noise).max() < 1.25
+    assert 0.8 < (screening.free.pure_error / screening.noise).min() < (screening.free.pure_error / screening.noise).max() < 1.25
     assert screening.stated.value("theta")[9] == pytest.approx(1 / mass, rel=0.05)
 
 
@@ -161,7 +162,7 @@ def by_chance(screening: Screening, mass: float) -> None:
 def test_what_is_wrong_all_along_leaves_free_coefficients_the_stated_noise(key: str, constant: bool) -> None:
     screening = otherwise(key)
     assert screening.constant is constant
-    assert not screening.chance
+    assert not screening.within_chance
 
 
 def test_a_gyro_in_degrees_is_wrong_all_along_too_whatever_its_unit() -> None:
@@ -176,8 +177,8 @@ def test_a_gyro_in_degrees_is_wrong_all_along_too_whatever_its_unit() -> None:
 def test_a_torque_that_wanders_is_found_at_the_level_that_explains_most(walk: float) -> None:
     """Of levels a hundred times apart the nearest costs up to 100 in −2 log likelihood more, and a gyro's scale took the difference."""
     screening = look_at("free-flyer", *PLAN, f"disturbance.walk_n_m={walk}")
-    found = beside_a_torque(screening)
-    (level,), theta = found.free.beside, screening.stated.value("theta")
+    found = under_likeliest_torque(screening)
+    (level,), theta = found.free.disturbances, screening.stated.value("theta")
     assert level.walk > 0
     for by in 10.0 ** np.linspace(-1.5, 1.5, 13):
         other = screened(screening.case, screening.piece, [level._replace(walk=level.walk * by)], theta)
@@ -189,10 +190,10 @@ def test_a_torque_that_wanders_is_found_at_the_level_that_explains_most(walk: fl
 def test_a_cause_whose_values_are_chance_is_none(part: float) -> None:
     screening = otherwise(thrust("roll_p1", part))
     every = listed(screening.model, screening.names)
-    supposed = [one for one in every if (one.code, one.subject) == ("thrust-scale", ("roll_p1",)) and not one.start]
+    supposed = [one for one in every if (one.code, one.subject) == ("thrust-scale", ("roll_p1",)) and not one.initial_values]
     (found,) = fitted(screening.model, screening.free, screening.free.variance, supposed)
     assert found.factors[0] == pytest.approx(part, abs=2e-3)
-    assert _nothing(found) is (part == 1.0)
+    assert _insignificant(found) is (part == 1.0)
 
 
 @pytest.mark.parametrize(("keys", "seed", "changed"), [(DOCKED, 3, True), (("disturbance.walk_n_m=0.01",), 2, False)])
@@ -204,13 +205,13 @@ def test_a_change_leaves_two_bodies_less_than_half_of_what_it_leaves_one(keys: t
     """
     flown = fly("free-flyer", *LONGER, *keys, seeds=(seed,))
     screening = look_of(flown.log(0), flown.vehicle)
-    whole = beside_a_torque(screening)
+    whole = under_likeliest_torque(screening)
     samples = screening.case.timing.of(screening.case.log, screening.case.vehicle)
     reference = first_reference(samples, screening.piece, screening.case.vehicle)
     assert reference is not None
-    at = change.likeliest(samples, screening.piece, reference, screening.case.vehicle)
+    at = change.change_cycle(samples, screening.piece, reference, screening.case.vehicle)
     parts = [
-        screened(screening.case, part, screening.free.beside)
+        screened(screening.case, part, screening.free.disturbances)
         for part in (slice(screening.piece.start, at), slice(at, screening.piece.stop))
     ]
     sides = [part for part in parts if part is not None]
@@ -218,7 +219,7 @@ def test_a_change_leaves_two_bodies_less_than_half_of_what_it_leaves_one(keys: t
     assert all(side.fits for side in sides)
     left = sum(side.excess for side in sides) / whole.excess
     assert left < 0.25 if changed else left > 0.7
-    named = _changed(screening, whole, lambda: None)
+    named = mass_change(screening, whole, lambda: None)
     assert (named is not None) is changed
     if named is not None:
         (one,) = named.faults
@@ -233,7 +234,7 @@ def test_nothing_is_looked_for_beside_a_component_that_does_nothing() -> None:
     command = log.command.copy()
     command[:, 2] = 0.4 * idle.choice([-1.0, 0.0, 1.0], log.cycles)
     screening = look_of(replace(log, command=command), flown.vehicle)
-    refit = tried(screening, next(one for _, one in screening.ranked if one.hypothesis.subject == ("cmd_torque_z_n_m",)))
+    refit = refitted(screening, next(one for _, one in screening.ranked if one.hypothesis.subject == ("cmd_torque_z_n_m",)))
     assert refit is not None
     assert refit.screening is not None
     assert len(refit.screening.names) == len(screening.names) - 1

@@ -10,7 +10,7 @@ import pytest
 from massprop_cli.diagnosis import hypotheses, refit, search
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.diagnose import _pair
-from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, drifts_no_more, hopeless, tried
+from massprop_cli.diagnosis.refit import Refit, chi_square_limit, corrected_alone, drift_is_unneeded, hopeless, refitted
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.diagnosis.search import _by_promise, codes, searched
 from tests import faulty
@@ -20,11 +20,11 @@ from tests.flown import PLAN
 
 
 def of(screening: Screening, code: str) -> tuple[float, Fitted]:
-    return next((score, found) for score, found in screening.ranked.known if found.hypothesis.code == code)
+    return next((score, found) for score, found in screening.ranked.fitted_so_far if found.hypothesis.code == code)
 
 
 def delay_alone(screening: Screening) -> Refit:
-    trial = tried(screening, of(screening, "delay-mismatch")[1])
+    trial = refitted(screening, of(screening, "delay-mismatch")[1])
     assert trial is not None
     return trial
 
@@ -46,12 +46,12 @@ def test_a_cause_that_leaves_other_channels_is_no_first_of_two(monkeypatch: pyte
 def test_a_lag_is_followed_first_though_other_late_causes_seem_likelier() -> None:
     screening = look_at("free-flyer", *PLAN, LAG)
     score, _ = of(screening, "thrust-lag")
-    likelier = [found.hypothesis.code for rough, found in screening.ranked.known if rough < score]
+    likelier = [found.hypothesis.code for rough, found in screening.ranked.fitted_so_far if rough < score]
     assert "delay-mismatch" in likelier  # by one reduction
-    first, begun = _by_promise(screening, None, screening, min(rough for rough, _ in screening.ranked.known))[-1]
+    first, begun = _by_promise(screening, None, screening, min(rough for rough, _ in screening.ranked.fitted_so_far))[-1]
     assert first.hypothesis.code == "thrust-lag"
     assert begun is not None
-    found = searched(screening, [], (6, 6), beyond(screening))
+    found = searched(screening, [], (6, 6), chi_square_limit(screening))
     assert codes(found[0]) == {"thrust-lag"}
     assert [codes(trial) for trial in found if trial.fits] == [{"thrust-lag"}]
 
@@ -61,7 +61,7 @@ def test_a_drift_of_the_clocks_is_followed_where_it_explains_more_than_a_delay(k
     screening = otherwise(key)
     trial = delay_alone(screening)
     assert trial.fits is no_more
-    assert drifts_no_more(trial, of(screening, "clock-drift")[1]) is no_more
+    assert drift_is_unneeded(trial, of(screening, "clock-drift")[1]) is no_more
 
 
 @pytest.mark.seeds
@@ -72,7 +72,7 @@ def test_what_would_leave_a_multiple_of_what_another_leaves_is_not_tried(monkeyp
 
     def tried_of() -> tuple[set[str], float]:
         screening = look_at("testbed", failed)
-        found = searched(screening, [], (20, 20), beyond(screening))
+        found = searched(screening, [], (20, 20), chi_square_limit(screening))
         assert not any(trial.fits for trial in found)
         return {code for trial in found for code in codes(trial)}, min(trial.excess for trial in found)
 
@@ -98,7 +98,7 @@ def test_what_a_gyro_gets_wrong_bends_what_is_measured_on_a_bearing_alone(name: 
 
 def test_a_cause_that_fits_alone_is_the_answer_though_it_was_first_tried_to_find_a_second_beside_it() -> None:
     screening = otherwise("jets.12.position_m=[0.0, 0.06, 0.0]")
-    trial = tried(screening, next(found for _, found in screening.ranked))
+    trial = refitted(screening, next(found for _, found in screening.ranked))
     assert trial is not None
     # one that says the same, begun elsewhere, was tried before and led nowhere
     before = replace(trial, fits=False, fitted=replace(trial.fitted, hypothesis=replace(trial.fitted.hypothesis)))

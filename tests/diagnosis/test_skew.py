@@ -12,7 +12,7 @@ from massprop_cli.diagnosis import explanation
 from massprop_cli.diagnosis.channelwise import free_response
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import Fitted
-from massprop_cli.diagnosis.corrections import Correction, skewed
+from massprop_cli.diagnosis.corrections import Correction, skew_corrections
 from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.prepare.timing import Timing
@@ -68,7 +68,7 @@ def test_where_a_turn_is_named_the_mended_values_hold_a_shear(seed: int, monkeyp
         return float(max(abs((one.value or 0.0) - true) / (one.sigma or 1e-300) for one, true in estimates))
 
     assert farthest() < 4
-    monkeypatch.setattr(explanation, "skewed", lambda *_: ())
+    monkeypatch.setattr(explanation, "skew_corrections", lambda *_: ())
     assert farthest() > 8
 
 
@@ -83,8 +83,8 @@ def test_a_small_turn_may_be_a_shear_of_the_same_size_and_a_large_one_is_none() 
         x[model.place("gyro_turn")] = angle * np.array([0.6, 0.0, 0.8])
         return Fitted(Hypothesis("imu-mounting", (), np.zeros((len(x), 0))), model, x, np.zeros(6), np.zeros(0))
 
-    shears = [np.array(one.gyro) - np.eye(3) for one in skewed(cure, found(0.01))]
-    assert [one.settings for one in skewed(cure, found(0.01))] == [cure.settings] * 3
+    shears = [np.array(one.gyro) - np.eye(3) for one in skew_corrections(cure, found(0.01))]
+    assert [one.settings for one in skew_corrections(cure, found(0.01))] == [cure.settings] * 3
     assert all(np.array_equal(shear, shear.T) for shear in shears)
     np.testing.assert_allclose(np.sum(shears, 0), 0.01 * (1 - np.eye(3)))
-    assert skewed(cure, found(0.03)) == skewed(cure, found(0.0)) == skewed(None, found(0.01)) == ()
+    assert skew_corrections(cure, found(0.03)) == skew_corrections(cure, found(0.0)) == skew_corrections(None, found(0.01)) == ()

@@ -38,7 +38,7 @@ def flown(name: str) -> simulate.SimulatedFlight:
 def test_what_a_clean_log_leaves_of_the_free_coefficients_is_chance(name: str) -> None:
     """It was 2 to 20,000 times pure error, and more where the CG is untold; a turned IMU, a jet or a steady torque explained it."""
     screening = look_of(flown(name).log(0), flown(name).vehicle)
-    assert screening.misfit < 1 + 6 * np.sqrt(2 / screening.freedom)
+    assert screening.misfit < 1 + 6 * np.sqrt(2 / screening.degrees_of_freedom)
 
 
 @pytest.mark.seeds

@@ -32,12 +32,12 @@ def test_friction_of_wheels_is_found_by_what_their_torque_does_to_the_rate(name:
         return Case(log, used, stated_timing(used))
 
     case, right = stated(0.0), stated(true)
-    (found,) = wheelfriction.supposed(case, motion_of(case.timing.of(log, case.vehicle)))
-    corrected = stating(case.vehicle, found.states).wheels
+    (found,) = wheelfriction.friction_hypotheses(case, motion_of(case.timing.of(log, case.vehicle)))
+    corrected = stating(case.vehicle, found.key_values).wheels
     for wheel in corrected:  # Coulomb and viscous friction are told apart where the speed changes: what both give at 200 rad/s
         both = wheel.coulomb_friction_n_m + 200 * wheel.viscous_friction_n_m_s
         assert both == pytest.approx(true * (1 if key == "coulomb_friction_n_m" else 200), rel=0.15)
-    assert not wheelfriction.supposed(right, motion_of(right.timing.of(log, right.vehicle)))
+    assert not wheelfriction.friction_hypotheses(right, motion_of(right.timing.of(log, right.vehicle)))
 
 
 @pytest.mark.seeds
@@ -60,4 +60,4 @@ def test_a_log_too_short_to_tell_has_none() -> None:
     assert used is not None
     case = Case(flight.log(0), used, stated_timing(used))
     short = case._replace(timing=case.timing._replace(delay=float(case.log.cycles - 40)))
-    assert wheelfriction.supposed(short, motion_of(case.timing.of(case.log, used))) == []
+    assert wheelfriction.friction_hypotheses(short, motion_of(case.timing.of(case.log, used))) == []

@@ -35,7 +35,7 @@ def test_readings_that_are_not_used_take_nothing_from_the_noise(share: float) ->
     left_out = {f"{sensor}_outliers_s": tuple(float(log.time_s[row]) for row in rows) for sensor in ("gyro", "accel")}
     imu = stated.imu.model_copy(update=left_out | {"gyro_noise_rad_s": None, "accel_noise_m_s2": None})
     used = stated.model_copy(update={"imu": imu})
-    samples = Stream.of(outliers.without(log, used), used, Timing(2.0, 0.0))
+    samples = Stream.of(outliers.without_outliers(log, used), used, Timing(2.0, 0.0))
     found, _ = noiselevels.with_noise_levels(samples, [slice(2, log.cycles)], used)
     assert found.imu.gyro_noise_rad_s == pytest.approx(1e-4, rel=0.05)
     assert found.imu.accel_noise_m_s2 == pytest.approx(0.02, rel=0.05)
