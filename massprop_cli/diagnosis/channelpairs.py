@@ -36,7 +36,7 @@ def wired(screening: Screening) -> list[Refit]:
         if not likeliest or screening.likelihood(likeliest[0].chi_square) > least - CLEAR:
             break
         least, wiring = screening.likelihood(likeliest[0].chi_square), likeliest[0].hypothesis.wiring
-        refits += _tried(screening, likeliest)
+        refits += _refits(screening, likeliest)
         if any(refit.fits for refit in refits):
             break
     return refits
@@ -45,7 +45,7 @@ def wired(screening: Screening) -> list[Refit]:
 def two_channels(screening: Screening, one_fits: bool) -> Diagnosis | None:
     """Diagnosis by the thrust of two channels. If one cause fits already, both must differ by more than :data:`SLIGHT`."""
     likeliest = _likeliest(screening, hypotheses.two_channels(screening.model, screening.names))
-    fitting = [one for one in _tried(screening, likeliest) if one.fits]
+    fitting = [one for one in _refits(screening, likeliest) if one.fits]
     if one_fits:  # a small change of a channel stands for another misfit
         fitting = [one for one in fitting if not (np.abs(one.fitted.factors - 1) < SLIGHT).any()]
     refit = min(fitting, key=lambda one: one.score, default=None)
@@ -70,5 +70,5 @@ def _likeliest(screening: Screening, exchanges: Sequence[Hypothesis]) -> list[Fi
     return sorted(fits, key=lambda one: (screening.likelihood(one.chi_square), one.hypothesis.subject))[:CHANNELS]
 
 
-def _tried(screening: Screening, likeliest: Sequence[Fitted]) -> list[Refit]:
+def _refits(screening: Screening, likeliest: Sequence[Fitted]) -> list[Refit]:
     return refitted_each(screening, (one for one in likeliest if not hopeless(screening, one, chi_square_limit(screening))))

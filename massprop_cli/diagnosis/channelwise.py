@@ -104,8 +104,8 @@ def free_response(case: Case, piece: slice, likely: Sequence[Disturbance] = (), 
     cycles.
     """
     design = case.design(piece, theta)
-    turning, beside = whitened(design.driven, case.vehicle.imu.gyro_noise_rad_s**2, likely)
-    return _reduced(design, turning, beside)
+    rates, disturbances = whitened(design.driven, case.vehicle.imu.gyro_noise_rad_s**2, likely)
+    return _reduced(design, rates, disturbances)
 
 
 def free_responses_by_torque(case: Case, piece: slice, theta: Array, near: Disturbance | None = None) -> list[FreeResponse]:

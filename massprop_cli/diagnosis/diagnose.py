@@ -270,18 +270,20 @@ def _pair(screening: Screening, causes: Sequence[Refit], worst: float) -> Diagno
     """Two causes at once that score below ``worst``: two channels, or one of the most likely few and what explains its residual."""
     if (channels := two_channels(screening, any(refit.fits for refit in causes))) is not None:
         return channels
-    upright = [found.hypothesis for found in screening.gravity_candidates]
-    likeliest = sorted((refit for refit in causes if any(refit.fitted.hypothesis is one for one in upright)), key=lambda refit: refit.score)
+    gravity_candidates = [found.hypothesis for found in screening.gravity_candidates]
+    likeliest = sorted(
+        (refit for refit in causes if any(refit.fitted.hypothesis is one for one in gravity_candidates)), key=lambda refit: refit.score
+    )
     turned = (replace(screening.stated, hypothesis=one) for one in screening.turn_with_free_channel)
     each = chain((refit.fitted for refit in likeliest), turned, (found for _, found in screening.ranked))
     pairs, firsts = list[Refit](), list[Refit]()
-    beside = partial(_beside, screening, worst=worst)
+    pairs_with = partial(_pairs_with, screening, worst=worst)
     for found in islice(_distinct(each), FIRST[screening.model.bearing is not None]):
         known_refit = next((one for one in causes if one.fitted.hypothesis is found.hypothesis), None)
         refit = known_refit or refitted(screening, found)
         firsts += [] if refit is None else [refit]
         # a refit that fits alone was beyond the screening's accuracy
-        pairs += [refit] if known_refit is None and refit is not None and refit.fits else beside(refit, pairs)
+        pairs += [refit] if known_refit is None and refit is not None and refit.fits else pairs_with(refit, pairs)
         if any(refit.fits for refit in pairs):
             break  # its rivals share a part with it
     # the second cause may be an unstated torque
@@ -293,11 +295,11 @@ def _pair(screening: Screening, causes: Sequence[Refit], worst: float) -> Diagno
     for i, part in enumerate(parts if len(parts) > 1 else ()):
         # if the pair is exact, a part about a channel has rivals about it or about others
         if (i > 0 or part.unknowns) and not (exact and screening.model.channel(part.hypothesis) is not None):
-            pairs += beside(corrected_alone(screening, part), pairs)
+            pairs += pairs_with(corrected_alone(screening, part), pairs)
     return chosen(screening, pairs)
 
 
-def _beside(screening: Screening, first: Refit | None, others: Sequence[Refit], worst: float) -> list[Refit]:
+def _pairs_with(screening: Screening, first: Refit | None, others: Sequence[Refit], worst: float) -> list[Refit]:
     """Pairs with a corrected first cause and score below ``worst``; ``others`` are refits that compete.
 
     A first cause that leaves a channel without effect has none, since its screening lacks the channel.

@@ -74,8 +74,8 @@ def fitting_causes(screening: Screening, refits: Sequence[Refit]) -> list[Refit]
 
 def goes_with_random_walk(refit: Refit, screening: Screening) -> bool:
     """Whether a cause goes with a random-walk torque: its mean, its part along the rate, or its specific force."""
-    beside = (refit.screening or screening).free.disturbances
-    return bool(codes(refit) & {"gyro-bias", "accel-bias", "steady-torque", "rate-torque"}) and any(one.walk > 0 for one in beside)
+    disturbances = (refit.screening or screening).free.disturbances
+    return bool(codes(refit) & {"gyro-bias", "accel-bias", "steady-torque", "rate-torque"}) and any(one.walk > 0 for one in disturbances)
 
 
 def _faults(screening: Screening, refit: Refit, rivals: Sequence[Refit] = (), alike: int = 0) -> tuple[Fault, ...]:

@@ -30,8 +30,9 @@ class Hypothesis:
     initial_values: Mapping[int, float] = field(default_factory=dict)
     """Initial values of entries that do not start at the stated value."""
     gyro: Array = field(default_factory=lambda: STRAIGHT)
-    """(3, 3) supposed turn, mirror or unit of the gyro beyond the stated mounting, body axes; next, that of the accelerometer."""
+    """(3, 3) supposed turn, mirror or unit of the gyro beyond the stated mounting, body axes."""
     accelerometer: Array = field(default_factory=lambda: STRAIGHT)
+    """(3, 3) that of the accelerometer."""
     suspects: tuple[int, ...] = ()
     """Channels whose commands the initial regression does not use."""
     parts: tuple[Hypothesis, ...] = ()

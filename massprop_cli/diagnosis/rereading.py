@@ -85,8 +85,8 @@ def reread(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[tuple[P
     rated = [(part_case.look(one.correction, roughly=True).cost + one.prior_odds, i, one) for i, one in enumerate(_readings(whole_case))]
     fitting: list[tuple[float, int, ColumnReading]] = []
     for cost, i, reading in sorted(rated)[:FINALISTS]:
-        look = whole_case.look(reading.correction) if cost < (np.inf if no_matter else stated - CLEAR) else NO_FIT
-        fitting += [(look.cost + reading.prior_odds, i, reading)] if look.fits and not (no_matter and look.exceeds_density) else []
+        fit = whole_case.look(reading.correction) if cost < (np.inf if no_matter else stated - CLEAR) else NO_FIT
+        fitting += [(fit.cost + reading.prior_odds, i, reading)] if fit.fits and not (no_matter and fit.exceeds_density) else []
     named = [reading for cost, _, reading in sorted(fitting) if cost < min(fitting)[0] + EVEN]
     if not named:
         return None

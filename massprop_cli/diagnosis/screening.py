@@ -284,9 +284,9 @@ class Screening:
             *self._likely_imu_hypotheses(),
             *self._force_scales(),
         ]
-        supposed = normalised.renamed(every, self.names, suspected)
+        listed_hypotheses = normalised.renamed(every, self.names, suspected)
         limit = self.score(self.stated.chi_square, self.stated) - CLEAR
-        return Ranking(self.model, self.free, supposed, self.score, self.likelihood, limit)
+        return Ranking(self.model, self.free, listed_hypotheses, self.score, self.likelihood, limit)
 
     @property
     def unit_scales_confirmed(self) -> bool:

@@ -11,7 +11,7 @@ from massprop_cli.prepare.align import LAGS_FORGOTTEN
 from massprop_cli.prepare.timing import Timing
 
 BLOCKS = 32
-"""Parts of a segment at whose edges a change is first supposed to begin or end."""
+"""Parts of a segment, whose edges are the first candidates for a change."""
 MEMORY = 64
 """Cycles before a segment whose commands may act in it, under any delay that is searched."""
 

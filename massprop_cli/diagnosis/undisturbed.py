@@ -27,8 +27,8 @@ CHANCE = 5.0
 MOST = 0.5
 """Largest part of the cycles that is left out."""
 EDGE, SHARP = 32, 5.0
-"""Part of all cycles by which a segment is extended, and the multiple of the chance limit that it must then exceed. Slow disturbances
-exceed it by little."""
+"""Divisor of all cycles that gives the extension of a segment; multiple of the chance limit that the extended one must exceed. Slow
+disturbances exceed it by little."""
 MARGIN = 3
 """Cycles left out in addition at each edge, where a disturbance may begin softly."""
 OTHER = 6.0
@@ -92,7 +92,7 @@ def undisturbed(screening: Screening, end_s: float) -> Undisturbed | None:
         return None
     tests = _SegmentTests(under_noise)
     kept = tests.between() or tests.around()
-    if not kept or any(stretch.stop - stretch.start < SHORTEST for stretch in kept):
+    if not kept or any(segment.stop - segment.start < SHORTEST for segment in kept):
         return None
     return _located(under_noise, kept, end_s)
 

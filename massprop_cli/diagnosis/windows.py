@@ -44,10 +44,10 @@ class Window(NamedTuple):
 class WindowRegression:
     """Whitened residuals of a segment about a body, and their tangents by its mass properties and nuisance parameters."""
 
-    def __init__(self, screening: Screening, by: Screening, beside: Disturbance) -> None:
+    def __init__(self, screening: Screening, by: Screening, disturbance: Disturbance) -> None:
         case, theta = screening.case, by.stated.value("theta")
         self.design = case.design(screening.piece, theta)
-        self._beside = beside
+        self._disturbance = disturbance
         self._slow = cosines(len(self.design.mean), HALF_WAVES if INTEGRATED in self.design.places else 0)
         rates, turning = self._whitened(self.design.growth)
         force = self._weighted(self.design.mean)
@@ -72,7 +72,7 @@ class WindowRegression:
 
     def _whitened(self, growth: Array) -> tuple[Array, Array]:
         """(K, n) columns and (K, 3) rates, whitened, orthogonal to the unknown initial states."""
-        _, white, _ = next(white_rows(self.design.driven._replace(growth=growth), [self._beside]))
+        _, white, _ = next(white_rows(self.design.driven._replace(growth=growth), [self._disturbance]))
         initial = white.shape[1] - 3 - growth.shape[1]
         base = np.linalg.qr(white[:, :initial])[0]
         rows = white[:, initial:] - base @ (base.T @ white[:, initial:])

@@ -11,7 +11,7 @@ import pytest
 from massprop_cli.diagnosis import change
 from massprop_cli.diagnosis.comparison import USUAL, fitted
 from massprop_cli.diagnosis.design import Case, Designs
-from massprop_cli.diagnosis.diagnose import _beside
+from massprop_cli.diagnosis.diagnose import _pairs_with
 from massprop_cli.diagnosis.hypotheses import listed
 from massprop_cli.diagnosis.masschange import mass_change
 from massprop_cli.diagnosis.refit import _insignificant, refitted
@@ -238,4 +238,4 @@ def test_nothing_is_looked_for_beside_a_component_that_does_nothing() -> None:
     assert refit is not None
     assert refit.screening is not None
     assert len(refit.screening.names) == len(screening.names) - 1
-    assert _beside(screening, refit, [], np.inf) == []
+    assert _pairs_with(screening, refit, [], np.inf) == []
