@@ -1,10 +1,9 @@
-"""Which of the six measurement channels (rate x y z, specific force x y z) a log holds, where axes of its IMU are absent.
+"""Measurement channels (rate x y z, specific force x y z) of a log whose IMU lacks some axes.
 
-An absent IMU axis u tells nothing along u, which need not be a body axis. So specific force is measured along axes that stand as near to
-the body's as can be with u among them: the least rotation F that takes u to the nearest body axis (of two absent axes, the one that is
-left). Channel k of specific force is row k of F; F is the identity where the mounting only exchanges axes. Those along absent axes are not
-read.
-On a table the rates about X and Y are none, so that absent gyro axes leave the yaw alone to be read about a body axis as it is.
+An absent IMU axis u need not be a body axis. massprop therefore measures specific force along rotated axes: the smallest rotation F that
+takes u to the nearest body axis. If two axes are absent, u is the remaining one. Channel k of specific force is row k of F. F is the
+identity if the mounting only permutes axes. Channels along absent axes are not used.
+A planar table has no rate about X and Y, so its only rate channel is the yaw rate about body Z, and rate needs no F.
 """
 
 import numpy as np
@@ -16,37 +15,37 @@ from massprop_cli.inputs.vehicle import Vehicle
 
 
 def unread(log: Log, vehicle: Vehicle) -> BoolArray:
-    """(6,) channels along absent axes."""
+    """(6,) True for measurement channels along absent IMU axes."""
     mounting = np.array(vehicle.imu.body_from_imu)
     return np.concatenate([_nearest(mounting, ~np.array(log.axes[part])) for part in (slice(0, 3), slice(3, 6))])
 
 
 def force_axes(log: Log, vehicle: Vehicle) -> Array | None:
-    """(3, 3) F, rows in body axes; None where they are the body's."""
+    """(3, 3) measurement axes of specific force F, rows in body axes; None if they are the body axes."""
     absent = ~np.array(log.axes[3:])
     if absent.sum() not in (1, 2):
         return None
-    alone = np.array(vehicle.imu.body_from_imu)[:, absent if absent.sum() == 1 else ~absent][:, 0]
-    near = np.zeros(3)
-    place = int(np.abs(alone).argmax())
-    near[place] = np.sign(alone[place])
-    turn = cross_matrix(np.cross(alone, near))
-    if not turn.any():
+    imu_axis = np.array(vehicle.imu.body_from_imu)[:, absent if absent.sum() == 1 else ~absent][:, 0]
+    body_axis = np.zeros(3)
+    nearest = int(np.abs(imu_axis).argmax())
+    body_axis[nearest] = np.sign(imu_axis[nearest])
+    cross = cross_matrix(np.cross(imu_axis, body_axis))
+    if not cross.any():
         return None
-    return frozen(np.eye(3) + turn + turn @ turn / (1 + alone @ near))
+    return frozen(np.eye(3) + cross + cross @ cross / (1 + imu_axis @ body_axis))
 
 
 def ignored(log: Log, vehicle: Vehicle, cycles: slice) -> BoolArray:
-    """(K, 6) readings that are not used: of channels along absent axes, and of sensors in cycles that are marked."""
-    found = np.tile(unread(log, vehicle), (cycles.stop - cycles.start, 1))
-    return found if log.ignored is None else found | log.ignored[cycles].repeat(3, 1)
+    """(K, 6) True for readings that are not used: channels along absent axes, and sensors in cycles that the log marks."""
+    absent = np.tile(unread(log, vehicle), (cycles.stop - cycles.start, 1))
+    return absent if log.ignored is None else absent | log.ignored[cycles].repeat(3, 1)
 
 
 def _nearest(mounting: Array, absent: BoolArray) -> BoolArray:
-    """(3,) the body axes next to the absent IMU axes (3,)."""
+    """(3,) True for the body axes nearest to the absent IMU axes (3,)."""
     if absent.sum() in (0, 3):
         return absent
-    few = absent if absent.sum() == 1 else ~absent
-    found = np.zeros(3, dtype=bool)
-    found[int(np.abs(mounting[:, few][:, 0]).argmax())] = True
-    return found if absent.sum() == 1 else ~found
+    single = absent if absent.sum() == 1 else ~absent
+    nearest = np.zeros(3, dtype=bool)
+    nearest[int(np.abs(mounting[:, single][:, 0]).argmax())] = True
+    return nearest if absent.sum() == 1 else ~nearest
