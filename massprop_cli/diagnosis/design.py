@@ -354,7 +354,7 @@ def _lag_columns(vehicle: Vehicle, growth: Array, mean: Array) -> list[_Block]:
     imu, period = vehicle.imu, vehicle.cycle.period_s
     if imu.gyro_lag_s == 0 and imu.accel_lag_s == 0:
         return []
-    lagged = [recorded.applied(part, period, lag) for part, lag in ((growth, imu.gyro_lag_s), (mean, imu.accel_lag_s))]
+    lagged = [recorded.low_pass_response(part, period, lag) for part, lag in ((growth, imu.gyro_lag_s), (mean, imu.accel_lag_s))]
     return [_Block("lagging", *lagged)]
 
 

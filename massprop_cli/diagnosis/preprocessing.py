@@ -101,7 +101,7 @@ def _with_attitude(log: Log, vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
         rate = of_records(log.delta_theta_imu_rad, log.records_per_cycle) / cycle_edges(log, slice(0, log.cycles))[1][:, None]
         unknown["gyro_noise_rad_s"] = white_level(rate, [slice(0, log.cycles)], np.ones(log.cycles, dtype=bool)) or None
     known = vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=unknown)})
-    attitude = attitudecheck.checked(recorded.undone(log, known), known)
+    attitude = attitudecheck.check_attitude(recorded.corrected_log(log, known), known)
     if attitude is None:
         return vehicle, []
     values, notices = {}, []

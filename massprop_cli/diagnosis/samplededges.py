@@ -16,7 +16,7 @@ from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.prepare.actuators import opened
+from massprop_cli.prepare.actuators import pulse_parts
 from massprop_cli.prepare.clock import by_commands_clock
 from massprop_cli.prepare.sensor import ROUNDED_S
 from massprop_cli.prepare.timing import Timing
@@ -38,7 +38,7 @@ def steps_at_samples(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[float,
     sampled_s = by_commands_clock(log, vehicle, log.time_s) - (0.0 if low_pass is None else low_pass.latency)
     acting_s = log.command_start_s + timing.delay * vehicle.cycle.period_s
     if log.command_kind == "jets":
-        _, begin_s, lasts_s = opened(acting_s, log.command.T, vehicle)[0]
+        _, begin_s, lasts_s = pulse_parts(acting_s, log.command.T, vehicle)[0]
         acting_s = np.concatenate([edge_s[lasts_s > 0] for edge_s in (begin_s, begin_s + lasts_s)])
     acting_s = acting_s[(acting_s > sampled_s[0]) & (acting_s < sampled_s[-1])]
     place = np.searchsorted(sampled_s, acting_s)

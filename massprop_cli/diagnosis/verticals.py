@@ -9,7 +9,7 @@ from massprop_cli.base.quaternion import matrices
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.errorparameters.environment import LEVEL
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.prepare.attitude import at_first
+from massprop_cli.prepare.attitude import initial_attitude
 from massprop_cli.prepare.compensate import Samples
 
 ANGLE = 1e-4
@@ -28,7 +28,7 @@ def verticals_by_errors(samples: Samples, vehicle: Vehicle) -> list[tuple[str, A
         np.concatenate([rate + ANGLE * rate_changes, rate - ANGLE * rate_changes]), samples.executed.duration_s, samples.up_b[0]
     )
     slopes = (ups[: len(rate_changes)] - ups[len(rate_changes) :]) / (2 * ANGLE)
-    (world,) = matrices(at_first(vehicle, rate, samples.executed.duration_s, samples.executed.late_s[0])[None])
+    (world,) = matrices(initial_attitude(vehicle, rate, samples.executed.duration_s, samples.executed.late_s[0])[None])
     level = verticals(np.broadcast_to(rate, (2, *rate.shape)), samples.executed.duration_s, world[:2])
     return [*zip(LEVEL, level, strict=True), *zip(changes, slopes, strict=True)]
 

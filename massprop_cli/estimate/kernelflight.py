@@ -30,7 +30,7 @@ from massprop_cli.prepare.actuators import LATE
 from massprop_cli.prepare.align import lost_commands, shown_by_s
 from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.compensate import Source, biased_attitude
-from massprop_cli.prepare.sensor import Recorder, SensorKernel, moving, sensors
+from massprop_cli.prepare.sensor import Recorder, SensorKernel, body_kernel, sensors
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.sums import of_records
 from massprop_cli.prepare.timing import Timing
@@ -45,7 +45,7 @@ NO_TOLERANCE = (0.0, 0.0, 0.0)
 def unsupported(log: Recorder, vehicle: Vehicle, timing: Timing, shortest_s: float) -> str:
     """Why the kernel does not support the timing of commands or the IMU; empty if it does."""
     gyro, accelerometer = sensors(log, vehicle)
-    kernels = (moving(gyro), gyro, accelerometer)
+    kernels = (body_kernel(gyro), gyro, accelerometer)
     if vehicle.wheels and not all(each.plain for each in kernels):
         return (
             'imu.measures is "sample" or a filter of the IMU is stated beside [[wheels]], and the kernel takes increments as they are there'
@@ -188,7 +188,7 @@ def commands_of(log: Recorder, jets: bool, vehicle: Vehicle, timing: Timing, rec
         each[:, :6] = vehicle.jet_wrench
         each[:, 6:] = np.reshape([(jet.rise_s, jet.fall_s, jet.delay_s) for jet in vehicle.jets], (-1, 3))
     unlagged, lagging = sensors(log, vehicle), sensors(log, vehicle, lag_s)
-    sensor_numbers = [number for one in (moving(unlagged[0], lag_s), *lagging) for number in _sensor_numbers(one)]
+    sensor_numbers = [number for one in (body_kernel(unlagged[0], lag_s), *lagging) for number in _sensor_numbers(one)]
     early_s = period_s / records / 2 if unlagged[0].instant else 0.0
     waits = _least_delay_s(log, vehicle, timing) - early_s < period_s
     times = period_s, delay_s, shown_by_s(log, vehicle, delay_s, lag_s), LATE[vehicle.cycle.pulse_at], vehicle.thrust.pulse_sigma

@@ -1,4 +1,4 @@
-"""IMU mounting, attitude, gravity and lever arm: aligned data to :class:`Samples` in body axes."""
+"""Conversion of aligned data to :class:`Samples` in body axes: IMU mounting, attitude, vertical and lever arm."""
 
 from __future__ import annotations
 
@@ -16,42 +16,42 @@ from massprop_cli.base.rigidbody import cross, lever_arm, times
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.align import Aligned
 from massprop_cli.prepare.attitude import (
-    FELT,
-    LEVELLED,
-    BiasSeen,
-    at_first,
+    FORCE_SCATTER,
+    PEDESTAL_SCATTER,
+    BiasInformation,
     attitude_error,
-    bias_seen,
-    freed,
+    bias_information,
+    initial_attitude,
     integrate_attitude,
+    without_offset,
     world_up_b,
 )
-from massprop_cli.prepare.attitudefilter import Measured
+from massprop_cli.prepare.attitudefilter import ReferenceAttitude
 from massprop_cli.prepare.sensor import KernelEffect
 
 
 class Mounted(Protocol):
-    """What measures the motion."""
+    """Properties of the measurements and actuators that determine the estimator's states."""
 
     @property
     def attitude_logged(self) -> bool:
-        """Whether the log holds attitudes, which measure what the gyro carries; on an air bearing only."""
+        """Whether logged attitudes measure the error of the reference attitude; only about a pivot."""
 
     @property
     def kernel_effect(self) -> KernelEffect | None:
-        """Difference between mean readings and mean motion; None where there is none."""
+        """Difference between mean readings and mean motion; None if there is none."""
 
     @property
     def pulsed(self) -> bool:
-        """Whether impulses have errors of their own: of pulses, or because a command was lost."""
+        """Whether impulses have independent errors, from pulse scatter or lost commands."""
 
     @property
     def free_inertia(self) -> Array:
-        """(A,) by how much each device's momentum relative to the body follows its rate within a cycle, kg m²."""
+        """(A,) ``free_inertia`` of :class:`massprop_cli.prepare.stored.Stored`, kg m²."""
 
 
 class Source(Mounted, Protocol):
-    """The control cycles of a log, of which any part can be had."""
+    """The control cycles of a log, computed for any range on request."""
 
     @property
     def wrench(self) -> Array:
@@ -63,40 +63,41 @@ class Source(Mounted, Protocol):
 
     @property
     def unread(self) -> BoolArray:
-        """(6,) channels that the log doesn't have: rate x y z, specific force x y z."""
+        """(6,) True for channels that the log lacks: rate x y z, specific force x y z."""
 
     @property
     def end_s(self) -> Array:
-        """(K,) end of each cycle."""
+        """(K,) end of each cycle, s."""
 
     def __len__(self) -> int: ...
 
     def part(self, cycles: slice) -> Samples:
-        """Of these cycles alone, a slice with both ends given."""
+        """Samples of the given cycles; the slice has both ends."""
 
 
 @dataclass(frozen=True)
 class Samples:
-    """One control cycle each, body axes, gravity's direction known. What the estimators take."""
+    """Input of the estimators: measurements and executed wrenches of K control cycles, body axes."""
 
     executed: Aligned
+    """Executed wrenches and the IMU data in IMU axes."""
     rate_rad_s: Array
-    """(K, 3) mean body rate."""
+    """(K, 3) mean body rate, rad/s."""
     rate_step_rad_s: Array
-    """(K, 3) difference to the previous cycle's mean rate; zero in the first."""
+    """(K, 3) change of the mean rate from the previous cycle, rad/s; zero in the first."""
     carried_rad_s: Array
-    """(K, 3) mean rate by which the attitude is carried through the cycle."""
+    """(K, 3) mean rate that propagates the reference attitude through the cycle, rad/s."""
     attitude_error_rad: Array
-    """(K, 3, 5) rotation vector from the attitude as carried to the true one at the start of each cycle: what is known, by the gyro's bias,
-    and of its noise, one sigma about each axis over that of a cycle, s. Zeros with ``measured``."""
+    """(K, 3, 5) rotation vector from the reference to the true attitude at the start of each cycle. Column 0: known part, rad. Columns
+    1 to 3: derivative by the gyro bias, s. Column 4: sigma from gyro noise, over the noise of the rate, s. Zeros with ``measured``."""
     specific_force_m_s2: Array
-    """(K, 3) mean specific force at the IMU; on a table without that of what carries the weight."""
+    """(K, 3) mean specific force at the IMU, m/s²; on a planar table without the support's force."""
     up_b: Array
     """(K + 1, 3) world vertical in body axes at the start of each cycle and the end of the last; zeros in free flight."""
-    measured: Measured | None = None
-    """What logged attitudes measure of the attitude as carried, where there are any."""
+    measured: ReferenceAttitude | None = None
+    """Reference attitude and its measurements by logged attitudes; None without logged attitudes."""
     room_torque_n_m: Array | None = None
-    """(K, 3) mean of the stated torque that stands still in the room, body axes; None where none is stated."""
+    """(K, 3) mean of the stated torque that is fixed in the room, body axes, N m; None if none is stated."""
 
     def __len__(self) -> int:
         return len(self.rate_rad_s)
@@ -113,36 +114,36 @@ class Samples:
 
     @property
     def attitude_logged(self) -> bool:
-        """Whether the log holds attitudes, which measure what the gyro carries; on an air bearing only."""
+        """Whether logged attitudes measure the error of the reference attitude; only about a pivot."""
         return self.measured is not None
 
     @property
     def kernel_effect(self) -> KernelEffect | None:
-        """Difference between mean readings and mean motion; None where there is none."""
+        """Difference between mean readings and mean motion; None if there is none."""
         return self.executed.kernel_effect
 
     @property
     def pulsed(self) -> bool:
-        """Of all of them."""
+        """Whether impulses have independent errors, from pulse scatter or lost commands."""
         return self.executed.pulse_covariance is not None
 
     @property
     def free_inertia(self) -> Array:
-        """(A,) by how much each device's momentum relative to the body follows its rate within a cycle, kg m²."""
+        """(A,) ``free_inertia`` of :class:`massprop_cli.prepare.stored.Stored`, kg m²."""
         return np.zeros(0) if self.executed.stored is None else self.executed.stored.free_inertia
 
     @property
     def unread(self) -> BoolArray:
-        """(6,) channels that the log doesn't have: rate x y z, specific force x y z."""
+        """(6,) True for channels that the log lacks: rate x y z, specific force x y z."""
         return self.executed.unread
 
     @property
     def end_s(self) -> Array:
-        """(K,) end of each cycle."""
+        """(K,) end of each cycle, s."""
         return self.executed.end_s
 
     def part(self, cycles: slice) -> Samples:
-        """Of these cycles alone, a slice with both ends given."""
+        """Samples of the given cycles; the slice has both ends."""
         of_imu = ("rate_rad_s", "rate_step_rad_s", "carried_rad_s", "attitude_error_rad", "specific_force_m_s2")
         return replace(
             self,
@@ -155,60 +156,64 @@ class Samples:
 
 T = TypeVar("T", bound=np.generic)
 BLOCK = 1024
-"""Cycles that are looked at at once."""
+"""Number of cycles that are processed at once; limits memory."""
 
 
 def blocks(cycles: slice, size: int = BLOCK) -> Iterator[slice]:
-    """Cycles in parts of which each begins with the one that the last ended with, so that every step between two is in one of them."""
+    """Split cycles into parts that overlap by one cycle, so that every step between two cycles is in one part."""
     for first in range(cycles.start, cycles.stop - 1, size):
         yield slice(first, min(first + size + 1, cycles.stop))
 
 
 def apart(cycles: slice, size: int = BLOCK) -> Iterator[slice]:
-    """Cycles in parts of which each begins after the last, so that every cycle is in one of them."""
+    """Split cycles into disjoint parts, so that every cycle is in one part."""
     for first in range(cycles.start, cycles.stop, size):
         yield slice(first, min(first + size, cycles.stop))
 
 
-def gathered(samples: Source, cycles: slice, found: Callable[[Samples], NDArray[T]]) -> NDArray[T]:
-    """What is found of each cycle, one part of the log after the other."""
-    return np.concatenate([found(samples.part(part)) for part in apart(cycles)])
+def gathered(samples: Source, cycles: slice, per_cycle: Callable[[Samples], NDArray[T]]) -> NDArray[T]:
+    """Values of ``per_cycle`` for each of the cycles, computed in parts."""
+    return np.concatenate([per_cycle(samples.part(part)) for part in apart(cycles)])
 
 
 @dataclass(frozen=True)
-class Before:
-    """What a part of a log goes on from: the cycle before it."""
+class PreviousCycle:
+    """State at the end of the cycle before a part of a log."""
 
     rate_rad_s: Array
-    """(3,) its mean body rate."""
+    """(3,) mean body rate of that cycle, rad/s."""
     turn_rad: Array
-    """(3,) by how much it turned."""
+    """(3,) angle increment of that cycle, rad."""
     attitude_wxyz: Array
-    """(4,) at its end, as integrated; anything in free flight."""
-    seen: BiasSeen
-    """What gravity had shown by then of the gyro's bias."""
+    """(4,) integrated attitude at its end; not used in free flight."""
+    bias: BiasInformation
+    """Information on the biases from all cycles before."""
     squares_s2: float
-    """Sum of the squares of all cycles' lengths by then: its root times the gyro's noise is what that has carried the attitude off by."""
+    """Sum of squared cycle lengths so far, s²; its root times the gyro's rate noise is the sigma of the integrated attitude."""
 
     @staticmethod
-    def begun(rate_rad_s: Array, duration_s: Array, vehicle: Vehicle, late_s: float) -> Before:
-        """Start of a log with rates (K, 3) in cycles of ``duration_s`` (K,); the motion is ``late_s`` later than the labels."""
-        return Before(rate_rad_s[0], np.zeros(3), at_first(vehicle, rate_rad_s, duration_s, late_s), BiasSeen.none(), 0.0)
+    def initial(rate_rad_s: Array, duration_s: Array, vehicle: Vehicle, late_s: float) -> PreviousCycle:
+        """State before the first cycle, from rates (K, 3) and lengths (K,) of cycles; the motion is ``late_s`` after the labels."""
+        attitude = initial_attitude(vehicle, rate_rad_s, duration_s, late_s)
+        return PreviousCycle(rate_rad_s[0], np.zeros(3), attitude, BiasInformation.none(), 0.0)
 
 
-def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None, measured: Measured | None = None) -> Samples:
-    """Turn IMU data into body axes and find the vertical: as the gyro carries it, or of the reference attitude of ``measured``.
+def compensate(
+    aligned: Aligned, vehicle: Vehicle, before: PreviousCycle | None = None, measured: ReferenceAttitude | None = None
+) -> Samples:
+    """Convert IMU data to body axes and compute the vertical, from the integrated gyro or from the reference attitude ``measured``.
 
-    Of a whole log, or of a part of it with what it goes on from. The lever arm stays in: :func:`acceleration` takes it out by the
-    differenced rate, as the thesis does, and the default estimator's model by the angular acceleration that the commands cause.
+    ``before`` is the state before a part of a log; None for a whole log. The specific force still contains the lever arm.
+    :func:`acceleration` subtracts it with the differenced rate, as the thesis does. The default estimator models it with the commanded
+    angular acceleration.
     """
     body_from_imu = np.array(vehicle.imu.body_from_imu)
     rate = times(body_from_imu, aligned.rate_imu_rad_s)
-    before = before or Before.begun(rate, aligned.duration_s, vehicle, aligned.late_s[0])
+    before = before or PreviousCycle.initial(rate, aligned.duration_s, vehicle, aligned.late_s[0])
     up: Array = np.zeros((len(rate) + 1, 3))
     carried, error, attitude = rate, np.broadcast_to(0.0, (len(rate), 3, 5)), None
     if measured is not None:
-        carried, attitude = rate + measured.drawn_rad / aligned.duration_s[:, None], measured.attitude_wxyz
+        carried, attitude = rate + measured.correction_rad / aligned.duration_s[:, None], measured.attitude_wxyz
     elif vehicle.pivoted:
         carried, error, attitude = _carried(aligned, vehicle, rate, before)
     steady = None
@@ -216,14 +221,14 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None,
         up, torque = world_up_b(attitude), np.array(vehicle.environment.room_torque_n_m)
         aligned, steady = with_torque(aligned, attitude, torque) if torque.any() else (aligned, None)
     axes = np.eye(3) if aligned.force_axes is None else aligned.force_axes
-    # what carries the weight on a table, as the IMU's axes that were logged feel it
-    held = axes.T @ np.where(aligned.unread[3:], 0.0, axes @ vehicle.environment.steady_force_m_s2)
-    force = times(body_from_imu, aligned.specific_force_imu_m_s2) - held
+    # the support's specific force on a planar table, as far as the log holds its axes
+    support = axes.T @ np.where(aligned.unread[3:], 0.0, axes @ vehicle.environment.steady_force_m_s2)
+    force = times(body_from_imu, aligned.specific_force_imu_m_s2) - support
     effect = aligned.kernel_effect
-    if effect is not None and vehicle.pivoted:  # the weight as it was when the gyro's motion was, and not smeared
+    if effect is not None and vehicle.pivoted:  # refer gravity to the time of the gyro's motion, without the kernel's smearing
         mean = (up[:-1] + up[1:]) / 2
-        swung = cross(mean, rate)
-        force = force - vehicle.environment.gravity_m_s2 * (effect.later_s * swung + effect.smearing_s2 * cross(swung, rate))
+        up_rate = cross(mean, rate)
+        force = force - vehicle.environment.gravity_m_s2 * (effect.later_s * up_rate + effect.smearing_s2 * cross(up_rate, rate))
     return Samples(
         executed=aligned,
         rate_rad_s=frozen(rate),
@@ -237,8 +242,8 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None,
     )
 
 
-def _carried(aligned: Aligned, vehicle: Vehicle, rate: Array, before: Before) -> tuple[Array, Array, Array]:
-    """Mean rates (K, 3) that carry the attitude, what of it is uncertain (K, 3, 5), and that (K + 1, 4): by the gyro alone."""
+def _carried(aligned: Aligned, vehicle: Vehicle, rate: Array, before: PreviousCycle) -> tuple[Array, Array, Array]:
+    """Reference attitude from the gyro alone: propagating mean rates (K, 3), attitude error (K, 3, 5), and attitude (K + 1, 4)."""
     turns: Array = rate * aligned.duration_s[:, None]
     attitude, carried = integrate_attitude(before.attitude_wxyz, turns, before.turn_rad), rate
     error = np.zeros((len(rate), 3, 5))
@@ -246,21 +251,22 @@ def _carried(aligned: Aligned, vehicle: Vehicle, rate: Array, before: Before) ->
     since = np.cumsum(squares) - squares + before.squares_s2
     error[..., 4] = np.sqrt(np.maximum(since, 0.0))[:, None]
     if biased_attitude(False, vehicle):
-        level = felt(aligned.specific_force_imu_m_s2, aligned.ignored, vehicle, np.vstack([before.rate_rad_s, rate]), aligned.duration_s)
-        found = bias_seen(attitude, level, aligned.duration_s, before.seen)
-        tilted = vehicle.imu.accel_bias_sigma_m_s2 / vehicle.environment.gravity_m_s2
-        off = found.off(vehicle.imu.gyro_bias_sigma_rad_s, tilted, LEVELLED if vehicle.on_pedestal else FELT)
-        off = off if not any(vehicle.imu.gyro_bias_rad_s) else np.zeros_like(off)  # a bias that is known is in the rates no more
-        error[..., :4] = attitude_error(attitude, off, found)[:-1]
-        attitude, turns = freed(attitude, turns, off)
+        rates = np.vstack([before.rate_rad_s, rate])
+        force_g = force_over_gravity(aligned.specific_force_imu_m_s2, aligned.ignored, vehicle, rates, aligned.duration_s)
+        bias = bias_information(attitude, force_g, aligned.duration_s, before.bias)
+        accel_sigma = vehicle.imu.accel_bias_sigma_m_s2 / vehicle.environment.gravity_m_s2
+        offset = bias.offset(vehicle.imu.gyro_bias_sigma_rad_s, accel_sigma, PEDESTAL_SCATTER if vehicle.on_pedestal else FORCE_SCATTER)
+        offset = offset if not any(vehicle.imu.gyro_bias_rad_s) else np.zeros_like(offset)  # a stated bias is already subtracted
+        error[..., :4] = attitude_error(attitude, offset, bias)[:-1]
+        attitude, turns = without_offset(attitude, turns, offset)
         carried = turns / aligned.duration_s[:, None]
     return carried, error, attitude
 
 
-def felt(specific_force_imu_m_s2: Array, ignored: BoolArray, vehicle: Vehicle, rate_rad_s: Array, duration_s: Array) -> Array:
-    """(K, 3) specific force over gravity's, body axes; zeros where a part of it is ignored, (K, 6).
+def force_over_gravity(specific_force_imu_m_s2: Array, ignored: BoolArray, vehicle: Vehicle, rate_rad_s: Array, duration_s: Array) -> Array:
+    """(K, 3) specific force over gravity, body axes; zeros where any axis is ``ignored`` (K, 6).
 
-    On a pedestal that of the pivot, which stands still: by the mean rates ``rate_rad_s`` (K + 1, 3), with the cycle before the first.
+    On a pedestal it is referred to the fixed pivot, by the mean rates ``rate_rad_s`` (K + 1, 3), which include the cycle before the first.
     """
     body = times(np.array(vehicle.imu.body_from_imu), specific_force_imu_m_s2)
     if vehicle.on_pedestal:
@@ -272,7 +278,7 @@ def felt(specific_force_imu_m_s2: Array, ignored: BoolArray, vehicle: Vehicle, r
 def acceleration(samples: Samples, vehicle: Vehicle) -> Array:
     """(K, 3) acceleration of the rotation centre, m/s², body axes: specific force less lever arm and gravity (thesis 4.3, 4.4).
 
-    The centre is O in free flight and the bearing on a testbed; ω̇ is the differenced rate over the cycle.
+    The centre is O in free flight and the pivot on a testbed. ω̇ is the change of the mean rate over the cycle length.
     """
     centre = vehicle.environment.bearing_position_m if vehicle.pivoted else (0.0, 0.0, 0.0)
     arm = np.array(vehicle.imu.position_m) - np.array(centre)
@@ -282,20 +288,21 @@ def acceleration(samples: Samples, vehicle: Vehicle) -> Array:
 
 
 def biased_attitude(attitude_logged: bool, vehicle: Vehicle) -> bool:
-    """Whether the attitude is integrated from a gyro that has a bias, of which gravity alone tells."""
+    """Whether the attitude is integrated from a gyro with a bias that only gravity can show."""
     return vehicle.pivoted and not attitude_logged and vehicle.imu.gyro_bias_sigma_rad_s > 0
 
 
 def with_torque(aligned: Aligned, attitude_wxyz: Array, torque_n_m: Array) -> tuple[Aligned, Array]:
-    """What acts with the torque (3,), world axes, of a body with the attitudes (K + 1, 4) at the cycles' edges; and (K, 3) its mean.
+    """Add a torque (3,) fixed in the world, N m, to the executed impulses; also return its (K, 3) mean in body axes.
 
-    Within a cycle it is the parabola through both edges with the curvature ``θ × (θ × τ)`` of an even turn θ from one to the other.
+    ``attitude_wxyz`` (K + 1, 4) is at the cycle edges. Within a cycle, the torque in body axes is the parabola through its edge values
+    with the curvature ``θ × (θ × τ)`` of a uniform turn θ.
     """
     edges, turn = times(matrices(inverse(attitude_wxyz)), torque_n_m), rotation_vector(turns_between(attitude_wxyz))
-    bent = cross(turn, cross(turn, (edges[:-1] + edges[1:]) / 2))
+    curvature = cross(turn, cross(turn, (edges[:-1] + edges[1:]) / 2))
     bins = aligned.impulse_bins.shape[1]
     at = ((np.arange(bins) + 0.5) / bins)[:, None]
-    first, step, curve = (part[:, None] for part in (edges[:-1], np.diff(edges, axis=0), bent))
+    first, step, curve = (part[:, None] for part in (edges[:-1], np.diff(edges, axis=0), curvature))
     duration = aligned.duration_s[:, None, None]
     mean = first + at * step - curve / 2 * (at * (1 - at) - 1 / (12 * bins**2))
     late = (step - curve * (0.5 - at)) / (12 * bins**2)
@@ -303,10 +310,10 @@ def with_torque(aligned: Aligned, attitude_wxyz: Array, torque_n_m: Array) -> tu
     whole = impulse.sum(1)
     rising = (at * impulse + skew / bins).sum(1)
 
-    def added(acting: Array, by: Array) -> Array:
-        return frozen(np.concatenate([acting[..., :3] + by, acting[..., 3:]], -1))
+    def added(wrench: Array, torque: Array) -> Array:
+        return frozen(np.concatenate([wrench[..., :3] + torque, wrench[..., 3:]], -1))
 
-    acting = replace(
+    total = replace(
         aligned,
         impulse_bins=added(aligned.impulse_bins, impulse),
         skew_bins=added(aligned.skew_bins, skew),
@@ -314,4 +321,4 @@ def with_torque(aligned: Aligned, attitude_wxyz: Array, torque_n_m: Array) -> tu
         falling=added(aligned.falling, whole - rising),
         whole=added(aligned.whole, whole),
     )
-    return acting, frozen(whole / aligned.duration_s[:, None])
+    return total, frozen(whole / aligned.duration_s[:, None])

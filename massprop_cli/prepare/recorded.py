@@ -1,10 +1,10 @@
-"""Corrections of what a sensor or recorder did to the increments.
+"""Corrections of the logged increments for low-pass, gyro bias and axes of the velocity increments.
 
-A first-order low-pass of time constant τ reports ``y[k] = a y[k−1] + (1 − a) u[k]``, ``a = exp(−T / τ)`` for a record of length T. Undone,
-record k takes records k − 1 and k alone, and noise that the sensor had before its low-pass is white again.
+A first-order low-pass of time constant τ reports ``y[k] = a y[k−1] + (1 − a) u[k]``, ``a = exp(−T / τ)`` for a record of length T. The
+inverse ``u[k] = (y[k] − a y[k−1]) / (1 − a)`` uses records k − 1 and k, and makes noise from before the low-pass white again.
 
-A strapdown unit reports velocity increments in the axes that it had when the record began (rotation and sculling compensated: Savage, J.
-Guidance, Control, and Dynamics 21, 1998): half of the record's turn takes them back.
+A strapdown unit may report velocity increments in its axes at the start of the record (rotation and sculling compensated: Savage, J.
+Guidance, Control, and Dynamics 21, 1998). A rotation by half of the record's turn refers them to the axes at mid-record.
 """
 
 from dataclasses import replace
@@ -18,27 +18,27 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import tachometer
 
 REACH = 64
-"""Cycles after which what one was is forgotten: of low-passes that are a few cycles long."""
+"""Number of cycles after which the correlation of a low-pass of a few cycles has decayed."""
 
 
-def undone(log: Log, vehicle: Vehicle) -> Log:
-    """The log without the low-passes (as of a steady motion before it) and the gyro bias that ``imu`` states.
+def corrected_log(log: Log, vehicle: Vehicle) -> Log:
+    """The log with stated low-passes inverted, the stated gyro bias subtracted, and velocity increments in the IMU's axes at mid-record.
 
-    With the speeds of wheels at the records' ends, and velocity increments in the IMU's own axes whatever ``imu.accel_axes`` says.
+    The motion before the log counts as steady. Device speeds are corrected as in :func:`massprop_cli.prepare.tachometer.at_knots`.
     """
-    log = tachometer.at_bends(log, vehicle)
+    log = tachometer.at_knots(log, vehicle)
     gyro, accelerometer = vehicle.imu.gyro_lag_s, vehicle.imu.accel_lag_s
     if gyro == 0 and accelerometer == 0 and vehicle.imu.accel_axes == "imu" and not any(vehicle.imu.gyro_bias_rad_s):
         return log
-    turned = _undone(log.delta_theta_imu_rad, log.interval_s, gyro) - np.outer(log.interval_s, vehicle.imu.gyro_bias_rad_s)
-    velocity = _undone(log.delta_v_imu_m_s, log.interval_s, accelerometer)
-    if vehicle.imu.accel_axes != "imu":  # into the axes that the IMU has halfway through each record
-        velocity = (rotation(-turned / 2) @ velocity[:, :, None])[..., 0]
-    return replace(log, delta_theta_imu_rad=turned, delta_v_imu_m_s=velocity)
+    angle = _inverted(log.delta_theta_imu_rad, log.interval_s, gyro) - np.outer(log.interval_s, vehicle.imu.gyro_bias_rad_s)
+    velocity = _inverted(log.delta_v_imu_m_s, log.interval_s, accelerometer)
+    if vehicle.imu.accel_axes != "imu":
+        velocity = (rotation(-angle / 2) @ velocity[:, :, None])[..., 0]
+    return replace(log, delta_theta_imu_rad=angle, delta_v_imu_m_s=velocity)
 
 
-def _undone(increments: Array, interval_s: Array, lag_s: float) -> Array:
-    """(n, 3) increments over intervals (n,)."""
+def _inverted(increments: Array, interval_s: Array, lag_s: float) -> Array:
+    """(n, 3) increments before a low-pass of time constant ``lag_s``, from logged ones over intervals (n,)."""
     if lag_s == 0:
         return increments
     mean = increments / interval_s[:, None]
@@ -47,26 +47,26 @@ def _undone(increments: Array, interval_s: Array, lag_s: float) -> Array:
     return np.asarray(interval_s[:, None] * (mean - kept * before) / (1 - kept))
 
 
-def applied(values: Array, step_s: float, lag_s: float) -> Array:
-    """(K, n) what a low-pass makes of values that follow one another by ``step_s``, nothing before; nothing of all without one."""
+def low_pass_response(values: Array, step_s: float, lag_s: float) -> Array:
+    """(K, n) response of a low-pass, from zero, to values sampled every ``step_s``; all zeros if ``lag_s`` is 0."""
     kept = np.exp(-step_s / lag_s) if lag_s > 0 else 1.0
-    found, now = np.empty_like(values), np.zeros(values.shape[1])
+    response, state = np.empty_like(values), np.zeros(values.shape[1])
     for k, value in enumerate(values):
-        found[k] = now = kept * now + (1 - kept) * value
-    return found
+        response[k] = state = kept * state + (1 - kept) * value
+    return response
 
 
 def narrowed(lag_s: float, record_s: float, records: int) -> float:
-    """Log of the innovation variance of cycles' means behind a low-pass over that without one, of white noise in ``records`` records.
+    """Logarithm of the ratio of one-step innovation variances of cycle means of white noise: with a low-pass to without.
 
-    The innovation variance of the decimated means (Szegő 1915: its log is the mean log spectral density).
+    A cycle has ``records`` records of ``record_s``. The log innovation variance is the mean log spectral density (Szegő 1915).
     """
     if lag_s == 0:
         return 0.0
     kept = np.exp(-record_s / lag_s)
     apart = np.arange(REACH * records)
     correlated = (1 - kept) / (1 + kept) * kept**apart
-    # the mean over a cycle, against that over another
+    # covariance of the means of two cycles, by cycles apart
     pairs = np.abs(np.arange(REACH)[:, None, None] * records + np.arange(records)[:, None] - np.arange(records))
     by_cycle = correlated[np.minimum(pairs, len(apart) - 1)].sum((1, 2)) / records
     lags = np.abs(np.arange(REACH)[:, None] - np.arange(REACH))

@@ -1,14 +1,14 @@
-"""Speeds of wheels and rotors, and angles of gimbals, where they bend; of wheels by what tachometers show: late, means, rounded, noisy.
+"""Speeds of wheels and rotors and angles of gimbals at their knots; wheel speeds from late, averaged, quantised, noisy tachometer readings.
 
-A reading is the mean of the speed over a window that ends a latency before its time. With the speed linear from each record's end to the
-next, or so long after them as the torque on the wheel steps, Ω there, readings r = H Ω, and Ω a random walk of the readings' own steps q,
-the estimate is the conditional mean (in information form)
-``(Hᵀ H / s² + Dᵀ D / q) Ω = Hᵀ r / s²``, D the differences. s is small: this undoes H, and what of the errors comes with it is known.
+A speed is linear between knots. Knots are at the ends of records, or at the torque steps a fixed time after them. A reading is the mean
+speed over a window that ends a latency before its time. With Ω the speeds at the knots, readings r = H Ω + noise of variance s², and Ω a
+random walk of step variance q taken from the readings, the estimate is the conditional mean
+``(Hᵀ H / s² + Dᵀ D / q) Ω = Hᵀ r / s²``, D the difference operator. s is small, so this inverts H; the covariance of the errors follows.
 
-An error e of a speed is in the regressors, too, so it biases inertia and lever arm by its variance over that of the motion, about each
-axis (errors in variables; Carroll et al., Measurement Error in Nonlinear Models, 2006, chapter 4: regression calibration). The speeds
-less ``E[e | differences of all wheels' speeds nearby]`` have what is left of e uncorrelated with these differences. The covariance of the
-differences with e is known, and their own is the log's.
+A speed error e is also in the regressors. It biases inertia and lever arm about each axis by its variance over the variance of the
+motion (errors in variables). massprop subtracts ``E[e | speed differences of all wheels nearby]`` (regression calibration; Carroll et
+al., Measurement Error in Nonlinear Models, 2006, chapter 4). The remaining error is uncorrelated with these differences. The covariance
+of e with the differences follows from the model, and that of the differences from the log.
 """
 
 from __future__ import annotations
@@ -27,59 +27,61 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 
 NEARBY = 8
-"""Cycles before and after, whose changes tell of an error: in so many a control loop brings the vehicle's rate back."""
-MOST = 4.0
-"""Sigmas, beyond which what is taken for an error is none."""
-MIDST = 200
-"""Readings, in the midst of which a log's ends do not count."""
+"""Cycles before and after whose speed differences predict an error; about the time in which a control loop restores the rate."""
+MAX_ERROR_SIGMAS = 4.0
+"""Sigmas beyond which a predicted speed error is discarded."""
+PADDING = 200
+"""Number of additional readings that keep the error response away from the ends of the log."""
 TRUSTED, FINER, CURVED = 1e-5, 0.2, 0.1
-"""Part of the usual step from reading to reading, and of a reading's sigma, by which a solution may be off a reading; part of a step of
-rotors', whose speed is no straight line between bends."""
+"""Standard deviation s of the fit to readings: as a fraction of the rms step between readings, and of a reading's sigma. For rotors, whose
+speed is curved between knots, as a fraction of the rms step."""
 
 
 class _Speeds(NamedTuple):
-    """Of one wheel."""
+    """Speeds of one wheel at its knots."""
 
     place: int
-    """Among all that stores momentum."""
-    said: WheelLog
+    """Index of the wheel among the momentum devices."""
+    log: WheelLog
     values: Array
-    """(n,) where they bend, or with the one before the log."""
+    """(n,) speeds at the knots, with the initial speed first if the log has one, rad/s."""
     covariance: Array
-    """(L,) of their errors, by records apart, (rad/s)²."""
+    """(L,) autocovariance of their errors by records apart, (rad/s)²."""
     after_s: float
-    """So long after each record's end."""
+    """Time of the knots after the ends of records, s."""
 
 
-def at_bends(log: Log, vehicle: Vehicle) -> Log:
-    """The log with the speed of each wheel at each record's end, of each rotor at each cycle's, or so long after it as its torque steps."""
-    log = _of_gimbals(_of_rotors(log, vehicle), vehicle)
-    own = _undelayed(log, vehicle)
-    if not own:
+def at_knots(log: Log, vehicle: Vehicle) -> Log:
+    """The log with speeds and gimbal angles at their knots: at the ends of records (rotors: of cycles), or at torque steps after them."""
+    log = _with_gimbal_angles(_with_rotor_speeds(log, vehicle), vehicle)
+    wheels = _wheel_speeds(log, vehicle)
+    if not wheels:
         return log
-    values = calibrated([one.values for one in own], [one.covariance for one in own], log.records_per_cycle)
+    values = calibrated([wheel.values for wheel in wheels], [wheel.covariance for wheel in wheels], log.records_per_cycle)
     spinning = list(log.spinning)
-    for one, speed in zip(own, values, strict=True):
-        begun = one.said.start_rad_s is not None
-        start = float(speed[0]) if begun else None
-        bent = replace(one.said, speed_rad_s=frozen(speed[int(begun) :]), start_rad_s=start)
-        spinning[one.place] = replace(bent, corrected=True, after_s=one.after_s)
+    for wheel, speed in zip(wheels, values, strict=True):
+        has_start = wheel.log.start_rad_s is not None
+        start = float(speed[0]) if has_start else None
+        resampled = replace(wheel.log, speed_rad_s=frozen(speed[int(has_start) :]), start_rad_s=start)
+        spinning[wheel.place] = replace(resampled, corrected=True, after_s=wheel.after_s)
     return replace(log, spinning=tuple(spinning))
 
 
-def _of_gimbals(log: Log, vehicle: Vehicle) -> Log:
+def _with_gimbal_angles(log: Log, vehicle: Vehicle) -> Log:
+    """The log with gimbal angles at the times where gimbal rates step."""
     if not any(gyro.gimbal_steps_s for gyro in vehicle.control_moment_gyros):
         return log
     spinning, end_s = list(log.spinning), np.append(log.time_s[0] - log.interval_s[0], log.time_s)
-    for place, (gyro, said) in enumerate(zip(vehicle.spinning, spinning, strict=True)):
-        if not (isinstance(gyro, ControlMomentGyro) and isinstance(said, GyroLog)) or not gyro.gimbal_steps_s or said.after_s:
+    for place, (gyro, gyro_log) in enumerate(zip(vehicle.spinning, spinning, strict=True)):
+        if not (isinstance(gyro, ControlMomentGyro) and isinstance(gyro_log, GyroLog)) or not gyro.gimbal_steps_s or gyro_log.after_s:
             continue
-        angle = at_times(end_s + gyro.gimbal_steps_s, said.angle_rad, gyro.gimbal_steps_s, 0.0, TRUSTED**2)[1:]
-        spinning[place] = replace(said, angle_rad=frozen(angle), after_s=gyro.gimbal_steps_s)
+        angle = at_times(end_s + gyro.gimbal_steps_s, gyro_log.angle_rad, gyro.gimbal_steps_s, 0.0, TRUSTED**2)[1:]
+        spinning[place] = replace(gyro_log, angle_rad=frozen(angle), after_s=gyro.gimbal_steps_s)
     return replace(log, spinning=tuple(spinning))
 
 
-def _of_rotors(log: Log, vehicle: Vehicle) -> Log:
+def _with_rotor_speeds(log: Log, vehicle: Vehicle) -> Log:
+    """The log with rotor speeds at the times where rotor torques step."""
     bends_s = tuple(rotor.torque_steps_s or 0.0 for rotor in vehicle.rotors)
     if not any(bends_s) or log.bends_s:
         return log
@@ -91,46 +93,48 @@ def _of_rotors(log: Log, vehicle: Vehicle) -> Log:
 
 
 def change_sigmas(log: Log, vehicle: Vehicle) -> Array:
-    """One sigma of what is left of errors of each device's speed in its change over a cycle, rad/s; 0 of what is exact or no speed."""
-    found = np.zeros(len(log.spinning))
-    own = [one for one in _undelayed(log, vehicle) if one.covariance[0] > 0]
-    scaled = [_by_cycle(one.values, one.covariance, log.records_per_cycle) for one in own]
-    if own and len(scaled[0][0]) > 2 * NEARBY:
-        found[[one.place for one in own]] = _gain(*_together(scaled))[1] * [size for _, size, _ in scaled]
-    return found
+    """(devices,) sigma of the calibrated speed's change over a cycle, rad/s; 0 for exact speeds and devices without a logged speed."""
+    sigmas = np.zeros(len(log.spinning))
+    wheels = [wheel for wheel in _wheel_speeds(log, vehicle) if wheel.covariance[0] > 0]
+    scaled = [_by_cycle(wheel.values, wheel.covariance, log.records_per_cycle) for wheel in wheels]
+    if wheels and len(scaled[0][0]) > 2 * NEARBY:
+        sigmas[[wheel.place for wheel in wheels]] = _gain(*_stacked(scaled))[1] * [size for _, size, _ in scaled]
+    return sigmas
 
 
-def _undelayed(log: Log, vehicle: Vehicle) -> list[_Speeds]:
-    """Of each wheel whose logged speeds are not those at which they bend."""
-    found, time_s = [], np.append(log.time_s[0] - log.interval_s[0], log.time_s)
-    for place, (wheel, said) in enumerate(zip(vehicle.spinning, log.spinning, strict=True)):
-        if not (isinstance(wheel, Wheel) and isinstance(said, WheelLog)) or said.speed_rad_s is None or said.corrected:
+def _wheel_speeds(log: Log, vehicle: Vehicle) -> list[_Speeds]:
+    """Speeds at the knots of each wheel whose readings are late, averaged or noisy and not yet corrected."""
+    speeds, time_s = [], np.append(log.time_s[0] - log.interval_s[0], log.time_s)
+    for place, (wheel, wheel_log) in enumerate(zip(vehicle.spinning, log.spinning, strict=True)):
+        if not (isinstance(wheel, Wheel) and isinstance(wheel_log, WheelLog)) or wheel_log.speed_rad_s is None or wheel_log.corrected:
             continue
-        begun, after_s = said.start_rad_s is not None, wheel.torque_steps_s or 0.0
-        readings, variance, _ = wheel.dequantised_speed(np.append([said.start_rad_s] * begun, said.speed_rad_s).astype(float))
+        has_start, after_s = wheel_log.start_rad_s is not None, wheel.torque_steps_s or 0.0
+        logged = np.append([wheel_log.start_rad_s] * has_start, wheel_log.speed_rad_s).astype(float)
+        readings, variance, _ = wheel.dequantised_speed(logged)
         sigma, late = float(np.sqrt(variance.mean())), (wheel.speed_latency_s + after_s, wheel.speed_window_s)
         if sigma == 0 and not any(late):
             continue
         walk = float(np.mean(np.diff(readings) ** 2)) if len(readings) > 1 else 0.0
         noise = max(TRUSTED**2, (FINER * sigma) ** 2 / walk) if walk else 1.0
-        values = at_times(time_s + after_s, readings, *late, noise)[int(not begun) :] if any(late) and walk else readings
+        values = at_times(time_s + after_s, readings, *late, noise)[int(not has_start) :] if any(late) and walk else readings
         lags = 2 * (NEARBY + 1) * log.records_per_cycle
-        found.append(_Speeds(place, said, values, sigma**2 * _passed(float(np.median(log.interval_s)), *late, noise, lags), after_s))
-    return found
+        covariance = sigma**2 * _error_autocovariance(float(np.median(log.interval_s)), *late, noise, lags)
+        speeds.append(_Speeds(place, wheel_log, values, covariance, after_s))
+    return speeds
 
 
-def _passed(step_s: float, latency_s: float, window_s: float, noise: float, lags: int) -> Array:
-    """(lags,) covariance of errors of speeds by independent readings of variance 1."""
-    single = np.eye(1, MIDST + 2 * lags, MIDST // 2 + lags)[0]
+def _error_autocovariance(step_s: float, latency_s: float, window_s: float, noise: float, lags: int) -> Array:
+    """(lags,) autocovariance of the errors of :func:`at_times` from independent readings of variance 1."""
+    response = np.eye(1, PADDING + 2 * lags, PADDING // 2 + lags)[0]
     if latency_s + window_s > 0:
-        single = at_times(step_s * np.arange(len(single)), single, latency_s, window_s, noise)
-    return np.correlate(single, single, "full")[len(single) - 1 :][:lags]
+        response = at_times(step_s * np.arange(len(response)), response, latency_s, window_s, noise)
+    return np.correlate(response, response, "full")[len(response) - 1 :][:lags]
 
 
 def at_times(time_s: Array, readings: Array, latency_s: float, window_s: float, noise: float) -> Array:
-    """(n,) speeds at ``time_s`` of readings (m,) at the last m of them, means over windows that ended a latency before.
+    """(n,) speeds at ``time_s`` (n,) from readings (m,) at the last m of these times.
 
-    ``noise`` is the variance of a reading, over that of a step.
+    A reading is the mean over a window that ends ``latency_s`` before. ``noise``: variance of a reading over that of a random-walk step.
     """
     from scipy.linalg import solveh_banded
 
@@ -151,95 +155,99 @@ def at_times(time_s: Array, readings: Array, latency_s: float, window_s: float, 
 
 
 def _weight(knot_s: Array, first: int, end_s: Array, window_s: float) -> Array:
-    """(m,) of the speeds at m knots from ``first`` on in the means over the windows that end at ``end_s`` (m,), or in speeds then."""
-    step = np.diff(knot_s)
-    wide = np.concatenate([step[:1], step, step[-1:]])
-    own = slice(first, first + len(end_s))
-    at_s, left, right = knot_s[own], wide[:-1][own], wide[1:][own]
+    """(m,) weight of the speed at each of m knots from ``first`` on in the mean over a window that ends at ``end_s`` (m,).
 
-    def rises(to_s: Array) -> tuple[Array, Array]:
+    The weight is the knot's linear interpolation (hat) function, or its mean over the window.
+    """
+    step = np.diff(knot_s)
+    padded = np.concatenate([step[:1], step, step[-1:]])
+    knots = slice(first, first + len(end_s))
+    at_s, left, right = knot_s[knots], padded[:-1][knots], padded[1:][knots]
+
+    def fractions(to_s: Array) -> tuple[Array, Array]:
         return np.clip((to_s - at_s + left) / left, 0.0, 1.0), np.clip((to_s - at_s) / right, 0.0, 1.0)
 
     def integral(to_s: Array) -> Array:
-        up, down = rises(to_s)
+        up, down = fractions(to_s)
         return left * up**2 / 2 + right * (down - down**2 / 2)
 
     if window_s == 0:
-        up, down = rises(end_s)
+        up, down = fractions(end_s)
         return up - down
     return (integral(end_s) - integral(end_s - window_s)) / window_s
 
 
 _ByCycle = tuple[Array, float, Array]
-"""(K,) means of speeds over cycles, over one sigma of their errors; that; and the errors' correlation, by cycles apart."""
+"""(K,) cycle means of speeds over the sigma of their errors; that sigma; (2 N + 1,) correlation of the errors by cycles apart."""
 
 
-def calibrated(speeds: Sequence[Array], covariances: Sequence[Array], together: int = 1) -> list[Array]:
-    """Speeds (n,) of each wheel less what all speeds tell of their errors; ``together`` to a cycle, up to the last one.
+def calibrated(speeds: Sequence[Array], covariances: Sequence[Array], per_cycle: int = 1) -> list[Array]:
+    """(n,) speeds of each wheel less the error predicted from the speed differences of all wheels (regression calibration).
 
-    ``covariances`` (L,) are those of the errors, by records apart; speeds without errors stay as they are.
+    ``covariances``: (L,) autocovariance of each wheel's errors by records apart; speeds without errors stay unchanged. A cycle has
+    ``per_cycle`` speeds, and the last cycle ends with the last speed.
     """
-    kept = [n for n, own in enumerate(covariances) if own[0] > 0 and len(speeds[n]) > 2 * NEARBY * together]
-    found = list(speeds)
-    if not kept:
-        return found
-    scaled = [_by_cycle(speeds[n], covariances[n], together) for n in kept]
-    own, correlation = _together(scaled)
-    gain, _ = _gain(own, correlation)
-    errors = np.concatenate([part @ gain for part in _windows(own)])
-    errors[np.abs(errors) > MOST] = 0.0  # a motion as there is nowhere else in the log, as at its ends
-    for error, (_, size, _), n in zip(errors.T, scaled, kept, strict=True):
-        cycle = (np.arange(len(speeds[n])) - len(speeds[n])) // together + len(own)
-        found[n] = speeds[n] - size * error[np.maximum(cycle, 0)]
-    return found
+    noisy = [n for n, covariance in enumerate(covariances) if covariance[0] > 0 and len(speeds[n]) > 2 * NEARBY * per_cycle]
+    corrected = list(speeds)
+    if not noisy:
+        return corrected
+    scaled = [_by_cycle(speeds[n], covariances[n], per_cycle) for n in noisy]
+    means, correlation = _stacked(scaled)
+    gain, _ = _gain(means, correlation)
+    errors = np.concatenate([window @ gain for window in _windows(means)])
+    errors[np.abs(errors) > MAX_ERROR_SIGMAS] = 0.0  # an unusual motion, for example at the ends of the log
+    for error, (_, size, _), n in zip(errors.T, scaled, noisy, strict=True):
+        cycle = (np.arange(len(speeds[n])) - len(speeds[n])) // per_cycle + len(means)
+        corrected[n] = speeds[n] - size * error[np.maximum(cycle, 0)]
+    return corrected
 
 
-def _by_cycle(speeds: Array, covariance: Array, together: int) -> _ByCycle:
-    count = len(speeds) // together
-    means = speeds[len(speeds) - count * together :].reshape(count, together).mean(1)
-    apart = np.arange(2 * NEARBY + 1)[:, None, None] * together + np.arange(together)[:, None] - np.arange(together)
-    by_cycle = covariance[np.abs(apart)].mean((1, 2))
+def _by_cycle(speeds: Array, covariance: Array, per_cycle: int) -> _ByCycle:
+    count = len(speeds) // per_cycle
+    means = speeds[len(speeds) - count * per_cycle :].reshape(count, per_cycle).mean(1)
+    lag = np.arange(2 * NEARBY + 1)[:, None, None] * per_cycle + np.arange(per_cycle)[:, None] - np.arange(per_cycle)
+    by_cycle = covariance[np.abs(lag)].mean((1, 2))
     size = float(np.sqrt(by_cycle[0]))
     return means / size, size, by_cycle / by_cycle[0]
 
 
-def _together(scaled: Sequence[_ByCycle]) -> tuple[Array, Array]:
-    """(K, w) and (w, 2 N + 1) of all wheels, of the cycles that all have."""
+def _stacked(scaled: Sequence[_ByCycle]) -> tuple[Array, Array]:
+    """(K, w) scaled cycle means and (w, 2 N + 1) error correlations of w wheels, for the cycles that all wheels have."""
     count = min(len(values) for values, _, _ in scaled)
     return np.stack([values[len(values) - count :] for values, _, _ in scaled], 1), np.stack([one for _, _, one in scaled])
 
 
-def _gain(own: Array, correlation: Array) -> tuple[Array, Array]:
-    """(2 N w, w) of E[e | differences], and (w,) one sigma of what is left of e's change, for values (K, w) of which each error is 1.
+def _gain(means: Array, correlation: Array) -> tuple[Array, Array]:
+    """(2 N w, w) gain of E[e | differences], and (w,) sigma of the remaining error of e's change, for means (K, w) with error sigma 1.
 
-    No direction of the differences varies less than errors let it.
+    The covariance of the differences is limited from below by the covariance of their errors.
     """
-    wheels, inner = own.shape[1], range(NEARBY, len(own) - NEARBY)
-    square, at = np.zeros((2 * NEARBY * wheels, 2 * NEARBY * wheels)), 0
-    for part in _windows(own):
-        used = part[max(inner.start - at, 0) : max(inner.stop - at, 0)]
-        square, at = square + used.T @ used, at + len(part)
-    each = np.eye(wheels)
+    wheels, inner = means.shape[1], range(NEARBY, len(means) - NEARBY)
+    products, at = np.zeros((2 * NEARBY * wheels, 2 * NEARBY * wheels)), 0
+    for window in _windows(means):
+        used = window[max(inner.start - at, 0) : max(inner.stop - at, 0)]
+        products, at = products + used.T @ used, at + len(window)
+    identity = np.eye(wheels)
     place = np.arange(2 * NEARBY)
-    apart = place[:, None] - place
-    alone = 2 * correlation[:, np.abs(apart)] - correlation[:, np.abs(apart + 1)] - correlation[:, np.abs(apart - 1)]
-    by_errors = np.einsum("wij,wv->iwjv", alone, each).reshape(square.shape)
-    root = np.linalg.inv(np.linalg.cholesky(by_errors))
-    values, axes = np.linalg.eigh(root @ (square / max(len(inner), 1)) @ root.T)
-    whitened = axes.T @ root
+    lag = place[:, None] - place
+    per_wheel = 2 * correlation[:, np.abs(lag)] - correlation[:, np.abs(lag + 1)] - correlation[:, np.abs(lag - 1)]
+    error_covariance = np.einsum("wij,wv->iwjv", per_wheel, identity).reshape(products.shape)
+    root = np.linalg.inv(np.linalg.cholesky(error_covariance))
+    values, axes = np.linalg.eigh(root @ (products / max(len(inner), 1)) @ root.T)
+    whitening = axes.T @ root
     now, before = (
-        np.einsum("wi,wv->iwv", correlation[:, np.abs(k - place)] - correlation[:, np.abs(k + 1 - place)], each).reshape(-1, wheels)
+        np.einsum("wi,wv->iwv", correlation[:, np.abs(k - place)] - correlation[:, np.abs(k + 1 - place)], identity).reshape(-1, wheels)
         for k in (NEARBY - 1, NEARBY - 2)
     )
-    known = (whitened @ (now - before)) ** 2 / np.maximum(values, 1.0)[:, None]
-    left = 2 * (1 - correlation[:, 1]) - known.sum(0)
-    return whitened.T @ (whitened @ now / np.maximum(values, 1.0)[:, None]), np.sqrt(np.maximum(left, 0.0))
+    explained = (whitening @ (now - before)) ** 2 / np.maximum(values, 1.0)[:, None]
+    remaining = 2 * (1 - correlation[:, 1]) - explained.sum(0)
+    return whitening.T @ (whitening @ now / np.maximum(values, 1.0)[:, None]), np.sqrt(np.maximum(remaining, 0.0))
 
 
-def _windows(own: Array) -> Iterator[Array]:
-    """Parts (m, 2 N w) of the N differences before each value (K, w), and the N after, none beyond the log."""
-    steps = np.zeros((len(own) + 2 * NEARBY - 1, own.shape[1]))
-    steps[NEARBY : NEARBY + len(own) - 1] = np.diff(own, axis=0)
-    for part in spill.parts(len(own)):
-        seen = np.lib.stride_tricks.sliding_window_view(steps[part.start : part.stop + 2 * NEARBY - 1], 2 * NEARBY, axis=0)
-        yield np.moveaxis(seen, 2, 1).reshape(part.stop - part.start, -1)
+def _windows(means: Array) -> Iterator[Array]:
+    """Parts (m, 2 N w) of the windows of N differences before and N after each of the means (K, w), zero beyond the log."""
+    steps = np.zeros((len(means) + 2 * NEARBY - 1, means.shape[1]))
+    steps[NEARBY : NEARBY + len(means) - 1] = np.diff(means, axis=0)
+    for part in spill.parts(len(means)):
+        windows = np.lib.stride_tricks.sliding_window_view(steps[part.start : part.stop + 2 * NEARBY - 1], 2 * NEARBY, axis=0)
+        yield np.moveaxis(windows, 2, 1).reshape(part.stop - part.start, -1)

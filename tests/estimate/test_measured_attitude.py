@@ -21,7 +21,7 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.kernel import Kernel
 from massprop_cli.prepare import attitudefilter as filters
-from massprop_cli.prepare.measured import given, measured
+from massprop_cli.prepare.referenceattitude import filter_input, reference_attitude
 from massprop_cli.result import build
 from massprop_cli.testbed import scenario, simulate
 
@@ -277,7 +277,7 @@ def test_attitudes_of_a_room_that_is_out_of_level_are_left_out_where_the_beginni
 @pytest.mark.parametrize("noise", [1e-3, *(pytest.param(noise, marks=pytest.mark.thorough) for noise in ENDS)])
 def test_the_noise_is_estimated(noise: float) -> None:
     flight = flown(1, LOGGED, f"sensors.attitude_noise_rad={noise}")
-    found = given(flight.log(0), flight.vehicle)
+    found = filter_input(flight.log(0), flight.vehicle)
     assert found is not None
     assert abs(found.noise.attitude_rad / noise - 1) < 0.1
 
@@ -286,7 +286,7 @@ def test_the_noise_is_estimated(noise: float) -> None:
 def test_the_reference_stays_with_the_logged_attitude() -> None:
     """0.1 rad/s of bias, 40 degrees in the log: within 3 mrad after the first seconds."""
     flight = flown(1, *MILLIRADIAN, "sensors.gyro_bias_rad_s=[0.02, -0.03, 0.01]", "vehicle.imu.gyro_bias_sigma_rad_s=0.03")
-    found = measured(flight.log(0), flight.vehicle)
+    found = reference_attitude(flight.log(0), flight.vehicle)
     assert found is not None
     apart = np.abs(np.einsum("ki,ki->k", found.attitude_wxyz, flight.attitude_wxyz[0]))
     assert 2 * np.arccos(np.minimum(apart[100:], 1.0)).max() < 3e-3
@@ -297,9 +297,9 @@ def test_the_kernel_filters_attitudes_as_numpy_does(monkeypatch: pytest.MonkeyPa
     """Noisy, late, between cycles' ends, seldom: the reference to 1e-11 rad, what is known of its error to 1e-9 of a sigma."""
     flight = flown(1, *MILLIRADIAN, *biased(1), *SIMULATED["between the cycles' ends"])
     log, vehicle = flight.log(0), flight.vehicle
-    compiled = measured(log, vehicle)
+    compiled = reference_attitude(log, vehicle)
     monkeypatch.setattr(filters, "kernel", lambda: Kernel(None, "none"))
-    plain = measured(replace(log), vehicle)
+    plain = reference_attitude(replace(log), vehicle)
     assert compiled is not None
     assert plain is not None
     assert np.abs(compiled.attitude_wxyz - plain.attitude_wxyz).max() < 1e-11

@@ -1,4 +1,4 @@
-"""The attitude that a biased gyro gives, freed of what the bias carried it off by as gravity shows it."""
+"""The attitude that a biased gyro gives, without_offset of what the bias carried it off by as gravity shows it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,15 @@ import pytest
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.quaternion import matrices
 from massprop_cli.base.rigidbody import rotation
-from massprop_cli.prepare.attitude import FARTHEST, BiasSeen, attitude_error, bias_seen, freed, integrate_attitude, world_up_b
+from massprop_cli.prepare.attitude import (
+    BIAS_LIMIT,
+    BiasInformation,
+    attitude_error,
+    bias_information,
+    integrate_attitude,
+    without_offset,
+    world_up_b,
+)
 
 CYCLE, BIAS = 0.05, np.array([1.2e-3, -0.8e-3, 0.5e-3])
 START = np.array([0.98, 0.1, -0.15, 0.05]) / np.linalg.norm([0.98, 0.1, -0.15, 0.05])
@@ -29,8 +37,8 @@ def flown(cycles: int = 1200) -> tuple[Array, Array, Array, Array]:
 def test_gravity_shows_the_bias_and_the_attitude_is_freed_of_it() -> None:
     """Half a minute of 1.2 mrad/s is 44 mrad off; what is left of it is a tenth, and less as the log goes on."""
     true, attitude, turns, felt = flown()
-    found = bias_seen(attitude, felt, np.full(len(turns), CYCLE), BiasSeen.none())
-    carried, _ = freed(attitude, turns, found.off(1e-3))
+    found = bias_information(attitude, felt, np.full(len(turns), CYCLE), BiasInformation.none())
+    carried, _ = without_offset(attitude, turns, found.offset(1e-3))
     before, after = (np.linalg.norm(world_up_b(own) - world_up_b(true), axis=1) for own in (attitude, carried))
     assert before[600] > 0.03
     assert after[600] < before[600] / 8
@@ -40,10 +48,10 @@ def test_gravity_shows_the_bias_and_the_attitude_is_freed_of_it() -> None:
 def test_the_bias_of_the_accelerometer_is_none_of_the_gyro() -> None:
     """30 mg, steady in body axes: taken for a tilt it makes the attitude worse than it was; beside its stated sigma it does little."""
     true, attitude, turns, felt = flown()
-    found = bias_seen(attitude, felt + np.array([0.03, -0.02, 0.01]), np.full(len(turns), CYCLE), BiasSeen.none())
+    found = bias_information(attitude, felt + np.array([0.03, -0.02, 0.01]), np.full(len(turns), CYCLE), BiasInformation.none())
 
     def left(tilted: float) -> Array:
-        carried, _ = freed(attitude, turns, found.off(1e-3, tilted))
+        carried, _ = without_offset(attitude, turns, found.offset(1e-3, tilted))
         size: Array = np.linalg.norm(world_up_b(carried) - world_up_b(true), axis=1)
         return size
 
@@ -56,20 +64,20 @@ def test_the_bias_of_the_accelerometer_is_none_of_the_gyro() -> None:
 def test_what_is_freed_is_carried_by_the_turns_that_are_given() -> None:
     """Integrated once more from its own beginning, by increments that hold the corrections: the same attitude."""
     _, attitude, turns, felt = flown()
-    off = bias_seen(attitude, felt, np.full(len(turns), CYCLE), BiasSeen.none()).off(1e-3)
-    carried, own = freed(attitude, turns, off)
+    off = bias_information(attitude, felt, np.full(len(turns), CYCLE), BiasInformation.none()).offset(1e-3)
+    carried, own = without_offset(attitude, turns, off)
     again = integrate_attitude(carried[0], own)
     assert np.abs(world_up_b(again) - world_up_b(carried)).max() < 2e-5
     assert np.abs(own - turns).max() > 1e-5
 
 
 def test_where_the_attitude_may_be_is_what_the_bias_made_of_it() -> None:
-    """At every edge the known part and the bias' own lead from the freed attitude to the true one, to the second order."""
+    """At every edge the known part and the bias' own lead from the without_offset attitude to the true one, to the second order."""
     true, attitude, turns, felt = flown(400)
-    found = bias_seen(attitude, felt, np.full(len(turns), CYCLE), BiasSeen.none())
-    off = found.off(1e-3)
+    found = bias_information(attitude, felt, np.full(len(turns), CYCLE), BiasInformation.none())
+    off = found.offset(1e-3)
     by = attitude_error(attitude, off, found)
-    carried, _ = freed(attitude, turns, off)
+    carried, _ = without_offset(attitude, turns, off)
     turn = by[..., 0] + by[..., 1:] @ BIAS
     lead = matrices(carried) @ rotation(turn)
     apart = np.abs(lead - matrices(true)).max((1, 2))
@@ -80,9 +88,9 @@ def test_where_the_attitude_may_be_is_what_the_bias_made_of_it() -> None:
 def test_parts_give_what_the_whole_gives() -> None:
     _, attitude, turns, felt = flown()
     lasting = np.full(len(turns), CYCLE)
-    whole = bias_seen(attitude, felt, lasting, BiasSeen.none())
-    first = bias_seen(attitude[:501], felt[:500], lasting[:500], BiasSeen.none())
-    rest = bias_seen(attitude[500:], felt[500:], lasting[500:], first.at(-1))
+    whole = bias_information(attitude, felt, lasting, BiasInformation.none())
+    first = bias_information(attitude[:501], felt[:500], lasting[:500], BiasInformation.none())
+    rest = bias_information(attitude[500:], felt[500:], lasting[500:], first.at(-1))
     for own, one, other in zip(whole, first, rest, strict=True):
         np.testing.assert_array_equal(own, np.concatenate([one, other[1:]]))
 
@@ -91,11 +99,11 @@ def test_parts_give_what_the_whole_gives() -> None:
 def test_an_accelerometer_that_is_turned_or_in_other_units_is_no_bias(turned: Array) -> None:
     """However wrong it is, the attitude goes no farther than three sigmas of the bias would carry it."""
     _, attitude, turns, felt = flown()
-    off = bias_seen(attitude, felt @ turned.T, np.full(len(turns), CYCLE), BiasSeen.none()).off(1e-4)
-    assert (np.linalg.norm(off, axis=1) <= FARTHEST * 1e-4 * CYCLE * np.arange(len(off)) + 1e-12).all()
+    off = bias_information(attitude, felt @ turned.T, np.full(len(turns), CYCLE), BiasInformation.none()).offset(1e-4)
+    assert (np.linalg.norm(off, axis=1) <= BIAS_LIMIT * 1e-4 * CYCLE * np.arange(len(off)) + 1e-12).all()
 
 
 def test_what_is_not_felt_tells_nothing() -> None:
     _, attitude, turns, felt = flown()
-    found = bias_seen(attitude, np.zeros_like(felt), np.full(len(turns), CYCLE), BiasSeen.none())
-    assert not found.off(1e-3).any()
+    found = bias_information(attitude, np.zeros_like(felt), np.full(len(turns), CYCLE), BiasInformation.none())
+    assert not found.offset(1e-3).any()

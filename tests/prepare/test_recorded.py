@@ -36,7 +36,7 @@ def test_what_a_low_pass_does_is_undone_record_by_record() -> None:
     kept = np.exp(-log.interval_s[0] / LAG_S)
     seen = replace(log, delta_theta_imu_rad=by_definition(log.delta_theta_imu_rad, kept))
     stated = used.model_copy(update={"imu": used.imu.model_copy(update={"gyro_lag_s": LAG_S})})
-    back = recorded.undone(seen, stated)
+    back = recorded.corrected_log(seen, stated)
     assert np.abs(seen.delta_theta_imu_rad - log.delta_theta_imu_rad).max() > 1e-3 * np.abs(log.delta_theta_imu_rad).max()
     np.testing.assert_allclose(back.delta_theta_imu_rad, log.delta_theta_imu_rad, atol=1e-12)
     assert back.delta_v_imu_m_s is log.delta_v_imu_m_s

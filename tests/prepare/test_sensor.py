@@ -18,8 +18,8 @@ from massprop_cli.inputs.vehiclefile import changed
 from massprop_cli.kernel import Kernel, kernel
 from massprop_cli.prepare import align
 from massprop_cli.prepare import sensor as sensor_module
-from massprop_cli.prepare.sensor import SensorKernel, Shown, shown
-from massprop_cli.prepare.signal import Signal, of_bins, window_integrals
+from massprop_cli.prepare.sensor import SensedSignal, SensorKernel, sensed
+from massprop_cli.prepare.signal import Signal, signal_of_bins, window_integrals
 from tests import flight
 from tests.flown import fly
 
@@ -59,7 +59,7 @@ def by_equation(order: int, cutoff_hz: float, lag_s: float, time_s: Array) -> Ar
     return np.array(found)
 
 
-def parts(at: Shown) -> list[Array]:
+def parts(at: SensedSignal) -> list[Array]:
     """The signal and both integrals."""
     return [at.value, at.first, at.second]
 
@@ -72,7 +72,7 @@ def test_a_signal_behind_a_low_pass_and_its_integrals_solve_its_equation(
     monkeypatch.setattr(sensor_module, "kernel", lambda: by)
     time_s = np.array([0.005, 0.0101, 0.033, 0.055, 0.07, 0.13])
     sensor = SensorKernel.of(instant=True, low_pass=LowPass(order=order, cutoff_hz=30.0) if order else None, lag_s=lag_s)
-    found = np.stack(parts(shown(BENDS, sensor, time_s)), 1)
+    found = np.stack(parts(sensed(BENDS, sensor, time_s)), 1)
     # the same lag twice is taken as two that differ by a little
     tolerance = 1e-5 if order == 1 and lag_s else 1e-8
     np.testing.assert_allclose(found, by_equation(order, 30.0, lag_s, time_s), atol=tolerance)
@@ -82,20 +82,20 @@ def test_a_latency_shows_the_signal_of_before() -> None:
     time_s = np.linspace(0.02, 0.2, 40)
     late = SensorKernel.of(instant=True, low_pass=LowPass(order=2, cutoff_hz=25.0, latency_s=0.004))
     prompt = SensorKernel.of(instant=True, low_pass=LowPass(order=2, cutoff_hz=25.0))
-    np.testing.assert_allclose(parts(shown(BENDS, late, time_s)), parts(shown(BENDS, prompt, time_s - 0.004)), atol=1e-12)
+    np.testing.assert_allclose(parts(sensed(BENDS, late, time_s)), parts(sensed(BENDS, prompt, time_s - 0.004)), atol=1e-12)
     assert late.delay_s == pytest.approx(0.004 + np.sqrt(2) / (2 * np.pi * 25.0))
 
 
 def test_a_sample_shows_what_went_before_a_pulse_that_begins_at_its_time() -> None:
     step = Signal(np.array([0.3]), np.array([1.0]), np.array([0.0]))
-    found = shown(step, SensorKernel.of(instant=True, low_pass=None), np.array([0.1 * 3, 0.3 + 1e-6])).value
+    found = sensed(step, SensorKernel.of(instant=True, low_pass=None), np.array([0.1 * 3, 0.3 + 1e-6])).value
     np.testing.assert_array_equal(found, [0.0, 1.0])
 
 
 def test_a_signal_by_bins_has_their_integrals_and_moments() -> None:
     edges = np.cumsum([0.0, 0.02, 0.03, 0.01, 0.04])
     integral, moment = window_integrals([BENDS], edges)
-    again = window_integrals([of_bins(edges, integral[:, 0], moment[:, 0])], edges)
+    again = window_integrals([signal_of_bins(edges, integral[:, 0], moment[:, 0])], edges)
     np.testing.assert_allclose(again[0], integral, atol=1e-14)
     np.testing.assert_allclose(again[1], moment, atol=1e-14)
 
@@ -165,11 +165,11 @@ def test_rotors_go_through_it_bin_by_bin() -> None:
     rotor = Held(begun, np.random.default_rng(1).uniform(0.2, 1.0, 60), 0.03, 0.05, (0.0, 0.5, 1.0))
     edges = 0.05 / 16 * np.arange(16 * 50 + 1)
     integral, moment = thrust_integrals([rotor], edges)
-    signal = of_bins(edges, integral[:, 0], moment[:, 0])
+    signal = signal_of_bins(edges, integral[:, 0], moment[:, 0])
     sensor = SensorKernel.of(instant=True, low_pass=LowPass(order=1, cutoff_hz=20.0))
-    found = shown(signal, sensor, edges[160::16])
+    found = sensed(signal, sensor, edges[160::16])
     fine = 0.05 / 640 * np.arange(640 * 50 + 1)
     exact, later = thrust_integrals([rotor], fine)
-    other = shown(of_bins(fine, exact[:, 0], later[:, 0]), sensor, edges[160::16])
+    other = sensed(signal_of_bins(fine, exact[:, 0], later[:, 0]), sensor, edges[160::16])
     np.testing.assert_allclose(found.value, other.value, rtol=1e-3)
     np.testing.assert_allclose(found.first, other.first, rtol=1e-5)

@@ -23,7 +23,7 @@ PARTS = [slice(2, 20), slice(18, 150), slice(149, 150), slice(60, 140), slice(30
 @pytest.fixture(autouse=True)
 def many_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stream, "GRID", 16)
-    monkeypatch.setattr(stream, "LEAST", 48)
+    monkeypatch.setattr(stream, "MIN_PART", 48)
 
 
 def recorded(kind: str) -> tuple[Log, Vehicle]:

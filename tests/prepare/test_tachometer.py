@@ -82,11 +82,11 @@ def test_what_is_left_of_rounding_errors_does_not_follow_the_speeds() -> None:
 @pytest.mark.thorough
 def test_exact_speeds_stay_as_they_are_and_none_is_corrected_twice() -> None:
     log, used = drawn()
-    assert recorded.undone(log, used) is log
+    assert recorded.corrected_log(log, used) is log
     late = used.model_copy(update={"wheels": tuple(one.model_copy(update={"speed_latency_s": 0.02}) for one in used.wheels)})
     late = Vehicle.model_validate(late.model_dump(by_alias=True, exclude_unset=True, mode="json"))
-    once = recorded.undone(log, late)
-    assert recorded.undone(once, late) is once
+    once = recorded.corrected_log(log, late)
+    assert recorded.corrected_log(once, late) is once
 
 
 def test_ten_records_to_a_cycle_are_calibrated_by_their_means() -> None:
