@@ -1,7 +1,7 @@
-"""Commands to executed wrench, one control cycle at a time: delay, ticks, least pulse, rise and fall, lag, failures, fuel.
+"""Executed wrench of commands in the simulator: delay, on-time ticks, minimum pulse, rise and fall, lag, failures, fuel.
 
-The thrust of a jet is a sum of ramps: each pulse climbs linearly from its start and falls after its on-time from the thrust reached.
-A ramp's integral and second integral are polynomials, so the impulse of every bin is exact however the pulses lie in it.
+The thrust of a jet is a sum of ramps: each pulse rises linearly from its start, and after its on-time falls from the thrust reached. The
+integral and second integral of a ramp are polynomials, so the impulse of every bin is exact for any position of the pulses.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from massprop_cli.testbed.motion import Bodies
 from massprop_cli.testbed.scenario import Scenario
 
 TOUCHING = 1e-3
-"""Pulses closer than this part of a cycle are one."""
+"""Largest gap, in cycles, at which two pulses count as one."""
 
 
 @dataclass
 class Actuators:
-    """The channels (jets, or the six components of a wrench) of all members, as they execute what was issued, cycle after cycle."""
+    """C channels (jets, or six components of a wrench) of S members, and their execution of commands."""
 
     scenario: Scenario
     wrench: Array
     """(C, 6) torque about O [N m] and force [N] of each channel at full command."""
     strength: Array
-    """(S, K, C) true thrust of the pulse that each cycle issues, over the vehicle file's."""
+    """(S, K, C) true thrust of each cycle's pulse over the thrust in the vehicle file."""
     edges_s: Array
-    """(B + 1,) of the bins, from the start of a cycle."""
+    """(B + 1,) bin edges from the start of a cycle, s."""
 
     def __post_init__(self) -> None:
         members, cycles, channels = self.strength.shape
@@ -50,11 +50,11 @@ class Actuators:
         self.droop = thrust.droop if real.droop is None else real.droop
         self.cycle_droop = thrust.cycle_droop if real.cycle_droop is None else real.cycle_droop
         self.issued = np.zeros((members, cycles, channels))
-        """on-times in s, or values of a wrench command."""
+        """(S, K, C) commanded on-times, s, or wrench components, N m and N."""
         self._lagged = np.zeros((members, channels))
 
     def issue(self, cycle: int | slice, share: Array) -> None:
-        """Take the commands of a cycle (S, C) or of several (S, M, C) as parts of full: rounded to ticks, too short pulses dropped."""
+        """Issue commands of one cycle (S, C) or M cycles (S, M, C), as fractions of full; round to ticks and drop too short pulses."""
         if not self.on_jets:
             limits = self.scenario.actuators
             self.issued[:, cycle] = share * np.concatenate([limits.max_torque_n_m or (0.0,) * 3, limits.max_force_n or (0.0,) * 3])
@@ -66,22 +66,22 @@ class Actuators:
         self.issued[:, cycle] = np.where(on < self.scenario.actuators.minimum_pulse_s - 1e-12, 0.0, on)
 
     def spun(self, first: int) -> tuple[Spin, ...]:  # noqa: ARG002
-        """What they store through a cycle that was executed: nothing."""
+        """Momentum stored in the actuators through an executed cycle: none."""
         return ()
 
     def bare(self, bodies: Bodies) -> Bodies:
-        """The bodies with what of the actuators the reported inertia excludes: nothing."""
+        """Bodies with the parts of the actuators that the reported inertia excludes: none."""
         return bodies
 
     def columns(self, time_s: Array) -> Mapping[str, Array]:
-        """(S, K N) what the log has of them beside their commands: the pressure of the jets' supply, where that is stated."""
+        """(S, K N) log columns in addition to the commands: the supply pressure of the jets, if stated."""
         supply_pa = self.scenario.supply_pa(time_s - time_s[0] / 2)
         return {} if supply_pa is None else {PRESSURE: np.tile(supply_pa, (len(self.issued), 1))}
 
     def execute(self, first: int, last: int) -> tuple[Array, Array, Array]:
-        """What is executed during the M cycles from ``first`` to before ``last``.
+        """Executed wrench during the M cycles from ``first`` to before ``last``.
 
-        (6, S, M, B) mean wrench of each bin; (6, S, M, B) mean over each bin of the impulse gathered since the bin's start; (S, M, C)
+        Returns (6, S, M, B) mean wrench of each bin; (6, S, M, B) mean over each bin of the impulse since the bin's start; (S, M, C)
         impulse of each channel over its full thrust, s.
         """
         members, _, channels = self.issued.shape
@@ -96,20 +96,20 @@ class Actuators:
         if self.lag_s > 0:
             self._lag(thrust)
         width = np.diff(self.edges_s)
-        gathered = (np.diff(thrust.second, axis=-1) - width * thrust.first[..., :-1]) / width
+        partial_impulse = (np.diff(thrust.second, axis=-1) - width * thrust.first[..., :-1]) / width
         mean = np.diff(thrust.first, axis=-1) / width
-        return self._wrench(mean), self._wrench(gathered), thrust.first[..., -1].reshape(members, -1, channels)
+        return self._wrench(mean), self._wrench(partial_impulse), thrust.first[..., -1].reshape(members, -1, channels)
 
     def _wrench(self, channels: Array) -> Array:
         total: Array = np.einsum("scb,cw->wsb", channels, self.wrench)
         return total.reshape(6, len(self.issued), -1, channels.shape[-1])
 
     def _add_pulses(self, first: int, last: int, start_s: float, thrust: _Thrust) -> None:
-        """Add what M cycles issued, ``start_s`` from the start of the executing ones on, less what jets lose beside others."""
+        """Add the pulses issued by M cycles, which start ``start_s`` after the start of the executing cycles, less their droop."""
         strengths = [_cycles(self.strength, first + k, last + k) for k in (-1, 0, 1)]
-        asked = [self._open(_cycles(self.issued, first + k, last + k)) for k in (-1, 0, 1)]
-        # a jet that gives nothing does not open, so that what it is next commanded rises as any pulse does
-        around = [np.where(own == 0, 0.0, on) for on, own in zip(asked, strengths, strict=True)]
+        open_s = [self._open(_cycles(self.issued, first + k, last + k)) for k in (-1, 0, 1)]
+        # a failed jet does not open, so that its next pulse rises as any other
+        around = [np.where(strength == 0, 0.0, on) for on, strength in zip(open_s, strengths, strict=True)]
         strength = strengths[1]
         at_s = np.tile(self.period_s * (np.arange(first, last) + self.scenario.delay_cycles), len(self.strength))[:, None]
         middle_s = at_s + self.own_delay_s + self.late * (self.period_s - around[1]) + around[1] / 2
@@ -122,14 +122,14 @@ class Actuators:
             raise InputError(f"scenario {self.scenario.name}: {together} jets fire together, and by their droop give nothing; state less")
         for droop, while_open in ((self.droop, True), (self.cycle_droop, False)):
             for other in range(strength.shape[1]) if droop and self.on_jets else ():
-                theirs = [command[:, other, None] for command in around]
-                beside = [np.minimum(a, b) if while_open else np.where(b > 0, a, 0.0) for a, b in zip(around, theirs, strict=True)]
-                for command in beside:
+                others = [command[:, other, None] for command in around]
+                overlap = [np.minimum(a, b) if while_open else np.where(b > 0, a, 0.0) for a, b in zip(around, others, strict=True)]
+                for command in overlap:
                     command[:, other] = 0.0
-                self._add(beside, -droop * strength, start_s, thrust)
+                self._add(overlap, -droop * strength, start_s, thrust)
 
     def _add(self, around: Sequence[Array], strengths: Array, start_s: float, thrust: _Thrust) -> None:
-        """Add pulses of these on-times (S, C), between those of the cycles before and after."""
+        """Add pulses; ``around``: on-times (S M, C) of the previous, the pulse's own and the following cycle, s."""
         previous, command, following = around
         member, channel = np.nonzero(command)
         if not len(member):
@@ -160,18 +160,18 @@ class Actuators:
             thrust.lagged[member, channel] += _both(ramps.lagged(self.edges_s, self.lag_s))
 
     def _open(self, on: Array) -> Array:
-        """How long valves are open by commands."""
+        """Valve open times for commanded on-times: none below the dead time, at least the shortest open time, s."""
         thrust = self.scenario.vehicle.thrust
         longer = np.clip(on, np.where(on > 0, thrust.least_on_s, 0.0), None)
         return np.asarray(np.where(on < thrust.dead_on_s, 0.0, longer)) if self.on_jets else on
 
     def _touch(self, first: Array, second: Array, full: float) -> Array:
-        """Whether a pulse ends as the one of the next cycle begins."""
+        """Whether a pulse ends where the pulse of the next cycle begins."""
         ends, begins = self.late == 1 or first >= full, self.late == 0 or second >= full
         return np.asarray((first > 0) & (second > 0) & ends & begins)
 
     def _lag(self, thrust: _Thrust) -> None:
-        """Turn thrust u into y, ``lag y' + y = u``: its integrals are ``∫y = ∫u − lag (y − y₀)`` and that once more integrated."""
+        """Replace the integrals of thrust u by those of y, ``lag y' + y = u``: ``∫y = ∫u − lag (y − y₀)``, and its integral."""
         decay = np.exp(-self.edges_s / self.lag_s)
         answers = thrust.initial[..., None] * (1 - decay) + thrust.lagged
         parts = (part.reshape(len(self.issued), -1, *part.shape[1:]) for part in (answers, thrust.first, thrust.second))
@@ -184,41 +184,44 @@ class Actuators:
 
 
 def _cycles(values: Array, first: int, last: int) -> Array:
-    """(S M, C) of the M cycles from ``first`` to before ``last`` of (S, K, C), 0 where there is no such cycle."""
+    """(S M, C) values of the M cycles from ``first`` to before ``last`` of (S, K, C), 0 outside the log."""
     before, after = min(max(-first, 0), last - first), min(max(last - values.shape[1], 0), last - first)
-    found = values[:, first + before : last - after]
+    chosen = values[:, first + before : last - after]
     if before or after:
-        found = np.pad(found, ((0, 0), (before, after), (0, 0)))
-    return found.reshape(-1, values.shape[2])
+        chosen = np.pad(chosen, ((0, 0), (before, after), (0, 0)))
+    return chosen.reshape(-1, values.shape[2])
 
 
 def _both(ramps: Array) -> Array:
-    """(n, …) sum of the rise and the fall of each pulse, all rises first."""
+    """(n, …) sum of rise and fall of each of n pulses, from (2 n, …) with all rises first."""
     pulses = len(ramps) // 2
     return ramps[:pulses] + ramps[pulses:]
 
 
 @dataclass
 class _Thrust:
-    """Thrust over full of each channel within each of M cycles, at the bins' edges."""
+    """Thrust over full thrust of each channel in each of M cycles, at the bin edges."""
 
     first: Array
-    """(S M, C, B + 1) its integral from the start of the cycle, s."""
+    """(S M, C, B + 1) integral from the start of the cycle, s."""
     second: Array
-    """(S M, C, B + 1) its second integral, s²."""
+    """(S M, C, B + 1) second integral, s²."""
     lagged: Array
-    """(S M, C, B + 1) what a lagging actuator answers to its changes within the cycle."""
+    """(S M, C, B + 1) response of the first-order lag to changes within the cycle."""
     initial: Array
-    """(S M, C) its value at the start of the cycle."""
+    """(S M, C) value at the start of the cycle."""
 
 
 @dataclass(frozen=True)
 class Ramp:
-    """A change of thrust by ``height`` from ``start`` to ``end``, linear; (n,) each; a step where they are the same."""
+    """n linear changes of thrust; a step if start and end are equal."""
 
     start: Array
+    """(n,) s"""
     end: Array
+    """(n,) s"""
     height: Array
+    """(n,) change of thrust over full thrust."""
 
     def integrals(self, time: Array) -> tuple[Array, Array]:
         """First and second integral from 0 to ``time`` (≥ 0), both (n, len(time))."""
@@ -226,19 +229,19 @@ class Ramp:
         x = np.minimum(np.maximum(times - self.start[:, None], 0.0), width)
         after = np.maximum(times - self.end[:, None], 0.0)
         part = x * (x / np.where(width > 0, width, 1.0)) / 2
-        # from before the ramp
+        # integrals from before the ramp
         value, area = self.height[:, None] * (part + after), self.height[:, None] * (x * part / 3 + after * width / 2 + after * after / 2)
         at_zero, value = value[:, :1], value[:, 1:]
         return value - at_zero, area[:, 1:] - area[:, :1] - at_zero * time
 
     def value_at_zero(self) -> Array:
-        """(n,) what the ramp adds at time 0."""
+        """(n,) contribution of the ramp at time 0."""
         width = self.end - self.start
         inside = np.clip(-self.start / np.where(width > 0, width, 1.0), 0.0, 1.0)
         return self.height * np.where(width > 0, inside, self.start <= 0)
 
     def lagged(self, time: Array, lag_s: float) -> Array:
-        """(n, len(time)) answer of ``lag y' + y = u`` to the part of the ramp after time 0."""
+        """(n, len(time)) response y of ``lag y' + y = u`` to the part of the ramp after time 0."""
         start = np.maximum(self.start, 0.0)
         rest, width = self.height - self.value_at_zero(), np.maximum(self.end - start, 0.0)
         since, after = np.maximum(time - start[:, None], 0.0), np.maximum(time - self.end[:, None], 0.0)

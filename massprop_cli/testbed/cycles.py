@@ -1,4 +1,4 @@
-"""Members of a scenario on their way: one control cycle, or a few, after the other, from what is commanded to what the IMU senses."""
+"""Simulation of one or a few control cycles at a time, from commands to IMU increments."""
 
 from collections.abc import Mapping, Sequence
 
@@ -17,33 +17,33 @@ from massprop_cli.testbed.rotors import Rotors
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
 
 BINS = 20
-"""At least this many bins in a cycle."""
-AHEAD = 512
-"""So many cycles of all members together are executed at once, where nothing that is sensed changes the commands."""
+"""Minimum number of bins in a cycle."""
 FINE = 100
-"""... where the IMU is sampled or filtered: a pulse that ends within a bin is taken as spread over it."""
+"""Minimum number of bins with a sampled or filtered IMU, because a pulse that ends within a bin is spread over it."""
+AHEAD = 512
+"""Number of cycles, over all members, executed at once in open loop."""
 TOGETHER = 8
-"""So many cycles are flown as one where nothing that is sensed or done in one decides on the next."""
+"""Number of cycles integrated as one if no cycle affects the commands or the body of the next."""
 STREAMS = ("plan", "pulses", "gyro", "accelerometer", "disturbance", "attitude")
-"""Each has random numbers of its own, so that switching one off leaves the others as they were."""
+"""Independent random streams, so that switching one off does not change the others."""
 
 
 @dataclass(frozen=True)
 class MemberChange:
-    """Members made different from the scenario, to see what difference it makes."""
+    """Changes of individual members from the scenario, for sensitivities."""
 
     bodies: Bodies
-    """One per member, in place of what the scenario has."""
+    """Body of each member instead of the scenario's."""
     rate: Array
-    """(3, S) added to the body rate, rad/s."""
+    """(3, S) change of the body rate, rad/s."""
     damping: Array | float = 0.0
-    """(3, S) added to the torque against the rate over it, N m s."""
+    """(3, S) change of the damping about each axis, N m s."""
     thrust: Array | float = 1.0
     """(S,) factor on all thrust issued from then on."""
 
 
 class Cycles:
-    """S members, K cycles of N records, body axes; :meth:`fly` takes a few cycles after the others, in their order."""
+    """State of a simulation with S members, K cycles of N records, body axes; call :meth:`fly` for successive cycles."""
 
     def __init__(
         self,
@@ -54,7 +54,7 @@ class Cycles:
         running: RunningOf | None = None,
         fine: bool = True,
     ) -> None:
-        """As of :func:`massprop_cli.testbed.simulate.fly`."""
+        """Arguments as in :func:`massprop_cli.testbed.simulate.fly`."""
         self.source, self.seeds, self.changes = source, seeds, changes
         scenario = self.scenario = source.scenario
         rngs = self.rngs = {name: [np.random.default_rng([seed, i]) for seed in seeds] for i, name in enumerate(STREAMS)}
@@ -81,39 +81,42 @@ class Cycles:
         self.events = {event.at(self.period): event for event in scenario.events}
         self.records = scenario.sensors.records_per_cycle
         self.attitude = np.empty((self.members, scenario.cycles * self.records + 1, 4))
-        """(S, K N + 1, 4) at the start and after each record."""
+        """(S, K N + 1, 4) attitude at the start and at the end of each record."""
         self.rate = np.empty((self.members, scenario.cycles + 1, 3))
-        """(S, K + 1, 3) at the edges of cycles, rad/s."""
+        """(S, K + 1, 3) body rate at cycle edges, rad/s."""
         initial = np.array(scenario.vehicle.environment.initial_attitude_wxyz)
         self.attitude[:, 0], self.rate[:, 0] = initial, scenario.initial.rate_rad_s
         alone = not self.open_loop or scenario.vehicle.spinning or scenario.fuel or (scenario.modelled and issued is None)
         self.together = 1 if alone or scenario.room_torque.any() else TOGETHER
         self.onboard = _onboard(source, np.repeat(initial[:, None], self.members, 1), running) if alone and issued is None else None
         self.modelled = np.zeros((self.members, scenario.cycles if scenario.modelled and issued is None else 0, 10))
-        """(S, K, 10) what the control took the body to be in each cycle; none without a model."""
+        """(S, K, 10) body that the control assumed in each cycle; (S, 0, 10) without a model."""
         self.position = np.array(scenario.vehicle.imu.position_m)
 
     def truth(self) -> Array:
-        """(S, 10) quantities of the bodies as they are now."""
+        """(S, 10) current true quantities."""
         return truth.values(self.body)
 
     def fly(self, k: int) -> int:
-        """Cycle k and those flown as one with it: events, commands, what executes, motion, what the IMU senses, fuel. The next cycle."""
+        """Simulate cycle k and the cycles integrated with it; return the next cycle.
+
+        Order: events, commands, executed wrench, motion, IMU, fuel. Raises :class:`InputError` if the motion diverges or the fuel runs out.
+        """
         jump = self._begin(k)
         self._command(k)
-        # no group of cycles depends on how many members there are, or on what comes after it
+        # groups of cycles do not depend on the number of members or on later cycles
         breaks = self.scenario.cycles, *self.events, *self.changes
         until = min(k - k % self.together + self.together, *(cycle for cycle in breaks if cycle > k))
-        mean, gathered, burn_s = self._execute(k, until)
+        mean, partial_impulse, burn_s = self._execute(k, until)
         disturbing = np.repeat(self.torque[:, :, k:until] + self._room_torque(k)[..., None], self.bins, -1)
         mean[:3] += disturbing
-        gathered[:3] += disturbing * (self.width / 2)
+        partial_impulse[:3] += disturbing * (self.width / 2)
         spin = self.exchange.spin(k, self.rate[:, k].T, mean.shape[-1], self.actuators.spun(k))
         mean[:3] -= spin.torque
-        gathered[:3] -= spin.torque * (self.width / 2)
+        partial_impulse[:3] -= spin.torque * (self.width / 2)
         here = self.attitude[:, k * self.records].T
         dynamics = self._dynamics()
-        wrench = Wrench(mean, gathered, spin.momentum, spin.torque, self.damping)
+        wrench = Wrench(mean, partial_impulse, spin.momentum, spin.torque, self.damping)
         motion = dynamics.advance(self.rate[:, k].T, dynamics.fixed(here), wrench, self.width)
         self.exchange.log(k, motion)
         self.rate[:, k + 1 : until + 1] = motion.ends.reshape(3, self.members, until - k, -1)[..., -1].transpose(1, 2, 0)
@@ -125,7 +128,7 @@ class Cycles:
         return until
 
     def _room_torque(self, k: int) -> Array:
-        """(3, S) along the body's axes, as they are in the middle of cycle ``k`` at the rate of its start."""
+        """(3, S) world-fixed torque in body axes at the middle of cycle ``k``, extrapolated with the rate at its start, N m."""
         world = self.scenario.room_torque
         if not world.any():
             return np.zeros((3, self.members))
@@ -134,17 +137,17 @@ class Cycles:
         return to_world(back, np.repeat(world[:, None], self.members, 1))
 
     def _dynamics(self) -> Dynamics:
-        """Of the bodies as they are now."""
+        """Dynamics of the current bodies; cached until the bodies change."""
         if self._moved is None or self._moved[0] is not self.body:
             self._moved = self.body, self.dynamics_of(self._bare(self.body))
         return self._moved[1]
 
     def _bare(self, bodies: Bodies) -> Bodies:
-        """The bodies as far as what stores momentum does not follow it."""
+        """Bodies without the inertia that the stored momentum accounts for."""
         return self.actuators.bare(self.exchange.bare(bodies))
 
     def _check_motion(self, first: int, last: int) -> None:
-        """:class:`InputError` where a member turns too fast at the end of a cycle from ``first`` to before ``last``."""
+        """Raise :class:`InputError` if a member turns by more than 1 rad per cycle in the cycles from ``first`` to before ``last``."""
         wild = ~(np.abs(self.rate[:, first + 1 : last + 1]).max(2) <= 1 / self.period)
         if wild.any():
             k = int(wild.any(0).argmax())
@@ -154,7 +157,10 @@ class Cycles:
             )
 
     def _begin(self, k: int) -> Array | float:
-        """What happens at the start of a cycle; the jump of the IMU's velocity there. A wheel keeps its momentum, so its speed jumps."""
+        """Apply events and changes at the start of a cycle; return the velocity jump (3, S) of the IMU, body axes, m/s.
+
+        A wheel keeps its momentum over a rate jump, so its speed jumps.
+        """
         jump: Array | float = 0.0
         if k in self.events and self.events[k].kind == "dock" and self.scenario.docked is not None:
             alone, other = self.body, truth.bodies(self.scenario.docked, self.members)
@@ -170,7 +176,7 @@ class Cycles:
         return jump
 
     def _command(self, k: int) -> None:
-        """By the plan, with the attitude control where that holds; nothing where commands were recorded."""
+        """Issue the commands of the plan and the attitude control; recorded commands stay."""
         if self.plan is None or self.onboard is None:
             return
         if self.scenario.modelled == "truth":
@@ -188,7 +194,7 @@ class Cycles:
         self.exchange.issue(k, turning)
 
     def _execute(self, k: int, until: int) -> tuple[Array, Array, Array]:
-        """What the actuators execute from cycle k to before ``until``. Where all commands are known, many cycles are computed at once."""
+        """Executed wrench of the actuators from cycle k to before ``until``; in open loop, many cycles are computed at once."""
         first, last, executed = self._executed
         if k >= last:
             ahead = self.together * max(AHEAD // self.members // self.together, 1) if self.open_loop else 1
@@ -196,46 +202,47 @@ class Cycles:
             first, last = k, min(ends)
             executed = self.actuators.execute(first, last)
             self._executed = first, last, executed
-        mean, gathered, burn_s = executed
-        mean, gathered = (part[:, :, k - first : until - first].reshape(6, self.members, -1) for part in (mean, gathered))
-        return mean, gathered, burn_s[:, k - first : until - first].sum(1)
+        mean, partial_impulse, burn_s = executed
+        mean, partial_impulse = (part[:, :, k - first : until - first].reshape(6, self.members, -1) for part in (mean, partial_impulse))
+        return mean, partial_impulse, burn_s[:, k - first : until - first].sum(1)
 
-    def _sense(self, cycles: slice, motion: CycleMotion, felt: Array, jump: Array | float) -> None:
-        """Rate and specific force (3, S, bins) as both sensors log them; the vehicle's own control hears the gyro."""
-        angle = self.gyro.sense(cycles, self._shown(self.gyro, motion.rate, motion.rate_dot * (self.width / 2)))
-        velocity = self.accelerometer.sense(cycles, self._shown(self.accelerometer, felt, np.zeros_like(felt)), jump)
+    def _sense(self, cycles: slice, motion: CycleMotion, specific_force: Array, jump: Array | float) -> None:
+        """Log rate and specific force (3, S, bins) by both sensors, and pass the increments to the on-board control."""
+        angle = self.gyro.sense(cycles, self._recorded(self.gyro, motion.rate, motion.rate_dot * (self.width / 2)))
+        recorded = self._recorded(self.accelerometer, specific_force, np.zeros_like(specific_force))
+        velocity = self.accelerometer.sense(cycles, recorded, jump)
         if self.onboard is not None:
             self.onboard.learn(cycles.stop * self.period, self.actuators.issued[:, cycles.start], angle.T, velocity.T)
             self.onboard.sense(angle, np.array(self.scenario.vehicle.imu.body_from_imu), self.period)
 
-    def _shown(self, sensor: imu.Sensor, mean: Array, grown: Array) -> Array:
-        """(3, S, N) what records show of means (3, S, bins), which grow by so much from a bin's middle to its end."""
+    def _recorded(self, sensor: imu.Sensor, mean: Array, half_step: Array) -> Array:
+        """(3, S, N) recorded values of bin means (3, S, bins), which change by ``half_step`` from the middle of a bin to its end."""
         per_record = (3, self.members, self.records * (mean.shape[-1] // self.bins), -1)
         if sensor.response is None:
             return np.asarray(mean.reshape(per_record).mean(-1))
-        return sensor.response.records((mean - grown).reshape(per_record), (mean + grown).reshape(per_record), self.width)
+        return sensor.response.records((mean - half_step).reshape(per_record), (mean + half_step).reshape(per_record), self.width)
 
     def _burn(self, k: int, burn_s: Array) -> None:
-        """What the fuel of a cycle leaves; :class:`InputError` where that is no body."""
-        still, fuel = self.scenario.vehicle.bearing_mass_kg, self.scenario.fuel
+        """Subtract the fuel burnt in a cycle. Raises :class:`InputError` if mass or inertia is no longer positive."""
+        bearing_mass, fuel = self.scenario.vehicle.bearing_mass_kg, self.scenario.fuel
         if fuel is None:
             return
         impulse = np.abs(burn_s) @ np.linalg.norm(self.actuators.wrench[:, 3:], axis=1)
-        body = self.body = truth.burnt(self.body, fuel, impulse, still)
-        left = body.mass - still
-        least = np.linalg.eigvalsh(np.moveaxis(body.inertia, -1, 0))[:, 0]
-        gone = ~((left > 0) & (least > 0))
-        if gone.any():
-            member = int(np.argmax(gone))
+        body = self.body = truth.burnt(self.body, fuel, impulse, bearing_mass)
+        mass = body.mass - bearing_mass
+        moment = np.linalg.eigvalsh(np.moveaxis(body.inertia, -1, 0))[:, 0]
+        invalid = ~((mass > 0) & (moment > 0))
+        if invalid.any():
+            member = int(np.argmax(invalid))
             raise InputError(
                 f"{self.source.source}, seed {self.seeds[member]}: at {self.period * (k + 1):g} s the fuel burnt leaves no body (mass "
-                f"{left[member]:.4g} kg, least moment of inertia {least[member]:.4g} kg m^2); raise fuel.specific_impulse_s, or correct "
+                f"{mass[member]:.4g} kg, least moment of inertia {moment[member]:.4g} kg m^2); raise fuel.specific_impulse_s, or correct "
                 "fuel.tank_position_m"
             )
 
 
 def _onboard(source: ScenarioSource, attitude: Array, running: RunningOf | None) -> Onboard:
-    """Control of the vehicles that begin at ``attitude`` (4, S)."""
+    """Attitude control of vehicles with initial attitude ``attitude`` (4, S)."""
     scenario, members = source.scenario, attitude.shape[1]
     body = np.repeat(nominal(scenario.vehicle.nominal)[None], members, 0)
     if scenario.modelled != "estimate":
@@ -251,14 +258,14 @@ def _setting(scenario: Scenario, members: int, edges_s: Array) -> Setting:
 
 
 def _bins(scenario: Scenario, fine: bool) -> int:
-    """Bins in a cycle: a multiple of the records, and of the ticks where there are a moderate number of them."""
+    """Number of bins in a cycle: a multiple of the records, and of the on-time ticks unless there are too many."""
     records, tick = scenario.sensors.records_per_cycle, scenario.tick_s
     ticks = round(scenario.vehicle.cycle.period_s / tick) if tick else 1
     base = int(np.lcm(records, ticks)) if ticks <= 4 * BINS and np.lcm(records, ticks) <= 10 * BINS else records
     imu = scenario.vehicle.imu
     averages = imu.measures != "sample" and imu.gyro_filter is None and imu.accel_filter is None
-    least = FINE if fine and not averages else BINS
-    return base * -(-least // base)
+    minimum = FINE if fine and not averages else BINS
+    return base * -(-minimum // base)
 
 
 def _actuators(scenario: Scenario, rngs: list[np.random.Generator], edges_s: Array, issued: Array | None) -> Actuators:
@@ -277,7 +284,7 @@ def _actuators(scenario: Scenario, rngs: list[np.random.Generator], edges_s: Arr
 
 
 def _disturbance(scenario: Scenario, rngs: list[np.random.Generator]) -> Array:
-    """(3, S, K) torque that does not depend on the motion, N m."""
+    """(3, S, K) disturbance torque that does not depend on the motion, body axes, N m."""
     stated, real = scenario.vehicle.environment, scenario.disturbance
     white = stated.disturbance_torque_n_m if real.torque_n_m is None else real.torque_n_m
     walk = stated.disturbance_walk_n_m if real.walk_n_m is None else real.walk_n_m
@@ -289,12 +296,12 @@ def _disturbance(scenario: Scenario, rngs: list[np.random.Generator]) -> Array:
 
 
 def _attitudes(attitude: Array, motion: CycleMotion, width_s: float, records: int) -> Array:
-    """(S, N, 4) after each record of a cycle that begins at ``attitude`` (4, S)."""
+    """(S, N, 4) attitude at the end of each of N records, from ``attitude`` (4, S)."""
     turns = quaternions(rotation_vectors(motion, width_s))
     turns = compose_all(turns.reshape(4, attitude.shape[1], records, -1))
-    found = np.empty((attitude.shape[1], records, 4))
+    attitudes = np.empty((attitude.shape[1], records, 4))
     for record in range(records):
         attitude = compose(attitude, turns[..., record])
         attitude = attitude / np.sqrt((attitude * attitude).sum(0))
-        found[:, record] = attitude.T
-    return found
+        attitudes[:, record] = attitude.T
+    return attitudes

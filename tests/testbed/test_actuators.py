@@ -81,12 +81,12 @@ def test_gathered_impulse_is_the_mean_of_the_running_integral() -> None:
     actuators.issued[0] = issued
     fine = 80
     for k in (10, 14, 19):
-        _, gathered, _ = actuators.execute(k, k + 1)
+        _, partial_impulse, _ = actuators.execute(k, k + 1)
         time = flight.CYCLE * k + width * (np.arange(BINS * fine) + 0.5) / fine
         thrust = np.array([flight.thrust_fraction(issued, 0.37, 0.003, t) for t in time]) @ flown.vehicle.jet_wrench
         steps = thrust.reshape(BINS, fine, 6)
         running = (np.cumsum(steps, 1) - steps / 2) * width / fine
-        assert np.allclose(gathered[:, 0, 0].T, running.mean(1), rtol=0, atol=3e-3 * width)
+        assert np.allclose(partial_impulse[:, 0, 0].T, running.mean(1), rtol=0, atol=3e-3 * width)
 
 
 def test_a_ramps_integrals_are_those_of_its_drawn_line() -> None:

@@ -1,4 +1,4 @@
-"""What the simulated environments change in the motion of a free body: one file for each, and the one that a vehicle file states."""
+"""Simulated environments: one module for each, and the selection by the vehicle file."""
 
 from collections.abc import Callable
 
@@ -11,7 +11,7 @@ from massprop_cli.testbed.scenario import Scenario
 
 
 def dynamics_in(scenario: Scenario) -> Callable[[Bodies], Dynamics]:
-    """How bodies move in the environment that the vehicle file states."""
+    """Constructor of the dynamics of bodies in the environment of the vehicle file."""
     stated, real = scenario.vehicle.environment, scenario.disturbance
     if stated.kind == "free":
         return Dynamics
@@ -20,5 +20,5 @@ def dynamics_in(scenario: Scenario) -> Callable[[Bodies], Dynamics]:
         table = TablePlant(stated.gravity_m_s2, real.table_hold * stated.gravity_m_s2 * np.array([-about_y, about_x, 0.0]))
         return lambda bodies: OnTable(bodies, table)
     bearing = Bearing(np.array(stated.bearing_position_m), stated.bearing_mass_kg, stated.gravity_m_s2)
-    held = OnPedestal if stated.kind == "pedestal" else OnBearing
-    return lambda bodies: held(bodies, bearing)
+    dynamics = OnPedestal if stated.kind == "pedestal" else OnBearing
+    return lambda bodies: dynamics(bodies, bearing)
