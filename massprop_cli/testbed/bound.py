@@ -1,8 +1,8 @@
-"""Fisher information of a flight: what its log tells of the mass properties. Its inverse is the Cramér–Rao bound.
+"""Fisher information of a flight on the mass properties; its inverse is the Cramér–Rao bound.
 
-The commands that were issued are flown again open loop, once for each parameter a little larger and once a little smaller. The differences
-of the noise-free increments are the sensitivities; with the IMU's noise they make the information matrix. Body rates at the start are
-unknown too; the attitude is known; disturbances, pulse errors and biases are not counted.
+The simulator flies the issued commands open loop with each parameter slightly larger and slightly smaller. Central differences of the
+noise-free increments are the sensitivities, which give the information matrix with the IMU's noise. The initial body rate is unknown, the
+attitude is known. Disturbances, pulse errors and biases are not included.
 """
 
 from collections.abc import Sequence
@@ -15,24 +15,25 @@ from massprop_cli.testbed.scenario import ScenarioSource
 from massprop_cli.testbed.simulate import MemberChange, fly
 
 STEP = 1e-6
-"""Parameters are changed by this part of their natural size."""
+"""Step of the mass properties, as a fraction of their natural size."""
 RATE_STEP = 1e-6
-"""rad/s; body rates by this much."""
-BESIDE_STEP = 1e-5
-"""Of its stated sigma, by how much damping and the scale of thrust are changed."""
+"""Step of the body rates, rad/s."""
+NUISANCE_STEP = 1e-5
+"""Step of nuisance parameters (damping, thrust scale), as a fraction of their stated sigma."""
 
 
 NOTHING = np.zeros((0, 4))
-"""No unknown beside quantities and rates."""
+"""No nuisance parameters."""
 
 
-def information(source: ScenarioSource, issued: Array, values: Array, beside: Array = NOTHING, fine: bool = True) -> Array:
-    """(S, K, 13 + n, the same) each cycle's information on the ten quantities (S, 10), the rate at the start and what is ``beside`` (n, 4).
+def information(source: ScenarioSource, issued: Array, values: Array, nuisance: Array = NOTHING, fine: bool = True) -> Array:
+    """(S, K, 13 + n, 13 + n) information of each cycle on the ten quantities (S, 10), the initial rate and n nuisance parameters.
 
-    In units of :func:`natural_sizes`, rad/s and one sigma of what is beside them, by (S, K, C) commands issued. Information adds up: the
-    bound after cycle k is the inverse of the sum so far. ``fine`` as of :func:`massprop_cli.testbed.simulate.fly`.
+    Units: :func:`natural_sizes`, rad/s, and one sigma of each nuisance parameter. ``issued``: (S, K, C) commands. ``nuisance``: as in
+    :func:`sensitivities`. The bound after cycle k is the inverse of the sum so far. ``fine`` as in
+    :func:`massprop_cli.testbed.simulate.fly`.
     """
-    slopes = sensitivities(source, [0] * len(values), issued, values, 0, beside, fine)
+    slopes = sensitivities(source, [0] * len(values), issued, values, 0, nuisance, fine)
     members, unknowns = slopes.shape[:2]
     by_cycle = np.moveaxis(slopes.reshape(members, unknowns, issued.shape[1], -1), 1, 2)
     sizes = np.concatenate([[natural_sizes(body) for body in values], np.ones((members, unknowns - 10))], 1)
@@ -40,7 +41,7 @@ def information(source: ScenarioSource, issued: Array, values: Array, beside: Ar
 
 
 def noise_free(source: ScenarioSource) -> ScenarioSource:
-    """The same with perfect sensors, and no fuel burnt."""
+    """The scenario without sensor noise, quantisation and fuel consumption."""
     sensors = source.scenario.sensors.model_copy(
         update={"gyro_noise_rad_s": 0.0, "accel_noise_m_s2": 0.0, "gyro_quantum_rad": 0.0, "accel_quantum_m_s": 0.0}
     )
@@ -48,19 +49,20 @@ def noise_free(source: ScenarioSource) -> ScenarioSource:
 
 
 def sensitivities(
-    source: ScenarioSource, seeds: Sequence[int], issued: Array, values: Array, start: int, beside: Array, fine: bool = True
+    source: ScenarioSource, seeds: Sequence[int], issued: Array, values: Array, start: int, nuisance: Array, fine: bool = True
 ) -> Array:
-    """(S, 13 + n, K N, a) whitened change of each record, of the axes that are logged.
+    """(S, 13 + n, K N, a) derivatives of each record, on the logged axes, over the noise.
 
-    By one unit of each of the ten quantities (S, 10) and the rate at cycle ``start``, and by one sigma of what is ``beside`` them (n, 4).
+    By the ten quantities (S, 10), by the rate at cycle ``start``, and by one sigma of each nuisance parameter. A row of ``nuisance`` (n, 4)
+    is one sigma of the damping about each axis, N m s, and of the relative thrust scale.
     """
-    scenario, members, unknowns = source.scenario, len(values), 13 + len(beside)
+    scenario, members, unknowns = source.scenario, len(values), 13 + len(nuisance)
     period, records = scenario.vehicle.cycle.period_s, scenario.sensors.records_per_cycle
-    sizes = [np.concatenate([STEP * natural_sizes(body), np.full(3, RATE_STEP), np.full(len(beside), BESIDE_STEP)]) for body in values]
+    sizes = [np.concatenate([STEP * natural_sizes(body), np.full(3, RATE_STEP), np.full(len(nuisance), NUISANCE_STEP)]) for body in values]
     moves = np.array(sizes)[:, :, None] * np.eye(unknowns)
     both = np.concatenate([moves, -moves], 1).reshape(-1, unknowns)
     bodies = np.repeat(values, 2 * unknowns, 0) + both[:, :10]
-    others = (both[:, 13:] @ beside).T
+    others = (both[:, 13:] @ nuisance).T
     change = MemberChange(as_bodies(bodies), both[:, 10:13].T, others[:3], 1 + others[3])
     every = np.repeat(seeds, 2 * unknowns).tolist()
     flown = fly(noise_free(source), every, issued=np.repeat(issued, 2 * unknowns, 0), changes={start: change}, fine=fine)
@@ -76,18 +78,19 @@ def sensitivities(
 
 
 def natural_sizes(values: Array) -> Array:
-    """(10,) trace, sqrt(trace/mass) and mass of a body: how large its quantities are by nature."""
+    """(10,) natural sizes of a body's quantities: trace of the inertia, sqrt(trace / mass) for the CG, and mass."""
     trace, mass = values[[0, 3, 5]].sum(), values[9]
     return np.concatenate([np.full(6, trace), np.full(3, np.sqrt(trace / mass)), [mass]])
 
 
 def as_bodies(values: Array) -> Bodies:
-    """One body for each row of (S, 10)."""
+    """Bodies of S rows of ten quantities (S, 10)."""
     inertia = values.T[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3, -1)
     return Bodies(inertia, np.ascontiguousarray(values[:, 6:9].T), np.ascontiguousarray(values[:, 9]))
 
 
 def _sigma(real: float | None, stated: float | None, axes: Sequence[bool]) -> float:
+    """Noise sigma of a sensor, true or stated; 1 if no axis is logged."""
     sigma = stated if real is None else real
     if not sigma and any(axes):
         raise ValueError("a bound needs noise on each sensor that is logged")

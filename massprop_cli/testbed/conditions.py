@@ -1,4 +1,4 @@
-"""What a scenario states of the body, its sensors and actuators as they really are, and of what disturbs it; the thrust of its rotors."""
+"""True conditions of a scenario: body, sensors, actuators, disturbances and control; thrust of rotors."""
 
 from typing import Literal, Self
 
@@ -40,18 +40,18 @@ class Body(Section):
 
     @property
     def values(self) -> Array:
-        """(10,) in the order of :data:`massprop_cli.QUANTITIES`, products as the tensor's own elements."""
+        """(10,) quantities in the order of :data:`massprop_cli.QUANTITIES`; products are the tensor's elements."""
         flip = -1.0 if self.poi_convention == "positive_integral" else 1.0
         return np.array([getattr(self, name) * (flip if name in PRODUCTS else 1.0) for name in QUANTITIES])
 
     @property
     def inertia(self) -> Array:
-        """(3, 3) about the CG, kg m²."""
+        """(3, 3) inertia about the CG, kg m²."""
         return tensor(self.values[:6])
 
     @property
     def breaks_triangle(self) -> bool:
-        """Whether no real body has these principal moments."""
+        """Whether the principal moments violate the triangle inequality."""
         low, middle, high = np.linalg.eigvalsh(self.inertia)
         return bool(low + middle < high * (1 - 1e-9))
 
@@ -185,27 +185,27 @@ class Initial(Section):
 
 
 CURVE = 2001
-"""Values of x at which thrust is inverted."""
+"""Number of values of x in the table that inverts thrust."""
 
 
 def thrust(rotor: Rotor, x: Array) -> Array:
-    """N."""
+    """Thrust of a rotor at ``x``, N."""
     return np.polynomial.Polynomial(rotor.thrust_n)(x)
 
 
 def curve(rotor: Rotor, real: TrueActuators) -> tuple[Array, Array]:
-    """Values of x up to ``max_rotor_command``, and thrust there, N."""
+    """(n,) values of x up to ``max_rotor_command``, and (n,) thrust at these, N."""
     x = np.linspace(0.0, real.max_rotor_command or 0.0, CURVE)
     return x, thrust(rotor, x)
 
 
 def full_thrust(vehicle: Vehicle, real: TrueActuators) -> Array:
-    """(2, R) least and largest thrust of each, N."""
+    """(2, R) smallest and largest thrust of each rotor, N."""
     return np.array([curve(rotor, real)[1][[0, -1]] for rotor in vehicle.rotors]).T
 
 
 def rotor_problem(vehicle: Vehicle, real: TrueActuators, at_once: bool) -> str:
-    """Why they can't be flown, ``at_once`` without thrust lag; empty where they can."""
+    """Reason why the rotors cannot be simulated; empty if they can. ``at_once``: without thrust lag."""
     if not vehicle.rotors:
         return (
             "" if real.max_rotor_command is None and real.hover_force_n is None else "max_rotor_command and hover_force_n need [[rotors]]"

@@ -1,4 +1,4 @@
-"""All devices of a vehicle that store momentum, kind by kind."""
+"""All simulated momentum devices of a vehicle, by kind."""
 
 from collections.abc import Mapping, Sequence
 
@@ -16,25 +16,25 @@ KINDS: tuple[type[Exchanger], ...] = (Wheels, Gyros)
 
 
 def channels(vehicle: Vehicle) -> int:
-    """How many commands each cycle has."""
+    """Number of commands to momentum devices in each cycle."""
     return sum(kind.channels(vehicle) for kind in KINDS)
 
 
 def full(vehicle: Vehicle, real: TrueActuators) -> Array:
-    """(3,) largest torque on the body about each axis, N m, by the first kind that the vehicle has."""
+    """(3,) largest torque on the body about each axis by the first kind that the vehicle has, N m."""
     return next((kind.full(vehicle, real) for kind in KINDS if kind.channels(vehicle)), np.zeros(3))
 
 
 def problem(vehicle: Vehicle, real: TrueActuators, truth: Array, turned_by: bool) -> str:
-    """Why it can't be flown; empty where it can."""
-    return next((said for kind in KINDS if (said := kind.problem(vehicle, real, truth, turned_by))), "")
+    """Reason why the momentum devices cannot be simulated; empty if they can."""
+    return next((reason for kind in KINDS if (reason := kind.problem(vehicle, real, truth, turned_by))), "")
 
 
 class Exchange:
-    """Of one flight."""
+    """Momentum devices of one flight, S members."""
 
     def __init__(self, setting: Setting, issued: Array | None) -> None:
-        """``issued`` (K, C) or (S, K, C) are recorded commands, kind by kind."""
+        """``issued``: recorded commands (K, C) or (S, K, C), in the order of the kinds; None: commands follow."""
         self.kinds = [kind(setting) for kind in KINDS if kind.channels(setting.vehicle)]
         self.shape = (setting.members, setting.cycles, 0)
         first = 0
@@ -48,21 +48,21 @@ class Exchange:
         return np.concatenate([np.zeros(self.shape), *(kind.issued for kind in self.kinds)], -1)
 
     def bare(self, bodies: Bodies) -> Bodies:
-        """The bodies as far as momentum that is followed does not count what the devices add to them."""
+        """Bodies without the inertia that the devices' own momentum accounts for."""
         for kind in self.kinds:
             bodies = kind.bare(bodies)
         return bodies
 
     def issue(self, cycle: int, torque: Array) -> None:
-        """Ask the first kind for torque on the body (S, 3), N m."""
+        """Command the first kind to give a torque (S, 3) on the body, N m."""
         if self.kinds:
             self.kinds[0].issue(cycle, torque)
 
     def spin(self, cycle: int, rate: Array, bins: int, others: Sequence[Spin]) -> Spin:
-        """Through one cycle of ``bins`` that begins at the body's ``rate`` (3, S), with what ``others`` store."""
-        found = [*(kind.spin(cycle, rate) for kind in self.kinds), *others]
+        """Stored momentum through one cycle of ``bins`` bins that starts at body rate ``rate`` (3, S), plus that of ``others``."""
+        spins = [*(kind.spin(cycle, rate) for kind in self.kinds), *others]
         none = np.zeros((*rate.shape, bins))
-        return Spin(sum((one.torque for one in found), none), sum((one.momentum for one in found), none))
+        return Spin(sum((one.torque for one in spins), none), sum((one.momentum for one in spins), none))
 
     def log(self, cycle: int, motion: CycleMotion) -> None:
         """Read all devices at the end of each record."""
@@ -71,10 +71,10 @@ class Exchange:
 
     @property
     def turning(self) -> Mapping[str, Array]:
-        """(S, K N) what each device does after each record, by the log column of that."""
+        """(S, K N) state of each device at the end of each record, by log column."""
         return {name: values for kind in self.kinds for name, values in kind.turning.items()}
 
     @property
     def columns(self) -> Mapping[str, Array]:
-        """(S, K N) what the vehicle file says that the log has of them."""
+        """(S, K N) columns of the devices in the log."""
         return {name: values for kind in self.kinds for name, values in kind.columns.items()}

@@ -1,4 +1,4 @@
-"""The seam of what stores momentum in the simulator: devices of one kind, whose momentum is followed cycle by cycle."""
+"""Interface of simulated momentum devices: all devices of one kind, whose momentum is integrated cycle by cycle."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -14,40 +14,43 @@ from massprop_cli.testbed.conditions import TrueActuators
 from massprop_cli.testbed.motion import Bodies, CycleMotion
 
 SERVED = 3e-5
-"""By which a unit of torque about an axis may miss it."""
+"""Largest error of a unit torque about an axis that the devices count as able to give, N m."""
 
 
 class Setting(NamedTuple):
-    """What the devices of S members go through: K cycles of N records, each cycle of B bins."""
+    """Vehicle and dimensions of a simulation: S members, K cycles of N records, B bins in each cycle."""
 
     vehicle: Vehicle
     real: TrueActuators
     members: int
+    """S"""
     cycles: int
+    """K"""
     records: int
+    """N"""
     delay_cycles: float
-    """From the start of the cycle that issues a command to the start of its execution."""
+    """Delay from the start of the cycle that issues a command to the start of its execution, cycles."""
     rate_rad_s: Vector
-    """Of the body at the start."""
+    """Initial body rate, rad/s."""
     edges_s: Array
-    """(B + 1,) of the bins, from the start of a cycle."""
+    """(B + 1,) bin edges from the start of a cycle, s."""
 
 
 @dataclass(frozen=True)
 class Spin:
-    """What devices do within a cycle, body axes, bin by bin."""
+    """Momentum stored in devices within a cycle, body axes."""
 
     torque: Array
-    """(3, S, B) growth of their momentum in axes that turn with the body, N m."""
+    """(3, S, B) rate of change of the momentum in body axes, N m."""
     momentum: Array
-    """(3, S, B) mean over each bin, N m s."""
+    """(3, S, B) mean momentum of each bin, N m s."""
 
 
 class Exchanger(ABC):
-    """All devices of one kind, of S members through K cycles of N records."""
+    """All momentum devices of one kind: S members, K cycles of N records."""
 
     TABLE: ClassVar[str]
-    """Of the vehicle file."""
+    """Table of the vehicle file."""
 
     def __init__(self, setting: Setting) -> None:
         self.setting, self.edges_s = setting, setting.edges_s
@@ -57,58 +60,64 @@ class Exchanger(ABC):
 
     @classmethod
     def channels(cls, vehicle: Vehicle) -> int:
-        """C, how many commands each cycle has."""
+        """C, number of commands in each cycle."""
         return len(getattr(vehicle, cls.TABLE))
 
     @staticmethod
     @abstractmethod
     def full(vehicle: Vehicle, real: TrueActuators) -> Array:
-        """(3,) largest torque on the body about each axis, N m; 0 about one that they don't serve without disturbing the others."""
+        """(3,) largest torque on the body about each axis, N m; 0 about an axis that cannot be driven without the others."""
 
     @staticmethod
     @abstractmethod
     def problem(vehicle: Vehicle, real: TrueActuators, truth: Array, turned_by: bool) -> str:
-        """Why a vehicle of the true inertia ``truth`` (3, 3) can't be flown; ``turned_by``: the plan turns by them. Empty where it can."""
+        """Reason why a vehicle with true inertia ``truth`` (3, 3) cannot be simulated; empty if it can.
+
+        ``turned_by``: whether the plan turns the vehicle by these devices.
+        """
 
     @abstractmethod
     def bare(self, bodies: Bodies) -> Bodies:
-        """The bodies as far as the momentum of :meth:`spin` does not count what the devices add to them."""
+        """Bodies without the inertia that the momentum of :meth:`spin` accounts for."""
 
     @abstractmethod
     def issue(self, cycle: int, torque: Array) -> None:
-        """Take torque on the body (S, 3), N m, as far as the devices can give it."""
+        """Command a torque (S, 3) on the body within the devices' limits, N m."""
 
     @abstractmethod
     def spin(self, cycle: int, rate: Array) -> Spin:
-        """Through one cycle that begins at the body's ``rate`` (3, S)."""
+        """Stored momentum through one cycle that starts at body rate ``rate`` (3, S)."""
 
     @abstractmethod
     def log(self, cycle: int, motion: CycleMotion) -> None:
-        """Read the devices at the end of each record."""
+        """Store the state of the devices at the end of each record of a cycle."""
 
     @property
     @abstractmethod
     def turning(self) -> Mapping[str, Array]:
-        """(S, K N) what each device does after each record, by the log column of that."""
+        """(S, K N) state of each device at the end of each record, by log column."""
 
     @property
     def columns(self) -> Mapping[str, Array]:
-        """(S, K N) what the vehicle file says that the log has of them; NaN in cells that are empty."""
+        """(S, K N) columns of the devices in the log; NaN in empty cells."""
         return self.turning
 
 
 def held(issued: Array, cycle: int, delay_cycles: float, period_s: float, edges_s: Array) -> Array:
-    """(S, C, B) mean command of each bin: each cycle's (S, K, C) is held for a cycle, from its delay on."""
+    """(S, C, B) mean command of each bin; each of the commands ``issued`` (S, K, C) is held for one cycle from its delay on."""
     source = int(np.floor(cycle - delay_cycles))
-    late = (delay_cycles + source - cycle + 1) * period_s  # from when on the next one acts
-    later = np.clip((edges_s[1:] - late) / np.diff(edges_s), 0.0, 1.0)
+    switch_s = (delay_cycles + source - cycle + 1) * period_s  # start of the next command
+    fraction = np.clip((edges_s[1:] - switch_s) / np.diff(edges_s), 0.0, 1.0)
     cycles = range(issued.shape[1])
     first, second = (issued[:, k] if k in cycles else np.zeros_like(issued[:, 0]) for k in (source, source + 1))
-    return np.asarray(first[..., None] * (1 - later) + second[..., None] * later)
+    return np.asarray(first[..., None] * (1 - fraction) + second[..., None] * fraction)
 
 
-def largest(gained: Array, limit: float) -> Array:
-    """(3,) torque about each axis of which commands up to ``limit`` give none about another; ``gained`` (3, C) is what they give."""
-    share = np.linalg.pinv(gained)
-    served, most = np.abs(gained @ share - np.eye(3)).max(0) < SERVED, np.abs(share).max(0)
-    return np.where(served, limit / np.where(most > 0, most, 1.0), 0.0)
+def largest(torque_per_command: Array, limit: float) -> Array:
+    """(3,) largest pure torque about each axis from commands up to ``limit``; 0 about axes that cannot be driven without the others.
+
+    ``torque_per_command``: (3, C) torque on the body of a unit of each command.
+    """
+    allocation = np.linalg.pinv(torque_per_command)
+    served, peak = np.abs(torque_per_command @ allocation - np.eye(3)).max(0) < SERVED, np.abs(allocation).max(0)
+    return np.where(served, limit / np.where(peak > 0, peak, 1.0), 0.0)

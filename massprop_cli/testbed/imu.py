@@ -1,4 +1,4 @@
-"""The IMU as it really is: mounting, bias, white noise, low-pass, range, quantised increments; and the attitude logged beside it."""
+"""Simulated IMU (mounting, bias, white noise, low-pass, range, quantisation) and simulated attitude log."""
 
 from __future__ import annotations
 
@@ -15,16 +15,19 @@ from massprop_cli.testbed.scenario import Scenario
 
 @dataclass
 class RecordKernel:
-    """How a sensor answers within a record: a Butterworth low-pass as lags in parallel, and whether it is read off at records' ends."""
+    """Response of a sensor within a record: Butterworth low-pass as parallel lags, then a sample or a mean."""
 
     instant: bool
+    """True if records are samples at their ends, False if they are means."""
     lags_s: list[complex]
+    """Time constants, s."""
     weights: list[complex]
+    """Weights of the lags."""
     _states: list[Array] = field(default_factory=list)
 
     @staticmethod
     def of(instant: bool, low_pass: LowPass | None) -> RecordKernel | None:
-        """None for means over records."""
+        """Kernel of a sensor; None for means without a low-pass."""
         if low_pass is None:
             return RecordKernel(True, [], []) if instant else None
         tau = 1 / (2 * np.pi * low_pass.cutoff)
@@ -34,12 +37,15 @@ class RecordKernel:
         return RecordKernel(instant, lags, [lags[0] / (lags[0] - lags[1]), lags[1] / (lags[1] - lags[0])])
 
     def records(self, begin: Array, end: Array, width_s: float) -> Array:
-        """(3, S, N) of what grows from ``begin`` to ``end`` (3, S, N, B) in each of the bins of N records; at rest before the first."""
+        """(3, S, N) recorded values of a signal that is linear in each of B bins of N records, from ``begin`` to ``end`` (3, S, N, B).
+
+        The signal is constant before the first record.
+        """
         if not self.lags_s:
             return end[..., -1]
         if not self._states:
             self._states = [begin[..., 0, 0].astype(complex) for _ in self.lags_s]
-        found = np.empty(begin.shape[:3])
+        recorded = np.empty(begin.shape[:3])
         for record in range(begin.shape[2]):
             area = np.zeros(begin.shape[:2])
             for b in range(begin.shape[3]):
@@ -50,71 +56,75 @@ class RecordKernel:
                     now = self._states[i] * (1 - rest) + first * rest + (last - first) / width_s * (width_s - lag * rest)
                     area -= (weight * lag * (now - self._states[i])).real
                     self._states[i] = now
-            shown = np.sum([weight * state for weight, state in zip(self.weights, self._states, strict=True)], 0).real
-            found[..., record] = shown if self.instant else area / (begin.shape[3] * width_s)
-        return found
+            sample = np.sum([weight * state for weight, state in zip(self.weights, self._states, strict=True)], 0).real
+            recorded[..., record] = sample if self.instant else area / (begin.shape[3] * width_s)
+        return recorded
 
 
 @dataclass
 class Sensor:
-    """A gyro or an accelerometer of all members: mean rates in body axes to increments in IMU axes."""
+    """Gyro or accelerometer of all members: converts mean rates in body axes to logged increments in IMU axes."""
 
     imu_from_body: Array
-    """(3, 3)"""
+    """(3, 3) rotation from body to IMU axes."""
     noise: Array
-    """(3, S, K, N) of a record's mean, IMU axes."""
+    """(3, S, K, N) noise of each record's mean, IMU axes."""
     bias: Array
-    """(3,) IMU axes."""
+    """(3,) bias, IMU axes."""
     limit: float | None
     """Range, per second."""
     quantum: float
     """Smallest increment."""
     record_s: float
+    """Length of a record, s."""
     kept: float = 0.0
-    """What its low-pass keeps of a record in the next."""
+    """Decay factor exp(−T / τ) of the record-wise low-pass."""
     response: RecordKernel | None = None
-    """Where its records are no means."""
+    """Kernel of records that are not plain means."""
     increments: Array = field(init=False)
-    """(3, S, K, N) what is logged, IMU axes."""
+    """(3, S, K, N) logged increments, IMU axes."""
 
     def __post_init__(self) -> None:
         self.increments = np.zeros_like(self.noise)
-        self._left = np.zeros(self.noise.shape[:2])
+        self._remainder = np.zeros(self.noise.shape[:2])
         self._last: Array | None = None
 
     def sense(self, cycles: slice, mean: Array, jump: Array | float = 0.0) -> Array:
-        """Log cycles from (3, S, N) what their records show, ``jump`` (3, S) on top of the first; the sum of their increments, (3, S)."""
-        seen: Array = apply(self.imu_from_body[..., None, None], mean) + self.bias[:, None, None]
-        seen += self.noise[:, :, cycles].reshape(seen.shape)
+        """Log cycles whose records have true values ``mean`` (3, S, N), body axes; return the (3, S) sum of their increments.
+
+        ``jump``: (3, S) step of the integrated quantity in the first record.
+        """
+        reading: Array = apply(self.imu_from_body[..., None, None], mean) + self.bias[:, None, None]
+        reading += self.noise[:, :, cycles].reshape(reading.shape)
         if np.ndim(jump):
-            seen[..., 0] += apply(self.imu_from_body[..., None], np.asarray(jump)) / self.record_s
+            reading[..., 0] += apply(self.imu_from_body[..., None], np.asarray(jump)) / self.record_s
         if self.kept > 0:
-            seen = self._lowpassed(seen)
+            reading = self._lowpassed(reading)
         if self.limit is not None:
-            seen = np.clip(seen, -self.limit, self.limit)
-        step = seen * self.record_s
+            reading = np.clip(reading, -self.limit, self.limit)
+        step = reading * self.record_s
         if self.quantum > 0:
-            # what a count does not hold is carried over, as integrating sensors do
-            whole = np.round((self._left[..., None] + np.cumsum(step, -1)) / self.quantum) * self.quantum
-            exact = self._left + step.sum(-1)
+            # integrating sensors carry the quantisation remainder into the next record
+            whole = np.round((self._remainder[..., None] + np.cumsum(step, -1)) / self.quantum) * self.quantum
+            exact = self._remainder + step.sum(-1)
             step = np.diff(whole, axis=-1, prepend=0.0)
-            self._left = exact - whole[..., -1]
+            self._remainder = exact - whole[..., -1]
         self.increments[:, :, cycles] = step.reshape(*step.shape[:2], -1, self.increments.shape[-1])
         return np.asarray(step.sum(-1))
 
-    def _lowpassed(self, seen: Array) -> Array:
-        """(3, S, N) records of a cycle after a first-order low-pass, which began at rest with the first."""
-        found = np.empty_like(seen)
-        last: Array = seen[..., 0] if self._last is None else self._last
-        for k in range(seen.shape[-1]):
-            found[..., k] = self.kept * last + (1 - self.kept) * seen[..., k]
-            last = found[..., k]
+    def _lowpassed(self, reading: Array) -> Array:
+        """(3, S, N) records after a first-order low-pass, which starts in steady state at the first record."""
+        filtered = np.empty_like(reading)
+        last: Array = reading[..., 0] if self._last is None else self._last
+        for k in range(reading.shape[-1]):
+            filtered[..., k] = self.kept * last + (1 - self.kept) * reading[..., k]
+            last = filtered[..., k]
         self._last = last
-        return found
+        return filtered
 
 
 def gyro(scenario: Scenario, rngs: list[np.random.Generator]) -> Sensor:
-    """The scenario's gyro, rad."""
+    """Gyro of the scenario; increments in rad."""
     stated, real = scenario.vehicle.imu, scenario.sensors
     sigma = stated.gyro_noise_rad_s if real.gyro_noise_rad_s is None else real.gyro_noise_rad_s
     limits = stated.gyro_range_rad_s, real.gyro_quantum_rad
@@ -127,7 +137,7 @@ def gyro(scenario: Scenario, rngs: list[np.random.Generator]) -> Sensor:
 
 
 def accelerometer(scenario: Scenario, rngs: list[np.random.Generator]) -> Sensor:
-    """The scenario's accelerometer, m/s."""
+    """Accelerometer of the scenario; increments in m/s."""
     stated, real = scenario.vehicle.imu, scenario.sensors
     sigma = stated.accel_noise_m_s2 if real.accel_noise_m_s2 is None else real.accel_noise_m_s2
     limits = stated.accel_range_m_s2, real.accel_quantum_m_s
@@ -146,7 +156,7 @@ def _sensor(
     records = scenario.sensors.records_per_cycle
     record_s = scenario.vehicle.cycle.period_s / records
     shape = (scenario.cycles, records, 3)
-    # sigma is that of a cycle's mean: a record's is larger by the root of their number
+    # sigma is of a cycle's mean; a record's sigma is larger by the root of the records per cycle
     noise = np.stack([rng.standard_normal(shape) * (sigma * np.sqrt(records)) for rng in rngs])
     return Sensor(
         imu_from_body=np.array(scenario.vehicle.imu.body_from_imu).T,
@@ -161,9 +171,9 @@ def _sensor(
 
 
 def logged_attitude(scenario: Scenario, rngs: Sequence[np.random.Generator], true_wxyz: Array) -> Array | None:
-    """(S, K N, 4) after each record, NaN where none is logged; None where the scenario logs none.
+    """(S, K N, 4) logged attitude at the end of each record, NaN if not logged; None if the scenario logs no attitude.
 
-    ``true_wxyz`` (S, K N + 1, 4) is the attitude at the start and after each record; between two of them the body turns at a steady rate.
+    ``true_wxyz``: (S, K N + 1, 4) true attitude at the start and at the end of each record, with constant rate in between.
     """
     sensors, stated = scenario.sensors, scenario.vehicle.imu
     if not sensors.log_attitude:
@@ -172,17 +182,17 @@ def logged_attitude(scenario: Scenario, rngs: Sequence[np.random.Generator], tru
     sigma = stated.attitude_sigma_rad if sensors.attitude_noise_rad is None else sensors.attitude_noise_rad
     records = true_wxyz.shape[1] - 1
     late = np.arange(1, records + 1) - latency_s * sensors.records_per_cycle / scenario.vehicle.cycle.period_s
-    found = _between(np.moveaxis(true_wxyz, -1, 0), np.maximum(late, 0.0))
+    delayed = _interpolated(np.moveaxis(true_wxyz, -1, 0), np.maximum(late, 0.0))
     noise = np.stack([rng.standard_normal((records, 3)) for rng in rngs]) * (sigma or 0.0)
-    turned = compose(found, quaternions(np.array(sensors.attitude_misalignment_rad))[:, None, None])
-    seen = np.moveaxis(compose(turned, quaternions(np.moveaxis(noise, -1, 0))), 0, -1)
-    seen[:, np.arange(1, records + 1) % sensors.attitude_every_records > 0] = np.nan
-    seen[:, late < 0] = np.nan
-    return frozen(seen)
+    misaligned = compose(delayed, quaternions(np.array(sensors.attitude_misalignment_rad))[:, None, None])
+    logged = np.moveaxis(compose(misaligned, quaternions(np.moveaxis(noise, -1, 0))), 0, -1)
+    logged[:, np.arange(1, records + 1) % sensors.attitude_every_records > 0] = np.nan
+    logged[:, late < 0] = np.nan
+    return frozen(logged)
 
 
-def _between(attitude: Array, at: Array) -> Array:
-    """(4, S, m) of attitudes (4, S, n) at places ``at`` (m,) among them, which need not be whole."""
+def _interpolated(attitude: Array, at: Array) -> Array:
+    """(4, S, m) attitudes (4, S, n) interpolated at fractional indices ``at`` (m,)."""
     before = np.minimum(at.astype(int), attitude.shape[2] - 2)
     first, second = attitude[..., before], attitude[..., before + 1]
     turn = compose(first * np.array([1.0, -1.0, -1.0, -1.0])[:, None, None], second)

@@ -1,4 +1,4 @@
-"""The mission plan: what is demanded about and along each axis in each cycle, and the on-times that serve it."""
+"""Mission plan: demanded torque and force in each cycle, and their allocation to actuator commands."""
 
 from functools import lru_cache
 
@@ -13,43 +13,43 @@ from massprop_cli.testbed.scenario import Scenario, ScenarioSource
 from massprop_cli.testbed.timeline import AXES, TURNS, Segment
 
 MISSED = 1e-6
-"""By which rotors may miss a unit of torque or force."""
+"""Largest error of a unit torque or force that rotors count as able to give."""
 SERVED = 1e-9
-"""Jets with less than this part of the largest on-time are left out."""
+"""Jets below this fraction of the largest on-time are removed from an allocation."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Open-loop demand and where the attitude is held. Axes in the order roll pitch yaw x y z."""
+    """Open-loop demand and attitude hold in each cycle. Axes in the order roll pitch yaw x y z."""
 
     demand: Array
-    """(S, K, 6) mean torque [N m] and force [N] that the pulses of the plan ask for in each cycle."""
+    """(S, K, 6) mean torque [N m] and force [N] demanded of the actuators."""
     held: BoolArray
-    """(K, 3) where the attitude controller adds its torque."""
+    """(K, 3) True where the attitude controller adds its torque by actuators."""
     wheel_demand: Array
-    """(S, K, 3) the same torque on the body by what stores momentum."""
+    """(S, K, 3) torque on the body demanded of momentum devices, N m."""
     held_by_wheels: BoolArray
-    """(K, 3)"""
+    """(K, 3) True where the attitude controller adds its torque by momentum devices."""
 
 
 @dataclass(frozen=True)
 class Allocation:
-    """How demanded torque and force become commands."""
+    """Allocation of demanded torque and force to commands."""
 
     on_time_share: Array
-    """(6, 2, C) part of full thrust of each command channel for one unit about an axis, + and −; NaN where an axis can't be served."""
+    """(6, 2, C) fraction of full thrust of each channel per N m or N, + and −; NaN for an axis that cannot be driven alone."""
     full: Array
-    """(6, 2) largest torque [N m] or force [N] in each direction."""
+    """(6, 2) largest torque [N m] or force [N], + and −."""
     full_by_wheels: Array
-    """(3,) largest torque by what stores momentum, N m."""
+    """(3,) largest torque by momentum devices, N m."""
 
     def largest(self, axis: int, by_wheels: bool) -> tuple[float, float]:
-        """Torque or force about an axis, + and −."""
+        """Largest torque or force of an axis, + and −, N m or N."""
         positive, negative = (self.full_by_wheels[axis],) * 2 if by_wheels else self.full[axis]
         return float(positive), float(negative)
 
     def commands(self, demand: Array) -> Array:
-        """(S, …, C) part of the cycle that each channel is on, or of its full value, from (S, …, 6) demand; limited to 1."""
+        """(S, …, C) fraction of the cycle or of the full value of each channel, limited to ±1, for a demand (S, …, 6)."""
         used = np.nan_to_num(self.on_time_share)
         positive, negative = np.maximum(demand, 0.0), np.maximum(-demand, 0.0)
         share = np.einsum("...a,ac->...c", positive, used[:, 0]) + np.einsum("...a,ac->...c", negative, used[:, 1])
@@ -57,9 +57,9 @@ class Allocation:
 
 
 def allocation(source: ScenarioSource) -> Allocation:
-    """Jets of least on-time for each axis and direction, or one channel per axis for a vehicle without jets.
+    """Allocation with the smallest total on-time of jets for each axis and direction; one channel per axis without jets.
 
-    :class:`InputError` where the plan drives an axis that the jets can't serve without disturbing the others.
+    Raises :class:`InputError` if the plan drives an axis that cannot be driven without disturbing the others.
     """
     scenario = source.scenario
     full = None
@@ -74,13 +74,16 @@ def allocation(source: ScenarioSource) -> Allocation:
     if full is None:
         peak = np.abs(share).max(-1)
         full = np.where(np.isnan(peak), 0.0, 1 / np.where(peak > 0, peak, np.nan))
-    found = Allocation(share, full, exchange.full(scenario.vehicle, scenario.actuators))
-    _check_served(source, found)
-    return found
+    allocated = Allocation(share, full, exchange.full(scenario.vehicle, scenario.actuators))
+    _check_served(source, allocated)
+    return allocated
 
 
 def _by_rotors(source: ScenarioSource) -> tuple[Array, Array]:
-    """(6, 2, R) share of full thrust and (6, 2) most of :class:`Allocation`, from hovering; :class:`InputError` where that can't be."""
+    """Fields ``on_time_share`` (6, 2, R) and ``full`` (6, 2) of :class:`Allocation` about hover.
+
+    Raises :class:`InputError` if the rotors cannot hover.
+    """
     vehicle, real = source.scenario.vehicle, source.scenario.actuators
     least, most = full_thrust(vehicle, real)
     wrench = vehicle.rotor_wrench.T * vehicle.environment.moving[:, None]
@@ -100,28 +103,28 @@ def _by_rotors(source: ScenarioSource) -> tuple[Array, Array]:
 
 
 def hovering(scenario: Scenario) -> Array:
-    """(6,) torque about O and force that rotors give where the plan asks for nothing."""
+    """(6,) torque about O and force of the rotors without demand, N m and N."""
     return np.concatenate([np.zeros(3), scenario.actuators.hover_force_n or (0.0,) * 3])
 
 
 @lru_cache(maxsize=16)
 def _on_times(wrench: bytes) -> Array:
-    """(6, 2, J) of :func:`_jets_for` of the bytes of a (J, 6) wrench: a plan flies one vehicle many times."""
+    """(6, 2, J) on-times of :func:`_jets_for` for the bytes of a (J, 6) wrench; cached, because a planner flies one vehicle many times."""
     jets = np.frombuffer(wrench).reshape(-1, 6)
     return frozen(np.array([[_jets_for(jets, axis, sign) for sign in (1.0, -1.0)] for axis in range(6)]))
 
 
 def _jets_for(wrench: Array, axis: int, sign: float) -> Array:
-    """(J,) on-time parts, all ≥ 0 and of least sum, whose wrench is one unit about ``axis``; NaN if there are none."""
+    """(J,) on-time fractions ≥ 0 with the smallest sum that give a unit wrench about ``axis``; NaN if there are none."""
     from scipy.optimize import linprog
 
     size = np.maximum(np.abs(wrench).max(0), TINY)
     target = np.zeros(6)
     target[axis] = sign
-    found = linprog(np.ones(len(wrench)), A_eq=(wrench / size).T, b_eq=target, method="highs-ds")
-    if not found.success:
+    solution = linprog(np.ones(len(wrench)), A_eq=(wrench / size).T, b_eq=target, method="highs-ds")
+    if not solution.success:
         return np.full(len(wrench), np.nan)
-    on_time = np.asarray(found.x)
+    on_time = np.asarray(solution.x)
     chosen = on_time > SERVED * on_time.max()
     exact = np.zeros(len(wrench))
     exact[chosen] = np.linalg.lstsq((wrench / size).T[:, chosen], target, rcond=None)[0] / size[axis]
@@ -129,6 +132,7 @@ def _jets_for(wrench: Array, axis: int, sign: float) -> Array:
 
 
 def _check_served(source: ScenarioSource, allocated: Allocation) -> None:
+    """Raise :class:`InputError` if the plan drives an axis that the vehicle cannot drive alone, both ways."""
     moving = source.scenario.vehicle.environment.moving
     for number, segment in enumerate(source.scenario.plan, 1):
         if segment.motion == "coast":
@@ -145,33 +149,33 @@ def _check_served(source: ScenarioSource, allocated: Allocation) -> None:
 
 
 def plan(scenario: Scenario, allocated: Allocation, rngs: list[np.random.Generator]) -> Plan:
-    """The plan's demand for every seed; ``rngs`` one generator per seed."""
+    """Plan of every seed; ``rngs`` has one generator per seed."""
     period, cycles = scenario.vehicle.cycle.period_s, scenario.cycles
-    found = Plan(
+    planned = Plan(
         *(np.zeros((len(rngs), cycles, 6)) + hovering(scenario), np.zeros((cycles, 3), dtype=bool)),
         *(np.zeros((len(rngs), cycles, 3)), np.zeros((cycles, 3), dtype=bool)),
     )
     for segment in scenario.plan:
         start, end = segment.cycles(period)
         end, by_wheels = min(end, cycles), scenario.turned_by_wheels(segment)
-        demand, held = (found.wheel_demand, found.held_by_wheels) if by_wheels else (found.demand, found.held)
+        demand, held = (planned.wheel_demand, planned.held_by_wheels) if by_wheels else (planned.demand, planned.held)
         if segment.motion == "hold" or segment.closed_loop:
             held[start:end] |= np.isin(TURNS, segment.driven)
         if segment.motion in ("hold", "coast"):
             continue
         for axis in [AXES.index(name) for name in segment.driven]:
-            ways = allocated.largest(axis, by_wheels)
-            # of a negative level the first way is the other one
-            full = ways if segment.level > 0 else reversed(ways)
+            both_ways = allocated.largest(axis, by_wheels)
+            # a negative level starts in the negative direction
+            full = both_ways if segment.level > 0 else reversed(both_ways)
             positive, negative = ((segment.torque_n_m or segment.force_n or segment.level * most) for most in full)
             for member, rng in enumerate(rngs):
                 pattern = _pattern(segment, end - start, rng)
                 demand[member, start:end, axis] += np.where(pattern > 0, positive, negative) * pattern
-    return found
+    return planned
 
 
 def _pattern(segment: Segment, cycles: int, rng: np.random.Generator) -> Array:
-    """(cycles,) −1, 0 or +1."""
+    """(cycles,) sign of the demand: −1, 0 or +1."""
     if segment.motion == "steady":
         return np.ones(cycles)
     cycle = np.arange(cycles)

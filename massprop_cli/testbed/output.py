@@ -1,4 +1,4 @@
-"""What a flight leaves behind: log.parquet or log.csv, vehicle.toml, truth.json."""
+"""Files of a simulated flight: log.parquet or log.csv, vehicle.toml, truth.json."""
 
 import json
 import shutil
@@ -25,7 +25,7 @@ from massprop_cli.testbed.timeline import AXES
 
 Kind = Literal["parquet", "csv"]
 MEMORY = 4_000_000
-"""Numbers logged at once: a campaign is flown in batches that hold about so many."""
+"""Approximate number of logged numbers per batch of a campaign; limits memory."""
 
 
 def simulate(
@@ -37,7 +37,10 @@ def simulate(
     progress: Callable[[str, float], None] | None = None,
     running: RunningOf | None = None,
 ) -> str:
-    """Fly one seed into ``folder``, or ``seeds`` of them into folders seed-N below it; says what was written. ``running`` as of fly."""
+    """Simulate one seed into ``folder``, or ``seeds`` seeds into its subfolders seed-N; return a description of the files written.
+
+    ``running`` as in :func:`massprop_cli.testbed.simulate.fly`. Raises :class:`InputError` if the folder holds other files.
+    """
     with files.writing(folder):
         if seeds is None:
             files.check_own(folder, (f"log.{kind}", "vehicle.toml"), "truth.json")
@@ -50,7 +53,7 @@ def simulate(
 def _campaign(
     source: ScenarioSource, folder: Path, seeds: range, kind: Kind, progress: Callable[[str, float], None] | None, running: RunningOf | None
 ) -> str:
-    """All seeds or none: they are written aside and moved into place when the last has been flown."""
+    """Write all seeds or none: into a temporary folder, then move them into place after the last."""
     names = [f"seed-{seed:0{max(4, len(str(seeds[-1])))}d}" for seed in seeds]
     strangers = sorted({path.name for path in folder.iterdir()} - set(names)) if folder.is_dir() else []
     if strangers:
@@ -72,7 +75,7 @@ def _campaign(
 
 @contextmanager
 def _aside(folder: Path) -> Iterator[Path]:
-    """A hidden folder beside ``folder`` that is the same for every process, so that the next clears what a killed one left."""
+    """Temporary folder next to ``folder``, locked; its name is fixed, so that the next run deletes the remains of a killed one."""
     mark = f".massprop-{foldername.digest(folder.name)}"
     folder.parent.mkdir(parents=True, exist_ok=True)
     with files.lock(folder.parent / f"{mark}.lock", folder, 0.0):
@@ -86,7 +89,7 @@ def _aside(folder: Path) -> Iterator[Path]:
 
 
 def _move(aside: Path, folder: Path, names: Sequence[str]) -> None:
-    """Put the seeds in place, each whole; all at once where the folder is new."""
+    """Move the seeds into place, each atomically; all together if ``folder`` is new."""
     if not folder.exists():
         aside.replace(folder)
         return
@@ -102,36 +105,36 @@ def _tell(progress: Callable[[str, float], None] | None, before: float, share: f
 
 
 def warnings(source: ScenarioSource) -> list[Notice]:
-    """What can be flown but is unlikely to be meant."""
+    """Warnings about a scenario that can be simulated but is probably not intended."""
     scenario = source.scenario
-    said = [
+    messages = [
         ("unphysical-inertia", f"[{name}] breaks the triangle inequality of principal moments, which no real body does")
         for name, body in (("truth", scenario.truth), ("docked", scenario.docked))
         if body is not None and body.breaks_triangle
     ]
     period_s = scenario.vehicle.cycle.period_s
     docks = [event.at(period_s) * period_s for event in scenario.events if event.kind == "dock"]
-    said += [
+    messages += [
         ("phase-over-docking", f"phase {phase.name!r} goes on over the docking at {at:g} s; its truth is that of its end")
         for phase in scenario.phases
         for at in docks
         if phase.start_s < at < phase.end_s
     ]
-    found = [Notice(code, f"{source.source}: {message}") for code, message in said]
+    notices = [Notice(code, f"{source.source}: {message}") for code, message in messages]
     allocated = mission.allocation(source)
     for number, segment in enumerate(scenario.plan, 1):
-        asked = segment.torque_n_m or segment.force_n or 0.0
+        demand = segment.torque_n_m or segment.force_n or 0.0
         by_wheels = scenario.turned_by_wheels(segment)
-        least = min((min(allocated.largest(AXES.index(axis), by_wheels)) for axis in segment.driven), default=asked)
-        if asked > least * (1 + 1e-9):
+        available = min((min(allocated.largest(AXES.index(axis), by_wheels)) for axis in segment.driven), default=demand)
+        if demand > available * (1 + 1e-9):
             unit = "N m" if segment.torque_n_m else "N"
-            message = f"{source.source}, plan segment {number}: asks for {asked:g} {unit}, the vehicle gives {least:.4g} at most"
-            found.append(Notice("plan-saturates", message))
-    return found
+            message = f"{source.source}, plan segment {number}: asks for {demand:g} {unit}, the vehicle gives {available:.4g} at most"
+            notices.append(Notice("plan-saturates", message))
+    return notices
 
 
 def write(flight: SimulatedFlight, member: int, scenario: Scenario, folder: Path, kind: Kind = "parquet") -> None:
-    """Write one member's files; truth.json comes last."""
+    """Write the files of one member, truth.json last. Raises :class:`InputError` if the folder has a log of the other kind."""
     other = folder / f"log.{'csv' if kind == 'parquet' else 'parquet'}"
     if other.exists():
         raise InputError(f"{other}: another log is in the way; move it, or choose another folder", option="out")
@@ -157,19 +160,19 @@ def _save(stage: files.Staged, flight: SimulatedFlight, member: int, scenario: S
 
 
 def vehicle_toml(vehicle: Vehicle) -> str:
-    """The vehicle file's text: what the scenario sets, defaults left out, and [columns], as the log has the contract's own names."""
+    """Text of the vehicle file: keys that the scenario sets, without [columns], because the log has the standard column names."""
     return configfile.toml(vehicle.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True, exclude={"columns"}))
 
 
 def log_table(flight: SimulatedFlight, member: int, scenario: Scenario) -> Any:
-    """The log as an Arrow table, commands in the first record of their cycle."""
+    """Log as an Arrow table, with commands in the first record of their cycle."""
     import pyarrow as pa
 
     records, rates = scenario.sensors.records_per_cycle, scenario.vehicle.imu.measures != "increment"
     interval_s = scenario.vehicle.cycle.period_s / records if rates else 1.0
     commanded = flight.commanded(member)
     in_first_record = np.full((len(commanded) * records, commanded.shape[1]), np.nan)
-    in_first_record[::records] = np.round(commanded, 12)  # ticks without the noise of their multiplication
+    in_first_record[::records] = np.round(commanded, 12)  # removes rounding errors of multiples of a tick
     names = [columns.jet(jet.name) for jet in scenario.vehicle.jets] or list(columns.WRENCH)[: commanded.shape[1]]
     blocks = [
         ([columns.TIME], flight.time_s[:, None]),
@@ -180,13 +183,13 @@ def log_table(flight: SimulatedFlight, member: int, scenario: Scenario) -> Any:
     ]
     if flight.logged_wxyz is not None:
         blocks.append((list(columns.QUATERNION), flight.logged_wxyz[member]))
-    found = {
+    table = {
         name: arrow.numbers(np.ascontiguousarray(column)) for names, block in blocks for name, column in zip(names, block.T, strict=True)
     }
     if flight.events:
-        happened = {cycle * records: kind for cycle, kind in flight.events}
-        found[columns.EVENT] = arrow.text([happened.get(row) for row in range(len(flight.time_s))])
-    return pa.table(found)
+        by_row = {cycle * records: kind for cycle, kind in flight.events}
+        table[columns.EVENT] = arrow.text([by_row.get(row) for row in range(len(flight.time_s))])
+    return pa.table(table)
 
 
 def _logged(names: Sequence[str], increments: Any, axes: Sequence[bool]) -> tuple[list[str], Any]:
@@ -194,8 +197,8 @@ def _logged(names: Sequence[str], increments: Any, axes: Sequence[bool]) -> tupl
 
 
 def truth_of(flight: SimulatedFlight, member: int, scenario: Scenario) -> dict[str, Any]:
-    """truth.json: the ten quantities at the end of each phase, and those of a docked object."""
-    found: dict[str, Any] = {
+    """Content of truth.json: the ten quantities at the end of each phase, and those of a docked object."""
+    content: dict[str, Any] = {
         "schema": "massprop/truth/1",
         "scenario": scenario.name,
         "seed": flight.seeds[member],
@@ -207,11 +210,11 @@ def truth_of(flight: SimulatedFlight, member: int, scenario: Scenario) -> dict[s
             for phase, values in zip(flight.phases, flight.truth[member], strict=True)
         ],
     }
-    return found | ({} if flight.docked is None else {"docked": _named(flight.docked)})
+    return content | ({} if flight.docked is None else {"docked": _named(flight.docked)})
 
 
 def _about_pivot(values: Any, scenario: Scenario) -> dict[str, dict[str, float]]:
-    """The nine values about the pivot, of the body that turns, if the vehicle turns about one."""
+    """Nine quantities of the rotating body about the pivot; empty without a pivot."""
     if not scenario.vehicle.pivoted:
         return {}
     mass, arm = float(values[9]) - scenario.vehicle.bearing_mass_kg, np.array(values[6:9]) - scenario.vehicle.environment.bearing_position_m

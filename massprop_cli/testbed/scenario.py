@@ -1,6 +1,6 @@
-"""Scenario files: a vehicle, its true mass properties, its sensors and actuators as they really are, and a mission plan.
+"""Scenario files: a vehicle, its true mass properties, true sensors and actuators, and a mission plan.
 
-The models below are the schema (``massprop schema scenario``). Unknown keys are refused.
+The models define the schema (``massprop schema scenario``). Unknown keys are errors.
 """
 
 from __future__ import annotations
@@ -26,10 +26,11 @@ from massprop_cli.testbed.conditions import Body, Control, Fuel, Initial, Sensor
 from massprop_cli.testbed.timeline import LONGEST, TURNS, WHOLE, Event, Segment, Timed
 
 MOST_NUMBERS = 400_000_000
-"""Numbers that one log may hold while it is flown."""
+"""Maximum number of values in memory for one log."""
 SHORTEST_RECORD_S = 1e-6
+"""Minimum length of a record, s."""
 SLOWEST_LAG = 1000.0
-"""Longest lag in cycles."""
+"""Maximum thrust lag, cycles."""
 
 
 class Scenario(Timed):
@@ -202,7 +203,7 @@ class Scenario(Timed):
             raise ValueError("the plan turns by wheels (by_wheels), and the vehicle has nothing that stores momentum")
 
     def turned_by_wheels(self, segment: Segment) -> bool:
-        """Whether a segment of the plan is for what stores momentum: it says so, or nothing else could turn the vehicle."""
+        """Whether momentum devices drive a segment: it states by_wheels, or nothing else can turn the vehicle."""
         alone = turned_by_wheels_alone(self.vehicle, self.actuators)
         return segment.motion != "coast" and (segment.by_wheels or (alone and set(segment.driven) <= set(TURNS)))
 
@@ -213,9 +214,9 @@ class Scenario(Timed):
 
     @property
     def phases(self) -> tuple[Phase, ...]:
-        """The vehicle file's phases, or those that events make.
+        """Phases of the vehicle file, or those that events define.
 
-        An event ends a phase. A reset begins one; a dock does so if it names one or no reset follows. Without events: one phase, "all".
+        An event ends a phase. A reset starts one; a dock starts one if it names it or no reset follows. Without events: one phase, "all".
         """
         if self.vehicle.phases:
             return self.vehicle.phases
@@ -240,13 +241,13 @@ class Scenario(Timed):
 
     @property
     def logged(self) -> Vehicle:
-        """The vehicle as its log's users get it, with the phases that events make, and which of them are before and after a docking."""
+        """Vehicle file of the log, with the phases that events define and the phases before and after a docking."""
         if not self.events:
             return self.vehicle
         return self.vehicle.model_copy(update={"phases": self.phases, "docking": self.vehicle.docking or self._docking()})
 
     def _docking(self) -> Docking | None:
-        """The last phase that ends by the docking and the first that begins with it or after; None unless there are both."""
+        """Last phase that ends by the docking and first phase that starts with or after it; None without both."""
         period = self.vehicle.cycle.period_s
         docks = [event.at(period) * period for event in self.events if event.kind == "dock"]
         before = [phase for phase in self.phases for at in docks if phase.end_s <= at + period / 2]
@@ -257,33 +258,33 @@ class Scenario(Timed):
 
     @property
     def modelled(self) -> Literal["nominal", "estimate", "truth"] | None:
-        """Whose body the control's gains are made of; None where they are stated."""
+        """Source of the body from which the control computes its gains; None with stated gains."""
         return None if self.control is None else self.control.model
 
     @property
     def room_torque(self) -> Array:
-        """(3,) that really acts, world axes, N m."""
+        """(3,) true torque fixed in the room, world axes, N m."""
         real = self.disturbance.room_n_m
         return np.array(self.vehicle.environment.room_torque_n_m if real is None else real)
 
     @property
     def tick_s(self) -> float | None:
-        """What on-times are rounded to."""
+        """Resolution of on-times, s; None without rounding."""
         return self.actuators.pwm_tick_s or self.vehicle.cycle.pwm_tick_s
 
     @property
     def delay_cycles(self) -> float:
-        """True delay from the start of the cycle that issues a command to the start of its execution."""
+        """True delay from the start of the cycle that issues a command to the start of its execution, cycles."""
         stated = self.vehicle.cycle.command_delay_cycles
         return self.actuators.delay_cycles if self.actuators.delay_cycles is not None else float(stated)
 
     @property
     def failures(self) -> tuple[Failure, ...]:
-        """Of jets, as they really are."""
+        """True failures of jets."""
         return self.vehicle.thrust.failures if self.actuators.failures is None else self.actuators.failures
 
     def supply_pa(self, time_s: Array) -> Array | None:
-        """Pressure of the jets' supply; None where the vehicle file states none."""
+        """Supply pressure of the jets, Pa; None if the vehicle file states no nominal pressure."""
         nominal_pa = self.vehicle.thrust.nominal_pa
         if nominal_pa is None:
             return None
@@ -291,7 +292,7 @@ class Scenario(Timed):
         return self._falling(time_s, ends)
 
     def supply_v(self, time_s: Array) -> Array:
-        """Voltage of the rotors' supply."""
+        """Supply voltage of the rotors, V."""
         nominal_v = next((rotor.nominal_v for rotor in self.vehicle.rotors if rotor.nominal_v), 1.0)
         return self._falling(time_s, self.actuators.supply_v or (nominal_v, nominal_v))
 
@@ -300,26 +301,27 @@ class Scenario(Timed):
 
 
 def turned_by_wheels_alone(vehicle: Vehicle, real: TrueActuators) -> bool:
-    """Whether nothing but what stores momentum turns it."""
+    """Whether only momentum devices can turn the vehicle."""
     return bool(vehicle.spinning) and not vehicle.jets and not vehicle.rotors and real.max_torque_n_m is None
 
 
 @dataclass(frozen=True)
 class ScenarioSource:
-    """A scenario with where it came from."""
+    """A scenario and its origin."""
 
     scenario: Scenario
     source: str
+    """File or packaged name, for messages."""
 
 
 def packaged() -> list[str]:
-    """Names of the scenarios that come with the program."""
+    """Names of the packaged scenarios."""
     folder = resources.files("massprop_cli.testbed") / "scenarios"
     return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
 
 
 def load(name: str, assignments: Sequence[str] = ()) -> ScenarioSource:
-    """Read a scenario file, or a packaged scenario by its name; :class:`InputError` names file, line and key."""
+    """Read a scenario file, or a packaged scenario by its name. Raises :class:`InputError` with file, line and key."""
     path = Path(name)
     if path.suffix == ".toml" or _is_file(path):
         return parse(configfile.read_text(path, "scenario file"), str(path), assignments, path.parent)
@@ -338,7 +340,7 @@ def _is_file(path: Path) -> bool:
 
 
 def parse(text: str, source: str, assignments: Sequence[str] = (), folder: Path | None = None) -> ScenarioSource:
-    """Check a scenario's text, with ``KEY=VALUE`` assignments on top. ``vehicle`` may name a vehicle file, seen from ``folder``."""
+    """Validate the text of a scenario with ``KEY=VALUE`` assignments; ``vehicle`` may be a path of a vehicle file from ``folder``."""
     named = [assignment for assignment in assignments if assignment.partition("=")[0].strip() == "vehicle"]
     data = configfile.override(configfile.parse_toml(text, source), named)
     if isinstance(data.get("vehicle"), str):

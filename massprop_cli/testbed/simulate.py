@@ -1,4 +1,4 @@
-"""Fly a scenario: plan, commands, executed wrench, motion, IMU, cycle after cycle, all seeds at once."""
+"""Simulation of a scenario, cycle by cycle for all seeds: plan, commands, executed wrench, motion, IMU."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -27,42 +27,43 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class SimulatedFlight:
-    """What was logged and what was true, S members, K cycles of N records."""
+    """Logged and true data of S members, K cycles of N records."""
 
     vehicle: Vehicle
-    """As the log's users get it, with the phases that events make."""
+    """Vehicle file of the log, with the phases that events define."""
     seeds: tuple[int, ...]
     axes: tuple[bool, ...]
-    """Which of gyro x y z and accelerometer x y z are logged; the increments of the others are there all the same."""
+    """(6,) logged axes: gyro x y z, accelerometer x y z; increments exist for all axes."""
     time_s: Array
-    """(K N,) end of each record."""
+    """(K N,) end of each record, s."""
     delta_theta_rad: Array
-    """(S, K N, 3) IMU axes."""
+    """(S, K N, 3) angle increments, IMU axes, rad."""
     delta_v_m_s: Array
-    """(S, K N, 3) IMU axes."""
+    """(S, K N, 3) velocity increments, IMU axes, m/s."""
     issued: Array
-    """(S, K, C) on-times in s, wrench in N m and N, or x of rotors, then what momentum devices are told, as issued in each cycle."""
+    """(S, K, C) issued commands: on-times [s], wrench [N m, N] or x of rotors, then commands of momentum devices."""
     turning: Mapping[str, Array]
-    """(S, K N) what each momentum device does after each record, by the log column of that."""
+    """(S, K N) state of each momentum device at the end of each record, by log column."""
     columns: Mapping[str, Array]
-    """(S, K N) what the log has of momentum devices, rotors and supplies; NaN in cells that are empty."""
+    """(S, K N) log columns of momentum devices, rotors and supplies; NaN in empty cells."""
     attitude_wxyz: Array
-    """(S, K N + 1, 4) true attitude at the start and after each record."""
+    """(S, K N + 1, 4) true attitude at the start and at the end of each record."""
     logged_wxyz: Array | None
-    """(S, K N, 4) attitude as it is logged after each record, NaN where it isn't; None where the log has none."""
+    """(S, K N, 4) logged attitude at the end of each record, NaN if not logged; None without an attitude log."""
     rate_rad_s: Array
-    """(S, K + 1, 3) true body rate at cycle edges, after what happens there."""
+    """(S, K + 1, 3) true body rate at cycle edges, after events there, rad/s."""
     events: tuple[tuple[int, str], ...]
+    """Cycle and kind of each event."""
     phases: tuple[Phase, ...]
     truth: Array
-    """(S, phases, 10) at the end of each phase."""
+    """(S, phases, 10) true quantities at the end of each phase."""
     docked: Array | None
-    """(10,) true object that docked."""
+    """(10,) true quantities of the docked object; None without one."""
     modelled: Array
-    """(S, K, 10) what the control took the body to be in each cycle; (S, 0, 10) where its gains are stated."""
+    """(S, K, 10) body that the control assumed in each cycle; (S, 0, 10) with stated gains."""
 
     def commanded(self, member: int) -> Array:
-        """(K, C) of one member, without those of momentum devices and rotors."""
+        """(K, C) commands of one member, without those of momentum devices and rotors."""
         issued: Array = self.issued[member, :, : self.issued.shape[2] - exchange.channels(self.vehicle)]
         if self.vehicle.rotors or (self.vehicle.spinning and not self.vehicle.jets and not issued.any()):
             return issued[:, :0]
@@ -70,14 +71,14 @@ class SimulatedFlight:
 
     @property
     def kind(self) -> dict[str, Any]:
-        """What its records are, as :class:`massprop_cli.inputs.telemetry.Log` has it: increments, or samples where the vehicle says so."""
+        """Fields of :class:`massprop_cli.inputs.telemetry.Log` that tell what the records are; none for increments."""
         if self.vehicle.imu.measures == "increment":
             return {}
         sampled = self.vehicle.imu.measures == "sample"
         return {"sampled": (sampled, sampled), "rate_columns": GYRO, "force_columns": ACCEL}
 
     def log(self, member: int) -> Log:
-        """One member's log, as reading its file gives it."""
+        """Log of one member, equal to the log read from its file."""
         records = len(self.time_s) // self.issued.shape[1]
         interval = np.diff(self.time_s, prepend=0.0)
         theta, velocity = (
@@ -85,11 +86,11 @@ class SimulatedFlight:
             for axes, increments in ((self.axes[:3], self.delta_theta_rad), (self.axes[3:], self.delta_v_m_s))
         )
         path = Path(f"seed-{self.seeds[member]}")
-        beside = LogTable(at_hand(path, {TIME: self.time_s} | {name: values[member] for name, values in self.columns.items()}), {})
+        table = LogTable(at_hand(path, {TIME: self.time_s} | {name: values[member] for name, values in self.columns.items()}), {})
         kind: commands.CommandKind = "jets" if self.vehicle.jets or not self.commanded(member).shape[1] else "wrench"
         command = self.commanded(member)
         if self.vehicle.rotors:
-            kind, command = commands.commands(beside, self.vehicle, records, len(self.time_s))
+            kind, command = commands.commands(table, self.vehicle, records, len(self.time_s))
         return Log(
             path=path,
             sha256="",
@@ -102,9 +103,9 @@ class SimulatedFlight:
             axes=self.axes,
             command_kind=kind,
             command=command,
-            cycles_apart=tuple(rotor.cycles_apart(beside, records, len(self.time_s)) for rotor in self.vehicle.rotors),
-            spinning=commands.momentum(beside, self.vehicle, records, len(self.time_s)),
-            supply=supply.read(beside, self.vehicle, self.time_s, interval, records),
+            cycles_apart=tuple(rotor.cycles_apart(table, records, len(self.time_s)) for rotor in self.vehicle.rotors),
+            spinning=commands.momentum(table, self.vehicle, records, len(self.time_s)),
+            supply=supply.read(table, self.vehicle, self.time_s, interval, records),
             attitude_wxyz=None if self.logged_wxyz is None else self.logged_wxyz[member],
             notices=tuple(saturation(self.vehicle, theta, velocity, interval)),
             **self.kind,
@@ -120,11 +121,11 @@ def fly(
     running: RunningOf | None = None,
     fine: bool = True,
 ) -> SimulatedFlight:
-    """Fly one member per seed.
+    """Simulate a scenario, one member per seed.
 
-    ``issued`` (K, C) or (S, K, C) flies recorded commands open loop instead of the plan; ``changes`` happen at the start of their cycle.
-    ``running`` makes the estimator that the control may take its body from. Without ``fine`` any IMU has as few bins as one that averages.
-    :class:`InputError` where the plan can't be flown or the motion runs away.
+    ``issued``: recorded commands (K, C) or (S, K, C), flown open loop instead of the plan. ``changes``: applied at the start of their
+    cycle. ``running``: constructor of the on-board estimator for the control. ``fine``: False gives sampled or filtered IMUs as few bins as
+    averaging ones. Raises :class:`InputError` if the plan cannot be flown or the motion diverges.
     """
     scenario = source.scenario
     period, cycles, phases = scenario.vehicle.cycle.period_s, scenario.cycles, scenario.phases
@@ -133,8 +134,8 @@ def fly(
     truth = np.zeros((len(seeds), len(phases), 10))
     k = 0
     while k < cycles:
-        begun, k = k, flying.fly(k)
-        truth[:, [i for i, end in enumerate(ends) if begun < end <= k]] = flying.truth()[:, None]
+        start, k = k, flying.fly(k)
+        truth[:, [i for i, end in enumerate(ends) if start < end <= k]] = flying.truth()[:, None]
         if progress is not None and k % 16 == 0:
             progress(k / cycles)
     for name, sensor in (("gyro", flying.gyro), ("accelerometer", flying.accelerometer)):
@@ -162,19 +163,21 @@ def fly(
 
 
 def _check_sensor(source: ScenarioSource, name: str, sensor: Sensor) -> None:
-    most = ABSURD[GYRO[0] if name == "gyro" else ACCEL[0]]
-    if not np.abs(sensor.increments).max() / sensor.record_s < most:
-        raise InputError(f"{source.source}: the {name} would log more than {most:g} per second; check noise, bias, IMU position, forces")
+    """Raise :class:`InputError` if readings exceed the limit for plausible logs."""
+    limit = ABSURD[GYRO[0] if name == "gyro" else ACCEL[0]]
+    if not np.abs(sensor.increments).max() / sensor.record_s < limit:
+        raise InputError(f"{source.source}: the {name} would log more than {limit:g} per second; check noise, bias, IMU position, forces")
 
 
 def _record_ends(scenario: Scenario) -> Array:
+    """(K N,) end of each record, s."""
     records = scenario.sensors.records_per_cycle
     step = scenario.vehicle.cycle.period_s / records
     return np.round(np.arange(1, scenario.cycles * records + 1) * step, 12)
 
 
 def _flat(increments: Array) -> Array:
-    """(3, S, K, N) to (S, K N, 3)."""
+    """Reshape (3, S, K, N) to (S, K N, 3)."""
     moved: Any = np.moveaxis(increments, 0, -1)
     return np.ascontiguousarray(moved.reshape(moved.shape[0], -1, 3))
 

@@ -1,4 +1,4 @@
-"""The mission as a scenario file states it: segments of the plan and events, each with a place in time."""
+"""Segments and events of a mission, as a scenario file states them."""
 
 from typing import Annotated, Literal, Self
 
@@ -10,9 +10,9 @@ TURNS = ("roll", "pitch", "yaw")
 AXES = (*TURNS, "x", "y", "z")
 Axis = Literal["roll", "pitch", "yaw", "x", "y", "z"]
 LONGEST = 10_000_000
-"""Cycles in a scenario."""
+"""Maximum number of cycles in a scenario."""
 WHOLE = 1e-6
-"""A time counts as a whole number of cycles within this many cycles."""
+"""Tolerance of a time that must be a whole number of cycles, in cycles."""
 
 
 class Timed(Section):
@@ -88,7 +88,7 @@ class Segment(Timed):
         return self.axes or (AXES if self.motion == "coast" else TURNS)  # type: ignore[return-value]
 
     def cycles(self, period_s: float) -> tuple[int, int]:
-        """First cycle and the one after the last."""
+        """First cycle, and the cycle after the last."""
         start = self._cycles(self.start_cycle, self.start_s, period_s, "start")
         end = self._cycles(self.end_cycle, self.end_s, period_s, "end")
         if end <= start:
@@ -119,5 +119,5 @@ class Event(Timed):
         return self
 
     def at(self, period_s: float) -> int:
-        """The cycle at whose start it happens."""
+        """Cycle at whose start the event happens."""
         return self._cycles(self.cycle, self.at_s, period_s, "event")

@@ -1,4 +1,4 @@
-"""True mass properties that change: an object docks, fuel burns."""
+"""Changes of the true mass properties by docking and by burning fuel."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ STANDARD_GRAVITY = 9.80665
 
 
 def bodies(truth: Body, members: int) -> Bodies:
-    """The same true body for every member."""
+    """One copy of the true body for each of the S members."""
     values = truth.values
     return Bodies(
         np.repeat(truth.inertia[..., None], members, -1), np.repeat(values[6:9, None], members, -1), np.full(members, float(values[9]))
@@ -19,13 +19,13 @@ def bodies(truth: Body, members: int) -> Bodies:
 
 
 def values(body: Bodies) -> Array:
-    """(S, 10) in the order of the ten quantities."""
+    """(S, 10) mass properties in the order of :data:`massprop_cli.QUANTITIES`."""
     rows, columns = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
     return np.concatenate([body.inertia[rows, columns], body.cg, body.mass[None]]).T
 
 
 def joined(vehicle: Bodies, other: Bodies, fixed_mass: float) -> Bodies:
-    """The combined body; ``fixed_mass`` [kg] of the vehicle's mass (a bearing's) has no part in CG and inertia."""
+    """Combined body of vehicle and docked object; ``fixed_mass`` (the bearing's, kg) does not count in CG and inertia."""
     first, second = vehicle.mass - fixed_mass, other.mass
     cg = (first * vehicle.cg + second * other.cg) / (first + second)
     inertia = vehicle.inertia + other.inertia + first * outer_square(vehicle.cg - cg) + second * outer_square(other.cg - cg)
@@ -33,10 +33,10 @@ def joined(vehicle: Bodies, other: Bodies, fixed_mass: float) -> Bodies:
 
 
 def docked_motion(vehicle: Bodies, other: Bodies, combined: Bodies, rate: Array, imu_position: Array, event: Event) -> tuple[Array, Array]:
-    """Rate (3, S) after docking, and the jump (3, S) of the IMU's velocity in body axes, m/s.
+    """Rate (3, S) after docking, rad/s, and velocity jump (3, S) of the IMU, body axes, m/s.
 
-    Momentum and angular momentum of both bodies are those of the combined one:
-    ``I₁₂ ω' = I₁ ω + I₂ ω₂ + (m₁ m₂ / m₁₂) (c₂ − c₁) × v₂₁``.
+    Docking conserves momentum and angular momentum: ``I₁₂ ω' = I₁ ω + I₂ ω₂ + (m₁ m₂ / m₁₂) (c₂ − c₁) × v₂₁``. With "rates_kept", rate and
+    velocity stay.
     """
     if event.motion == "rates_kept":
         return rate, np.zeros_like(rate)
@@ -51,13 +51,13 @@ def docked_motion(vehicle: Bodies, other: Bodies, combined: Bodies, rate: Array,
 
 
 def burnt(body: Bodies, fuel: Fuel, impulse_n_s: Array, fixed_mass: float) -> Bodies:
-    """The body after giving (S,) ``impulse_n_s`` in all; fuel is a point mass taken away at the tank."""
+    """Body after a total impulse (S,) of ``impulse_n_s``; burnt fuel is a point mass removed at the tank."""
     used = impulse_n_s / (fuel.specific_impulse_s * STANDARD_GRAVITY)
     mass = body.mass - used
     if fuel.tank_position_m is None:
         return Bodies(body.inertia, body.cg, mass)
     tank = np.array(fuel.tank_position_m)[:, None]
-    rotating, left = body.mass - fixed_mass, mass - fixed_mass
-    cg = (rotating * body.cg - used * tank) / left
-    inertia = body.inertia - left * outer_square(cg - body.cg) - used * outer_square(tank - body.cg)
+    rotating, remaining = body.mass - fixed_mass, mass - fixed_mass
+    cg = (rotating * body.cg - used * tank) / remaining
+    inertia = body.inertia - remaining * outer_square(cg - body.cg) - used * outer_square(tank - body.cg)
     return Bodies(inertia, cg, mass)
