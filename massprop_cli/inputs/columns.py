@@ -1,4 +1,4 @@
-"""Names of a log's columns, with units; body axes for commands, IMU axes for the rest. Those of actuators are in their own modules."""
+"""Standard column names of a log, with units: commands in body axes, the rest in IMU axes. Actuator modules define their own columns."""
 
 from typing import Self
 
@@ -23,12 +23,12 @@ FIXED = (TIME, COMMAND_TIME, *DELTA_THETA, *DELTA_V, *GYRO, *ACCEL, *WRENCH, *QU
 
 
 def jet(name: str) -> str:
-    """The column of a jet's on-time."""
+    """Column name of a jet's on-time."""
     return f"jet_{name}_s"
 
 
 def is_jet(column: str) -> bool:
-    """Whether a column is that of a jet's on-time."""
+    """Whether a column is the on-time of a jet."""
     return column.startswith("jet_") and column.endswith("_s")
 
 

@@ -1,35 +1,35 @@
-"""Readings that are not the sensor's own: held by a logger that writes the latest of each at every row, or smoothed before export."""
+"""Detection of repeated readings (sample and hold by a logger) and of moving means applied before export."""
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
 
 OFTEN, SELDOM = 0.3, 0.01
-"""Part of the readings that repeats at least; part that may repeat on some axes alone, as counts do, or off the beat, as rest does."""
+"""Minimum fraction of repeated readings; maximum fraction that repeats on some axes only (quantisation) or irregularly (rest)."""
 SAME = 1e-9
-"""Part of a reading within which another is the same: what dividing by the interval leaves."""
+"""Relative difference below which two readings are equal; covers rounding of the division by the interval."""
 STRETCH, FEWEST, QUIETEST, WIDEST = 64, 16, 4, 12
-"""Readings of a stretch; stretches at least; of how many the quietest is taken; readings that a moving mean is over at most."""
+"""Readings per segment; minimum number of segments; one in so many segments, those with the least motion, is used; longest moving mean."""
 HALF, OTHERS = 0.35, 0.15
-"""Correlation of differences beyond which they go against one another, and up to which the others may. By chance it scatters by 0.03."""
+"""Minimum negative correlation of differences at the lag of a moving mean, and maximum at other lags; sampling scatter is 0.03."""
 IN_STEP = 0.4
-"""Part of the squares of differences that is on one beat, beyond which they are the commands': by chance 0.3 at most, of commands 0.7."""
+"""Fraction of the differences' power at one period above which commands cause it: noise gives 0.3 at most, commands 0.7."""
 BEATS = 20
-"""Readings from which on a beat is one."""
+"""Minimum number of new readings to detect a period."""
 
 
 def repeats(readings: Array) -> BoolArray:
-    """(n, ...) whether each of readings (n, ...) is the one before."""
+    """(n, ...) whether each of the readings (n, ...) equals the previous one."""
     return np.asarray(np.abs(np.diff(readings, axis=0, prepend=np.nan)) <= SAME * np.abs(readings))
 
 
 def on_a_beat(readings: Array) -> BoolArray:
-    """(n,) which of readings (n, axes) repeat the one before, of a sensor that is held on a beat of its own; else none.
+    """(n,) which of the readings (n, axes) repeat the previous one because a logger holds them periodically; all False if it does not.
 
-    All axes repeat at once or none does, and as often each time, which a motion without noise does not.
+    With a periodic hold, all axes repeat together and equally often. Motion without noise does not behave so.
     """
     same = repeats(readings)
-    axes = ~same[1:].all(0)  # the others stand still, or are stated by a number
+    axes = ~same[1:].all(0)  # constant axes do not count
     whole, some = np.asarray(same[:, axes].all(1)), same[:, axes].any(1)
     none = np.zeros(len(readings), dtype=bool)
     if axes.sum() < 2 or whole.mean() < OFTEN or (some & ~whole).mean() > SELDOM:
@@ -40,15 +40,16 @@ def on_a_beat(readings: Array) -> BoolArray:
 
 
 def moving_mean(readings: Array) -> int:
-    """Over how many readings each of (n, axes) is a moving mean; 0 where none is.
+    """Length of a moving mean applied to the readings (n, axes); 0 without one.
 
-    White noise under a moving mean over m readings has first differences that correlate by −½ with those m before, and with no others. The
-    quietest segments decide, and most axes must agree. Commands that change every m readings correlate alike, but on one beat.
+    After a moving mean over m readings, first differences of white noise have the correlation −½ at lag m and 0 at other lags. The test
+    uses the segments with the least motion, and most axes must agree. Commands that change every m readings give the same correlation,
+    but at a fixed phase.
     """
     count = len(readings) // STRETCH
     if count < FEWEST:
         return 0
-    found = []
+    lengths = []
     for axis in np.diff(readings, axis=0, prepend=readings[:1])[: count * STRETCH].T:
         parts = axis.reshape(count, STRETCH)
         parts = parts - parts.mean(1, keepdims=True)
@@ -56,19 +57,19 @@ def moving_mean(readings: Array) -> int:
         quiet = np.delete(parts, moving, 0)
         size = float((quiet**2).mean())
         if size > 0:
-            along = np.array([(quiet[:, m:] * quiet[:, :-m]).mean() for m in range(1, WIDEST + 1)]) / size
-            least = int(along.argmin())
-            alone = np.delete(along, least).min() > -OTHERS
+            correlation = np.array([(quiet[:, m:] * quiet[:, :-m]).mean() for m in range(1, WIDEST + 1)]) / size
+            least = int(correlation.argmin())
+            alone = np.delete(correlation, least).min() > -OTHERS
             parts[moving] = 0.0
-            mean = least > 0 and along[least] < -HALF and alone and not _in_step(parts.ravel() ** 2, least + 1)
-            found.append(least + 1 if mean else 0)
-    usual = max(found, key=found.count, default=0)
-    return usual if found.count(usual) > 1 else 0
+            mean = least > 0 and correlation[least] < -HALF and alone and not _in_step(parts.ravel() ** 2, least + 1)
+            lengths.append(least + 1 if mean else 0)
+    usual = max(lengths, key=lengths.count, default=0)
+    return usual if lengths.count(usual) > 1 else 0
 
 
 def _in_step(squares: Array, over: int) -> bool:
-    """Whether these (n,) come on a beat of about so many readings: their discrete Fourier transform near one in so many."""
-    beats = np.fft.rfft(squares, 2 * len(squares))
-    often = np.fft.rfftfreq(2 * len(squares))
-    near = np.abs(1 - over * often) < 0.5 * often
-    return bool(np.abs(beats[near]).max() > IN_STEP * squares.sum())
+    """Whether ``squares`` (n,) are periodic with about ``over`` readings, by their discrete Fourier transform near that period."""
+    spectrum = np.fft.rfft(squares, 2 * len(squares))
+    frequency = np.fft.rfftfreq(2 * len(squares))
+    near = np.abs(1 - over * frequency) < 0.5 * frequency
+    return bool(np.abs(spectrum[near]).max() > IN_STEP * squares.sum())

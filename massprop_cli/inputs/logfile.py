@@ -1,4 +1,4 @@
-"""A log's file to its columns: a table as it stands, a recording or what has a map by ``formats``."""
+"""Reading of log files: tables directly, recordings and files with a map through ``formats``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _URL = re.compile(r"\w\w+:/")
 
 
 def read_table(path: Path, map_file: Path | None = None) -> Table:
-    """Read a file whole, by its map if it has one; :class:`InputError` for anything that is not a readable, non-empty recording."""
+    """Read a log file, with its map if it has one. Raises :class:`InputError` for anything but a readable, non-empty recording."""
     if reading.is_bag(path):
         from massprop_cli.inputs.formats import mapfile, mapped
 
@@ -30,7 +30,7 @@ def read_table(path: Path, map_file: Path | None = None) -> Table:
     try:
         data = limits.copied(path)
     except FileNotFoundError:
-        # a path takes the second slash of a URL away
+        # Path removes the second slash of a URL
         url = "; massprop batch reads URLs, this takes a file" if _URL.match(str(path)) else ""
         raise InputError(f"{path}: no such file; check the path{url}") from None
     if (
@@ -45,7 +45,7 @@ def read_table(path: Path, map_file: Path | None = None) -> Table:
 
 
 def parse(path: Path, data: Content, by: MapSource | None = None) -> Table:
-    """The same from the file's bytes; ``path`` is for its kind and for messages. A map within the file goes before one beside it."""
+    """Read a log from the file's bytes; ``path`` gives its kind and is for messages. An embedded map overrides a map found next to it."""
     kind = recording.kind(path)
     if kind is recording.TABLE:
         table = columns_of(path, data)

@@ -1,11 +1,11 @@
-"""What a reader of a log must know of it."""
+"""Notices to the user about a log."""
 
 from massprop_cli.base.dataclass import dataclass
 
 
 @dataclass(frozen=True)
 class Notice:
-    """Something a reader must know; ``code`` is stable, ``message`` names numbers and a remedy."""
+    """A notice to the user; ``code`` is stable, ``message`` states numbers and a remedy."""
 
     code: str
     message: str

@@ -1,4 +1,4 @@
-"""What the tables of all configuration files are made of: numbers within range, vectors, sections that refuse unknown keys."""
+"""Building blocks of configuration file models: numbers with ranges, vectors, and sections that refuse unknown keys."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Self, cast
@@ -10,14 +10,14 @@ Positive = Annotated[FiniteFloat, Field(gt=LEAST, lt=MOST)]
 
 
 def _within_range(value: float) -> float:
-    """Squares of numbers, and their products with others, stay numbers."""
+    """Refuse values whose squares or products would overflow or underflow."""
     if value != 0 and not LEAST < abs(value) < MOST:
         raise ValueError(f"must be 0, or from {LEAST:g} to {MOST:g} in size")
     return value
 
 
 Real = Annotated[FiniteFloat, AfterValidator(_within_range)]
-# bounds before what a schema can't say: behind it they would be no keywords of JSON Schema
+# bounds come before the validator, otherwise they would not become JSON Schema keywords
 NonNegative = Annotated[FiniteFloat, Field(ge=0, lt=MOST), AfterValidator(_within_range)]
 Vector = tuple[Real, Real, Real]
 Metres = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6), AfterValidator(_within_range)]
@@ -33,11 +33,11 @@ class Section(BaseModel):
 
     @classmethod
     def unset(cls) -> Self:
-        """With every key at its default. It needs no validator of its own, to build which takes time: the file's model has one for all."""
+        """Section with every key at its default, without building a validator for the section (which is slow)."""
         return cast("Self", cls.model_construct())
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """A copy with some keys changed, which derives anew what the original has cached."""
+        """Copy with some keys changed and without cached properties of the original."""
         copied = super().model_copy(update=update, deep=deep)
         for cached in copied.__dict__.keys() - type(self).model_fields.keys():
             del copied.__dict__[cached]

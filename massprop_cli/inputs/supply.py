@@ -1,8 +1,7 @@
-"""The pressure that jets are fed with, or the voltage of rotors, as a log has it.
+"""Logged supply pressure of jets, or supply voltage of rotors.
 
-The thrust of a choked nozzle is F = C_F A_t p, with the throat's area A_t and a thrust coefficient C_F that in vacuum, and far above
-the ambient pressure, does not change with p (Sutton and Biblarz, Rocket Propulsion Elements, 3.3). A motor follows its command in
-proportion to the voltage.
+The thrust of a choked nozzle is F = C_F A_t p, A_t the throat area. In vacuum or far above ambient pressure, the thrust coefficient C_F
+does not depend on p (Sutton and Biblarz, Rocket Propulsion Elements, 3.3). A motor's response to a command is proportional to voltage.
 """
 
 from typing import NamedTuple
@@ -16,24 +15,27 @@ from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.vehicle import Vehicle
 
 LEAST, MOST = 0.01, 10.0
-"""Parts of the stated pressure outside which a reading has another unit: by a bar for a pascal it is 1e-5."""
+"""Plausible range of pressure over nominal pressure; outside it the unit is wrong (bar for pascal gives 1e-5)."""
 
 
 class SupplyLevel(NamedTuple):
-    """K pressures over the one that thrust is stated for; or voltages, V."""
+    """Supply level of K control cycles: pressure over nominal pressure, or voltage, V."""
 
     time_s: Array
-    """(K,) middle of each control cycle."""
+    """(K,) middle of each control cycle, s."""
     part: Array
-    """(K,) mean over it."""
+    """(K,) mean level of each cycle."""
 
     def at(self, time_s: Array) -> Array:
-        """Between these in proportion; beyond the log as at its ends."""
+        """Level by linear interpolation; constant beyond the ends of the log."""
         return np.interp(time_s, self.time_s, self.part)
 
 
 def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array, records: int) -> SupplyLevel | None:
-    """Means over cycles of ``records``; None where neither pressure nor voltage is stated. :class:`InputError` names row and remedy."""
+    """Supply level per cycle of ``records`` records; None if the vehicle file states neither nominal pressure nor voltage.
+
+    Raises :class:`InputError` for a missing column or an implausible pressure.
+    """
     if any(rotor.nominal_v for rotor in vehicle.rotors):
         return _level(time_s, interval_s, source.required(SUPPLY)[: len(time_s)], records)
     nominal_pa = vehicle.thrust.nominal_pa
@@ -52,6 +54,6 @@ def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array, r
 
 
 def _level(time_s: Array, interval_s: Array, values: Array, records: int) -> SupplyLevel:
-    """Means over each cycle."""
+    """Supply level as means of ``values`` over each cycle."""
     middle_s, part = (each.reshape(-1, records).mean(1) for each in (time_s - interval_s / 2, values))
     return SupplyLevel(frozen(middle_s), frozen(part))

@@ -1,4 +1,4 @@
-"""A table of telemetry to a checked :class:`Log`, whose arrays later stages trust. A record covers ``(previous time_s, time_s]``."""
+"""Validation of a telemetry table into a :class:`Log`. A record covers ``(previous time_s, time_s]``."""
 
 from __future__ import annotations
 
@@ -25,84 +25,84 @@ from massprop_cli.inputs.vehicle import Vehicle
 
 CommandKind = commands.CommandKind
 COARSE = 1e-3
-"""Of a control cycle: so far numbers of time may be apart. At 1.7e9 s, as clocks of computers count, they are 2.4e-7 s apart."""
+"""Maximum resolution of float64 times, as a fraction of a control cycle; at Unix times (1.7e9 s) the resolution is 2.4e-7 s."""
 SATURATED = ("gyro-saturated", "accelerometer-saturated")
-"""Codes of notices that a sensor was at the end of its range."""
+"""Codes of notices that a sensor reached its range."""
 UNREAD = (*SATURATED, "sensor-frozen", "readings-held")
-"""... or repeated one reading: no cause is looked for in what such a sensor shows."""
+"""Codes of notices that a sensor's readings are not its measurements; massprop does not diagnose such logs."""
 VOID = (*UNREAD, "cycle-period")
-"""Codes of notices beside which no value holds, and which nothing corrects."""
+"""Codes of notices that invalidate all estimates and that massprop cannot correct."""
 LONGEST_S = 0.06
-"""s that are taken together where commands have times of their own: a body turns by little in them, and a pulse still stands out."""
+"""Longest group of records if commands have their own times, s; short against the body's rotation, long against a pulse."""
 PACE, CRYSTALS, CRYSTAL = 0.0025, 9e-5, 1e-5
-"""Part by which recorded cycles may be longer or shorter than stated, by other clocks than crystals, by two crystals, and by one that is
-calibrated: with increments and a wrench, inertia follows its square."""
+"""Relative deviation of the recorded from the stated cycle length: limit for clocks without crystals, for two crystals, and for one
+calibrated crystal. With increments and a wrench, inertia is proportional to its square."""
 SHARED = 0.99
-"""Part of the commands that bear the stamps of records, from which on both are by one clock."""
+"""Minimum fraction of commands with time stamps of records for commands and records to count as on one clock."""
 JITTER = 0.02
-"""Part of the usual interval that intervals may scatter by: each counts with its own length, commands do not."""
+"""Maximum scatter of intervals over the median interval; each record counts with its own length, commands do not."""
 
 
 @dataclass(frozen=True)
 class Log:
-    """A checked recording. ``n`` IMU records, ``K`` control cycles of ``records_per_cycle`` records each."""
+    """A validated log: n IMU records, K control cycles of ``records_per_cycle`` records."""
 
     path: Path
     sha256: str
     rows: int
     records_per_cycle: int
     time_s: Array
-    """(n,) end of each record."""
+    """(n,) end of each record, s."""
     interval_s: Array
-    """(n,) length of each record."""
+    """(n,) length of each record, s."""
     delta_theta_imu_rad: Array
-    """(n, 3) angle increments, IMU axes."""
+    """(n, 3) angle increments, IMU axes, rad."""
     delta_v_imu_m_s: Array
-    """(n, 3) velocity increments (specific force), IMU axes."""
+    """(n, 3) velocity increments (specific force), IMU axes, m/s."""
     command_kind: CommandKind
     command: Array
-    """(K, jets) on-times in s, (K, 6) mean torque about O [N m] and force [N], body axes, or (K, rotors) what they are told."""
+    """(K, jets) on-times, s; or (K, 6) mean torque about O [N m] and force [N], body axes; or (K, rotors) x of ``thrust_n``."""
     attitude_wxyz: Array | None
-    """(n, 4) logged attitude at ``time_s``, world ← body; NaN in records without one."""
+    """(n, 4) logged attitude at ``time_s``, world from body; NaN in records without one."""
     notices: tuple[Notice, ...]
     rate_columns: tuple[str, ...] = DELTA_THETA
-    """The contract's names of the columns that the gyro's increments came from."""
+    """(3,) standard names of the gyro columns."""
     force_columns: tuple[str, ...] = DELTA_V
-    """The same of the accelerometer's."""
+    """(3,) standard names of the accelerometer columns."""
     axes: tuple[bool, ...] = (True,) * 6
-    """Which IMU axes were logged: gyro x y z, accelerometer x y z; the increments of the others are zeros."""
+    """(6,) logged IMU axes: gyro x y z, accelerometer x y z; increments of the other axes are zero."""
     empty: tuple[str, ...] = ()
-    """The contract's names of columns of absent axes that hold 0 in every row."""
+    """Standard names of columns that are 0 in every row and count as absent."""
     made: Made | None = None
-    """How a map made it of another recording."""
+    """Conversion from another recording by a map; None without a map."""
     ignored: BoolArray | None = None
-    """(K, 2) cycles whose gyro, whose accelerometer is not used; none of them by default."""
+    """(K, 2) cycles in which gyro or accelerometer are not used; None: all are used."""
     uncommanded: BoolArray | None = None
-    """(K,) cycles whose command was lost; ``command`` holds a guess there."""
+    """(K,) cycles whose command was lost; ``command`` holds an assumed value there."""
     spinning: tuple[MomentumLog, ...] = ()
-    """Of each of the vehicle's :attr:`massprop_cli.inputs.vehicle.Vehicle.spinning`."""
+    """Log of each device in :attr:`massprop_cli.inputs.vehicle.Vehicle.spinning`."""
     command_s: Array | None = None
-    """(M,) when each row of ``command`` was issued, by the commands' clock; None: each begins a control cycle, M = K."""
+    """(M,) issue time of each row of ``command`` on the commands' clock, s; None: the start of each control cycle, M = K."""
     sampled: tuple[bool, bool] = (False, False)
-    """Whether a record of the gyro, of the accelerometer is a sample at its time (times its length), not the motion over it."""
+    """Whether a record of gyro or accelerometer is a sample (times its length) instead of the motion over the record."""
     cycles_apart: tuple[int, ...] = ()
-    """Cycles from one logged speed of each rotor to the next, 0 of one whose command is logged."""
+    """Cycles between logged speeds of each rotor; 0 for a rotor with a logged command."""
     bends_s: tuple[float, ...] = ()
-    """So long after each cycle's end the speeds of each rotor are (:mod:`massprop_cli.prepare.tachometer`), at which they bend."""
+    """Time of each rotor's speed knots after the end of each cycle, s (:mod:`massprop_cli.prepare.tachometer`)."""
     supply: SupplyLevel | None = None
-    """The pressure of the jets' supply, or the voltage of the rotors'; None: it is as stated throughout."""
+    """Supply pressure of jets or supply voltage of rotors; None: nominal throughout."""
     pace: float = 0.0
-    """Part by which cycles last longer by the log's times than stated, where chance doesn't explain it."""
+    """Recorded over stated cycle length, less 1; 0 if not significant."""
     began_s: float | None = None
-    """When the log began that this is a part of; None: it is the whole."""
+    """Start of the whole log if this is a part of it, s; None: this is the whole log."""
 
     @property
     def cycles(self) -> int:
-        """How many control cycles."""
+        """K, number of control cycles."""
         return len(self.time_s) // self.records_per_cycle
 
     def part(self, first: int, stop: int) -> Log:
-        """Of control cycles from ``first`` to before ``stop`` alone."""
+        """Log of the control cycles from ``first`` to before ``stop``."""
         rows, cycles = slice(first * self.records_per_cycle, stop * self.records_per_cycle), slice(first, stop)
         return replace(
             self,
@@ -115,11 +115,11 @@ class Log:
 
     @property
     def origin_s(self) -> float:
-        """When the whole log began."""
+        """Start of the whole log, s."""
         return float(self.time_s[0] - self.interval_s[0]) if self.began_s is None else self.began_s
 
     def _issued(self, first: int, stop: int) -> slice:
-        """Commands issued in some cycles."""
+        """Rows of commands issued in the cycles from ``first`` to before ``stop``."""
         assert self.command_s is not None
         edges = self.cycle_end_s[[first, stop - 1]]
         begin_s = edges[0] - float(self.interval_s[first * self.records_per_cycle : (first + 1) * self.records_per_cycle].sum())
@@ -127,7 +127,7 @@ class Log:
 
     @property
     def command_start_s(self) -> Array:
-        """(M,) when each row of commands was issued."""
+        """(M,) issue time of each row of commands, s."""
         if self.command_s is not None:
             return self.command_s
         records = self.records_per_cycle
@@ -135,18 +135,18 @@ class Log:
 
     @property
     def cycle_end_s(self) -> Array:
-        """(K,) end of each control cycle."""
+        """(K,) end of each control cycle, s."""
         return self.time_s[self.records_per_cycle - 1 :: self.records_per_cycle]
 
 
 def jitter(interval_s: Array) -> float:
-    """By what part of the usual interval all of them (n,) scatter: the median deviation, as one sigma of a normal distribution."""
+    """Robust sigma (scaled median absolute deviation) of the intervals (n,) over their median."""
     usual = median(interval_s)
     return stamps.ROBUST * median(np.abs(interval_s - usual)) / usual
 
 
 def read(table: Table, vehicle: Vehicle) -> Log:
-    """Check a table: :class:`InputError` names file, row (Parquet, from 0) or line (CSV), column, value and remedy."""
+    """Validate a table. Raises :class:`InputError` with file, row (Parquet, from 0) or line (CSV), column, value and remedy."""
     whole = LogTable(table, vehicle.columns)
     source, twice = lostrecords.once(lostrecords.without_lone_pulses(whole))
     recorded_s = source.required("time_s")
@@ -197,12 +197,12 @@ def read(table: Table, vehicle: Vehicle) -> Log:
 def _grouped(
     source: LogTable, time_s: Array, interval_s: Array, command_s: Array | None, period_s: float
 ) -> tuple[int, Array | None, _Pace]:
-    """Records of a control cycle, or of a group where commands have times of their own; these, but those in no whole group; the pace."""
+    """Records per control cycle (per group, if commands have their own times), command times within whole groups, and the pace."""
     if command_s is None:
         records = _records_per_cycle(source, time_s, interval_s, period_s)
         pace = _pace(records * interval_s, period_s)
     else:
-        # those of a control cycle, or of an equal part of a long one
+        # records of a control cycle, or of an equal part of a long cycle
         usual_s = median(interval_s)
         records = max(round(period_s / usual_s / math.ceil(period_s / LONGEST_S)), 1)
         pace = _Pace(0.0, []) if source.has(PULSE_JET) else _pace(np.diff(command_s), period_s)
@@ -218,14 +218,14 @@ def _grouped(
 
 
 def _command_times(source: LogTable, time_s: Array, recorded_s: Array, stamped: stamps.Stamps) -> Array | None:
-    """(M,) when commands were issued, in the rows :attr:`LogTable.issued`, by the clock as it was put right."""
+    """(M,) issue times of commands on the corrected clock, s; sets :attr:`LogTable.issued`. None without a column of command times."""
     if not source.has(COMMAND_TIME):
         return None
     issued_s = source.optional(COMMAND_TIME)
     rows = np.flatnonzero(~np.isnan(issued_s))
     found = issued_s[rows] - (0.0 if stamped.moved_s is None else stamped.moved_s[rows])
     if stamped.moved_s is None and (np.diff(recorded_s) > 0).all():
-        # commands that bear the stamps of records go with these as they were rebuilt
+        # commands with the time stamps of records take the rebuilt times of these records
         row = np.minimum(np.searchsorted(recorded_s, found), len(recorded_s) - 1)
         same = recorded_s[row] == found
         found = np.where(same, stamped.time_s[row], found) if same.sum() > SHARED * len(same) else found
@@ -276,7 +276,7 @@ def _intervals(source: LogTable, time_s: Array, remedy: str = "") -> tuple[Array
 
 
 def _records_per_cycle(source: LogTable, time_s: Array, interval_s: Array, period_s: float) -> int:
-    # times that were rounded have a median that is none of the intervals'
+    # the mean, because the median of rounded times is biased
     usual = float(interval_s[interval_s <= LONG * median(interval_s)].mean())
     records = round(period_s / usual)
     if records < 1 or abs(records * usual / period_s - 1) > 0.2:
@@ -294,13 +294,15 @@ def _records_per_cycle(source: LogTable, time_s: Array, interval_s: Array, perio
 
 
 class _Pace(NamedTuple):
+    """Deviation of the recorded from the stated cycle length."""
+
     part: float
-    """By which cycles last longer by the log's times than stated, where chance doesn't explain it; else 0."""
+    """Recorded over stated cycle length, less 1; 0 if not significant."""
     notices: list[Notice]
 
 
 def _pace(cycle_s: Array, period_s: float) -> _Pace:
-    """Of cycles by the recorded times (n,); long ones lost a record."""
+    """Deviation of the recorded cycle lengths (n,) from ``period_s``; cycles with a lost record are left out."""
     usual = cycle_s[cycle_s <= LONG * median(cycle_s)]
     lasts, chance = float(usual.mean()), 4 * float(usual.std()) / len(usual) ** 0.5 / period_s
     longer = lasts / period_s - 1

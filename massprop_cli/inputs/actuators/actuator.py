@@ -1,7 +1,7 @@
-"""The seam of actuators: a table of the vehicle file, its columns in a log, and the momentum that it holds in time.
+"""Interface of actuators: table in the vehicle file, columns in a log, and stored momentum in time.
 
-The angular momentum of body and devices about the CG is ``I ω + Σ h``. Each device's h has components along axes that stand still in the
-body: one axis for a wheel, two for a rotor that a gimbal turns. The body feels ``−(ḣ + ω × h)``.
+The angular momentum of body and devices about the CG is ``I ω + Σ h``. Each device's h has components along body-fixed axes: one for a
+wheel, two for a rotor in a gimbal. The torque on the body is ``−(ḣ + ω × h)``.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.section import Section, Vector
 
 DEAD = 1e-9
-"""Part of its momentum that stands for a device that does nothing, since a vehicle file takes no 0."""
+"""Momentum factor that represents a dead device, since a vehicle file does not accept 0."""
 NEAR = 0.02
-"""Relative tolerance within which a first reading is the stated value in another unit."""
+"""Relative tolerance within which a first reading counts as the stated value in another unit."""
 SPEEDS = {
     30 / np.pi: "it is in rpm",
     np.pi / 30: "{} is in rpm",
@@ -32,30 +32,32 @@ SPEEDS = {
     -1.0: "it has the other sign",
     -30 / np.pi: "it is in rpm, and has the other sign",
 }
-"""How many times what is stated of it a first speed is, and why."""
+"""Factor of a first reading over the stated speed, and the unit or sign error that explains it."""
 
 
 class LogColumn(NamedTuple):
-    """A column that a log has of each actuator of one kind; the actuator's name stands in its middle."""
+    """A log column of each actuator of one kind: prefix, actuator name, suffix."""
 
     start: str
+    """Prefix of the column name."""
     end: str
+    """Suffix of the column name."""
     key: str
-    """What the vehicle file calls it."""
+    """Name of the quantity in the vehicle file."""
     units: Mapping[str, float]
-    """In which a recording may have it, as factors to SI."""
+    """Accepted units, with factors to SI."""
     instant: bool
-    """Whether it is read at ``time_s``; else it holds over a control cycle."""
+    """Whether the value is at ``time_s``; otherwise it holds over a control cycle."""
     nullable: bool
     """Whether a cell may be empty."""
     description: str
 
     def of(self, name: str) -> str:
-        """The column of one actuator."""
+        """Column name of the actuator ``name``."""
         return f"{self.start}{name}{self.end}"
 
     def named(self, column: str) -> str | None:
-        """The actuator that a column is called after; None where it is another column."""
+        """Actuator name in a column name; None for other columns."""
         fits = column.startswith(self.start) and column.endswith(self.end) and len(column) > len(self.start) + len(self.end)
         return column.removeprefix(self.start).removesuffix(self.end) if fits else None
 
@@ -64,20 +66,21 @@ class Actuator(Section):
     """One of the vehicle's actuators."""
 
     TABLE: ClassVar[str]
-    """Of the vehicle file."""
+    """Table of the vehicle file."""
     NOUN: ClassVar[str]
+    """Noun for messages."""
     COLUMNS: ClassVar[tuple[LogColumn, ...]]
-    """Where a log has several of one actuator, it is read by the first."""
+    """Possible log columns; the first has priority."""
     DOES: ClassVar[tuple[str, ...]]
-    """Keys that say what it does to the vehicle: those of another one, where two are swapped."""
+    """Keys that describe its effect on the vehicle; a wiring swap exchanges them."""
     THRUSTS: ClassVar[bool] = False
-    """Whether it is commanded in place of jets or a wrench."""
+    """Whether its commands replace those of jets or a wrench."""
 
     name: str = Field(min_length=1, pattern=r"^[^\x00-\x1f\x7f]+$")
 
     @classmethod
     def named(cls, column: str) -> str | None:
-        """The actuator of this kind that a column is called after; None where it is another column."""
+        """Name of the actuator of this kind in a column name; None for other columns."""
         return next((name for one in cls.COLUMNS if (name := one.named(column)) is not None), None)
 
     @classmethod
@@ -88,22 +91,22 @@ class Actuator(Section):
     @property
     @abstractmethod
     def device(self) -> MomentumDevice | None:
-        """What of it stores momentum that is known."""
+        """Momentum device of the actuator; None if it stores no known momentum."""
 
     @abstractmethod
     def read(self, source: LogTable, records: int, n: int) -> MomentumLog:
-        """What n rows of a log, ``records`` to a cycle, say of its device; :class:`InputError` names column and remedy."""
+        """Log of its device from n rows, ``records`` per cycle. Raises :class:`InputError` with column and remedy."""
 
     @classmethod
     def check_together(cls, source: LogTable, own: Sequence[Self], said: Sequence[MomentumLog]) -> None:
-        """:class:`InputError` where the columns of all of this kind contradict what the vehicle file states of them."""
+        """Raise :class:`InputError` if the logs of all actuators of this kind contradict the vehicle file."""
 
     @abstractmethod
     def scaled(self, factor: float) -> Self:
-        """The same with so many times the momentum."""
+        """Copy with ``factor`` times the momentum."""
 
     def acting(self, factors: Array) -> Self | None:
-        """The same whose momentum along each of its axes is so many times as much; None where nothing stated of it could be so."""
+        """Copy whose momentum along each axis has the given factor; None if no values of its keys give that."""
         return self.scaled(float(factors[0])) if (factors == factors[0]).all() and factors[0] > 0 else None
 
 
@@ -118,29 +121,29 @@ class MomentumDevice(Actuator):
     @property
     @abstractmethod
     def axes(self) -> Array:
-        """(a, 3) unit vectors that stand still in the body, along which its momentum has components."""
+        """(a, 3) body-fixed unit vectors along which its momentum has components."""
 
     @property
     @abstractmethod
     def beyond_reported(self) -> Array:
-        """(3, 3) what the inertia in the equations has of it beyond the inertia that is reported, kg m²."""
+        """(3, 3) inertia of the device in the equation of motion less its inertia in the reported value, kg m²."""
 
     @property
     @abstractmethod
     def unknowns(self) -> tuple[Unknown, ...]:
-        """Errors of what is stated of it that a log may tell, with sigmas above 0."""
+        """Errors of its stated values with positive sigma, as nuisance parameters."""
 
     @abstractmethod
     def momentum(self, said: MomentumLog, log: LogTimes) -> Grown:
-        """What it holds in time."""
+        """Its momentum in time."""
 
     @property
     def free_inertia(self) -> Array:
-        """(a,) by how much its momentum along each axis follows the body's rate between two readings of its speed, kg m²."""
+        """(a,) spin inertia J along each axis if J (W + a · ω) grows evenly between speed readings, kg m²; 0 otherwise."""
         return np.zeros(len(self.axes))
 
     def scatter(self, said: MomentumLog, weight: Array) -> float:  # noqa: ARG002
-        """One sigma [N m s] by which its momentum scatters from record to record, each of the ``weight`` (n,) of its rate squared: 0."""
+        """Sigma of its momentum's white noise per record, N m s; ``weight`` (n,) weights the records. Zero unless overridden."""
         return 0.0
 
     @property
@@ -150,70 +153,73 @@ class MomentumDevice(Actuator):
 
 
 class Unknown(NamedTuple):
-    """An error ε of what is stated of a device: it holds ``ε (by (h − h₀) + constant)`` more, along its axes or along ``across``."""
+    """Error ε of a stated value of a device, which adds the momentum ``ε (by (h − h₀) + constant)`` along its axes or ``across``."""
 
     sigma: float
+    """Prior sigma of ε."""
     by: Array
-    """(a, a)"""
+    """(a, a) factor of the momentum."""
     constant: Array
-    """(a,) N m s"""
+    """(a,) constant part, N m s."""
     since_start: bool
-    """Whether h₀ is the momentum that the log began with; else it is 0."""
+    """True: h₀ is the momentum at the start of the log; False: h₀ is 0."""
     across: Array | None = None
-    """(a, 3) instead of its axes: where an error turns them to."""
+    """(a, 3) directions of the added momentum if they are not the axes."""
 
     @property
     def scales(self) -> bool:
-        """Whether it is a relative error of all torque that the device gives."""
+        """Whether ε is a relative error of the device's torque."""
         return self.across is None and bool((self.by == np.eye(len(self.by))).all())
 
 
 class Grown(NamedTuple):
-    """Momentum (a, P) [N m s] at times (P,) [s] by the commands' clock, between which it grows evenly."""
+    """Momentum of a device in time, linear between given times."""
 
     time_s: Array
+    """(P,) times on the commands' clock, s."""
     momentum: Array
+    """(a, P) momentum, N m s."""
 
 
 @dataclass(frozen=True)
 class LogTimes:
-    """When a log's n records and M rows of commands are, and how the body turned."""
+    """Times of n records and M rows of commands, and the body's rotation."""
 
     edge_s: Array
-    """(n + 1,) start of the first record and end of each, by the commands' clock."""
+    """(n + 1,) start of the first record and end of each record on the commands' clock, s."""
     interval_s: Array
-    """(n,) length of each record."""
+    """(n,) length of each record, s."""
     period_s: float
-    """Of a control cycle."""
+    """Length of a control cycle, s."""
     at_once_s: Array
-    """(M,) from when on what was measured acts, by the commands' clock."""
+    """(M,) start of the effect of measured values on the commands' clock, s."""
     delayed_s: Array
-    """(M,) from when on what was commanded acts."""
+    """(M,) start of the effect of commands on the commands' clock, s."""
     turn_rad: Callable[[slice], Array]
-    """(…, 3) by which the body turned in some records, body axes."""
+    """Function that gives the (…, 3) rotation of the body in the given records, body axes, rad."""
 
 
 class MomentumLog(Protocol):
-    """What a log says of one device."""
+    """Log of one momentum device."""
 
     @property
     def integrated(self) -> bool:
-        """Whether its momentum follows from all of the log."""
+        """Whether its momentum is integrated over the log."""
 
     @property
     def known_before(self) -> bool:
-        """Whether it is known from before the first record's end."""
+        """Whether its momentum is known before the end of the first record."""
 
     @property
     def moved(self) -> bool:
-        """Whether anything was asked of it."""
+        """Whether its momentum changed or a torque was commanded."""
 
     def part(self, rows: slice) -> Self:
-        """Of some records; ValueError where it is integrated."""
+        """Log of the given records. Raises ValueError if the momentum is integrated."""
 
 
 def refuse_strangers(source: LogTable, columns: Mapping[str, str], known: Sequence[str], noun: str, table: str) -> None:
-    """:class:`InputError` where one of ``columns`` is called after something that the vehicle file does not have, by their names."""
+    """Raise :class:`InputError` if one of ``columns`` (column: actuator name) names an actuator that is not in ``known``."""
     for column, name in columns.items():
         if name not in known:
             hint = nearest(name, known, f"the nearest {noun} is") or f"; it has no [[{table}]] at all"
@@ -223,12 +229,12 @@ def refuse_strangers(source: LogTable, columns: Mapping[str, str], known: Sequen
 
 
 def called(devices: Sequence[MomentumDevice]) -> str:
-    """What a sentence calls all of them: wheels, say."""
+    """Plural noun of all devices for messages."""
     return " and ".join(dict.fromkeys(f"{device.NOUN}s" for device in devices))
 
 
 def own_column(source: LogTable, actuator: Actuator, key: str, otherwise: str = "") -> str:
-    """The column ``key`` of an actuator that may have either; :class:`InputError` where the log has another one alone."""
+    """Column ``key`` of an actuator. Raises :class:`InputError` if the log has only another column of it."""
     column = next(one for one in actuator.COLUMNS if one.key == key).of(actuator.name)
     other = next((one for one in actuator.COLUMNS if one.key != key and source.has(one.of(actuator.name))), None)
     if other is not None and not source.has(column):
@@ -242,7 +248,7 @@ def own_column(source: LogTable, actuator: Actuator, key: str, otherwise: str = 
 def refuse_other_units(
     source: LogTable, what: str, key: str, factors: Mapping[float, str], pairs: Sequence[tuple[float | None, Array | None]]
 ) -> None:
-    """:class:`InputError` where the readings of all ``pairs`` (stated, readings) begin at what ``key`` states times one of ``factors``."""
+    """Raise :class:`InputError` if the first readings of all ``pairs`` (stated, readings) equal the stated values times one factor."""
     known = [(stated, float(readings[0])) for stated, readings in pairs if stated and readings is not None]
     for factor, why in factors.items():
         if known and all(abs(first - factor * stated) < NEAR * abs(factor * stated) for stated, first in known):
@@ -253,12 +259,12 @@ def refuse_other_units(
 
 
 def unit(axis: Vector) -> Array:
-    """(3,) of length one."""
+    """(3,) unit vector along ``axis``."""
     return np.asarray(np.array(axis) / np.linalg.norm(axis))
 
 
 def pointing(what: str) -> AfterValidator:
-    """Of an axis in a file, which must have a length."""
+    """Validator that refuses an axis of length zero."""
 
     def checked(axis: Vector) -> Vector:
         if not any(axis):

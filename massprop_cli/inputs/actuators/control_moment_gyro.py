@@ -1,15 +1,15 @@
-"""Control moment gyros: rotors that gimbals turn, so that the direction of their momentum changes.
+"""Control moment gyros: rotors in gimbals that change the direction of their momentum.
 
-A rotor carries the momentum h along its spin axis s, which the gimbal turns about its own axis g:
+A rotor has the momentum h along its spin axis s, which the gimbal turns about its axis g by the logged gimbal angle δ:
 
     s(δ) = s₀ cos δ + (g × s₀) sin δ
 
-with δ the logged gimbal angle. h is relative to the body: a motor holds it, or it is J W with the logged spin speed W. All moments on body
-and gyros together, I the body's inertia about its CG with the rotors in it as if they were locked at gimbal angle 0:
+h is relative to the body: constant, or J W with the logged spin speed W. I is the body's inertia about its CG with the rotors locked at
+gimbal angle 0. The equation of motion of body and gyros is
 
     I ω̇ + d(h s)/dt + ω × (I ω + h s) = τ − c × F
 
-The gimbals' own momentum is not in it, nor how the inertia of a rotor that is not round turns with its gimbal.
+It neglects the gimbals' momentum and the change of a non-axisymmetric rotor's inertia with the gimbal angle.
 """
 
 import json
@@ -32,15 +32,15 @@ SPEED = actuator.LogColumn(
     "cmg_", "_rad_s", "speed", SPIN, True, False, "a control moment gyro's spin speed, relative to its gimbal, at time_s, rad/s"
 )
 ANGLES = {180 / np.pi: "it is in degrees", np.pi / 180: "{} is in degrees", -1.0: "it has the other sign"}
-"""How many times what is stated of it a first angle is, and why."""
+"""Factor of a first gimbal angle over the stated one, and the unit or sign error that explains it."""
 SQUARE = 1e-6
-"""Cosine of the angle between two axes that are orthogonal."""
+"""Largest cosine of the angle between two axes that count as orthogonal."""
 FASTEST_RAD = 1.0
-"""Turn of a gimbal between two records beyond which nobody can tell what it did meanwhile."""
+"""Largest gimbal rotation between two records; a larger one is ambiguous."""
 SMOOTH = 8
-"""Parts of a record at least in which a smooth curve is straight."""
+"""Minimum number of linear pieces per record of a smooth curve."""
 FINE_RAD = 0.002
-"""Turn between two times at which the momentum is given: the chord is nearer to the axis than the arc by 3e-7 of it in the mean."""
+"""Largest gimbal rotation per linear piece of the momentum; chords shorten the mean momentum by 3e-7."""
 
 _Axis = Annotated[Vector, actuator.pointing("this axis")]
 
@@ -95,7 +95,7 @@ class ControlMomentGyro(actuator.MomentumDevice):
 
     @classmethod
     def draft(cls, name: str, has: actuator.LogColumn, span: str) -> list[str]:  # noqa: ARG003
-        """All of it as comments: each needs what no log tells."""
+        """Draft as comments, because no log gives these values."""
         return [
             "# [[control_moment_gyros]]   # each of these is needed; data sheet or drawing",
             f"# name = {json.dumps(name, ensure_ascii=False)}",
@@ -108,29 +108,32 @@ class ControlMomentGyro(actuator.MomentumDevice):
 
     @property
     def axes(self) -> Array:
-        """(2, 3) the spin axis at gimbal angles of 0 and of 90 degrees."""
+        """(2, 3) spin axis at gimbal angles of 0 and 90 degrees, body axes."""
         spin = actuator.unit(self.spin_axis)
         return np.stack([spin, np.cross(actuator.unit(self.gimbal_axis), spin)])
 
     @property
     def beyond_reported(self) -> Array:
-        """(3, 3) the inertia in the equations has the rotor locked."""
+        """(3, 3) inertia in the equation of motion less reported inertia, kg m²; the equation locks the rotor."""
         return np.asarray((not self.locked_in_inertia) * (self.spin_inertia_kg_m2 or 0.0) * np.outer(self.axes[0], self.axes[0]))
 
     @property
     def unknowns(self) -> tuple[actuator.Unknown, ...]:
-        """Its spin momentum, relative; and the gimbal angle, which turns the momentum by g × h."""
+        """Nuisance parameters: relative spin momentum, and gimbal angle, rad, which changes the momentum by g × h."""
         stated, sigma = (self.h_n_m_s, self.h_sigma_n_m_s) if self.h_n_m_s else (self.spin_inertia_kg_m2, self.spin_inertia_sigma_kg_m2)
         by = (sigma / (stated or 1.0), np.eye(2)), (self.gimbal_sigma_rad, np.array([[0.0, -1.0], [1.0, 0.0]]))
         return tuple(actuator.Unknown(size, matrix, np.zeros(2), False) for size, matrix in by if size > 0)
 
     def scaled(self, factor: float) -> Self:
-        """The same with so many times its spin momentum."""
+        """Copy with ``factor`` times the spin momentum."""
         keys = ("h_n_m_s", "spin_inertia_kg_m2")
         return self.model_copy(update={key: factor * stated for key in keys if (stated := getattr(self, key)) is not None})
 
     def acting(self, factors: Array) -> Self | None:
-        """Both below 0: its rotor spins the other way; the second alone: its gimbal turns the other way."""
+        """Copy with the given factors of the momentum along both axes; None if their magnitudes differ.
+
+        Both negative reverse the spin; a negative second one reverses the gimbal.
+        """
         first, second = factors.tolist()
         if abs(abs(first) - abs(second)) > SQUARE * abs(first):
             return None
@@ -139,7 +142,7 @@ class ControlMomentGyro(actuator.MomentumDevice):
         return self.scaled(max(abs(first), actuator.DEAD)).model_copy(update={"gimbal_axis": gimbal, "spin_axis": spin})
 
     def read(self, source: LogTable, records: int, n: int) -> "GyroLog":  # noqa: ARG002
-        """Gimbal angles, and speeds where the momentum is not stated."""
+        """Log of gimbal angles, and of speeds if the momentum is not stated. Raises :class:`InputError` for too fast a gimbal."""
         angle = source.required(GIMBAL.of(self.name))[:n]
         turn = np.abs(np.diff(np.unwrap(angle)))
         fast = np.append(False, np.maximum(turn, np.abs(np.diff(angle)) - 2 * np.pi) > FASTEST_RAD)
@@ -153,7 +156,7 @@ class ControlMomentGyro(actuator.MomentumDevice):
 
     @classmethod
     def check_together(cls, source: LogTable, own: Sequence[Self], said: Sequence[actuator.MomentumLog]) -> None:
-        """:class:`InputError` where all begin at what is stated in another unit, which nothing in the motion tells."""
+        """Raise :class:`InputError` if all first angles or speeds equal the stated ones in another unit; the motion cannot show it."""
         pairs = [(gyro, one) for gyro, one in zip(own, said, strict=True) if isinstance(one, GyroLog)]
         angles = [(gyro.start_gimbal_rad, one.angle_rad) for gyro, one in pairs]
         actuator.refuse_other_units(source, "gimbal angle of each control moment gyro", "start_gimbal_rad", ANGLES, angles)
@@ -161,46 +164,46 @@ class ControlMomentGyro(actuator.MomentumDevice):
         actuator.refuse_other_units(source, "speed of each control moment gyro", "start_rad_s", actuator.SPEEDS, speeds)
 
     def momentum(self, said: actuator.MomentumLog, log: actuator.LogTimes) -> actuator.Grown:
-        """By the gimbal's angle where it bends, between which it turns evenly; or on a smooth curve."""
+        """Momentum in time from gimbal angles that are linear between knots, or from a smooth curve."""
         assert isinstance(said, GyroLog)
-        begun = said.before is not None
-        time_s, angle = log.edge_s[1 - begun :] + said.after_s, said.angle_rad
+        has_start = said.before is not None
+        time_s, angle = log.edge_s[1 - has_start :] + said.after_s, said.angle_rad
         speed = np.zeros_like(angle) if said.speed_rad_s is None else said.speed_rad_s
         if said.before is not None:
             angle, speed = np.append(said.before[0], angle), np.append(said.before[1], speed)
         parts = max(int(np.ceil(np.abs(np.diff(angle)).max(initial=0.0) / FINE_RAD)), SMOOTH if self.gimbal_smooth else 1)
         fine = np.arange((len(angle) - 1) * parts + 1) / parts
-        own = np.arange(len(angle), dtype=float)
+        knots = np.arange(len(angle), dtype=float)
         time_s, speed, angle = (
-            np.interp(fine, own, time_s),
-            np.interp(fine, own, speed),
-            spline(fine, own, angle) if self.gimbal_smooth else np.interp(fine, own, angle),
+            np.interp(fine, knots, time_s),
+            np.interp(fine, knots, speed),
+            spline(fine, knots, angle) if self.gimbal_smooth else np.interp(fine, knots, angle),
         )
-        held = (self.spin_inertia_kg_m2 or 0.0) * speed if self.h_n_m_s is None else self.h_n_m_s
-        return actuator.Grown(time_s, np.stack([held * np.cos(angle), held * np.sin(angle)]))
+        h = (self.spin_inertia_kg_m2 or 0.0) * speed if self.h_n_m_s is None else self.h_n_m_s
+        return actuator.Grown(time_s, np.stack([h * np.cos(angle), h * np.sin(angle)]))
 
 
 @dataclass(frozen=True)
 class GyroLog:
-    """What a log says of one control moment gyro."""
+    """Log of one control moment gyro."""
 
     angle_rad: Array
-    """(n,) of the gimbal at each record's ``time_s``, without leaps of a whole turn."""
+    """(n,) unwrapped gimbal angle at each record's ``time_s``, rad."""
     speed_rad_s: Array | None
-    """(n,) of the rotor; None where its momentum is stated."""
+    """(n,) rotor speed, rad/s; None if its momentum is stated."""
     before: tuple[float, float] | None
-    """Angle and speed as the first record begins; None: unknown."""
+    """Angle, rad, and speed, rad/s, at the start of the first record; None: unknown."""
     after_s: float = 0.0
-    """So long after each record's end the angles are (:mod:`massprop_cli.prepare.tachometer`), at which they bend."""
+    """Time of the angles' knots after the ends of records, s (:mod:`massprop_cli.prepare.tachometer`)."""
 
     @property
     def integrated(self) -> bool:
-        """Each record tells its momentum."""
+        """False: each record gives the momentum."""
         return False
 
     @property
     def known_before(self) -> bool:
-        """Of a part of a log."""
+        """Whether angle and speed before the first record are known, as in a part of a log."""
         return self.before is not None
 
     @property
@@ -209,12 +212,12 @@ class GyroLog:
         return bool(np.ptp(self.angle_rad) > 0) or (self.speed_rad_s is not None and bool(np.ptp(self.speed_rad_s) > 0))
 
     def turned(self, factor: float) -> Self:
-        """With so many times the angle."""
+        """Copy with ``factor`` times the angle."""
         before = None if self.before is None else (factor * self.before[0], self.before[1])
         return replace(self, angle_rad=factor * self.angle_rad, before=before)
 
     def part(self, rows: slice) -> Self:
-        """Of some records."""
+        """Log of the given records."""
         speed, last = self.speed_rad_s, rows.start - 1
         before = (float(self.angle_rad[last]), 0.0 if speed is None else float(speed[last])) if rows.start else self.before
         return replace(self, angle_rad=self.angle_rad[rows], speed_rad_s=None if speed is None else speed[rows], before=before)

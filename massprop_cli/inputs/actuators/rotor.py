@@ -1,4 +1,4 @@
-"""Rotors (propellers) as a vehicle file states them, and their thrust: a polynomial of a speed that lags its command, up and down apart."""
+"""Rotors (propellers): vehicle file table, log columns and thrust, a polynomial of x with separate lags for rising and falling x."""
 
 import json
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ COMMAND = LogColumn(
     "rotor_", "_command", "command", PLAIN, False, True, "what a rotor is commanded in this control cycle, as its thrust_n takes it"
 )
 FEW = 20
-"""Logged speeds from which on it is known how a rotor turns between them."""
+"""Minimum number of logged speeds to estimate the interpolation error between them."""
 SPEED = LogColumn("rotor_", "_rad_s", "speed", SPIN, True, False, "a rotor's speed at time_s, rad/s")
 
 
@@ -70,12 +70,12 @@ class Rotor(Actuator):
 
     @property
     def wrench(self) -> Array:
-        """(6,) torque about O and force of one newton of thrust."""
+        """(6,) torque about O [N m] and force [N] of one newton of thrust, body axes."""
         along = unit(self.axis)
         return np.concatenate([np.cross(self.position_m, along) - self.spin * self.torque_ratio_m * along, along])
 
     def lags(self, otherwise_s: float) -> tuple[float, float]:
-        """Of rising and of falling thrust, s."""
+        """Lags of rising and falling x, s; ``otherwise_s`` if not stated, 0 with a logged speed."""
         if self.column == "speed":
             return 0.0, 0.0
         up = otherwise_s if self.lag_up_s is None else self.lag_up_s
@@ -83,7 +83,7 @@ class Rotor(Actuator):
 
     @property
     def device(self) -> Wheel | None:
-        """What turns with it, where its spin inertia is stated."""
+        """Wheel that represents the rotor's momentum; None without a stated spin inertia."""
         if self.spin_inertia_kg_m2 is None:
             return None
         x, y, z = self.axis
@@ -97,13 +97,13 @@ class Rotor(Actuator):
         )
 
     def scaled(self, factor: float) -> Self:
-        """The same with so many times its spin inertia."""
+        """Copy with ``factor`` times the spin inertia."""
         inertia = self.spin_inertia_kg_m2
         return self if inertia is None else self.model_copy(update={"spin_inertia_kg_m2": factor * inertia})
 
     @classmethod
     def draft(cls, name: str, has: LogColumn, span: str) -> list[str]:
-        """What has to be measured of it as comments."""
+        """Draft with the values to measure as comments."""
         return [
             "[[rotors]]",
             f"name = {json.dumps(name, ensure_ascii=False)}   # column {has.of(name)}{span and ': '}{span}",
@@ -118,61 +118,65 @@ class Rotor(Actuator):
         ]
 
     def read(self, source: LogTable, records: int, n: int) -> WheelLog:  # noqa: ARG002
-        """The speed of what turns with it."""
+        """Log of the wheel that represents its momentum."""
         return WheelLog(frozen(source.between(SPEED.of(self.name), n)), None, None)
 
     def held(self, asked: Array, begin_s: Array, at_once_s: Array, lag_s: float) -> "Held":
-        """Of what is asked for in cycles (K,) that act from ``begin_s`` on as commanded; as measured, at once."""
+        """Values ``asked`` (K,) of x with their times: ``begin_s`` (K,) for commands, ``at_once_s`` (K,) for measured speeds."""
         measured = self.column == "speed"
         return Held(at_once_s if measured else begin_s, asked, *self.lags(lag_s), self.thrust_n, measured)
 
     def cycles_apart(self, source: LogTable, records: int, n: int) -> int:
-        """How many cycles of ``records`` one logged speed stands for; 0 of a command."""
+        """Number of cycles per logged speed; 0 for a logged command."""
         if self.column == "command":
             return 0
         rows = source.samples(SPEED.of(self.name), n)
         return max(round(float(np.median(np.diff(rows))) / records), 1) if len(rows) > 1 else n // records
 
     def unsampled(self, x: Array, each: int) -> float:
-        """One sigma of thrust [N] by what a rotor did between speeds ``x`` (K,), of which one in ``each`` cycles was logged.
+        """Sigma of the thrust from interpolation between speeds ``x`` (K,), one logged in ``each`` cycles, N.
 
-        A curve through every second speed misses those between by E₂ (rms), one through every fourth by E₄. So a curve through all misses
-        what lies between two by ⅔ E₂² / E₄ in the mean, whether the speed is smooth or wanders (E₄ = √2 E₂). The error keeps its sign over
-        m cycles: that counts as white noise of m times the variance in each.
+        E₂ is the rms error of a curve through every second speed at the speeds between, E₄ that of a curve through every fourth. The curve
+        through all speeds then has the mean error ⅔ E₂² / E₄, for smooth speeds and for random walks (E₄ = √2 E₂). The error keeps its sign
+        over m cycles, so it counts as white noise of m times the variance.
         """
         if not each or len(x) < FEW * each:
             return 0.0
-        near, far = _beside_curve(x, each), _beside_curve(x, 2 * each)
+        near, far = _interpolation_error(x, each), _interpolation_error(x, 2 * each)
         slope = float(np.sqrt(np.mean(np.polynomial.Polynomial(self.thrust_n).deriv()(x) ** 2)))
         return slope * each**0.5 * 2 / 3 * near * min(near / far, 1.0) if far else 0.0
 
     def asked(self, source: LogTable, records: int, n: int) -> Array:
-        """(K,) what it is told in each cycle, as its thrust_n takes it; or its measured speed at the end of each."""
+        """(K,) commanded x of each cycle, or measured speed at the end of each cycle."""
         column = own_column(source, self, self.column, ", and thrust_n by that")
         return source.ends(column, records, n) if self.column == "speed" else source.per_cycle(column, records, n)
 
 
 class Held(NamedTuple):
-    """What is asked for from each time to the next, or measured at the next; the lags behind it, and the thrust that it makes."""
+    """Command history of one rotor with its lags and thrust polynomial."""
 
     begin_s: Array
+    """(K,) start of each interval, s."""
     asked: Array
+    """(K,) commanded x in each interval, or x measured at its end."""
     up_s: float
+    """Lag for rising x, s."""
     down_s: float
+    """Lag for falling x, s."""
     thrust_n: Sequence[float]
-    """Coefficients of the polynomial, the constant first."""
+    """Coefficients of the thrust polynomial, N, the constant first."""
     measured: bool = False
-    """Whether each was measured at the next one's time, and it changes evenly in between."""
+    """Whether values are measured at the ends of the intervals and linear in between."""
 
 
 NODES, WEIGHTS = (each / 2 for each in np.polynomial.legendre.leggauss(5))
-"""Of Gauss's rule from −½ to ½, exact for a thrust of :attr:`Rotor.thrust_n` times the time."""
+"""Gauss–Legendre nodes and weights on [−½, ½], exact for the thrust polynomial times time."""
 
 
 def thrust_integrals(rotors: Sequence[Held], edges_s: Array) -> tuple[Array, Array]:
-    """∫ T dt and ∫ (t − bin start) T dt over each bin of ``edges_s``, (bins, rotors) each; before its first command a rotor stood there."""
-    begun = {id(rotor.begin_s): rotor.begin_s for rotor in rotors}
-    pieces = {key: _Pieces.of(begin_s, edges_s) for key, begin_s in begun.items()}
+    """∫ T dt and ∫ (t − bin start) T dt over each bin of ``edges_s``, (bins, rotors) each; x starts at its first commanded value."""
+    starts = {id(rotor.begin_s): rotor.begin_s for rotor in rotors}
+    pieces = {key: _Pieces.of(begin_s, edges_s) for key, begin_s in starts.items()}
     bins = len(edges_s) - 1
     found = np.empty((2, bins, len(rotors)))
     for number, rotor in enumerate(rotors):
@@ -184,21 +188,22 @@ def thrust_integrals(rotors: Sequence[Held], edges_s: Array) -> tuple[Array, Arr
 
 
 class _Pieces(NamedTuple):
-    """Time from each bin's edge or command to the next."""
+    """Intervals between successive bin edges and command starts."""
 
     bins: IntArray
-    """(n,) in which bin a piece is; the last piece is in the last."""
+    """(n,) bin that contains the piece."""
     into_s: Array
-    """From the bin's beginning to the piece's."""
+    """(n,) time from the start of the bin to the start of the piece, s."""
     length_s: Array
+    """(n,) length of the piece, s."""
     k: IntArray
-    """(n,) whose command holds in a piece."""
+    """(n,) command that acts in the piece."""
     since_s: Array
-    """From that command to the piece's beginning."""
+    """(n,) time from the start of that command to the start of the piece, s."""
 
     @staticmethod
     def of(begin_s: Array, edges_s: Array) -> "_Pieces":
-        """Of commands that act from ``begin_s`` on."""
+        """Pieces of bins ``edges_s`` with commands that start at ``begin_s``."""
         inner = begin_s[(begin_s > edges_s[0]) & (begin_s < edges_s[-1])]
         points = np.sort(np.concatenate([edges_s, inner]))
         first = points[:-1]
@@ -208,42 +213,42 @@ class _Pieces(NamedTuple):
 
 
 def _measured(rotor: Held, pieces: _Pieces) -> tuple[Array, Array]:
-    """∫ T dt and ∫ t T dt over each piece, where it changes evenly between speeds."""
+    """(n,) ∫ T dt and (n,) ∫ t T dt over each piece, for x linear between measured speeds."""
     begin_s, length = rotor.begin_s, pieces.length_s
-    gone_s = length[:, None] * (0.5 + NODES)
+    elapsed_s = length[:, None] * (0.5 + NODES)
     end_s = np.append(begin_s[1:], 2 * begin_s[-1] - begin_s[-2:][0])
-    speed = np.interp((begin_s[pieces.k] + pieces.since_s)[:, None] + gone_s, end_s, rotor.asked)
+    speed = np.interp((begin_s[pieces.k] + pieces.since_s)[:, None] + elapsed_s, end_s, rotor.asked)
     thrust = np.polynomial.Polynomial(rotor.thrust_n)(speed)
-    return length * (thrust @ WEIGHTS), length * ((thrust * gone_s) @ WEIGHTS)
+    return length * (thrust @ WEIGHTS), length * ((thrust * elapsed_s) @ WEIGHTS)
 
 
-def _beside_curve(x: Array, n: int) -> float:
-    """By how much x (K,), rms, is off a curve (:func:`massprop_cli.base.arrays.cubic`) through those n, 3 n, … away."""
-    found = x[3 * n : -3 * n] - (9 * (x[2 * n : -4 * n] + x[4 * n : -2 * n]) - x[: -6 * n] - x[6 * n :]) / 16
-    return float(np.sqrt(np.mean(found**2)))
+def _interpolation_error(x: Array, n: int) -> float:
+    """Rms difference of x (K,) from a cubic (:func:`massprop_cli.base.arrays.cubic`) through the values n and 3 n away."""
+    error = x[3 * n : -3 * n] - (9 * (x[2 * n : -4 * n] + x[4 * n : -2 * n]) - x[: -6 * n] - x[6 * n :]) / 16
+    return float(np.sqrt(np.mean(error**2)))
 
 
 def _lagging(rotor: Held, pieces: _Pieces) -> tuple[Array, Array]:
-    """The same where it is at ``x + d exp(−t / lag)``, so that thrust is a sum of ``exp(−n t / lag)``."""
+    """(n,) ∫ T dt and (n,) ∫ t T dt over each piece, for x at ``u + d exp(−t / lag)``: thrust is a sum of ``exp(−n t / lag)``."""
     at, lag = _departures(rotor)
     k, length = pieces.k, pieces.length_s
-    left = at[k] * np.exp(-pieces.since_s / lag[k])
+    departure = at[k] * np.exp(-pieces.since_s / lag[k])
     polynomial = np.polynomial.Polynomial(rotor.thrust_n)
     settled = polynomial(rotor.asked)[k]
     integral, moment = settled * length, settled * length**2 / 2
     for n in range(1, len(rotor.thrust_n)) if at.any() else ():
-        size, tau = (polynomial.deriv(n)(rotor.asked) / factorial(n))[k] * left**n, (lag / n)[k]
-        gone = -np.expm1(-length / tau)
-        integral += size * tau * gone
-        moment += size * tau * (tau * gone - length * (1 - gone))
+        size, tau = (polynomial.deriv(n)(rotor.asked) / factorial(n))[k] * departure**n, (lag / n)[k]
+        decayed = -np.expm1(-length / tau)
+        integral += size * tau * decayed
+        moment += size * tau * (tau * decayed - length * (1 - decayed))
     return integral, moment
 
 
 def _departures(rotor: Held) -> tuple[Array, Array]:
-    """(K,) by how much it is over what is asked for as each command begins, and the lag (s) with which that goes; nothing without a lag.
+    """(K,) difference d of x from the command at the start of each command, and (K,) its lag, s; d is 0 without a lag.
 
-    Of steps s and of what is kept until the next, ``d[k + 1] = s[k + 1] + kept[k] d[k]``. Which lag it is, up or down, d itself tells: from
-    the first command on one more is right each time.
+    With command steps s and decay factors, ``d[k + 1] = s[k + 1] + decay[k] d[k]``. The sign of d decides between rising and falling lag.
+    The iteration converges, because each pass determines at least one more command.
     """
     length, steps = np.diff(rotor.begin_s, append=rotor.begin_s[-1]), -np.diff(rotor.asked, prepend=rotor.asked[0])
     rising = steps < 0

@@ -1,11 +1,10 @@
-"""Reaction wheels as a vehicle file states them, and what a log says of them.
+"""Reaction wheels: vehicle file table, log columns and momentum.
 
-A wheel turns about an axis a that is fixed in the body and carries the momentum ``h = J W`` along it, J its spin inertia, W its speed
-relative to the body. With the wheel locked the body's inertia about its CG is I; what the motor does to the wheel, the body feels the
-opposite of. All moments on body and wheels together:
+A wheel turns about a body-fixed axis a with the momentum ``h = J W`` along it, J its spin inertia, W its speed relative to the body. I is
+the body's inertia about its CG with the wheel locked. The equation of motion of body and wheel is
 
-    I ω̇ + a J Ẇ + ω × (I ω + a J W) = τ − c × F          by speed
-    (I − J a aᵀ) ω̇ + a T + ω × ((I − J a aᵀ) ω + a h) = τ − c × F,   ḣ = T,  h = J (W + a · ω)          by torque T on the wheel
+    I ω̇ + a J Ẇ + ω × (I ω + a J W) = τ − c × F          with logged speed W
+    (I − J a aᵀ) ω̇ + a T + ω × ((I − J a aᵀ) ω + a h) = τ − c × F,   ḣ = T,  h = J (W + a · ω)          with logged torque T on the wheel
 """
 
 import json
@@ -29,17 +28,17 @@ ON_WHEEL = actuator.LogColumn(
     "wheel_", "_n_m", "torque", TORQUE, False, True, "torque on a wheel over this control cycle, N m; the body feels the opposite"
 )
 FOR_A_PARABOLA = 8
-"""Records, of which fewer make one too noisy at its end."""
+"""Minimum number of records for extrapolation by a parabola; with fewer it is too noisy."""
 DISTINCT, WHOLE = 10, 1e-4
-"""Values of a column that are needed to tell a step, and parts of it by which each may be off a whole multiple."""
+"""Minimum number of distinct values to detect a quantisation step, and tolerance of whole multiples in steps."""
 STANDS = 16
-"""Records for which a speed may go evenly while its count stands still."""
+"""Maximum number of records with one count in which the speed counts as linear."""
 BENDS = 0.05
-"""Part of all records at which the change of a count may itself change by more than one: by no more where a speed goes evenly."""
+"""Maximum fraction of records at which the second difference of counts exceeds 1, for speeds that count as linear between counts."""
 
 
 def step_of(values: Array) -> float:
-    """The step of which all are whole multiples; 0 where there is none."""
+    """Quantisation step of ``values``; 0 if they are not whole multiples of one step."""
     apart = np.diff(np.unique(values))
     if len(apart) < DISTINCT:
         return 0.0
@@ -48,11 +47,11 @@ def step_of(values: Array) -> float:
 
 
 def dequantised(counts: Array) -> tuple[Array, Array, IntArray]:
-    """(n,) what whole ``counts`` (n,) stand for, (n,) the variance of each, and (n,) for how many records each stands still.
+    """(n,) estimated values of quantised ``counts`` (n,), (n,) their variances, and (n,) number of records with the same count.
 
-    Where a count changes by one, the value is midway between both counts at some moment between their records. It is linear from one such
-    moment to the next; where it turns back, a parabola to the count. The moment is uniform within a record, so the variance of a count
-    that stands for L records is 1/(12 L²); it is 1/24 where the value turns back or stands for long, 1/12 where it changes faster.
+    Where a count changes by one, the value is midway between both counts at an unknown time between the two records. It is linear between
+    such times, and a parabola where it turns back. The time is uniform within a record, so the variance of a count that lasts L records is
+    1/(12 L²). It is 1/24 where the value turns back or the count lasts long, and 1/12 where counts change faster.
     """
     places, edge = np.arange(len(counts)), np.flatnonzero(np.diff(counts))
     run = np.searchsorted(edge, places)
@@ -135,7 +134,7 @@ class Wheel(actuator.MomentumDevice):
 
     @classmethod
     def draft(cls, name: str, has: actuator.LogColumn, span: str) -> list[str]:  # noqa: ARG003
-        """All of it as comments: each needs what no log tells."""
+        """Draft as comments, because no log gives these values."""
         return [
             "# [[wheels]]            # each of these is needed; data sheet or drawing",
             f"# name = {json.dumps(name, ensure_ascii=False)}",
@@ -148,29 +147,29 @@ class Wheel(actuator.MomentumDevice):
 
     @property
     def direction(self) -> Array:
-        """(3,) the axis, of length one."""
+        """(3,) unit vector of the axis, body axes."""
         return actuator.unit(self.axis)
 
     @property
     def axes(self) -> Array:
-        """(1, 3) its axis."""
+        """(1, 3) unit vector of the axis, body axes."""
         return self.direction[None]
 
     @property
     def beyond_reported(self) -> Array:
-        """(3, 3) the inertia by a column of speed has the wheel locked, and by a column of torque without it."""
+        """(3, 3) inertia in the equation of motion less reported inertia, kg m²; the equation locks a wheel with logged speed."""
         locked = self.spin_inertia_kg_m2 * np.outer(self.direction, self.direction)
         return np.asarray((int(self.column == "speed") - int(self.locked_in_inertia)) * locked)
 
     @property
     def free_inertia(self) -> Array:
-        """(1,) where a motor's torque is even from one reading of the speed to the next, so is the growth of J (W + a · ω)."""
+        """(1,) spin inertia if the motor torque is constant between speed readings, so that J (W + a · ω) grows evenly, kg m²; else 0."""
         exact = not (self.speed_latency_s or self.speed_window_s or self.torque_steps_s or self.holds == "speed")
         return np.array([self.spin_inertia_kg_m2 * (exact and self.column == "speed")])
 
     @property
     def unknowns(self) -> tuple[actuator.Unknown, ...]:
-        """By speed its inertia, relative; by torque the speed that it began with, rad/s, and the torque, relative. Its axis, rad."""
+        """Nuisance parameters: spin inertia (relative) by speed; initial speed, rad/s, and torque (relative) by torque; axis, rad."""
         relative = self.spin_inertia_sigma_kg_m2 / self.spin_inertia_kg_m2
         if self.column == "speed":
             found = [actuator.Unknown(relative, np.eye(1), np.zeros(1), False)]
@@ -178,23 +177,23 @@ class Wheel(actuator.MomentumDevice):
             start = float(np.hypot(self.start_sigma_rad_s, relative * (self.start_rad_s or 0.0)))
             begun = actuator.Unknown(start, np.zeros((1, 1)), np.array([self.spin_inertia_kg_m2]), False)
             found = [begun, actuator.Unknown(self.torque_scale_sigma, np.eye(1), np.zeros(1), True)]
-        lines = np.linalg.svd(self.axes)[2][1:]  # two at right angles to it
+        lines = np.linalg.svd(self.axes)[2][1:]  # two directions orthogonal to the axis
         found += [actuator.Unknown(self.axis_sigma_rad, np.eye(1), np.zeros(1), False, line[None]) for line in lines]
         return tuple(one for one in found if one.sigma > 0)
 
     def scaled(self, factor: float) -> Self:
-        """The same with so many times its spin inertia."""
+        """Copy with ``factor`` times the spin inertia."""
         return self.model_copy(update={"spin_inertia_kg_m2": factor * self.spin_inertia_kg_m2})
 
     def acting(self, factors: Array) -> Self:
-        """Below 0 it turns the other way."""
+        """Copy with the given factor of the momentum; a negative factor reverses the axis."""
         x, y, z = self.axis
         size = max(abs(float(factors[0])), actuator.DEAD)
         axis = (-x, -y, -z) if factors[0] < 0 else self.axis
         return self.model_copy(update={"axis": axis, "spin_inertia_kg_m2": size * self.spin_inertia_kg_m2})
 
     def read(self, source: LogTable, records: int, n: int) -> "WheelLog":
-        """By the column that the vehicle file names."""
+        """Log of the wheel from the column that the vehicle file states. Raises :class:`InputError` without an initial speed."""
         column, speed = actuator.own_column(source, self, self.column), SPEED.of(self.name)
         if self.column == "speed":
             return WheelLog(frozen(source.required(column)[:n]), None, None)
@@ -211,14 +210,14 @@ class Wheel(actuator.MomentumDevice):
 
     @classmethod
     def check_together(cls, source: LogTable, own: Sequence[Self], said: Sequence[actuator.MomentumLog]) -> None:
-        """:class:`InputError` where all speeds begin at what is stated in another unit or sign, which no motion shows."""
+        """Raise :class:`InputError` if all first speeds equal the stated ones in another unit or sign; the motion cannot show it."""
         pairs = [(wheel.start_rad_s, one.speed_rad_s) for wheel, one in zip(own, said, strict=True) if isinstance(one, WheelLog)]
         actuator.refuse_other_units(source, "speed of each wheel", "start_rad_s", actuator.SPEEDS, pairs)
 
     def dequantised_speed(self, speed: Array) -> tuple[Array, Array, IntArray]:
-        """Logged speeds (n,) as :func:`dequantised` says, in rad/s, and the variance of each by noise and by counts.
+        """Results of :func:`dequantised` for logged speeds (n,): speeds, rad/s, their variances, and records per count.
 
-        They stay as logged where that is stated, torque bends them by counts, or noise makes a count change back and forth.
+        Speeds stay as logged if ``between_counts`` is false, or if counts show that the speed is not linear between them.
         """
         step = step_of(speed) if self.speed_step_rad_s is None else self.speed_step_rad_s
         if step == 0:
@@ -230,7 +229,10 @@ class Wheel(actuator.MomentumDevice):
         return step * values, self.speed_sigma_rad_s**2 + step**2 * variance, length
 
     def scatter(self, said: actuator.MomentumLog, weight: Array) -> float:
-        """By its tachometer: noise, and what counts leave open, which counts as often as a count stands still, by ``weight``."""
+        """Sigma of the momentum from tachometer noise and quantisation, N m s.
+
+        A quantisation error is constant while a count lasts, so its variance counts once per record of the count.
+        """
         if not isinstance(said, WheelLog) or said.speed_rad_s is None or self.speed_error_in_noise:
             return 0.0
         _, variance, length = self.dequantised_speed(said.speed_rad_s)
@@ -239,20 +241,20 @@ class Wheel(actuator.MomentumDevice):
         return self.spin_inertia_kg_m2 * float(np.sqrt(np.average(each, weights=weight if weight.any() else None)))
 
     def momentum(self, said: actuator.MomentumLog, log: actuator.LogTimes) -> actuator.Grown:
-        """By its speed where that bends, relative to the body; or all of it, by the torque on it over each cycle, less friction."""
+        """Momentum in time: relative to the body at the speed's knots, or total by integration of torque less friction."""
         assert isinstance(said, WheelLog)
         if said.speed_rad_s is not None:
-            speed, begun = said.speed_rad_s, said.start_rad_s is not None
-            at = log.edge_s[1 - begun :] + said.after_s
-            return actuator.Grown(at, self.spin_inertia_kg_m2 * np.append([said.start_rad_s] * begun, speed)[None])
+            speed, has_start = said.speed_rad_s, said.start_rad_s is not None
+            at = log.edge_s[1 - has_start :] + said.after_s
+            return actuator.Grown(at, self.spin_inertia_kg_m2 * np.append([said.start_rad_s] * has_start, speed)[None])
         at = log.delayed_s if self.torque_is == "commanded" else log.at_once_s
         time_s = np.append(at, at[-1] + log.period_s)
         return actuator.Grown(time_s, self._driven(said, time_s, log)[None])
 
     def _turning_at(self, log: actuator.LogTimes, moment_s: float) -> float:
-        """The body's own rate about the axis when the first torque acts, by the records before: later ones already show that torque.
+        """Body rate about the axis at ``moment_s``, when the first torque acts, rad/s; from earlier records, which exclude that torque.
 
-        A parabola (of few records a line) through two cycles is extrapolated; without records before, it is the first record's rate.
+        Extrapolated by a parabola (a line for few records) through two cycles; without earlier records, the first record's rate.
         """
         end_s, cycle = log.edge_s[1:], round(log.period_s / log.interval_s[0])
         last = int(np.searchsorted(end_s, moment_s + 1e-6 * log.interval_s[0], "right"))
@@ -264,7 +266,7 @@ class Wheel(actuator.MomentumDevice):
         return float(np.linalg.lstsq(np.vander(since, degree + 1), rate, rcond=None)[0][-1])
 
     def _driven(self, said: "WheelLog", time_s: Array, log: actuator.LogTimes) -> Array:
-        """(M + 1,) momentum at times by the torque between them, less friction; between two the body's own rate goes evenly."""
+        """(M + 1,) total momentum at ``time_s`` from torque less friction, N m s; the body rate is linear between these times."""
         assert said.torque_n_m is not None
         assert said.start_rad_s is not None
         inertia, length_s, speed = self.spin_inertia_kg_m2, np.diff(time_s), said.start_rad_s
@@ -280,9 +282,9 @@ class Wheel(actuator.MomentumDevice):
         return np.asarray(inertia * (found + turning))
 
     def rubbed(self, speed: float, pulled: float, length_s: float) -> float:
-        """Speed relative to the body, rad/s, after a time in which all but friction changes it by ``pulled`` rad/s².
+        """Speed relative to the body after ``length_s``, rad/s, with the acceleration u = ``pulled``, rad/s², and friction.
 
-        ``Ω̇ = u − c sign Ω − k Ω``; where it comes to rest it stays while |u| is no more than c.
+        ``Ω̇ = u − c sign Ω − k Ω``. A wheel at rest stays at rest while |u| ≤ c.
         """
         c, k = self.coulomb_friction_n_m / self.spin_inertia_kg_m2, self.viscous_friction_n_m_s / self.spin_inertia_kg_m2
         while length_s > 0:
@@ -292,7 +294,7 @@ class Wheel(actuator.MomentumDevice):
             end = speed * float(np.exp(-k * length_s)) + grows * since
             if side == 0 or end * side > 0 or speed == grows == 0:
                 return end if side else 0.0
-            # at rest where Ω + u (e^kt − 1)/k is 0
+            # the wheel stops when Ω + u (e^kt − 1)/k = 0
             length_s -= float(np.log1p(-k * speed / grows)) / k if k else -speed / grows
             speed = 0.0
         return speed
@@ -300,36 +302,36 @@ class Wheel(actuator.MomentumDevice):
 
 @dataclass(frozen=True)
 class WheelLog:
-    """What a log says of one wheel."""
+    """Log of one wheel: speed, or torque and initial speed."""
 
     speed_rad_s: Array | None
-    """(n,) relative to the body, at each record's ``time_s``."""
+    """(n,) speed relative to the body at each record's ``time_s``, rad/s; None if the torque is logged."""
     torque_n_m: Array | None
-    """(M,) on the wheel, by each row of commands; None where the speed is known."""
+    """(M,) torque on the wheel for each row of commands, N m; None if the speed is logged."""
     start_rad_s: float | None
-    """Speed at the beginning of the log, or of a torque's log when its first torque acts; None: unknown."""
+    """Speed at the start of the log, or when the first logged torque acts, rad/s; None: unknown."""
     corrected: bool = False
-    """Whether speeds are those at which they bend, not what the tachometer shows (:mod:`massprop_cli.prepare.tachometer`), ..."""
+    """Whether speeds are estimates at knots instead of tachometer readings (:mod:`massprop_cli.prepare.tachometer`)."""
     after_s: float = 0.0
-    """... so long after each record's end."""
+    """Time of the knots after the ends of records, s."""
 
     @property
     def integrated(self) -> bool:
-        """By its torque."""
+        """Whether the momentum is integrated from torque."""
         return self.speed_rad_s is None
 
     @property
     def known_before(self) -> bool:
-        """Where the speed at the beginning is known."""
+        """Whether the speed at the start of the log is known."""
         return self.integrated or self.start_rad_s is not None
 
     @property
     def moved(self) -> bool:
-        """Whether anything was asked of it: a torque, or another speed."""
+        """Whether a torque was commanded or the speed changed."""
         return bool(self.torque_n_m.any()) if self.torque_n_m is not None else bool(np.ptp(np.asarray(self.speed_rad_s)) > 0)
 
     def part(self, rows: slice) -> Self:
-        """Of some records; ValueError of a torque's log, whose speed follows from all that went before."""
+        """Log of the given records. Raises ValueError for a torque log, whose speed depends on all earlier records."""
         if self.speed_rad_s is None:
             raise ValueError("the speed of a wheel whose torque was logged follows from its whole log")
         before = float(self.speed_rad_s[rows.start - 1]) if rows.start else self.start_rad_s
