@@ -40,7 +40,7 @@ SECTIONS = ("jets", "imu", "environment", "thrust", "cycle")
 UNOBSERVED = 0.9
 """Sigma of an unknown, in prior sigmas, beyond which the log does not determine it."""
 ANEW = 4.0
-"""Prior sigma with which a corrected estimate estimates an unknown anew, over its sigma from the log: using the log twice lowers that by 3 %."""
+"""Prior sigma of an unknown that a corrected estimate estimates anew, over its sigma from the log. Using the log twice lowers it by 3 %."""
 SKEWED = 0.02
 """Largest turn of a gyro's axes, rad, that may be a skew instead. Calibrated gyros have 1e-3 to 1e-2."""
 ESTIMATED = frozenset(one.sigma_key for one in TABLE if one.states)

@@ -8,7 +8,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis import UNKNOWN, hypotheses, normalised
 from massprop_cli.diagnosis.comparison import Fitted
-from massprop_cli.diagnosis.corrections import Correction, applied, correction_of, is_certain, uncertain_corrections, skew_corrections
+from massprop_cli.diagnosis.corrections import Correction, applied, correction_of, is_certain, skew_corrections, uncertain_corrections
 from massprop_cli.diagnosis.delay import timing_near
 from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.fault import Diagnosis, Fault
