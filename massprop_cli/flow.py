@@ -27,8 +27,8 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.resolved import Resolved
 
 UNFIT = (
-    "with columns quat_w … quat_z the log does not fit, and without them it does: they were left out; check their convention (wxyz, world "
-    "from body, Z up), frame (that Z is vertical) and latency"
+    "the log fits only without columns quat_w … quat_z, so massprop did not use them; check their convention (wxyz, world from body, Z "
+    "up), frame (Z vertical) and latency"
 )
 """Of a logged attitude."""
 TILTED = "attitude-start"
@@ -46,8 +46,8 @@ def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), pr
         return _examined(log, source, assignments, progress or (lambda *_: None))
     except np.linalg.LinAlgError as error:
         raise InputError(
-            f"{log.path}: no estimate stands on this log beside {source.source or 'this vehicle'} ({error}): their numbers are orders of "
-            "magnitude apart; check units, noise levels, [known] and estimator settings"
+            f"{log.path}: cannot estimate: the log and {source.source or 'this vehicle'} give an ill-conditioned problem ({error}); check "
+            "units, noise levels, [known] and estimator settings"
         ) from None
 
 
@@ -69,7 +69,7 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         return _by_likeliest(log, source, assignments, say, error)
     except AttitudeError as error:
         return _examined(
-            _without_attitude(log, f"{str(error).removeprefix(f'{log.path}, ')}: they were left out"), source, assignments, say
+            _without_attitude(log, f"{str(error).removeprefix(f'{log.path}, ')}: massprop did not use them"), source, assignments, say
         )
     parts = correctedestimate.split_at_change(found)
     if parts is not None:
@@ -180,7 +180,8 @@ def _by_likeliest(log: Log, source: VehicleSource, assignments: Sequence[str], s
     found = _examined(log, replace(source, vehicle=vehiclefile.changed(source.vehicle, error.settings)), assignments, say)
     taken = " and ".join(error.settings[::2])
     told = Notice(
-        "timing-untold", f"{str(error).removeprefix(f'{log.path}: ')}; the most likely was taken: {taken}, and no value is called converged"
+        "timing-untold",
+        f"{str(error).removeprefix(f'{log.path}: ')}; massprop assumed the most likely: {taken}; no value counts as converged",
     )
     conclusions = tuple(in_doubt(one, dict.fromkeys(QUANTITIES, Reason.of("timing-untold", taken=taken))) for one in found.conclusions)
     return replace(found, source=source, conclusions=conclusions, notices=(told, *found.notices))

@@ -64,7 +64,7 @@ class Unmet:
     def message(self) -> str:
         """Why the exit code isn't 0; empty where it is."""
         said = {
-            "log and vehicle file contradict each other: ": self.contradicted,
+            "the log contradicts the vehicle file: ": self.contradicted,
             "required but not converged: ": self.unconverged,
             "required but not precise enough: ": self.imprecise,
             "not as expected: ": self.missed,
@@ -179,7 +179,7 @@ def _required(phase: PhaseItem, name: str) -> EstimateItem:
     found = judge.items(phase).get(name)
     if found is None:
         raise InputError(
-            f"{name} is required, and phase {phase.name} has no pivot (environment.kind); require {', '.join(QUANTITIES)} alone"
+            f"{name} is required, and phase {phase.name} has no pivot (environment.kind); require only {', '.join(QUANTITIES)}"
         )
     return found
 
@@ -195,5 +195,5 @@ def imprecise(found: Result, required: Sequence[Requirement]) -> list[str]:
             wanted, sigma, unit = item.precision.sigma(estimate.value), estimate.sigma, estimate.unit
             if sigma is None or not sigma <= wanted:
                 has = "no sigma" if sigma is None else f"a sigma of {sigma:.3g} {unit}"
-                said.append(f"{item.quantity} in phase {phase.name} has {has}, and {item} wants {wanted:.3g} {unit} at most")
+                said.append(f"{item.quantity} in phase {phase.name} has {has}, and {item} requires {wanted:.3g} {unit} at most")
     return said

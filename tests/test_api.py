@@ -51,7 +51,7 @@ def test_settings_are_values_of_python(logs: Path) -> None:
     assert found.result.vehicle.name == named["name"]
     assert found.result.phases[0].name == "\U0001f600"
     assert found.result.provenance.settings["imu.position_m"] == place.tolist()
-    with pytest.raises(InputError, match=r"setting imu\.gyro_noise_rad_s: None: no number, text, list or mapping"):
+    with pytest.raises(InputError, match=r"setting imu\.gyro_noise_rad_s: None: expected a number, text, list or mapping"):
         estimate_log(log, settings={"imu.gyro_noise_rad_s": None})
 
 

@@ -70,7 +70,7 @@ def test_contradicted_goes_before_not_converged_and_that_before_not_expected_and
     both = Unmet(unconverged=("ixx is late",), missed=("mass is off", "ixx is off"))
     assert (both.exit_code, both.message) == (4, "required but not converged: ixx is late. not as expected: mass is off; ixx is off")
     every = Unmet(contradicted=("ixx in phase all (a jet)",), imprecise=("mass is coarse",))
-    said = "log and vehicle file contradict each other: ixx in phase all (a jet). required but not precise enough: mass is coarse"
+    said = "the log contradicts the vehicle file: ixx in phase all (a jet). required but not precise enough: mass is coarse"
     assert (every.exit_code, every.message) == (6, said)
 
 

@@ -44,7 +44,7 @@ def balance(
         try:
             found = solve.compared(before, _hanging(after, later, ballast), ballast, done, scale)
         except np.linalg.LinAlgError:
-            said = "masses, travels and their sigmas are orders of magnitude apart from the first moment; check their units"
+            said = "masses, travels and sigmas do not match the first moment by orders of magnitude; check their units"
             raise InputError(f"{after.path}: {said}", "ballast") from None
         check, now = _check(found, ballast, done, bool(moved), before.gravity), found.hanging
         ballast = [_since(one, by) for one, by in zip(ballast, done.tolist(), strict=True)]
@@ -89,7 +89,7 @@ def chosen(recorded: Recorded, phase: str | None) -> PhaseItem:
         raise InputError(f"{recorded.path}: about_pivot holds {', '.join(item.about_pivot)}, not {', '.join(ABOUT_PIVOT)}; make it again")
     for name, one in item.about_pivot.items():
         if one.value is None or one.verdict not in (*INFORMED, "contradicted"):
-            raise InputError(f"{recorded.path}: {name} is {one.verdict}: {one.reason}. Record a log that shows it, and estimate that")
+            raise InputError(f"{recorded.path}: {name} is {one.verdict}: {one.reason}. Record a log that informs it, and estimate that log")
     return item
 
 
@@ -105,16 +105,17 @@ def _hanging(recorded: Recorded, item: PhaseItem, ballast: Sequence[Ballast]) ->
     gravity, pivot = float(vehicle.gravity_m_s2 or 0.0), np.array(vehicle.bearing_position_m)
     told = np.isfinite(covariance).all() and bool(np.linalg.eigvalsh(covariance[:3, :3])[0] > 0)
     if not (told and np.linalg.eigvalsh(tensor(values[:6]))[0] > 0 and gravity > 0):
-        raise InputError(f"{recorded.path}: about_pivot or its covariance is that of no body; it was edited, or its log shows too little")
+        raise InputError(
+            f"{recorded.path}: about_pivot or its covariance is not of a real body: the file was edited, or its log gives too little "
+            "information; estimate again"
+        )
     return Hanging(values[6:], tensor(values[:6]), masses, covariance, pivot, gravity, upright)
 
 
 def _check_alike(before: Recorded, after: Recorded) -> None:
     old, new = before.result, after.result
     if old.provenance.input_sha256 == new.provenance.input_sha256:
-        raise InputError(
-            f"{after.path}: is of the same log as {before.path}; name the result of a log that was taken after the moves", "after"
-        )
+        raise InputError(f"{after.path}: is of the same log as {before.path}; name the result of a log recorded after the moves", "after")
     what = ("vehicle", "environment.bearing_position_m", "environment.gravity_m_s2", "thrust.scale_sigma")
     so = "their first moments cannot be compared. Estimate both logs with the same vehicle file"
     check_same(after.path, new, str(before.path), old, what, so)
@@ -157,7 +158,7 @@ def _plan(hanging: Hanging, ballast: Sequence[Ballast], wanted: Mapping[int, flo
     left = solve.moved(hanging, ballast, change)
     if np.linalg.eigvalsh(left.inertia)[0] <= 0:
         heavy = ", ".join(one.name for one, by in zip(ballast, change, strict=True) if by)
-        raise InputError(f"moving {heavy} leaves an inertia that no body has: check mass_kg, and position_m from O", "ballast")
+        raise InputError(f"moving {heavy} gives an inertia that no real body has: check its mass_kg, and its position_m from O", "ballast")
     axis, down = _down(hanging)
     allowed = REACHED * max(np.abs(aim - hanging.moment).max(), np.abs(hanging.moment).max())
     off = np.abs(left.moment - aim) > allowed
@@ -166,13 +167,13 @@ def _plan(hanging: Hanging, ballast: Sequence[Ballast], wanted: Mapping[int, flo
     stable = not free or below >= SURE * sigma * (1 - REACHED)
     missed = [n for n in range(3) if off[n] and not (free and n == axis)]
     changes = [_change(hanging, ballast, n, by) for n, by in enumerate(change.tolist())]
-    said = [f"{'xyz'[n]} stays {G_CM * (left.moment - aim)[n]:+.4g} g cm from what is wanted" for n in missed]
-    said += [] if stable else [f"the table does not hang below its pivot for certain ({G_CM * below:.4g} ± {G_CM * sigma:.2g} g cm)"]
+    said = [f"{'xyz'[n]} stays {G_CM * (left.moment - aim)[n]:+.4g} g cm from the wanted value" for n in missed]
+    said += [] if stable else [f"the CG is not certainly below the pivot ({G_CM * below:.4g} ± {G_CM * sigma:.2g} g cm)"]
     limits = [one.name for one in changes if one.at_limit]
-    said += [f"at their limits: {', '.join(limits)}" if limits else "no ballast acts that way"] if said else []
-    note = f"level, and {'xyz'[axis]} such that the slower swing takes {PERIOD_S:g} s, or {SURE:g} sigma below the pivot where that is more"
+    said += [f"at their limits: {', '.join(limits)}" if limits else "no ballast acts in that direction"] if said else []
+    note = f"level, and {'xyz'[axis]} such that the longer swing period is {PERIOD_S:g} s, or at least {SURE:g} sigma below the pivot"
     if free and off[axis] and stable:
-        note += "; as near to it as the ballasts reach"
+        note += "; the ballasts reach no nearer"
     default = [name for n, name in enumerate(("x", "y", "z")) if n not in wanted]
     return document.BallastPlan(
         wanted=document.WantedMoment(kg_m=aim.tolist(), g_cm=(G_CM * aim).tolist(), default=default, note=note if free else ""),

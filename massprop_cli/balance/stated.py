@@ -43,7 +43,7 @@ def leave(text: str | None, gravity: float) -> Mapping[int, float]:
         number, unit = float(parts[2].replace("−", "-")), " ".join(parts[3].replace("*", " ").replace("·", " ").split())
         scales = _UNITS | {name: factor / gravity for name, factor in _TORQUES.items()}
         if unit not in scales and (unit or number):
-            said = f"{unit!r} is no unit of a first moment" if unit else "has no unit"
+            said = f"{unit!r} is not a unit of a first moment" if unit else "the unit is missing"
             raise InputError(f"--leave {item.strip()!r}: {said}; give it in {', '.join(scales)}")
         axis = "xyz".index(parts[1])
         if axis in found or not math.isfinite(number):

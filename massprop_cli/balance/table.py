@@ -24,12 +24,10 @@ def show(found: Balance, console: Console) -> None:
     fitted(_moments(found), console, ("wanted",))
     console.print(f"Small swings: now {_swings(found.now)}; then {_swings(found.plan.remainder)}.")
     if found.plan.wanted.note:
-        console.print(f"Wanted by default: {found.plan.wanted.note}. --leave states another remainder.")
+        console.print(f"Wanted by default: {found.plan.wanted.note}. Use --leave for another remainder.")
     if not found.plan.reached:
         console.print(escape.rich(f"Not reached: {found.plan.note}."))
-    console.print(
-        "First moment about the pivot, mass × (CG − pivot), body axes; in N m gravity's torque where it lies level. ± is one sigma."
-    )
+    console.print("First moment about the pivot, mass × (CG − pivot), body axes; in N m the gravity torque when level. ± is one sigma.")
 
 
 def _changes(changes: list[BallastChange]) -> Table:
@@ -62,13 +60,15 @@ def _pair(of: Moment, key: str, n: int) -> tuple[str, str]:
 
 def _swings(at: Hang) -> str:
     if at.period_s is None or at.tilt_rad is None:
-        return f"none, top-heavy by {digits.figures(-G_CM * at.below_kg_m, 3)} g cm"
+        return f"none, the CG is above the pivot by {digits.figures(-G_CM * at.below_kg_m, 3)} g cm"
     tilt = f"{math.degrees(at.tilt_rad):.3f}".rstrip("0").rstrip(".")
     return f"{at.period_s[0]:.4g} s and {at.period_s[1]:.4g} s, at rest {tilt} degrees from upright"
 
 
 def _check(check: MoveCheck, console: Console) -> None:
-    table = titled(f"what the {check.source} changes did", ("", "predicted", "measured", "difference", "± sigma", "unit", "sigmas"), _WORDS)
+    table = titled(
+        f"effect of the {check.source} changes", ("", "predicted", "measured", "difference", "± sigma", "unit", "sigmas"), _WORDS
+    )
     for n, axis in enumerate("xyz"):
         difference, sigma = digits.numbers(check.difference.g_cm[n], check.difference.sigma_g_cm[n])
         values = (f"{of.g_cm[n]:.3f}" for of in (check.predicted, check.measured))
@@ -82,8 +82,8 @@ def _check(check: MoveCheck, console: Console) -> None:
     console.print(escape.rich(f"Moved: {done or 'nothing'}. {verdict}: chi-square {check.chi_square:.3g} of 3, p = {check.p:.2g}."))
     for one in check.masses:
         stated = f"{one.stated_kg:.6g} ± {digits.figures(one.stated_sigma_kg)} kg stated"
-        refined = f"{digits.with_sigma(one.refined_kg, one.refined_sigma_kg)} kg by both logs too"
-        refined = refined if one.stated_sigma_kg else "taken as exact (mass_sigma_kg is 0)"
+        refined = f"{digits.with_sigma(one.refined_kg, one.refined_sigma_kg)} kg with both logs"
+        refined = refined if one.stated_sigma_kg else "assumed exact (mass_sigma_kg is 0)"
         console.print(escape.rich(f"Mass of {one.name}: {stated}; {refined}."))
     if check.thrust_scale_sigma:
-        console.print(f"Thrust: {digits.with_sigma(check.thrust_scale, check.thrust_scale_sigma)} of what the vehicle file states.")
+        console.print(f"Thrust: {digits.with_sigma(check.thrust_scale, check.thrust_scale_sigma)} times the value of the vehicle file.")

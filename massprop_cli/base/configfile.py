@@ -122,7 +122,7 @@ def written(value: object) -> str:
         return "{" + ", ".join(f"{name} = {written(child)}" for name, child in zip(names, value.values(), strict=True)) + "}"
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(map(written, value)) + "]"
-    raise InputError(f"{value!r}: no number, text, list or mapping; give one, or leave the key out")
+    raise InputError(f"{value!r}: expected a number, text, list or mapping; give one, or leave the key out")
 
 
 def _assign(data: dict[str, Any], path: list[str], value: object, source: str) -> None:

@@ -121,7 +121,7 @@ def lock(file: Path, folder: Path, patience_s: float) -> Iterator[None]:
     try:
         holding.acquire()
     except Timeout:
-        raise InputError(f"{folder}: another massprop is at work there; wait for it, or choose another folder", option="out") from None
+        raise InputError(f"{folder}: another massprop is writing there; wait for it, or choose another folder", option="out") from None
     try:
         yield
     finally:
@@ -136,7 +136,7 @@ def check_own(folder: Path, names: Iterable[str], mark: str) -> None:
     foreign = [name for name in names if (folder / name).exists()]
     if foreign and not any(path.exists() for path in own):
         raise InputError(
-            f"{folder / foreign[0]}: is there already, and massprop did not write it; move it, or choose another folder", option="out"
+            f"{folder / foreign[0]}: exists already, and massprop did not write it; move it, or choose another folder", option="out"
         )
 
 

@@ -32,15 +32,13 @@ class Limit:
         if value is None:
             return self.default
         if not (value.isascii() and value.isdecimal() and 0 < len(value) <= 18 and int(value) > 0):
-            raise MachineError(f"{self.variable}={value}: not a limit; give a whole number above 0, or unset it (then {self.default})")
+            raise MachineError(f"{self.variable}={value}: not a limit; give an integer above 0, or unset it (default {self.default})")
         return int(value)
 
     def check(self, place: str, found: int) -> None:
         """Raise :class:`MachineError` if ``found`` exceeds the limit; ``place`` begins the message."""
         if found > self.most:
-            raise MachineError(
-                f"{place}: {found} {self.of}, at most {self.most} are taken; is it the right file? {self.variable} sets the limit"
-            )
+            raise MachineError(f"{place}: {found} {self.of}; the limit is {self.most} ({self.variable}). Is it the right file?")
 
 
 LOG = Limit("MASSPROP_MAX_LOG_BYTES", 2**30, "bytes of a log")

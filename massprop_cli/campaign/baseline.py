@@ -57,7 +57,7 @@ def compare(rows: Sequence[CampaignRow], earlier: Earlier, gate: Gate) -> Baseli
             before.add(row.name)
             tells |= any(_told(value) for body in row.outcome.bodies for value in body.items.values())
             beyond += _log(row.name, rows[now[row.name]] if row.name in now else None, row, gate)
-    beyond += [] if tells else [_beyond("nothing could be compared: no log of the baseline has a value")]
+    beyond += [] if tells else [_beyond("nothing to compare: no log of the baseline has a value")]
     pools = {Key.of(pool): pool for pool in pooled(rows)}
     beyond += [item for pool in old.pooled for item in _pool(pools.get(Key.of(pool)), pool, gate)]
     return Baseline(

@@ -130,12 +130,12 @@ class _Flight:
         try:
             found: Produced | Differs | None = future.result()
         except KilledWorker:
-            said = f"{task.job.shown}: every worker that tried it was lost; is there enough memory on the workers? Run the batch again"
+            said = f"{task.job.shown}: each worker that tried it was lost; do the workers have enough memory? Run the batch again"
             return work.failed(task.job, exits.BUG, said)
         except Exception as error:
             if future.status in ("cancelled", "lost") or self._client.status != "running":
                 raise _lost(self._address) from None
-            said = f"{task.job.shown}: the worker failed ({type(error).__name__}: {error}); is massprop installed on all workers alike?"
+            said = f"{task.job.shown}: the worker failed ({type(error).__name__}: {error}); do all workers have the same massprop?"
             return work.failed(task.job, exits.BUG, said)
         finally:
             future.release()
@@ -228,7 +228,7 @@ def _other_versions(address: str, place: str, found: Mapping[str, str], expected
     differing = [
         f"{name} {found.get(name, 'unknown')} (here {version})" for name, version in expected.items() if found.get(name) != version
     ]
-    said = f"{place} has {', '.join(differing)}, so that results would differ from those made here"
+    said = f"{place} has {', '.join(differing)}, so results would differ from those of this machine"
     return InputError(f"cluster {address}: {said}; install the same versions there, massprop=={expected['massprop']} among them")
 
 

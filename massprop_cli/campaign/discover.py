@@ -54,7 +54,7 @@ def _campaign(place: str) -> tuple[str, list[FoundLog]]:
     paths = [location.below(log.location, base) for log in logs]
     for number, rule in enumerate(file.match):
         if not any(campaignfile.fits(rule.logs, path) for path in paths):
-            raise InputError(f"{place}: match.{number}.logs = {list(rule.logs)}: fits none of the {len(logs)} logs; correct the pattern")
+            raise InputError(f"{place}: match.{number}.logs = {list(rule.logs)}: matches none of the {len(logs)} logs; correct the pattern")
     title = file.name or location.stem(place)
     return title, [campaignfile.applied(file, base, log, path) for log, path in zip(logs, paths, strict=True)]
 
@@ -77,7 +77,7 @@ def _expanded(named: str) -> list[FoundLog]:
 def _no_log(named: str, wild: bool, there: bool, what: str) -> InputError:
     """The error of a pattern or folder without logs."""
     if wild:
-        return InputError(f"{named}: no log fits this pattern; check it, and that it names logs ({_KINDS})")
+        return InputError(f"{named}: no log matches this pattern; check it, and that it names logs ({_KINDS})")
     if there:
         return InputError(f"{named}: holds no log ({_KINDS}); name the folder that does")
     return InputError(f"{named}: no such file or folder; check the {what}")

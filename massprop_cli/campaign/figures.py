@@ -65,9 +65,9 @@ def picture(found: dict[str, Spread], of: Pool) -> Picture:
     lengths = [len(spread.samples.value) for spread in found.values()]
     thinned = said(lengths, BUCKETS).replace("cycles", "logs")
     caption = (
-        "Each log's value ± its sigma, over its number in the table. Blue line and band: weighted mean ± sigma. Grey dashes: trend. Green: "
-        "what all logs expect alike. Last: each log's distance from the mean in its own sigmas; 95 % lie within the band where sigmas hold "
-        f"and the vehicle did not change; beyond {FAR:g} it stands at the edge.{thinned}"
+        "Value of each log ± its sigma, above its number in the table. Blue line and band: weighted mean ± sigma. Grey dashes: trend. "
+        "Green: what all logs expect alike. Last: each log's distance from the mean in its own sigmas; 95 % lie within the band where "
+        f"sigmas hold and the vehicle did not change; beyond {FAR:g} it stands at the edge.{thinned}"
     )
     return Picture(caption, (*panels, _scatter(found)), 3)
 

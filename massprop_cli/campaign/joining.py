@@ -65,7 +65,7 @@ def joinings(named: Sequence[str], jobs: Sequence[Job]) -> list[Joining]:
             taken[foldername.same(name)] = f"combine.{number}'s"
             sides = {key: _fitting(below, getattr(stated, key), f"{where}.{key}") for key in ("logs", "before", "after")}
             if len(sides["logs"]) == 1:
-                raise InputError(f"{where}.logs = {list(stated.logs)}: fits one log alone, {sides['logs'][0].shown}; name two or more")
+                raise InputError(f"{where}.logs = {list(stated.logs)}: matches only one log, {sides['logs'][0].shown}; name two or more")
             found.append(Joining(name, **sides, require=stated.require or (), added=stated.added))
     return found
 
@@ -73,7 +73,7 @@ def joinings(named: Sequence[str], jobs: Sequence[Job]) -> list[Joining]:
 def _fitting(below: Sequence[tuple[Job, str]], patterns: tuple[str, ...], where: str) -> tuple[Job, ...]:
     found = tuple(job for job, path in below if campaignfile.fits(patterns, path))
     if patterns and not found:
-        raise InputError(f"{where} = {list(patterns)}: fits none of the {len(below)} logs; correct the pattern")
+        raise InputError(f"{where} = {list(patterns)}: matches none of the {len(below)} logs; correct the pattern")
     return found
 
 

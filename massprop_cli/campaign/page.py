@@ -235,8 +235,8 @@ def doubts(found: Pool) -> list[str]:
     worst = max(found.items[name].scatter_ratio or 0.0 for name in names)
     files = f"; they have {found.vehicle_files} different vehicle files" if found.vehicle_files > 1 else ""
     return [
-        f"{', '.join(names)}: the logs contradict each other, scattering up to {_short(worst)} times as far as they claim{files}. "
-        "Do not use these means: either it is not one vehicle in one state, or something in the vehicle files is wrong"
+        f"{', '.join(names)}: the logs contradict each other, scattering up to {_short(worst)} times as far as they claim{files}. Do not "
+        "use these means: either the vehicle changed, or a vehicle file is wrong"
     ]
 
 

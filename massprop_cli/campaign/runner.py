@@ -112,7 +112,7 @@ class Worker:
             except (EOFError, OSError, ValueError, pickle.UnpicklingError):
                 code = self.end()
         how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
-        said = f"{task.job.shown}: the process that worked on it died twice ({how}); is there enough memory? Run the batch again"
+        said = f"{task.job.shown}: the process for this log died twice ({how}); is there enough memory? Run the batch again"
         return work.failed(task.job, exits.BUG, said)
 
     def _started(self) -> subprocess.Popen[bytes] | None:

@@ -28,11 +28,11 @@ def show(found: Summary, console: Console) -> None:
             console.print(escape.rich(f"⚠ {doubt}."), style="yellow")
     if found.pooled:
         console.print(
-            "Means are weighted by each log's own variance; what all logs share (thrust scale, known quantities, vehicle file) does not "
-            "average out."
+            "Means are weighted by the variance of each log; errors that all logs share (thrust scale, known quantities, vehicle file) do "
+            "not average out."
         )
         console.print(
-            "Scatter over claimed sigma is 1 where sigmas are honest and the vehicle did not change; p is the chance of as much or more."
+            "Scatter over claimed sigma is 1 if sigmas are right and the vehicle did not change; p is the chance of at least this scatter."
         )
     for row in found.combined:
         console.print(escape.rich(f"combined into {row.name} ({row.log}): {page.told_of(row)}"))

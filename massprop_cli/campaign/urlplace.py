@@ -60,7 +60,7 @@ class Lease:
             found = remote.content_at(files, path)
             if found is not None and self._is_alive(files, path, found):
                 raise InputError(
-                    f"{self.url}: another batch is at work there ({_holder(found)}); wait for it, or choose another folder",
+                    f"{self.url}: another batch is writing there ({_holder(found)}); wait for it, or choose another folder",
                     option="out",
                 )
             if found is not None and remote.content_at(files, path) == found:

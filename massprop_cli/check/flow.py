@@ -137,7 +137,7 @@ def _of_notice(notice: Notice, named: bool) -> Finding:
     subject: Subject = "timing" if notice.code in TIMING else "imu" if notice.code.startswith(IMU) else "model"
     what, _, cure = notice.message.partition(". ")
     grade: Grade = "note" if notice.code in NOTES else "fault"
-    sure = "the log passes its test once it is corrected; rivals are named with it" if named else "measured in this log"
+    sure = "the log passes its test with the correction; the message lists rivals" if named else "measured in this log"
     return finding(subject, notice.code, grade, what if cure else notice.message, cure, sure=sure)
 
 
@@ -152,9 +152,9 @@ def _too_quiet(told: Result, vehicle: Vehicle) -> list[Finding]:
         if not stated or disturbed or not ratios or max(ratios) >= QUIET:
             continue
         level = stated * np.sqrt(np.mean(ratios))
-        said = f"the {kind} scatters by {level:.2g}, and {stated:.2g} is stated: sigmas are too large"
+        said = f"the {kind} noise is {level:.2g}, but {stated:.2g} is stated: sigmas are too large"
         remedy, sure = (
-            f"state imu.{key} = {level:.2g}, or leave it out to have it estimated",
+            f"state imu.{key} = {level:.2g}, or leave it out and massprop estimates it",
             f"{np.mean(ratios):.2g} of the expected variance",
         )
         found.append(finding("imu", f"{kind}-noise-overstated", "note", said, remedy, sure=sure))
@@ -195,7 +195,7 @@ def _idle(log: Log, vehicle: Vehicle, expected: Sequence[ExpectedQuantity]) -> l
         return []
     cures = "; ".join(dict.fromkeys(f"{name}: {vocabulary.cure(name)}" for name in missing))
     said = f"never commanded: {', '.join(idle)}; {', '.join(missing)} cannot be estimated without motion"
-    return [finding("excitation", "never-fired", "note", said, f"fly what is missing ({cures}); massprop plan finds it")]
+    return [finding("excitation", "never-fired", "note", said, f"add the missing motion ({cures}); massprop plan designs it")]
 
 
 def _told(
@@ -230,6 +230,6 @@ def message(found: Check) -> str:
         return f"{said}{more}"
     if found.exit_code == exits.CONTRADICTED:
         faults = ["; ".join(filter(None, (one.what, one.remedy))) for one in found.findings if one.grade == "fault"]
-        return f"{found.log}: log and vehicle file contradict each other: {next(iter(faults), 'no cause has a name')}"
+        return f"{found.log}: the log contradicts the vehicle file: {next(iter(faults), 'no cause was found')}"
     short = [one.reason for one in found.expected if one.reached is False]
     return f"wanted but not reached: {'; '.join(short)}" if short else ""

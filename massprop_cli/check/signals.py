@@ -36,7 +36,7 @@ def sensors(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
     both = np.concatenate([log.delta_theta_imu_rad, log.delta_v_imu_m_s], 1)
     repeated = np.concatenate([[False], _same(both).all(1)])
     if noisy and repeated.mean() > 0.01:
-        said = f"{100 * repeated.mean():.3g} % of the records repeat the one before in all six channels: the log is faster than the IMU"
+        said = f"{100 * repeated.mean():.3g} % of the records repeat all six channels of the one before: the log is faster than the IMU"
         found.append(_finding("repeated-record", "fault", said, "log each sample once, or with its own time", rows(repeated, place)))
     for (name, columns, increments, noise, limit), logged in zip(rates, (log.axes[:3], log.axes[3:]), strict=True):
         clipped = at_extremes(increments, log.interval_s)
@@ -60,24 +60,24 @@ def _channel(
     if _same(values).all():
         if noise == 0:
             return []  # a perfect sensor of an axis that is left alone
-        remedy = "see to the sensor and its channel in the recorder"
+        remedy = "check the sensor and its channel in the recorder"
         return [_finding("dead-axis", "fault", f"{column} is {values[0]:g} throughout: the {name}'s axis is dead", remedy)]
     found = []
     if limit is not None:
         full = np.abs(values) >= 0.999 * limit
         said = f"{column} at the {name}'s range in {int(full.sum())} records"
-        remedy = "fly a gentler motion, or widen the sensor's range; the phase before is good"
+        remedy = "use a gentler motion or a wider sensor range; the time before is usable"
     else:
         full = clipped
-        said = f"{column} is {float(values[np.argmax(full)]):.6g} per second in {int(full.sum())} records and never beyond: clipped"
-        remedy = f"state the {name}'s range in the vehicle file if it is one, and fly a gentler motion"
+        said = f"{column} is {float(values[np.argmax(full)]):.6g} per second in {int(full.sum())} records and never larger: clipped"
+        remedy = f"state the {name}'s range in the vehicle file if this is its range, and use a gentler motion"
     if full.any():
         found.append(_finding(f"{name}-saturated", "fault", said, remedy, rows(full, place)))
         full = np.abs(values) >= 0.999 * (np.abs(values[full][0]) if limit is None else limit)
     run = standing(values, repeated) & ~full  # at the end of its range it stands still
     if noise != 0 and run.any():
-        remedy = "see to the sensor; cut these records ([[phases]])"
-        said = f"{column} stands still in {int(run.sum())} records while others move"
+        remedy = "check the sensor; leave these records out ([[phases]])"
+        said = f"{column} repeats one value in {int(run.sum())} records while others change"
         found.append(_finding("stuck", "fault", said, remedy, rows(run, place)))
     return found
 
@@ -103,8 +103,15 @@ def _coarse(name: str, values: Array, noise: float | None, records: int) -> list
     coarsest = max((float(step.min()) for step in steps if len(step) > 1), default=0.0)
     if coarsest <= COARSE * noise * np.sqrt(records):
         return []
-    said = f"the {name} counts in steps of {coarsest:.3g} per second, {coarsest / (noise * np.sqrt(records)):.3g} times its stated noise"
-    return [_finding("quantised", "fault", said, f"state the noise with the step in it (step / sqrt(12)), or log the {name} finer")]
+    said = f"the {name} has a resolution of {coarsest:.3g} per second, {coarsest / (noise * np.sqrt(records)):.3g} times its stated noise"
+    return [
+        _finding(
+            "quantised",
+            "fault",
+            said,
+            f"include the resolution in the stated noise (step / sqrt(12)), or log the {name} with a finer resolution",
+        )
+    ]
 
 
 def sampling(time_s: Array, place: Place) -> list[Finding]:
@@ -119,9 +126,14 @@ def sampling(time_s: Array, place: Place) -> list[Finding]:
     usual = median(forward)
     found = []
     for code, which, what, remedy in (
-        ("duplicate-time", steps == 0, "records with the time of the one before", "drop the copies, or let the recorder write finer times"),
-        ("time-back", steps < 0, "steps of the clock back", "sort the log, or cut it where the clock was set"),
-        ("gap", steps > GAP * usual, f"gaps of more than {GAP:g} usual intervals", "split the log there, a file each"),
+        (
+            "duplicate-time",
+            steps == 0,
+            "records with the same time as the one before",
+            "remove the copies, or record times with more digits",
+        ),
+        ("time-back", steps < 0, "backward steps of the clock", "sort the log, or split it where the clock was set"),
+        ("gap", steps > GAP * usual, f"gaps of more than {GAP:g} usual intervals", "split the log there into separate files"),
     ):
         if which.any():
             worst = float(np.max(np.abs(steps[which])))
@@ -133,13 +145,13 @@ def sampling(time_s: Array, place: Place) -> list[Finding]:
     scatter = jitter(steps[1:])
     if scatter > JITTER:
         off = np.abs(steps - usual) > 3 * scatter * usual
-        remedy = "stamp records by the IMU's own clock, not at arrival, or state even = true under their clock in a map file"
+        remedy = "stamp records with the IMU's clock, not at arrival, or state even = true under their clock in a map file"
         said = f"intervals scatter by {100 * scatter:.2g} % of {usual:.6g} s"
         found.append(finding("sampling", "jitter", "fault", said, remedy, rows(off, place)))
     short = steps < usual / LONG
     if short.any() and scatter <= JITTER:
         said = f"{int(short.sum())} intervals shorter than {1 / LONG:.2g} of the usual {usual:.6g} s"
-        remedy = "see that the recorder dropped and made up nothing"
+        remedy = "check that the recorder dropped and invented no records"
         found.append(finding("sampling", "short-interval", "note", said, remedy, rows(short, place)))
     return found
 
@@ -154,7 +166,7 @@ ALIKE = 1e-6
 def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
     """Findings of jets or wrench; ``place`` names a row."""
     if not log.command.any() and not any(one.moved for one in log.spinning):
-        remedy = "see that commands were recorded, under the vehicle file's names"
+        remedy = "check that commands were recorded under the names of the vehicle file"
         return [finding("commands", "nothing-commanded", "fault", "no command other than 0 in the whole log", remedy)]
     if log.command_kind != "jets":
         return []
@@ -162,15 +174,15 @@ def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
     found = []
     for number, jet in enumerate(vehicle.jets):
         if (share[:, number] > ALWAYS).mean() > ALWAYS:
-            said = f"jet {jet.name} is on in every cycle, all of it"
-            remedy = "see whether its column holds what was executed; is it a constant?"
+            said = f"jet {jet.name} is on during all of every cycle"
+            remedy = "check that its column holds executed commands and not a constant"
             found.append(finding("commands", "jet-always-on", "fault", said, remedy))
     for first, second in _opposed(vehicle):
         # of two on-times in one cycle at least this much overlaps or wastes thrust
         both = np.minimum(share[:, first], share[:, second]) > TOGETHER
         if both.mean() > TOGETHER:
             names = f"{vehicle.jets[first].name} and {vehicle.jets[second].name}"
-            said = f"jets {names} push against each other in {int(both.sum())} cycles: their errors stay and their thrust cancels"
+            said = f"jets {names} push against each other in {int(both.sum())} cycles: their thrust cancels and their errors remain"
             where = rows(_in_rows(log, both), place)
             found.append(finding("commands", "opposed-jets", "note", said, "allocate the commands so that only one of them fires", where))
     return found
@@ -234,7 +246,7 @@ def on_table(log: Log, vehicle: Vehicle) -> list[Finding]:
     felt = (log.delta_v_imu_m_s @ mount.T / log.interval_s[:, None]).mean(0)
     off = float(np.linalg.norm(felt - [0.0, 0.0, vehicle.environment.gravity_m_s2])) if all(log.axes[3:]) else 0.0
     if off > TILTED * vehicle.environment.gravity_m_s2:
-        said = f"the accelerometer feels {', '.join(f'{x:.4g}' for x in felt)} m/s^2 along the body's X, Y and Z on the mean; Z points up"
+        said = f"the accelerometer reads {', '.join(f'{x:.4g}' for x in felt)} m/s^2 along body X, Y and Z (mean); Z points up"
         remedy = "correct imu.body_from_imu, the accelerometer's signs and unit, or environment.gravity_m_s2"
         found.append(_fault("table-gravity", said, remedy))
     rate = log.delta_theta_imu_rad @ mount.T / log.interval_s[:, None]
@@ -242,8 +254,8 @@ def on_table(log: Log, vehicle: Vehicle) -> list[Finding]:
     noise = (vehicle.imu.gyro_noise_rad_s or 0.0) * np.sqrt(log.records_per_cycle)
     rocking, yaw = (float(np.sqrt(max((part**2).sum(1).mean() - part.shape[1] * noise**2, 0.0))) for part in (slow[:, :2], slow[:, 2:]))
     if rocking > ROCKING * yaw and rocking > noise:
-        said = f"the vehicle yaws by {yaw:.3g} rad/s (rms), and the gyro shows {rocking:.3g} rad/s about the axes that lie in the table"
-        found.append(_fault("table-rocking", said, "correct imu.body_from_imu; or see to the pads, on which the vehicle rocks"))
+        said = f"the vehicle yaws by {yaw:.3g} rad/s (rms), and the gyro shows {rocking:.3g} rad/s about the two axes in the table plane"
+        found.append(_fault("table-rocking", said, "correct imu.body_from_imu, or check the pads: the vehicle rocks on them"))
     return found
 
 
@@ -267,8 +279,12 @@ def attitude(log: Log, vehicle: Vehicle) -> list[Finding]:
     left = float(np.sqrt(max((off**2).sum() - off.size * (noise**2 + 2 * scatter), 0.0)))
     if np.sqrt((turned**2).sum()) > STILL and left > MISFIT * size:
         inverse = float(np.sqrt(((turned + logged - (turned + logged).mean(0)) ** 2).sum()))
-        hint = "it turns the other way: is it body from world? Give its conjugate" if inverse < left / 2 else "are both in the same axes?"
-        said = f"the logged attitude turns otherwise than the gyro: {100 * left / max(size, STILL):.3g} % of its turning is unexplained"
+        hint = (
+            "it rotates in the opposite direction: is it body from world? Log its conjugate"
+            if inverse < left / 2
+            else "check that both use the same axes"
+        )
+        said = f"the logged attitude and the gyro disagree: the gyro does not explain {100 * left / max(size, STILL):.3g} % of the rotation"
         found.append(_fault("attitude-gyro", said, f"{hint} (quat_* is wxyz, world from body; imu.body_from_imu)"))
     if vehicle.pivoted and all(log.axes[3:]):
         found += _gravity(log, mount)
@@ -283,6 +299,6 @@ def _gravity(log: Log, mount: Array) -> list[Finding]:
     angle = float(np.arctan2(np.hypot(world[0], world[1]), world[2]))
     if angle <= TILTED:
         return []
-    said = f"specific force in world axes is {angle:.3g} rad ({np.degrees(angle):.3g}°) off the vertical on the mean"
+    said = f"specific force in world axes is {angle:.3g} rad ({np.degrees(angle):.3g}°) off the vertical (mean)"
     remedy = "correct the attitude's reference (Z up), imu.body_from_imu, or the accelerometer's signs"
     return [_fault("attitude-gravity", said, remedy)]

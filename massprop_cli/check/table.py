@@ -23,22 +23,22 @@ def show(found: Check, console: Console) -> None:
             if said:
                 console.print(f"    {name}: {escape.rich(said)}")
     if not found.findings:
-        console.print(escape.rich(f"✓ {found.log}: nothing to object to"))
+        console.print(escape.rich(f"✓ {found.log}: no findings"))
     for phase in dict.fromkeys(one.phase for one in found.expected):
         fitted(_expected(found, phase), console)
     if found.delay:
-        console.print(escape.rich(f"The log's own delay: {found.delay}."))
+        console.print(escape.rich(f"Delay that the log shows: {found.delay}."))
     if found.low_passes:
-        console.print(escape.rich(f"The log's own low-passes: {'; '.join(found.low_passes)}."))
+        console.print(escape.rich(f"Low-passes that the log shows: {'; '.join(found.low_passes)}."))
     if found.expected:
         console.print(
-            "Inertia about the CG in body axes, products as tensor elements. ± is one standard deviation, as of massprop estimate."
+            "Inertia about the CG in body axes, products as tensor elements. ± is one standard deviation, as massprop estimate gives."
         )
 
 
 def _expected(found: Check, phase: str) -> Table:
     columns, words = ("quantity", "± sigma", "± wanted", "unit", "verdict", "reached"), ("quantity", "unit", "verdict", "reached")
-    table = titled(escape.rich(f"{found.log}, phase {phase}: what it shows"), columns, words)
+    table = titled(escape.rich(f"{found.log}, phase {phase}: expected sigmas"), columns, words)
     for one in found.expected:
         if one.phase != phase:
             continue

@@ -17,10 +17,12 @@ def balance(
         Path | None,
         options.option("Ballast or vehicle file with [\\[ballast]] (default: what RESULT carries).", options.INPUT, metavar="FILE"),
     ] = None,
-    after: Annotated[Path | None, options.option("Of a log after the moves, to check them.", options.INPUT, metavar="RESULT")] = None,
+    after: Annotated[
+        Path | None, options.option("Result of a log after the moves, to check them.", options.INPUT, metavar="RESULT")
+    ] = None,
     moved: Annotated[
         list[str] | None,
-        options.option("Moved between the logs: mm, or g added (default: as recommended).", options.INPUT, metavar="NAME=MM"),
+        options.option("Changes between the logs: mm, or g added (default: as recommended).", options.INPUT, metavar="NAME=MM"),
     ] = None,
     phase: Annotated[str | None, options.option("Phase of the result.", options.INPUT, metavar="NAME")] = None,
     leave: Annotated[str | None, options.option("First moment to leave, with units.", options.DEMANDS, metavar="x=0,y=0,z=...")] = None,

@@ -40,7 +40,7 @@ def batch(
         str, options.option("Folder of the campaign, or a URL.", options.OUTPUT, metavar="FOLDER", envvar="MASSPROP_OUT")
     ] = "massprop-out",
     jobs: Annotated[
-        int | None, options.option("Processes at work (default: one per core).", _RUN, min=1, envvar="MASSPROP_JOBS", metavar="N")
+        int | None, options.option("Number of processes (default: one per core).", _RUN, min=1, envvar="MASSPROP_JOBS", metavar="N")
     ] = None,
     cluster: Annotated[
         str | None,
@@ -60,7 +60,7 @@ def batch(
     require: Annotated[
         str | None,
         options.option(
-            "Exit 4 unless these converge in every phase of every log ('all'), and that precisely.",
+            "Exit 4 unless these converge with this precision in every phase of every log ('all').",
             options.DEMANDS,
             metavar="ixx,mass<2%,...",
         ),
@@ -70,18 +70,18 @@ def batch(
     ] = None,
     baseline: Annotated[
         str | None,
-        options.option("campaign.json of an earlier campaign, or a URL of it; exit 5 beyond it.", options.DEMANDS, metavar="FILE"),
+        options.option("campaign.json of an earlier campaign (file or URL); exit 5 if results differ.", options.DEMANDS, metavar="FILE"),
     ] = None,
     max_sigma: Annotated[
-        float, options.option("A difference from the baseline may be so many of its sigmas.", options.DEMANDS, min=0, metavar="SIGMAS")
+        float, options.option("Allowed difference from the baseline, in sigmas.", options.DEMANDS, min=0, metavar="SIGMAS")
     ] = 4.0,
     tolerance: Annotated[
-        Path | None, options.option("What is allowed of the baseline instead, quantity by quantity.", options.DEMANDS, metavar="FILE")
+        Path | None, options.option("Allowed difference from the baseline, by quantity.", options.DEMANDS, metavar="FILE")
     ] = None,
     allow_contradicted: options.AllowContradicted = False,
     junit: options.Junit = None,
     check: Annotated[
-        bool, options.option("Only say whether each log is fit, as massprop check does, into FOLDER/checks.", options.OUTPUT, "--check")
+        bool, options.option("Only check each log, as massprop check does; writes FOLDER/checks.", options.OUTPUT, "--check")
     ] = False,
     report: Annotated[bool, options.option("Render report.html of each log (1 to 2 s each).", options.OUTPUT, "--report")] = False,
     as_json: Annotated[bool, options.as_json("campaign.json")] = False,
@@ -156,7 +156,7 @@ def batch(
                     name, planned, folder, executor, force=force, fail_fast=fail_fast, baseline=against, told=told, joinings=wanted
                 )
         except KeyboardInterrupt:
-            fail(f"interrupted; what is done stays in {out}, and the same command goes on from there", exits.INTERRUPTED)
+            fail(f"interrupted; finished results are in {out}; run the same command to continue", exits.INTERRUPTED)
         if junit is not None:
             put_junit(junit, suites.text(folder, found))
     _tell_github(found)

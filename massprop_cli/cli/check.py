@@ -18,7 +18,7 @@ def check(
     want: Annotated[
         str | None,
         options.option(
-            "Exit 4 unless these converge, and that precisely.", options.DEMANDS, "--want", "--require", metavar='"ixx 1 %, mass"'
+            "Exit 4 unless these converge with this precision.", options.DEMANDS, "--want", "--require", metavar='"ixx 1 %, mass"'
         ),
     ] = None,
     allow_contradicted: options.AllowContradicted = False,

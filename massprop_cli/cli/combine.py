@@ -25,7 +25,9 @@ def combine(
     added: Annotated[
         str | None,
         options.option(
-            "Mass and place of the object (kg, m from O): the scale of all values.", options.INPUT, metavar='"mass=KG position=X,Y,Z"'
+            "Mass and position of the object (kg, m from O): sets the scale of all values.",
+            options.INPUT,
+            metavar='"mass=KG position=X,Y,Z"',
         ),
     ] = None,
     out: Annotated[Path | None, options.out("Folder (default: massprop-out/combined).")] = None,

@@ -14,12 +14,10 @@ from massprop_cli.cli.terminal import printed, say
 @guarded
 def compare(
     result: options.Made,
-    baseline: Annotated[Path, typer.Argument(metavar="BASELINE", help="The same, to compare with.", show_default=False)],
-    max_sigma: Annotated[
-        float, options.option("A difference may be so many of its sigmas.", options.DEMANDS, min=0, metavar="SIGMAS")
-    ] = 4.0,
+    baseline: Annotated[Path, typer.Argument(metavar="BASELINE", help="Result to compare with.", show_default=False)],
+    max_sigma: Annotated[float, options.option("Allowed difference, in sigmas.", options.DEMANDS, min=0, metavar="SIGMAS")] = 4.0,
     tolerance: Annotated[
-        Path | None, options.option("What is allowed instead, quantity by quantity (TOML or JSON).", options.DEMANDS, metavar="FILE")
+        Path | None, options.option("Allowed difference by quantity (TOML or JSON).", options.DEMANDS, metavar="FILE")
     ] = None,
     as_json: Annotated[bool, options.as_json("the comparison as JSON")] = False,
     quiet: Annotated[bool, options.quiet("No table.")] = False,

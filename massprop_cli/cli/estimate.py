@@ -18,9 +18,7 @@ def estimate(
     log: options.Log,
     vehicle: options.Vehicle = None,
     map_file: options.MapFile = None,
-    out: Annotated[
-        Path | None, options.out("Result folder (default: massprop-out/LOGSTEM, or FOLDER-LOGSTEM where that is taken).")
-    ] = None,
+    out: Annotated[Path | None, options.out("Result folder (default: massprop-out/LOGSTEM, or FOLDER-LOGSTEM if it exists).")] = None,
     method: options.Chosen = None,
     delay: options.Delay = None,
     refine: Annotated[
@@ -29,7 +27,7 @@ def estimate(
     cross_validate: Annotated[
         float | None,
         options.option(
-            "Confidence level, such as 0.95: exit 5 unless each segment of a phase is predicted by all others.",
+            "Confidence level, such as 0.95: exit 5 unless the other segments predict each segment of a phase.",
             options.DEMANDS,
             metavar="LEVEL",
         ),

@@ -12,7 +12,7 @@ from massprop_cli.cli.terminal import say
 def export_flight(
     vehicle: options.NeededVehicle,
     out: Annotated[Path, options.out("Folder for the sources.")],
-    log: Annotated[Path | None, options.option("A log: its noise levels, and a test vector from it.", options.INPUT, metavar="LOG")] = None,
+    log: Annotated[Path | None, options.option("Log for noise levels and a test vector.", options.INPUT, metavar="LOG")] = None,
     assign: options.Assign = None,
     quiet: Annotated[bool, options.quiet("Say nothing.")] = False,
 ) -> None:

@@ -33,14 +33,14 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
         except KeyboardInterrupt:
             fail("interrupted", exits.INTERRUPTED)
         except MemoryError:
-            fail("there is not enough memory for this input; is it the right file, is it in the right units?", exits.INPUT)
+            fail("not enough memory for this input; check the file and its units", exits.INPUT)
         except BrokenPipeError:
             raise typer.Exit(exits.PIPE) from None
         except OSError as error:
             fail(f"the output cannot be written ({error.strerror or error}); is the disk full or the pipe closed?", exits.INPUT)
         except Exception as error:
             if isinstance(error, EOFError) and "marshal" in str(error):  # CPython 126606: a full disk may cut what it compiles
-                fail(f"Python's compiled files are cut short, as by a full disk; remove __pycache__ below {PACKAGE}", exits.INPUT)
+                fail(f"Python's compiled files are truncated, as by a full disk; remove __pycache__ below {PACKAGE}", exits.INPUT)
             if os.environ.get("MASSPROP_DEBUG"):
                 raise
             fail(f"internal error (a bug in massprop): {type(error).__name__}: {error}. MASSPROP_DEBUG=1 shows where", exits.BUG)
@@ -62,7 +62,7 @@ def check_junit(file: Path | None) -> None:
     if file.is_dir() or not file.parent.is_dir():
         raise UsageError(f"--junit {file}: name a file in a folder that exists")
     if file.exists() and not (file.is_file() and _is_junit(file)):
-        raise UsageError(f"--junit {file}: is there already, and is no JUnit XML; name another file")
+        raise UsageError(f"--junit {file}: exists already and is not JUnit XML; name another file")
 
 
 def put_junit(file: Path, text: str) -> None:

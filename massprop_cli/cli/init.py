@@ -16,9 +16,7 @@ from massprop_cli.cli.terminal import put
 def init(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A log, or another recording with its map.", show_default=False)],
     map_file: options.MapFile = None,
-    out: Annotated[
-        Path | None, options.option("Write it to this new file (default, and -: stdout).", options.OUTPUT, metavar="FILE")
-    ] = None,
+    out: Annotated[Path | None, options.option("Write to this new file (default or -: stdout).", options.OUTPUT, metavar="FILE")] = None,
 ) -> None:
     """Draft a vehicle file from a log.
 
@@ -42,6 +40,6 @@ def init(
         return
     with files.writing(out, "file"), files.held(out.parent):
         if out.exists():
-            raise InputError(f"{out}: is there already; name a new file, or move it")
+            raise InputError(f"{out}: exists already; name a new file, or move it")
         files.text(out, text)
     put(str(out))

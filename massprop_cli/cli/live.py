@@ -53,7 +53,7 @@ def live(
             answers.put(line)
     judged = _concluded(out / RECORDED, vehicle, assign or [], allow_contradicted, quiet, no_color)
     if number := interrupted():
-        fail("interrupted; the result is that of what had come", exits.SIGNALLED + number)
+        fail("interrupted; the result uses the data until then", exits.SIGNALLED + number)
     answers.check()
     if judged.exit_code:
         fail(judged.message, judged.exit_code)

@@ -26,19 +26,17 @@ Vehicle = Annotated[Path | None, option("Vehicle file (TOML).", INPUT, metavar="
 NeededVehicle = Annotated[Path, option("Vehicle file (TOML).", INPUT, metavar="FILE", envvar="MASSPROP_VEHICLE")]
 MapFile = Annotated[Path | None, option("Map file (TOML) of another recording.", INPUT, "--map", metavar="FILE", envvar="MASSPROP_MAP")]
 Chosen = Annotated[
-    Literal["default", "thesis"] | None, option("Estimator: default, or the thesis's own filters.", SETTINGS, envvar="MASSPROP_METHOD")
+    Literal["default", "thesis"] | None, option("Estimator: default, or the filters of the thesis.", SETTINGS, envvar="MASSPROP_METHOD")
 ]
 Delay = Annotated[str | None, option("Command delay in cycles.", SETTINGS, metavar="CYCLES|auto", envvar="MASSPROP_DELAY")]
 Assign = Annotated[list[str] | None, option("Override a dotted vehicle-file key; may be repeated.", SETTINGS, "--set", metavar="KEY=VALUE")]
 Require = Annotated[
-    str | None, option("Exit 4 unless these converge in every phase ('all'), and that precisely.", DEMANDS, metavar="ixx,mass<2%,...")
+    str | None, option("Exit 4 unless these converge with this precision in every phase ('all').", DEMANDS, metavar="ixx,mass<2%,...")
 ]
-AllowContradicted = Annotated[
-    bool, option("Do not exit 6 where log and vehicle file contradict each other.", DEMANDS, "--allow-contradicted")
-]
+AllowContradicted = Annotated[bool, option("Do not exit 6 if the log contradicts the vehicle file.", DEMANDS, "--allow-contradicted")]
 Expect = Annotated[Path | None, option("Expected values (TOML, JSON or a truth.json); exit 5 unless met.", DEMANDS, metavar="FILE")]
 Junit = Annotated[Path | None, option("Write JUnit XML to this file.", OUTPUT, metavar="FILE")]
-NoColor = Annotated[bool, option("No colour (NO_COLOR works too).", OUTPUT, "--no-color")]
+NoColor = Annotated[bool, option("No colour (or set NO_COLOR).", OUTPUT, "--no-color")]
 
 
 def out(help_: str) -> Any:

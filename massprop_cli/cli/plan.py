@@ -14,23 +14,25 @@ _LIMITS = "Limits of the motion"
 @guarded
 def plan(
     vehicle: options.NeededVehicle,
-    want: Annotated[str, options.option("Sigmas that are wanted.", options.DEMANDS, metavar='"ixx 1 %, mass 2 %"')],
+    want: Annotated[str, options.option("Wanted precision.", options.DEMANDS, metavar='"ixx 1 %, mass 2 %"')],
     guess: Annotated[
         Path | None,
-        options.option("What the vehicle may be (TOML; default: the vehicle file's \\[nominal]).", options.INPUT, metavar="FILE"),
+        options.option("Guess of the mass properties (TOML; default: the vehicle file's \\[nominal]).", options.INPUT, metavar="FILE"),
     ] = None,
     max_time: Annotated[float, options.option("Longest plan, s.", _LIMITS, min=1e-3, max=1e5, metavar="S")] = 60.0,
-    max_impulse: Annotated[float | None, options.option("Most that all jets may give, N s.", _LIMITS, min=1e-9, metavar="N_S")] = None,
-    max_rate: Annotated[float | None, options.option("Fastest body rate, rad/s.", _LIMITS, min=1e-9, metavar="RAD_S")] = None,
-    max_tilt: Annotated[
-        float | None, options.option("Farthest from the vertical at the start, rad.", _LIMITS, min=1e-9, metavar="RAD")
+    max_impulse: Annotated[
+        float | None, options.option("Largest total impulse of the jets, N s.", _LIMITS, min=1e-9, metavar="N_S")
     ] = None,
-    max_travel: Annotated[float | None, options.option("Farthest from the place at the start, m.", _LIMITS, min=1e-9, metavar="M")] = None,
-    max_wheel_speed: Annotated[float | None, options.option("Fastest wheel, rad/s.", _LIMITS, min=1e-9, metavar="RAD_S")] = None,
-    without: Annotated[str | None, options.option("Jets that are off.", _LIMITS, metavar="JET,...")] = None,
+    max_rate: Annotated[float | None, options.option("Largest body rate, rad/s.", _LIMITS, min=1e-9, metavar="RAD_S")] = None,
+    max_tilt: Annotated[
+        float | None, options.option("Largest tilt from the vertical at the start, rad.", _LIMITS, min=1e-9, metavar="RAD")
+    ] = None,
+    max_travel: Annotated[float | None, options.option("Largest distance from the start, m.", _LIMITS, min=1e-9, metavar="M")] = None,
+    max_wheel_speed: Annotated[float | None, options.option("Largest wheel speed, rad/s.", _LIMITS, min=1e-9, metavar="RAD_S")] = None,
+    without: Annotated[str | None, options.option("Jets not to use.", _LIMITS, metavar="JET,...")] = None,
     criterion: Annotated[
         Literal["worst", "a", "d"],
-        options.option("Make the worst ratio small, the mean square (a), or the volume of the ellipsoid (d).", options.SETTINGS),
+        options.option("Minimise the worst ratio, the mean square (a), or the volume of the ellipsoid (d).", options.SETTINGS),
     ] = "worst",
     out: Annotated[
         Path | None,

@@ -37,7 +37,7 @@ def report(
     ] = None,
     out: Annotated[
         Path | None,
-        options.out("Folder (default: of one result its own, of several massprop-out)."),
+        options.out("Folder (default: that of one result; massprop-out for several)."),
     ] = None,
     expect: options.Expect = None,
     open_: Annotated[bool, options.option("Show report.html in the browser when it is written.", options.OUTPUT, "--open")] = False,
@@ -56,7 +56,7 @@ def report(
     """
     texts, kinds = _formats(format_, bool(figure))
     if open_ and "html" not in texts:
-        raise UsageError("--open: shows report.html, which is not among what is asked for; add html to --format")
+        raise UsageError("--open: shows report.html, but --format does not ask for html; add it")
     folder_of_its_own(out)
     import numpy as np
 

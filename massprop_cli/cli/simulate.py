@@ -23,13 +23,15 @@ def simulate(
     seed: Annotated[int | None, options.option("Seed (default: the scenario's own).", options.SETTINGS, min=0, metavar="N")] = None,
     seeds: Annotated[
         int | None,
-        options.option("Fly this many seeds, from --seed on: a campaign folder.", options.SETTINGS, min=1, max=100_000, metavar="N"),
+        options.option(
+            "Simulate this many seeds from --seed on, into a campaign folder.", options.SETTINGS, min=1, max=100_000, metavar="N"
+        ),
     ] = None,
     csv: Annotated[bool, options.option("Write log.csv instead of log.parquet.", options.OUTPUT, "--csv")] = False,
     assign: Annotated[
         list[str] | None, options.option("Override a dotted scenario-file key.", options.SETTINGS, "--set", metavar="KEY=VALUE")
     ] = None,
-    list_: Annotated[bool, typer.Option("--list", help="Name the packaged scenarios.")] = False,
+    list_: Annotated[bool, typer.Option("--list", help="List the packaged scenarios.")] = False,
     quiet: Annotated[bool, options.quiet("Say nothing.")] = False,
 ) -> None:
     """Fly a scenario on the testbed in software: a log with known truth.

@@ -99,7 +99,7 @@ def told_of(stored: StoredResult, expected: Path | None, quiet: bool) -> None:
     if pages.removed:
         said.append(f"removed {', '.join(pages.removed)} of the earlier result; make them again with massprop report {stored.folder}")
     if pages.left:
-        said.append(f"warning: {', '.join(pages.left)} in {stored.folder} may be of another result than result.json beside it")
+        said.append(f"warning: {', '.join(pages.left)} in {stored.folder} may belong to another result than result.json there")
     for line in [] if quiet else said:
         say(line)
 

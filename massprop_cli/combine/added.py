@@ -37,19 +37,21 @@ def stated(text: str) -> Known:
         parts = _ITEM.fullmatch(item)
         names = KEYS.get(parts[1]) if parts else None
         if parts is None or names is None or names[0] in found:
-            raise InputError(f"--added {item!r}: not one of mass, position and inertia, each stated once; {EXAMPLE}", "added")
+            raise InputError(f"--added {item!r}: state mass, position and inertia, each once; {EXAMPLE}", "added")
         try:
             values, sigma = [float(one) for one in parts[2].split(",")], float(parts[3] or 0)
         except ValueError:
             values, sigma = [], 0.0
         if len(values) != len(names) or not np.isfinite([*values, sigma]).all() or sigma < 0:
-            raise InputError(f"--added {item!r}: not {len(names)} finite numbers and a sigma that is not negative; {EXAMPLE}", "added")
+            raise InputError(f"--added {item!r}: expected {len(names)} finite numbers and a sigma of at least 0; {EXAMPLE}", "added")
         found |= {name: (value, sigma) for name, value in zip(names, values, strict=True)}
     for key in ("mass", "position"):
         if KEYS[key][0] not in found:
-            raise InputError(f"--added: states no {key} of the object; {EXAMPLE}", "added")
+            raise InputError(f"--added: {key} of the object is missing; {EXAMPLE}", "added")
     if not found["mass"][0] > 0:
-        raise InputError(f"--added: a mass of {found['mass'][0]:g} kg; name the results without the object by --before", "added")
+        raise InputError(
+            f"--added: mass = {found['mass'][0]:g} kg must be above 0; name the results without the object by --before", "added"
+        )
     return found
 
 
@@ -155,7 +157,7 @@ class _Fit:
         for side, own in zip(sides, finite, strict=True):
             if not own[6:9].any() or (own != (finite[0] | finite[1])).any():
                 raise InputError(
-                    f"{side.name}: does not show all that --added is to be the scale of; command motion about and along more axes", "added"
+                    f"{side.name}: does not inform every quantity that --added scales; command motion about and along more axes", "added"
                 )
         given = np.array([known.get(name, (np.nan, np.nan)) for name in QUANTITIES])
         self.stated = np.flatnonzero(np.isfinite(given[:, 0]))
@@ -218,8 +220,8 @@ def _solved(fit: _Fit, start: Array, known: Sequence[tuple[int, str, float, floa
             residual = fit.residuals(at, known)
             return _Found(at, covariance, float(residual @ residual), len(residual) - len(at))
     raise InputError(
-        f"--added: {fit.sides[1].name} does not differ from {fit.sides[0].name} by such an object: check its mass, its position from "
-        "O in body axes, and whether --before and --after are swapped; if all are right add more mass, farther out",
+        f"--added: the difference of {fit.sides[1].name} and {fit.sides[0].name} is not this object: check its mass, its position from O "
+        "in body axes, and whether --before and --after are swapped; if all are right, add more mass farther from the CG",
         "added",
     )
 

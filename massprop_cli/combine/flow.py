@@ -86,8 +86,8 @@ def _chosen(one: Recorded, side: str) -> PhaseItem:
         if phase.name == name:
             return phase
     raise InputError(
-        f"{one.path}: has phases {', '.join(p.name for p in phases)}, and does not say which is {side} docking; "
-        "estimate it with [docking] in the vehicle file, or each phase for itself"
+        f"{one.path}: has phases {', '.join(p.name for p in phases)}, and does not state which is {side} docking; estimate it again with "
+        "[docking] in the vehicle file, or each phase separately"
     )
 
 
@@ -98,8 +98,12 @@ def _check_alike(recorded: Sequence[Recorded], bearing: bool) -> None:
     what = ["vehicle", "environment", "thrust.scale_sigma", "inertia about", "products of inertia", *["bearing mass [kg]"] * bearing]
     for one in recorded:
         if one.result.provenance.method == "thesis":
-            raise InputError(f"{one.path}: was made by --method thesis, whose sigmas are no errors; make it again by the default")
-        check_same(one.path, one.result, str(first.path), first.result, what, "they are not of one vehicle. Combine results of one")
+            raise InputError(
+                f"{one.path}: was made with --method thesis, whose sigmas are not errors; estimate again with --method default"
+            )
+        check_same(
+            one.path, one.result, str(first.path), first.result, what, "the results are not of one vehicle. Combine results of one vehicle"
+        )
 
 
 def _result(recorded: Sequence[Recorded], names: Sequence[str], found: Sequence[Phased], docked: DockedObject | None) -> Result:
@@ -110,10 +114,12 @@ def _result(recorded: Sequence[Recorded], names: Sequence[str], found: Sequence[
     members = sorted({log for one in recorded for log in twice.logs(one.result)})
     delays = {one.result.delay.cycles for one in recorded}
     if any(float(one.result.provenance.settings.get("cycle.command_delay_sigma_cycles", 0.0) or 0.0) > 0 for one in recorded):
-        message = "the command delay's uncertainty counts as if each log had its own; if it is one and the same, sigmas are too small"
+        message = (
+            "the joint estimate assumes an independent delay error in each log; if all logs share one delay error, sigmas are too small"
+        )
         notes.append(WarningItem(code="delay-shared", message=message))
     if len(delays) > 1:
-        message = f"the logs were taken with delays of {', '.join(f'{d:g}' for d in sorted(delays))} cycles"
+        message = f"the results use different command delays: {', '.join(f'{d:g}' for d in sorted(delays))} cycles"
         notes.append(WarningItem(code="delays-differ", message=message))
     log_warnings = [
         WarningItem(code=warning.code, message=f"{name}: {warning.message}")

@@ -371,4 +371,4 @@ def negative_mass_warnings(docked: DockedObject | None) -> list[WarningItem]:
 
 
 def _swapped(mass: float) -> Reason:
-    return docking.negative_mass(mass, "what --after names", "what --before names", "were the two swapped?")
+    return docking.negative_mass(mass, "the vehicle of --after", "the vehicle of --before", "check whether the two are swapped")

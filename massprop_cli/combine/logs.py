@@ -27,7 +27,7 @@ def of_result(one: Recorded) -> Ready:
         raise InputError(f"{one.path.parent}: has no run.json that names its log; make the result again")
     log = Path(place)
     if not log.is_file():
-        raise InputError(f"{log}: is not there any more; put it back")
+        raise InputError(f"{log}: no such file; combine needs the log of the result, so put it back")
     table = logfile.read_table(log, Path(mapped) if mapped else None)
     explicit = None if not vehicle or vehicle.endswith(EMBEDDED) else Path(vehicle)
     return of_table(one.result, table, lambda given: vehiclefile.find(log, explicit, table.embedded_vehicle, given))
@@ -36,10 +36,10 @@ def of_result(one: Recorded) -> Ready:
 def of_table(result: Result, table: Table, vehicle: Callable[[list[str]], VehicleSource]) -> Ready:
     """Preprocess a log's table; ``vehicle`` returns its vehicle with assignments. :class:`InputError` if either has changed."""
     if table.sha256 != result.provenance.input_sha256:
-        raise InputError(f"{table.path}: is not what it was when the result was made; make the result again")
+        raise InputError(f"{table.path}: changed after the result was made; make the result again")
     source = vehicle(_assignments(result))
     if source.sha256 != result.provenance.vehicle_sha256:
-        raise InputError(f"{source.source}: is not what it was when the result was made; make the result again")
+        raise InputError(f"{source.source}: changed after the result was made; make the result again")
     return ready(clipped.with_unstated(telemetry.read(table, source.vehicle)), source, lambda *_: None)
 
 

@@ -144,8 +144,8 @@ def by_object(before: Gathered, after: Gathered, text: str) -> tuple[list[Phased
     against = ""
     if chance(found.chi_square, found.freedom) < RARE:
         against = (
-            f"mass and place stated by --added do not fit the logs (chi-square {found.chi_square:.4g} of {found.freedom}): check its mass, "
-            "its position from O in body axes, and that nothing else was changed"
+            f"mass and position stated by --added do not fit the logs (chi-square {found.chi_square:.4g} of {found.freedom}): check its "
+            "mass, its position from O in body axes, and that nothing else was changed"
         )
     scale = ImpliedScale(by=BY_OBJECT, of=implied_of(vehicle), value=found.scale[0], sigma=found.scale[1])
     sides = [
@@ -179,8 +179,8 @@ def _joint(name: str, parts: Sequence[Part]) -> tuple[Joint, list[WarningItem]]:
         found = fit.fitted([fit.FittedLog(part.recorded.result, part.ready(), part.phase.name) for part in parts], pieces)
     except InputError as error:
         message = (
-            f"phase {name}: {', '.join(part.label for part, few in zip(parts, short, strict=True) if few)} showed some axes alone, and "
-            f"adds nothing to the inertia: the logs can't be fitted at once ({error})"
+            f"phase {name}: {', '.join(part.label for part, few in zip(parts, short, strict=True) if few)} informs only some axes, and "
+            f"massprop does not use it for the inertia, because a joint fit of the logs failed ({error})"
         )
         return joint([fit.without_inertia(one) if few else one for one, few in zip(pieces, short, strict=True)]), [
             WarningItem(code="result-partial", message=message)
@@ -210,24 +210,30 @@ def _contradictions(parts: Sequence[Part], found: Joint) -> list[str]:
         differing = [f"{quantity} by {abs(z):.3g} sigma" for quantity, z in zip(QUANTITIES, deviates, strict=True) if abs(z) > BEYOND]
         pulled = [q for q, pull, z in zip(QUANTITIES, pulls, deviates, strict=True) if abs(pull) > BEYOND and not abs(z) > BEYOND]
         if differing or pulled:
-            message = f"{part.label} differs from the others together: {', '.join(differing) or 'in no quantity alone'}"
+            message = f"{part.label} differs from the joint estimate of the others: {', '.join(differing) or 'in no single quantity'}"
             message += f", which pulls {', '.join(pulled)} away from it" if pulled else ""
-            notes.append(f"{message}; was the vehicle the same?")
+            notes.append(f"{message}; was it the same vehicle in the same state?")
     if notes and (odd := _odd_one(parts)):
         notes = [f"{note} Without it all others agree." for note in notes if note.startswith(f"{odd} ")] or notes
     for part, (chi_square, freedom) in zip(parts, found.own_fits, strict=False):
         if chance(chi_square, freedom) < RARE:
             notes.append(
-                f"{part.label} does not fit the body of the others together (chi-square {chi_square:.4g} of {freedom}); was the vehicle "
-                "the same?"
+                f"{part.label} does not fit the joint body of the others (chi-square {chi_square:.4g} of {freedom}); was it the same "
+                "vehicle in the same state?"
             )
     names = ABOUT_PIVOT if parts[0].vehicle.environment == "pedestal" else QUANTITIES
     far = [name for name, one in zip(names, found.scatter, strict=False) if one[1] and chance(*one) < CHANCE / len(names)]
     if not notes and far:
         said = "; ".join(f"{name} {found.scatter[names.index(name)][0]:.4g} of {found.scatter[names.index(name)][1]}" for name in far)
-        notes.append(f"the results scatter more than their sigmas allow (chi-square of each quantity by itself: {said})")
+        notes.append(
+            f"the results scatter more than their sigmas allow (chi-square of each quantity: {said}); was it the same vehicle in the same "
+            "state?"
+        )
     if not notes and chance(found.chi_square, found.freedom) < CHANCE:
-        notes.append(f"the results scatter more than their sigmas allow (chi-square {found.chi_square:.4g} of {found.freedom})")
+        notes.append(
+            f"the results scatter more than their sigmas allow (chi-square {found.chi_square:.4g} of {found.freedom}); was it the same "
+            "vehicle in the same state?"
+        )
     return notes
 
 

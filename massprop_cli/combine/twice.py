@@ -50,7 +50,7 @@ def refuse_across(before: Sequence[tuple[Recorded, PhaseItem]], after: Sequence[
     for (first, phase), (one, other) in product(before, after):
         if logs(first.result) & logs(one.result) and phase.name == other.name:
             raise InputError(
-                f"{one.path}: phase {other.name} of the same log stands before docking and after it; name the log of the vehicle alone by "
+                f"{one.path}: phase {other.name} of the same log is on both sides of docking; name the log of the vehicle alone by "
                 "--before and that with the object by --after"
             )
 

@@ -206,10 +206,13 @@ def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[A
         effects.append(PhaseEffect(conclusion.phase.name, change, None))
     if not effects:
         return []
-    message = "mass and inertia are proportional to the thrust that the vehicle file states; a scale common to all thrust can't be seen"
+    message = (
+        "mass and inertia are proportional to the thrust that the vehicle file states; the log cannot show a scale common to all thrust"
+    )
     if vehicle.bearing_mass_kg > 0:
-        message += ", and moves the CG by the part of the mass that does not turn"
-    message += f"; its stated uncertainty, {100 * sigma:g} %, is in every sigma" if sigma else "; no uncertainty of it is stated"
+        message += ", and it also moves the CG, because the bearing's mass does not turn"
+    stated = f"every sigma includes its stated uncertainty, {100 * sigma:g} %" if sigma else "the vehicle file states no uncertainty of it"
+    message += f"; {stated}"
     return [AssumptionEffects("thrust-scale", message, "1 %", sigma > 0, tuple(effects))]
 
 
@@ -228,7 +231,7 @@ def _mass_thrust(
     listed = ", ".join(name for name, is_one in zip(names, decisive, strict=True) if is_one)
     step = 0.01 * np.concatenate([np.zeros(first), decisive])
     several = f" of phase {history.phase.name}" if len(vehicle.phases) > 1 else ""
-    message = f"the mass{several} rests on the thrust of {listed} alone; an error common to these can't be seen"
+    message = f"the mass{several} depends only on the thrust of {listed}; the log cannot show an error common to these"
     return [AssumptionEffects("mass-thrust", message, "1 %", True, (_effect(history, conclusion, vehicle, response, step),))]
 
 
@@ -251,7 +254,7 @@ def _stated_uncertainties(history: History, conclusion: Conclusion, response: As
             if (sigma := conclusion.estimates[name].sigma) is not None and size > SHOWN * sigma
         }
         template, key = UNCERTAIN[kind]
-        message = f"{template.format(damping=damping)}; that is in every sigma, and so much of it"
+        message = f"{template.format(damping=damping)}; every sigma includes this uncertainty, by the amounts shown"
         listed.append(AssumptionEffects(f"uncertain-{kind}", message, f"its {key}", True, (PhaseEffect(history.phase.name, change, None),)))
     return listed
 

@@ -15,7 +15,7 @@ from massprop_cli.conclude.analysis import Analysis, CorrectedEstimate
 from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.firstfit import first_fits
 from massprop_cli.conclude.judge import judged
-from massprop_cli.diagnosis import UNKNOWN, outliers
+from massprop_cli.diagnosis import NO_CAUSE, UNKNOWN, outliers
 from massprop_cli.diagnosis.fault import Fault
 from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.errorparameters.setup import stating_as
@@ -40,7 +40,7 @@ ESTIMATED_KEYS = (
 )
 """Keys that an estimate sets: noise, disturbances, outliers, low-passes. Two estimates with the same values differ by the correction
 only."""
-INEFFECTIVE = "log and vehicle file don't fit, cause unknown. Likest to it would be, but corrected it leaves most of the misfit:"
+INEFFECTIVE = f"{NO_CAUSE}; the nearest hypothesis leaves most of the misfit when corrected:"
 MOST = 0.5
 """Largest part of the mean squared residual above the noise that the correction of the true cause leaves. It leaves next to nothing;
 another correction leaves almost all."""
@@ -69,7 +69,7 @@ def _distinct(faults: Sequence[Fault]) -> list[Fault]:
 
 def _corrected(found: Analysis, fault: Fault, say: Progress) -> CorrectedEstimate | Literal["ineffective"] | None:
     """Estimate with the fault corrected; None if it cannot be corrected, "ineffective" if the correction leaves most of the misfit."""
-    say("with the fault corrected", 1.0)
+    say("estimating with the fault corrected", 1.0)
     correction = fault.cure
     if correction is None:
         return None

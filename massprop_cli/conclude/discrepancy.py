@@ -41,9 +41,9 @@ CG = QUANTITIES.index("cg_x")
 AGING = "mass_rate"
 """Error parameter of falling thrust; the effect of a growing mass is the same."""
 WORDS = {
-    AGING: "change of all thrust over the log, or of mass and inertia the other way",
+    AGING: "change of all thrust over the log, or of mass and inertia with the opposite sign",
     "thrust": "thrust",
-    "position": "place",
+    "position": "position",
     "direction": "direction",
 }
 """Names of error parameters of one component, if they differ from the names in the table."""
@@ -57,16 +57,16 @@ BEYOND = 2.0
 """Largest error of one of these, in prior sigmas: a jet with less than 40 % of its thrust, or 0.6 cycles late. Larger errors refute the
 vehicle file. Other error parameters may represent unmodelled effects: real flights have biases and lever arms of that size."""
 NEXT_STEPS = {
-    "thrust": "a calibration of the thrust",
-    "timing": "commands and IMU on one clock, or a stated delay and lag",
-    "sensor": "a calibration of the IMU, and its filter stated",
-    "mounting": "where and how the IMU is mounted, measured",
-    "body": "a log in which nothing moves within the body",
-    "environment": "a rest without commands, for what acts by itself",
-    COMMON: "one calibrated jet, or a weighed vehicle ([known])",
-    STORED: "the spin inertia of a wheel, measured, or a known inertia ([known])",
-    NOISE: "a longer log, or stronger commands",
-    UNSPANNED: "a second log of the same kind, to see what repeats",
+    "thrust": "calibrate the thrust",
+    "timing": "log commands and IMU with one clock, or state delay and lag",
+    "sensor": "calibrate the IMU and state its filters",
+    "mounting": "measure the position and mounting of the IMU",
+    "body": "record a log in which nothing moves inside the body",
+    "environment": "record a rest without commands, which shows external torques",
+    COMMON: "calibrate one jet, or weigh the vehicle ([known])",
+    STORED: "measure the spin inertia of a wheel, or state a known inertia ([known])",
+    NOISE: "record a longer log, or stronger commands",
+    UNSPANNED: "record a second log of the same kind and compare the residuals",
 }
 """Most informative next step, by the largest part of the sigmas."""
 

@@ -15,7 +15,7 @@ from massprop_cli.conclude.firstfit import first_fits
 from massprop_cli.conclude.reason import sigmas
 from massprop_cli.conclude.score import Doubt, doubts
 from massprop_cli.conclude.verdict import conclude
-from massprop_cli.diagnosis import UNKNOWN, delay
+from massprop_cli.diagnosis import NO_CAUSE, UNKNOWN, delay
 from massprop_cli.diagnosis.delay import FoundTiming
 from massprop_cli.diagnosis.fault import Diagnosis, Fault
 from massprop_cli.diagnosis.preprocessing import Ready
@@ -33,8 +33,8 @@ from massprop_cli.prepare.actuators import along_one_line, always_together, chan
 from massprop_cli.prepare.timing import Timing
 
 OTHER_CUTOFFS = (
-    "log and vehicle file don't fit, cause unknown: the log would fit better with another cutoff of a low-pass and another delay than was "
-    'found with the stated one; state cutoff_hz = "auto", or its cutoff_sigma_hz, in [imu.gyro_filter] and [imu.accel_filter]'
+    f"{NO_CAUSE}: another low-pass cutoff with another delay would fit the log better than the stated cutoff; "
+    'state cutoff_hz = "auto", or its cutoff_sigma_hz, in [imu.gyro_filter] and [imu.accel_filter]'
 )
 FEW = 2
 """Largest number of cycles with commands that cannot identify a cause other than a delay. With so few, a third of the error-free logs
@@ -195,9 +195,8 @@ def _correlated_disturbance(checks: Checks, used: Vehicle, begun: Ready) -> str:
         return ""
     assumption = first.assumption.replace("-", " ")
     return (
-        f"log and vehicle file don't fit, cause unknown: beside the disturbance that stands for what is left the log would fit better by "
-        f"{sigmas(first.sigmas)} sigma with another {assumption}; so it is no disturbance, and if not that, something that goes with the "
-        "commands"
+        f"{NO_CAUSE}: even with an added disturbance, another {assumption} would fit better by {sigmas(first.sigmas)} sigma, so the error "
+        f"is not a disturbance. Check {assumption}, and other errors that follow the commands"
     )
 
 

@@ -72,7 +72,9 @@ def _with_wheel_drive(first: _First, log: Log, source: VehicleSource, say: Progr
     other = _fitted(ready(log, with_speed, say))
     if not other.plain.chi_square < first.plain.chi_square - CLEAR:
         return first, source
-    message = "holds of wheels is not stated; the log shows that their drives hold the growth of their speed, and not a torque"
+    message = (
+        "holds of wheels is not stated; the log fits best if their drives hold the acceleration and not the torque, and massprop assumed it"
+    )
     return other._replace(begun=other.begun._replace(notices=[*other.begun.notices, Notice("noise-estimated", message)])), with_speed
 
 
@@ -137,9 +139,9 @@ def _with_tachometer_noise(first: _First) -> _First:
     torque = float(np.hypot(begun.stated.environment.disturbance_torque_n_m, gyroscopic))
     notice = Notice(
         "noise-estimated",
-        f"speeds of wheels scatter as their tachometers count or as is stated (speed_sigma_rad_s, speed_step_rad_s): {added[0]:.3g} rad/s "
-        f"of the body's rate; with it the gyro's noise counts as {level[0]:.3g} rad/s, and the accelerometer's as {level[1]:.3g} m/s^2. "
-        f"What it turns the stored momentum astray by counts as a white torque of {torque:.3g} N m per cycle",
+        f"wheel speeds have errors (tachometer steps, or speed_sigma_rad_s and speed_step_rad_s): {added[0]:.3g} rad/s of the body's "
+        f"rate. massprop adds them to the noise: gyro {level[0]:.3g} rad/s, accelerometer {level[1]:.3g} m/s^2, and a white torque of "
+        f"{torque:.3g} N m per cycle for the error of the stored momentum",
     )
     counted = tuple(wheel.model_copy(update={"speed_error_in_noise": True}) for wheel in begun.stated.wheels)
     noise = {"imu.gyro_noise_rad_s": level[0], "imu.accel_noise_m_s2": level[1], "environment.disturbance_torque_n_m": torque}

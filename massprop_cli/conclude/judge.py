@@ -183,11 +183,11 @@ def _bias_tests(found: Analysis, settled: History, vehicle: Resolved | None) -> 
 def _discrepancy_notices(conclusions: Sequence[Conclusion], discrepancies: Sequence[Discrepancy | None], named: bool) -> Iterator[Notice]:
     for conclusion, one in zip(conclusions, discrepancies, strict=True):
         if one is not None and not one.refuted and not any(cause.code == "named-fault" for cause in conclusion.causes) and not named:
-            like = f"; it behaves like {' and '.join(one.behaves_like)}, or something else that does the same" if one.behaves_like else ""
-            usual = f"whatever a careful lab may have stated wrongly, times {max(one.scale, LEAST):.2g}, and what none of that explains"
+            like = f"; it behaves like {' and '.join(one.behaves_like)}, but other errors may do the same" if one.behaves_like else ""
+            usual = f"every error parameter at {max(one.scale, LEAST):.2g} of its usual sigma, and residuals that no parameter explains"
             reported = [i for i, estimate in enumerate(conclusion.estimates.values()) if estimate.value is not None]
             like += f". Most informative next step: {one.next_step(reported)}"
-            message = f"log and vehicle file don't explain one another, and every sigma includes what may be wrong: {usual}{like}"
+            message = f"the vehicle file does not explain the log; sigmas include model error ({usual}){like}"
             yield Notice("model-discrepancy", f"phase {conclusion.phase.name}: {message}")
 
 
@@ -204,11 +204,11 @@ def _notices(found: Analysis, conclusions: tuple[Conclusion, ...], docked: Docke
             yield Notice("unphysical-inertia", f"phase {conclusion.phase.name}: {violation.message}")
     for conclusion, at in zip(conclusions, at_origin, strict=True):
         if at:
-            message = f"phase {conclusion.phase.name}: the CG is found at O, about which commanded torques are taken to be"
+            message = f"phase {conclusion.phase.name}: the estimated CG is at O, and commanded torques are assumed to be about O"
             remedy = (
-                "if they are about the CG, it is somewhere else; state thrust.wrench_point_m: where they are about, or [0, 0, 0] if it is O"
+                "if they are about the CG instead, the CG is elsewhere. State their point as thrust.wrench_point_m ([0, 0, 0] if it is O)"
             )
-            yield Notice("wrench-point", f"{message}: {remedy}")
+            yield Notice("wrench-point", f"{message}; {remedy}")
     yield from _docking_notices(docked, conclusions, found.vehicle)
 
 
@@ -216,8 +216,8 @@ def _docking_notices(docked: Docked | None, conclusions: tuple[Conclusion, ...],
     small = mass_difference(conclusions, used) if docked is None else None
     if small is not None:
         message = (
-            f"the two phases' masses differ by {small[0]:.3g} ± {small[1]:.2g} kg, too little to show a docking, so no docked object is "
-            "given; name the phases under [docking] (before, after) if there is one"
+            f"the two phases' masses differ by {small[0]:.3g} ± {small[1]:.2g} kg, too little to show a docking, so massprop reports no "
+            "docked object; name the phases under [docking] (before, after) if there is one"
         )
         return [Notice("no-docked-object", message)]
     mass = docked.estimates["mass"].value if docked else None
@@ -259,9 +259,9 @@ def _scale_is_one(found: Analysis) -> bool:
 
 def _normalised_notice(names: Sequence[str], unknown: str) -> Iterator[Notice]:
     if names:
-        finding = f"the largest values of {', '.join(names)} are all 1, as of commands that are normalised"
-        fits = "" if unknown else "; the log fits with any scale of them"
-        remedy = "state the scale of each under [columns]; or, if 1 N m and 1 N are what they are limited to, thrust.wrench_limits"
+        finding = f"the largest values of {', '.join(names)} are all 1, so commands may be normalised"
+        fits = "" if unknown else "; the log does not show their scale"
+        remedy = "state the scale of each under [columns]; or, if they are limited to 1 N m and 1 N, thrust.wrench_limits"
         yield Notice("commands-normalised", f"{finding}{fits}. If they are not in N m and N, {remedy}")
 
 

@@ -38,7 +38,9 @@ def breach(conclusion: Conclusion) -> Breach | None:
     noise puts half of its estimates beyond the bound.
     """
     if conclusion.rotating_mass <= 0:
-        return Breach(f"the mass is less than its bearing's: {conclusion.rotating_mass:.4g} kg are left to turn on it", True, False)
+        return Breach(
+            f"the mass is less than environment.bearing_mass_kg: the rotating mass is {conclusion.rotating_mass:.4g} kg", True, False
+        )
     moments = conclusion.principal_moments
     low, middle, high = (float(moment) for moment in moments)
     if np.isnan(low):
@@ -52,7 +54,7 @@ def breach(conclusion: Conclusion) -> Breach | None:
     message = f"the inertia breaks the triangle inequality: {low:.4g} + {middle:.4g} < {high:.4g} kg m^2"
     if violation > BEYOND * sigma:
         return Breach(f"{message}; check jets, units and thrust", True)
-    return Breach(f"{message}, as its sigmas allow ({violation:.2g} ± {sigma:.2g} kg m^2): a flat body's does", False)
+    return Breach(f"{message}, within its sigmas ({violation:.2g} ± {sigma:.2g} kg m^2): a flat body is at the limit", False)
 
 
 def _density_breach(conclusion: Conclusion) -> Breach | None:
@@ -64,8 +66,8 @@ def _density_breach(conclusion: Conclusion) -> Breach | None:
     densest, thinnest = ((conclusion.rotating_mass + sign * margin[0], trace - sign * margin[1]) for sign in (1, -1))
     if densest[1] > 0 and density(*densest) < THINNEST:
         radius = float(np.sqrt(densest[1] / densest[0] / 1.2))
-        message = f"mass and inertia are those of a ball of {radius:.3g} m and {density(*densest):.2g} kg/m^3, thinner than air"
-        return Breach(f"{message}: unless most of it is far out, check the units of torques and forces", True, False)
+        message = f"mass and inertia are those of a ball of {radius:.3g} m and {density(*densest):.2g} kg/m^3, less dense than air"
+        return Breach(f"{message}: check the units of torques and forces, unless most of the mass is far from the CG", True, False)
     if thinnest[0] > 0 and density(*thinnest) > DENSEST:
         message = f"mass and inertia are those of a ball of {density(*thinnest):.2g} kg/m^3, denser than any matter"
         return Breach(f"{message}: check the units of the gyro, of torques and of forces", True, False, True)
@@ -78,7 +80,7 @@ def _not_positive(conclusion: Conclusion, low: float) -> Breach:
     message = f"the inertia is not positive definite (least principal moment {low:.4g} kg m^2"
     if -low > BEYOND * sigma:
         return Breach(f"{message})", True)
-    return Breach(f"{message}, as its sigmas allow, ± {sigma:.2g})", False)
+    return Breach(f"{message}, within its sigma of {sigma:.2g})", False)
 
 
 def _sigma(conclusion: Conclusion, weights: Array) -> float:

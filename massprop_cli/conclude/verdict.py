@@ -23,12 +23,12 @@ WANTED = {
     "iyy": "torque about Y",
     "iyz": "torque about Y and about Z",
     "izz": "torque about Z",
-    "cg_x": "force across X (along Y or Z), or fast turns about Y or Z",
-    "cg_y": "force across Y (along X or Z), or fast turns about X or Z",
-    "cg_z": "force across Z (along X or Y), or fast turns about X or Y",
-    "mass": "force, pushed one way and the other",
-    "moment_x": "time under gravity, at some tilts about Y and Z",
-    "moment_y": "time under gravity, at some tilts about X and Z",
+    "cg_x": "force across X (along Y or Z), or fast rotation about Y or Z",
+    "cg_y": "force across Y (along X or Z), or fast rotation about X or Z",
+    "cg_z": "force across Z (along X or Y), or fast rotation about X or Y",
+    "mass": "force in both directions",
+    "moment_x": "time under gravity, at several tilts about Y and Z",
+    "moment_y": "time under gravity, at several tilts about X and Z",
     "moment_z": "tilts about X and about Y",
 }
 """The motion that informs each quantity, body axes."""

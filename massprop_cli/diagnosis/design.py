@@ -133,7 +133,8 @@ class Designs:
         cycles = slice(max(piece.start, first_usable), min(piece.stop, len(samples) - 1))
         if cycles.stop - cycles.start < 2:
             raise InputError(
-                f"{log.path}: {max(cycles.stop - cycles.start, 0)} cycles are too few to say how the motion follows the commands"
+                f"{log.path}: {max(cycles.stop - cycles.start, 0)} cycles are too few to estimate how the motion follows the commands; "
+                "record longer"
             )
         # no column for effects before the command: a controller computes commands from measured noise
         earliest = max(timing.delay - SHIFT, 0.0)

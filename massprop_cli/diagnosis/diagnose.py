@@ -16,7 +16,7 @@ from itertools import chain, islice
 
 import numpy as np
 
-from massprop_cli.diagnosis import delay, hypotheses
+from massprop_cli.diagnosis import NO_CAUSE, delay, hypotheses
 from massprop_cli.diagnosis.channelpairs import swapped, two_channels, wired
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.design import Case, Designs
@@ -191,7 +191,7 @@ def _temporary_failure(
     best, vehicle = failures[0], screening.case.vehicle
     if not (best.screening.within_chance and best.screening.constant) and segments() is not None:
         return found
-    message = f"the log fits if {', or else '.join(one.words for one in failures)}; look at its valve and supply, and state thrust.failures"
+    message = f"the log fits if {', or else '.join(one.words for one in failures)}; check its valve and supply, and state thrust.failures"
     sigma_variant = (best.correction(vehicle, 1.0),) if best.sigma else ()
     rivals = tuple(one.correction(vehicle) for one in failures[1:])
     return Diagnosis((Fault(Notice(best.code, message), best.correction(vehicle), around=sigma_variant, rivals=rivals),), score=best.score)
@@ -339,8 +339,8 @@ def _unknown_cause(screening: Screening) -> str:
         about = f" of {', '.join(found.hypothesis.subject)}" if found.hypothesis.subject else ""
         nearest.setdefault(f"{code}{about}", f"{100 * found.chi_square.sum() / screening.stated.chi_square.sum():.2g} %")
     text = ", ".join(f"{what} leaves {left}" for what, left in islice(nearest.items(), 2))
-    near = f"; nearest: {text} of the misfit" if text else ""
+    near = f"; nearest hypotheses: {text} of the misfit" if text else ""
     scatter = jitter(screening.case.log.interval_s)
     if scatter > JITTER:
-        near += f"; records' intervals scatter by {100 * scatter:.2g} %: times of arrival? State imu.clock_even = true"
-    return f"log and vehicle file don't fit, cause unknown: what the model leaves is {screening.misfit:.3g} times pure error{near}"
+        near += f"; record intervals scatter by {100 * scatter:.2g} %: if time_s are arrival times, state imu.clock_even = true"
+    return f"{NO_CAUSE}: residuals are {screening.misfit:.3g} times the noise variance{near}"

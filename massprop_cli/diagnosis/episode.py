@@ -64,7 +64,7 @@ class Episode(NamedTuple):
         if self.code == "jet-dead":
             return f"jet {jet} does not push at all{when}"
         if self.code == "jet-sign":
-            return f"jet {jet} pushes the other way than stated{when}"
+            return f"jet {jet} pushes opposite to the stated direction{when}"
         return f"jet {jet} gives {self.failure.thrust:.4g} of the stated thrust{when}"
 
     def correction(self, vehicle: Resolved, sigmas: float = 0.0) -> Correction:

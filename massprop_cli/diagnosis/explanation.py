@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.diagnosis import UNKNOWN, hypotheses, normalised
+from massprop_cli.diagnosis import NO_CAUSE, UNKNOWN, hypotheses, normalised
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Correction, applied, correction_of, is_certain, skew_corrections, uncertain_corrections
 from massprop_cli.diagnosis.delay import timing_near
@@ -20,15 +20,15 @@ from massprop_cli.diagnosis.search import codes
 from massprop_cli.errorparameters import table
 from massprop_cli.inputs.notice import Notice
 
-ABSENT = "log and vehicle file don't fit; causes are looked for only in logs with all three axes of gyro and accelerometer"
-DEAD = "the gyro or the accelerometer reads 0 in every cycle: it is not recorded, or dead"
+ABSENT = "the vehicle file does not explain the log; massprop diagnoses only logs with all three axes of gyro and accelerometer"
+DEAD = "the gyro or the accelerometer reads 0 in every cycle: check the sensor and its columns"
 UNANSWERED = (
-    "log and vehicle file don't fit, cause unknown: the motion is no noise, and hardly follows the commands; are they this recording's, on "
-    "its clock, and were they executed?"
+    f"{NO_CAUSE}: the motion exceeds the noise and hardly follows the commands; check that the commands are of this recording, on its "
+    "clock, and were executed"
 )
 LOGGED_AFTER = (
-    "the motion follows commands that are logged {:g} control cycle(s) after they acted: no delay is below 0; log them as they are "
-    "issued, or move their columns up by {} control cycle(s)"
+    "the log has commands {:g} control cycle(s) after they acted, and a delay cannot be below 0; log them when they are issued, or move "
+    "their columns up by {} control cycle(s)"
 )
 IN_VEHICLE_FILE, IN_MAP = "under [columns]", "in the map (unit, scale, axes)"
 """Where to correct the columns of a plain log, and those of a recording."""
@@ -97,9 +97,9 @@ def _faults(screening: Screening, refit: Refit, rivals: Sequence[Refit] = (), al
     inertia_text, inertia_corrections = _rotor_inertia(refit)
     message = f"the log fits if {message}{inertia_text}"
     if rival_texts:
-        message += "; rivals that the log can't rule out: " + "; or ".join(rival_texts[:2])
+        message += "; rivals that the log cannot rule out: " + "; or ".join(rival_texts[:2])
     if not named:
-        message = f"log and vehicle file don't fit, cause unknown: {message}"
+        message = f"{NO_CAUSE}: {message}"
     corrections = (correction_of(screening.case, rival.case, rival.fitted) for rival in rivals)
     # a scale that all commands have in common shows nowhere: no correction is right
     normalised_commands = normalised.CODE in codes(refit)
@@ -180,7 +180,7 @@ def _rotor_inertia(refit: Refit) -> tuple[str, tuple[Correction, ...]]:
     if not all_of_them or not float(np.ptp(factors)) < ALIKE or len(inertia) < len(rotors) or not factors[0] > 0:
         return "", ()
     keys = tuple(f"rotors.{i}.spin_inertia_kg_m2={own / factors[0]:.9g}" for i, own in enumerate(inertia))
-    return f", or else they have {1 / factors[0]:.4g} of the stated spin_inertia_kg_m2", (Correction(keys),)
+    return f", or else they have {1 / factors[0]:.4g} times the stated spin_inertia_kg_m2", (Correction(keys),)
 
 
 def _causes(screening: Screening, refit: Refit) -> list[tuple[str, str]]:

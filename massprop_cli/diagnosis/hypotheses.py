@@ -241,14 +241,14 @@ def other_units(record_s: float, increments: bool) -> list[OtherUnit]:
             OtherUnit("gyro-units", f"{gyro}{of} are in degrees, not radians", np.where(of_axes, 1 / DEGREE, 1.0), every, rare)
         )
         listed_units.append(OtherUnit("accel-units", f"{accelerometer}{of} are in g", every, np.where(of_axes, 1 / GRAVITY, 1.0), rare))
-    listed_units.append(OtherUnit("gyro-units", f"{gyro} were turned into radians twice", DEGREE * every, every))
+    listed_units.append(OtherUnit("gyro-units", f"{gyro} were converted to radians twice", DEGREE * every, every))
     listed_units.append(
         OtherUnit("gyro-units", f"{gyro} are in degrees, not radians, and {accelerometer} in g", every / DEGREE, every / GRAVITY)
     )
     for words, factor in (("are in milli-g", 1e3 / GRAVITY), ("are in mm/s^2", 1e3)):
         listed_units.append(OtherUnit("accel-units", f"{accelerometer} {words}", every, factor * every, TWO))
     for count in DECIMATED if increments else ():
-        dropped = f"gyro and accelerometer columns hold one increment of {count}, and the others were dropped, not summed"
+        dropped = f"gyro and accelerometer columns hold one increment of every {count}: the others were dropped, not summed"
         listed_units.append(OtherUnit("column-kind", dropped, every / count, every / count, TWO))
     return listed_units + [
         # a common factor of both sensors shows only in terms quadratic in the rates, like a bias
@@ -297,7 +297,7 @@ def mountings(model: Model) -> list[Hypothesis]:
     equal = np.abs(turns[:, None] - turns).max((2, 3)) < ROUNDING
     listed_turns = [
         Hypothesis(
-            "imu-mounting", ("the transpose of what is stated",) if i == 1 else (), no_unknowns, gyro=turns[i], accelerometer=turns[i]
+            "imu-mounting", ("the transpose of the stated matrix",) if i == 1 else (), no_unknowns, gyro=turns[i], accelerometer=turns[i]
         )
         for i in sorted(set(equal.argmax(1).tolist()))[1:]  # the first of equal ones, without the stated one
     ]

@@ -3,6 +3,7 @@
 import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, TINY, Array, median
+from massprop_cli.diagnosis import NO_CAUSE
 from massprop_cli.diagnosis.design import Case
 from massprop_cli.inputs.actuators.rotor import SPEED
 from massprop_cli.inputs.logtable import LONG
@@ -31,7 +32,7 @@ def gravity_felt(case: Case) -> Notice | None:
     supported = float(np.linalg.norm(thrust.mean(0))) > ONE_WAY * float(np.sqrt((thrust**2).sum(1).mean()))
     if supported or abs(specific_force / environment.gravity_m_s2 - 1) > WEIGHT:
         return None
-    words = f'the accelerometer feels {specific_force:.4g} m/s^2 (median), as on the ground, and environment.kind is "free"'
+    words = f'the accelerometer reads {specific_force:.4g} m/s^2 (median), as on the ground, but environment.kind is "free"'
     return Notice("gravity-felt", f'{words}; state "air_bearing", "pedestal" or "planar"')
 
 
@@ -46,8 +47,8 @@ def sparse_commands(case: Case) -> str:
     if slow:
         named = ", ".join(SPEED.of(name) for name in slow)
         return (
-            f"log and vehicle file don't fit, cause unknown: {named}: a speed in every {max(slow.values())}. control cycle alone, and what "
-            "these rotors do in between moves the vehicle. Log their speeds in every control cycle, or their commands"
+            f"{NO_CAUSE}: {named} has a speed only every {max(slow.values())} control cycles, and these rotors move the vehicle in "
+            "between. Log their speeds in every control cycle, or their commands"
         )
     commands = _each_cycle(case.log)
     interval, first = (1, 0) if commands is None else _rhythm(commands)
@@ -61,8 +62,8 @@ def sparse_commands(case: Case) -> str:
     if log_ratio < UNEQUAL * interval or (variance / mean).mean(1).min() > NEXT_TO:
         return ""
     return (
-        f"log and vehicle file don't fit, cause unknown: logged commands change only in every {interval}. control cycle, and the motion in "
-        "between does not follow them. Probably not every command was logged. Log every command with its time (command_time_s)"
+        f"{NO_CAUSE}: logged commands change only every {interval} control cycles, and the motion in between does not follow them. "
+        "Probably not every command was logged. Log every command with its time (command_time_s)"
     )
 
 
@@ -72,8 +73,8 @@ def lost_records(log: Log) -> str:
     if log.command_s is not None or not len(rows):
         return ""
     return (
-        f"log and vehicle file don't fit, cause unknown: {len(rows)} record(s) were lost, the first before {log.time_s[rows[0]]:.6g} s, "
-        "and what was commanded in them is not in the log. Split the log there, or record every command with its time (command_time_s)"
+        f"{NO_CAUSE}: {len(rows)} record(s) were lost, the first before {log.time_s[rows[0]]:.6g} s, with their commands. Split the log "
+        "there, or record every command with its time (command_time_s)"
     )
 
 

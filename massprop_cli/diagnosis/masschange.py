@@ -59,10 +59,9 @@ def mass_change(screening: Screening, torque: Screening, segments: Segments, les
         return None  # a temporary disturbance, or uncommanded motion, gives no evidence of another body
     thrust, imu = _thrust_alternative(screening, sides), _imu_alternative(screening, sides)
     message = (
-        f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release{thrust}{imu}; "
-        "give the vehicle file [[phases]] that end and begin there "
-        "(estimator.split_on_change = true does it): what is estimated over the change is no body's"
-    ) + ("; what [known] states is of neither part then: state it under [[phases]]" if case.vehicle.known else "")
+        f"the log fits if the mass properties change suddenly at {time:.6g} s, as by docking or release{thrust}{imu}; state [[phases]] "
+        "that end and begin there (estimator.split_on_change = true does it): estimates across the change are not valid"
+    ) + ("; [known] values then apply to neither part: state them under [[phases]]" if case.vehicle.known else "")
     correction = None if imu else Correction(("estimator.split_on_change=true",))
     return Diagnosis((Fault(Notice("mass-change", message), correction, time),))
 
@@ -76,7 +75,7 @@ def _thrust_alternative(screening: Screening, sides: Sequence[Screening | None])
     ratio = float(ratios.mean())
     if not screening.model.thrusting or np.ptp(ratios) > PROPORTION * ratio or abs(ratio - 1) < PROPORTION:
         return ""
-    return f", or if all thrust is {ratio:.3g} of what it was from then on, as by another supply pressure"
+    return f", or if all thrust is {ratio:.3g} of its former value from then on, as by another supply pressure"
 
 
 def _imu_alternative(screening: Screening, sides: Sequence[Screening | None]) -> str:
@@ -85,5 +84,5 @@ def _imu_alternative(screening: Screening, sides: Sequence[Screening | None]) ->
     turned = np.abs(tensor(after[:6]) @ np.linalg.inv(tensor(before[:6])) - np.eye(3)).max()
     if screening.model.thrusting or screening.model.bearing is not None or turned > PROPORTION:
         return ""
-    where = "the CG alone changes, and no thrust tells where it is: then estimate each part with its own imu.position_m"
-    return f", or if another IMU, some way off, records from then on ({where})"
+    where = "only the CG changes, and no thrust shows where it is: then estimate each part with its own imu.position_m"
+    return f", or if another IMU, at another position, records from then on ({where})"

@@ -82,10 +82,8 @@ def with_outliers(log: Log, vehicle: Vehicle, samples: Stream, pieces: Sequence[
     doubled = _doubled(log)
     if len(doubled) and vehicle.imu.gyro_outliers_s is None and vehicle.imu.accel_outliers_s is None:
         times_doubled = tuple(round(float(log.time_s[row]), 9) for row in np.unique(np.append(doubled, doubled + 1)).tolist())
-        rows_text = (
-            f"{len(doubled)} record(s), the first at row {int(doubled[0])}, hold 0 throughout, and the next ones what both should have"
-        )
-        text = f"{rows_text}: they came late; these and the next are not used (imu.gyro_outliers_s, accel_outliers_s)"
+        rows_text = f"{len(doubled)} record(s), the first at row {int(doubled[0])}, hold only 0, and the next ones hold the motion of both"
+        text = f"{rows_text}: they arrived late; massprop uses neither (imu.gyro_outliers_s, accel_outliers_s)"
         return stating(vehicle, {f"imu.{sensor}_outliers_s": times_doubled for sensor in SENSORS}), [Notice("records-doubled", text)]
     for sensor, outliers_found in zip(SENSORS, _search(log, vehicle, samples, pieces), strict=True):
         key = f"{sensor}_outliers_s"
@@ -105,15 +103,15 @@ def _notices(log: Log, sensor: str, rows: IntArray, sigmas: Array, lost: BoolArr
         listed = ", ".join(f"{row} ({log.time_s[row]:.6g} s)" for row in rows[rows_mask][:LISTED].tolist()) + ", …" * bool(
             rows_mask.sum() > LISTED
         )
-        out = f"{sigmas[rows_mask].min():.3g} to {sigmas[rows_mask].max():.3g} sigma out"
+        out = f"{sigmas[rows_mask].min():.3g} to {sigmas[rows_mask].max():.3g} sigma off"
         used = f"not used (imu.{sensor}_outliers_s; [] uses all)"
         return f"the {_LONG[sensor]} has {rows_mask.sum()} reading(s) {description}, {out}, in rows (from 0) {listed}; {used}"
 
     if lost.any():
-        description = "where a record was lost, which are no means over their intervals or follow a lost command"
+        description = "where a record was lost, which are not means over their intervals or follow a lost command"
         yield Notice("long-interval", text(lost, description))
     if not lost.all():
-        yield Notice("outliers", text(~lost, "that are none of the motion"))
+        yield Notice("outliers", text(~lost, "that are not of the motion"))
 
 
 def _doubled(log: Log) -> IntArray:

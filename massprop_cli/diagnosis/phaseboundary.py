@@ -48,10 +48,10 @@ class PhaseBoundary(NamedTuple):
         """Message text."""
         name = "" if self.phase is None else f" of phase {self.phase.name}"
         which, side = ("first", "from") if self.begins else ("last", "until")
-        other = "until then something else was docked" if self.begins else "from then on something else is docked"
+        other = "another object was docked until then" if self.begins else "another object is docked from then on"
         return (
-            f"the log fits without the {which} {self.left_out} cycles{name}, that is {side} {time_text(self.time_s)} s: {other}, "
-            f"the vehicle was held, or a jet failed; correct {self.key} under [[phases]]"
+            f"the log fits without the {which} {self.left_out} cycles{name} ({side} {time_text(self.time_s)} s): {other}, the vehicle was "
+            f"held, or a jet failed; correct {self.key} under [[phases]]"
         )
 
     @property

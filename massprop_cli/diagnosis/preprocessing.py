@@ -109,7 +109,7 @@ def _with_attitude(log: Log, vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
         values = {"attitude_latency_s": attitude.latency_s, "attitude_latency_sigma_s": attitude.latency_sigma_s}
     if vehicle.imu.attitude_sigma_rad is None:
         values["attitude_sigma_rad"] = sigma = attitude.noise.attitude_rad
-        notices = [Notice("noise-estimated", f"imu.attitude_sigma_rad is not stated; {sigma:.3g} was estimated from the log")]
+        notices = [Notice("noise-estimated", f"imu.attitude_sigma_rad is not stated; massprop estimated {sigma:.3g} from the log")]
     return vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=values)}), notices
 
 
@@ -150,7 +150,9 @@ def _restated(values: Mapping[str, Any], setup: Setup, samples: Stream) -> Resta
     changed = with_factors(log, gyro, accelerometer, command if log.command_kind == "wrench" else ())
     stream = Stream.of(changed, vehicle, moved)
     if Layout.of(stream, vehicle) != Layout.of(samples, stated):
-        raise InputError(f"uncertain: {', '.join(values)}: changes what is estimated, not what is stated; state it for itself")
+        raise InputError(
+            f"uncertain: {', '.join(values)}: this changes which quantities are estimated; take it out of uncertain and state it as a value"
+        )
     mounting = np.array(stated.imu.body_from_imu)
     rate, force = (mounting @ (np.array(factors or np.eye(3)) - np.eye(3)) @ mounting.T for factors in (gyro, accelerometer))
     return Restated(stream, vehicle, Reading(rate, force) if gyro or accelerometer else None)

@@ -54,8 +54,8 @@ ORDERS, EVERY = 4, 7
 """Number of orders that are fitted; most rotors of which every order is compared, of more only two or three exchanged."""
 
 
-SPEEDS = {"in rpm": RPM, "in revolutions a second": 2 * np.pi}
-COMMANDS = {"in percent": 0.01, "counted to 255": 1 / 255, "counted to 1000": 1e-3, "counted to 65535": 1 / 65535}
+SPEEDS = {"in rpm": RPM, "in revolutions per second": 2 * np.pi}
+COMMANDS = {"in percent": 0.01, "integers up to 255": 1 / 255, "integers up to 1000": 1e-3, "integers up to 65535": 1 / 65535}
 """Units of rotors' columns, with factors to rad/s or to commands from 0 to 1."""
 
 
@@ -154,7 +154,7 @@ def _gimbals_in_degrees(case: _Case) -> Iterator[ColumnReading]:
     each = [np.arange(len(gyros)) == i for i in np.flatnonzero(gyros)]
     for turned in [np.array(gyros), *each] if len(each) > 1 else each:
         names_text = ", ".join(name for name, one in zip(names, turned, strict=True) if one)
-        words = f"gimbal angles are in degrees, not radians ({names_text}); correct the log, or scale the columns {where} ({DEGREE:.6g})"
+        words = f"gimbal angles are in degrees, not radians ({names_text}); correct the log, or scale these columns by {DEGREE:.6g} {where}"
         yield ColumnReading("gimbal-units", words, Correction(gimbals=GimbalColumns(names, tuple(np.where(turned, DEGREE, 1.0).tolist()))))
 
 
@@ -167,7 +167,7 @@ def _of_rotors(case: _Case) -> Iterator[ColumnReading]:
     where, order = IN_VEHICLE_FILE if case.log.made is None else IN_MAP, tuple(range(len(names)))
     for unit, factor in (SPEEDS if kind == "speed" else COMMANDS).items():
         who = f"{'speeds' if kind == 'speed' else 'commands'} of rotors are {unit} ({', '.join(names)})"
-        words = f"{who}; correct the log, or scale the columns {where} ({factor:.6g})"
+        words = f"{who}; correct the log, or scale these columns by {factor:.6g} {where}"
         correction = Correction(rotors=RotorColumns(names, order, factor))
         yield ColumnReading("speed-units" if kind == "speed" else "command-units", words, correction)
 
@@ -190,7 +190,7 @@ def _other_units(log: Log) -> Iterator[ColumnReading]:
             for factors_of in (unit.gyro, unit.accelerometer)
         ]
         by = " and ".join(dict.fromkeys(f"{1 / one:.6g}" for one in (*unit.gyro, *unit.accelerometer) if one != 1))
-        words = f"its {unit.words}; correct the log, or scale its columns {where} ({by})"
+        words = f"its {unit.words}; correct the log, or scale these columns by {by} {where}"
         yield ColumnReading(unit.code, words, Correction(gyro=factors[0], accelerometer=factors[1]), unit.prior_odds)
 
 
@@ -209,7 +209,8 @@ def _other_orders(case: _Case) -> Iterator[ColumnReading]:
             continue
         order = tuple(int(rotor_of.index(i)) for i in range(len(rotor_of)))
         text = "; ".join(f"column {names[i]} belongs to rotor {vehicle.rotors[rotor_of[i]].name}" for i in exchanged)
-        yield ColumnReading("actuators-swapped", f"{text}; swap wires, columns or entries", Correction(rotors=RotorColumns(names, order)))
+        words = f"{text}; swap their wires, columns or entries in the vehicle file"
+        yield ColumnReading("actuators-swapped", words, Correction(rotors=RotorColumns(names, order)))
 
 
 def _orders(count: int) -> Array:

@@ -168,7 +168,7 @@ def _found(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
             f'{log.path}: cycle.command_delay_cycles and the latency of each sensor are "auto", and the log gives only their sums; state '
             "one of them"
         )
-    say("finding delay, lag and low-passes", 0.0)
+    say("estimating delay, lag and low-passes", 0.0)
     vehicle = stating(vehicle, {f"imu.{sensor}_filter.cutoff_hz": FIRST_HZ for sensor in open_cutoffs})
     vehicle = stating(vehicle, {f"imu.{sensor}_filter.latency_s": 0.0 for sensor in open_latencies})
     given = stated_timing(vehicle)
@@ -186,9 +186,9 @@ def _found(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
             found = delay.by_free_response(part, vehicle, coarse) or found
     if found is None:
         raise UntoldError(
-            f"{log.path}: {' and '.join(SOUGHT[name][0] for name in unknown)} cannot be estimated from this log; its commands "
-            f"explain too little of its motion{_compared(log, rated)}. State {' and '.join(SOUGHT[name][1] for name in unknown)}; of "
-            "commands that are stamped after they act bring the clocks together first (clock.offset_s of a map)",
+            f"{log.path}: {' and '.join(SOUGHT[name][0] for name in unknown)} cannot be estimated from this log: its commands explain too "
+            f"little of its motion{_compared(log, rated)}. State {' and '.join(SOUGHT[name][1] for name in unknown)}. If commands are "
+            "stamped after they act, first correct their clock (clock.offset_s of a map)",
             () if coarse is None else _rough_settings(Setup(log, vehicle, coarse), unknown),
         )
     return found
@@ -210,8 +210,8 @@ def other_cutoffs(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: F
 def _compared(log: Log, rated: Sequence[Rated]) -> str:
     """Text that compares the residual variance of the next best delays."""
     ratios = {one.at.delay: np.exp((one.cost - rated[0].cost) / (2 * 6 * log.cycles)) for one in reversed(rated)}
-    texts = [f"{cycles:g} leave {left:.3g} times" for cycles, left in sorted(ratios.items(), key=lambda one: one[1])[1:NEXT]]
-    return f" (by {rated[0].at.delay:g} cycles most; {', '.join(texts)} as much unexplained)" if texts else ""
+    texts = [f"{cycles:g} leave {left:.3g} times as much" for cycles, left in sorted(ratios.items(), key=lambda one: one[1])[1:NEXT]]
+    return f" (the least residual is at {rated[0].at.delay:g} cycles; {', '.join(texts)})" if texts else ""
 
 
 def _rough_settings(setup: Setup, unknown: Sequence[str]) -> tuple[str, ...]:
@@ -268,7 +268,7 @@ def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
     unknown = [name for name, sigma in sigmas.items() if sigma > 0]
     if not unknown:
         return None
-    say("finding delay, lag and low-passes", 0.0)
+    say("estimating delay, lag and low-passes", 0.0)
     shifts = {"delay", *LATENCIES} & set(unknown)
     # the log determines sums of delay and latencies; stated values separate them
     found = None if len(shifts) > 1 + any(log.axes[3:]) else _detected(stated, unknown)

@@ -279,18 +279,19 @@ def _notice(best: tuple[_Kernel, _Kernel], sampled: bool) -> Notice:
         order = "later" if one.later > 0 else "earlier"
         return Notice(
             "imu-kernel",
-            f"the log fits if the {WORDS[sensor]}'s records are {order} than their times and the other sensor's: by a latency that was "
-            f"estimated and used. Look at how records are buffered and stamped, or state imu.{sensor}_filter with order = 0 and latency_s",
+            f"the log fits if the {WORDS[sensor]}'s records are {order} than their times and than those of the other sensor; massprop "
+            f"estimated this latency and used it. Check how records are buffered and stamped, or state imu.{sensor}_filter with order = 0 "
+            "and latency_s",
         )
-    orders = {0: "behind no low-pass", 1: "behind a low-pass of first order", 2: "behind a low-pass of second order"}
+    orders = {0: "without a low-pass", 1: "with a first-order low-pass", 2: "with a second-order low-pass"}
     kind = "samples at their times" if best[0].sampled else "means over their intervals"
-    words = [f"the {WORDS[sensor]}'s are {orders[one.order]}" for sensor, one in zip(delay.SENSORS, best, strict=True)]
+    words = [f"the {WORDS[sensor]}'s {orders[one.order]}" for sensor, one in zip(delay.SENSORS, best, strict=True)]
     keys = [
         *(["imu.measures"] if sampled else []),
         *(f"imu.{sensor}_filter" for sensor, one in zip(delay.SENSORS, best, strict=True) if one.order),
     ]
     return Notice(
         "imu-kernel",
-        f"{' and '.join(keys)} {'are' if len(keys) > 1 else 'is'} not stated; of what the IMU's records may be, this log is most likely "
-        f"under {kind}, {words[0]}, {words[1]}. It was read so, and cutoffs were estimated; state them if the data sheet does",
+        f"{' and '.join(keys)} {'are' if len(keys) > 1 else 'is'} not stated; the log fits best if IMU records are {kind}, {words[0]}, "
+        f"{words[1]}. massprop assumed this and estimated cutoffs; state them if the data sheet does",
     )

@@ -64,13 +64,13 @@ def with_steps(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[Vehicle, lis
     smooth = cost_with(SMOOTH, 1.0, summed=True) if gyros else np.inf
     # a smooth curve has no unknown, a step time has one
     if smooth < min(by_steps(0.0) - CLEAR, by_steps(part) + np.log(log.cycles)):
-        text = "gimbal_smooth of control moment gyros is not stated; the log shows that their angles are smooth curves"
+        text = "gimbal_smooth of control moment gyros is not stated; massprop assumed smooth angle curves, which fit the log best"
         return stated(SMOOTH, 1.0), [Notice("noise-estimated", text)]
     if not by_steps(part) < min(by_steps(0.0), cost_with("speed_latency_s", latency) if wheels else np.inf) - CLEAR:
         return vehicle, []  # a latency explains as much
     who = "wheels" if wheels else "rotors" if rotors else "control moment gyros"
     text = (
-        f"{key} of {who} is not stated; {part * record_s:.3g} s after a {'cycle' if rotors else 'record'}'s end was estimated from the log"
+        f"{key} of {who} is not stated; massprop estimated {part * record_s:.3g} s after the end of each {'cycle' if rotors else 'record'}"
     )
     return stated(key, part), [Notice("noise-estimated", text)]
 

@@ -55,14 +55,14 @@ class Undisturbed(NamedTuple):
         """Message text."""
         name = "" if self.phase is None else f" of phase {self.phase.name}"
         ((begin_s, end_s), *more), (first_s, last_s) = self.kept_s, self.span_s
-        remedy = "state what is left under [[phases]]"
+        remedy = "state the undisturbed times under [[phases]]"
         cause = "something held or touched the vehicle, or commands were not executed"
         if not more:
             sides = [side for side, cut in (("before", begin_s > first_s), ("after", end_s < last_s)) if cut]
             return (
-                f"the log fits from {time_text(begin_s)} to {time_text(end_s)} s alone{name}: {' and '.join(sides)} that, {cause}; {remedy}"
+                f"the log fits only from {time_text(begin_s)} to {time_text(end_s)} s{name}: {' and '.join(sides)} that, {cause}; {remedy}"
             )
-        changed = ", and its mass properties are others since" if self.changed else ""
+        changed = ", and its mass properties changed" if self.changed else ""
         return f"the log fits without {time_text(end_s)} to {time_text(more[0][0])} s{name}: in that time {cause}{changed}; {remedy}"
 
     def correction(self, vehicle: Resolved) -> Correction:

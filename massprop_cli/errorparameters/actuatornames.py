@@ -37,14 +37,14 @@ def who(finding: FittedHypothesis) -> Mapping[str, object]:
     verbs = {verb: verb if several else f"{verb}{'es' if verb in ('push', 'do') else 's'}" for verb in ("push", "give", "do", "turn")}
     if table not in ("", "jets", "rotors"):
         verbs["push"] = "turn the vehicle" if several else "turns the vehicle"
-    turned = "" if abs(finding.factor + 1) < NEAR else f", with {-finding.factor:.3g} of the thrust"
+    turned = "" if abs(finding.factor + 1) < NEAR else f", at {-finding.factor:.3g} of the stated thrust"
     return {
         "who": f"{many if several else one}{listed}",
         "factor": finding.factor,
         "turned": turned,
         "of": "momentum" if table not in ("", "jets", "rotors") else "thrust",
-        "scale": {"jets": "correct force_n or calibrate", "": scale}.get(
-            table, f"correct {KEYS.get(table, '')} or calibrate, or look at the unit of its column"
+        "scale": {"jets": "correct force_n, or calibrate the thrust", "": scale}.get(
+            table, f"correct {KEYS.get(table, '')}, calibrate it, or check the unit of its column"
         ),
         "key": KEYS.get(table, ""),
         **verbs,

@@ -33,12 +33,12 @@ def _heavier(setup: Setup, error: Array) -> Setup:
 def _spin(setup: Setup) -> str:
     devices = setup.vehicle.spinning
     uncertain = any(unknown.scales for device in devices for unknown in device.unknowns)
-    words = "its uncertainty is in every sigma" if uncertain else "no uncertainty of it is stated"
-    return f"inertia rests on the spin inertia or momentum that the vehicle file states of its {called(devices)}; {words}"
+    words = "every sigma includes its uncertainty" if uncertain else "the vehicle file states no uncertainty of it"
+    return f"inertia scales with the spin inertia or momentum that the vehicle file states for its {called(devices)}; {words}"
 
 
 _CHANGES = "the mass changes by {mass:+.3g} % and the inertia by {inertia:+.3g} % from the first to the last cycle"
-_NO_KEY = "no key: a change is not stated but allowed for, by [drift]"
+_NO_KEY = "no key: [drift] allows a change, and nothing states its size"
 PARAMETERS = (
     ErrorParameter(
         "mass_rate",
@@ -84,8 +84,8 @@ SPECIAL_CASES = (
     SpecialCase(
         "fuel-use",
         Wording(
-            f"{_CHANGES}; rather, thrust falls, as the pressure of a tank that empties",
-            "regulate it, state thrust.nominal_pa and log supply_pa, or use less of the log",
+            f"{_CHANGES}; more likely the thrust falls, like the pressure of a tank that empties",
+            "regulate the pressure, state thrust.nominal_pa and log supply_pa, or use less of the log",
             _rates,
         ),
         lambda finding: max(map(float, _rates(finding).values())) > GROWN,  # type: ignore[arg-type]

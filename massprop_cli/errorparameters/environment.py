@@ -19,7 +19,7 @@ by hand."""
 
 LEVEL = ("east", "north")
 """Columns of the world's X and Y, as a gyro carries them."""
-_BY_GRAVITY = "massprop reports what one degree of it does"
+_BY_GRAVITY = "massprop reports the effect of one degree"
 
 
 def _tilted(setup: Setup, error: Array) -> Setup:
@@ -39,7 +39,7 @@ def _listed(values: Sequence[float]) -> str:
 def _stated(name: str, unit: str) -> Callable[[Setup], str]:
     def message(setup: Setup) -> str:
         environment = setup.vehicle.environment
-        said = "stated" if name in environment.model_fields_set else "not stated and taken"
+        said = "stated" if name in environment.model_fields_set else "not stated; assumed"
         return f"environment.{name} is {said} as {getattr(environment, name):g} {unit}"
 
     return message
@@ -54,7 +54,7 @@ def _assumed(name: str, code: str, unit: Unit, what: str, usual: float, environm
         "1",
         usual=usual,
         key=f"environment.{name}",
-        no_sigma="it is weighed, or known, to better than it moves a value",
+        no_sigma="its error is too small to change a value",
         lowest=0.0,
         scale=lambda vehicle: float(getattr(vehicle.environment, name)),
         environments=environments,
@@ -76,7 +76,7 @@ PARAMETERS = (
         prior=BALL_M,
         usual=0.001,
         key="environment.bearing_position_m",
-        no_sigma="the CG is as uncertain as it is, one to one: massprop reports the CG by 1 mm of it",
+        no_sigma="its error moves the CG by as much: massprop reports the effect of 1 mm",
         size=3,
         environments=PIVOTED,
         difference=1e-4,
@@ -86,7 +86,7 @@ PARAMETERS = (
             1e-3,
             "1 mm along {axis}",
             lambda setup: (
-                f"environment.bearing_position_m is {_listed(setup.vehicle.environment.bearing_position_m)} m; further along {{axis}}"
+                f"environment.bearing_position_m is {_listed(setup.vehicle.environment.bearing_position_m)} m; moved along {{axis}}"
             ),
             _on_bearing,
             most=BALL_M,  # the CG goes with it: what tells them apart is faint beside what noisy rates do to the vertical
@@ -109,7 +109,7 @@ PARAMETERS = (
         redone="motion",
         difference=0.1 * DEGREE,
         wording=Wording(
-            "the vehicle began tilted by {angle:.3g} degrees from environment.initial_attitude_wxyz", "correct it, or level the table"
+            "the vehicle starts tilted by {angle:.3g} degrees from environment.initial_attitude_wxyz", "correct it, or level the table"
         ),
         step=Step(
             "initial-attitude",
@@ -126,19 +126,19 @@ PARAMETERS = (
     ErrorParameter(
         "room_torque",
         "room-torque",
-        "steady torque that stands still in the room",
+        "steady torque in room axes",
         "N m",
         prior=1.0,  # as of a torque that turns with the vehicle
         key="environment.room_torque_n_m",
-        no_sigma="a correction is repeated with it one sigma further on",
+        no_sigma="massprop repeats a correction with it one sigma further",
         size=3,
         columns=LEVEL,
         environments=PIVOTED,
         redone="motion",
         difference=1e-3,
         wording=Wording(
-            "a steady torque of {torque} N m along the room's axes acts beside the commands: of a cable, a draught, a magnet",
-            "remove what makes it, or state environment.room_torque_n_m",
+            "a steady torque of {torque} N m in room axes acts in addition to the commands (a cable, a draught, a magnet)",
+            "remove its cause, or state environment.room_torque_n_m",
             lambda finding: {"torque": vector(finding.corrected.value("environment.room_torque_n_m"))},
         ),
         step=Step(
@@ -163,12 +163,15 @@ PARAMETERS = (
         size=3,
         states="size",
         part=lambda _: WALK,
-        wording=Wording("a steady torque of {error} N m acts beside the commands", "find it, or state a disturbance"),
+        wording=Wording(
+            "a steady torque of {error} N m in body axes acts in addition to the commands",
+            "remove its cause, or state environment.disturbance_walk_n_m",
+        ),
     ),
     ErrorParameter(
         "drag",
         "rate-torque",
-        "torque against the rate",
+        "torque proportional to the rate",
         "N m s",
         prior=1.0,  # any: a body of 1 kg m² would stop within a second
         no_key="no key: it is estimated where its sigma is stated",
@@ -177,9 +180,10 @@ PARAMETERS = (
         states="size",
         columns=("rates",),
         estimated=True,
-        uncertain=("damping", "the log was asked for a torque against the rate, {damping} N m s times it"),
+        uncertain=("damping", "the estimate includes a torque against the rate: {damping} N m s times the rate"),
         wording=Wording(
-            "a torque of {error} N m s times the rate acts beside the commands: drag, or a cable", "state environment.damping_sigma_n_m_s"
+            "a torque of {error} N m s times the rate acts in addition to the commands (drag, or a cable)",
+            "state environment.damping_sigma_n_m_s",
         ),
     ),
     ErrorParameter(

@@ -14,7 +14,7 @@ from massprop_cli.errorparameters.setup import Setup
 
 TURN = float(np.radians(0.1))
 """rad; the difference behind the derivative: its square is below what a log tells, and it is far above rounding."""
-_TURNED = "no key of a sensor alone: the remedy is a calibration, or another axis under [columns]"
+_TURNED = "no key for one sensor: the remedy is a calibration, or another axis under [columns]"
 
 
 def _rotated(setup: Setup, error: Array) -> Setup:
@@ -28,13 +28,13 @@ def _seen_turned(error: Array, mounting: Array) -> Array:
 
 def _stated_place(setup: Setup) -> str:
     imu = setup.vehicle.imu
-    stated = "stated as" if "position_m" in imu.model_fields_set else "not stated and taken as"
-    return f"imu.position_m is {stated} {', '.join(f'{value:g}' for value in imu.position_m)} m; further along {{axis}}"
+    stated = "stated as" if "position_m" in imu.model_fields_set else "not stated; assumed as"
+    return f"imu.position_m is {stated} {', '.join(f'{value:g}' for value in imu.position_m)} m; moved along {{axis}}"
 
 
 def _stated_turn(setup: Setup) -> str:
     known = "body_from_imu" in setup.vehicle.imu.model_fields_set
-    words = "as stated" if known else "not stated: the IMU's axes are taken as the body's"
+    words = "as stated" if known else "not stated: IMU axes are assumed to be body axes"
     return f"imu.body_from_imu is {words}; turned about {{axis}}"
 
 
@@ -42,7 +42,7 @@ def _turn(sensor: Literal["gyro", "accel"]) -> ErrorParameter:
     return ErrorParameter(
         f"{sensor}_turn",
         "imu-mounting",
-        f"turn of the {WORDS[sensor]}'s axes alone",
+        f"rotation of only the {WORDS[sensor]}'s axes",
         "rad",
         prior=0.3,  # as of the whole IMU
         usual=DEGREE if sensor == "accel" else 0.0,  # of both, and of one: they span the other
@@ -55,7 +55,7 @@ def _turn(sensor: Literal["gyro", "accel"]) -> ErrorParameter:
         columns=LEVEL if sensor == "gyro" else (),
         bends="with gravity" if sensor == "gyro" else "never",
         redone="motion",
-        wording=Wording(f"the {WORDS[sensor]}'s axes alone are tilted by {{angle:.3g}} degrees", "calibrate it"),
+        wording=Wording(f"only the {WORDS[sensor]}'s axes are tilted, by {{angle:.3g}} degrees", f"calibrate the {WORDS[sensor]}"),
     )
 
 
@@ -93,10 +93,10 @@ PARAMETERS = (
         size=3,
         states="size",
         difference=1e-3,
-        uncertain=("imu-position", "the IMU sits where it is stated to within imu.position_sigma_m"),
+        uncertain=("imu-position", "the position of the IMU is as stated, within imu.position_sigma_m"),
         wording=Wording(
             "the IMU sits {mm} mm away from imu.position_m",
-            "correct it; or, where actuators were measured from another point, correct theirs, with which the CG moves",
+            "correct it; or, if actuators were measured from another point, correct their positions, and the CG moves with them",
         ),
         step=Step("imu-position", 1e-3, "1 mm along {axis}", _stated_place, lambda setup: any(setup.log.axes[3:])),
     ),
@@ -105,7 +105,7 @@ PARAMETERS = (
     ErrorParameter(
         "mounting",
         "imu-mounting",
-        "turn of the whole IMU",
+        "rotation of the whole IMU",
         "rad",
         prior=0.3,  # beyond 17 degrees it is a right angle, which is tried by itself
         usual=DEGREE,
@@ -118,9 +118,9 @@ PARAMETERS = (
         shown=_seen_turned,
         redone="motion",
         difference=TURN,
-        uncertain=("imu-mounting", "the IMU is turned as it is stated to within imu.mounting_sigma_rad"),
+        uncertain=("imu-mounting", "the mounting of the IMU is as stated, within imu.mounting_sigma_rad"),
         wording=Wording(
-            "imu.body_from_imu is {words}{rows}, {away:.3g} degrees away from what is stated", "look at the IMU's mounting", _from_stated
+            "imu.body_from_imu is {words}{rows}, {away:.3g} degrees away from the stated one", "check the IMU's mounting", _from_stated
         ),
         step=Step("imu-mounting", DEGREE, "1 degree about {axis}", _stated_turn, most=1.0),
     ),
@@ -128,12 +128,12 @@ PARAMETERS = (
 SPECIAL_CASES = (
     SpecialCase(
         "imu-mounting",
-        Wording("the {sensor}'s axes alone are {rows} of what they are taken for{handed}", "correct them under [columns]", _alone),
+        Wording("only the {sensor}'s axes differ from the stated ones, by {rows}{handed}", "correct its columns under [columns]", _alone),
         lambda f: not set(WORDS.values()).isdisjoint(f.subject) and not any(f.errors[f"{sensor}_turn"].any() for sensor in WORDS),
     ),
     SpecialCase(
         "imu-mounting",
-        Wording("the IMU's axes lie in the body's as {rows}{handed}", "correct them under [columns]", _mirrored),
+        Wording("the IMU's axes in body axes are {rows}{handed}", "correct its columns under [columns]", _mirrored),
         lambda f: set(WORDS.values()).isdisjoint(f.subject) and bool(np.linalg.det(f.turns[0]) < 0),
     ),
 )

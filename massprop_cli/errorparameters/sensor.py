@@ -21,6 +21,7 @@ NO_FACTOR = 1e-9
 DEGREE = float(np.pi / 180)
 GRAVITY = 9.80665
 WORDS = {"gyro": "gyro", "accel": "accelerometer"}
+MEASURED = {"gyro": "rate", "accel": "specific force"}
 INCREMENTS = {"gyro": "delta_theta_imu_rad", "accel": "delta_v_imu_m_s"}
 GYRO, ACCELEROMETER = "gyro-scale", "accelerometer-scale"
 """Codes of the assumptions that the sensors' scales are exact."""
@@ -66,15 +67,15 @@ def _scale(sensor: Literal["gyro", "accel"]) -> ErrorParameter:
         redone="motion",
         difference=0.01,
         wording=Wording(
-            f"the {word}{{axis}} shows {{factor:.5g}} of what is",
-            "calibrate it, or scale its columns under [columns] ({inverse:.6g})",
+            f"the {word}{{axis}} reads {{factor:.5g}} of the true {MEASURED[sensor]}",
+            "calibrate it, or scale its columns by {inverse:.6g} under [columns]",
             _factor(sensor),
         ),
         step=Step(
             code,
             0.01,
             "1 %",
-            lambda _: f"the {word}'s scale{{along}} is taken as exact",
+            lambda _: f"the {word}'s scale{{along}} is assumed exact",
             lambda setup: any(setup.log.axes[:3] if sensor == "gyro" else setup.log.axes[3:]),
             by_axis=by_axis,
         ),
@@ -118,7 +119,7 @@ def _lowpass(sensor: str) -> ErrorParameter:
         late=sensor == "gyro",  # the specific force alone comes late by the accelerometer's, which nothing else does
         wording=Wording(
             f"the {WORDS[sensor]} is low-pass filtered with a time constant of {{value:.3g}} ± {{sigma:.2g}} s",
-            f"log what is before it, or state imu.{name}_s",
+            f"log unfiltered values, or state imu.{name}_s",
         ),
     )
 
@@ -222,13 +223,13 @@ def _other_filter(sensor: str, key: str, unit: str, per: float) -> SpecialCase:
         return {"value": value, "sigma": sigma, "stated": float(finding.stated.value(name)[0]), "or": instead if sought else ""}
 
     (other,) = (word for own, word in WORDS.items() if own != sensor)
-    instead = f", or the {other}'s is as much off the other way: beside a delay that is to be found only their difference shows"
-    words = f"the {WORDS[sensor]}'s {key.partition('_')[0]} is {{value:.4g}} ± {{sigma:.2g}} {unit}, and not {name} = {{stated:.4g}}{{or}}"
-    return SpecialCase(f"{sensor}-filter", Wording(words, 'correct it, or state "auto" to have it found', facts), moved)
+    instead = f", or the {other}'s is off by as much with the opposite sign: with an automatic delay the log shows only their difference"
+    words = f"the {WORDS[sensor]}'s {key.partition('_')[0]} is {{value:.4g}} ± {{sigma:.2g}} {unit}, not {name} = {{stated:.4g}}{{or}}"
+    return SpecialCase(f"{sensor}-filter", Wording(words, 'correct it, or state "auto" to estimate it', facts), moved)
 
 
-_HELD = Wording("its {which}", "correct the log, or scale its columns under [columns] ({factors})", _columns_held)
-_AXES = Wording("velocity increments are in the axes that the IMU had at the start of each record", 'state imu.accel_axes = "start"')
+_HELD = Wording("its {which}", "correct the log, or scale these columns by {factors} under [columns]", _columns_held)
+_AXES = Wording("velocity increments are in the IMU's axes at the start of each record", 'state imu.accel_axes = "start"')
 SPECIAL_CASES = (
     SpecialCase("accel-axes", _AXES),
     *(_other_filter(sensor, *key) for sensor in WORDS for key in (("cutoff_hz", "Hz", 1.0), ("latency_s", "ms", 1e3))),

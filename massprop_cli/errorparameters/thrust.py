@@ -22,7 +22,7 @@ CHANCE, LIKELY = 2.0, 0.25
 REVERSED = -0.5
 """Part of the stated thrust below which a jet pushes the other way: beside another error that is near to as much as stated."""
 WRENCH_POINT = "thrust.wrench_point_m"
-_REFIT = "a correction is refitted one sigma further on instead"
+_REFIT = "massprop repeats a correction with it one sigma further instead"
 
 
 def _about(setup: Setup, error: Array) -> Setup:
@@ -52,10 +52,12 @@ def _axes(finding: FittedHypothesis) -> Mapping[str, object]:
     tables = (getattr(setup.vehicle, table_of(finding)) for setup in (finding.stated, finding.corrected))
     pairs = [(before, after) for before, after in zip(*tables, strict=True) if before.name in entries(finding)]
     angles = {before.name: np.degrees(_turn(before.axes, after.axes)) for before, after in pairs}
-    named = f"its {'axes' if len(keys) > 1 else 'axis'}"
+    named, verb = ("axes", "are") if len(keys) > 1 else ("axis", "is")
     whole = ", ".join(f"{key} {vector(unit(getattr(pairs[0][1], key)))}".removeprefix("axis ") for key in keys)
     return {
-        "axes": ", ".join(f"{one}{name} is {angle:.3g} degrees away from {named}" for name, angle in angles.items()),
+        "axes": ", ".join(
+            f"the {named} of {one}{name} {verb} {angle:.3g} degrees away from the stated {named}" for name, angle in angles.items()
+        ),
         "each": "each of them" if len(pairs) > 1 else f"it: {whole}",
     }
 
@@ -75,9 +77,9 @@ def _swapped(finding: FittedHypothesis) -> Mapping[str, object]:
     names, (_, many) = entries(finding), nouns(finding)
     does = {name: replace(finding, subject=(other,)) for name, other in finding.does.items()}
     as_another = "; ".join(
-        f"{entries(replace(finding, subject=(name,)))[0]} does what is stated of {entries(does[name])[0]}" for name in finding.subject
+        f"{entries(replace(finding, subject=(name,)))[0]} acts as stated for {entries(does[name])[0]}" for name in finding.subject
     )
-    how = "swapped: each does what is stated of the other" if len(names) == 2 else f"wired round: {as_another}"
+    how = "swapped: each acts as stated for the other" if len(names) == 2 else f"wired in another order: {as_another}"
     return {"jets": f"{many}{', '.join(names[:-1])} and {names[-1]}", "how": how}
 
 
@@ -100,7 +102,7 @@ def _pulse_at(finding: FittedHypothesis) -> Mapping[str, object]:
 def _short(finding: FittedHypothesis) -> Mapping[str, object]:
     thrust, stated = finding.corrected.vehicle.thrust, finding.stated.vehicle.thrust
     key = "least_on_s" if thrust.least_on_s != stated.least_on_s else "dead_on_s"
-    does = "last as long, as by a driver that gives no shorter ones", "give nothing, as of valves that do not open so fast"
+    does = "last that long, as if the driver gave no shorter pulses", "give no thrust, as if valves did not open so fast"
     return {"short": getattr(thrust, key), "does": does[key == "dead_on_s"], "key": key}
 
 
@@ -128,12 +130,12 @@ def _ramps(finding: FittedHypothesis) -> Mapping[str, object]:
     first, second = (f"{abs(part):.3g} ms {'longer' if part > 0 else 'less'}" for part in (by, fall))
     longer = f"thrust takes {first}"
     if rise and fall and first == second:
-        return {"ramps": f"{longer} to rise and to fall than rise_s and fall_s say", "them": "them"}
+        return {"ramps": f"{longer} to rise and to fall than rise_s and fall_s state", "them": "them"}
     if rise and fall:
-        return {"ramps": f"{longer} to rise than rise_s says, and {second} to fall than fall_s says", "them": "them"}
+        return {"ramps": f"{longer} to rise than rise_s states, and {second} to fall than fall_s states", "them": "them"}
     ramp, valve, gives = ("rise", "opens", by < 0) if rise else ("fall", "closes", by > 0)
-    effect = f"of a valve that {valve} {abs(by) / 2:.3g} ms {'later' if by > 0 else 'earlier'}, so each pulse gives"
-    return {"ramps": f"{longer} to {ramp} than {ramp}_s says, as {effect} {'more' if gives else 'less'}", "them": "it"}
+    effect = f"a valve that {valve} {abs(by) / 2:.3g} ms {'later' if by > 0 else 'earlier'}: each pulse gives"
+    return {"ramps": f"{longer} to {ramp} than {ramp}_s states, like {effect} {'more' if gives else 'less'} impulse", "them": "it"}
 
 
 def about_cg(point: Array, sigma: Array, cg: Array, force: Array) -> bool:
@@ -159,8 +161,8 @@ def _droop_stated(setup: Setup) -> bool:
 def _supply(setup: Setup) -> str:
     thrust = setup.vehicle.thrust
     if _droop_stated(setup):
-        return f"each jet loses {100 * (thrust.droop + thrust.cycle_droop):g} % of its thrust for each further one"
-    return "each jet gives the same however many others are open (thrust.droop is not stated)"
+        return f"each jet loses {100 * (thrust.droop + thrust.cycle_droop):g} % of its thrust for each other jet that fires"
+    return "each jet gives its full thrust while other jets are open (thrust.droop is not stated)"
 
 
 def _sharing(setup: Setup) -> bool:
@@ -168,7 +170,7 @@ def _sharing(setup: Setup) -> bool:
 
 
 _LOST = (
-    "each jet loses {{percent:.3g}} ± {{percent_sigma:.2g}} % of its thrust for each further one {when}, as of a supply whose pressure sags"
+    "each jet loses {{percent:.3g}} ± {{percent_sigma:.2g}} % of its thrust for each other jet {when}, as if the supply pressure dropped"
 )
 
 
@@ -230,8 +232,8 @@ PARAMETERS = (
         size=3,
         per_channel=True,
         change=lambda setup, error: channels.turned(setup, error.reshape(-1, 3)),
-        uncertain=("jet-direction", "jets point where they are stated to within jets.direction_sigma_rad"),
-        wording=Wording("{who} pushes {angle:.3g} degrees away from its {key}, with {force} N", "correct it", _angle),
+        uncertain=("jet-direction", "jet directions are as stated, within jets.direction_sigma_rad"),
+        wording=Wording("{who} pushes {angle:.3g} degrees away from its {key}: the force is {force} N", "correct {key}", _angle),
     ),
     ErrorParameter(
         "thrust",
@@ -245,8 +247,8 @@ PARAMETERS = (
         states="size",
         per_channel=True,
         change=channels.scaled,
-        uncertain=("jet-thrust", "each jet's own thrust is as uncertain as jets.thrust_sigma says"),
-        wording=Wording("{who} ({factor:+.4g}) {give} another part of the stated {of} than others", "{scale}", who),
+        uncertain=("jet-thrust", "the thrust of each jet is as stated, within jets.thrust_sigma"),
+        wording=Wording("{who} {give} {factor:+.4g} times the stated {of}, unlike the others", "{scale}", who),
     ),
     ErrorParameter(
         "position",
@@ -261,13 +263,13 @@ PARAMETERS = (
         size=3,
         per_channel=True,
         change=_moved,
-        uncertain=("jet-position", "jets sit where they are stated to within jets.position_sigma_m"),
+        uncertain=("jet-position", "jet positions are as stated, within jets.position_sigma_m"),
         wording=Wording("{who} sits {by} mm away from its position_m", "correct it", _place),
     ),
     ErrorParameter(
         "wrench_point",
         "wrench-point",
-        "point about which commanded torques are",
+        "point about which commanded torques act",
         "m",
         prior=0.03,  # as far as a CG is from where its controller has it
         usual=0.01,
@@ -278,11 +280,11 @@ PARAMETERS = (
         redone="commands",
         difference=0.001,
         entries=("position",),
-        wording=Wording("commanded torques are about {point} mm and not about thrust.wrench_point_m", "state it", _point),
+        wording=Wording("commanded torques are about the point {point} mm from O, not about thrust.wrench_point_m", "correct it", _point),
     ),
-    _ramp("rise", "rising", "time that thrust takes to rise"),
-    _ramp("fall", "falling", "time that thrust takes to fall"),
-    _droop("droop", "sagging", "thrust lost to other jets that are open", "while that is open"),
+    _ramp("rise", "rising", "rise time of the thrust"),
+    _ramp("fall", "falling", "fall time of the thrust"),
+    _droop("droop", "sagging", "thrust lost to other jets that are open", "that is open"),
     _droop("cycle_droop", "ebbing", "thrust lost to other jets that fire in the cycle", "that fires in its cycle", "thrust-droop"),
 )
 
@@ -325,18 +327,18 @@ def _columns(finding: FittedHypothesis) -> Mapping[str, object]:
 
 _NOTHING = "{who} {do} not push at all"
 _RPM = "the speed of {who} is logged in rpm"
-_SPUN = "{who} {turn} the other way round than stated by spin"
-_GIMBAL = "{who} turns its gimbal the other way than stated"
-_ALL_JETS = "all jets push the other way: force_n is what pushes the vehicle, not the plume"
-_ALL_COMMANDS = "all commands act the other way: commands are what acts on the vehicle, not what it reacts to"
-_OTHER_WAY = "{who} {push} the other way than stated{turned}"
-_ABOUT_CG = "commanded torques are about the CG, {point} mm from O, and not about O"
-_LIMITED = "of commanded wrenches no more acts than {limits}, as of an allocation that saturates"
-_NORMALISED = "the largest values of {columns}, which are 1, are those of normalised commands, and not in N m and N"
-_LATER = "pulses of jet {jet} begin {later:.3g} s later than stated of all"
-_SHORT = "pulses that are commanded for less than {short:.3g} s {does}"
-_SPEEDS_LATER = "speeds of wheels are {later:.3g} s older than stated"
-_RUBBING = "wheels rub otherwise than stated: {friction}"
+_SPUN = "{who} {turn} opposite to the stated spin"
+_GIMBAL = "the gimbal of {who} turns opposite to the stated direction"
+_ALL_JETS = "all jets push opposite to the stated direction: force_n is the force on the vehicle, not on the plume"
+_ALL_COMMANDS = "all commands act opposite to their sign: a command is the force or torque on the vehicle, not its reaction"
+_OTHER_WAY = "{who} {push} opposite to the stated direction{turned}"
+_ABOUT_CG = "commanded torques are about the CG, {point} mm from O, not about O"
+_LIMITED = "commanded wrenches act only up to {limits}, as if the allocation saturated"
+_NORMALISED = "{columns} hold normalised commands (largest value 1), not N m and N"
+_LATER = "pulses of jet {jet} begin {later:.3g} s later than the command delay of all jets"
+_SHORT = "pulses commanded for less than {short:.3g} s {does}"
+_SPEEDS_LATER = "logged wheel speeds are {later:.3g} s older than speed_latency_s states"
+_RUBBING = "the friction of wheels differs from the vehicle file: {friction}"
 _SWAPPED = "{jets} are {how}"
 SPECIAL_CASES = (
     SpecialCase(
@@ -348,18 +350,21 @@ SPECIAL_CASES = (
         "thrust-scale", Wording(_GIMBAL, "correct the sign of its column, or its gimbal_axis", who), _gimbal_reversed, "command-sign"
     ),
     SpecialCase("thrust-scale", Wording(_OTHER_WAY, "correct the sign under [columns]", who), _reversed, "command-sign"),
-    SpecialCase("thrust-scale", Wording(_NOTHING, "look at valves and wiring", who), lambda f: _jets(f) and _dead(f), "jet-dead"),
-    SpecialCase("thrust-scale", Wording(_NOTHING, "look at its motor and wiring, and at its column", who), _dead, "actuator-dead"),
+    SpecialCase("thrust-scale", Wording(_NOTHING, "check valves and wiring", who), lambda f: _jets(f) and _dead(f), "jet-dead"),
+    SpecialCase("thrust-scale", Wording(_NOTHING, "check its motor, its wiring and its column", who), _dead, "actuator-dead"),
     SpecialCase("thrust-scale", Wording(_RPM, "correct the scale under [columns]", who), _in_rpm, "speed-units"),
-    SpecialCase("wrench-point", Wording(_ABOUT_CG, "state thrust.wrench_point_m, or log them about O", _point), _about_its_cg),
+    SpecialCase("wrench-point", Wording(_ABOUT_CG, "state thrust.wrench_point_m, or log torques about O", _point), _about_its_cg),
     SpecialCase("jet-direction", Wording("{axes}", "correct {each}", _axes), _stores, "wheel-axis"),
     SpecialCase("pulse-position", Wording("pulses {place} their cycles{delay}", "state {key}", _pulse_at)),
     SpecialCase("short-pulses", Wording(_SHORT, "state thrust.{key}", _short)),
-    SpecialCase("jet-late", Wording(_LATER, "state its delay_s, or look at its driver and valve", _one_later)),
+    SpecialCase("jet-late", Wording(_LATER, "state its delay_s, or check its driver and valve", _one_later)),
     SpecialCase("speed-late", Wording(_SPEEDS_LATER, "state speed_latency_s of each wheel", _speeds_later)),
     SpecialCase("wheel-friction", Wording(_RUBBING, "state coulomb_friction_n_m and viscous_friction_n_m_s of each wheel", _rubbing)),
     SpecialCase("commands-limited", Wording(_LIMITED, "state thrust.wrench_limits", _limits)),
     SpecialCase("commands-normalised", Wording(_NORMALISED, "state the scale of each under [columns]", _columns)),
-    SpecialCase("rotor-spin", Wording(_SPUN, "correct it, or swap two of a motor's wires", who)),
-    *(SpecialCase(code, Wording(_SWAPPED, "swap wires, columns or entries", _swapped)) for code in ("jets-swapped", "actuators-swapped")),
+    SpecialCase("rotor-spin", Wording(_SPUN, "correct spin, or swap two wires of the motor", who)),
+    *(
+        SpecialCase(code, Wording(_SWAPPED, "swap their wires, columns or entries in the vehicle file", _swapped))
+        for code in ("jets-swapped", "actuators-swapped")
+    ),
 )

@@ -54,9 +54,9 @@ def _lagging(setup: Setup, error: Array) -> Setup:
 
 def _assumed(setup: Setup) -> str:
     cycle = setup.vehicle.cycle
-    exact = "taken as exact (cycle.command_delay_sigma_cycles is not stated)"
-    words = "its uncertainty is in every sigma" if cycle.command_delay_sigma_cycles > 0 else exact
-    said = "" if "command_delay_cycles" in cycle.model_fields_set else ", which nobody stated"
+    exact = "assumed exact (cycle.command_delay_sigma_cycles is not stated)"
+    words = "every sigma includes its uncertainty" if cycle.command_delay_sigma_cycles > 0 else exact
+    said = "" if "command_delay_cycles" in cycle.model_fields_set else " (not stated, the default)"
     return f"the command delay is {setup.timing.delay:.6g} cycles{said}; {words}"
 
 
@@ -67,7 +67,7 @@ _DRIFT = ErrorParameter(
     "cycles",
     prior=2.0,  # over the stretch: 100 ppm, of two cheap oscillators, over 1,000 s at 20 Hz
     key="imu.clock_drift_ppm",
-    no_sigma="the log shows it to parts per million, far below what moves a value",
+    no_sigma="the log gives it to parts per million, too precise to change a value",
     lowest=-FASTEST_PPM,
     highest=FASTEST_PPM,
     change=_drifting,
@@ -86,8 +86,8 @@ _DELAY = LATENESS(
     key=DELAY,
     sigma_key="cycle.command_delay_sigma_cycles",
     wording=Wording(
-        "commands act later or earlier than cycle.command_delay_cycles = {stated:g}: the log shows {value:.4g} ± {sigma:.2g} cycles",
-        'correct it, or state "auto" to have it found',
+        "the command delay is {value:.4g} ± {sigma:.2g} cycles, not cycle.command_delay_cycles = {stated:g}",
+        'correct it, or state "auto" to estimate it',
     ),
     step=Step("command-delay", DELAY_STEP, f"{DELAY_STEP:g} cycles", _assumed),
 )

@@ -45,8 +45,8 @@ ACTING = 1e-6
 """Squared commanded torque over its maximum, above which a cycle counts as commanded."""
 UNEXPLAINED = "the stated noise does not explain the rates"
 BEYOND = (
-    ", and no disturbance does: it would be {torque:.3g} N m per cycle, and commands give {commanded:.3g} N m (rms). Doubt the data before "
-    "the vehicle: units, axes and clock of the gyro and of the commands, and which column is which"
+    ", and no disturbance does: it would be {torque:.3g} N m per cycle, and commands give {commanded:.3g} N m (rms). Check the data before "
+    "the vehicle: units, axes and clock of gyro and commands, and the order of columns"
 )
 
 
@@ -205,8 +205,9 @@ def disturbance_notices(stated: Resolved, used: Resolved, excess: Array, samples
         notices.append(
             Notice(
                 "gyro-misfit",
-                f"the stated noise does not explain the rates; the gyro's was widened by {wider:.3g}, to {used.imu.gyro_noise_rad_s:.3g} "
-                "rad/s. Sigmas include it. Look for vibration, coarse counts, or a noise stated of another rate than a cycle's mean",
+                f"the stated noise does not explain the rates; the gyro noise was multiplied by {wider:.3g}, to "
+                f"{used.imu.gyro_noise_rad_s:.3g} rad/s. Sigmas include it. Check for vibration, coarse resolution, or a noise not stated "
+                "for the mean rate of a cycle",
             )
         )
     if used.estimator.accel_noise_scale != stated.estimator.accel_noise_scale:
@@ -214,8 +215,8 @@ def disturbance_notices(stated: Resolved, used: Resolved, excess: Array, samples
         notices.append(
             Notice(
                 "accelerometer-misfit",
-                f"the stated noise does not explain the specific force; it was widened by {x:.3g}, {y:.3g}, {z:.3g} in x, y, z. "
-                "Sigmas include it as noise. Look for drag, vibration, accelerometer bias, a wrong IMU position or mounting",
+                f"the stated noise does not explain the specific force; it was multiplied by {x:.3g}, {y:.3g}, {z:.3g} in x, y, z. Sigmas "
+                "include it as noise. Check for drag, vibration, accelerometer bias, a wrong IMU position or mounting",
             )
         )
     if not np.isnan(excess).all():
@@ -223,7 +224,8 @@ def disturbance_notices(stated: Resolved, used: Resolved, excess: Array, samples
         notices.append(
             Notice(
                 "model-misfit",
-                f"innovations are still {np.sqrt(worst):.3g} times as large as the model expects; sigmas are too small by about that",
+                f"innovations are still {np.sqrt(worst):.3g} times as large as the model expects; sigmas are too small by about this "
+                "factor",
             )
         )
     return notices
@@ -234,11 +236,11 @@ def _torque(stated: Resolved, used: Resolved, samples: Source) -> str:
     beyond = beyond_commands(used, stated, samples)
     if beyond is not None:
         return BEYOND.format(torque=beyond[0], commanded=beyond[1])
-    parts = (("white", used.environment.disturbance_torque_n_m), ("slowly varying by", used.environment.disturbance_walk_n_m))
+    parts = (("white", used.environment.disturbance_torque_n_m), ("slowly varying", used.environment.disturbance_walk_n_m))
     added = ", ".join(f"{what} {size:.3g} N m per cycle" for what, size in parts if size > 0)
     return (
-        f"; a disturbance torque was added: {added}. Sigmas include it as noise. "
-        "Look for a lag of the thrust, damping by air, friction, thrust errors, times that scatter, a wrong delay or jet"
+        f"; a disturbance torque was added: {added}. Sigmas include it as noise. Check for a lag of the thrust, air drag, friction, thrust "
+        "errors, time jitter, a wrong delay or jet"
     )
 
 

@@ -47,41 +47,39 @@ def unsupported(log: Recorder, vehicle: Vehicle, timing: Timing, shortest_s: flo
     gyro, accelerometer = sensors(log, vehicle)
     kernels = (body_kernel(gyro), gyro, accelerometer)
     if vehicle.wheels and not all(each.plain for each in kernels):
-        return (
-            'imu.measures is "sample" or a filter of the IMU is stated beside [[wheels]], and the kernel takes increments as they are there'
-        )
+        return 'imu.measures is "sample" or a filter of the IMU is stated with [[wheels]], but the kernel then assumes plain increments'
     if _least_delay_s(log, vehicle, timing) < 0:
-        return "a latency of the IMU is below 0, and the kernel would want commands that are still to come"
+        return "a latency of the IMU is below 0, so the kernel would need commands that do not exist yet"
     if vehicle.imu.clock_drift_ppm != 0:
-        return "imu.clock_drift_ppm is not 0, and the kernel knows one clock"
+        return "imu.clock_drift_ppm is not 0, but the kernel supports one clock"
     if any(vehicle.imu.gyro_bias_rad_s):
-        return "imu.gyro_bias_rad_s is not 0, and the kernel takes the gyro as it is"
+        return "imu.gyro_bias_rad_s is not 0, but the kernel does not correct a gyro bias"
     if vehicle.imu.gyro_lag_s != 0 or vehicle.imu.accel_lag_s != 0:
-        return "imu.gyro_lag_s or imu.accel_lag_s is not 0, and the kernel knows no low-pass"
+        return "imu.gyro_lag_s or imu.accel_lag_s is not 0, but the kernel does not undo a low-pass"
     if vehicle.imu.accel_axes != "imu":
-        return 'imu.accel_axes is "start", and the kernel takes increments in the IMU\'s own axes'
+        return 'imu.accel_axes is "start", but the kernel assumes increments in the IMU\'s own axes'
     if any(vehicle.thrust.wrench_point_m):
-        return "thrust.wrench_point_m is not O, and the kernel takes torques about O"
+        return "thrust.wrench_point_m is not O, but the kernel assumes torques about O"
     if vehicle.thrust.wrench_limits is not None:
-        return "thrust.wrench_limits are stated, and the kernel takes a wrench as it is commanded"
+        return "thrust.wrench_limits are stated, but the kernel assumes the commanded wrench"
     if vehicle.thrust.droop != 0 or vehicle.thrust.cycle_droop != 0:
-        return "thrust.droop or thrust.cycle_droop is not 0, and the kernel takes each jet's thrust as its own"
+        return "thrust.droop or thrust.cycle_droop is not 0, but the kernel assumes that jets do not affect each other"
     if vehicle.thrust.least_on_s or vehicle.thrust.dead_on_s:
-        return "thrust.least_on_s or thrust.dead_on_s is not 0, and the kernel takes pulses as long as commanded"
+        return "thrust.least_on_s or thrust.dead_on_s is not 0, but the kernel assumes the commanded duration of pulses"
     if vehicle.thrust.failures:
-        return "thrust.failures is not empty, and the kernel takes each jet's thrust as the same throughout"
+        return "thrust.failures is not empty, but the kernel assumes constant thrust of each jet"
     if vehicle.thrust.nominal_pa is not None:
-        return "thrust.nominal_pa is stated, and the kernel takes each jet's thrust as the same at any pressure"
+        return "thrust.nominal_pa is stated, but the kernel assumes the same thrust at any pressure"
     if any(wheel.speed_latency_s or wheel.speed_window_s or wheel.torque_steps_s for wheel in vehicle.wheels):
         keys = "speed_latency_s, speed_window_s or torque_steps_s"
-        return f"{keys} of a wheel is not 0, and the kernel takes speeds as those at each cycle's end, between which they are linear"
+        return f"{keys} of a wheel is not 0, but the kernel assumes speeds at the end of each cycle, linear in between"
     if vehicle.rotors:
-        return "[[rotors]] are stated, and the kernel takes commands of jets or a wrench alone"
+        return "[[rotors]] are stated, but the kernel supports only commands of jets or a wrench"
     if len(vehicle.jets) > COMMANDS:
-        return f"{len(vehicle.jets)} jets, and the kernel holds {COMMANDS}"
+        return f"{len(vehicle.jets)} jets, but the limit of the kernel is {COMMANDS}"
     longest_s = max((jet.rise_s + jet.fall_s + jet.delay_s for jet in vehicle.jets), default=0.0) + max(each.latency_s for each in kernels)
     if (timing.delay * vehicle.cycle.period_s + longest_s) / shortest_s + 4 >= PENDING:
-        return f"a delay of {timing.delay:g} cycles, and the kernel holds {PENDING - 5}, with all that a jet and the IMU take"
+        return f"a delay of {timing.delay:g} cycles, but the limit of the kernel is {PENDING - 5}, including rise, fall and latencies"
     return ""
 
 

@@ -43,19 +43,19 @@ def contradicted_values(log_alone: Parameters, vehicle: Vehicle, phase: str) -> 
         off = abs(known.value - together[QUANTITIES.index(name)])
         if name != "mass" and name not in said and off > MISMATCH * known.sigma:
             said[name] = (
-                f"lies {off / known.sigma:.3g} of its sigmas from what the log makes of all known values together; check each of them"
+                f"is {off / known.sigma:.3g} of its sigmas from the estimate that uses the log and all known values; check each of them"
             )
     heaviest = heaviest_body(log_alone, vehicle)
     mass = vehicle.known.get("mass")
     if mass is not None and "mass" not in said and mass.value - MISMATCH * mass.sigma > heaviest:
-        said["mass"] = f"is more than {heaviest:.3g} kg, of which the densest matter already has more inertia than the log shows; check it"
+        said["mass"] = f"is above {heaviest:.3g} kg, the most that any matter can have with the inertia that the log shows; check it"
     messages: dict[str, str] = {name: f"known.{name} = {vehicle.known[name].value:g} {text}" for name, text in said.items()}
     return messages, tuple(Notice("known-mismatch", f"phase {phase}: {message}") for message in messages.values())
 
 
 def off_by(z: float) -> str:
     """Message on a known quantity that is ``z`` sigmas from the log's own estimate."""
-    return f"lies {abs(z):.3g} sigmas from what the log alone says; check it, the thrust, and thrust.scale_sigma"
+    return f"is {abs(z):.3g} sigmas from the estimate of the log alone; check it, the thrust, and thrust.scale_sigma"
 
 
 def discrepancies(log_alone: Parameters, vehicle: Vehicle) -> dict[Quantity, float]:

@@ -69,9 +69,9 @@ def _level(
     estimate = unexplained if unexplained < least else np.nan_to_num(white)
     level = float(max(estimate, floor))
     if stated is None:
-        return level, [Notice("noise-estimated", f"imu.{key} is not stated; {level:.3g} was estimated from the log")]
-    source = f"a floor of {FLOOR:g} of the signal" if estimate <= floor else "what the log shows"
-    return level, [Notice("noise-floor", f"imu.{key} is stated as 0; {level:.3g} stands in for it ({source})")]
+        return level, [Notice("noise-estimated", f"imu.{key} is not stated; massprop estimated {level:.3g} from the log")]
+    source = f"a floor of {FLOOR:g} of the signal" if estimate <= floor else "estimated from the log"
+    return level, [Notice("noise-floor", f"imu.{key} is stated as 0; massprop uses {level:.3g} instead ({source})")]
 
 
 def white_level(signal: Array, cycles: Sequence[slice], read: BoolArray) -> float:

@@ -125,7 +125,7 @@ def _notices(phase: Phase, worst: float) -> tuple[Notice, ...]:
     return (
         Notice(
             "thesis-gain-divergent",
-            f"phase {phase.name}: H P+ H' R^-1 reaches {worst:.3g}, above {DIVERGENT:g}; the thesis's gain, with Q inside P+, "
-            "then overshoots. Lower estimator.thesis.q1/q2 or raise r1/r2, or use the default method",
+            f"phase {phase.name}: H P+ H' R^-1 reaches {worst:.3g}, above {DIVERGENT:g}; the gain of the thesis, with Q inside P+, then "
+            "overshoots. Lower estimator.thesis.q1/q2 or raise r1/r2, or use the default method",
         ),
     )

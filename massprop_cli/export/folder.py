@@ -50,8 +50,8 @@ def contents(resolved: Constants) -> dict[str, str]:
     if resolved.log is not None:
         if kernel().library is None:
             raise InputError(
-                f"{resolved.log.path}: a test vector wants the compiled kernel, and here runs {kernel().name}; "
-                "install a C compiler and massprop again, or leave the log out",
+                f"{resolved.log.path}: a test vector needs the compiled kernel, but this machine runs {kernel().name}; install a C "
+                "compiler and massprop again, or leave the log out",
                 option="log",
             )
         found |= {"vector.txt": given(resolved, resolved.log), "expected.txt": expected(resolved, resolved.log)}

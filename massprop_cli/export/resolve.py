@@ -76,8 +76,8 @@ def stated(source: VehicleSource, jets: bool | None = None, records: int = 0) ->
     vehicle, sampled = source.vehicle, source.vehicle.imu.measures == "sample"
     if sampled and not records:
         raise InputError(
-            f'{source.source}: imu.measures is "sample", and how many records a control cycle has only a log tells; export-flight takes it '
-            "from one"
+            f'{source.source}: imu.measures is "sample", and only a log shows the number of records in a control cycle; give '
+            "export-flight a log (--log)"
         )
     filters = [(name, getattr(vehicle.imu, name)) for name in FILTERS]
     open_keys = {
@@ -94,8 +94,8 @@ def stated(source: VehicleSource, jets: bool | None = None, records: int = 0) ->
     missing = [key for key, is_open in open_keys.items() if is_open]
     if missing:
         raise InputError(
-            f"{source.source}: {', '.join(missing)} must be stated for a flight, above 0 where it is a noise; massprop estimate on a log "
-            "shows delay, noise and filters, and export-flight takes all of them from one (--log)"
+            f"{source.source}: {', '.join(missing)} must be stated for a flight, and noises must be above 0; massprop estimate shows "
+            "delay, noise and filters of a log, and export-flight --log uses them"
         )
     timing = stated_timing(vehicle)
     recorded = FlownRecords((sampled, sampled), np.array([vehicle.cycle.period_s / max(records, 1)]))
@@ -117,7 +117,7 @@ def told(source: VehicleSource, log_path: Path) -> Constants:
     with np.errstate(all="ignore"):
         found = flow.examine(telemetry.read(table, source.vehicle), source)
     if found.log.command_s is not None:
-        raise InputError(f"{log_path}: its commands have times of their own, and the kernel takes control cycles; give a log of these")
+        raise InputError(f"{log_path}: its commands have their own times, but the kernel needs commands per control cycle; give such a log")
     log, vehicle = found.samples.log, _exactly(source.vehicle, found.vehicle)
     shortest = float(log.interval_s.reshape(-1, log.records_per_cycle).sum(1).min())
     used = _checked(source, log, vehicle, found.timing, shortest)
@@ -159,18 +159,18 @@ def _checked(source: VehicleSource, recorder: Recorder, vehicle: Vehicle, timing
     problem = kernelargs.unsupported(vehicle) or kernelflight.unsupported(recorder, vehicle, timing, shortest_s)
     if vehicle.cycle.command_delay_sigma_cycles > 0 or vehicle.thrust.lag_sigma_s > 0:
         problem = (
-            problem or "delay or lag have a sigma, and the kernel takes them as exact; set command_delay_sigma_cycles and lag_sigma_s to 0"
+            problem or "delay or lag have a sigma, but the kernel assumes exact values; set command_delay_sigma_cycles and lag_sigma_s to 0"
         )
     if any(wheel.speed_sigma_rad_s or wheel.speed_step_rad_s for wheel in vehicle.wheels if not wheel.speed_error_in_noise):
         problem = problem or (
-            "speed_sigma_rad_s or speed_step_rad_s of a wheel is stated, and what they make of the noise is not: give a log, or state "
+            "speed_sigma_rad_s or speed_step_rad_s of a wheel is stated, but their effect on the noise is not: give a log, or state "
             "imu.gyro_noise_rad_s and environment.disturbance_torque_n_m with them and speed_error_in_noise = true"
         )
     low_passes = [getattr(vehicle.imu, name) for name in FILTERS]
     if any(one is not None and (one.cutoff_sigma_hz > 0 or one.latency_sigma_s > 0) for one in low_passes):
-        problem = problem or "cutoff_sigma_hz or latency_sigma_s of a filter is not 0, and the kernel takes them as exact; set them to 0"
+        problem = problem or "cutoff_sigma_hz or latency_sigma_s of a filter is not 0, but the kernel assumes exact values; set them to 0"
     if vehicle.uncertain:
-        problem = problem or "uncertain is stated, and the kernel takes all keys as exact; leave it out"
+        problem = problem or "uncertain is stated, but the kernel assumes exact values; leave it out"
     if problem or used is None:
         raise InputError(f"{source.source}: {problem}")
     return used

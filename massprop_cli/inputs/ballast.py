@@ -45,9 +45,9 @@ class Ballast(Section):
             low, high = self.travel_m
             raise at_key("at_m", f"{self.at_m:g} m is outside of travel_m = [{low:g}, {high:g}]; correct the one or the other")
         if self.mass_sigma_kg > (self.mass_kg or self.max_mass_kg or 0.0):
-            raise at_key("mass_sigma_kg", f"{self.mass_sigma_kg:g} kg is more than the weight itself; state one sigma of it in kg")
+            raise at_key("mass_sigma_kg", f"{self.mass_sigma_kg:g} kg is more than mass_kg itself; state one sigma in kg")
         if self.max_mass_kg is not None and self.at_m:
-            raise at_key("at_m", "is of a weight that slides; leave it out where weight is added")
+            raise at_key("at_m", "is only for a weight that slides; leave it out where weight is added")
         return self
 
     @property

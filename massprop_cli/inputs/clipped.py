@@ -46,7 +46,7 @@ def with_unstated(log: Log) -> Log:
     told = zip(("gyro", "accelerometer"), both, still, strict=True)
     found = [*log.notices, *(_stands(log, name, increments, rows) for name, increments, rows in told if rows.any())]
     if _constant(log):
-        said = "one axis of the gyro reads the same in every record, and its others never repeat: it measures nothing. Correct its logging"
+        said = "one axis of the gyro reads one value in every record, and the other axes never repeat: it is dead. Correct its logging"
         found.append(Notice("sensor-frozen", said))
     for code, increments, unit, stands in zip(SATURATED, both, UNITS, still, strict=True):
         if any(notice.code == code for notice in found):
@@ -61,8 +61,9 @@ def with_unstated(log: Log) -> Log:
             listed = ", ".join(str(row) for row in rows[:LISTED]) + (", …" if len(rows) > LISTED else "")
             key = "imu.gyro_range_rad_s" if sensor == "gyro" else "imu.accel_range_m_s2"
             said = (
-                f"{len(rows)} record(s), rows (from 0) {listed}, repeat the {sensor}'s extreme of {limit:.6g} {unit}: it saturates. What "
-                f"they hid is not in the estimate; state {key}, or use a wider range"
+                f"{len(rows)} record(s), rows (from 0) {listed}, repeat the {sensor}'s extreme of {limit:.6g} {unit}: it saturates, and "
+                "the "
+                f"log lacks the motion beyond it. State {key}, or use a wider range"
             )
             found.append(Notice(code, said))
     return replace(log, notices=tuple(found)) if len(found) > len(log.notices) else log
@@ -76,8 +77,7 @@ def _stands(log: Log, sensor: str, increments: Array, rows: BoolArray) -> Notice
     where = f"{len(at)} record(s), rows (from 0) {first} to {last} ({log.time_s[first]:.6g} to {log.time_s[last]:.6g} s)"
     return Notice(
         "sensor-frozen",
-        f"{who} repeats one reading in {where}, as it does nowhere else: it stands still there. Cut these "
-        "records, or leave them out by [[phases]]",
+        f"{who} repeats one reading in {where}, and nowhere else: it is stuck there. Cut these records, or exclude them with [[phases]]",
     )
 
 

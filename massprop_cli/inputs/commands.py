@@ -40,7 +40,7 @@ def commands(source: LogTable, vehicle: Vehicle, records: int, n: int, pulsed: P
     refuse_strangers(source, {jet(name): name for name in jets}, known, "jet", "jets")
     wrench = any(source.has(name) for name in WRENCH)
     if jets and wrench:
-        raise InputError(f"{path}: has both jet_* and cmd_* columns; keep the one kind that was executed")
+        raise InputError(f"{path}: has both jet_* and cmd_* columns; keep the kind that was executed")
     if wrench:
         return "wrench", _each(source, WRENCH, records, n)
     if not known and (vehicle.spinning or vehicle.on_pedestal):
@@ -90,15 +90,15 @@ def _check_unit(source: LogTable, names: Sequence[str], on_s: Array, records: in
         raise source.error(
             *at,
             f"{longest:g} s is the longest on-time of the log, {100 * longest / stated.period_s:.2g} % of the control cycle of "
-            f"{stated.period_s:g} s; is it in seconds? If valves open so briefly, state cycle.pwm_tick_s, of which all are multiples",
+            f"{stated.period_s:g} s; is it in seconds? If valves open so briefly, state cycle.pwm_tick_s: on-times are its multiples",
         )
     idle = float(on_s.min())
     if len(names) > 1 and idle > 0 and float(np.mean(on_s == idle)) > IDLE:
         raise source.error(
             0,
             jet(names[int(np.argmin(on_s[0]))]),
-            f"{idle:g} s is the on-time of most jets in most cycles, and none is ever shorter; an idle jet's is 0: take that off "
-            "(offset under its table in a map file)",
+            f"{idle:g} s is the on-time of most jets in most cycles, and no on-time is shorter, but an idle jet must have 0: subtract "
+            "this value (offset under its table in a map file)",
         )
 
 
@@ -115,9 +115,9 @@ def _check_once(source: LogTable, names: Sequence[str], on_s: Array, records: in
     raise source.error(
         first,
         jet(names[number]),
-        f"{on_s[cycle, number]:g} s is the longest on-time of the log and just one record, and it stands in each of the {records} "
-        f"records of a control cycle of {period_s:g} s, in which it counts once: mass and inertia would be up to {records} times too "
-        f"small. If each was executed, state cycle.period_s = {record_s:g}; if one a cycle was, leave the cells of the others empty",
+        f"{on_s[cycle, number]:g} s is the longest on-time of the log and exactly one record, and each of the {records} records of a "
+        f"control cycle of {period_s:g} s has it. It counts once per cycle, so mass and inertia would be up to {records} times too small. "
+        f"If each was executed, state cycle.period_s = {record_s:g}; if one per cycle was, leave the other cells empty",
     )
 
 
@@ -126,7 +126,7 @@ def _rotors(source: LogTable, vehicle: Vehicle, records: int, n: int) -> Array:
     others = [name for name in source.logged if name in WRENCH or name.startswith("jet_")]
     if others or vehicle.jets:
         what = f"column {others[0]!r}" if others else "[[jets]]"
-        raise InputError(f"{source.table.path}: the vehicle file has [[rotors]], and there is {what} too; keep the one kind that pushed")
+        raise InputError(f"{source.table.path}: the vehicle file has [[rotors]], and the log also has {what}; keep the one kind that acted")
     return np.stack([rotor.asked(source, records, n) for rotor in vehicle.rotors], 1)
 
 

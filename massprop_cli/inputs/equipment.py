@@ -233,20 +233,18 @@ class Environment(Section):
     @model_validator(mode="after")
     def _is_coherent(self) -> Self:
         if self.kind in PIVOTED and self.gravity_m_s2 == 0:
-            raise ValueError(
-                f'kind = "{self.kind}" with gravity_m_s2 = 0: no bearing holds a vehicle then; state kind = "free", or gravity'
-            )
+            raise ValueError(f'kind = "{self.kind}" with gravity_m_s2 = 0: a bearing needs gravity; state kind = "free", or gravity')
         if self.kind == "pedestal" and self.bearing_mass_kg > 0:
             raise ValueError(
-                f"bearing_mass_kg = {self.bearing_mass_kg:g} has no part in the motion on a pedestal, which stands still; leave it out, or "
+                f"bearing_mass_kg = {self.bearing_mass_kg:g} does not affect the motion on a fixed pedestal; leave it out, or "
                 'state kind = "air_bearing" if the base slides'
             )
         if self.kind not in PIVOTED and any(self.room_torque_n_m):
             raise ValueError(
-                f'room_torque_n_m needs the attitude, which kind = "{self.kind}" does without; leave it out, or state a disturbance'
+                f'room_torque_n_m needs the attitude, which kind = "{self.kind}" does not use; leave it out, or state a disturbance'
             )
         if self.kind == "planar" and max(map(abs, self.initial_attitude_wxyz[1:3])) > 1e-6:
-            raise ValueError("initial_attitude_wxyz turns the vehicle out of the table; give a turn about Z, or leave it out")
+            raise ValueError("initial_attitude_wxyz tilts the vehicle on the table; give a rotation about Z, or leave it out")
         return self
 
     @property
@@ -279,7 +277,7 @@ class Failure(Section):
     def _is_ordered(self) -> Self:
         if self.start_s is not None and self.end_s is not None and self.end_s <= self.start_s:
             raise ValueError(
-                f"the failure of jet {self.jet!r} from {self.start_s:g} to {self.end_s:g} s never happens; correct start_s or end_s"
+                f"the failure of jet {self.jet!r} from {self.start_s:g} to {self.end_s:g} s has no duration; correct start_s or end_s"
             )
         return self
 
@@ -297,8 +295,8 @@ class Thrust(Section):
     pulse_sigma: NonNegative = Field(0.0, description="relative, independent per cycle's pulse")
     lag_s: NonNegative | Literal["auto"] = Field(0.0, description='first-order lag of thrust or wrench; "auto": estimated from the log')
     lag_sigma_s: NonNegative = Field(0.0, description="one sigma of a stated lag; goes into every sigma")
-    droop: Droop = Field(0.0, description="part of its thrust that a jet loses for each further one while that is open")
-    cycle_droop: Droop = Field(0.0, description="the same for each further one that fires in the cycle: of a supply slower than a pulse")
+    droop: Droop = Field(0.0, description="part of its thrust that a jet loses for each other jet that is open")
+    cycle_droop: Droop = Field(0.0, description="the same for each other jet that fires in the cycle, for a supply slower than a pulse")
     least_on_s: NonNegative = Field(0.0, description="for which each pulse lasts at least, however short its command is")
     dead_on_s: NonNegative = Field(0.0, description="a pulse that is commanded for less does not open its valve")
     failures: tuple[Failure, ...] = Field((), max_length=64, description="of jets, each for a time")

@@ -187,7 +187,7 @@ def parse(text: str, path: Path) -> Expectations:
     digest, required = hashlib.sha256(text.encode()).hexdigest(), (file.require or ()) if isinstance(file, ExpectFile) else ()
     found = Expectations(str(path), digest, wanted(every, "all"), phases, wanted(file.docked, "docked"), required, truth)
     if not (found.required or found.every or found.docked or any(expected for _, expected in phases)):
-        raise InputError(f'{path}: expects nothing; write for instance [all] and below it mass = {{ value = 22.0, tolerance = "2 %" }}')
+        raise InputError(f'{path}: has no expectation; write for instance [all] and below it mass = {{ value = 22.0, tolerance = "2 %" }}')
     return found
 
 
@@ -206,7 +206,7 @@ def _from_json(text: str, source: str) -> dict[str, Any]:
         found = dict(pairs)
         if len(found) < len(pairs):
             twice = configfile.repeated(name for name, _ in pairs)
-            raise InputError(f"{source}: key {twice!r} stands twice in one table; keep one")
+            raise InputError(f"{source}: key {twice!r} is twice in one table; keep one")
         return found
 
     try:
@@ -222,7 +222,7 @@ def _check_place(data: Mapping[str, Any], source: str) -> None:
     """Refuse what stands where it can't be read, with what to write instead."""
     loose = next((key for key in data if key in QUANTITIES), None)
     if loose is not None:
-        raise InputError(f"{source}: {loose} stands outside any table; write it under [all], [[phases]] or [docked]")
+        raise InputError(f"{source}: {loose} is outside any table; write it under [all], [[phases]] or [docked]")
     if isinstance(data.get("phases"), dict) and data["phases"]:
         first = next(iter(data["phases"]))
         raise InputError(f'{source}: phases.{first}: phases are a list; write [[phases]] and below it name = "{first}"')

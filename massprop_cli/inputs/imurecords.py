@@ -108,10 +108,10 @@ def _check_magnitude(source: LogTable, names: Sequence[str], increments: Array, 
         row, axis = (int(i) for i in bad[0])
         usual = median(interval_s)
         if interval_s[row] < AT_ONCE * usual:
-            said = f"comes {interval_s[row]:.3g} s after the record before, where {usual:.6g} s are usual; is a record there twice?"
+            said = f"comes {interval_s[row]:.3g} s after the record before; the usual interval is {usual:.6g} s. Is a record there twice?"
             raise source.error(row, "time_s", said)
         value = f"{increments[row, axis] / interval_s[row]:.3g} per second"
-        raise source.error(row, names[axis], f"{value} is no motion of a vehicle; is the unit right, is it a spike?")
+        raise source.error(row, names[axis], f"{value} is too fast for a vehicle; is the unit right, is it a spike?")
 
 
 def _check_gravity(source: LogTable, vehicle: Vehicle, velocity: Array, interval_s: Array) -> None:
@@ -120,11 +120,11 @@ def _check_gravity(source: LogTable, vehicle: Vehicle, velocity: Array, interval
         return
     usual = median(np.concatenate([np.linalg.norm(velocity[part], axis=1) / interval_s[part] for part in spill.parts(len(velocity))]))
     if usual < FELT * gravity:
-        remedy = f'state environment.kind = "free" instead of "{kind}", or log specific force without gravity taken off'
+        remedy = f'state environment.kind = "free" instead of "{kind}", or log specific force that includes gravity'
         if abs(usual / median(interval_s) / gravity - 1) < FELT:
             remedy = "its columns seem to hold increments, not rates: rename them, or scale them under [columns]"
         raise InputError(
-            f"{source.table.path}: the accelerometer feels {usual:.3g} m/s^2 (median), and what stands on the ground feels gravity, "
+            f"{source.table.path}: the accelerometer reads {usual:.3g} m/s^2 (median), but on the ground it must read gravity, "
             f"{gravity:.4g} m/s^2; {remedy}"
         )
 
@@ -138,14 +138,14 @@ def sampled(source: LogTable, vehicle: Vehicle) -> tuple[bool, bool]:
     if sampled and made is not None:
         kept = next((f" ({line})" for line in made.said if line.startswith("gyro") and " values (" in line), "")
         raise InputError(
-            f'{source.table.path}: imu.measures is "sample", and by {made.map} no record is a sample{kept}; leave imu.measures out, or '
-            'let the map keep samples: values = "sample", gyro and accelerometer on one clock, [records] samples = 1, and commands that '
-            "come one row each, at most one a sample"
+            f'{source.table.path}: imu.measures is "sample", but {made.map} makes no record a sample{kept}; leave imu.measures out, or '
+            'keep samples in the map: values = "sample", gyro and accelerometer on one clock, [records] samples = 1, and commands that '
+            "come one per row, at most one per sample"
         )
     increments = next((name for name in (*DELTA_THETA, *DELTA_V) if source.has(name)), None)
     if sampled and increments is not None:
         raise InputError(
-            f'{source.table.path}, column {source.name(increments)}: an increment is over its record, and imu.measures is "sample"; '
+            f'{source.table.path}, column {source.name(increments)}: an increment covers its record, but imu.measures is "sample"; '
             "leave imu.measures out, or log samples as gyro_x_rad_s … and accel_x_m_s2 …"
         )
     return sampled, sampled
@@ -200,14 +200,12 @@ def held(imu: ImuRecords, interval_s: Array, own: bool) -> list[Notice]:
         readings = increments[:, list(axes)] / interval_s[:, None]
         if (again := on_a_beat(readings)).any():
             said = (
-                f"the {name} repeats each reading {len(again) / (~again).sum():.3g} times, so that it measures less often than the log has "
-                "records: write records as long as its own, or read the file by a map, whose [records] take each reading once"
+                f"the {name} repeats each reading {len(again) / (~again).sum():.3g} times, because it measures less often than the log has "
+                "records: write records as long as its own, or read the file with a map, whose [records] use each reading once"
             )
             found.append(Notice("readings-held", said))
         elif own and (mean := moving_mean(readings)):
-            said = (
-                f"each reading of the {name} is a moving mean over {mean} of them: log it as it was measured, or keep every one in {mean}"
-            )
+            said = f"each reading of the {name} is a moving mean over {mean} readings: log it as measured, or keep one reading in {mean}"
             found.append(Notice("readings-held", f"{said} as a mean over as many"))
     return found
 
@@ -220,6 +218,6 @@ def saturation(vehicle: Vehicle, theta: Array, velocity: Array, interval_s: Arra
     for name, increments, limit, unit in (gyro, accelerometer):
         count = 0 if limit is None else int(_beyond(increments, interval_s, 0.999 * limit).any(1).sum())
         if count:
-            said = f"{count} record(s) at the {name}'s range of {limit:g} {unit}; what they hid is not in the estimate"
+            said = f"{count} record(s) at the {name}'s range of {limit:g} {unit}; the log lacks the motion beyond it"
             found.append(Notice(f"{name}-saturated", said))
     return found

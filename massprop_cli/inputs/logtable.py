@@ -59,7 +59,7 @@ class LogTable:
         """(K,) control cycles whose commands were lost with them."""
         for known, column in columns.items():
             if column.from_ not in table.columns:
-                hint = nearest(column.from_, table.columns, "the nearest present is")
+                hint = nearest(column.from_, table.columns, "the nearest column is")
                 raise InputError(f"{table.path}: column {column.from_!r} is missing, which [columns] maps to {known}{hint}")
 
     def name(self, column: str) -> str:
@@ -96,7 +96,7 @@ class LogTable:
         name = self.name(column)
         if name not in self.table.columns:
             spare = self._spare()
-            hint = nearest(name, spare, "the nearest that is not in use is")
+            hint = nearest(name, spare, "the nearest unused column is")
             cure = "rename it, or map it under [columns] of the vehicle file, or add it" if spare else "add it"
             cure += ", with 0 in each row if that jet never fired" * name.startswith("jet_")
             cure += ", with 0 in each row if none is commanded along that axis" * name.startswith("cmd_")
@@ -140,8 +140,8 @@ class LogTable:
         absent = [column for column in found if not self.has(column)]
         like = next(((name, other) for name in absent for other in self._spare() if alike(name, other)), None)
         if like is not None:
-            cure = "rename it, or map it under [columns] of the vehicle file; if it is no reading of the IMU, leave it out of the log"
-            raise InputError(f"{self.table.path}: column {like[0]!r} is missing; the nearest that is not in use is {like[1]!r}; {cure}")
+            cure = "rename it, or map it under [columns] of the vehicle file; if it is not an IMU reading, leave it out of the log"
+            raise InputError(f"{self.table.path}: column {like[0]!r} is missing; the nearest unused column is {like[1]!r}; {cure}")
         return found
 
     def _spare(self) -> list[str]:
@@ -174,10 +174,10 @@ class LogTable:
             return f"{missing}; write one (0 for none){self._lost(row)}"
         assert self.lost is not None
         between = np.diff(np.flatnonzero(~np.isnan(values[~self.lost[: len(values)]])))
-        whole = f" (commands come every {records} rows in the file, as if none were)" if (between == records).all() else ""
+        whole = f" (commands come every {records} rows, as if no record is missing)" if (between == records).all() else ""
         return (
-            f"{missing}: {stepped}. Is a record missing there? If not{whole}, the clock stepped: state imu.clock_even = true. If one is, "
-            "write a command in the first row of each cycle (0 for none)"
+            f"{missing}: {stepped}. Is a record missing there? If not{whole}, the clock stepped: state imu.clock_even = true. If one is "
+            "missing, write a command in the first row of each cycle (0 for none)"
         )
 
     def _stepped(self, row: int) -> str:
@@ -191,7 +191,7 @@ class LogTable:
             return ""
         time_s, before, at = self.required(TIME), own[long[-1]], own[long[-1] + 1]
         step, usual = time_s[at] - time_s[before], median(np.diff(time_s[recorded]))
-        return f"the time goes on by {step:.6g} s at {self.place(int(at))}, not by {usual:.6g} s"
+        return f"the time increases by {step:.6g} s at {self.place(int(at))}, not by {usual:.6g} s"
 
     def _first(self, grid: Array, lost: BoolArray) -> Array:
         """(K,) the command of each cycle (K, records): where its first row is lost that of another row, or else of the cycle before."""
@@ -220,9 +220,7 @@ class LogTable:
         if not len(long):
             return ""
         at = int(long[0]) + 1
-        return (
-            f"; or a record was lost before {self.place(at)}, which comes {steps[at - 1]:.6g} s after the one above it: split the log there"
-        )
+        return f"; or a record was lost before {self.place(at)}, {steps[at - 1]:.6g} s after the one above it: split the log there"
 
     def between(self, column: str, n: int) -> Array:
         """(n,) the column, a smooth curve through its samples where records have none or repeat the last one."""

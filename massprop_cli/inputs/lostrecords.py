@@ -47,7 +47,7 @@ def once(source: LogTable) -> tuple[LogTable, list[Notice]]:
     if not len(again) or not all(column.take(again).equals(column.take(again - 1)) for column in others):
         return source, []
     rows = np.delete(np.arange(source.table.rows), again)
-    said = f"{source.name('time_s')}: {len(again)} row(s) are those before once more, the first at {source.place(int(again[0]))}: left out"
+    said = f"{source.name('time_s')}: {len(again)} row(s) repeat the row before, the first at {source.place(int(again[0]))}; left out"
     return _of_rows(source, rows), [Notice("clock-rebuilt", said)]
 
 
@@ -144,7 +144,7 @@ def left_out(source: LogTable, imu: ImuRecords, command: Array, records: int, n:
     few = MISSING * records
     if n > few:
         blind: BoolArray = np.asarray(np.lib.stride_tricks.sliding_window_view(empty[:, 0], few + 1).all(1))
-        said = f"more than {few} records in a row without a reading of the gyro: how it turned is not known; split the log there"
+        said = f"more than {few} records in a row have no gyro reading, so the rotation is unknown; split the log there"
         source.refuse(blind, (imu.rates or DELTA_THETA)[0], lambda _: said)
     kinds = (
         ("missing", lost[:, None]),
@@ -163,7 +163,7 @@ def left_out(source: LogTable, imu: ImuRecords, command: Array, records: int, n:
     uncommanded = np.zeros(n // records, dtype=bool) if source.uncommanded is None else source.uncommanded
     if records == 1 and source.issued is None:
         uncommanded = uncommanded | (same.all(1) & (np.diff(command, axis=0, prepend=np.nan) == 0).all(1))
-    also = f", nor are the commands of {int(uncommanded.sum())} control cycle(s) in them" if uncommanded.any() else ""
+    also = f", nor the commands of {int(uncommanded.sum())} control cycle(s) in them" if uncommanded.any() else ""
     first = source.place(int(np.argmax(readings.any(1))))
-    said = f"records lost: {', '.join(found)}, the first at {first}; their readings are not used{also}"
+    said = f"records lost: {', '.join(found)}, the first at {first}; massprop does not use their readings{also}"
     return LeftOut(readings.reshape(-1, records, 2).any(1), uncommanded, [Notice("records-lost", said)])

@@ -65,7 +65,7 @@ class ParquetColumns:
                 pa.BufferReader(pa.py_buffer(data)), pre_buffer=False, thrift_container_size_limit=_LISTED, read_dictionary=texts
             )
         except KeyError as error:
-            raise ValueError(f"column {error} can't be found") from None
+            raise ValueError(f"column {error} cannot be found") from None
         self.names: list[str] = self._file.schema_arrow.names
         self.rows: int = self._file.metadata.num_rows
         kinds = ((field.name, field.type) for field in self._file.schema_arrow)
@@ -176,7 +176,7 @@ def _structs(fields: _Fields, number: int) -> list[_Fields]:
     """A field that is a list of structs."""
     found = fields.get(number, [])
     if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
-        raise ValueError("a header can't be read")
+        raise ValueError("a header cannot be read")
     return found
 
 

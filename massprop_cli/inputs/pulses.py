@@ -56,7 +56,9 @@ def _check_columns(source: LogTable, vehicle: Vehicle, present: list[str]) -> No
     path = source.table.path
     missing = [name for name in PULSE if name not in present]
     if missing:
-        raise InputError(f"{path}: column {missing[0]!r} is missing beside {source.name(present[0])!r}; pulses need {', '.join(PULSE)}")
+        raise InputError(
+            f"{path}: column {missing[0]!r} is missing, but {source.name(present[0])!r} is present; pulses need {', '.join(PULSE)}"
+        )
     others = [name for name in source.logged if name in (*WRENCH, COMMAND_TIME) or is_jet(name)]
     if others:
         raise InputError(f"{path}: has {source.name(present[0])!r} and {others[0]!r}; keep the one kind of commands that was executed")
@@ -64,7 +66,7 @@ def _check_columns(source: LogTable, vehicle: Vehicle, present: list[str]) -> No
         raise InputError(f"{path}: column {source.name(PULSE_JET)!r} names jets, and the vehicle file has no [[jets]]; add them")
     if vehicle.cycle.pulse_at != "begin":
         raise InputError(
-            f'{path}: column {source.name(PULSE_START)!r} gives the begin of each pulse, and cycle.pulse_at is "{vehicle.cycle.pulse_at}"; '
+            f'{path}: column {source.name(PULSE_START)!r} gives the start of each pulse, but cycle.pulse_at is "{vehicle.cycle.pulse_at}"; '
             "leave cycle.pulse_at out"
         )
 
@@ -77,18 +79,20 @@ def _events(source: LogTable, jets: list[str]) -> _Events:
     if len(half):
         row = int(half[0])
         empty = PULSE[int(np.argmin(given[:, row]))]
-        raise source.error(row, empty, f"the cell is empty beside a pulse's other cells; fill in all three of {', '.join(PULSE)}")
+        raise source.error(row, empty, f"the cell is empty, but other cells of the pulse are not; fill in all three of {', '.join(PULSE)}")
     rows = np.flatnonzero(given.all(0))
     if not len(rows):
         raise InputError(f"{source.table.path}, column {source.name(PULSE_JET)}: no pulse; record the commands")
     unknown = next((int(row) for row in rows if names[row] not in jets), None)
     if unknown is not None:
         hint = nearest(str(names[unknown]), jets, "the nearest jet is")
-        raise source.error(unknown, PULSE_JET, f"{names[unknown]!r} is no jet of the vehicle file{hint}; add it to [[jets]], or rename it")
+        raise source.error(
+            unknown, PULSE_JET, f"{names[unknown]!r} is not a jet of the vehicle file{hint}; add it to [[jets]], or rename it"
+        )
     for column, values, least in ((PULSE_START, start_s, -np.inf), (PULSE_DURATION, duration_s, 0.0)):
         bad = rows[~np.isfinite(values[rows]) | (values[rows] < least)]
         if len(bad):
-            expected = "a duration is 0 or more, in s" if column == PULSE_DURATION else "it must be a finite number of s"
+            expected = "a duration must be 0 or more, in s" if column == PULSE_DURATION else "it must be a finite number of s"
             raise source.error(int(bad[0]), column, f"{values[bad[0]]:g}: {expected}; correct or remove the row")
     rows = rows[np.argsort(start_s[rows], kind="stable")]
     return _Events(rows, np.array([jets.index(str(names[row])) for row in rows]), start_s[rows], duration_s[rows])

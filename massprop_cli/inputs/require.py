@@ -75,11 +75,11 @@ def precise(stated: str) -> tuple[Requirement, ...]:
     found = requirements(stated, "--want")
     pivoted = next((item.quantity for item in found if item.quantity.startswith(PIVOT)), None)
     if pivoted is not None:
-        raise InputError(f"--want {pivoted}: a plan has the sigmas of the ten quantities alone; name one of {', '.join(QUANTITIES)}")
+        raise InputError(f"--want {pivoted}: a plan gives sigmas of only the ten quantities; name one of {', '.join(QUANTITIES)}")
     bare = next((item.quantity for item in found if item.precision is None), None)
     if bare is not None or not found:
         raise InputError(
-            f'--want {bare or "nothing"}: says no precision; write for instance "{bare or "mass"} 2 %" or "{_example(bare or "mass")}"'
+            f'--want {bare or "nothing"}: states no precision; write for instance "{bare or "mass"} 2 %" or "{_example(bare or "mass")}"'
         )
     return found
 
@@ -88,12 +88,12 @@ def read(stated: object) -> tuple[Requirement, ...]:
     """The same; :class:`MisreadError` says what is wrong, for the reader of a file to name the place."""
     texts = [] if stated is None else [*stated] if isinstance(stated, (list, tuple)) else [stated]
     if not all(isinstance(text, str) for text in texts):
-        raise MisreadError(f'{stated!r}: no requirement; write for instance "mass<2%, ixx"', True)
+        raise MisreadError(f'{stated!r}: not a requirement; write for instance "mass<2%, ixx"', True)
     found: dict[str, Precision | None] = {}
     for name, precision in [_item(item.strip()) for text in texts for item in str(text).split(",")]:
         before = found.get(name)
         if before is not None and precision is not None and before != precision:
-            raise MisreadError(f"{name}<{precision.written}: {name}<{before.written} is asked as well; keep one of them", True)
+            raise MisreadError(f"{name}<{precision.written}: {name}<{before.written} is required as well; keep one of them", True)
         found[name] = precision or before
     named = [name for name in ALL_UNITS if name in found or (name in QUANTITIES and ALL in found)]
     return tuple(Requirement(name, found.get(name) or (found.get(ALL) if name in QUANTITIES else None)) for name in named)
@@ -116,15 +116,15 @@ def _item(text: str) -> tuple[str, Precision | None]:
 def _precision(text: str, name: str, amount: str) -> Precision:
     found = _AMOUNT.fullmatch(amount)
     if found is None:
-        raise MisreadError(f'{text}: {amount!r} is no precision; write for instance "{_example(name)}" or "{name}<2%"', True)
+        raise MisreadError(f'{text}: {amount!r} is not a precision; write for instance "{_example(name)}" or "{name}<2%"', True)
     number, unit = float(found[1]), " ".join((found[2] or "").replace("²", "^2").replace("*", " ").replace("·", " ").split())
     scales = _SCALES[ALL_UNITS[name]] if name != ALL else {}
     if unit != "%" and unit not in scales:
         allowed = " or ".join(["%", *scales])
-        said = f"{unit!r} is no unit of {name}" if unit else "has no unit"
+        said = f"{unit!r} is not a unit of {name}" if unit else "the unit is missing"
         raise MisreadError(f'{text}: {said}; give it in {allowed}, for instance "{_example(name)}"', False)
     if not 0 < number < 1e300:
-        raise MisreadError(f"{text}: a precision is above 0 and finite", False)
+        raise MisreadError(f"{text}: a precision must be finite and above 0", False)
     return Precision(number * (0.01 if unit == "%" else scales[unit]), unit == "%", f"{found[1]} {unit}".replace(" %", "%"))
 
 

@@ -140,10 +140,10 @@ def _decided(source: LogTable, vehicle: Vehicle, time_s: Array, usual_s: float, 
     if not why and not said:
         return Stamps(time_s)
     found = even if why else time_s - moved
-    every = f"taken as coming every {median(np.diff(even)):.6g} s" if why else "put on one clock"
+    every = f"records are assumed to come every {median(np.diff(even)):.6g} s" if why else "all records are put on one clock"
     message = (
-        f"{'; '.join([*said, *([why] if why else [])])}. Records are {every}; stamp them by the IMU's own clock, or state "
-        "imu.clock_even = true (false: the stamps hold)"
+        f"{'; '.join([*said, *([why] if why else [])])}. Now {every}; stamp records with the IMU's clock, or state imu.clock_even = true "
+        "(false: use the stamps as they are)"
     )
     return Stamps(found, moved if said else None, message)
 
@@ -223,10 +223,10 @@ def _even(source: LogTable, vehicle: Vehicle, time_s: Array, usual_s: float, los
     early, middle, late = np.quantile(away, (EARLY, 0.5, 1 - EARLY))
     if bursts or middle - early < ONE_SIDED * (late - middle):
         even = even + early  # a record is late at most: those that are least so came at their time
-    what = "come in packets" if bursts else "step" if few else "scatter"
+    what = "come in bursts" if bursts else "step" if few else "scatter"
     why = f"the stamps {what} (intervals of {steps[1:].min():.3g} to {steps[1:].max():.3g} s)"
     if follows is not None:
-        why += f" and the increments do not follow them (by {follows[0]:.2g} ± {follows[1]:.2g} of 1)"
+        why += f" and the increments do not follow them (slope {follows[0]:.2g} ± {follows[1]:.2g}, expected 1)"
     return even, why
 
 

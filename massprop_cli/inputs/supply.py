@@ -43,8 +43,8 @@ def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array, r
         return None
     if not source.has(PRESSURE):
         raise InputError(
-            f"{source.table.path}: column {source.name(PRESSURE)!r} is missing, and thrust.nominal_pa says that thrust follows it; log it, "
-            "or leave thrust.nominal_pa out: each jet then gives the same throughout"
+            f"{source.table.path}: column {source.name(PRESSURE)!r} is missing, but thrust.nominal_pa makes thrust proportional to it; log "
+            "it, or leave thrust.nominal_pa out: each jet then has constant thrust"
         )
     pressure = source.required(PRESSURE)[: len(time_s)]
     part = pressure / nominal_pa

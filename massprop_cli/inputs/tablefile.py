@@ -101,7 +101,7 @@ def _check_names(where: str, names: Sequence[str]) -> None:
     if twice is not None:
         times = names.count(twice)
         grouped = "; if this line names groups of columns, delete it, and put them into the names below" if times > 2 else ""
-        said = f"column {twice!r} stands {'twice' if times == 2 else f'{times} times'}"
+        said = f"column {twice!r} occurs {'twice' if times == 2 else f'{times} times'}"
         raise InputError(f"{where}: {said}; rename one or drop it{grouped}")
 
 
@@ -144,13 +144,13 @@ def _read_csv(path: Path, data: Content) -> Table:
         raise InputError(f"{top}: no header; the first line names the columns")
     if len(names) == 1:
         spaced = len(names[0].split()) > 1 and len(lines) > 1
-        cure = "write a comma for each space, or delete what stands above it" if spaced else "delete what stands above it"
+        cure = "write a comma for each space, or delete the lines above it" if spaced else "delete the lines above it"
         raise InputError(
             f"{top}: one column only, {names[0][:40]!r}; the first line names the columns, separated by commas, semicolons, tabs or bars "
             f"(|); {cure}"
         )
     if all(map(_NUMBER.match, names)):
-        raise InputError(f"{top}: numbers, and no names; write a line above them that names the columns")
+        raise InputError(f"{top}: numbers instead of names; write a line above them that names the columns")
     _check_names(top, names)
     if not lines:
         raise InputError(f"{path}: has a header but no rows; record the log again")
@@ -246,7 +246,7 @@ def _texts(path: Path, data: Content, names: Sequence[str], cut: str) -> Any:
         for number, line in enumerate(_LINE_END.sub("\n", str(data, "utf-8-sig")).split("\n")[1:], 2):
             found = line.count(cut) + 1
             if line.strip() and found != len(names) and '"' not in line:
-                above = "; or if the columns' names stand further down, delete what is above them" if number <= _HEADED else ""
+                above = "; or if the column names are further down, delete the lines above them" if number <= _HEADED else ""
                 raise InputError(f"{path}, line {number}: {found} cells under {len(names)} columns; correct the line{above}") from None
         raise InputError(f"{path}: not a readable CSV file ({str(error).splitlines()[0]})") from None
 
@@ -293,9 +293,11 @@ class Cells:
     def _no_instant(self) -> InputError:
         for row, cell in enumerate(value.as_py() for value in self.read()):
             if cell is not None and not instants.is_instant(cell):
-                said = f"{cell!r} is no date and time; correct the cell; {instants.FORMS}"
+                said = f"{cell!r} is not a date and time; correct the cell; {instants.FORMS}"
                 return InputError(f"{self.path}, {self.place(row)}, column {self.name}: {said}")
-        return InputError(f"{self.path}, column {self.name}: dates that differ in form or are none; write all alike, or as numbers")
+        return InputError(
+            f"{self.path}, column {self.name}: dates in different formats, or not dates; write all in one format, or as numbers"
+        )
 
     def texts(self) -> list[str | None]:
         """(rows,) text, None for null; numbers as they are written."""
@@ -332,8 +334,8 @@ class Cells:
         for row, cell in enumerate(value.as_py() for value in data):
             if isinstance(cell, int) and abs(cell) > _WHOLE:
                 return InputError(
-                    f"{self.path}, {self.place(row)}, column {self.name}: {cell} is a whole number with more digits than float64 "
-                    "holds; take off what the log begins with, or write it as float64"
+                    f"{self.path}, {self.place(row)}, column {self.name}: {cell} is an integer with more digits than float64 holds; "
+                    "subtract the first value of the log, or write it as float64"
                 )
             try:
                 is_number = cell is None or (str(cell).isascii() and "_" not in str(cell) and float(cell) is not None)
@@ -343,8 +345,8 @@ class Cells:
                 return InputError(f"{self.path}, column {self.name}: each cell has {len(cell)} values; write a column for each of them")
             if cell == self.name:
                 return InputError(
-                    f"{self.path}, {self.place(row)}, column {self.name}: the header stands here again; a recording after another one: "
-                    "split the file there"
+                    f"{self.path}, {self.place(row)}, column {self.name}: the header repeats here, so another recording begins: split the "
+                    "file there"
                 )
             if not is_number:
                 mend = "correct the cell"

@@ -208,8 +208,8 @@ def _grouped(
         pace = _Pace(0.0, []) if source.has(PULSE_JET) else _pace(np.diff(command_s), period_s)
     if len(time_s) < 2 * records:
         raise InputError(
-            f"{source.table.path}: {len(time_s)} rows of {median(interval_s):g} s are not two control cycles of {period_s:g} s; record "
-            "longer, or correct cycle.period_s"
+            f"{source.table.path}: {len(time_s)} rows of {median(interval_s):g} s are fewer than two control cycles of {period_s:g} s; "
+            "record longer, or correct cycle.period_s"
         )
     if command_s is not None and source.issued is not None:
         source.issued = source.issued[source.issued < len(time_s) // records * records]
@@ -253,7 +253,7 @@ def _intervals(source: LogTable, time_s: Array, remedy: str = "") -> tuple[Array
     back = np.flatnonzero(steps <= 0)
     if back.size:
         row = int(back[0]) + 1
-        verb = "stands still" if steps[back[0]] == 0 else "goes back"
+        verb = "repeats" if steps[back[0]] == 0 else "goes back"
         raise source.error(row, "time_s", f"time {verb}: {time_s[row]:.9g} s after {time_s[row - 1]:.9g} s; sort or cut the log{remedy}")
     usual = median(steps)
     gap = np.flatnonzero(steps > GAP * usual)
@@ -266,8 +266,8 @@ def _intervals(source: LogTable, time_s: Array, remedy: str = "") -> tuple[Array
     if long.size:
         said = (
             f"{long.size} record(s) longer than {LONG:g} times the median interval of {usual:.6g} s, the first at "
-            f"{source.place(int(long[0]) + 1)} ({steps[long[0]]:.6g} s); each counts with its own length. A record that was lost took its "
-            "command with it: where values are contradicted, split the log there"
+            f"{source.place(int(long[0]) + 1)} ({steps[long[0]]:.6g} s); each counts with its own length. A lost record also loses its "
+            "command: if values are contradicted, split the log there"
         )
         notices.append(Notice("long-interval", said))
     interval_s = spill.empty(len(time_s))
@@ -288,7 +288,7 @@ def _records_per_cycle(source: LogTable, time_s: Array, interval_s: Array, perio
     if step > COARSE * period_s:
         raise InputError(
             f"{source.table.path}, column {source.name('time_s')}: times this far from 0 have steps of {step:.2g} s, too coarse for a "
-            f"control cycle of {period_s:g} s; take the log's beginning off"
+            f"control cycle of {period_s:g} s; subtract the start time from all times"
         )
     return records
 
@@ -313,7 +313,7 @@ def _pace(cycle_s: Array, period_s: float) -> _Pace:
     void = abs(longer) > PACE + chance
     message = (
         f"cycles last {lasts:.6g} s by the log's times, {100 * abs(longer):.2g} % {'longer' if longer > 0 else 'shorter'} than "
-        f"cycle.period_s = {period_s:g} s: inertia or mass may be off by as much, or twice that{'' if void else ', which sigmas include'}; "
+        f"cycle.period_s = {period_s:g} s: inertia or mass may be off by as much, or twice that{'' if void else ' (sigmas include this)'}; "
         f"if the times are right, state cycle.period_s = {lasts:.6g}, else scale them by {period_s / lasts:.6g} (columns.time_s.scale)"
     )
     return _Pace(longer, [Notice("cycle-period" if void else "cycle-pace", message)])

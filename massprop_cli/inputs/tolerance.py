@@ -74,14 +74,14 @@ def parse(given: object) -> Tolerance:
         return Tolerance(amount, "sigma")
     unit = ending.replace("²", "^2").replace("*", " ").replace("·", " ")
     if unit not in _UNITS.values():
-        said = f"{ending!r} is no unit of a mass property (kg m^2, m, kg)" if ending else "a text needs its unit"
+        said = f"{ending!r} is not a unit of a mass property (kg m^2, m, kg)" if ending else "the unit is missing"
         raise ValueError(f"{said}; {_REMEDY}")
     return Tolerance(amount, "absolute", unit)
 
 
 def _amount(number: float) -> float:
     if not 0 <= number < 1e300:
-        raise ValueError("a tolerance is 0 or more and finite")
+        raise ValueError("a tolerance must be finite and 0 or more")
     return float(number)
 
 

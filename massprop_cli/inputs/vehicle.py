@@ -142,7 +142,7 @@ class Vehicle(Section):
         if unknown is not None:
             raise ValueError(f"thrust.failures names unknown jet {unknown!r}{configfile.nearest(unknown, jets, 'the nearest is')}")
         if self.thrust.nominal_pa is not None and not jets:
-            raise ValueError("thrust.nominal_pa is the pressure that jets are fed with, and there are no [[jets]]; leave it out")
+            raise ValueError("thrust.nominal_pa is the supply pressure of jets, but there are no [[jets]]; leave it out")
         for first, second in combinations(self.phases, 2):
             if max(first.start_s, second.start_s) < min(first.end_s, second.end_s):
                 raise ValueError(
@@ -151,11 +151,11 @@ class Vehicle(Section):
                 )
         if self.environment.kind in ("planar", "pedestal") and self.estimator.method == "thesis":
             where = "table" if self.environment.kind == "planar" else "pedestal"
-            raise ValueError(f'estimator.method = "thesis" knows free flight and the air bearing only; leave it out on a {where}')
+            raise ValueError(f'estimator.method = "thesis" supports only free flight and the air bearing; leave it out on a {where}')
         self._check_bearing()
         if self.known and len(self.phases) > 1:
             raise ValueError(
-                f"known.{next(iter(self.known))} does not say which of {len(self.phases)} phases it is of; state it under that phase "
+                f"known.{next(iter(self.known))} does not state its phase, and there are {len(self.phases)}; state it under that phase "
                 f"([[phases]] known = {{ ... }}), or under [docking] if it is the docked object's"
             )
         if self.docking is not None:

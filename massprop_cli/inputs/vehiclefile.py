@@ -95,7 +95,7 @@ def refused(place: object, source: VehicleSource) -> Iterator[None]:
         if 1 / FAR < abs(value) < FAR:
             raise
         raise InputError(
-            f"{place}: can't be computed with {key} = {value:g} of {source.source} ({error}); check its unit, all values are SI"
+            f"{place}: cannot be computed with {key} = {value:g} of {source.source} ({error}); check its unit, all values are SI"
         ) from None
 
 

@@ -42,7 +42,7 @@ def kernel() -> Kernel:
     """The compiled kernel, where it was built beside this file and is not turned off; :class:`InputError` where another is chosen."""
     chosen = os.environ.get(CHOICE, "")
     if chosen not in ("", "numpy"):
-        raise InputError(f"{CHOICE}={chosen}: no such kernel; say numpy, or unset it")
+        raise InputError(f"{CHOICE}={chosen}: no such kernel; set numpy, or unset it")
     if chosen == "numpy":
         return Kernel(None, f"NumPy ({CHOICE}=numpy)")
     path = built(Path(__file__).parent)
@@ -51,14 +51,14 @@ def kernel() -> Kernel:
     try:
         library = opened(path)
     except (OSError, AttributeError) as error:
-        return Kernel(None, f"NumPy ({path.name} can't be loaded: {error})")
+        return Kernel(None, f"NumPy ({path.name} cannot be loaded: {error})")
     if library.mp_host_interface() != INTERFACE:
         return Kernel(None, f"NumPy ({path.name} is of another version; install massprop anew)")
     return Kernel(library, "C99, double precision")
 
 
 def opened(path: Path) -> ctypes.CDLL:
-    """A library that was built of the kernel's sources; OSError where it can't be loaded. Its calls let other threads run.
+    """A library that was built of the kernel's sources; OSError where it cannot be loaded. Its calls let other threads run.
 
     AttributeError where it was built of sources that had other calls.
     """

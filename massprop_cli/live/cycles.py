@@ -99,7 +99,7 @@ class Gatherer:
         increments = (*(() if self.columns.rates else DELTA_THETA), *(() if self.columns.accelerations else DELTA_V))
         for name in increments:
             if abs(record.numbers[name]) > ABSURD[name] * interval:
-                return f"column {name}: {record.numbers[name] / interval:.3g} per second is no motion of a vehicle"
+                return f"column {name}: {record.numbers[name] / interval:.3g} per second is too fast for a vehicle"
         return ""
 
     def _counted(self, interval: float) -> None:
@@ -114,7 +114,7 @@ class Gatherer:
     def _follows(self, record: Record, interval: float) -> None:
         most = GAP if self.records == 1 else LONG
         if interval > most * self.usual_s:
-            lost = "" if self.records == 1 else f", and a cycle of {self.records} records would lack one"
+            lost = "" if self.records == 1 else f", so a cycle of {self.records} records would lack one"
             raise InputError(
                 f"standard input: {interval:.6g} s without a record before {record.time_s:.9g} s (the usual interval is "
                 f"{self.usual_s:.6g} s{lost})"

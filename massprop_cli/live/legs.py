@@ -109,9 +109,9 @@ class OnboardEstimator:
         """:class:`InputError` if the estimator does not support the vehicle or lacks values; ``source`` begins the message."""
         source = f'{source}, control.model = "estimate"'
         if vehicle.imu.measures == "sample" or vehicle.imu.gyro_filter is not None or vehicle.imu.accel_filter is not None:
-            raise InputError(f"{source}: the estimator aboard is handed what the IMU feels, before any filter; choose another model")
+            raise InputError(f"{source}: the estimator aboard needs unfiltered IMU increments; choose another model")
         if vehicle.on_pedestal or vehicle.spinning:
-            raise InputError(f"{source}: the estimator aboard controls by jets or a wrench, and not on a pedestal; choose another model")
+            raise InputError(f"{source}: the estimator aboard supports only jets or a wrench, and no pedestal; choose another model")
         resolved = resolve.stated(VehicleSource(vehicle, source, ""))
         self.source = source
         self.each = [Legs(resolved) for _ in range(members)]
@@ -129,7 +129,7 @@ class OnboardEstimator:
                 found = one.add(RecordedCycle(end_s, np.array(numbers)))
             except StatusError as error:
                 raise InputError(
-                    f"{self.source}: the estimator aboard can't use the cycle to {end_s:.6g} s ({error}); check sensors and forces"
+                    f"{self.source}: the estimator aboard cannot use the cycle to {end_s:.6g} s ({error}); check sensors and forces"
                 ) from None
             for completed in found:
                 self.values[i], self.verdicts[i] = completed.found.values[-1], completed.found.verdicts[-1]

@@ -111,11 +111,11 @@ class StreamReader:
             # an increment is over a cycle at most
             longest_s = self.vehicle.cycle.period_s if name in (*DELTA_THETA, *DELTA_V) else 1.0
             if abs(numbers.get(name, 0.0)) > ABSURD[name] * longest_s:
-                raise RecordError(f"column {self._own(name)}: {numbers[name]:g} is no motion of a vehicle")
+                raise RecordError(f"column {self._own(name)}: {numbers[name]:g} is too fast for a vehicle")
         for name in self.columns.commands if self.columns.jets else ():
             if numbers[name] < 0 or numbers[name] > self.vehicle.cycle.period_s * (1 + 1e-6):
                 raise RecordError(
-                    f"column {self._own(name)}: {numbers[name]:g} s is no on-time of a cycle of {self.vehicle.cycle.period_s:g} s"
+                    f"column {self._own(name)}: {numbers[name]:g} s is not an on-time of a cycle of {self.vehicle.cycle.period_s:g} s"
                 )
         return Record(numbers, _line([cells[name] for name in self.names] if not self._has(QUATERNION) else self._kept(cells)))
 
@@ -141,16 +141,16 @@ class StreamReader:
         limits.COLUMNS.check("standard input, line 1", len(self.names))
         twice = repeated(self.names)
         if twice is not None:
-            raise InputError(f"standard input, line 1: column {twice!r} stands twice; rename one or drop it")
+            raise InputError(f"standard input, line 1: column {twice!r} occurs twice; rename one or drop it")
         timed = next((name for name in (COMMAND_TIME, PULSE_START) if self._has((name,))), None)
         if timed is not None:
             raise InputError(
-                f"standard input, line 1: column {self._own(timed)!r}: commands with times of their own can't be estimated live; "
+                f"standard input, line 1: column {self._own(timed)!r}: live estimation does not support commands with their own times; "
                 "write each command in the first record of its control cycle, or record a log for massprop estimate"
             )
         jets, wrench = [jet(each.name) for each in self.vehicle.jets], self._has(WRENCH)
         if wrench and self._has(jets):
-            raise InputError("standard input: has both jet_* and cmd_* columns; keep the one kind that was executed")
+            raise InputError("standard input: has both jet_* and cmd_* columns; keep the kind that was executed")
         found = StreamColumns(
             rates=not self._has(DELTA_THETA) and self._has(GYRO),
             accelerations=not self._has(DELTA_V) and self._has(ACCEL),
@@ -179,11 +179,11 @@ class StreamReader:
             found = _object(line)
             strange = [name for name in found if name not in self.names]
             if strange and len(found) - len(strange) < len(self.names) - 1:  # another name for what it had
-                raise RecordError(f"names {strange[0]!r}, which the first record lacks")
+                raise RecordError(f"has {strange[0]!r}, which the first record lacks")
             return {name: _text(found.get(name)) for name in self.names}
         fields = _fields(line)
         if len(fields) != len(self.names):
-            raise RecordError(f"has {len(fields)} fields, and the header {len(self.names)}")
+            raise RecordError(f"has {len(fields)} fields, but the header has {len(self.names)}")
         return dict(zip(self.names, fields, strict=True))
 
     def _number(self, name: str, cells: dict[str, str]) -> float:
@@ -191,7 +191,7 @@ class StreamReader:
         try:
             value = float(text if text.isascii() and "_" not in text else "no number") if text else math.nan
         except ValueError:
-            raise RecordError(f"column {self._own(name)}: {text!r} is no number") from None
+            raise RecordError(f"column {self._own(name)}: {text!r} is not a number") from None
         if math.isinf(value):
             raise RecordError(f"column {self._own(name)}: {text} is not a finite number")
         scale = self.vehicle.columns[name].scale if name in self.vehicle.columns else 1.0
@@ -219,14 +219,14 @@ def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
 
 def _check_length(line: str) -> None:
     if len(line) > LONGEST:
-        raise RecordError(f"has more than {LONGEST} letters")
+        raise RecordError(f"has more than {LONGEST} characters")
 
 
 def _fields(line: str) -> list[str]:
     try:
         return next(csv.reader([line]))
     except (csv.Error, StopIteration):
-        raise RecordError("is no line of CSV") from None
+        raise RecordError("is not a line of CSV") from None
 
 
 def _text(value: object) -> str:

@@ -21,7 +21,7 @@ from massprop_cli.live.legs import Completed, Legs
 from massprop_cli.live.records import RecordError, StreamReader
 from massprop_cli.model.kernelargs import StatusError
 
-KEPT = "no values from here on, but what comes is recorded, and estimated in the end"
+KEPT = "massprop gives no values from here on, but records all data and estimates at the end"
 
 
 def follow(lines: Iterable[str], source: VehicleSource, keep: Callable[[str], object], warn: Callable[[str], None]) -> Iterator[str]:
@@ -30,12 +30,12 @@ def follow(lines: Iterable[str], source: VehicleSource, keep: Callable[[str], ob
     :class:`InputError` where nothing can begin, or be kept. Where values can't go on, what comes is kept all the same.
     """
     if kernel().library is None:
-        raise InputError(f"massprop live wants the compiled kernel, and here runs {kernel().name}; install a C compiler and massprop again")
+        raise InputError(f"massprop live needs the compiled kernel, but {kernel().name} runs here; install a C compiler and massprop again")
     resolve.stated(source, records=1)
     numbered = ((number, line) for number, line in enumerate(lines, 1) if line.strip())
     number, first = next(numbered, (0, ""))
     if not number:
-        raise InputError("standard input: nothing came; a log needs at least two control cycles")
+        raise InputError("standard input: no data; a log needs at least two control cycles")
     try:
         reader = StreamReader(source.vehicle, first)
     except RecordError as error:
@@ -82,13 +82,13 @@ def _flown(cycles: Iterable[RecordedCycle], gatherer: Gatherer, live: Callable[[
     for cycle in cycles:
         if cycle.lacking:
             warn(
-                f"standard input: a record is lacking before {cycle.end_s:.9g} s, and what was commanded then; values of this phase are "
-                "contradicted from here on, since they would be taken from a wrong command"
+                f"standard input: a record before {cycle.end_s:.9g} s is missing, with its commands; values of this phase are contradicted "
+                "from here on, because they would use a wrong command"
             )
         try:
             yield from map(_line, live().add(cycle))
         except StatusError as error:
-            warn(f"standard input: the cycle to {cycle.end_s:.9g} s can't be used ({error}); {KEPT}")
+            warn(f"standard input: the cycle to {cycle.end_s:.9g} s cannot be used ({error}); {KEPT}")
             gatherer.end(cycle.end_s)
             return
 
@@ -125,7 +125,9 @@ def recording(folder: Path) -> Iterator[Callable[[str], None]]:
         with files.writing(path):
             stack.enter_context(files.made(folder))
             if path.exists():
-                raise InputError(f"{path}: is there already, and a recording is not written over; choose another folder", option="out")
+                raise InputError(
+                    f"{path}: exists already, and massprop does not overwrite a recording; choose another folder", option="out"
+                )
         opened = cache(lambda: stack.enter_context(path.open("xb", buffering=0)))
 
         def keep(line: str) -> None:
@@ -145,4 +147,6 @@ def _keep(file: BinaryIO, path: Path, line: bytes) -> None:
         if not whole:
             path.unlink()
             raise
-        raise InputError(f"{path}: cannot be written ({error.strerror}); it holds what came before. Make room, and begin anew") from None
+        raise InputError(
+            f"{path}: cannot be written ({error.strerror}); it holds the data before. Free disk space, and start again"
+        ) from None

@@ -22,9 +22,9 @@ KINDS = ("free", "air_bearing", "pedestal")
 def unsupported(vehicle: Vehicle) -> str:
     """Why the kernel's estimator does not support the vehicle; empty if it does."""
     if any(getattr(vehicle.drift, name) for name in type(vehicle.drift).model_fields):
-        return "[drift] is stated, and the kernel knows none"
+        return "[drift] is stated, but the kernel does not support it"
     if vehicle.estimates_assumptions:
-        return "jets or IMU are stated to be uncertain, and the kernel takes them as exact"
+        return "uncertain values or sigmas of jets or IMU are stated, but the kernel assumes exact values"
     return unsupported_motion(vehicle)
 
 
@@ -32,25 +32,25 @@ def unsupported_motion(vehicle: Vehicle) -> str:
     """Why the kernel's equations of motion do not hold for the vehicle; empty if they do."""
     if vehicle.environment.kind not in KINDS:
         known = ", ".join(map(repr, KINDS))
-        return f"environment.kind is {vehicle.environment.kind!r}, and the kernel knows {known}; massprop estimate takes such a log"
+        return f"environment.kind is {vehicle.environment.kind!r}, but the kernel supports {known}; use massprop estimate for such a log"
     if vehicle.estimator.method != "default":
-        return f"estimator.method is {vehicle.estimator.method!r}, and the kernel is the default one"
+        return f"estimator.method is {vehicle.estimator.method!r}, but the kernel supports only the default method"
     if vehicle.estimator.bins_per_cycle > BINS:
-        return f"estimator.bins_per_cycle is {vehicle.estimator.bins_per_cycle}, and the kernel holds {BINS}"
+        return f"estimator.bins_per_cycle is {vehicle.estimator.bins_per_cycle}, but the limit of the kernel is {BINS}"
     if vehicle.environment.damping_sigma_n_m_s > 0:
-        return "environment.damping_sigma_n_m_s is stated, and the kernel knows no damping"
+        return "environment.damping_sigma_n_m_s is stated, but the kernel does not support damping"
     if any(vehicle.environment.room_torque_n_m):
-        return "environment.room_torque_n_m is stated, and the kernel knows no torque beside the commands"
+        return "environment.room_torque_n_m is stated, but the kernel supports no torque in addition to the commands"
     if vehicle.imu.attitude_misalignment_sigma_rad > 0:
-        return "imu.attitude_misalignment_sigma_rad is stated, and the kernel takes no logged attitude"
+        return "imu.attitude_misalignment_sigma_rad is stated, but the kernel does not use a logged attitude"
     if any(wheel.axis_sigma_rad > 0 for wheel in vehicle.wheels):
-        return "axes of wheels are stated to be uncertain, and the kernel takes them as exact"
+        return "axis_sigma_rad of a wheel is stated, but the kernel assumes exact axes"
     if vehicle.swings:
-        return "inertia is known from elsewhere, and the kernel follows no free swing on a pedestal"
+        return "a known inertia is stated, but the kernel does not support a free swing on a pedestal"
     for kind, actuators in vehicle.actuators:
         if any(one.device is not None and not (isinstance(one, Wheel) and one.column == "speed") for one in actuators):
-            return f"[[{kind.TABLE}]] store momentum that no wheel's logged speed tells, and the kernel knows no other"
-    return f"{len(vehicle.wheels)} wheels, and the kernel holds {WHEELS}" if len(vehicle.wheels) > WHEELS else ""
+            return f"[[{kind.TABLE}]] store momentum, but the kernel supports only the momentum of wheels with a logged speed"
+    return f"{len(vehicle.wheels)} wheels, but the limit of the kernel is {WHEELS}" if len(vehicle.wheels) > WHEELS else ""
 
 
 def vehicle_numbers(samples: Mounted, vehicle: Vehicle, noise: Sequence[float] = (0.0,) * 4, reach_m: float = 0.0) -> Array:

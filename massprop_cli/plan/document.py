@@ -188,13 +188,13 @@ def _limited_by(found: Planned, quantities: dict[str, QuantityItem], rehearsal: 
     """One sentence on the worst quantity; ``ever`` (10,) are the sigmas after all time."""
     name, item = max(((n, q) for n, q in quantities.items() if q.ratio is not None), key=lambda pair: pair[1].ratio or 0.0)
     ratio, i = item.ratio or 0.0, QUANTITIES.index(name)
-    best = f"{name} comes to ± {item.worst_sigma:.3g} {item.unit} in {found.duration_s:g} s at worst, {ratio:.3g} times what is wanted"
+    best = f"{name} comes to ± {item.worst_sigma:.3g} {item.unit} in {found.duration_s:g} s at worst, {ratio:.3g} times the wanted sigma"
     if item.told == "by no motion of this vehicle":
-        return f"{name} can be estimated by no motion of this vehicle ({', '.join(rehearsal.axes)} can be driven)"
+        return f"no motion of this vehicle makes {name} observable ({', '.join(rehearsal.axes)} can be driven)"
     if ever[i] > (item.wanted_sigma or 0.0):
         told = rehearsal.vehicle.thrust.scale_sigma and not rehearsal.by_wheels
         key = "thrust.scale_sigma" if told else "the information of all motions"
-        return f"{best}; {key} keeps it above ± {ever[i]:.3g} {item.unit} however long it lasts: weigh the vehicle ([known]) or want less"
+        return f"{best}; {key} keeps it above ± {ever[i]:.3g} {item.unit} for any duration: weigh the vehicle ([known]) or ask for less"
     return best + (_by_impulse(found, ratio) or _by_time(found, ratio))
 
 

@@ -62,20 +62,23 @@ def make(vehicle: Path, guess_file: Path | None, asked: Asked, say: Say, assignm
     uncounted = rehearsal.uncounted(flown.vehicle)
     if uncounted:
         say("estimating the plan's log", 1.0)
-        notes.append(f"the bound doesn't count {', '.join(uncounted)}: sigmas are widened to what an estimate of the plan's own log has")
+        notes.append(
+            f"the Cramér–Rao bound does not include {', '.join(uncounted)}, so massprop increased the sigmas to those of an estimate of "
+            "the plan's log"
+        )
         found = _widened(flown, found)
         if not found.reached:
             found = _widened(flown, planner.plan(trials, replace(order, wanted=found.wanted), say))
     if not found.reached:
         found = replace(found, any_impulse=_any_impulse(trials, replace(order, wanted=found.wanted), say))
     if guessed.file.body.breaks_triangle and source.vehicle.environment.kind != "planar":
-        notes.append("the guess breaks the triangle inequality of principal moments, which no real body does; look at its units and signs")
+        notes.append("the guess breaks the triangle inequality of principal moments, which no real body does; check its units and signs")
     if source.vehicle.spinning and not flown.by_wheels:
-        notes.append(f"the {called(source.vehicle.spinning)} stand as they begin: the plan moves the vehicle by jets or a wrench")
+        notes.append(f"the {called(source.vehicle.spinning)} keep their initial speed: the plan moves the vehicle by jets or a wrench")
     if source.vehicle.thrust.failures:
-        notes.append("thrust.failures are of another log: planned without, and scenario.toml holds the vehicle without")
+        notes.append("the plan and scenario.toml ignore thrust.failures, which belong to another log")
     if asked.off:
-        notes.append(f"planned without {', '.join(asked.off)}: scenario.toml holds the vehicle without")
+        notes.append(f"the plan and scenario.toml do not use {', '.join(asked.off)}")
     made = document.document(found, flown, source, asked.criterion, asked.max_time_s, notes)
     plain = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in source.vehicle.name).strip("-.")
     return WrittenPlan(made, document.scenario_toml(found, flown, f"{plain or 'vehicle'}-plan"))
@@ -86,7 +89,7 @@ def _order(flown: Rehearsal, guessed: guess.Guess, asked: Asked) -> Order:
     for item, value in zip(asked.wants, guessed.file.body.values[wanted.index], strict=True):
         if value == 0 and item.precision is not None and item.precision.relative:
             raise InputError(
-                f"--want {item}: {item.quantity} is guessed to be 0, and no part of 0 is a precision; give it in "
+                f"--want {item}: {item.quantity} is guessed as 0, so a relative precision has no meaning; give it in "
                 f"{'kg m^2' if item.quantity.startswith('i') else 'mm'}"
             )
     period = flown.vehicle.cycle.period_s
@@ -94,11 +97,11 @@ def _order(flown: Rehearsal, guessed: guess.Guess, asked: Asked) -> Order:
     least = int(np.ceil(flown.delay_cycles))
     if cycles < least + LEAST:
         raise InputError(
-            f"--max-time {asked.max_time_s:g}: is {cycles} cycles of {period:g} s, and commands come {least} late; give more time"
+            f"--max-time {asked.max_time_s:g}: is {cycles} cycles of {period:g} s, and commands act {least} cycles later; give more time"
         )
     begun, fastest = limits.fastest_start(flown.vehicle), asked.limits.get("wheel_rad_s", np.inf)
     if fastest <= begun:
-        raise InputError(f"--max-wheel-speed {fastest:g}: a wheel begins with {begun:g} rad/s; allow more, or begin slower")
+        raise InputError(f"--max-wheel-speed {fastest:g}: a wheel starts at {begun:g} rad/s; allow more, or start slower")
     steady = STEADY * flown.vehicle.convergence.count + least
     return Order(wanted, limits.allowed(flown.vehicle, asked.limits), cycles, asked.criterion, min(steady, cycles))
 

@@ -71,9 +71,7 @@ def _of_vehicle(vehicle: VehicleSource) -> GuessFile:
         values |= {name: values["izz"] / 2 * FLAT for name in ("ixx", "iyy") if values[name] is None}
     missing = [name for name in NEEDED if values[name] is None]
     if missing:
-        said = (
-            f"says nothing of {', '.join(missing)}; a plan needs a rough guess (20 % off will do): state [nominal] there, or name a file "
-        )
+        said = f"does not state {', '.join(missing)}; a plan needs a rough guess (20 % error is enough): state [nominal], or name a file "
         raise refused(vehicle, [said + "with --guess", *unstated(stated, Sensors(), TrueActuators())])
     body = {name: value for name, value in values.items() if value is not None}
     return configfile.validate(GuessFile, {"body": body}, f"{vehicle.source}: [nominal] and [known] as a guess")
@@ -91,11 +89,11 @@ def unstated(vehicle: Vehicle, sensors: Sensors, actuators: TrueActuators) -> li
         keys = [key for key, its in levels.items() if its == level]
         if keys:
             are = f"{' and '.join(keys)} {'is' if len(keys) == 1 else 'are'} {said}"
-            found.append(f"{are}; no precision can be planned without the noise: state one sigma of a cycle's mean")
+            found.append(f"{are}; a plan needs the noise: state one sigma of the mean over a cycle")
     if vehicle.cycle.command_delay_cycles == "auto" and actuators.delay_cycles is None:
-        found.append('cycle.command_delay_cycles is "auto"; state it, or in a guess file actuators.delay_cycles')
+        found.append('cycle.command_delay_cycles is "auto"; state a number, or actuators.delay_cycles in a guess file')
     if vehicle.thrust.lag_s == "auto" and actuators.lag_s is None:
-        found.append('thrust.lag_s is "auto"; state it, or in a guess file actuators.lag_s')
+        found.append('thrust.lag_s is "auto"; state a number, or actuators.lag_s in a guess file')
     return found
 
 

@@ -137,7 +137,9 @@ def plan(trials: Trials, order: Order, say: Say) -> Planned:
     rehearsal = trials.rehearsal
     axes = rehearsal.axes
     if not axes:
-        raise InputError(f"{rehearsal.source}: the actuators can't drive any axis both ways without disturbing the others; add jets")
+        raise InputError(
+            f"{rehearsal.source}: the actuators cannot drive any axis in both directions without disturbing the others; add jets"
+        )
     period = rehearsal.vehicle.cycle.period_s
     block = max(min(round(BLOCK_S / period), order.max_cycles // BLOCKS), 6 + int(rehearsal.delay_cycles))
     tight, used = dict.fromkeys(order.limits, 1.0), None
@@ -173,7 +175,7 @@ def _tried(
             least = used if not least or _over(used, order) < _over(least, order) else least
     groups = trials.open(kept, block)
     for number, group in enumerate(groups):
-        say("what each motion shows", number / len(groups))
+        say("computing the information of each motion", number / len(groups))
         trials.examine(group, block)
     return [Tried(motion, trials.information(motion, block), trials.used(motion, block)) for motion in kept], least
 
@@ -189,9 +191,9 @@ def _unkept(rehearsal: Rehearsal, order: Order, used: dict[str, float]) -> str:
     remedy = "Raise the limit, or correct the guess"
     if beyond is not None:
         torque, full = beyond
-        command = " (massprop balance, by a log in which it swings while its wheels turn)" if rehearsal.vehicle.on_pedestal else ""
+        command = " (massprop balance, with a log in which the table swings while its wheels turn)" if rehearsal.vehicle.on_pedestal else ""
         remedy = (
-            f"As guessed, the table's weight turns it by up to {torque:.3g} N m, and its wheels hold {full:.3g} N m. Balance it "
+            f"With the guess, gravity torque on the table is up to {torque:.3g} N m, and its wheels give {full:.3g} N m. Balance it "
             f"first{command}, or raise the limit"
         )
     return (

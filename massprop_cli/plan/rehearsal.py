@@ -107,18 +107,18 @@ def rehearsal(vehicle: VehicleSource, guess: Guess, off: Sequence[str] = ()) -> 
     limits = guess.file.actuators
     if stated.rotors:
         raise InputError(
-            f"{vehicle.source}: has [[rotors]], and no plan holds the position of a hovering vehicle; state its motions in a scenario, "
-            "and fly that by massprop simulate"
+            f"{vehicle.source}: has [[rotors]], and massprop cannot plan for a hovering vehicle; state its motions in a scenario, and run "
+            "it with massprop simulate"
         )
     full = limits.max_torque_n_m or limits.max_force_n or exchange.full(stated, limits).any()
     if stated.spinning and not (jets or full):
         raise InputError(
-            f"{vehicle.source}: turns by its {called(stated.spinning)}, and nothing says how fast: state in a guess file [actuators] "
+            f"{vehicle.source}: turns by its {called(stated.spinning)}, whose limits are not stated; state in a guess file [actuators] "
             "max_wheel_torque_n_m, or max_gimbal_rate_rad_s of control moment gyros"
         )
     if not jets and (stated.jets or not full):
         raise InputError(
-            f"{vehicle.source}: no jet is left to plan with; leave one on"
+            f"{vehicle.source}: --without leaves no jet to plan with; leave one on"
             if stated.jets
             else f"{vehicle.source}: no actuators to plan with: it has no jets; add [[jets]], or for a vehicle that takes wrench commands "
             "state its full torque and force in a guess file ([actuators] max_torque_n_m, max_force_n)"

@@ -51,7 +51,7 @@ def cells(item: QuantityItem) -> list[str]:
 def _timeline(found: PlanFile) -> Table:
     table = titled("timeline", ("from", "to"), ())
     table.add_column("motion")
-    table.add_column("teaches (times the sigma without it)")
+    table.add_column("informs (factor on sigma without it)")
     for item in found.timeline:
         table.add_row(f"{item.start_s:g} s", f"{item.end_s:g} s", item.motion, taught(item.teaches))
     return table
@@ -83,6 +83,6 @@ def legend(found: PlanFile) -> list[str]:
         "Inertia about the CG in body axes; products are the tensor's own elements, ixy = -Σ m x y. CG from O in body axes. "
         f"± is one standard deviation: the Cramér–Rao bound of the plan flown in software. At worst: over {found.bodies} bodies that the "
         f"vehicle may be (guess: {found.guess}).",
-        *([f"No motion of this vehicle can show {', '.join(untold)}."] if untold else []),
+        *([f"No motion of this vehicle makes {', '.join(untold)} observable."] if untold else []),
         *(f"Note: {note}." for note in found.notes),
     ]

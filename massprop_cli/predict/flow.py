@@ -29,8 +29,8 @@ def predict(recorded: Recorded, log: Path, judged: Judged, phase: str | None, li
     found = compared(*sides)
     if not found.freedom:
         raise InputError(
-            f"{log}: gives no quantity that {recorded.path} gives, too, but what both assume as known; record the manoeuvres of the "
-            "result's log, and estimate again"
+            f"{log}: has no estimated quantity in common with {recorded.path}, except known values; record the manoeuvres of the result's "
+            "log, and estimate again"
         )
     number = next(i for i, one in enumerate(judged.analysis.conclusions) if one.phase.name == theirs.name)
     with np.errstate(all="ignore"):
@@ -76,11 +76,11 @@ def contradicted(path: Path, item: PhaseItem) -> str:
 def _check_other(recorded: Recorded, log: Path, own: Result) -> None:
     made = own.provenance.input_sha256
     if made in twice.logs(recorded.result):
-        raise InputError(f"{recorded.path}: was made from {log}, which proves nothing; name a log that it was not made from")
+        raise InputError(f"{recorded.path}: was made from {log}, so the test proves nothing; name another log")
     if twice.alike(twice.values_and_sigmas(recorded.result), twice.values_and_sigmas(own)):
         raise InputError(
-            f"{recorded.path}: all values and sigmas are those of {log}: the same recording in another file, which proves nothing; name a "
-            "log that it was not made from"
+            f"{recorded.path}: all values and sigmas are those of {log}: the same recording in another file, so the test proves nothing; "
+            "name another log"
         )
 
 
@@ -88,16 +88,16 @@ def _check_alike(recorded: Recorded, log: Path, own: Result) -> None:
     told = recorded.result
     for path, one in ((recorded.path, told), (log, own)):
         if one.provenance.method == "thesis":
-            raise InputError(f"{path}: estimator.method is thesis, whose sigmas are no errors; use the default method")
+            raise InputError(f"{path}: estimator.method is thesis, whose sigmas are not errors; use the default method")
     what = ("vehicle", "environment", "environment.bearing_position_m", "bearing mass [kg]", "thrust.scale_sigma")
-    check_same(log, own, str(recorded.path), told, what, f"they are not of one vehicle. {_REMEDY}")
+    check_same(log, own, str(recorded.path), told, what, f"the result and the log are not of one vehicle. {_REMEDY}")
 
 
 def _check_told(path: Path, item: PhaseItem, pivoted: bool) -> None:
     if item.implied_thrust_scale is not None and item.implied_thrust_scale.by == BY_OBJECT:
         raise InputError(
-            f"{path}: its values are in absolute terms by an added object; multiply the forces (or wheels' inertia) of the vehicle file by "
-            f"{item.implied_thrust_scale.value:.6g}, and name the result of a log that is estimated with them"
+            f"{path}: an added object sets the scale of its values; multiply the forces (or wheels' inertia) of the vehicle file by "
+            f"{item.implied_thrust_scale.value:.6g}, and name the result of a log estimated with these"
         )
     if pivoted and (not item.about_pivot or item.about_pivot_covariance is None):
         raise InputError(
@@ -105,7 +105,7 @@ def _check_told(path: Path, item: PhaseItem, pivoted: bool) -> None:
         )
     values = (item.about_pivot if pivoted else item.estimates).values()
     if all(one.value is None for one in values):
-        raise InputError(f"{path}: gives no value in phase {item.name}: {next(iter(values)).reason}. Record a log that shows one")
+        raise InputError(f"{path}: gives no value in phase {item.name}: {next(iter(values)).reason}. Record a log that informs one")
 
 
 def _source(path: Path, of: Result, item: PhaseItem) -> PredictionSource:

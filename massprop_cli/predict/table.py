@@ -16,13 +16,13 @@ def show(found: Prediction, console: Console) -> None:
     test = found.test
     console.print(escape.rich(f"{found.vehicle}: {found.result.path}, phase {found.result.phase}, against {found.log.path}"))
     _quantities(found, console)
-    console.print("± is one sigma; that of the difference is without what both share. z is the difference over its sigma.")
+    console.print("± is one sigma; that of the difference excludes errors that both share. z is the difference over its sigma.")
     if found.motion:
         _motion([one for one in found.motion if one.manoeuvre == ALL], console)
         _manoeuvres(found.motion, console)
         console.print(
-            "explained: part of the motion's mean square. residual: rms of measured less predicted; expected: by the log's noise. "
-            "nis: mean square of normalised innovations, the values taken as exact; 1 is expected of the log's own values."
+            "explained: part of the motion's mean square. residual: rms of measured − predicted; expected: from the log's noise. nis: mean "
+            "square of normalised innovations, with values assumed exact; 1 is expected for the log's own values."
         )
     verdict = "Predicted" if test.passes else "Not predicted"
     console.print(f"{verdict}: chi-square {test.chi_square:.4g} of {test.freedom}, p = {test.p:.2g}; it passes above {1 - test.limit:.2g}.")

@@ -188,7 +188,7 @@ def check_supply(log: Log, vehicle: Vehicle, source: str) -> None:
     if (thrust.droop + thrust.cycle_droop) * (most - 1) >= 1:
         raise InputError(
             f"{source}: thrust.droop = {thrust.droop:g} and thrust.cycle_droop = {thrust.cycle_droop:g}: in {log.path} {most} jets fire "
-            "together, and would give nothing; state what one loses for each further one, as a part of its thrust"
+            "together, and would give no thrust; state the part of its thrust that a jet loses for each other jet"
         )
 
 

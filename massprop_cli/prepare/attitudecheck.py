@@ -54,8 +54,8 @@ def check_attitude(log: Log, vehicle: Vehicle) -> NoiseAndLatency | None:
     chi_square, what, remedy = max(_unstated(inputs, estimate, latency_s, excess))
     if chi_square > REFUTED and explained:
         raise AttitudeError(
-            f"{log.path}, columns quat_w … quat_z: attitude and gyro contradict each other by {chi_square**0.5:.2g} sigma, "
-            f"and agree {what}; {remedy}, or leave the columns out"
+            f"{log.path}, columns quat_w … quat_z: attitude and gyro contradict each other by {chi_square**0.5:.2g} sigma, but agree "
+            f"{what}; {remedy}, or leave the columns out"
         )
     at_latency = filter_input(log, _with(vehicle, attitude_latency_s=latency_s)) if auto else inputs
     return None if at_latency is None else NoiseAndLatency(at_latency.noise, latency_s, sigma_s)
@@ -70,7 +70,9 @@ def _linear(log: Log, vehicle: Vehicle) -> tuple[LinearFilter, int]:
     """Estimates of bias, misalignment and latency with wide priors, and the number of innovations."""
     known, about = filter_input(log, vehicle), reference_attitude(log, vehicle)
     if known is None or about is None:  # a latency beyond the log
-        raise InputError(f"{log.path}: imu.attitude_latency_s = {vehicle.imu.attitude_latency:g} leaves no attitude within the log")
+        raise InputError(
+            f"{log.path}: imu.attitude_latency_s = {vehicle.imu.attitude_latency:g} puts all attitudes before the log; correct it"
+        )
     return linear_filter(known, about, START**2 * np.eye(3), (BIAS, TURN, LATENCY)), 3 * int(np.isfinite(about.noise_rad).sum())
 
 

@@ -206,8 +206,8 @@ def _noise(log: Log, vehicle: Vehicle, motion: GyroTurns, logged: LoggedAttitude
     _check_turns(log, difference, rotation_vector(by_gyro), variance)
     if stated.attitude_sigma_rad is not None and variance - SURE * standard_error > (TWICE * stated.attitude_sigma_rad) ** 2:
         raise AttitudeError(
-            f"{log.path}, columns quat_w … quat_z: the attitude scatters by {1e3 * variance**0.5:.2g} mrad from record to record, and "
-            f"imu.attitude_sigma_rad is {stated.attitude_sigma_rad:g} rad; state its noise, or leave the key out to have it estimated"
+            f"{log.path}, columns quat_w … quat_z: the attitude noise is {1e3 * variance**0.5:.2g} mrad from record to record, but "
+            f"imu.attitude_sigma_rad is {stated.attitude_sigma_rad:g} rad; correct the key, or leave it out and massprop estimates it"
         )
     cycles = max(float(logged.cycle[-1] - logged.cycle[0]) / max(len(difference), 1), 1.0)
     gyro = stated.gyro_noise_rad_s * float(motion.duration_s.mean()) if stated.gyro_noise_rad_s else 0.0
@@ -222,6 +222,6 @@ def _check_turns(log: Log, difference: Array, turns: Array, variance: float) -> 
     turned = float((turns**2).sum()) ** 0.5
     if excess > OPPOSED * turned and excess > STILL * len(difference) ** 0.5:
         raise AttitudeError(
-            f"{log.path}, columns quat_w … quat_z: the attitude turns by {excess / turned:.2g} times the gyro's angles away from the gyro; "
+            f"{log.path}, columns quat_w … quat_z: attitude and gyro disagree by {excess / turned:.2g} times the gyro's angles; "
             "quaternions are wxyz, world from body, of the axes of imu.body_from_imu. Correct the columns, or leave them out"
         )

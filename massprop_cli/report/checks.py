@@ -58,7 +58,7 @@ def innovations(found: Innovations) -> list[StatisticCheck]:
     ]
     checks += [StatisticCheck(f"variance, {name}", variance, 1.0, COUNT * np.sqrt(2 / n)) for name, variance, _, _ in read]
     checks += [
-        StatisticCheck(f"what commands and motion explain of its innovations, {name}", factor, 1.0, 0.0) for name, _, factor, _ in read
+        StatisticCheck(f"ratio of innovations that commands and motion explain, {name}", factor, 1.0, 0.0) for name, _, factor, _ in read
     ]
     return checks + [
         StatisticCheck(f"correlation from cycle to cycle, {name}", along, 0.0, COUNT / np.sqrt(n)) for name, _, _, along in read

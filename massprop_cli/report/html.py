@@ -20,7 +20,7 @@ MISSING = (
     "This figure needs history.parquet, which is missing beside result.json or was written by another version. "
     "Make the result again with massprop estimate, and the report from its folder."
 )
-OF_LOGS = "This result is of several logs together and has no course in time: figures of fit, commands and response are those of each log."
+OF_LOGS = "This result combines several logs and has no time history: see the report of each log for figures of fit, commands and response."
 OF_PHASE = ("inertia", "cg", "mass", "settling")
 OF_FIT = ("rate-fit", "force-fit", "whiteness", "command-fit", "innovations")
 STACKED = ("rate-fit", "force-fit")

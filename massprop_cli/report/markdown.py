@@ -36,7 +36,7 @@ def text(recorded: Sequence[Recorded]) -> str:
     if whole < len(recorded):
         found += [
             "",
-            f"{len(recorded) - whole} of {len(recorded)} results are left out here or cut short, to keep this page under 200 kB.",
+            f"{len(recorded) - whole} of {len(recorded)} results are left out or shortened, to keep this page under 200 kB.",
             "",
         ]
     return "\n".join(found).rstrip("\n") + "\n"
@@ -99,7 +99,7 @@ def _sections(found: Result, name: str) -> list[list[str]]:
         *([["### Assumptions", "", *(f"- {shown(assumptions.said(one))}" for one in found.assumptions), ""]] if found.assumptions else []),
         *(_sensitivity(one) for one in assumptions.sensitivities(found.assumptions)),
         _list("Conventions:", vocabulary.conventions(found)),
-        _list(f"Not converged, and {'what' if _alarms(found) else 'the motion that'} would show it:", gaps(found)),
+        _list(f"Not converged, and {'the remedy' if _alarms(found) else 'the motion that would show it'}:", gaps(found)),
         *_warnings(found),
     ]
 
@@ -112,7 +112,7 @@ def _alarms(found: Result) -> list[str]:
 def _alarm(found: Result) -> list[str]:
     if not _alarms(found):
         return []
-    said = "Contradicted values stand as found and their sigmas do not hold: do not use them. Correct the cause; no motion remedies it."
+    said = "The sigmas of contradicted values are not valid: do not use these values. Correct the cause; no motion helps."
     return [*(f"**{vocabulary.SIGNS['contradicted']} {shown(line)}**  " for line in _alarms(found)), said, ""]
 
 
@@ -169,7 +169,7 @@ def _mended(one: Mended) -> list[str]:
 def _sensitivity(one: assumptions.Sensitivity) -> list[str]:
     columns = ["quantity", "unit", *(shown(f"{code}, {step}") for code, step in one.steps)]
     return [
-        f"What one step changes, phase {shown(one.phase)}:",
+        f"Change of the values for one step, phase {shown(one.phase)}:",
         "",
         *table(columns, "ll" + "r" * len(one.steps)),
         *(row([shown(name), unit, *changes]) for name, unit, changes in one.rows),

@@ -28,7 +28,7 @@ def show(found: Result, console: Console) -> None:
         console.print(escape.rich(told))
     shown = timing.automatic(found)
     if shown:
-        console.print(escape.rich(f"Found in the log: {'; '.join(shown)}."))
+        console.print(escape.rich(f"Estimated from the log: {'; '.join(shown)}."))
     for one in found.mended:
         _mended(one, console)
     _assumptions(found, console)
@@ -74,15 +74,15 @@ def _assumptions(found: Result, console: Console) -> None:
     if not found.assumptions:
         return
     console.print()
-    console.print("Assumptions: what the values rest on", style="bold")
+    console.print("Assumptions behind the values", style="bold")
     shown = assumptions.open_ones(found)
     for assumption in shown:
         console.print(escape.rich(f"- {assumptions.said(assumption)}"))
     if len(shown) < len(found.assumptions):
-        console.print(f"- {len(found.assumptions) - len(shown)} more that the vehicle file states: in result.json and in the report")
+        console.print(f"- {len(found.assumptions) - len(shown)} more that the vehicle file states are in result.json and in the report")
     for one in assumptions.sensitivities(shown):
         steps = [f"{escape.rich(code)}\n{escape.rich(step)}" for code, step in one.steps]
-        table = titled(escape.rich(f"what one step changes, phase {one.phase}"), ["quantity", *steps, "unit"], _WORDS, "dim")
+        table = titled(escape.rich(f"change of the values for one step, phase {one.phase}"), ["quantity", *steps, "unit"], _WORDS, "dim")
         for name, unit, changes in one.rows:
             table.add_row(name, *changes, unit)
         table.add_row("noticed?", *one.noticed, "")

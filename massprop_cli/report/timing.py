@@ -7,7 +7,7 @@ SOURCES = {
     "vehicle": "stated by the vehicle file",
     "option": "stated by an option",
     "detected": "detected from the log",
-    "default": "a default, stated nowhere",
+    "default": "default, not stated",
 }
 
 
@@ -15,7 +15,7 @@ def delay(found: Delay) -> list[tuple[str, str]]:
     """The delay used, the delay that the log shows, and their difference."""
     rows = [("used", f"{found.cycles:.6g} cycles, {SOURCES[found.source]}")]
     if found.detected_cycles is None:
-        return [*rows, ("detected in the log", "not looked for, or not to be seen")]
+        return [*rows, ("detected in the log", "not estimated, or not observable")]
     spread = "" if found.sigma_cycles is None else f" ± {found.sigma_cycles:.2g}"
     rows.append(("detected in the log", f"{found.detected_cycles:.6g}{spread} cycles"))
     if found.source != "detected" and found.sigma_cycles:
@@ -44,7 +44,7 @@ def detected_delay(found: Delay) -> str:
     """The delay that the log shows, in words; empty where it shows none."""
     if found.detected_cycles is None or found.sigma_cycles is None:
         return ""
-    shown = f"commands execute {found.detected_cycles:.4g} ± {found.sigma_cycles:.2g} cycles after their cycle began"
+    shown = f"commands execute {found.detected_cycles:.4g} ± {found.sigma_cycles:.2g} cycles after the start of their cycle"
     return shown if found.source == "detected" else f"{shown} (used: {found.cycles:g})"
 
 
@@ -59,7 +59,7 @@ def automatic(found: Result) -> list[str]:
 def _low_pass(found: DetectedLowPass) -> str:
     said = []
     if found.cutoff_hz is not None and found.cutoff_sigma_hz is not None:
-        said.append(f"answers through {digits.with_sigma(found.cutoff_hz, found.cutoff_sigma_hz)} Hz")
+        said.append(f"has a low-pass cutoff of {digits.with_sigma(found.cutoff_hz, found.cutoff_sigma_hz)} Hz")
     if found.latency_s is not None and found.latency_sigma_s is not None:
         late = digits.with_sigma(1e3 * abs(found.latency_s), 1e3 * found.latency_sigma_s)
         said.append(f"{'' if said else 'is '}{late} ms {'early' if found.latency_s < 0 else 'late'}")

@@ -238,7 +238,7 @@ def corrections(found: Mended) -> list[str]:
 
 def beyond_options(found: Mended) -> str:
     """A note that the options alone do not give these values; empty where they do."""
-    return "" if found.whole else "These options alone do not give these values: the readings of a sensor were turned, too."
+    return "" if found.whole else "These options alone do not give these values: massprop also rotated the readings of a sensor."
 
 
 def corrected(phase: MendedPhase) -> list[tuple[str, str, str, str, Verdict]]:

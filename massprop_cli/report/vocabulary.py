@@ -17,9 +17,9 @@ SYMBOLS |= {f"{PIVOT}{name}": f"{SYMBOLS[name]} about pivot" for name in NINE}
 """How people write the ten quantities, and those about a pivot alone or beside them."""
 VERDICTS: dict[Verdict, str] = {
     "converged": "informed by the motion, and steady within tolerance to the end",
-    "not_converged": "informed, but still moving, or informed too late to be called steady; a longer log would settle it",
-    "not_excited": "a motion of this vehicle would make it observable, but this log's commands did not, or disturbances drowned them",
-    "contradicted": "log and vehicle file contradict each other: the value stands as found, its sigma does not hold; not to be used",
+    "not_converged": "informed, but not steady within tolerance long enough; record a longer log",
+    "not_excited": "another motion of this vehicle makes it observable; the commands of this log did not, or disturbances exceeded them",
+    "contradicted": "the log contradicts the vehicle file: the sigma is not valid; do not use the value",
     "unobservable": "no motion of this vehicle makes it observable by this method",
 }
 SIGNS: dict[str, str] = {"converged": "✓", "not_converged": "~", "not_excited": "○", "contradicted": "‼", "unobservable": "✕"}
@@ -37,7 +37,7 @@ ON_PEDESTAL = (
     "On a fixed pedestal the motion gives inertia and first moment about the pivot, moment = mass × (CG − pivot). CG and inertia about it "
     "need a weighed mass (known.mass)."
 )
-ON_TABLE = "On a table the vehicle slides and yaws: Izz, CG x, CG y and mass are estimated; nothing else has a part in that motion."
+ON_TABLE = "On a table the vehicle slides and yaws: Izz, CG x, CG y and mass are estimated; nothing else affects that motion."
 
 
 def unit(text: str) -> str:
@@ -54,13 +54,13 @@ def conventions(result: Result) -> list[str]:
     """Frame, reference point, sign of products, what mass includes, what the thrust scale means: a sentence each."""
     bearing = result.vehicle.environment == "air_bearing"
     lines = [
-        f"Inertia is the {'rotating body' if bearing else 'body'}'s about its CG, in body axes.",
+        f"Inertia is that of the {'rotating body' if bearing else 'body'} about its CG, in body axes.",
         "Products are the tensor's own elements, ixy = −Σ m x y; in the positive-integral convention they have the opposite sign.",
-        "CG is from O, the vehicle's declared reference point, in body axes.",
+        "CG is the position from O, the vehicle's declared reference point, in body axes.",
     ]
     if result.provenance.method != "thesis":
         contradicted = any(contradiction(body) for _, body in parts(result))
-        lines.append(f"± is one standard deviation{'; of a contradicted quantity it does not hold' if contradicted else ''}.")
+        lines.append(f"± is one standard deviation{'; that of a contradicted quantity is not valid' if contradicted else ''}.")
     if bearing:
         lines.append(f"Mass includes the bearing's {result.vehicle.bearing_mass_kg:g} kg, which does not rotate.")
     if result.vehicle.environment == "planar":
@@ -86,8 +86,8 @@ def commands(vehicle: VehicleInfo) -> str:
 
 
 SAME_THRUST = (
-    "The docked object's values are differences, and thrust is taken to be the same before and after docking: 1 % less of it after makes "
-    "them larger by 1 % of the combined body's."
+    "The docked object's values are differences and assume the same thrust before and after docking: 1 % less thrust after docking makes "
+    "them larger by 1 % of the combined body's values."
 )
 
 
@@ -99,26 +99,24 @@ def thrust_scale(result: Result) -> str:
 def _thrust_scale(result: Result) -> str:
     vehicle = result.vehicle
     if result.provenance.method == "thesis":
-        return "Sigmas of the thesis's filters are its “precision”: they shrink with noise alone and are no errors."
+        return "Sigmas of the thesis's filters are its “precision”: they depend on noise only and are not errors."
     if vehicle.wheels and (not pushed_by(vehicle) or all(phase.estimates["mass"].verdict == "unobservable" for phase in result.phases)):
-        return "Inertia has its scale from stored momentum, as the vehicle file states it."
+        return "Inertia is proportional to the stored momentum that the vehicle file states."
     if vehicle.wheels:
-        scaled = "Inertia has its" if vehicle.environment == "pedestal" else "Inertia and mass have their"
-        return f"{scaled} scale from stored momentum and from the thrust; what the log shows of both is in every sigma."
+        scaled = "Inertia scales" if vehicle.environment == "pedestal" else "Inertia and mass scale"
+        return f"{scaled} with stored momentum and thrust; sigmas include the uncertainty of both that the log leaves."
     if vehicle.commands == "jets" and not vehicle.jets:
-        return "Nothing turns this body but its weight: a swing tells ratios, and their size rests on what is known."
-    said = (
-        "Mass and inertia are proportional to the thrust that the vehicle file states; a scale common to all thrust can't be seen in a log"
-    )
+        return "Only gravity turns this body: a swing gives ratios, and [known] values give their scale."
+    said = "Mass and inertia are proportional to the thrust that the vehicle file states; the log cannot show a scale common to all thrust"
     if not vehicle.thrust_scale_sigma > 0:
-        return f"{said}, and no uncertainty of it is stated (thrust.scale_sigma; with it a weighed mass under [known] calibrates it)."
+        return f"{said}, and no thrust.scale_sigma is stated (with it a weighed mass under [known] calibrates the scale)."
     told = {phase.name: [name for name in phase.known if name not in CG] for phase in result.phases}
     names = ", ".join(sorted({name for known in told.values() for name in known}))
     if names and all(told.values()):
-        return f"{said}. Here it is calibrated by what is known: {names}."
-    stated = f"{said}. Its stated uncertainty, {100 * vehicle.thrust_scale_sigma:g} %, is in every sigma of mass and inertia"
+        return f"{said}. Here these known values calibrate it: {names}."
+    stated = f"{said}. Every sigma of mass and inertia includes its stated uncertainty, {100 * vehicle.thrust_scale_sigma:g} %"
     where = " and ".join(phase for phase, known in told.items() if known)
-    return f"{stated}; in phase {where} it is calibrated by what is known: {names}." if where else f"{stated}."
+    return f"{stated}; in phase {where} these known values calibrate it: {names}." if where else f"{stated}."
 
 
 _UNOBSERVABLE = {
@@ -132,17 +130,17 @@ _UNOBSERVABLE = {
 def remedy(quantity: str, verdict: str, contradiction: str = "", reason_code: str = "") -> str:
     """The remedy for a quantity that is not converged; where the phase is contradicted, no motion is the remedy."""
     if verdict == "contradicted":
-        return "correct the cause; no motion remedies it"
+        return "correct the cause; no motion helps"
     if contradiction and verdict != "unobservable":
-        return "correct what contradicts this phase first"
+        return "correct the contradiction of this phase first"
     if verdict == "not_converged" and reason_code in NOT_WHITE:
-        return "find what disturbs, and keep it away or cut the log there"
+        return "find and remove the disturbance, or cut the log there"
     if verdict == "not_converged" and reason_code == "oscillation":
-        return "fix or drain what swings, or push so seldom that it comes to rest"
+        return "fix or drain the part that oscillates, or push so rarely that it comes to rest"
     if verdict == "not_converged":
         return f"a longer log, with more {cure(quantity)}"
     if verdict == "unobservable":
-        other = f"{cure(quantity)}: this vehicle's commands can't give it; other thrusters could, or a value measured elsewhere ([known])"
+        other = f"{cure(quantity)}: the commands of this vehicle cannot give it; add thrusters, or state a measured value ([known])"
         return _UNOBSERVABLE.get(reason_code, other)
     return cure(quantity)
 
@@ -171,7 +169,7 @@ def gap(quantity: str, item: EstimateItem, contradicted: str = "") -> str:
     told = f"{item.verdict}: {reason(item, contradicted)}"
     if contradicted and item.verdict != "unobservable":
         return f"{told}; {remedy(quantity, item.verdict, contradicted)}"
-    return told if item.reason_code in NAMES_MOTION else f"{told}; it wants {cure(quantity)}"
+    return told if item.reason_code in NAMES_MOTION else f"{told}; it needs {cure(quantity)}"
 
 
 def reason(item: EstimateItem, contradicted: str = "") -> str:

@@ -121,14 +121,14 @@ def _check_alike(result: Recorded, baseline: Recorded) -> None:
     new, old = result.result, baseline.result
     what = ["vehicle", "environment", "bearing mass [kg]", "phases", "inertia about", "products of inertia"]
     what += ["docked object"] if new.docked_object and old.docked_object else []
-    so = "their values mean different things. Name a baseline of the same vehicle and phases"
+    so = "their values are not comparable. Name a baseline of the same vehicle and phases"
     check_same(result.path, new, f"the baseline {baseline.path}", old, what, so)
 
 
 def _notes(new: Result, old: Result) -> list[str]:
     made, before = new.provenance, old.provenance
-    one_log = "both are of one log and share its noise: the sigmas are larger than those of the differences, which have other causes"
-    thesis = "sigmas of the thesis's method shrink with noise alone and are no errors: give tolerances in units or per cent"
+    one_log = "both results are of one log and share its noise: sigmas of differences are too large, and differences have other causes"
+    thesis = "sigmas of --method thesis are not errors: give tolerances in units or per cent"
     notes = {
         one_log: made.input_sha256 == before.input_sha256,
         "the vehicle files differ": made.vehicle_sha256 != before.vehicle_sha256,
@@ -160,7 +160,8 @@ def _difference(quantity: str, new: EstimateItem | None, old: EstimateItem | Non
         tolerance=allowed,
         stated=tolerance.stated(quantity.removeprefix(PIVOT)),
         within=before is None if difference is None else abs(difference) <= (allowed or 0.0),
-        note=_missing(new, old) or ("no sigma: none but an equal value is within" if tolerance.kind == "sigma" and not sigma else ""),
+        note=_missing(new, old)
+        or ("no sigma: only an equal value is within the tolerance" if tolerance.kind == "sigma" and not sigma else ""),
     )
 
 

@@ -156,9 +156,8 @@ def _unpredicted(phase: PhaseItem) -> str:
         return ""
     worst = min(tested.segments, key=lambda one: one.p)
     return (
-        f"phase {phase.name}: all other segments do not predict {worst.start_s:.4g} to {worst.end_s:.4g} s: "
-        f"chi-square {worst.chi_square:.4g} of {worst.freedom}, p = {tested.p:.2g} with all segments counted, and the limit is "
-        f"{1 - tested.level:.2g}"
+        f"phase {phase.name}: the other segments do not predict {worst.start_s:.4g} to {worst.end_s:.4g} s: chi-square "
+        f"{worst.chi_square:.4g} of {worst.freedom}, p = {tested.p:.2g} with all segments counted, and the limit is {1 - tested.level:.2g}"
     )
 
 
@@ -176,7 +175,7 @@ def why(item: EstimateItem, contradiction: str = "") -> str:
         return f"{wanted}{by}, missing: {item.verdict}, {item.reason}"
     off = "" if expected.sigmas is None else f", {expected.sigmas:+.3g} sigma"
     return f"{wanted}{by}, got {item.value:.9g} (off by {expected.difference:+.3g}{off})" + (
-        "; its sigma is 0 or not known, so a tolerance in sigmas admits the exact value alone"
+        "; its sigma is 0 or unknown, so a tolerance in sigmas accepts only the exact value"
         if expected.stated.endswith("sigma") and not item.sigma
         else ""
     )

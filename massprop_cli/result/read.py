@@ -119,7 +119,7 @@ def _finite(text: str) -> float:
     """Number from JSON; ValueError for NaN, infinity, and a magnitude above :data:`LARGEST`."""
     number = float(text)
     if not math.isfinite(number):
-        raise ValueError(f"{text} is no finite number")
+        raise ValueError(f"{text} is not a finite number")
     if abs(number) > LARGEST:
         raise ValueError(f"{text} is larger than {LARGEST:g} in size, which no result is")
     return number

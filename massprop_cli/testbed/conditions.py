@@ -99,8 +99,8 @@ class TrueActuators(Section):
         default_factory=dict, description="by jet, true delay of its pulses beyond that of all; absent: as the vehicle file states"
     )
     scale: Positive = Field(1.0, description="true thrust over the vehicle file's")
-    droop: Droop | None = Field(None, description="part of its thrust that a jet loses for each further one while that is open")
-    cycle_droop: Droop | None = Field(None, description="the same for each further one that fires in the cycle")
+    droop: Droop | None = Field(None, description="part of its thrust that a jet loses for each other jet that is open")
+    cycle_droop: Droop | None = Field(None, description="the same for each other jet that fires in the cycle")
     pulse_sigma: NonNegative | None = Field(None, description="relative error of each pulse")
     max_torque_n_m: Vector | None = Field(None, description="full command about each axis of a vehicle without jets")
     max_force_n: Vector | None = Field(None, description="full command along each axis of a vehicle without jets")

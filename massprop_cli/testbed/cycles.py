@@ -248,7 +248,7 @@ def _onboard(source: ScenarioSource, attitude: Array, running: RunningOf | None)
     if scenario.modelled != "estimate":
         return Onboard(scenario.control, attitude, body, None)
     if running is None:
-        raise InputError(f'{source.source}: control.model = "estimate" wants an estimator aboard; massprop simulate brings one')
+        raise InputError(f'{source.source}: control.model = "estimate" needs an estimator aboard; use massprop simulate, which has one')
     return Onboard(scenario.control, attitude, body, running(scenario.logged, source.source, members))
 
 

@@ -94,7 +94,7 @@ def _by_rotors(source: ScenarioSource) -> tuple[Array, Array]:
     room = np.minimum(hover - least, most - hover)
     if not (served[force != 0].all() and (room > 0).all()):
         raise InputError(
-            f"{source.source}: the rotors can't give actuators.hover_force_n without torque about O, each between {least.min():g} and "
+            f"{source.source}: the rotors cannot give actuators.hover_force_n without torque about O, each between {least.min():g} and "
             f"{most.max():g} N; correct it, actuators.max_rotor_command, or the rotors"
         )
     share = np.where(served, newtons / most[:, None], np.nan).T
@@ -143,8 +143,8 @@ def _check_served(source: ScenarioSource, allocated: Allocation) -> None:
                 continue  # the table holds it
             if 0.0 in allocated.largest(axis, source.scenario.turned_by_wheels(segment)):
                 raise InputError(
-                    f"{source.source}, plan segment {number}: the vehicle can't drive {name} both ways without disturbing other axes; "
-                    "drop the axis from the plan, or add jets or wheels"
+                    f"{source.source}, plan segment {number}: the vehicle cannot drive {name} in both directions without disturbing other "
+                    "axes; drop the axis from the plan, or add jets or wheels"
                 )
 
 

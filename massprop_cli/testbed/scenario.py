@@ -139,13 +139,13 @@ class Scenario(Timed):
             raise ValueError(f"pwm_tick_s = {tick:g} s is longer than the control cycle of {period:g} s")
         for jet in self.vehicle.jets:
             if max(jet.rise_s, jet.fall_s) > period:
-                raise ValueError(f"jet {jet.name!r}: a rise or fall longer than the control cycle of {period:g} s can't be simulated")
+                raise ValueError(f"jet {jet.name!r}: a rise or fall longer than the control cycle of {period:g} s cannot be simulated")
         if self.vehicle.imu.clock_drift_ppm != 0:
             raise ValueError("imu.clock_drift_ppm: one clock only can be simulated; leave it out")
         for name in ("gyro_filter", "accel_filter"):
             low_pass = getattr(self.vehicle.imu, name)
             if low_pass is not None and (low_pass.open or low_pass.order == 0 or low_pass.latency_s != 0):
-                raise ValueError(f"imu.{name}: give the true cutoff_hz, and no latency_s, which can't be simulated")
+                raise ValueError(f"imu.{name}: give the true cutoff_hz, and no latency_s, which cannot be simulated")
         if self.vehicle.cycle.command_delay_cycles == "auto" and self.actuators.delay_cycles is None:
             raise ValueError('cycle.command_delay_cycles is "auto": give the true delay as actuators.delay_cycles')
         if self.vehicle.thrust.lag_s == "auto" and self.actuators.lag_s is None:

@@ -61,7 +61,7 @@ class Segment(Timed):
         if len(set(self.axes)) < len(self.axes):
             raise ValueError("an axis is named twice")
         if self.motion == "hold" and not set(self.axes) <= set(TURNS):
-            raise ValueError("hold turns about roll, pitch and yaw only; it can't hold a position")
+            raise ValueError("hold turns about roll, pitch and yaw only; it cannot hold a position")
         given = self.model_fields_set
         if not pulsed and (self.closed_loop or given & {"level", "torque_n_m", "force_n", "every_cycles", "max_cycles"}):
             raise ValueError(

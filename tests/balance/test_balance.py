@@ -126,7 +126,7 @@ def test_what_it_shows(lab: Path) -> None:
     assert done.exit_code == 0
     assert re.search(r"move -(7\.99|8\.00)\d mm", done.stdout)
     assert re.search(r"-(239|240)\.\d+ │ +0 │ +0 │", done.stdout)
-    for said in ("g cm", "N m", "kg m", "slower swing takes 60 s", "Small swings: now 1"):
+    for said in ("g cm", "N m", "kg m", "longer swing period is 60 s", "Small swings: now 1"):
         assert said in done.stdout
     assert ran(lab, "first", "--ballast", "ballast.toml", "-q").stdout == ""
 
@@ -147,7 +147,7 @@ def test_a_ballast_that_cannot_reach_goes_as_far_as_it_can(lab: Path) -> None:
     assert found["changes"][0]["at_limit"]
     assert found["remainder"]["moment"]["g_cm"][0] == pytest.approx(240 - 150, abs=1)
     assert found["remainder"]["moment"]["g_cm"][1] == pytest.approx(0, abs=1e-3)
-    assert re.search(r"x stays \+(89\.9|90)\S* g cm from what is wanted; at their limits: x\n", done.stderr)
+    assert re.search(r"x stays \+(89\.9|90)\S* g cm from the wanted value; at their limits: x\n", done.stderr)
 
 
 def test_without_a_ballast_along_the_vertical_level_is_enough(lab: Path) -> None:
@@ -157,7 +157,7 @@ def test_without_a_ballast_along_the_vertical_level_is_enough(lab: Path) -> None
     assert found["reached"]
     assert found["remainder"]["moment"]["g_cm"] == pytest.approx([0, 0, -1200], abs=1)
     said = refused(lab, "first", "--ballast", "level.toml", "-q", "--leave", "z=-500 g cm", code=5)
-    assert re.search(r"z stays -(699|700)\S* g cm from what is wanted; no ballast acts that way\n", said)
+    assert re.search(r"z stays -(699|700)\S* g cm from the wanted value; no ballast acts in that direction\n", said)
 
 
 def test_weight_is_added_where_nothing_slides(lab: Path) -> None:
@@ -187,13 +187,13 @@ REFUSED: dict[str, tuple[Any, tuple[str, ...]]] = {
     "a travel of no length": ({"travel_m": [0.04, -0.04]}, ("ballast.0.travel_m", "[0.04, -0.04]", "least travel")),
     "a place beyond its travel": ({"at_m": 0.05}, ("ballast.0.at_m", "0.05 m", "[-0.04, 0.04]")),
     "both kinds at once": ({"max_mass_kg": 0.1}, ("ballast.0.mass_kg", "state two")),
-    "an axis of no length": ({"axis": [0, 0, 0]}, ("ballast.0.axis", "points nowhere")),
+    "an axis of no length": ({"axis": [0, 0, 0]}, ("ballast.0.axis", "has length 0")),
     "a name that is used twice": ({"name": "y"}, ("'y' is used twice",)),
     "a place in millimetres": (
         {"mass_kg": 1.0, "position_m": [0.0, 0.0, -150.0], "axis": [0, 0, 1]},
-        ("inertia that no body has", "mass_kg", "--ballast"),
+        ("inertia that no real body has", "mass_kg", "--ballast"),
     ),
-    "a sigma in grams": ({"mass_sigma_kg": 0.5}, ("ballast.0.mass_sigma_kg", "0.5 kg is more than the weight itself")),
+    "a sigma in grams": ({"mass_sigma_kg": 0.5}, ("ballast.0.mass_sigma_kg", "0.5 kg is more than mass_kg itself")),
     "a negative mass": ({"mass_kg": -0.3}, ("ballast.0.mass_kg = -0.3",)),
 }
 
@@ -213,7 +213,7 @@ def test_a_bad_ballast_file_is_refused_with_its_key(mistake: str, lab: Path, tmp
         ((), 3, ("carries no [[ballast]]", "--ballast")),
         (("--ballast", "none.toml"), 3, ("none.toml: no such ballast file",)),
         (("--ballast", "first-log/vehicle.toml"), 3, ("vehicle.toml: is a vehicle file without [[ballast]]",)),
-        (("--ballast", "ballast.toml", "--leave", "z=-5 cm"), 3, ("--leave 'z=-5 cm'", "'cm' is no unit", "g cm")),
+        (("--ballast", "ballast.toml", "--leave", "z=-5 cm"), 3, ("--leave 'z=-5 cm'", "'cm' is not a unit", "g cm")),
         (("--ballast", "ballast.toml", "--leave", "down 5"), 3, ("--leave 'down 5'", "write for instance")),
         (("--ballast", "ballast.toml", "--leave", "z=1 g cm, z=2 g cm"), 3, ("state each component once",)),
         (("--ballast", "ballast.toml", "--moved", "x=1"), 2, ("--after",)),
@@ -267,7 +267,7 @@ def test_a_result_that_cannot_tell_says_which_log_would(lab: Path) -> None:
     edited(lab, "untold", _untold)
     assert "moment_x is unobservable: a free swing" in refused(lab, "untold", "--ballast", "ballast.toml")
     edited(lab, "odd", _edited)
-    assert "that of no body; it was edited" in refused(lab, "odd", "--ballast", "ballast.toml")
+    assert "not of a real body: the file was edited" in refused(lab, "odd", "--ballast", "ballast.toml")
     edited(lab, "elsewhere", _elsewhere)
     said = refused(lab, "first", "--ballast", "ballast.toml", "--after", "elsewhere")
     assert "environment.bearing_position_m is [0.0, 0.0, 0.03]" in said

@@ -184,7 +184,7 @@ def test_a_second_batch_on_one_folder_says_so_and_stops(here: Path) -> None:
         before = contents(out)
         done = batch(here, "logs")
         assert done.returncode == 3
-        assert done.stderr == ("massprop: massprop-out: another massprop is at work there; wait for it, or choose another folder (--out)\n")
+        assert done.stderr == ("massprop: massprop-out: another massprop is writing there; wait for it, or choose another folder (--out)\n")
         assert contents(out) == before
     (out / ".lock").touch()
     assert batch(here, "logs", "-q").returncode == 0, "a lock file that nobody holds is no lock"
@@ -263,7 +263,7 @@ def test_hostile_names_of_logs_harm_nothing(here: Path) -> None:
     ("arguments", "code", "said"),
     [
         (["nowhere"], 3, "nowhere: no such file or folder"),
-        (["logs/*.csv"], 3, "logs/*.csv: no log fits this pattern"),
+        (["logs/*.csv"], 3, "logs/*.csv: no log matches this pattern"),
         (["empty"], 3, "empty: holds no log"),
         (["logs", "--vehicle", "none.toml"], 3, "none.toml: no such vehicle file"),
         (["logs", "--expect", "none.toml"], 3, "none.toml: no such expect file"),

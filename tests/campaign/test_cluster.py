@@ -153,7 +153,7 @@ def test_a_log_that_takes_its_workers_along_is_a_row_and_the_rest_goes_on(logs: 
             stack.enter_context(worker(address, tmp_path / f"scratch-{n}", "--preload", str(preload)))
         run(logs, tmp_path / "out", address, steps.append)
     lost = [step.outcome for step in steps if step.outcome.exit_code == 1]
-    assert f"{name}/log.parquet: every worker that tried it was lost" in " ".join(outcome.message for outcome in lost)
+    assert f"{name}/log.parquet: each worker that tried it was lost" in " ".join(outcome.message for outcome in lost)
     assert len(steps) == LOGS
     assert len(lost) <= 3, "those that waited on the same worker at most"
     campaigns.batch(logs.parent, "logs", "--out", tmp_path / "out", first=None)

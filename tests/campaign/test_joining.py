@@ -102,10 +102,10 @@ def test_a_damaged_result_fails_what_it_was_to_be_part_of_alone(damaged: bytes, 
     [
         ('name = "x"', "name logs alone, or before and after"),
         ('name = "x"\nbefore = ["logs/*"]', "name logs alone, or before and after"),
-        ('name = "x"\nlogs = ["flights/*"]', "combine.0.logs = ['flights/*']: fits none of the 6 logs; correct the pattern"),
-        ('name = "x"\nlogs = ["logs/seed-0001/*"]', "fits one log alone, seed-0001/log.parquet; name two or more"),
+        ('name = "x"\nlogs = ["flights/*"]', "combine.0.logs = ['flights/*']: matches none of the 6 logs; correct the pattern"),
+        ('name = "x"\nlogs = ["logs/seed-0001/*"]', "matches only one log, seed-0001/log.parquet; name two or more"),
         ('name = "seed-0001"\nlogs = ["logs/*"]', "is a log's (seed-0001/log.parquet) already; choose another"),
-        ('name = "x"\nlogs = ["logs/*"]\nrequire = "mass<1"', "has no unit; give it in % or kg or g"),
+        ('name = "x"\nlogs = ["logs/*"]\nrequire = "mass<1"', "the unit is missing; give it in % or kg or g"),
     ],
 )
 def test_what_can_not_be_combined_is_refused_before_anything_is_done(combine: str, said: str, here: Path) -> None:

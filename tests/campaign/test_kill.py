@@ -58,7 +58,7 @@ def test_a_campaign_that_is_interrupted_says_how_to_go_on(tmp_path: Path) -> Non
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=30)
     assert process.returncode == 130
-    assert said.splitlines()[-1] == "massprop: interrupted; what is done stays in massprop-out, and the same command goes on from there"
+    assert said.splitlines()[-1] == "massprop: interrupted; finished results are in massprop-out; run the same command to continue"
     assert [path.name for path in (tmp_path / "massprop-out").iterdir()] == ["results"]
 
 

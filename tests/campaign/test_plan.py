@@ -146,11 +146,11 @@ def test_a_campaign_file_says_which_logs_and_what_of_which(tmp_path: Path) -> No
         ("logs = []", "logs"),
         ('logs = ["a.csv"]\nvehicel = "v"', "unknown key 'vehicel'; the nearest known key is 'vehicle'"),
         ('logs = ["b.csv"]', "b.csv: no such file or folder"),
-        ('logs = ["a.csv"]\n[[match]]\nlogs = ["x*"]', "match.0.logs = ['x*']: fits none of the 1 logs"),
+        ('logs = ["a.csv"]\n[[match]]\nlogs = ["x*"]', "match.0.logs = ['x*']: matches none of the 1 logs"),
         ('logs = ["a.csv"]\nrequire = ["weight"]', "weight"),
         (
             'logs = ["a.csv"]\nrequire = "mass<2 m"',
-            "line 2: require = 'mass<2 m': mass<2 m: 'm' is no unit of mass; give it in % or kg or g",
+            "line 2: require = 'mass<2 m': mass<2 m: 'm' is not a unit of mass; give it in % or kg or g",
         ),
         ('logs = ["a.csv"', "not valid TOML"),
     ],

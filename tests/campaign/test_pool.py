@@ -252,7 +252,7 @@ def test_a_baseline_that_tells_nothing_is_no_baseline_to_stand_against() -> None
     empty = row(1, 22.0, bodies=[PhaseQuantities(part="phase", name="all", estimates=dim)])
     rows = [row(1, 22.0), row(2, 22.1)]
     told = baseline.compare(rows, Earlier(summary("before", [empty]), "s"), Gate())
-    assert [item.message for item in told.beyond] == ["nothing could be compared: no log of the baseline has a value"]
+    assert [item.message for item in told.beyond] == ["nothing to compare: no log of the baseline has a value"]
     assert summary("now", rows, told).exit_code == 5
     assert baseline.compare(rows, Earlier(summary("before", [row(1, 22.0)]), "s"), Gate()).beyond == []
 

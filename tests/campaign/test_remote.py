@@ -219,7 +219,7 @@ def _keep_putting(place: UrlPlace) -> None:
         "s3://flights/nothing": "s3://flights/nothing: no such file or folder; check the URL",
         "s3://flights/none.toml": "s3://flights/none.toml: no such campaign file; check the URL",
         "s3://nobucket/logs": "s3://nobucket/logs: no such file or folder; check the URL",
-        "s3://flights/logs/*.dat": "s3://flights/logs/*.dat: no log fits this pattern",
+        "s3://flights/logs/*.dat": "s3://flights/logs/*.dat: no log matches this pattern",
         "nonsense://x/y": "nonsense://x/y: Protocol not known: nonsense; check the URL's scheme",
         "gs://bucket/logs": "gs://bucket/logs: Please install gcsfs",
     }.items(),

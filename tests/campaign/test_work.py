@@ -33,7 +33,7 @@ def test_a_message_names_places_as_the_campaign_does_and_leaves_other_words_alon
 
 
 @pytest.mark.parametrize(
-    ("setting", "said"), [({"MASSPROP_MAX_LOG_BYTES": "10"}, "at most 10 are taken"), ({"MASSPROP_MAX_NUMBERS": "no"}, "not a limit")]
+    ("setting", "said"), [({"MASSPROP_MAX_LOG_BYTES": "10"}, "the limit is 10"), ({"MASSPROP_MAX_NUMBERS": "no"}, "not a limit")]
 )
 def test_what_the_machine_does_not_take_is_no_fault_of_the_log_and_is_tried_again(
     setting: dict[str, str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

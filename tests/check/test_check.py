@@ -115,7 +115,7 @@ def test_the_sigmas_are_those_of_an_estimate(clean: Path) -> None:
         "mass": told["mass"].verdict == "converged" and (told["mass"].sigma or 9) < 0.05 * (told["mass"].value or 0),
     }
     assert found.exit_code == 4
-    assert "ixx<1e-9 kg m^2 wants 1e-09 kg m^2 at most" in flow.message(found)
+    assert "ixx<1e-9 kg m^2 requires 1e-09 kg m^2 at most" in flow.message(found)
 
 
 def test_all_faults_of_the_clock_are_told_with_their_rows(clean: Path, tmp_path: Path) -> None:
@@ -131,8 +131,8 @@ def test_all_faults_of_the_clock_are_told_with_their_rows(clean: Path, tmp_path:
     done = massprop(tmp_path, "check", "log.parquet", "--junit", "j.xml")
     assert done.returncode == 3
     assert len(done.stderr.splitlines()) == 1
-    assert "records with the time of the one before" in done.stderr
-    assert "(row 10); drop the copies" in done.stderr
+    assert "records with the same time as the one before" in done.stderr
+    assert "(row 10); remove the copies" in done.stderr
     suite = ET.parse(tmp_path / "j.xml").getroot()
     assert (suite.get("errors"), suite.get("failures")) == ("1", "0")
     assert len(suite.findall(".//testcase[@name='sampling']/error")) == 3
@@ -161,7 +161,7 @@ def test_cycles_that_last_otherwise_than_stated_leave_nothing_converged(clean: P
     assert "state cycle.period_s = 0.0505, else scale them by 0.990099" in one.what
     assert {item.verdict for item in found.expected} == {"contradicted"}
     assert found.exit_code == 6
-    assert flow.message(found).startswith(f"{found.log}: log and vehicle file contradict each other: cycles last 0.0505 s")
+    assert flow.message(found).startswith(f"{found.log}: the log contradicts the vehicle file: cycles last 0.0505 s")
     assert {item.verdict for item in spoiled(clean, tmp_path, slow, **{"cycle.period_s": 0.0505}).expected} != {"contradicted"}
 
 
@@ -299,7 +299,7 @@ def test_a_clipped_channel_is_told_once_and_nothing_mends_it(clean: Path, tmp_pa
     assert "stuck" not in codes(found)
     (one,) = [one for one in found.findings if one.code == "gyro-saturated"]
     assert one.sure == "certain"
-    assert "never beyond: clipped" in one.what
+    assert "never larger: clipped" in one.what
     stated = spoiled(clean, tmp_path, cut, **{"imu.accel_range_m_s2": 1e-3})
     assert "accelerometer-saturated" in codes(stated)
     assert all("once it is corrected" not in one.sure for one in stated.findings)
@@ -358,10 +358,10 @@ def test_the_command_prints_json_alone_and_writes_nothing(clean: Path, tmp_path:
     assert json.loads(done.stdout)["schema"] == "massprop/check/1"
     assert list(tmp_path.iterdir()) == []
     shown = massprop(tmp_path, "check", clean)
-    assert "nothing to object to" in shown.stdout
+    assert "no findings" in shown.stdout
     for arguments, code, said in (
-        (["--want", "mass<"], 2, "is no precision"),
-        (["--want", "mass<1 m"], 3, "'m' is no unit of mass"),
+        (["--want", "mass<"], 2, "is not a precision"),
+        (["--want", "mass<1 m"], 3, "'m' is not a unit of mass"),
         (["--junit", "no/j.xml"], 2, "name a file in a folder that exists"),
         (["--vehicle", "none.toml"], 3, "no such vehicle file"),
     ):

@@ -150,7 +150,7 @@ def test_compiled_files_that_a_full_disk_cut_are_told(tmp_path: Path) -> None:
     compiled.write_bytes(compiled.read_bytes()[:300])
     done = shell(tmp_path, f"{TOOL} schema vehicle", PYTHONPATH=str(tmp_path), PYTHONPYCACHEPREFIX="")
     assert done.returncode == 3, done.stderr
-    assert b"compiled files are cut short, as by a full disk; remove __pycache__ below" in done.stderr
+    assert b"compiled files are truncated, as by a full disk; remove __pycache__ below" in done.stderr
 
 
 WRITTEN = ("out", "junit.xml", "drafted.toml")
@@ -305,7 +305,7 @@ def test_two_processes_on_one_folder_end_in_one_whole_result(command: str, tmp_p
     codes, said = sorted(process.exitcode or 0 for process in both), "".join(each[1].read_text(encoding="utf-8") for each in paths)
     assert codes in ([0, 0], [0, 3]), said
     if codes == [0, 3]:
-        assert "another massprop is at work there" in said or any(words in said for words in THERE)
+        assert "another massprop is writing there" in said or any(words in said for words in THERE)
     together = contents(tmp_path)
     assert not [file for file in together if "/." in f"/{file}"]
     again = massprop(tmp_path, *arguments)

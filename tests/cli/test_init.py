@@ -108,7 +108,7 @@ def test_a_drafted_file_is_one_and_its_log_can_be_read_with_it(tmp_path: Path) -
         assert part in text
     again = massprop(tmp_path, "init", path, "--out", "own.vehicle.toml")
     assert again.returncode == 3
-    assert "own.vehicle.toml: is there already" in again.stderr
+    assert "own.vehicle.toml: exists already" in again.stderr
 
 
 def test_gravity_is_told_from_none_and_from_neither(tmp_path: Path) -> None:

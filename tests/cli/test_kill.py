@@ -35,7 +35,7 @@ OFF = [f"{axis}_{end}" for axis in ("roll", "pitch") for end in ("p1", "p2", "n1
 ]
 PLAN = ("--want", "izz 50 %", "--max-time", "0.5", *(part for jet in OFF for part in ("--without", jet)))
 """By the yaw jets alone: few motions are tried."""
-THERE = ("drafted.toml: is there already", "record.csv: is there already", "record.csv: cannot be written (File exists)")
+THERE = ("drafted.toml: exists already", "record.csv: exists already", "record.csv: cannot be written (File exists)")
 """What ``init`` and ``live`` say, which write over no file."""
 Prepare = Callable[[Path], None]
 

@@ -41,39 +41,39 @@ def _nothing(folder: Path) -> None:
 BATCH = ("batch", "log.parquet", "-q", "--jobs", "1", "--out", "own")
 ESTIMATE = ("estimate", "log.parquet", "-q", "--out", "own")
 OWN: dict[str, tuple[Callable[[Path], None], tuple[str, ...], int, str]] = {
-    "check: the log": (_nothing, ("check", "log.parquet", "--junit", "log.parquet"), 2, "log.parquet: is there already, and is no JUnit"),
-    "check: the vehicle": (_nothing, ("check", "log.parquet", "--junit", "vehicle.toml"), 2, "is no JUnit XML; name another file"),
-    "check: a device": (_nothing, ("check", "log.parquet", "--junit", "/dev/null"), 2, "/dev/null: is there already"),
-    "batch: the log": (_nothing, (*BATCH, "--junit", "log.parquet"), 2, "log.parquet: is there already, and is no JUnit XML"),
+    "check: the log": (_nothing, ("check", "log.parquet", "--junit", "log.parquet"), 2, "log.parquet: exists already and is not JUnit"),
+    "check: the vehicle": (_nothing, ("check", "log.parquet", "--junit", "vehicle.toml"), 2, "is not JUnit XML; name another file"),
+    "check: a device": (_nothing, ("check", "log.parquet", "--junit", "/dev/null"), 2, "/dev/null: exists already"),
+    "batch: the log": (_nothing, (*BATCH, "--junit", "log.parquet"), 2, "log.parquet: exists already and is not JUnit XML"),
     "batch: a result": (
         lambda folder: _mine(f"own/results/{folder.name}/notes")(folder),
         BATCH,
         3,
-        "is there already, and massprop did not write it",
+        "exists already, and massprop did not write it",
     ),
     "batch: a page": (_folder("own/campaign.html"), BATCH, 3, "own/campaign.html: is a folder; move it"),
     "batch: its lock": (_folder("own/.lock"), BATCH, 3, "own: cannot be written"),
-    "batch: another page": (_mine("own/campaign.html"), BATCH, 3, "own/campaign.html: is there already, and massprop did not write it"),
-    "estimate: another history": (_mine("own/history.parquet"), ESTIMATE, 3, "own/history.parquet: is there already, and massprop did not"),
+    "batch: another page": (_mine("own/campaign.html"), BATCH, 3, "own/campaign.html: exists already, and massprop did not write it"),
+    "estimate: another history": (_mine("own/history.parquet"), ESTIMATE, 3, "own/history.parquet: exists already, and massprop did not"),
     "estimate: the log": (
         _log_called_history,
         ("estimate", "own/history.parquet", "-q", "--vehicle", "vehicle.toml", "--out", "own"),
         3,
         "own/history.parquet: is the log itself; nothing was written",
     ),
-    "simulate: a log": (_mine("own/log.parquet"), ("simulate", "free-flyer", "--out", "own"), 3, "own/log.parquet: is there already"),
-    "simulate: a vehicle": (_mine("own/vehicle.toml"), ("simulate", "free-flyer", "--out", "own"), 3, "own/vehicle.toml: is there already"),
+    "simulate: a log": (_mine("own/log.parquet"), ("simulate", "free-flyer", "--out", "own"), 3, "own/log.parquet: exists already"),
+    "simulate: a vehicle": (_mine("own/vehicle.toml"), ("simulate", "free-flyer", "--out", "own"), 3, "own/vehicle.toml: exists already"),
     "export-flight: a Makefile": (
         _mine("own/Makefile"),
         ("export-flight", "--vehicle", "vehicle.toml", "--out", "own"),
         3,
-        "own/Makefile: is there already, and massprop did not write it",
+        "own/Makefile: exists already, and massprop did not write it",
     ),
     "plan: a scenario": (
         _mine("own/scenario.toml"),
         ("plan", "--vehicle", "vehicle.toml", "--guess", "guess.toml", *PLAN, "--out", "own"),
         3,
-        "own/scenario.toml: is there already, and massprop did not write it",
+        "own/scenario.toml: exists already, and massprop did not write it",
     ),
     "report: a link that loops": (lambda folder: (folder / "own").symlink_to("own"), ("report", "own"), 3, "Too many levels of symbolic"),
 }
@@ -131,7 +131,7 @@ def test_a_kernel_of_another_version_leaves_it_to_numpy(monkeypatch: pytest.Monk
 
 def test_a_kernel_that_is_none_is_told(here: Path) -> None:
     done = massprop(here, *ESTIMATE, MASSPROP_KERNEL="Numpy")
-    assert (done.returncode, done.stderr) == (3, "massprop: MASSPROP_KERNEL=Numpy: no such kernel; say numpy, or unset it\n")
+    assert (done.returncode, done.stderr) == (3, "massprop: MASSPROP_KERNEL=Numpy: no such kernel; set numpy, or unset it\n")
 
 
 @pytest.mark.parametrize(

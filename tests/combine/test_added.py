@@ -267,9 +267,9 @@ def test_a_log_of_a_sliding_bearing_tells_the_first_moment_about_it_better_than_
         ("mass=12", "states no position"),
         ("mass=12kg position=0,0,0", "not 1 finite number"),
         ("mass=12 position=0.8,0", "not 3 finite numbers"),
-        ("mass=12 weight=3 position=0.8,0,0", "'weight=3': not one of mass, position and inertia"),
+        ("mass=12 weight=3 position=0.8,0,0", "'weight=3': state mass, position and inertia"),
         ("mass=-12 position=0.8,0,0", "a mass of -12 kg"),
-        ("mass=12+--1 position=0.8,0,0", "a sigma that is not negative"),
+        ("mass=12+--1 position=0.8,0,0", "a sigma of at least 0"),
     ],
 )
 def test_a_text_that_states_no_object_is_refused_with_a_remedy(text: str, said: str) -> None:

@@ -290,16 +290,16 @@ def test_a_joint_result_is_drawn_as_far_as_it_goes_without_time(folder: Path) ->
     assert (folder / "drawn" / "report.md").exists()
     recorded = read(folder / "drawn")
     for name in set(NAMES) - set(WITHOUT_TIME):
-        with pytest.raises(InputError, match="is of several logs together, without a history; draw figures against time from"):
+        with pytest.raises(InputError, match="combines several logs and has no history; draw figures against time from"):
             picture(name, recorded)
 
 
 def test_logs_of_two_bodies_contradict_each_other(folder: Path) -> None:
     done = massprop(folder, "combine", "a", "b", "c", "--out", "three")
     assert done.returncode == 6
-    assert "c differs from the others together: ixx by " in done.stderr
-    assert "was the vehicle the same? Without it all others agree." in " ".join(done.stderr.split())
-    assert "a differs from the others" not in done.stderr
+    assert "c differs from the joint estimate of the others: ixx by " in done.stderr
+    assert "was it the same vehicle in the same state? Without it all others agree." in " ".join(done.stderr.split())
+    assert "a differs from the joint" not in done.stderr
     told = json.loads((folder / "three" / "result.json").read_text())
     assert told["phases"][0]["estimates"]["ixx"]["verdict"] == "contradicted"
     assert told["warnings"][0]["code"] == "results-disagree"
@@ -329,8 +329,8 @@ def test_a_bearing_of_another_mass_than_stated_contradicts_all_that_it_pulls_alo
     """The first moment is hundreds of sigma off, and the mass that makes the best of it is a tenth: no value may look good."""
     done = massprop(bearings, "combine", "light", "misstated", "--out", "both")
     assert done.returncode == 6
-    assert "misstated differs from the others together: cg_x by " in done.stderr
-    assert "away from it; was the vehicle the same?" in done.stderr
+    assert "misstated differs from the joint estimate of the others: cg_x by " in done.stderr
+    assert "away from it; was it the same vehicle in the same state?" in done.stderr
     told = json.loads((bearings / "both" / "result.json").read_text())["phases"][0]
     truth = dict(zip(QUANTITIES, scenario.load("testbed").scenario.truth.values, strict=True))
     assert abs(told["estimates"]["mass"]["value"] - truth["mass"]) > 4 * told["estimates"]["mass"]["sigma"]
@@ -351,14 +351,14 @@ def test_a_bearing_of_another_mass_than_stated_contradicts_all_that_it_pulls_alo
         (["a", "joint"], 3, "joint/result.json: shares a log with a/result.json"),
         (["joint", "other"], 3, "other/result.json: shares a log with joint/result.json"),
         (["a", "as-csv"], 3, "as-csv/result.json: all values and sigmas are those of a/result.json: the same recording in another file"),
-        (["--before", "a", "--after", "a"], 3, "phase all of the same log stands before docking and after it"),
+        (["--before", "a", "--after", "a"], 3, "phase all of the same log is on both sides of docking"),
         (["--before", "a", "--before", "a", "--after", "b"], 3, "is named twice"),
         (["a", "renamed"], 3, "vehicle is 'another', and 'free flyer' in"),
         (["a", "turned"], 3, "conventions.products_of_inertia"),
         (["a", "borne"], 3, "environment is 'air_bearing', and 'free' in"),
         (["a", "phased"], 3, "has phases first, and"),
         (["a", "scaled"], 3, "thrust.scale_sigma is 0.01, and 0.0 in"),
-        (["a", "thesis"], 3, "made by --method thesis, whose sigmas are no errors"),
+        (["a", "thesis"], 3, "made with --method thesis, whose sigmas are not errors"),
         (["a", "nowhere"], 3, "nowhere"),
         (["a", "b", "--out", "a"], 3, "holds the result of a log, with its history"),
     ],

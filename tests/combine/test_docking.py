@@ -28,10 +28,10 @@ def test_sides_that_are_swapped_give_no_object(tmp_path: Path) -> None:
     estimated(SAMPLES / "docking" / "log.parquet", tmp_path / "r", "docking.before=combined", "docking.after=single")
     done = massprop(tmp_path, "combine", "--before", "r", "--after", "r", "--out", "d")
     assert done.returncode == 6, done.stderr
-    assert "what --before names; were the two swapped? [docked-mass]" in done.stderr
+    assert "the vehicle of --before; check whether the two are swapped [docked-mass]" in done.stderr
     told = json.loads((tmp_path / "d" / "result.json").read_text())["docked_object"]
     assert {item["verdict"] for item in told["estimates"].values()} == {"contradicted"}
-    assert "what --after names weighs less than what --before names" in told["contradiction"]
+    assert "the vehicle of --after weighs less than the vehicle of --before" in told["contradiction"]
 
 
 @pytest.mark.parametrize("seconds", [14, pytest.param(0, marks=pytest.mark.thorough)])

@@ -115,8 +115,8 @@ def test_without_their_logs_results_of_some_axes_add_nothing_to_the_inertia(plac
         (tmp_path / part / "run.json").write_text(json.dumps(told | {"log": str(tmp_path / "gone.parquet")}))
     found = flow.together(list(map(read, [tmp_path / "roll", tmp_path / "pushes"])))
     (warning,) = [one for one in found.warnings if one.code == "result-partial"]
-    assert "roll, pushes showed some axes alone" in warning.message
-    assert "gone.parquet: is not there any more; put it back" in warning.message
+    assert "roll, pushes informs only some axes" in warning.message
+    assert "gone.parquet: no such file; combine needs the log of the result" in warning.message
     values, _ = numbers(found)
     assert np.isnan(values[:6]).all()
     pushes, sigma = numbers(schema.Result.model_validate_json((tmp_path / "pushes" / "result.json").read_text()))
@@ -130,14 +130,14 @@ def test_a_log_that_has_changed_since_is_not_taken_for_what_it_was(place: Path, 
     run = told | {"log": str(tmp_path / "roll" / "log" / "log.parquet")}
     (tmp_path / "roll" / "result" / "run.json").write_text(json.dumps(run))
     found = flow.together(list(map(read, [tmp_path / "roll" / "result", place / "free-flyer" / "pushes" / "result"])))
-    assert "is not what it was when the result was made" in found.warnings[0].message
+    assert "changed after the result was made" in found.warnings[0].message
 
 
 def test_a_log_of_another_body_is_named(place: Path) -> None:
     parts = [place / "free-flyer" / part / "result" for part in ("roll", "pitch", "yaw", "pushes")]
     found = flow.together(list(map(read, [*parts, place / "other" / "result"])))
     said = [one.message for one in found.warnings if one.code == "results-disagree"]
-    assert any("other/result does not fit the body of the others together" in one for one in said)
+    assert any("other/result does not fit the joint body of the others" in one for one in said)
     assert found.phases[0].estimates["ixx"].verdict == "contradicted"
 
 

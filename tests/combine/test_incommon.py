@@ -105,7 +105,7 @@ def test_a_combined_result_covers_and_says_where_it_scatters(common: float) -> N
     assert 0.93 < np.mean(covered) < 0.97
     assert alarms <= stats.poisson.ppf(0.999, 0.005 * 60)
     (told,) = (one.message for one in flow.together(results(rng, common, off=9.0)).warnings if one.code == "results-disagree")
-    assert "log-0 differs from the others together: ixx by" in told
+    assert "log-0 differs from the joint estimate of the others: ixx by" in told
 
 
 def test_what_a_combined_result_shares_is_there_when_it_is_combined_again() -> None:

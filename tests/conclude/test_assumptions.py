@@ -59,11 +59,15 @@ def test_a_known_mass_calibrates_thrust_whose_uncertainty_is_stated_and_no_other
     """Where thrust.scale_sigma is 0 the estimator takes the thrust as exact whatever is known: inertia doesn't follow the mass."""
     one, two = recorded.phase("single") | KNOWN, recorded.phase("combined")
     assert "calibrated" not in vocabulary.thrust_scale(result(phases=[one]))
-    assert "no uncertainty of it is stated" in vocabulary.thrust_scale(result(phases=[one]))
-    assert vocabulary.thrust_scale(result(0.02, phases=[one])).endswith("Here it is calibrated by what is known: mass.")
+    assert "no thrust.scale_sigma is stated" in vocabulary.thrust_scale(result(phases=[one]))
+    assert vocabulary.thrust_scale(result(0.02, phases=[one])).endswith("Here these known values calibrate it: mass.")
     half = vocabulary.thrust_scale(result(0.02, phases=[one, two]))
-    assert half.endswith("2 %, is in every sigma of mass and inertia; in phase single it is calibrated by what is known: mass.")
-    assert vocabulary.thrust_scale(result(0.02, phases=[two])).endswith("2 %, is in every sigma of mass and inertia.")
+    assert half.endswith(
+        "Every sigma of mass and inertia includes its stated uncertainty, 2 %; in phase single these known values calibrate it: mass."
+    )
+    assert vocabulary.thrust_scale(result(0.02, phases=[two])).endswith(
+        "Every sigma of mass and inertia includes its stated uncertainty, 2 %."
+    )
     turned = recorded.phase() | {"known": {"cg_x": (0.0, 0.001)}}
     assert "calibrated" not in vocabulary.thrust_scale(result(0.02, phases=[turned]))
 

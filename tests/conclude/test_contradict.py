@@ -42,7 +42,7 @@ def late() -> Analysis:
 def test_nothing_of_a_log_with_a_wrong_delay_is_called_converged(late: Analysis) -> None:
     assert "delay-mismatch" in [notice.code for notice in late.notices]
     assert set(faulty.verdicts(late).values()) == {"contradicted"}
-    shown = late.conclusions[0].contradiction.split("the log shows ")[1]
+    shown = late.conclusions[0].contradiction.split("the command delay is ")[1]
     assert float(shown.split(" ±")[0]) == pytest.approx(2.0, abs=2e-3)
 
 
@@ -92,7 +92,7 @@ def test_a_disturbance_beyond_the_commands_is_doubt_of_the_data() -> None:
     assert {one.verdict for one in told} == {"contradicted"}
     (said,) = [notice.message for notice in found.notices if notice.code == "disturbance-torque"]
     assert "no disturbance does: it would be" in said
-    assert "Doubt the data before the vehicle" in said
+    assert "Check the data before the vehicle" in said
     assert "model-discrepancy" not in [notice.code for notice in found.notices]
 
 
@@ -279,8 +279,8 @@ def test_forces_in_another_unit_than_torques_give_no_converged_cg() -> None:
     wrong = replace(log, command=log.command * np.repeat([1.0, 1 / 8.0], 3))
     found = faulty.examined(wrong, flight.vehicle)
     (notice,) = [notice for notice in found.notices if notice.code == "thrust-scale"]
-    shown = notice.message.split("cmd_force_x_n, cmd_force_y_n, cmd_force_z_n (")[1]
-    assert float(shown.split(")")[0]) == pytest.approx(8.0, rel=0.25)
+    shown = notice.message.split("cmd_force_x_n, cmd_force_y_n, cmd_force_z_n give ")[1]
+    assert float(shown.split(" times")[0]) == pytest.approx(8.0, rel=0.25)
     assert "the IMU sits" in notice.message
     verdicts = faulty.verdicts(found)
     assert {verdicts[name] for name in (*CG, "mass")} == {"contradicted"}
@@ -299,8 +299,8 @@ def test_diverts_that_are_all_off_by_the_same_part_are_no_imu_out_of_place() -> 
     diverts = [jet.name for jet in used.jets if jet.name.startswith("divert")]
     found = faulty.examined(log, faulty.pushing(used, dict.fromkeys(diverts, 1 / factor)))
     (notice,) = [notice for notice in found.notices if notice.code == "thrust-scale"]
-    assert f"jets {', '.join(diverts)} (" in notice.message
-    assert float(notice.message.split(" (")[1].split(")")[0]) == pytest.approx(factor, rel=0.1)
+    assert f"jets {', '.join(diverts)} give " in notice.message
+    assert float(notice.message.split(" give ")[1].split(" times")[0]) == pytest.approx(factor, rel=0.1)
     assert faulty.looks_good_and_is_wrong(found, TRUTH) == []
     assert faulty.verdicts(found)["mass"] == "contradicted"
 

@@ -130,7 +130,7 @@ def test_what_is_restated_as_uncertain_is_estimated_as_by_its_own_key() -> None:
     ("values", "said"),
     [
         ('{"jets.4.forcen" = [0.0, 1.0, 0.0]}', "unknown key"),
-        ('{"imu.gyro_bias_sigma_rad_s" = 0.01}', "changes what is estimated"),
+        ('{"imu.gyro_bias_sigma_rad_s" = 0.01}', "changes which quantities are estimated"),
         ('{"columns.time_s" = {from = "time_s", scale = 2.0}}', "not read again"),
         ("{gyro_factors = [1.0, 1.0, 1.0]}", "shape"),
     ],

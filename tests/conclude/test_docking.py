@@ -84,7 +84,7 @@ def test_an_object_of_less_than_three_sigmas_of_mass_may_be_none(mass: float) ->
     found, covariance = np.array([*np.ones(6), *np.zeros(3), mass]), np.diag([*np.full(9, 1e-6), 0.39**2])
     estimates = docking.docked_estimates(found, covariance, "converged", Reason("phases-converged"), np.zeros(10, dtype=bool))
     assert {one.verdict for one in estimates.values()} == {"not_converged"}
-    assert "may be none; weigh it" in str(estimates["mass"].reason)
+    assert "there may be no object; weigh it" in str(estimates["mass"].reason)
     assert not docking.has_negative_mass(mass, covariance)
     assert docking.has_negative_mass(-1.2, covariance)
 
@@ -100,7 +100,7 @@ def test_a_known_mass_of_the_object_that_the_log_refutes_is_contradicted(factor:
     assert [notice.code for notice in found.notices] == ([] if told else ["known-mismatch"])
     assert {item.verdict for item in found.docked.estimates.values()} == {"converged" if told else "contradicted"}
     assert (found.docked.contradiction == "") == told
-    assert told or found.docked.contradiction.startswith(f"docking.known.mass = {mass:g} lies ")
+    assert told or found.docked.contradiction.startswith(f"docking.known.mass = {mass:g} is ")
 
 
 def test_an_object_that_is_released_is_found_as_one_that_docks() -> None:

@@ -166,8 +166,8 @@ def test_stored_momentum_in_proportion_is_a_rival_of_all_thrust_beside_a_weak_je
     stated = of_jets.vehicle.model_copy(update={"wheels": tuple(wheels), "jets": tuple(jets)})
     answer = flow.examine(of_jets.log(0), VehicleSource(stated, "t", ""))
     said = " ".join(fault.notice.message for fault in answer.faults)
-    assert "(+1.111) give another part of the stated momentum" in said
-    assert f"{jets[3].name} (+0.7199)" in said
+    assert "give +1.111 times the stated momentum, unlike the others" in said
+    assert f"{jets[3].name} gives +0.7199 times" in said
     (mended,) = answer.mended
     told = mended.conclusions[0]
     assert np.abs((told.values - of_jets.truth[0, 0]) / told.sigmas).max() < 4.0
@@ -196,6 +196,6 @@ def test_all_rotors_may_store_more_where_they_may_give_less(factors: tuple[float
     part = SimpleNamespace(hypothesis=Hypothesis("thrust-scale", names, np.zeros((1, 0))))
     fitted, case = SimpleNamespace(parts=(part,), factors=np.array(factors)), SimpleNamespace(vehicle=SimpleNamespace(rotors=rotors))
     words, rivals = explanation._rotor_inertia(cast("Refit", SimpleNamespace(fitted=fitted, case=case)))
-    assert words == (", or else they have 1.429 of the stated spin_inertia_kg_m2" if told else "")
+    assert words == (", or else they have 1.429 times the stated spin_inertia_kg_m2" if told else "")
     values = [setting for one in rivals for setting in one.settings]
     assert values == ([f"rotors.{i}.spin_inertia_kg_m2={1e-5 * (i + 1) / 0.7:.9g}" for i in range(4)] if told else [])

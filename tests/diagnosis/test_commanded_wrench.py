@@ -156,7 +156,7 @@ def test_largest_commands_of_one_are_told_in_a_log_that_fits() -> None:
     ones = replace(log, command=log.command / 0.4)
     found = faulty.examined(ones, flown.vehicle)
     (said,) = found.notices
-    assert (said.code, "the log fits with any scale of them" in said.message) == ("commands-normalised", True)
+    assert (said.code, "the log does not show their scale" in said.message) == ("commands-normalised", True)
     assert {one.verdict for one in found.conclusions[0].estimates.values()} == {"converged"}
     limited = faulty.stated(flown.vehicle, "thrust.wrench_limits=[1, 1, 1, 1, 1, 1]")
     assert not faulty.examined(ones, limited).notices
@@ -252,7 +252,7 @@ def test_torques_about_the_cg_put_it_at_the_origin_and_that_is_said() -> None:
     log, used = about_its_cg(flown.log(0), flown.vehicle, flown.truth[0][0])
     found = faulty.examined(log, used)
     (said,) = found.notices
-    assert (said.code, "the CG is found at O" in said.message) == ("wrench-point", True)
+    assert (said.code, "the estimated CG is at O" in said.message) == ("wrench-point", True)
     verdicts = {name: one.verdict for name, one in found.conclusions[0].estimates.items()}
     assert {verdicts[name] for name in INERTIA} == {"converged"}
     assert {verdicts[name] for name in CG} == {"not_converged"}

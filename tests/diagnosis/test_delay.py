@@ -133,7 +133,7 @@ def test_a_stated_delay_is_contradicted_only_where_it_is_wrong(stated: float, tr
     if warned:
         message = next(notice.message for notice in found.notices if notice.code == "delay-mismatch")
         assert f"command_delay_cycles = {stated:g}" in message
-        assert f"log shows {true:g} ±" in message
+        assert f"delay is {true:g} ±" in message
 
 
 def test_nothing_converges_of_a_log_that_cannot_tell_its_delay() -> None:

@@ -125,29 +125,34 @@ def examined(mistake: Mistake = nothing, *keys: str, seed: int = 3) -> flow.Anal
     [
         (degrees, "", "gyro-units", "degrees"),
         (in_g, "", "accel-units", "in g"),
-        (transposed, "", "imu-mounting", "the transpose of what is stated"),
+        (transposed, "", "imu-mounting", "the transpose of the stated matrix"),
         pytest.param(giving(-1.0, "pitch_p1"), "", "jet-sign", "pitch_p1", marks=pytest.mark.numerical),
         pytest.param(
-            *(giving(-1.1, "pitch_p1"), "", "jet-sign", "pitch_p1 pushes the other way than stated, with 1.1 of the thrust"),
+            *(giving(-1.1, "pitch_p1"), "", "jet-sign", "pitch_p1 pushes opposite to the stated direction, at 1.1 of the stated thrust"),
             marks=pytest.mark.thorough,
         ),
         pytest.param(giving(-1.0, "divert_zn"), "", "jet-sign", "divert_zn", marks=pytest.mark.thorough),
         (nothing, dead("roll_p1"), "jet-dead", "roll_p1"),
-        (giving(0.8, "divert_xp", "divert_xn"), "", "thrust-scale", "divert_xp, divert_xn (+0.8"),
-        (later, "", "delay-mismatch", "shows 4"),
+        (giving(0.8, "divert_xp", "divert_xn"), "", "thrust-scale", "divert_xp, divert_xn give +0.8"),
+        (later, "", "delay-mismatch", "the command delay is 4"),
         pytest.param(nothing, LAG, "thrust-lag", "follows commands with a lag of 0.0"),
         pytest.param(later_thrust, "", "thrust-rise", "10 ms", marks=pytest.mark.thorough),
         pytest.param(tilted, "", "imu-mounting", "3 degrees away", marks=pytest.mark.thorough),
-        pytest.param(mirrored, "", "imu-mounting", "the gyro's axes alone", marks=pytest.mark.thorough),
-        (one_axis, "", "gyro-scale", "the gyro's z axis shows 1.03"),
+        pytest.param(mirrored, "", "imu-mounting", "only the gyro's axes", marks=pytest.mark.thorough),
+        (one_axis, "", "gyro-scale", "the gyro's z axis reads 1.03"),
         (biased, "", "gyro-bias", "the gyro has a bias of ("),
         pytest.param(misplaced, "", "jet-position", "jet divert_xp sits", marks=pytest.mark.thorough),
         pytest.param(
-            *(reversed_all, "", "jet-sign", "all jets push the other way: force_n is what pushes the vehicle, not the plume"),
+            *(
+                reversed_all,
+                "",
+                "jet-sign",
+                "all jets push opposite to the stated direction: force_n is the force on the vehicle, not on the plume",
+            ),
             marks=pytest.mark.thorough,
         ),
         pytest.param(swapped, "", "jets-swapped", "jets roll_n2 and divert_yp are swapped", marks=pytest.mark.thorough),
-        (nothing, "disturbance.constant_n_m=[0.0, 0.0, 0.02]", "steady-torque", "N m acts beside the commands"),
+        (nothing, "disturbance.constant_n_m=[0.0, 0.0, 0.02]", "steady-torque", "N m in body axes acts in addition to the commands"),
     ],
 )
 def test_a_fault_is_named(mistake: Mistake, key: str, code: str, words: str) -> None:
@@ -184,7 +189,7 @@ def test_an_undeclared_docking_is_reported_with_its_time() -> None:
     flown = fly("free-flyer", *LONGER, *DOCKED)
     notices = faulty.examined(flown.log(0), flown.vehicle).notices
     (said,) = [notice.message for notice in notices if notice.code == "mass-change"]
-    time = float(said.split("at once at ")[1].split(" s")[0])
+    time = float(said.split("suddenly at ")[1].split(" s")[0])
     assert abs(time - 173 * 0.05) <= 0.1
     cut = flown.vehicle.model_copy(update={"estimator": flown.vehicle.estimator.model_copy(update={"split_on_change": True})})
     found = faulty.examined(flown.log(0), cut)
@@ -211,7 +216,7 @@ def quarter(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
     [
         pytest.param((degrees, giving(-1.0, "pitch_p1")), "", {"gyro-units", "jet-sign"}, ("pitch_p1", "degrees"), marks=pytest.mark.seeds),
         pytest.param((askew, quarter), dead("roll_p1"), {"imu-mounting", "jet-dead"}, ("roll_p1", "90 degrees"), marks=pytest.mark.seeds),
-        ((tilted, giving(0.8, "yaw_n2")), "", {"imu-mounting", "thrust-scale"}, ("yaw_n2 (+0.8", "3 degrees")),
+        ((tilted, giving(0.8, "yaw_n2")), "", {"imu-mounting", "thrust-scale"}, ("yaw_n2 gives +0.8", "3 degrees")),
     ],
 )
 def test_two_faults_at_once_are_both_named(mistakes: tuple[Mistake, ...], key: str, codes: set[str], words: tuple[str, ...]) -> None:
@@ -329,8 +334,8 @@ def pulses(cycles: int) -> tuple[str, str]:
 @pytest.mark.parametrize(
     ("key", "part", "words"),
     [
-        ("droop", 0.004, "% of its thrust for each further one while that is open"),
-        ("cycle_droop", 0.02, "% of its thrust for each further one that fires in its cycle"),
+        ("droop", 0.004, "% of its thrust for each other jet that is open"),
+        ("cycle_droop", 0.02, "% of its thrust for each other jet that fires in its cycle"),
     ],
 )
 def test_thrust_that_sags_with_the_jets_that_fire_is_named_and_mended(key: str, part: float, words: str) -> None:

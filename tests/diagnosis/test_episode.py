@@ -141,7 +141,7 @@ def test_pulses_begin_when_the_vehicle_file_says_that_they_fail() -> None:
         pytest.param(
             (failing("divert_zn", -1.0, 14.0),),
             "jet-sign",
-            "jet divert_zn pushes the other way than stated from 1",
+            "jet divert_zn pushes opposite to the stated direction from 1",
             'jet = "divert_zn", thrust = -1.0, ',
             marks=pytest.mark.thorough,
         ),

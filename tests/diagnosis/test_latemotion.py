@@ -23,8 +23,8 @@ SLOWER = {"rise_s": 0.004, "fall_s": 0.006}
 @pytest.mark.parametrize(
     ("ramp", "by_s", "words"),
     [
-        ("rise_s", 0.004, "longer to rise than rise_s says, as of a valve that opens 2 ms later, so each pulse gives less"),
-        ("fall_s", 0.006, "longer to fall than fall_s says, as of a valve that closes 3 ms later, so each pulse gives more"),
+        ("rise_s", 0.004, "longer to rise than rise_s states, like a valve that opens 2 ms later: each pulse gives less impulse"),
+        ("fall_s", 0.006, "longer to fall than fall_s states, like a valve that closes 3 ms later: each pulse gives more impulse"),
     ],
 )
 def test_valves_that_open_or_close_late_are_named_and_mended(ramp: str, by_s: float, words: str) -> None:

@@ -124,4 +124,4 @@ def test_a_change_of_all_thrust_is_said_beside_a_change_of_the_body() -> None:
     flown = fly("planar", shut(44.0, 60.0, 0.8, [jet.name for jet in used.jets]))
     found = faulty.examined(flown.log(0), used)
     (said,) = [notice.message for notice in found.notices if notice.code == "mass-change"]
-    assert re.search(r"or if all thrust is 0\.(79|8|80)\d* of what it was from then on", said)
+    assert re.search(r"or if all thrust is 0\.(79|8|80)\d* of its former value from then on", said)

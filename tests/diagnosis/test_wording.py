@@ -34,15 +34,15 @@ def test_what_grows_lighter_uses_fuel(mass: float, inertia: float) -> None:
 
 @pytest.mark.parametrize(("mass", "inertia"), [(0.06, 0.05), (0.0, 0.05)])
 def test_what_seems_to_grow_heavier_has_thrust_that_falls(mass: float, inertia: float) -> None:
-    assert "rather, thrust falls, as the pressure of a tank that empties" in said(mass, inertia)
+    assert "more likely the thrust falls, like the pressure of a tank that empties" in said(mass, inertia)
 
 
 @pytest.mark.parametrize(
     ("sensor", "errors", "words"),
     [
         ((), ("gyro_turn", "accel_turn"), "imu.body_from_imu is "),
-        (("gyro",), ("gyro_turn",), "the gyro's axes alone are tilted by 5.73 degrees; calibrate it"),
-        (("accelerometer",), ("accel_turn",), "the accelerometer's axes alone are tilted by 5.73 degrees; calibrate it"),
+        (("gyro",), ("gyro_turn",), "only the gyro's axes are tilted, by 5.73 degrees; calibrate the gyro"),
+        (("accelerometer",), ("accel_turn",), "only the accelerometer's axes are tilted, by 5.73 degrees; calibrate the accelerometer"),
     ],
 )
 def test_a_turn_is_of_the_imu_or_of_one_sensor(sensor: tuple[str, ...], errors: tuple[str, ...], words: str) -> None:
@@ -53,13 +53,13 @@ def test_a_turn_is_of_the_imu_or_of_one_sensor(sensor: tuple[str, ...], errors: 
 def test_a_ramp_says_what_a_valve_does_and_what_each_pulse_gives() -> None:
     cycle_s = flight.standard().used.cycle.period_s
     late = words_of("thrust-rise", finding(rise=np.array([0.1])))[1]
-    assert late.startswith(f"thrust takes {200 * cycle_s:.3g} ms longer to rise than rise_s says")
-    assert late.endswith("later, so each pulse gives less; correct it")
+    assert late.startswith(f"thrust takes {200 * cycle_s:.3g} ms longer to rise than rise_s states")
+    assert late.endswith("later: each pulse gives less impulse; correct it")
     assert words_of("thrust-rise", finding(rise=np.array([0.1]), fall=np.array([0.1])))[1].endswith(
-        "than rise_s and fall_s say; correct them"
+        "than rise_s and fall_s state; correct them"
     )
     both = words_of("thrust-rise", finding(rise=np.array([0.1]), fall=np.array([0.05])))[1]
-    assert f"{200 * cycle_s:.3g} ms longer to rise than rise_s says, and {100 * cycle_s:.3g} ms longer to fall than fall_s says" in both
+    assert f"{200 * cycle_s:.3g} ms longer to rise than rise_s states, and {100 * cycle_s:.3g} ms longer to fall than fall_s states" in both
 
 
 def test_a_commanded_component_has_the_scale_of_its_column_as_its_remedy() -> None:
@@ -71,7 +71,7 @@ def test_a_commanded_component_has_the_scale_of_its_column_as_its_remedy() -> No
     found = replace(found, subject=("ty",), names=("tx", "ty"), stated=commanded, corrected=commanded)
     code, words = words_of("thrust-scale", found)
     assert code == "thrust-scale"
-    assert words == "ty (+1.25) gives another part of the stated thrust than others; correct the scale under [columns]"
+    assert words == "ty gives +1.25 times the stated thrust, unlike the others; correct the scale under [columns]"
 
 
 @pytest.mark.parametrize(("subject", "words"), [((), "gyro shows 1.0101 "), (("y",), "gyro's y axis shows 1.0513 ")])

@@ -57,5 +57,5 @@ def test_a_log_on_which_no_fit_stands_is_refused_with_what_to_check(monkeypatch:
         raise np.linalg.LinAlgError("SVD did not converge")
 
     monkeypatch.setattr(estimated, "_by_default", broken)
-    with pytest.raises(InputError, match=r"no estimate stands on this log beside vehicle\.toml .* check units"):
+    with pytest.raises(InputError, match=r"the log and vehicle\.toml give an ill-conditioned problem .* check units"):
         flow.examine(log, VehicleSource(used, "vehicle.toml", ""))

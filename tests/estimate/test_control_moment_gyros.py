@@ -172,5 +172,5 @@ def test_any_part_of_a_log_holds_what_the_whole_holds() -> None:
 
 def test_the_compiled_kernel_does_not_know_them() -> None:
     assert kernelargs.unsupported(flown(4)[1].vehicle) == (
-        "[[control_moment_gyros]] store momentum that no wheel's logged speed tells, and the kernel knows no other"
+        "[[control_moment_gyros]] store momentum, but the kernel supports only the momentum of wheels with a logged speed"
     )

@@ -98,9 +98,9 @@ def test_the_command_tests_each_segment_and_reports_the_scatter(tmp_path: Path) 
     assert all(0.3 < ratio < 3.0 for ratio in scatter.values()), scatter
     strict = massprop(tmp_path, "estimate", LOG, "--cross-validate", "0.5", "--out", "o", "-q")
     assert strict.returncode == 5
-    assert "phase all: all other segments do not predict 52.5 to 60 s: chi-square 27.16 of 13" in strict.stderr
+    assert "phase all: the other segments do not predict 52.5 to 60 s: chi-square 27.16 of 13" in strict.stderr
     failed = Result.model_validate_json((tmp_path / "o" / "result.json").read_text())
-    assert 'name="cross_validation">\n   <failure message="phase all: all other' in junit.text([junit.LogOutcome("log", failed)])
+    assert 'name="cross_validation">\n   <failure message="phase all: the other' in junit.text([junit.LogOutcome("log", failed)])
     refused = massprop(tmp_path, "estimate", LOG, "--cross-validate", "1.5", "--out", "p")
     assert refused.returncode == 3
     assert "estimator.cross_validate" in refused.stderr

@@ -154,7 +154,7 @@ def test_thrust_that_grows_is_what_the_log_behaves_like() -> None:
     (percent,) = (float(said.split(": ")[1].removesuffix(" %")) for said in told.behaves_like if said.startswith("change of all thrust"))
     assert 18 < percent < 28
     assert found.notices[0].code == "model-discrepancy"
-    assert "or something else that does the same" in found.notices[0].message
+    assert "others may do the same" in found.notices[0].message
 
 
 @pytest.mark.seeds

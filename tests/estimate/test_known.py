@@ -58,7 +58,7 @@ def test_what_is_stated_to_drift_is_known_when_its_phase_begins() -> None:
 def test_a_wrong_known_mass_leaves_no_cg_on_a_bearing(kind: str, offset: bool) -> None:
     """Gravity tells mass times offset there; in free flight torque over force tells the CG, whatever the mass."""
     none = np.zeros(10)
-    said = {"mass": "phase all: known.mass = 30 lies 9 sigmas from what the log alone says"}
+    said = {"mass": "phase all: known.mass = 30 is 9 sigmas from the estimate of the log alone"}
     history = SimpleNamespace(contradicted=said, values=none[None], sigmas=none[None] + 1, bare=(none, np.eye(10)))
     found = known_value_contradiction(cast("History", history), flight.vehicle(environment={"kind": kind}))
     assert found is not None

@@ -237,16 +237,16 @@ def test_tables_say_the_vehicle_to_the_last_bit() -> None:
     [
         ('cycle.command_delay_cycles="auto"', "cycle.command_delay_cycles must be stated"),
         ("imu.gyro_noise_rad_s=0", "imu.gyro_noise_rad_s must be stated"),
-        ("cycle.command_delay_cycles=40", "a delay of 40 cycles, and the kernel holds 19, with all"),
-        ("estimator.bins_per_cycle=80", "estimator.bins_per_cycle is 80, and the kernel holds 64"),
+        ("cycle.command_delay_cycles=40", "a delay of 40 cycles, but the limit of the kernel is 19, including"),
+        ("estimator.bins_per_cycle=80", "estimator.bins_per_cycle is 80, but the limit of the kernel is 64"),
         ("drift.mass=0.1", "[drift] is stated"),
-        ('imu.measures="sample"', "how many records a control cycle has only a log tells"),
+        ('imu.measures="sample"', "only a log shows the number of records in a control cycle"),
         ('imu.gyro_filter={order=1, cutoff_hz="auto"}', "imu.gyro_filter (cutoff_hz, latency_s) must be stated"),
         ("imu.gyro_filter={order=0, latency_s=-0.2}", "a latency of the IMU is below 0"),
         ("imu.accel_filter={order=1, cutoff_hz=20.0, cutoff_sigma_hz=1.0}", "cutoff_sigma_hz or latency_sigma_s of a filter is not 0"),
         ("thrust.droop=0.01", "thrust.droop or thrust.cycle_droop is not 0"),
         ('thrust.failures=[{jet="roll_p1"}]', "thrust.failures is not empty"),
-        ("imu.gyro_lag_s=0.01", "the kernel knows no low-pass"),
+        ("imu.gyro_lag_s=0.01", "the kernel does not undo a low-pass"),
         ("imu.clock_drift_ppm=50", "imu.clock_drift_ppm is not 0"),
         ("cycle.command_delay_sigma_cycles=0.1", "set command_delay_sigma_cycles"),
         ('estimator.method="thesis"', "estimator.method is 'thesis'"),
@@ -265,8 +265,11 @@ def test_what_the_kernel_cannot_hold_is_refused(setting: str, said: str) -> None
         ("wheels.1.name=y", ".speed_step_rad_s (0: none) must be stated"),
         ("wheels.0.speed_latency_s=0.01", "speed_latency_s, speed_window_s or "),
         ("wheels.0.speed_sigma_rad_s=0.1", "speed_error_in_noise = true"),
-        ('wheels.0.column="torque"', "[[wheels]] store momentum that no wheel's logged speed tells"),
-        ("known={ixx={value=0.3,sigma=0.01},iyy={value=0.3,sigma=0.01},izz={value=0.3,sigma=0.01}}", "no free swing on a pedestal"),
+        ('wheels.0.column="torque"', "[[wheels]] store momentum, but the kernel supports only"),
+        (
+            "known={ixx={value=0.3,sigma=0.01},iyy={value=0.3,sigma=0.01},izz={value=0.3,sigma=0.01}}",
+            "does not support a free swing on a pedestal",
+        ),
     ],
 )
 def test_what_the_kernel_cannot_hold_of_wheels_and_pedestals_is_refused(setting: str, said: str, tmp_path: Path) -> None:
@@ -277,7 +280,7 @@ def test_what_the_kernel_cannot_hold_of_wheels_and_pedestals_is_refused(setting:
 
 
 def test_a_vehicle_with_rotors_is_refused() -> None:
-    with pytest.raises(InputError, match=re.escape("[[rotors]] are stated, and the kernel takes commands of jets or a wrench alone")):
+    with pytest.raises(InputError, match=re.escape("[[rotors]] are stated, but the kernel supports only commands of jets or a wrench")):
         resolve.stated(vehiclefile.load(SAMPLES / "crazyflie" / "original" / "vehicle.toml"))
 
 

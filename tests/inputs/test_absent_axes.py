@@ -82,7 +82,7 @@ def test_the_thesis_method_needs_both_sensors_whole(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["delta_v_x_mps", "accel_x_m_s", "ax_mps2", "accX", "imu.acceleration.x", "Delta_V_x"])
 def test_a_column_that_looks_like_an_absent_one_is_pointed_out(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InputError, match=rf"'delta_v_x_m_s' is missing; the nearest that is not in use is '{name}'; rename it"):
+    with pytest.raises(InputError, match=rf"'delta_v_x_m_s' is missing; the nearest unused column is '{name}'; rename it"):
         log_of(tmp_path, renamed("delta_v_x_m_s", name))
 
 

@@ -116,5 +116,5 @@ def test_an_accelerometer_that_feels_gravity_the_other_way_is_told_so() -> None:
     felt = turns.inv().apply([0.0, 0.0, 9.80665])
     made, bearing = Made("m.toml", "0", ()), flight.vehicle("air_bearing")
     agreement.check(Path("x.csv"), made, bearing, rate * STEP_S, felt, quaternions)
-    with pytest.raises(InputError, match=r"the other way round: state scale = -1.0 under \[accelerometer\]"):
+    with pytest.raises(InputError, match=r"with the opposite sign: state scale = -1.0 under \[accelerometer\]"):
         agreement.check(Path("x.csv"), made, bearing, rate * STEP_S, -felt, quaternions)

@@ -31,7 +31,7 @@ BAD = {
     "column of no wheel": Bad(
         WHEEL, added(wheel_w1_rad_s=1.0, wheel_w2_rad_s=1.0), ("'wheel_w2_rad_s'", "the nearest wheel is 'w1'", "Add it")
     ),
-    "wheels in the log alone": Bad("", SPEED, ("'wheel_w1_rad_s'", "it has no [[wheels]] at all", "Add it to the vehicle file")),
+    "wheels in the log alone": Bad("", SPEED, ("'wheel_w1_rad_s'", "it has no [[wheels]]", "Add it to the vehicle file")),
     "no column": Bad(WHEEL, added(), ("'wheel_w1_rad_s' is missing", "add it")),
     "speed stated, torque there": Bad(WHEEL, TORQUE, ("'wheel_w1_n_m'", 'state column = "torque"')),
     "torque stated, speed there": Bad(BY_TORQUE, SPEED, ("'wheel_w1_rad_s'", 'state column = "speed"')),
@@ -52,7 +52,7 @@ BAD = {
         SPEED,
         ("'wheels.0.locked_in_inertia' is missing; add it: whether the body's inertia",),
     ),
-    "axis of no length": Bad(WHEEL.replace("0.0, 1.0]", "0.0, 0.0]"), SPEED, ("wheels.0.axis", "points nowhere")),
+    "axis of no length": Bad(WHEEL.replace("0.0, 1.0]", "0.0, 0.0]"), SPEED, ("wheels.0.axis", "has length 0")),
     "one name twice": Bad(2 * WHEEL, SPEED, ("wheel name 'w1' is used twice",)),
 }
 
@@ -79,7 +79,7 @@ BAD_ROTORS = {
     "column of no rotor": Bad(
         ROTOR, both(TOLD, added(rotor_r2_command=0.5)), ("'rotor_r2_command'", "the nearest rotor is 'r1'", "Add it")
     ),
-    "jets beside rotors": Bad(ROTOR, added(rotor_r1_command=0.5), ("[[rotors]]", "'jet_roll_p1_s'", "keep the one kind that pushed")),
+    "jets beside rotors": Bad(ROTOR, added(rotor_r1_command=0.5), ("[[rotors]]", "'jet_roll_p1_s'", "keep the one kind that acted")),
     "command stated, speed there": Bad(ROTOR, both(NO_JETS, added(rotor_r1_rad_s=9.0)), ("'rotor_r1_rad_s'", 'state column = "speed"')),
     "no column": Bad(ROTOR, NO_JETS, ("'rotor_r1_command' is missing", "add it")),
     "voltage that is not logged": Bad(ROTOR + "nominal_v = 11.1\n", TOLD, ("'supply_v' is missing",)),
@@ -113,7 +113,7 @@ BAD_GYROS = {
     "column of no gyro": Bad(
         GYRO, both(GIMBAL, added(cmg_g2_gimbal_rad=0.0)), ("'cmg_g2_gimbal_rad'", "the nearest control moment gyro is 'g1'", "Add it")
     ),
-    "gyros in the log alone": Bad("", GIMBAL, ("'cmg_g1_gimbal_rad'", "it has no [[control_moment_gyros]] at all", "Add it")),
+    "gyros in the log alone": Bad("", GIMBAL, ("'cmg_g1_gimbal_rad'", "it has no [[control_moment_gyros]]", "Add it")),
     "no column": Bad(GYRO, added(), ("'cmg_g1_gimbal_rad' is missing", "add it")),
     "no speed where the momentum is not stated": Bad(BY_SPEED, GIMBAL, ("'cmg_g1_rad_s' is missing", "add it")),
     "empty cell": Bad(
@@ -141,14 +141,16 @@ BAD_GYROS = {
     "axes that are not orthogonal": Bad(
         GYRO.replace("[2.0, 0.0, 0.0]", "[1.0, 0.0, 1.0]"), GIMBAL, ("control_moment_gyros.0", "45 degrees from gimbal_axis, not 90")
     ),
-    "no momentum": Bad(GYRO.replace("h_n_m_s = 0.4\n", ""), GIMBAL, ("control_moment_gyros.0", "state h_n_m_s, or spin_inertia_kg_m2")),
+    "no momentum": Bad(
+        GYRO.replace("h_n_m_s = 0.4\n", ""), GIMBAL, ("control_moment_gyros.0", "state h_n_m_s, or state spin_inertia_kg_m2")
+    ),
     "left out of the inertia by nobody knows how much": Bad(
         GYRO.replace("= true", "= false"), GIMBAL, ("control_moment_gyros.0", "locked_in_inertia = false needs spin_inertia_kg_m2")
     ),
     "nothing on the locked rotor": Bad(
         GYRO.replace("locked_in_inertia = true\n", ""), GIMBAL, ("'control_moment_gyros.0.locked_in_inertia' is missing; add it",)
     ),
-    "axis of no length": Bad(GYRO.replace("[0.0, 0.0, 1.0]", "[0.0, 0.0, 0.0]"), GIMBAL, ("gimbal_axis", "points nowhere")),
+    "axis of no length": Bad(GYRO.replace("[0.0, 0.0, 1.0]", "[0.0, 0.0, 0.0]"), GIMBAL, ("gimbal_axis", "has length 0")),
     "one name twice": Bad(2 * GYRO, GIMBAL, ("control moment gyro name 'g1' is used twice",)),
 }
 

@@ -66,7 +66,7 @@ BAD_LOGS = {
     "has a column for a jet that the vehicle lacks": BadLog(
         added(jet_roll_p3_s=0.0), None, ("'jet_roll_p3_s'", "vehicle file lacks", "nearest", "Add it to the vehicle file")
     ),
-    "has jets and a wrench": BadLog(added(cmd_torque_x_n_m=0.0), None, ("jet_*", "cmd_*", "keep the one kind")),
+    "has jets and a wrench": BadLog(added(cmd_torque_x_n_m=0.0), None, ("jet_*", "cmd_*", "keep the kind")),
     "holds NaN in an IMU column": BadLog(
         cells("delta_theta_y_rad", 42, NAN), 42, ("column delta_theta_y_rad", "nan", "not a finite number", "correct or cut")
     ),
@@ -77,11 +77,11 @@ BAD_LOGS = {
     "has two records of one moment": BadLog(
         lambda table: cell("time_s", 42, table.column("time_s")[41].as_py() + 1e-9)(table),
         42,
-        ("column time_s", "comes 1e-09 s after the record before", "is a record there twice?"),
+        ("column time_s", "comes 1e-09 s after the record before", "Is a record there twice?"),
     ),
     "holds NaN in its time": BadLog(cell("time_s", 42, NAN), 42, ("column time_s", "nan", "not a finite number", "correct or cut")),
     "counts time from too far away": BadLog(
-        times(lambda _, time: time + 1e12), None, ("column time_s", "steps of 0.00012 s", "take the log's beginning off")
+        times(lambda _, time: time + 1e12), None, ("column time_s", "steps of 0.00012 s", "subtract the start time from all times")
     ),
     "holds text in an IMU column": BadLog(
         text_cell("delta_theta_z_rad", 42, "abc"), 42, ("column delta_theta_z_rad", "'abc'", "not a number", "correct the cell")
@@ -93,7 +93,7 @@ BAD_LOGS = {
         text_cell("time_s", 3, "12:30:05"), 3, ("column time_s", "'12:30:05'", "not a number", "correct the cell")
     ),
     "has time that stands still": BadLog(
-        times(lambda row, time: 2.1 if row == 42 else time), 42, ("column time_s", "stands still", "2.1 s", "cut the log")
+        times(lambda row, time: 2.1 if row == 42 else time), 42, ("column time_s", "time repeats", "2.1 s", "cut the log")
     ),
     "has time that goes back": BadLog(
         times(lambda row, time: 1.99 if row == 42 else time), 42, ("column time_s", "goes back", "1.99 s", "2.1 s", "sort or cut")
@@ -115,10 +115,10 @@ BAD_LOGS = {
         ),
         None,
         (
-            "feels 0.0104 m/s^2 (median)",
+            "reads 0.0104 m/s^2 (median)",
             "gravity, 9.807 m/s^2",
             'environment.kind = "free" instead of "air_bearing"',
-            "without gravity taken off",
+            "specific force that includes gravity",
         ),
         "air-bearing",
     ),
@@ -193,7 +193,7 @@ def test_on_times_of_whole_records_in_each_of_a_cycle_are_refused(tmp_path: Path
         held = np.repeat(table.column(name).to_numpy()[::2], 2)
         table = replaced(table, name, held.tolist(), pa.float64())
     log = save(table, tmp_path / "log.parquet")
-    once = ("just one record", "in each of the 2 records", "state cycle.period_s = 0.05", "leave the cells of the others empty")
+    once = ("exactly one record", "each of the 2 records", "state cycle.period_s = 0.05", "leave the other cells empty")
     refused(tmp_path, log, names=[log, "0.05 s is the longest on-time", *once])
     for name in [name for name in table.column_names if name.startswith("jet_")]:
         table = replaced(table, name, [on if i % 2 == 0 else None for i, on in enumerate(table.column(name).to_pylist())], pa.float64())
@@ -206,7 +206,7 @@ def test_a_command_out_of_place_is_traced_to_the_record_that_was_lost(tmp_path: 
     table = flight("high-rate", 1600)
     later = times(lambda row, time: time - 0.001 if row >= 1205 else time)(pa.concat_tables([table.slice(0, 1205), table.slice(1206)]))
     log = save(later, tmp_path / "log.parquet")
-    lost = "or a record was lost before row 1205, which comes 0.004 s after the one above it: split the log there"
+    lost = "or a record was lost before row 1205, 0.004 s after the one above it: split the log there"
     refused(tmp_path, log, names=[log, lost])
 
 
@@ -226,7 +226,9 @@ def test_jets_that_are_never_off_are_refused_with_what_they_idle_at(tmp_path: Pa
     for name in [name for name in table.column_names if name.startswith("jet_")]:
         table = replaced(table, name, [0.01 + 0.5 * on for on in table.column(name).to_pylist()], pa.float64())
     log = save(table, tmp_path / "log.parquet")
-    refused(tmp_path, log, names=[log, "0.01 s is the on-time of most jets in most cycles", "an idle jet's is 0", "offset under its table"])
+    refused(
+        tmp_path, log, names=[log, "0.01 s is the on-time of most jets in most cycles", "an idle jet must have 0", "offset under its table"]
+    )
 
 
 def test_a_missing_log_is_refused(tmp_path: Path) -> None:

@@ -75,7 +75,7 @@ BAD_VEHICLES = {
         END,
         END + '[[thrust.failures]]\njet = "roll_p1"\nstart_s = 2.0\nend_s = 1.0\n',
         "[[thrust.failures]]",
-        ("the failure of jet 'roll_p1' from 2 to 1 s never happens", "correct start_s or end_s"),
+        ("the failure of jet 'roll_p1' from 2 to 1 s has no duration", "correct start_s or end_s"),
     ),
     "is not TOML": BadVehicle("period_s = 0.05", "period_s = = 0.05", "period_s = = 0.05", ("not valid TOML",)),
     "sets a key twice": BadVehicle("period_s = 0.05", "period_s = 0.05\nperiod_s = 0.1", "period_s = 0.1", ("not valid TOML",)),

@@ -147,5 +147,5 @@ def test_an_increment_is_no_sample() -> None:
     made = recorded()
     for rate, increment in zip(columns.GYRO, columns.DELTA_THETA, strict=True):
         made[increment] = STEP_S * made.pop(rate)
-    with pytest.raises(InputError, match=r"delta_theta_x_rad: an increment is over its record, and imu.measures is \"sample\""):
+    with pytest.raises(InputError, match=r"delta_theta_x_rad: an increment covers its record, but imu.measures is \"sample\""):
         log_of(made, measures="sample")

@@ -119,7 +119,7 @@ BAD = {
     "is not JSON": Bad('{"all": ', ("not valid JSON", "line 1"), "expect.json"),
     "is a list": Bad("[1]", ("holds a list", "massprop schema expect"), "expect.json"),
     "is deeply nested": Bad("[" * 100_000, ("not valid JSON",), "expect.json"),
-    "expects nothing": Bad("", ("expects nothing", "[all]")),
+    "expects nothing": Bad("", ("has no expectation", "[all]")),
     "is a result": Bad('{"schema": "massprop/result/1"}', ("'massprop/result/1'", "'massprop/expect/1'"), "result.json"),
     "has an unknown quantity": Bad("[all]\nmas = 22.0\n", ("line 2", "'all.mas'", "'mass'")),
     "has an unknown key": Bad("tolerence = 1\n[all]\nmass = 22.0\n", ("line 1", "'tolerence'", "'tolerance'")),
@@ -138,7 +138,7 @@ BAD = {
     "says a key twice": Bad('{"all": {"mass": 1, "mass": 2}}', ("'mass'", "twice", "keep one"), "expect.json"),
     "has a negative tolerance": Bad("[all.mass]\nvalue = 1\ntolerance = -1\n", ("line 3", "all.mass.tolerance", "-1", "0 or more")),
     "has a tolerance without unit": Bad(
-        '[all.mass]\nvalue = 1\ntolerance = "1"\n', ("line 3", "all.mass.tolerance", "'1'", "needs its unit", '"2 %"')
+        '[all.mass]\nvalue = 1\ntolerance = "1"\n', ("line 3", "all.mass.tolerance", "'1'", "the unit is missing", '"2 %"')
     ),
     "has a tolerance in a foreign unit": Bad('[all.mass]\nvalue=1\ntolerance = "1 m"\n', ("all.mass", '"1 m"', "unit of mass", "in kg")),
     "has one absolute tolerance for all": Bad("tolerance = 0.1\n[all]\nmass=1\n", ("line 1", "tolerance", "several units", '"2 %"')),
@@ -215,7 +215,7 @@ def test_without_a_sigma_a_tolerance_in_sigmas_admits_the_exact_value_alone(
 ) -> None:
     found = judged(tmp_path, "[all]\nmass = 22.0\n", mass={"value": value, "sigma": sigma})
     assert of(found, "mass").met is met
-    assert met or "exact value alone" in missed(found)[0]
+    assert met or "only the exact value" in missed(found)[0]
 
 
 def test_a_value_that_still_moves_counts_by_its_value(tmp_path: Path) -> None:

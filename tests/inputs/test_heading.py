@@ -75,7 +75,7 @@ def test_world_commands_are_turned_with_a_heading(more: str, heading: float) -> 
 def test_a_heading_is_the_attitude_of_a_planar_table_alone() -> None:
     table = logged('unit = "rad"\n')
     for kind in ("free", "air_bearing"):
-        with pytest.raises(InputError, match=rf"m.toml is a heading alone, .* environment.kind is \"{kind}\"; map quaternions, or state"):
+        with pytest.raises(InputError, match=rf"m.toml is only a heading, .* environment.kind is \"{kind}\"; map quaternions, or state"):
             telemetry.read(table, parse(VEHICLE.replace("planar", kind), "v").vehicle)
 
 
@@ -84,7 +84,7 @@ def test_a_heading_in_another_unit_contradicts_the_gyro() -> None:
         InputError, match=r"the gyro turns by .* rad where the heading turns by .* is its unit right\? Correct \[attitude\]"
     ):
         telemetry.read(logged('unit = "deg"\n', 1.0001), parse(VEHICLE, "v").vehicle)
-    with pytest.raises(InputError, match=r"logged attitude contradict each other .* the unit of a heading right \(\[attitude\]\)"):
+    with pytest.raises(InputError, match=r"logged attitude contradict each other .* the unit of a heading \(\[attitude\]\)"):
         telemetry.read(logged('unit = "rad"\n', 180 / np.pi), parse(VEHICLE, "v").vehicle)
 
 

@@ -36,7 +36,7 @@ def test_a_map_takes_each_reading_once_and_refuses_records_that_would_be_made_up
     for axis in "xyz":
         force, clock, unit = streams[f"imu/a{axis}"]
         streams[f"imu/a{axis}"] = force[np.arange(len(force)) // 4 * 4], clock, unit
-    with pytest.raises(InputError, match=r"'imu/ax': repeats each reading 4 times, so that it measures every 0.04 s; records of 0.01 s"):
+    with pytest.raises(InputError, match=r"'imu/ax': repeats each reading 4 times, so that it measures every 0.04 s, so records of 0.01 s"):
         made(streams, WRENCH_MAP + RECORDS)
     longer = "[records]\ninterval_s = 0.05\nper_cycle = 1\n"
     once, plain = (values(made(one, WRENCH_MAP + longer), ("delta_v_x_m_s",))[:, 0] for one in (streams, motion()))

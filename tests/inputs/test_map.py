@@ -240,14 +240,14 @@ REFUSED = {
     ),
     "records not recorded": (
         WRENCH_MAP + RECORDS.replace("0.01", "0.004"),
-        r"'imu/wx': comes every 0.005 s; records of 0.004 s would be made up",
+        r"'imu/wx': comes every 0.005 s, so records of 0.004 s would be invented",
     ),
     "no records for two clocks": (WRENCH_MAP, r"'imu/ax': its clock 'acc/t' is not the gyro's, 'imu/t'; state \[records\]"),
     "no commands": (WRENCH_MAP.split("[torque]", maxsplit=1)[0], r"maps no command; add \[torque\]"),
     "half a wrench": (WRENCH_MAP.split("[force]", maxsplit=1)[0], r"\[force\] is missing.*paths = \[0, 0, 0\]"),
     "world without attitude": (WRENCH_MAP + 'frame = "world"\n', r'frame = "world" needs \[attitude\]'),
     "an unknown key": (WRENCH_MAP + "hold = 1\n", r"m.toml, line 13: unknown key 'force.hold'; the nearest known key is 'holds'"),
-    "cut away": (WRENCH_MAP + RECORDS + "start_s = 19.97\n", r"'imu/t': from 19.97.* are not two control cycles of 0.05 s"),
+    "cut away": (WRENCH_MAP + RECORDS + "start_s = 19.97\n", r"'imu/t': from 19.97.* are fewer than two control cycles of 0.05 s"),
 }
 
 
@@ -279,7 +279,7 @@ def test_streams_that_are_not_right_are_refused() -> None:
         made(broken, text)
     broken = motion()
     broken["imu/t"] = (np.where(np.arange(4000) == 7, 0.0, broken["imu/t"][0]), "", "s")
-    with pytest.raises(InputError, match="'imu/t': time stands still or goes back at sample 7"):
+    with pytest.raises(InputError, match="'imu/t': time repeats or goes back at sample 7"):
         made(broken, text)
     broken = motion()
     broken["imu/t"] = (np.where(np.arange(4000) == 0, np.nan, broken["imu/t"][0]), "", "s")
@@ -287,7 +287,7 @@ def test_streams_that_are_not_right_are_refused() -> None:
         made(broken, text + 'zero = "start"\n')
     broken = motion()
     broken["imu/t"] = (np.where(np.arange(4000) == 2, 3, 5 * np.arange(4000) + 7).astype(np.uint64), "", "ms")
-    with pytest.raises(InputError, match="'imu/t': time stands still or goes back at sample 2"):
+    with pytest.raises(InputError, match="'imu/t': time repeats or goes back at sample 2"):
         made(broken, text + 'zero = "start"\n')
     broken = motion()
     broken["imu/wy"] = (np.where(np.arange(4000) % 10 == 9, np.nan, broken["imu/wy"][0]), "imu/t", "rad/s")

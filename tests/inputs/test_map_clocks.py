@@ -127,7 +127,7 @@ def test_a_gap_within_a_record_is_bridged_and_told_of() -> None:
     whole, bridged = made(motion(), text), made(streams, text)
     np.testing.assert_allclose(values(bridged, columns.DELTA_THETA), values(whole, columns.DELTA_THETA), atol=2e-5)
     assert bridged.made is not None
-    assert "gyro: 1 gap(s) of up to 0.015 s, shorter than a record, are bridged evenly; the first after 4.995 s" in bridged.made.said
+    assert "gyro: 1 gap(s) of up to 0.015 s, shorter than a record, are interpolated; the first after 4.995 s" in bridged.made.said
 
 
 def test_samples_beside_speeds_alone_are_handed_on_as_samples() -> None:
@@ -189,7 +189,7 @@ def test_a_map_that_makes_no_samples_is_named_where_the_vehicle_file_states_them
     table = made(motion(), WRENCH_MAP + RECORDS)
     vehicle = Vehicle.model_validate({"schema": 1, "cycle": {"period_s": 0.05}, "imu": {"measures": "sample"}})
     with pytest.raises(
-        InputError, match=r"by m.toml no record is a sample \(gyro.*\); leave imu.measures out, or let the map keep"
+        InputError, match=r"m.toml makes no record a sample \(gyro.*\); leave imu.measures out, or keep samples in the map"
     ) as said:
         telemetry.read(table, vehicle)
     assert "delta_theta" not in str(said.value)
@@ -227,7 +227,7 @@ EVEN = 0.005 * np.arange(4000)
 @pytest.mark.parametrize(
     ("times", "said"),
     [
-        (np.repeat(EVEN, np.where(np.arange(4000) == 3000, 2, 1)), "drop the row that stands twice, or name another clock"),
+        (np.repeat(EVEN, np.where(np.arange(4000) == 3000, 2, 1)), "remove the repeated row, or name another clock"),
         (np.round(EVEN, 2), "must have a column for each signal first"),
         (np.full(4000, 1.71456e9), "all its times are the same: write them with more digits, or name another clock"),
         (np.where(EVEN < 10, 604790.0 + EVEN, EVEN - 10.0), "a week of GPS time ends: add 604800 s to all that follows"),

@@ -15,7 +15,7 @@ def stated(environment: dict[str, Any], **more: Any) -> Vehicle:
 @pytest.mark.parametrize(
     ("environment", "more", "named"),
     [
-        ({"kind": "pedestal", "bearing_mass_kg": 3.0}, {}, ["bearing_mass_kg = 3", "stands still", 'kind = "air_bearing"']),
+        ({"kind": "pedestal", "bearing_mass_kg": 3.0}, {}, ["bearing_mass_kg = 3", "fixed pedestal", 'kind = "air_bearing"']),
         ({"kind": "pedestal", "gravity_m_s2": 0.0}, {}, ['kind = "pedestal"', "gravity_m_s2 = 0"]),
         ({"kind": "pedestal"}, {"estimator": {"method": "thesis"}}, ["thesis", "pedestal"]),
         ({"kind": "air_bearing", "bearing_mass_kg": 1e9}, {}, ["bearing_mass_kg = 1e+09", 'kind = "pedestal"', "1e+07 kg"]),

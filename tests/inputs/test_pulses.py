@@ -66,9 +66,9 @@ def test_there_may_be_more_pulses_than_records(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("row", "problem"),
     [
-        (("c", 0.4, 0.02), r"line 4, column pulse_jet: 'c' is no jet of the vehicle file.*add it to \[\[jets\]\], or rename it"),
-        (("a", "", 0.02), r"line 4, column pulse_start_s: the cell is empty beside a pulse's other cells; fill in all three"),
-        (("a", 0.4, -0.02), r"line 4, column pulse_duration_s: -0.02: a duration is 0 or more, in s; correct or remove the row"),
+        (("c", 0.4, 0.02), r"line 4, column pulse_jet: 'c' is not a jet of the vehicle file.*add it to \[\[jets\]\], or rename it"),
+        (("a", "", 0.02), r"line 4, column pulse_start_s: the cell is empty, but other cells of the pulse are not; fill in all three"),
+        (("a", 0.4, -0.02), r"line 4, column pulse_duration_s: -0.02: a duration must be 0 or more, in s; correct or remove the row"),
         (("a", "inf", 0.02), r"line 4, column pulse_start_s: inf: it must be a finite number of s"),
         (("a", 0.23, 0.02), r"line 4, column pulse_start_s: 0.23 s is within a pulse of the same jet, which lasts until 0.242 s; correct"),
         (("a", 0.4, 20), r"line 4, column pulse_duration_s: 20 s is longer than the log of 1.5 s; is it in seconds\?"),
@@ -81,7 +81,7 @@ def test_a_pulse_that_cannot_be_is_named(tmp_path: Path, row: tuple[object, obje
 
 
 def test_columns_that_contradict_pulses_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="column 'pulse_duration_s' is missing beside 'pulse_jet'"):
+    with pytest.raises(InputError, match="column 'pulse_duration_s' is missing, but 'pulse_jet' is present"):
         read(log_of(tmp_path, PULSES, "pulse_jet,pulse_start_s,lasting"))
     with pytest.raises(InputError, match="no pulse is within the IMU's time; bring both clocks to one epoch"):
         read(log_of(tmp_path, [("a", 1e3, 0.02)]))

@@ -50,18 +50,18 @@ def test_what_is_said_of_a_quantity_goes_before_what_is_said_of_all() -> None:
 @pytest.mark.parametrize(
     ("stated", "error", "said"),
     [
-        ("mass<2", InputError, 'mass<2: has no unit; give it in % or kg or g, for instance "mass<200 g"'),
-        ("cg_x<2 kg", InputError, "'kg' is no unit of cg_x; give it in % or m or mm"),
+        ("mass<2", InputError, 'mass<2: the unit is missing; give it in % or kg or g, for instance "mass<200 g"'),
+        ("cg_x<2 kg", InputError, "'kg' is not a unit of cg_x; give it in % or m or mm"),
         ("weight<2%", InputError, "weight<2%: no such quantity; choose from ixx,"),
-        ("mass<0%", InputError, "above 0 and finite"),
-        ("mass<1e400 kg", InputError, "above 0 and finite"),
-        ("all<1 kg", InputError, "'kg' is no unit of all; give it in %"),
+        ("mass<0%", InputError, "finite and above 0"),
+        ("mass<1e400 kg", InputError, "finite and above 0"),
+        ("all<1 kg", InputError, "'kg' is not a unit of all; give it in %"),
         ("weight", UsageError, "weight: no such quantity"),
-        ("moment_z<1 kg", InputError, "'kg' is no unit of about_pivot.moment_z; give it in % or kg m or g cm or g mm"),
-        ("mass<", UsageError, "'' is no precision"),
-        ("mass<abc", UsageError, "'abc' is no precision"),
-        ("mass<-1 kg", UsageError, "'-1 kg' is no precision"),
-        ("mass<1%,mass<2%", UsageError, "mass<1% is asked as well; keep one of them"),
+        ("moment_z<1 kg", InputError, "'kg' is not a unit of about_pivot.moment_z; give it in % or kg m or g cm or g mm"),
+        ("mass<", UsageError, "'' is not a precision"),
+        ("mass<abc", UsageError, "'abc' is not a precision"),
+        ("mass<-1 kg", UsageError, "'-1 kg' is not a precision"),
+        ("mass<1%,mass<2%", UsageError, "mass<1% is required as well; keep one of them"),
         ("ixx,", UsageError, "no such quantity"),
     ],
 )
@@ -73,7 +73,7 @@ def test_what_makes_no_sense_is_refused_with_the_remedy(stated: str, error: type
 
 
 def test_a_plan_needs_precisions() -> None:
-    with pytest.raises(InputError, match='--want ixx: says no precision; write for instance "ixx 2 %"'):
+    with pytest.raises(InputError, match='--want ixx: states no precision; write for instance "ixx 2 %"'):
         precise("mass 2 %, ixx")
     with pytest.raises(UsageError):
         precise("")
@@ -82,7 +82,7 @@ def test_a_plan_needs_precisions() -> None:
 def test_a_converged_quantity_must_have_the_sigma_that_is_wanted() -> None:
     found = recorded.result([recorded.phase("a"), recorded.phase("b", mass={"value": 20.0, "sigma": 0.5})])
     assert imprecise(found, requirements("mass<2.5%,ixx")) == []
-    assert imprecise(found, requirements("mass<2%,ixx")) == ["mass in phase b has a sigma of 0.5 kg, and mass<2% wants 0.4 kg at most"]
+    assert imprecise(found, requirements("mass<2%,ixx")) == ["mass in phase b has a sigma of 0.5 kg, and mass<2% requires 0.4 kg at most"]
     late = recorded.result([recorded.phase("b", mass={"value": 20.0, "sigma": 0.5, "verdict": "not_converged"})])
     assert imprecise(late, requirements("mass<2%")) == [], "it is estimated once, as not converged"
 
@@ -132,5 +132,5 @@ def test_an_expect_file_names_line_and_remedy(tmp_path: Path) -> None:
     file.write_text("[all]\nmass = 22.0\n")
     assert expect.load(file).required == ()
     file.write_text('require = ["mass<2"]\n')
-    with pytest.raises(InputError, match=r"expect.toml, line 1: require = \['mass<2'\]: mass<2: has no unit"):
+    with pytest.raises(InputError, match=r"expect.toml, line 1: require = \['mass<2'\]: mass<2: the unit is missing"):
         expect.load(file)

@@ -156,7 +156,7 @@ def test_a_time_where_numbers_are_farther_apart_than_records_is_refused(value: f
     time_s[row] = value
     path = tmp_path / "log.parquet"
     pq.write_table(table.set_column(0, "time_s", pa.array(time_s)), path)
-    said = f"row {row}, column time_s: {value:.9g} s cannot be a time of this log (usual interval 0.05 s); correct or cut the record"
+    said = f"row {row}, column time_s: {value:.9g} s is not a time of this log (usual interval 0.05 s); correct or cut the record"
     for look in (lambda: read(read_table(path), vehiclefile.load(SAMPLE / "vehicle.toml").vehicle), lambda: traits(read_table(path))):
         with np.errstate(all="raise"), pytest.raises(InputError) as refused:
             look()

@@ -203,7 +203,7 @@ def test_a_cell_that_is_no_date_is_named_by_its_line(tmp_path: Path) -> None:
     imu.loc[7, "t"] = "yesterday"
     path = tmp_path / "log.csv"
     pd.concat((imu, commands), axis=1).to_csv(path, index=False)
-    with pytest.raises(InputError, match=r"log.csv, line 9, column t: 'yesterday' is no date and time; correct the cell"):
+    with pytest.raises(InputError, match=r"log.csv, line 9, column t: 'yesterday' is not a date and time; correct the cell"):
         mapped(path, "")
 
 
@@ -222,7 +222,7 @@ def test_a_day_that_its_year_has_not_is_none(tmp_path: Path) -> None:
     imu, commands = frames()
     path = tmp_path / "log.csv"
     pd.concat((imu.assign(t=DATES["of the day of the year"](imu["t"]).str.replace("2024-122", "2023-366")), commands), axis=1).to_csv(path)
-    with pytest.raises(InputError, match=r"log.csv, column t: dates that differ in form or are none; write all alike"):
+    with pytest.raises(InputError, match=r"log.csv, column t: dates in different formats, or not dates; write all in one format"):
         mapped(path, "")
 
 

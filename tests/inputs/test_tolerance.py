@@ -44,11 +44,11 @@ def test_a_tolerance_is_read(given: object, expected: Tolerance) -> None:
         ("", "not a tolerance"),
         ("-2 %", "not a tolerance"),
         ("two %", "not a tolerance"),
-        ("1,5 %", "',5 %' is no unit"),
-        ("0.05", "needs its unit"),
-        ("5 mm", "'mm' is no unit"),
-        ("2 % %", "'% %' is no unit"),
-        ("4 sigma\nmass", "'sigma mass' is no unit"),
+        ("1,5 %", "',5 %' is not a unit"),
+        ("0.05", "the unit is missing"),
+        ("5 mm", "'mm' is not a unit"),
+        ("2 % %", "'% %' is not a unit"),
+        ("4 sigma\nmass", "'sigma mass' is not a unit"),
     ],
 )
 def test_a_tolerance_is_refused_with_what_to_write(given: object, says: str) -> None:

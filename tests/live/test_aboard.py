@@ -230,11 +230,11 @@ def test_without_a_compiler_numpy_flies_the_same_and_does_not_look_ahead(monkeyp
 REFUSED = {
     "vehicle.cycle.command_delay_cycles=auto": "cycle.command_delay_cycles must be stated",
     "vehicle.imu.gyro_noise_rad_s=0.0": "imu.gyro_noise_rad_s must be stated",
-    "vehicle.drift.mass=0.1": "[drift] is stated, and the kernel knows none",
-    "vehicle.imu.gyro_filter={order=1, cutoff_hz=40.0}": "is handed what the IMU feels, before any filter",
-    "vehicle.cycle.command_delay_cycles=25.0": "a delay of 25 cycles, and the kernel holds 19",
-    "vehicle.estimator.method=thesis": "estimator.method is 'thesis', and the kernel is the default one",
-    "vehicle.cycle.command_delay_sigma_cycles=0.1": "the kernel takes them as exact",
+    "vehicle.drift.mass=0.1": "[drift] is stated, but the kernel does not support it",
+    "vehicle.imu.gyro_filter={order=1, cutoff_hz=40.0}": "needs unfiltered IMU increments",
+    "vehicle.cycle.command_delay_cycles=25.0": "a delay of 25 cycles, but the limit of the kernel is 19",
+    "vehicle.estimator.method=thesis": "estimator.method is 'thesis', but the kernel supports only the default method",
+    "vehicle.cycle.command_delay_sigma_cycles=0.1": "the kernel assumes exact values",
 }
 
 

@@ -128,7 +128,7 @@ def test_a_record_that_is_lost_takes_its_command_with_it() -> None:
     lines = recorded("free-flyer")
     said, _, warned = followed("free-flyer", [*lines[:638], *lines[639:700]])
     (warning,) = warned
-    assert "a record is lacking before 32 s" in warning
+    assert "a record before 32 s is missing" in warning
 
     def verdicts(line: dict[str, object]) -> set[str]:
         estimates = line["estimates"]
@@ -158,7 +158,7 @@ def test_a_lost_record_ends_what_cannot_do_without_and_the_recording_goes_on() -
     assert (said, kept.count("\n")) == (followed("high-rate", lines)[0][: len(said)], 1000)
     assert len(said) == 500 // 20 - 2
     assert len(warned) == 1
-    assert "a cycle of 20 records would lack one); no values from here on, but what comes is recorded" in warned[0]
+    assert "a cycle of 20 records would lack one); massprop gives no values from here on, but records all data" in warned[0]
     lines = recorded("free-flyer")[:301]
     said, kept, _ = followed("free-flyer", [*lines[:100], *lines[101:]])
     assert (len(said), kept.count("\n")) == (300 - 2 - 1, 300)
@@ -170,10 +170,10 @@ def test_a_lost_record_ends_what_cannot_do_without_and_the_recording_goes_on() -
 @pytest.mark.parametrize(
     ("lines", "assignments", "said"),
     [
-        ([], (), "nothing came"),
+        ([], (), "no data"),
         (["time_s,gyro_x_rad_s\n"], (), "the first line lacks"),
         (["[1, 2]\n"], (), "the first line lacks"),
-        (["time_s,command_time_s\n"], (), "commands with times of their own can't be estimated live"),
+        (["time_s,command_time_s\n"], (), "live estimation does not support commands with their own times"),
         (["{broken\n"], (), "is not JSON"),
         (None, ("imu.gyro_noise_rad_s=0",), "imu.gyro_noise_rad_s must be stated"),
         (None, ("cycle.period_s=0.01",), "does not divide the control cycle"),

@@ -78,7 +78,7 @@ def test_the_result_is_there_however_the_answers_end(end: str, tmp_path: Path) -
     assert process.returncode == {"reader": 141, "disk": 3, "interrupt": 130, "termination": 143}[end], said
     assert len((tmp_path / "live" / "record.csv").read_text().splitlines()) == (400 if ended_by is None else 300)
     assert json.loads((tmp_path / "live" / "result.json").read_text())["phases"]
-    assert ("interrupted; the result is that of what had come" in said) == (ended_by is not None)
+    assert ("interrupted; the result uses the data until then" in said) == (ended_by is not None)
 
 
 def live(folder: Path, given: str, *arguments: str | Path) -> Done:
@@ -104,7 +104,7 @@ def test_a_disk_that_is_full_keeps_whole_records_alone(tmp_path: Path) -> None:
     assert ended.returncode == 3
     assert (
         ended.stderr
-        == "massprop: live/record.csv: cannot be written (File too large); it holds what came before. Make room, and begin anew\n"
+        == "massprop: live/record.csv: cannot be written (File too large); it holds the data before. Free disk space, and start again\n"
     )
     kept = (tmp_path / "live" / "record.csv").read_text()
     assert kept.endswith("\n")
@@ -133,7 +133,7 @@ def test_a_recording_that_contradicts_its_vehicle_file_exits_with_6(tmp_path: Pa
 
 def test_a_recording_is_not_written_over(tmp_path: Path) -> None:
     (tmp_path / "record.csv").write_text("precious")
-    with pytest.raises(InputError, match="not written over"), recording(tmp_path):
+    with pytest.raises(InputError, match="does not overwrite"), recording(tmp_path):
         pass
     assert (tmp_path / "record.csv").read_text() == "precious"
 
@@ -144,7 +144,7 @@ def test_a_recording_that_no_estimate_is_made_of_is_whole_and_exits_with_3(tmp_p
     ended = live(tmp_path, "".join([*lines[:100], *lines[110:]]), "--out", "live")
     assert ended.returncode == 3
     end, refused = ended.stderr.splitlines()
-    assert end.endswith("no values from here on, but what comes is recorded, and estimated in the end")
+    assert end.endswith("massprop gives no values from here on, but records all data and estimates at the end")
     assert "split the log there" in refused
     assert (tmp_path / "live" / "record.csv").read_text().count("\n") == 291
     assert not (tmp_path / "live" / "result.json").exists()

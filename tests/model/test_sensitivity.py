@@ -93,7 +93,7 @@ def test_what_the_imu_reads_is_all_that_its_turn_and_the_gyros_scale_change(flye
 def test_divert_jets_alone_carry_the_mass_and_nothing_in_the_log_shows_it(flyer: Analysis) -> None:
     (assumption,) = by_code(flyer, "mass-thrust")
     diverts = [jet.name for jet in flyer.vehicle.jets if jet.name.startswith("divert")]
-    assert f"rests on the thrust of {', '.join(diverts)} alone" in assumption.message
+    assert f"depends only on the thrust of {', '.join(diverts)};" in assumption.message
     (effect,) = assumption.effects
     assert effect.seen_sigma is not None
     assert effect.seen_sigma < 1
@@ -120,7 +120,7 @@ def test_a_weighed_mass_does_not_calibrate_thrust_that_is_taken_as_exact(flyer: 
     weighed = faulty.examined(log, heavier)
     (before,), (after,) = by_code(flyer, "thrust-scale"), by_code(weighed, "thrust-scale")
     assert weighed.conclusions[0].values[0] == pytest.approx(flyer.conclusions[0].values[0], rel=1e-6)
-    assert "no uncertainty of it is stated" in after.message
+    assert "states no uncertainty of it" in after.message
     assert after.effects[0].change == {name: pytest.approx(v, rel=1e-4) for name, v in before.effects[0].change.items() if name != "mass"}
     told = faulty.examined(log, faulty.stated(heavier, "thrust.scale_sigma=0.05"))
     assert by_code(told, "thrust-scale") == []
@@ -130,7 +130,7 @@ def test_a_weighed_mass_does_not_calibrate_thrust_that_is_taken_as_exact(flyer: 
 def test_all_thrust_a_percent_stronger_moves_the_cg_on_a_bearing_whose_part_does_not_turn(bearing: Analysis) -> None:
     """Its CG was said to stay."""
     (assumption,) = by_code(bearing, "thrust-scale")
-    assert "the CG by the part of the mass that does not turn" in assumption.message
+    assert "moves the CG, because the bearing's mass does not turn" in assumption.message
     stronger = faulty.pushing(bearing.vehicle, dict.fromkeys([jet.name for jet in bearing.vehicle.jets], 1.01))
     jets = [f"jets.{i}.force_n={list(jet.force_n)}" for i, jet in enumerate(stronger.jets)]
     moved = again(bearing, *jets) - bearing.settled[0].values[-1]
@@ -145,7 +145,7 @@ def test_an_imu_position_that_is_not_stated_is_said_to_be_a_default() -> None:
     found = faulty.examined(log, used.model_copy(update={"imu": imu}))
     assumption = by_code(found, "imu-position")[0]
     assert not assumption.stated
-    assert "not stated and taken as 0, 0, 0 m" in assumption.message
+    assert "not stated; assumed as 0, 0, 0 m" in assumption.message
 
 
 @pytest.mark.parametrize(("code", "key"), [("bearing-mass", "bearing_mass_kg"), ("gravity", "gravity_m_s2")])

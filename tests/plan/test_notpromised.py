@@ -23,7 +23,7 @@ def test_a_cg_that_may_be_where_torques_are_about_is_not_promised(more: str, cg_
     made = flow.make(tmp_path / "vehicle.toml", tmp_path / "guess.toml", asked, lambda *_: None)
     assert made.exit_code == exit_code
     assert made.plan.quantities["mass"].reached_at_s is not None
-    said = "the CG is at O if commanded torques are about O, and may be anywhere if they are about the CG; state thrust.wrench_point_m"
+    said = "the CG is at O if commanded torques are about O, and is unknown if they are about the CG; state thrust.wrench_point_m"
     assert (f"cg_x, cg_y, cg_z will not converge: {said}" in made.plan.notes) == (exit_code == 4)
     assert (made.plan.limited_by == f"cg_x will not converge: {said}") == (exit_code == 4)
 
@@ -39,8 +39,8 @@ def test_a_table_that_its_wheels_can_not_hold_level_is_to_be_balanced_first(cg_x
     asked = Asked(precise("ixx 1 %"), max_time_s=12.0, limits={"tilt_rad": 0.2})
     with pytest.raises(InputError) as refused:
         flow.make(tmp_path / "vehicle.toml", tmp_path / "guess.toml", asked, lambda *_: None)
-    found = re.search(r"gentlest takes ([\d.]+) rad\. .* by up to ([\d.]+) N m, and its wheels hold 0\.02 N m\. (.*)", str(refused.value))
+    found = re.search(r"gentlest takes ([\d.]+) rad\. .* by up to ([\d.]+) N m, and its wheels give 0\.02 N m\. (.*)", str(refused.value))
     assert found is not None
     assert float(found[1]) > 0.2
     assert float(found[2]) == pytest.approx(12 * 9.80665 * cg_x, rel=2e-3)
-    assert found[3] == "Balance it first (massprop balance, by a log in which it swings while its wheels turn), or raise the limit"
+    assert found[3] == "Balance it first (massprop balance, with a log in which the table swings while its wheels turn), or raise the limit"

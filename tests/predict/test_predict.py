@@ -204,8 +204,8 @@ def copied(data: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("kind", "change", "log", "said"),
     [
-        ("free-flyer", lambda _: None, "free-flyer-1", "was made from free-flyer-1/log.parquet, which proves nothing; name a log that"),
-        ("free-flyer", copied, "free-flyer-1", "the same recording in another file, which proves nothing; name a log that"),
+        ("free-flyer", lambda _: None, "free-flyer-1", "was made from free-flyer-1/log.parquet, so the test proves nothing; name"),
+        ("free-flyer", copied, "free-flyer-1", "the same recording in another file, so the test proves nothing; name"),
         ("free-flyer", nothing, "free-flyer-2", "gives no value in phase all"),
         pytest.param(
             "free-flyer",
@@ -215,7 +215,7 @@ def copied(data: dict[str, Any]) -> None:
             marks=[pytest.mark.thorough, pytest.mark.seeds],
         ),
         ("free-flyer", heavier, "free-flyer-2", "bearing mass [kg] is 0.0, and 3.0 in"),
-        ("free-flyer", thesis, "free-flyer-2", "estimator.method is thesis, whose sigmas are no errors; use the default method"),
+        ("free-flyer", thesis, "free-flyer-2", "estimator.method is thesis, whose sigmas are not errors; use the default method"),
         ("free-flyer", twice, "free-flyer-2", "has phases all, other. Name one with --phase"),
         pytest.param(
             "pedestal",

@@ -214,7 +214,7 @@ def test_a_droop_that_leaves_no_thrust_is_refused() -> None:
     most = int((log.command > 0).sum(1).max())
     for part, refused in ((1 / most, False), (1 / (most - 1), True)):
         found = faulty.stated(used, f"thrust.cycle_droop={part}")
-        with pytest.raises(InputError, match=f"{most} jets fire together, and would give nothing") if refused else nullcontext():
+        with pytest.raises(InputError, match=f"{most} jets fire together, and would give no thrust") if refused else nullcontext():
             check_supply(log, found, "v.toml")
 
 

@@ -124,7 +124,7 @@ def test_the_first_screen_of_a_faulty_log_says_not_to_believe_it_and_which_jet(b
     page.goto(faulty.as_uri())
     for said in (
         "all ten quantities contradicted",
-        "jet roll_p1 pushes the other way",
+        "jet roll_p1 pushes opposite to",
         "do not use them",
         "The model does not fit the log: 0 of 19",
     ):

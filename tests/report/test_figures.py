@@ -77,7 +77,7 @@ def test_what_runs_out_of_the_picture_is_named(flyer: Recorded, flyer_drawing: D
         top = points[:, 1].max() + np.ptp(points[:, 1])
         assert columns[name][told].max() > top
         assert "runs out of the picture" in panel.says
-        assert vocabulary.SYMBOLS[name] in picture.caption.split("runs out of the picture: ")[1]
+        assert vocabulary.SYMBOLS[name] in picture.caption.split("is outside the figure: ")[1]
 
 
 @pytest.mark.parametrize(("kind", "unit"), [("rate", "rad_s"), ("acceleration", "m_s2")])
@@ -129,7 +129,7 @@ def test_where_sigma_exceeds_the_picture_nothing_is_drawn(flyer: Recorded, flyer
     wide = columns["iyz_sigma"] > 1.1 * (limits.high - limits.low)
     assert wide.sum() > 100
     assert drawn(svg, "iyz-1", "iyz-value-1")[:, 0].min() > columns["time_s"][wide].max()
-    assert "where sigma exceeds it, nothing is drawn" in figures.picture("inertia", flyer).caption
+    assert "where sigma exceeds it, nothing is shown" in figures.picture("inertia", flyer).caption
     assert series.broken(np.array([0, 1, 4, 6]), np.array([0, 0, 1, 0, 0, 0, 0], dtype=bool)).tolist() == [0, 1, -1, 4, 6]
 
 
@@ -345,7 +345,7 @@ def test_a_contradicted_estimate_is_red_with_a_cross_and_the_caption_says_so(fly
     assert palette.RED not in flyer_drawing("mass").decode()
     assert "Red with a cross: contradicted" in figures.picture("mass", wrong).caption
     assert "contradicted" not in figures.picture("mass", flyer).caption
-    assert "It rests on contradicted values." in figures.picture("ellipsoid", wrong).caption
+    assert "It uses contradicted values." in figures.picture("ellipsoid", wrong).caption
     side_by_side = comparison.picture([flyer.result.phases[0].estimates, wrong.result.phases[0].estimates])
     svgs = {panel.key: canvas.render([panel], "svg").decode() for panel in side_by_side.panels}
     assert 'id="mass-contradicted"' in svgs["mass"]

@@ -114,7 +114,7 @@ def test_all_expectations_stand_in_one_figure_in_tolerances(flyer: Recorded) -> 
 
 
 def test_the_raster_shows_each_jet_when_it_pushed_and_marks_the_one_a_warning_names(flyer: Recorded, flyer_drawing: Drawing) -> None:
-    warning = WarningItem(code="jet-sign", message="the log fits if jet roll_p1 pushes the other way than stated; not roll_p12")
+    warning = WarningItem(code="jet-sign", message="the log fits if jet roll_p1 pushes opposite to the stated direction; not roll_p12")
     named = replace(flyer, result=flyer.result.model_copy(update={"warnings": [warning]}))
     assert firing.named(named.result) == ["roll_p1"]
     svg, jets = figures.draw("firing", named, "svg"), flyer.result.vehicle.jets

@@ -40,13 +40,13 @@ def test_vehicle_verdicts_and_warnings_come_before_the_figures(refined: Recorded
 
 
 def test_what_is_not_converged_is_explained_with_its_cure(flyer: Recorded) -> None:
-    lost = changed(flyer, "izz", {"verdict": "not_excited", "reason": "the motion in this phase hardly informed it"})
+    lost = changed(flyer, "izz", {"verdict": "not_excited", "reason": "the motion in this phase gives too little information on it"})
     lost = changed(lost, "cg_x", {"verdict": "unobservable", "value": None, "sigma": None, "final_at_s": None})
     page = Page(html.page([lost]))
     _, izz, cg_x, *_ = page.table("Quantities that are not converged")
-    assert izz == ["Izz", "○ not excited", "the motion in this phase hardly informed it", "torque about Z"]
+    assert izz == ["Izz", "○ not excited", "the motion in this phase gives too little information on it", "torque about Z"]
     assert cg_x[:2] == ["CG x", "✕ unobservable"]
-    assert cg_x[3].startswith("force across X (along Y or Z), or fast turns about Y or Z")
+    assert cg_x[3].startswith("force across X (along Y or Z), or fast rotation about Y or Z")
     assert page.table("Whole log")[7][1:3] == ["–", "–"]
     assert "8 of 10 quantities converged" in page.said()
     assert vocabulary.VERDICTS["unobservable"] in page.said()
@@ -62,10 +62,14 @@ def test_a_contradiction_stands_in_red_before_anything_else_and_no_motion_cures_
     assert re.search(r"\.alarm .*var\(--red\)", text)
     assert page.table("Whole log")[1][:6] == ["Ixx", "−830", "± 4.0", "", "kg m²", "‼ contradicted"]
     cures = {row[0]: row[1:] for row in page.table("Quantities that are not converged")[1:]}
-    assert cures["Ixx, Ixy, Ixz, Iyy, Iyz, CG z, Mass"] == ["‼ contradicted", recorded.CAUSE, "correct the cause; no motion remedies it"]
-    assert cures["Izz"] == ["○ not excited", "the motion in this phase hardly informed it", "correct what contradicts this phase first"]
-    assert cures["CG x"][2] == "correct what contradicts this phase first"
-    assert "can't give it" in cures["CG y"][2]
+    assert cures["Ixx, Ixy, Ixz, Iyy, Iyz, CG z, Mass"] == ["‼ contradicted", recorded.CAUSE, "correct the cause; no motion helps"]
+    assert cures["Izz"] == [
+        "○ not excited",
+        "the motion in this phase gives too little information on it",
+        "correct the contradiction of this phase first",
+    ]
+    assert cures["CG x"][2] == "correct the contradiction of this phase first"
+    assert "cannot give it" in cures["CG y"][2]
     assert vocabulary.VERDICTS["contradicted"] in page.said()
     fine = html.page([flyer])
     assert 'class="alarm"' not in fine
@@ -96,7 +100,7 @@ def test_assumptions_are_part_of_the_page_with_what_one_step_changes(flyer: Reco
     scale = {"by": "known.mass", "value": 1.034, "sigma": 0.0021}
     phase = recorded.phase() | {"implied_thrust_scale": scale}
     page = Page(html.page([replace(flyer, result=recorded.result([phase], assumptions=recorded.assumptions()))]))
-    rows = page.table("What one step changes")
+    rows = page.table("Change of the values for one step")
     assert rows[0] == ["Quantity", "Unit", "thrust-scale1 %", "imu-position1 mm", "pulse-shape1 ms"]
     assert rows[3] == ["Ixz", "kg m²", "−0.00070", "–", "–"]
     assert rows[-1] == ["the log would notice", "no", "hardly, 2.1 σ", "yes, 12 σ"]
@@ -177,7 +181,7 @@ def test_the_docked_object_has_its_own_table(docking: Recorded, docking_page: Pa
 
 def test_on_a_bearing_the_page_says_whose_mass_and_inertia_these_are(bearing: Recorded) -> None:
     said = Page(html.page([bearing])).said()
-    assert "Inertia is the rotating body's about its CG" in said
+    assert "Inertia is that of the rotating body about its CG" in said
     assert "Mass includes the bearing's 5 kg, which does not rotate" in said
     assert "air bearing" in said
 
@@ -233,7 +237,7 @@ def test_without_a_history_the_rest_is_there_and_the_gap_is_named(flyer: Recorde
 
 def test_a_thesis_result_says_that_its_sigmas_are_no_errors(thesis: Recorded) -> None:
     page = Page(html.page([thesis]))
-    assert "they shrink with noise alone and are no errors" in page.said()
+    assert "they depend on noise only and are not errors" in page.said()
     assert "± is one standard deviation" not in page.said()
     assert "--method thesis" in page.said()
     assert sum(tag == "svg" for tag, _ in page.tags) == 20 + 1 + 1 + 4 + 5 * 6 + 1 + 4 * 3
@@ -269,7 +273,7 @@ def test_what_commands_explain_of_innovations_has_no_allowance() -> None:
         cycles=1000, nis=6.0, channel_variance=[1.0] * 6, lag_one_correlation=[0.0] * 6, lack_of_fit=[1.0, 1.0, 1.7, 1.0, 1.0, 1.0]
     )
     (outside,) = [check for check in checks.innovations(odd) if not check.inside]
-    assert outside.cells == ("what commands and motion explain of its innovations, rate Z", "1.7", "1")
+    assert outside.cells == ("ratio of innovations that commands and motion explain, rate Z", "1.7", "1")
 
 
 def test_the_allowance_of_a_check_is_that_of_a_random_sample() -> None:
@@ -288,4 +292,4 @@ def test_the_delay_is_shown_with_what_the_log_says_of_it() -> None:
     assert rows["used"] == "2 cycles, stated by the vehicle file"
     assert rows["detected in the log"] == "1.5 ± 0.01 cycles"
     assert rows["detected less used"] == "−0.5 cycles, −50.0 sigma"
-    assert dict(timing.delay(Delay(cycles=0.0, source="option")))["detected in the log"].startswith("not looked for")
+    assert dict(timing.delay(Delay(cycles=0.0, source="option")))["detected in the log"].startswith("not estimated")

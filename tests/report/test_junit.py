@@ -55,7 +55,7 @@ def test_without_expectations_each_quantity_is_a_case_that_passes_if_converged()
     assert found["ixx"].system_out == "ixx = 0.620 ± 0.010 kg m², converged"
     assert kinds(found["cg_x"]) == [Skipped]
     assert found["cg_x"].result[0].message == (
-        "not_excited: the motion hardly informed it; it wants force across X (along Y or Z), or fast turns about Y or Z"
+        "not_excited: the motion hardly informed it; it needs force across X (along Y or Z), or fast rotation about Y or Z"
     )
     assert kinds(found["mass"]) == [Skipped]
 
@@ -143,7 +143,7 @@ def test_a_contradicted_quantity_fails_with_the_cause_expected_or_not() -> None:
     for cases_ in (only(LogOutcome("run", found)), only(LogOutcome("run", held(found, mass=22.0)))):
         assert kinds(cases_["mass"]) == kinds(cases_["ixx"]) == [Failure]
         assert recorded.CAUSE in cases_["mass"].result[0].message
-        assert cases_["ixx"].result[0].message == f"contradicted: {recorded.CAUSE}; correct the cause; no motion remedies it"
+        assert cases_["ixx"].result[0].message == f"contradicted: {recorded.CAUSE}; correct the cause; no motion helps"
         assert cases_["ixx"].system_out == "ixx = -830 ± 4.0 kg m², contradicted"
     assert cases_["mass"].result[0].message == f"expected 22 ± 1 kg (4 sigma), contradicted: {recorded.CAUSE}"
     (suite,) = document(LogOutcome("run", found))

@@ -74,7 +74,7 @@ def test_it_says_what_is_missing_which_motion_cures_it_and_every_warning() -> No
     text = markdown.text([recorded.recorded(found)])
     assert tables(text)[0][10] == ["mass", "–", "–", "kg", "○ not excited", "–"]
     said = items(text)
-    assert "mass in phase all: not_excited: drowned; it wants force, pushed one way and the other" in said
+    assert "mass in phase all: not_excited: drowned; it needs force in both directions" in said
     assert "jet roll_p1 is dead (jet-dead)" in said
     assert any(entry.startswith("Products are the tensor's own elements, ixy = −Σ m x y") for entry in said)
     assert any("body axes" in entry for entry in said)
@@ -119,7 +119,7 @@ def test_a_page_stays_under_200_kilobytes_and_says_how_many_were_left_out() -> N
     said, (overview, *each) = items(text), tables(text)
     assert 150_000 < len(text.encode()) <= 200_000
     assert "1000 results, 1000 tested against expectations, 1000 of them not as expected." in said
-    assert f"{1000 - len(each)} of 1000 results are left out here or cut short, to keep this page under 200 kB." in said
+    assert f"{1000 - len(each)} of 1000 results are left out or shortened, to keep this page under 200 kB." in said
     assert f"{1000 - (len(overview) - 1)} more of 1000 results are left out of this table." in said
     assert 0 < len(each) < len(overview) < 1000
 
@@ -128,7 +128,7 @@ def test_one_result_that_is_too_long_is_cut_between_its_sections() -> None:
     warnings = [{"code": "c", "message": "x" * 1500} for _ in range(1000)]
     text = markdown.text([recorded.recorded(recorded.result(warnings=warnings))])
     assert len(text.encode()) <= 200_000
-    assert "1 of 1 results are left out here or cut short, to keep this page under 200 kB." in items(text)
+    assert "1 of 1 results are left out or shortened, to keep this page under 200 kB." in items(text)
     assert len(tables(text)[0]) == 11
     assert any(entry.startswith("Products are") for entry in items(text))
 
@@ -192,10 +192,10 @@ def test_a_contradiction_comes_first_and_offers_no_motion_as_its_cure() -> None:
     assert overview[1][3] == "20 of 30, ‼ 7 contradicted"
     assert overview[2][3] == "10 of 10"
     assert single[1] == ["ixx", "-830", "4.0", "kg m²", "‼ contradicted", "–"]
-    assert f"ixx in phase single: contradicted: {recorded.CAUSE}; correct the cause; no motion remedies it" in items(text)
+    assert f"ixx in phase single: contradicted: {recorded.CAUSE}; correct the cause; no motion helps" in items(text)
     assert (
-        "izz in phase single: not_excited: the motion in this phase hardly informed it; correct what contradicts this phase first"
-        in items(text)
+        "izz in phase single: not_excited: the motion in this phase gives too little information on it; correct the contradiction of this "
+        "phase first" in items(text)
     )
     for name in QUANTITIES:
         assert vocabulary.cure(name) not in text or name == "cg_y"
@@ -225,7 +225,7 @@ def test_assumptions_have_a_table_of_what_one_step_changes_per_phase() -> None:
     assert steps[1] == ["ixx", "kg m²", "+0.0062", "–", "0"]
     assert steps[-1] == ["the log would notice", "", "no", "hardly, 2.1 σ", "yes, 12 σ"]
     assert "Thrust rises at once [pulse-shape, a default]" in items(text)
-    assert "What one step changes, phase combined:" in items(text)
+    assert "Change of the values for one step, phase combined:" in items(text)
 
 
 def test_what_a_known_mass_implies_of_the_thrust_is_said() -> None:

@@ -65,7 +65,7 @@ def test_what_is_missing_is_empty_and_named_with_the_motion_that_cures_it() -> N
     gap = {"verdict": "unobservable", "value": None, "sigma": None, "final_at_s": None, "reason": "no motion shows it"}
     (row,) = read(spreadsheet.text([recorded.recorded(recorded.result([recorded.phase("all", mass=gap)]))]))
     assert (row["mass_kg"], row["mass_sigma_kg"], row["mass_final_at_s"]) == ("", "", "")
-    assert row["missing"] == "mass: unobservable: no motion shows it; it wants force, pushed one way and the other"
+    assert row["missing"] == "mass: unobservable: no motion shows it; it needs force in both directions"
 
 
 def test_expectations_and_warnings_have_columns() -> None:

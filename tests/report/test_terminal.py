@@ -49,16 +49,16 @@ def test_without_expectations_there_are_no_columns_for_them() -> None:
         (
             {"jets": ["a"], "wheels": ["x", "y"]},
             "commands by 1 jet and by the momentum stored in x, y",
-            "Inertia and mass have their scale from stored momentum and from the thrust",
+            "Inertia and mass scale with stored momentum and thrust",
         ),
         (
             {"jets": ["a"], "wheels": ["x"], "environment": "pedestal"},
             "commands by 1 jet and by the momentum stored in x",
-            "Inertia has its scale from stored momentum and from the thrust",
+            "Inertia scales with stored momentum and thrust",
         ),
-        ({"jets": [], "wheels": ["x"]}, "commands by the momentum stored in x", "Inertia has its scale from stored momentum, as the"),
+        ({"jets": [], "wheels": ["x"]}, "commands by the momentum stored in x", "Inertia is proportional to the stored momentum that the"),
         ({"commands": "wrench", "jets": []}, "commands by torque and force", "Mass and inertia are proportional to the thrust"),
-        ({"jets": []}, "no commands", "Nothing turns this body but its weight"),
+        ({"jets": []}, "no commands", "Only gravity turns this body"),
     ],
 )
 def test_what_commands_a_vehicle_is_what_gives_its_inertia_the_scale(vehicle: dict[str, object], said: str, scale: str) -> None:
@@ -91,19 +91,22 @@ def test_names_with_markup_are_shown_as_they_are() -> None:
 
 def test_each_verdict_but_converged_has_its_reason_and_what_would_cure_it() -> None:
     silent = {"value": None, "sigma": None}
-    izz = silent | {"verdict": "not_excited", "reason": f"{HARDLY_INFORMED}; it wants torque about Z", "reason_code": "hardly-informed"}
+    izz = silent | {"verdict": "not_excited", "reason": f"{HARDLY_INFORMED}; it needs torque about Z", "reason_code": "hardly-informed"}
     cg_y = silent | {"verdict": "unobservable", "reason": "no force across Y"}
     text = printed(recorded.result([recorded.phase("all", izz=izz, cg_y=cg_y)]))
-    assert "izz not_excited: the motion in this phase hardly informed it; it wants torque about Z\n" in text
-    assert "cg_y unobservable: no force across Y; it wants force across Y (along X or Z), or fast turns about X or Z\n" in text
-    assert text.count("it wants") == 2
+    assert "izz not_excited: the motion in this phase gives too little information on it; it needs torque about Z\n" in text
+    assert "cg_y unobservable: no force across Y; it needs force across Y (along X or Z), or fast rotation about X or Z\n" in text
+    assert text.count("it needs") == 2
 
 
 def test_where_a_fault_is_named_no_motion_is_said_to_cure_what_it_touches() -> None:
     text = printed(recorded.result([recorded.contradicted()]))
-    assert "izz not_excited: the motion in this phase hardly informed it; correct what contradicts this phase first\n" in text
-    assert "cg_x not_converged: it still moved more than the tolerance; correct what contradicts this phase first\n" in text
-    assert [line.split()[0] for line in text.splitlines() if "it wants" in line] == ["cg_y"], "unobservable, fault or none"
+    assert (
+        "izz not_excited: the motion in this phase gives too little information on it; correct the contradiction of this phase first\n"
+        in text
+    )
+    assert "cg_x not_converged: it still moved more than the tolerance; correct the contradiction of this phase first\n" in text
+    assert [line.split()[0] for line in text.splitlines() if "it needs" in line] == ["cg_y"], "unobservable, fault or none"
     assert text.count(recorded.CAUSE) == 1
 
 
@@ -168,11 +171,11 @@ def test_the_mended_answer_stands_apart_under_what_mends_it_with_the_settings_to
 
 def test_assumptions_stand_after_the_tables_with_the_change_of_each_value() -> None:
     text = printed(recorded.result([recorded.contradicted()], mended=[recorded.mended()], assumptions=recorded.assumptions()))
-    result, rest = text.split("Assumptions: what the values rest on\n")
+    result, rest = text.split("Assumptions behind the values\n")
     assert "± sigma (thrust taken as exact)" in result
     # what the vehicle file states and the log could show is left to the page
     assert "imu-position" not in rest
-    assert "- 1 more that the vehicle file states: in result.json and in the report" in rest
+    assert "- 1 more that the vehicle file states are in result.json and in the report" in rest
     assert cells(rest, "ixx") == ["ixx", "+0.0062", "0", "kg m²"]
     assert cells(rest, "mass") == ["mass", "+0.22", "–", "kg"]
     assert cells(rest, "noticed?") == ["noticed?", "no", "yes, 12 σ", ""]
@@ -204,4 +207,4 @@ def test_markup_in_a_cause_a_setting_or_an_assumption_is_shown_as_it_is() -> Non
     assert f"still contradicted: {name}\n" in text
     assert f"--set 'a={name}'" in text
     assert f"- {name} [{name}, a default]" in text
-    assert f"what one step changes, phase {name}" in text
+    assert f"change of the values for one step, phase {name}" in text

@@ -135,12 +135,12 @@ def test_values_about_the_pivot_may_be_required(folder: Path) -> None:
     assert "about_pivot.moment_x in phase all has a sigma of" in done.stderr
     done = massprop(folder, *estimate, "--set", "wheels.0.axis=[-1.0, 0.0, 0.0]")
     assert done.returncode == 6
-    assert "contradict each other: all quantities in phase all (" in done.stderr
+    assert "the log contradicts the vehicle file: all quantities in phase all (" in done.stderr
     done = massprop(folder, "estimate", SAMPLES / "high-rate" / "log.parquet", "--out", "free", "-q", "--require", "moment_x")
     assert done.returncode == 3
     assert "about_pivot.moment_x is required, and phase all has no pivot" in done.stderr
     assert not (folder / "free").exists()
-    with pytest.raises(InputError, match=r"--want about_pivot.ixx: a plan has the sigmas of the ten quantities alone"):
+    with pytest.raises(InputError, match=r"--want about_pivot.ixx: a plan gives sigmas of only the ten quantities"):
         precise("about_pivot.ixx<1%")
 
 

@@ -14,8 +14,8 @@ from tests.targets import CORPUS
 
 Edit = Callable[[dict[str, Any]], object]
 EDITS: dict[str, tuple[Edit, str]] = {
-    "a value that is no number": (lambda phase: phase["estimates"]["mass"].update(value=float("nan")), "NaN is no finite number"),
-    "an endless sigma": (lambda phase: phase["estimates"]["mass"].update(sigma=float("inf")), "Infinity is no finite number"),
+    "a value that is no number": (lambda phase: phase["estimates"]["mass"].update(value=float("nan")), "NaN is not a finite number"),
+    "an endless sigma": (lambda phase: phase["estimates"]["mass"].update(sigma=float("inf")), "Infinity is not a finite number"),
     "a value beyond all": (lambda phase: phase["estimates"]["mass"].update(value=1e308), r"1e\+308 is larger than 1e\+150"),
     "a whole number beyond all": (lambda phase: phase["estimates"]["mass"].update(value=10**200), r"0 is larger than 1e\+150"),
     "a sigma that is next to nothing": (lambda phase: phase["estimates"]["mass"].update(value=1.0, sigma=1e-320), "smaller than any but 0"),
@@ -44,5 +44,5 @@ def test_a_number_too_large_for_any_is_refused(tmp_path: Path) -> None:
     text = (CORPUS / "result" / "good").read_text(encoding="utf-8")
     file = tmp_path / "result.json"
     file.write_text(re.sub(r'"duration_s": ?[\d.]+', '"duration_s": 1e999', text), encoding="utf-8")
-    with pytest.raises(InputError, match="1e999 is no finite number"):
+    with pytest.raises(InputError, match="1e999 is not a finite number"):
         read(file)

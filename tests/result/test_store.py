@@ -180,7 +180,7 @@ def test_pages_of_an_earlier_result_go_with_it_and_what_massprop_did_not_write_s
     assert digest(out / "result.json") != first
     assert other.stderr.splitlines() == [
         f"massprop: removed cg.svg, report.html, report.md of the earlier result; make them again with massprop report {out}",
-        f"massprop: warning: report.csv in {out} may be of another result than result.json beside it",
+        f"massprop: warning: report.csv in {out} may belong to another result than result.json there",
     ]
     assert sorted(path.name for path in out.iterdir()) == [
         "history.parquet", "mass.svg", "notes.md", "report.csv", "result.json", "run.json",

@@ -66,5 +66,5 @@ def test_gyros_that_can_not_be_flown_are_refused() -> None:
     by_gyros = "plan=[{motion='random', axes=['roll'], start_s=0, end_s=5, by_wheels=true}]"
     with pytest.raises(InputError, match="max_gimbal_rate_rad_s"):
         scenario.load("free-flyer", (one, by_gyros))
-    with pytest.raises(InputError, match="can't drive roll"):
+    with pytest.raises(InputError, match="cannot drive roll"):
         simulate.fly(scenario.load("free-flyer", (one, by_gyros, "actuators.max_gimbal_rate_rad_s=0.1")), [1])

@@ -135,5 +135,5 @@ def test_a_model_wants_a_nominal_body_and_free_flight() -> None:
 
 
 def test_an_estimate_wants_an_estimator() -> None:
-    with pytest.raises(InputError, match=r'still: control.model = "estimate" wants an estimator aboard; massprop simulate brings one'):
+    with pytest.raises(InputError, match=r'still: control.model = "estimate" needs an estimator aboard; use massprop simulate'):
         simulate.fly(still(1.0, control=by("estimate")), [1])

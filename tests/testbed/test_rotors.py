@@ -91,13 +91,13 @@ def test_what_rotors_spin_up_by_the_body_loses() -> None:
     ("settings", "said"),
     [
         (["actuators={max_rotor_command=1.0}"], "give actuators.max_rotor_command, and actuators.hover_force_n"),
-        (["actuators.max_rotor_command=0.4"], "can't give actuators.hover_force_n without torque about O"),
-        (["actuators.hover_force_n=[0, 3, 15]"], "can't give actuators.hover_force_n without torque about O"),
+        (["actuators.max_rotor_command=0.4"], "cannot give actuators.hover_force_n without torque about O"),
+        (["actuators.hover_force_n=[0, 3, 15]"], "cannot give actuators.hover_force_n without torque about O"),
         (["vehicle.rotors.1.thrust_n=[0.0, 9.0, -6.0]"], "thrust_n of rotor 'm2' does not rise all the way"),
         ([rotors(column='"speed"')], "rotor 'r0' logs its speed: give actuators.lag_s"),
         (["actuators.max_force_n=[1, 1, 1]"], "of rotors, or of jets or a wrench: drop one kind"),
         (["actuators.supply_v=[12, 11]"], "needs nominal_v of"),
-        (['plan=[{motion="random", axes=["x"], start_s=0, end_s=4}]'], "can't drive x both ways without disturbing other axes"),
+        (['plan=[{motion="random", axes=["x"], start_s=0, end_s=4}]'], "cannot drive x in both directions without disturbing other axes"),
     ],
 )
 def test_rotors_that_can_not_be_flown_are_refused(settings: list[str], said: str) -> None:

@@ -88,7 +88,7 @@ def refusal(text: str, assignments: tuple[str, ...] = ()) -> str:
         (BASE + JETS + '[[events]]\nkind="reset"\ncycle=9\nphase="phase-1"', "", ["phase name 'phase-1' is used twice"]),
         (BASE + JETS, "vehicle.thrust.lag_s=1e8", ["more than 1000 cycles"]),
         (BASE + JETS, "sensors.accel_bias_m_s2=[1e20, 0.0, 0.0]", ["accelerometer would log more than"]),
-        (BASE + JETS + '[[actuators.failures]]\njet="divert_xp"\nstart_s=2.0\nend_s=1.0', "", ["never happens"]),
+        (BASE + JETS + '[[actuators.failures]]\njet="divert_xp"\nstart_s=2.0\nend_s=1.0', "", ["has no duration"]),
     ],
 )
 def test_a_bad_scenario_is_refused_in_one_line_that_says_what_and_where(text: str, assignment: str, words: list[str]) -> None:
@@ -99,7 +99,7 @@ def test_a_bad_scenario_is_refused_in_one_line_that_says_what_and_where(text: st
 
 def test_an_axis_that_the_jets_cannot_serve_is_refused_by_segment() -> None:
     one_jet = '[[vehicle.jets]]\nname = "a"\nposition_m = [0, 0, 0]\nforce_n = [1.0, 0, 0]\n'
-    assert "plan segment 1: the vehicle can't drive x both ways" in refusal(
+    assert "plan segment 1: the vehicle cannot drive x in both directions" in refusal(
         BASE + one_jet + '[[plan]]\nmotion = "steady"\naxes = ["x"]\nstart_cycle = 0\nend_cycle = 5\n'
     )
 

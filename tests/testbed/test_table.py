@@ -79,7 +79,10 @@ def test_a_vehicle_that_slides_freely_feels_no_slope_and_one_that_is_held_feels_
     ("change", "said"),
     [
         ({"initial": {"rate_rad_s": [0.1, 0.0, 0.0]}}, "turns about Z alone"),
-        ({"vehicle": {"environment": {"kind": "planar", "initial_attitude_wxyz": [0.0, 1.0, 0.0, 0.0]}}}, "out of the table"),
+        (
+            {"vehicle": {"environment": {"kind": "planar", "initial_attitude_wxyz": [0.0, 1.0, 0.0, 0.0]}}},
+            "on the table; give a rotation about Z",
+        ),
     ],
 )
 def test_a_motion_out_of_the_table_is_refused(change: dict[str, dict[str, object]], said: str) -> None:

@@ -79,7 +79,7 @@ def test_a_wheel_runs_down_by_its_friction() -> None:
 
 def test_a_turn_by_wheels_needs_wheels_that_span_it() -> None:
     flat = "vehicle.wheels.2.axis=[0.3, 0.2, 0.0]"
-    with pytest.raises(InputError, match=r"can't drive yaw .* add jets or wheels"):
+    with pytest.raises(InputError, match=r"cannot drive yaw .* add jets or wheels"):
         simulate.fly(scenario.load("wheels", (flat,)), [1])
     by_wheels = "plan=[{motion='random', axes=['roll'], start_s=0, end_s=5, by_wheels=true}]"
     with pytest.raises(InputError, match="the vehicle has nothing that stores momentum"):

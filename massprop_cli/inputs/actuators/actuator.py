@@ -222,7 +222,7 @@ def refuse_strangers(source: LogTable, columns: Mapping[str, str], known: Sequen
     """Raise :class:`InputError` if one of ``columns`` (column: actuator name) names an actuator that is not in ``known``."""
     for column, name in columns.items():
         if name not in known:
-            hint = nearest(name, known, f"the nearest {noun} is") or f"; it has no [[{table}]] at all"
+            hint = nearest(name, known, f"the nearest {noun} is") or f"; it has no [[{table}]]"
             raise InputError(
                 f"{source.table.path}: column {column!r} names a {noun} that the vehicle file lacks{hint}. Add it to the vehicle file"
             )
@@ -268,7 +268,7 @@ def pointing(what: str) -> AfterValidator:
 
     def checked(axis: Vector) -> Vector:
         if not any(axis):
-            raise ValueError(f"points nowhere; give the direction of {what} in body axes")
+            raise ValueError(f"has length 0; give the direction of {what} in body axes")
         return axis
 
     return AfterValidator(checked)

@@ -88,9 +88,9 @@ class ControlMomentGyro(actuator.MomentumDevice):
                 "gimbal angle 0, orthogonal to the gimbal's"
             )
         if self.h_n_m_s is None and self.spin_inertia_kg_m2 is None:
-            raise ValueError("nothing says how much momentum it holds: state h_n_m_s, or spin_inertia_kg_m2 and log its speed")
+            raise ValueError("its momentum is not stated: state h_n_m_s, or state spin_inertia_kg_m2 and log its speed")
         if self.spin_inertia_kg_m2 is None and not self.locked_in_inertia:
-            raise ValueError("locked_in_inertia = false needs spin_inertia_kg_m2, by which the body's inertia is less")
+            raise ValueError("locked_in_inertia = false needs spin_inertia_kg_m2, which massprop takes off the body's inertia")
         return self
 
     @classmethod
@@ -147,8 +147,8 @@ class ControlMomentGyro(actuator.MomentumDevice):
         turn = np.abs(np.diff(np.unwrap(angle)))
         fast = np.append(False, np.maximum(turn, np.abs(np.diff(angle)) - 2 * np.pi) > FASTEST_RAD)
         said = (
-            f"{{:g}} rad, after {{:g}} rad in the record before: no gimbal turns by more than {FASTEST_RAD:g} rad within a record; is it "
-            "in radians ([columns] can scale it), are records missing?"
+            f"{{:g}} rad, after {{:g}} rad in the record before: the limit is {FASTEST_RAD:g} rad in a record; is it in radians ([columns] "
+            "can scale it), are records missing?"
         ).format
         source.refuse(fast, GIMBAL.of(self.name), lambda row: said(angle[row], angle[row - 1]))
         speed = source.required(SPEED.of(self.name))[:n] if self.h_n_m_s is None else None

@@ -203,8 +203,8 @@ class Wheel(actuator.MomentumDevice):
             start = first if np.isfinite(first) else None
         if start is None:
             raise InputError(
-                f"{source.table.path}: nothing says how fast wheel {self.name!r} turns when its first torque acts; state start_rad_s under "
-                f"its [[wheels]], or write its speed into the first cell of column {speed!r}"
+                f"{source.table.path}: the speed of wheel {self.name!r} at its first torque is not known; state start_rad_s under its "
+                f"[[wheels]], or write its speed into the first cell of column {speed!r}"
             )
         return WheelLog(None, frozen(source.per_cycle(column, records, n)), start)
 

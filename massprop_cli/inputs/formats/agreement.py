@@ -30,7 +30,7 @@ def check(path: Path, made: Made, vehicle: Vehicle, theta_imu: Array, force_imu:
     """:class:`InputError` where gyro (n, 3) rad, accelerometer (n, 3) m/s² and attitude (n, 4) contradict each other."""
     if made.heading and vehicle.environment.kind != "planar":
         raise InputError(
-            f"{path}: [attitude] of {made.map} is a heading alone, which is the attitude of a planar table, and environment.kind is "
+            f"{path}: [attitude] of {made.map} is only a heading, which a planar table needs, but environment.kind is "
             f'"{vehicle.environment.kind}"; map quaternions, or state kind = "planar" if the vehicle is on a table'
         )
     rows = np.flatnonzero([] if attitude is None else np.isfinite(attitude[:, 0]))
@@ -90,14 +90,15 @@ def _compare(path: Path, made: Made, key: str, measured: Array, wanted: Array, l
             f"it agrees with {' and '.join(wrong)}: correct that under [{key}], or the attitude's own axes, turns and world ([attitude])"
         )
     elif apart(-np.eye(3)) < _TOGETHER:
-        problem = f"it agrees the other way round: state scale = -1.0 under [{key}], or correct the attitude's turns and world ([attitude])"
+        problem = (
+            f"it agrees with the opposite sign: state scale = -1.0 under [{key}], or correct the attitude's turns and world ([attitude])"
+        )
     else:
         problem = (
-            "no order of axes and no unit of it corrects that; are order, turns, world and the unit of a heading right ([attitude]), and "
-            f"[{key}]?"
+            f"no order of axes and no unit corrects this; check order, turns, world and the unit of a heading ([attitude]), and [{key}]"
         )
     raise InputError(
-        f"{path}: [{key}] of {made.map} and the logged attitude contradict each other by {now:.2g} of what the attitude says; {problem}"
+        f"{path}: [{key}] of {made.map} and the logged attitude contradict each other by {now:.2g} of the attitude signal; {problem}"
     )
 
 

@@ -74,7 +74,7 @@ def outlying(times_s: Array) -> tuple[BoolArray, str]:
     with np.errstate(over="ignore"):
         usual = median(np.abs(np.diff(times_s))) if len(times_s) > 1 else 0.0
     far: BoolArray = (np.spacing(np.abs(times_s)) > usual) & (usual > 0)
-    return far, f"cannot be a time of this log (usual interval {usual:.6g} s); correct or cut the record"
+    return far, f"is not a time of this log (usual interval {usual:.6g} s); correct or cut the record"
 
 
 def problem(times_s: Array, place: Callable[[int], str], zero_s: float, sensor: bool) -> str:
@@ -92,7 +92,7 @@ def problem(times_s: Array, place: Callable[[int], str], zero_s: float, sensor: 
         wrapped = next((cure for length, cure in WRAPS.items() if abs(fallen / length - 1) < _WRAPPED), None)
         cure = wrapped or "name another clock, or sort and cut the recording"
         if (steps >= 0).all():
-            cure = "drop the row that stands twice, or name another clock"
+            cure = "remove the repeated row, or name another clock"
             if len(back) > _ROUNDED * len(steps):
                 cure = (
                     "its times are rounded: state even = true, or name another clock; a table with one signal a row (its name and value) "
@@ -101,15 +101,15 @@ def problem(times_s: Array, place: Callable[[int], str], zero_s: float, sensor: 
         if not steps.any():
             cure = "all its times are the same: write them with more digits, or name another clock"
         fall = f"from {times_s[first] + zero_s:.13g} to {times_s[first + 1] + zero_s:.13g} s"
-        return f"time stands still or goes back at {place(first + 1)}, {fall}; {cure}"
+        return f"time repeats or goes back at {place(first + 1)}, {fall}; {cure}"
     # a pause makes no pairs of all that is not
     together = steps < TOGETHER * np.sort(steps)[: 1 + int(_USUAL * (len(steps) - 1))].mean()
     if not sensor or len(steps) < _SEVERAL or float(together.mean()) <= _PAIRED:
         return ""
     return (
         f"{100 * together.mean():.0f} % of its samples come right after another ({median(steps[together]):.3g} s, and "
-        f"{median(steps[~together]):.3g} s between the others): if these are two sensors in one table, keep the rows of one; if they came "
-        "in bursts, state even = true under the clock, or the clock of the sensor itself"
+        f"{median(steps[~together]):.3g} s between the others): if these are two sensors in one table, keep the rows of one; if they "
+        "arrived in bursts, state even = true under the clock, or the clock of the sensor itself"
     )
 
 
@@ -134,7 +134,7 @@ def uncovered(streams: Mapping[str, RecordedStream], paths: Sequence[str], step_
     if length is None or covers_all(length, [step_s]):
         return ""
     return (
-        f"an increment covers {covered(length):.6g} by {length.path!r}, and they come every {step_s:.6g} s: what happened in between is "
+        f"an increment covers {covered(length):.6g} by {length.path!r}, and they come every {step_s:.6g} s: the motion in between is "
         'lost. Log all of them, or map rates instead (values = "sample" or "mean"), or correct the clock'
     )
 

@@ -60,7 +60,7 @@ def _on_rows(signals: Signals) -> dict[str, Array]:
     for name, jet in said.jets.items():
         on, share = signals.jet(name, jet)
         if share:
-            raise signals.refused(on, "a valve's state wants control cycles to be summed over; state [records] in the map")
+            raise signals.refused(on, "a valve's state is summed over control cycles; state [records] in the map")
         made[columns.jet(name)] = _beside(gyro, on, signals).values[:, 0]
     for signal, column, _, _ in signals.spinners():
         made[column] = _beside(gyro, signal, signals).values[:, 0]

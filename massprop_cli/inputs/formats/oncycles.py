@@ -281,8 +281,8 @@ def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands:
         raise signals.error(
             "records",
             gyro.times.path,
-            f"from {start + zero:.13g} to {end + zero:.13g} s, where all streams are there, are not two control cycles of {cycle:.6g} s; "
-            f"gyro is {gyro.times.span()}, {early.key} {early.times.span()}, {late.key} {late.times.span()}",
+            f"from {start + zero:.13g} to {end + zero:.13g} s, where all streams have data, are fewer than two control cycles of "
+            f"{cycle:.6g} s; gyro is {gyro.times.span()}, {early.key} {early.times.span()}, {late.key} {late.times.span()}",
         )
     return edges[: whole + 1]
 
@@ -294,8 +294,8 @@ def _check(signals: Signals, edges: Array, sensors: Sequence[QuantitySignal], sl
         if signal.paths and signal.times.step_s > 1.01 * length:
             raise signals.refused(
                 signal,
-                f"{signals.again.get(signal.key, 'comes')} every {signal.times.step_s:.6g} s; records of {length:.6g} s would be made up. "
-                "Make records at least as long",
+                f"{signals.again.get(signal.key, 'comes')} every {signal.times.step_s:.6g} s, so records of {length:.6g} s would be "
+                "invented. Make records at least as long",
             )
     for signal in (*sensors, *slow):
         times = signal.times
@@ -309,11 +309,11 @@ def _check(signals: Signals, edges: Array, sensors: Sequence[QuantitySignal], sl
             at = inside[wide[0]]
             raise signals.refused(
                 signal,
-                f"a gap of {steps[wide[0]]:.6g} s after {at + times.zero_s:.13g} s (usual interval {times.step_s:.6g} s); "
-                "take one side of it with records.start_s or end_s",
+                f"a gap of {steps[wide[0]]:.6g} s after {at + times.zero_s:.13g} s (usual interval {times.step_s:.6g} s); use one side of "
+                "it with records.start_s or end_s",
             )
         if lost.size:
             signals.made.append(
-                f"{signal.key}: {lost.size} gap(s) of up to {steps[lost].max():.6g} s, shorter than a record, are bridged evenly; "
-                f"the first after {inside[lost[0]] + times.zero_s:.13g} s"
+                f"{signal.key}: {lost.size} gap(s) of up to {steps[lost].max():.6g} s, shorter than a record, are interpolated; the first "
+                f"after {inside[lost[0]] + times.zero_s:.13g} s"
             )

@@ -113,7 +113,7 @@ def _section(clocks: listing.Clocks, quantity: VectorName, found: Sequence[Vecto
         return [*lines, *_where(clocks, vector), *_sensor(clocks, quantity, vector), ""]
     if listing.leaf(vector.paths[0]) in columns.WRENCH:
         return [*lines, f'unit = "{next(iter(quantity.rates))}"   # by its name', 'frame = "body"   # by its name', ""]
-    return [*lines, *_unit(quantity, vector), 'frame = "?"   # "body", or "world", which wants [attitude]', ""]
+    return [*lines, *_unit(quantity, vector), 'frame = "?"   # "body", or "world", which needs [attitude]', ""]
 
 
 def _where(clocks: listing.Clocks, vector: Vector) -> list[str]:

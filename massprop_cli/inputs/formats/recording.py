@@ -129,7 +129,7 @@ def kind(path: Path) -> Kind:
     found = KINDS.get(suffix(path))
     if found is None or (path.suffix.lower() == ".gz" and suffix(path) not in (".csv", ".tsv")):
         of_text = path.suffix.lower() in (".txt", ".lvm", ".dat", ".asc")
-        named = "; a table of text is read once it is renamed to .csv or .tsv" if of_text else ""
+        named = "; to read a text table, rename it to .csv or .tsv" if of_text else ""
         *others, last = (name for name in SUFFIXES if name not in (".parquet", ".csv"))
         also = f"{', '.join(others)} or {last}"
         raise InputError(f"{path}: unknown kind of file {path.suffix!r}; a log is .parquet or .csv, a recording also {also}{named}")

@@ -130,7 +130,7 @@ class Signals:
         bad = np.flatnonzero((values < 0) | (~np.isnan(values) & (values % 1 != 0)))
         if bad.size:
             where = stream.place(int(bad[0]))
-            raise self.error(key, stream.path, f"{values[bad[0]]:g} at {where} is no whole number of bits; drop bit, or name another path")
+            raise self.error(key, stream.path, f"{values[bad[0]]:g} at {where} is not an integer of bits; drop bit, or name another path")
         return np.where(np.isnan(values), values, np.nan_to_num(values).astype(np.int64) >> bit & 1)
 
     def spinners(self) -> Iterator[tuple[QuantitySignal, str, Literal["mean", "instant"], resample.Holds]]:
@@ -162,7 +162,9 @@ class Signals:
 
         def refused(row: int, norm: float) -> InputError:
             at = self._stream("attitude", paths[0]).place(row)
-            return self.error("attitude", paths[0], f"the quaternion's norm is {norm:.4g} at {at}, not 1; are these four its parts?")
+            return self.error(
+                "attitude", paths[0], f"the quaternion's norm is {norm:.4g} at {at}, not 1; check that these are its four parts"
+            )
 
         turned = resample.quaternions(said, recorded, refused)
         return self._signal("attitude", paths, turned, self._clock_of("attitude", paths, said.clock), said.where)

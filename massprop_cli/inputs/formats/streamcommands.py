@@ -77,8 +77,8 @@ def on_cycles(signals: Signals, command: StreamCommand, cycles: Array) -> Array:
     if command.kind == "on_time":
         if step > (1 - LIKE) * length:
             if command.holds == "since_last":
-                problem = "an on-time once a cycle is that of the cycle in which it is stamped, whatever holds says; drop holds, and where"
-                problem += f" stamps come at the cycle's end state clock.offset_s = {-length:.6g} for it"
+                problem = "an on-time once a cycle belongs to the cycle of its stamp, so holds has no effect; drop holds, and if"
+                problem += f" stamps are at the end of the cycle, state clock.offset_s = {-length:.6g} for it"
                 raise signals.refused(signal, problem)
             count, first = resample.in_each(signal.times.s, cycles, _EARLY)
         else:  # in every record, which counts by its middle
@@ -89,7 +89,7 @@ def on_cycles(signals: Signals, command: StreamCommand, cycles: Array) -> Array:
             at = cycles[wrong[0]] + signal.times.zero_s
             raise signals.refused(
                 signal,
-                f"{_counted(signal, first, count, int(wrong[0]))} in the control cycle of {length:.6g} s at {at:.13g} s; each cycle wants "
+                f"{_counted(signal, first, count, int(wrong[0]))} in the control cycle of {length:.6g} s at {at:.13g} s; each cycle needs "
                 "one (0 where the jet is off), or the same in all of its records: correct the length of cycles or their beginning "
                 "([records])" + _astray(int(count[wrong[0]])) + _another_clock(signals, signal),
             )
@@ -115,9 +115,9 @@ def _astray(count: int) -> str:
     lost = (
         ""
         if count
-        else "; an on-time that is logged as it changes wants a row in each cycle, and where commands were lost records.end_s is before"
+        else "; if an on-time is logged only when it changes, log it in each cycle; if commands were lost, set records.end_s before them"
     )
-    return f'{lost}; stamps that are times of arrival want "even = true", and a clock that drifts its scale, under the clock of [jets]'
+    return f"{lost}; if stamps are arrival times, state even = true; if the clock drifts, state its scale, under the clock of [jets]"
 
 
 def _another_clock(signals: Signals, signal: QuantitySignal) -> str:

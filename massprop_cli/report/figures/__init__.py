@@ -34,9 +34,9 @@ _PICTURES: dict[str, tuple[str, Callable[[Recorded], Picture]]] = {
     "expectations": ("Values against what was expected", comparison.against_expected),
     "rate-fit": ("Rate, measured against predicted", lambda recorded: prediction.picture(recorded, "rate")),
     "force-fit": ("Specific force, measured against predicted", lambda recorded: prediction.picture(recorded, "specific_force")),
-    "command-fit": ("What is left, against the command", command.picture),
+    "command-fit": ("Residuals against the command", command.picture),
     "whiteness": ("Whiteness of the innovations", whiteness.picture),
-    "firing": ("What each jet did", firing.picture),
+    "firing": ("Thrust of each jet", firing.picture),
     "torque": ("Control torques", lambda recorded: signals.picture(recorded, "torque")),
     "force": ("Force commands", lambda recorded: signals.picture(recorded, "force")),
     "rate": ("Rates", lambda recorded: signals.picture(recorded, "rate")),
@@ -61,7 +61,7 @@ def picture(name: str, recorded: Recorded, phase: str | None = None) -> Picture:
         meant = f" did you mean {nearest[0]}?" if nearest else ""
         raise UsageError(f"no figure {name!r};{meant} there are {', '.join(NAMES)}")
     found = _PICTURES[name][1](recorded if phase is None else only(recorded, phase))
-    return found if found.panels else Picture(found.caption, (nothing("the log lacks the sensor that this would show"),))
+    return found if found.panels else Picture(found.caption, (nothing("the log lacks the sensor of this figure"),))
 
 
 def draw(name: str, recorded: Recorded, kind: Kind) -> bytes:

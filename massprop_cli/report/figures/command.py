@@ -21,8 +21,8 @@ BINS = 9
 LEAST = 5
 """Cycles of a mean."""
 KINDS = {
-    "rate": ("torque", "Angular acceleration {} left", "rad/s²", "torque", "N m"),
-    "specific_force": ("force", "Specific force {} left", "m/s²", "force", "N"),
+    "rate": ("torque", "Angular acceleration {} residual", "rad/s²", "torque", "N m"),
+    "specific_force": ("force", "Specific force {} residual", "m/s²", "force", "N"),
 }
 """What is left: the command that it is tested against, heading and unit; the command's name and unit."""
 
@@ -53,11 +53,11 @@ def picture(recorded: Recorded) -> Picture:
     found = {(kind, letter): against(parts, kind, letter) for kind in KINDS for letter in sensed(parts, kind)}
     panels = tuple(_panel(kind, letter, each) for (kind, letter), each in found.items())
     count = max(len(each.left) for each in found.values())
-    thinned = f" Of {count} cycles one in {-(-count // POINTS)} is drawn; the means are of all." if count > POINTS else ""
+    thinned = f" The figure shows one in {-(-count // POINTS)} of {count} cycles; the means use all." if count > POINTS else ""
     caption = (
-        "Grey points: what the prediction leaves in a cycle, against what executed along the same axis; the angular acceleration is the "
-        "step of what is left of the rate, over the cycle. Blue: means over equal parts of the command, ± 2 sigma of each. Level and zero "
-        f"where thrust, delay and values are right; a slope is a wrong torque, force, inertia or mass.{thinned}"
+        "Grey points: residual of each cycle against the command along the same axis; for the angular acceleration, the change of the rate "
+        "residual over the cycle. Blue: means over equal parts of the command, ± 2 sigma. Zero if thrust, delay and values are right; a "
+        f"slope shows a wrong torque, force, inertia or mass.{thinned}"
     )
     return Picture(caption, panels)
 
@@ -98,7 +98,7 @@ def _panel(kind: str, letter: str, each: Against) -> Panel:
     def paint(axes: Axes) -> None:
         if not each.left.size or not np.ptp(each.command) > 0:
             axis.heading(axes, title, unit)
-            axis.empty(axes, "not predicted" if not each.left.size else f"no {command} along it was commanded")
+            axis.empty(axes, "not predicted" if not each.left.size else f"no {command} was commanded on this axis")
             return
         reach = max(float(np.quantile(np.abs(each.left), 0.995)), max((abs(m.left) + 2 * m.sigma for m in found), default=0.0))
         axis.values(axes, padded(-reach, reach, 0.05), title, unit)
@@ -110,7 +110,7 @@ def _panel(kind: str, letter: str, each: Against) -> Panel:
         bars.lines[0].set_gid(f"{kind}_{letter}-mean")
         axes.set_xlabel(f"{command} {letter.upper()} [{command_unit}]", labelpad=2)
 
-    says = f"{title} by the prediction against {command} {letter.upper()}: {_slope(found, unit, command_unit)}"
+    says = f"{title} of the prediction against {command} {letter.upper()}: {_slope(found, unit, command_unit)}"
     return Panel(f"{kind}_{letter}", says, paint)
 
 

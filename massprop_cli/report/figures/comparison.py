@@ -31,9 +31,9 @@ def picture(found: Sequence[dict[str, EstimateItem]], names: Sequence[str] = ())
     """A panel for each quantity, of results of one vehicle; ``names`` of each where they are few."""
     named = names if len(names) <= NAMED else ()
     caption = (
-        "Each result's value with a bar of ± one sigma, over its name, or its number in the table. Filled circle: converged; open "
-        "diamond: not converged; open circle: not excited; filled cross: contradicted, its bar does not hold. Dashes: what was expected "
-        "of it. The range fits the converged values; an arrow at the edge stands for one that lies outside."
+        "Value of each result with a bar of ± one sigma, above its name or its number in the table. Filled circle: converged; open "
+        "diamond: not converged; open circle: not excited; filled cross: contradicted, its bar is not valid. Dashes: expected value. The "
+        "range fits the converged values; an arrow at the edge marks a value outside."
     )
     return Picture(caption, tuple(_panel(name, [items[name] for items in found], named) for name in QUANTITIES))
 
@@ -111,8 +111,8 @@ def against_expected(recorded: Recorded) -> Picture:
     if recorded.result.docked_object is not None:
         found["docked object"] = recorded.result.docked_object.estimates
     caption = (
-        "Value less expected, over the tolerance; bars are ± one sigma. Between the dashes an expectation is met. Green: met. Red: missed, "
-        f"an arrow stands for more than {FAR:g} tolerances. A value that no verdict vouches for is open."
+        "(Value − expected) / tolerance; bars are ± one sigma. Between the dashes the expectation is met. Green: met. Red: missed; an "
+        f"arrow marks more than {FAR:g} tolerances. Open: the verdict is not converged."
     )
     return Picture(caption, tuple(_against(number, *each, len(found) > 1) for number, each in enumerate(found.items(), 1)), 2)
 

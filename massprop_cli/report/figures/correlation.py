@@ -12,9 +12,9 @@ from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import Matrix
 
 CAPTION = (
-    "Correlation of the errors of each two quantities, from the covariance: 1 means that they are off together, −1 oppositely, 0 "
-    "independently. Blue is positive, orange is negative and carries a minus; the deeper the colour, the stronger. A strong correlation "
-    "says that the motion showed a combination of the two better than each alone."
+    "Correlation of the errors of each pair of quantities, from the covariance: 1 is the same error, −1 the opposite error, 0 independent "
+    "errors. Blue is positive, orange is negative with a minus sign; a deeper colour is stronger. With a strong correlation the motion "
+    "gives a combination of the two better than each alone."
 )
 
 

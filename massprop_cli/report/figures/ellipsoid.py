@@ -41,7 +41,7 @@ def picture(recorded: Recorded) -> Picture:
     panels = tuple(_panel(number, phase, seen, view, len(phases) > 1) for number, phase, seen in found for view in VIEWS)
     said = _caption([seen for *_, seen in found])
     if any(phase.estimates[name].verdict == "contradicted" for phase in phases for name in (*INERTIA, "mass")):
-        said += " It rests on contradicted values."
+        said += " It uses contradicted values."
     return Picture(said, panels, 4)
 
 
@@ -54,14 +54,13 @@ def outline(seen: body.Ellipsoid, directions: Array, points: int = 65) -> Array:
 
 def _caption(found: list[body.Ellipsoid | None]) -> str:
     said = (
-        "The homogeneous ellipsoid that has the estimated mass, CG and inertia: it shows proportions and attitude of the mass, not the "
-        "body's outline. Lines through it are the principal axes: 1 (solid) with the least moment, 2 dashed, 3 dotted. "
-        "Dot: CG. Cross: origin O of the body axes."
+        "The homogeneous ellipsoid with the estimated mass, CG and inertia: it shows how the mass is distributed, not the body's outline. "
+        "Lines are the principal axes: 1 (solid) with the smallest moment, 2 dashed, 3 dotted. Dot: CG. Cross: origin O of the body axes."
     )
     if any(seen is not None and seen.mended for seen in found):
-        said += " No body could have the estimated inertia; the nearest that one could have is drawn."
+        said += " No real body has the estimated inertia; the figure shows the nearest possible one."
     if any(seen is not None and not seen.to_scale for seen in found):
-        said += " Without a mass its size is not known; lengths are in parts of the longest semi-axis, and O is not drawn."
+        said += " Without a mass its size is unknown; lengths are parts of the longest semi-axis, and O is not shown."
     return said
 
 

@@ -30,19 +30,19 @@ def picture(recorded: Recorded, names: Sequence[str], columns: int) -> Picture:
 
 
 def _caption(recorded: Recorded, names: Sequence[str], parts: list[Covered]) -> str:
-    sigma = "the thesis's “precision”, which is no error" if recorded.result.provenance.method == "thesis" else "one standard deviation"
+    sigma = "the thesis's “precision”, which is not an error" if recorded.result.provenance.method == "thesis" else "one standard deviation"
     text = (
-        f"Line: the estimate after each cycle; band: ± sigma, {sigma}; point with bars: the reported value; dashed upright line: final "
-        "from there on. The range fits the settled part; where sigma exceeds it, nothing is drawn."
+        f"Line: the estimate after each cycle; band: ± sigma, {sigma}; point with bars: the reported value; vertical dashes: final from "
+        "there on. The range fits the settled part; where sigma exceeds it, nothing is shown."
     )
     if any(phase.estimates[name].expected is not None for name in names for _, phase, _ in parts):
         text += " Green on the right: the expected value, with its tolerance."
     if any(phase.estimates[name].verdict == "contradicted" for name in names for _, phase, _ in parts):
-        text += " Red with a cross: contradicted, the band does not hold."
+        text += " Red with a cross: contradicted, the band is not valid."
     cuts = [(vocabulary.SYMBOLS[name], phase.name, cut_off_s(name, phase, columns)) for name in names for _, phase, columns in parts]
     told = [f"{symbol}{f' ({name})' if len(parts) > 1 else ''} before {cut:.1f} s" for symbol, name, cut in cuts if cut is not None]
     text += said([len(columns["time_s"]) for *_, columns in parts], parts_of(len(recorded.history)))
-    return f"{text} The start runs out of the picture: {', '.join(told)}." if told else text
+    return f"{text} The start is outside the figure: {', '.join(told)}." if told else text
 
 
 def cut_off_s(name: str, phase: PhaseItem, columns: Columns) -> float | None:

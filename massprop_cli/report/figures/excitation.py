@@ -41,9 +41,8 @@ def picture(recorded: Recorded) -> Picture:
     several = len(parts) > 1
     panels = tuple(_panel(number, phase, strips(columns), several) for number, phase, columns in parts)
     caption = (
-        "Above: how strongly torque and force executed (rms, each kind over its largest). Below: when each quantity was learnt, as the "
-        "share of its information 1/σ² that came in then; every row is scaled to its own peak. A peak under a burst of torque or force "
-        "says which motion showed it."
+        "Above: executed torque and force (rms, each relative to its largest). Below: when the log gave information on each quantity, as a "
+        "share of 1/σ²; each row is scaled to its own peak. A peak below a burst of torque or force shows which motion informed it."
     )
     return Picture(caption, panels, 2)
 

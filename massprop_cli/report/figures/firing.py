@@ -27,7 +27,7 @@ def picture(recorded: Recorded) -> Picture:
     parts = covered(recorded, ["time_s", *(f"{EXECUTED}{jet}_s" for jet in jets)])
     found = named(recorded.result)
     caption = (
-        "Each row is a jet; the taller the mark, the greater the part of that time at which it pushed, in full thrust. "
+        "Each row is a jet; a taller mark is a larger part of that time at full thrust. "
         + (f"Red with an arrow: {', '.join(line(jet, 40) for jet in found)}, which a warning names. " if found else "")
         + f"Each mark is the mean over 1/{BINS} of the time."
     )

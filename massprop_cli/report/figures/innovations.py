@@ -27,8 +27,8 @@ def picture(recorded: Recorded) -> Picture:
         for letter, limits in zip(letters[kind], found, strict=True)
     )
     caption = (
-        "Line: measured less predicted, each cycle, before that cycle was used; body axes. Dashed lines: ± 2 sigma as the filter expected. "
-        "Where model and noise levels hold, 95 % lie between the dashed lines, without trend or pattern."
+        "Line: measured − predicted of each cycle, before the filter used it; body axes. Dashed lines: ± 2 sigma expected by the filter. "
+        "If model and noise levels are right, 95 % lie between the dashed lines, without trend or pattern."
     )
     return Picture(caption + thinned(parts), panels)
 

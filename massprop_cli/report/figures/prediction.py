@@ -75,10 +75,10 @@ def _caption(recorded: Recorded, parts: list[Covered]) -> str:
             "Blue: measured, body axes. The thesis's filters predict torque and force from the motion, not the motion: see the innovations."
         )
     return (
-        "Blue: measured. Orange dashes: what the commands make of a body with the final values, from the phase's first moment on; only "
-        "what it begins with (rate, biases, tilt) is taken from the cycles before. Below: measured less predicted, with ± 2 sigma of the "
-        "stated noise (dashes). Where values and vehicle file are right, noise alone is left: no trend, no pattern, 95 % between the "
-        f"dashes. Body axes.{thinned(parts)}"
+        "Blue: measured. Orange dashes: predicted from the commands with the final values, from the start of the phase; only the initial "
+        "rate, biases and tilt come from the cycles before. Below: measured − predicted, with ± 2 sigma of the stated noise (dashes). If "
+        "values and vehicle file are right, the residual is noise: no trend, no pattern, 95 % between the dashes. Body "
+        f"axes.{thinned(parts)}"
     )
 
 
@@ -151,4 +151,4 @@ def _says(each: Sequence[Channel], unit: str) -> str:
     if not left.size:
         return "not predicted"
     inside = (np.abs(left) <= BOUND * sigma).mean()
-    return f"rms of what is left {np.sqrt((left**2).mean()):.2g} {unit}; {inside:.1%} lie within ± 2 sigma, 95 % are expected"
+    return f"rms of the residual {np.sqrt((left**2).mean()):.2g} {unit}; {inside:.1%} lie within ± 2 sigma, 95 % are expected"

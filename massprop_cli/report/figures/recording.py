@@ -33,7 +33,7 @@ def covered(recorded: Recorded, needed: Sequence[str] = COLUMNS) -> list[Covered
     if not found:
         if recorded.joint:
             raise InputError(
-                f"{recorded.path}: is of several logs together, without a history; draw figures against time from their own results"
+                f"{recorded.path}: combines several logs and has no history; draw figures against time from the results of each log"
             )
         missing = recorded.path.with_name("history.parquet")
         raise InputError(f"{missing}: missing; figures against time need it. Make the result again with massprop estimate")

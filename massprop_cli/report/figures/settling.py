@@ -26,8 +26,8 @@ def picture(recorded: Recorded) -> Picture:
         _panel(name, number, phase, columns, several, recorded.result) for name in QUANTITIES for number, phase, columns in parts
     )
     caption = (
-        "Blue: how far the estimate after each cycle is from where it ends. Orange dashes: its sigma then. Grey dots: the tolerance within "
-        "which it must stand still to be called converged. Where sigmas are honest, blue stays below some two times orange."
+        "Blue: distance of the estimate after each cycle from the final one. Orange dashes: its sigma. Grey dots: the tolerance within "
+        "which it must stay to be converged. If sigmas are right, blue stays below about two times orange."
     )
     return Picture(caption + thinned(parts, 2), panels, 5)
 

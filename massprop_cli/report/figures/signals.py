@@ -10,14 +10,14 @@ from massprop_cli.report.figures.series import AxisRange, gathered, parts_of, sp
 from massprop_cli.result.historyfile import SIGNALS
 from massprop_cli.result.read import Recorded
 
-_EXECUTED = "that was executing in each cycle, in body axes: the commands after delay, rise and fall of the thrust."
+_EXECUTED = "executed in each cycle, in body axes: the commands after delay, rise and fall of the thrust."
 KINDS = {
     "torque": ("Torque about O, body", f"Mean torque about O {_EXECUTED}", "N m"),
     "force": ("Force, body", f"Mean force {_EXECUTED}", "N"),
     "rate": ("Rate, body", "Mean rate over each cycle, in body axes.", "rad/s"),
     "acceleration": (
         "Acceleration of {point}, body",
-        "What the accelerometer felt, carried from the IMU to {point}: lever arm, rotation and gravity taken out; body axes.",
+        "Specific force of the accelerometer, transferred from the IMU to {point} without rotation and gravity; body axes.",
         "m/s²",
     ),
 }

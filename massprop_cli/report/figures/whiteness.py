@@ -28,10 +28,10 @@ def picture(recorded: Recorded) -> Picture:
     kinds = [kind for kind in KINDS if sensed(parts, kind)]
     panels = [panel for kind in kinds for panel in (_histogram(kind, parts), _autocorrelation(kind, parts), _running(kind, parts))]
     caption = (
-        "Whitened innovations: measured less predicted, each cycle before it was used, over what was expected of it; solid X, dashed Y, "
-        "dotted Z. Left: their histogram with the normal curve (grey). Middle: correlation with themselves some cycles later, with the "
-        f"range that chance leaves (dashes). Right: normalised innovation squared, mean over {WINDOW} cycles, with what is expected and "
-        "what chance leaves. Where model and noise hold, all three stay at the grey."
+        "Whitened innovations: measured − predicted of each cycle before the filter used it, over its expected sigma; solid X, dashed Y, "
+        "dotted Z. Left: their histogram with the normal curve (grey). Middle: autocorrelation, with the range of chance (dashes). Right: "
+        f"normalised innovation squared, mean over {WINDOW} cycles, with its expected value and the range of chance. If model and noise "
+        "are right, all three follow the grey."
     )
     return Picture(caption + thinned(parts), tuple(panels))
 
