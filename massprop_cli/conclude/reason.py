@@ -128,8 +128,8 @@ SENTENCES: dict[Code, str] = {
         "informed and steady; its sigma with model error is {percent:.2g} % of its natural size, within the tolerance; largest part: {main}"
     ),
     "discrepancy": (
-        "the vehicle file does not explain the log; its sigma with model error is {percent:.2g} % of its natural size, beyond the tolerance; "
-        "largest part: {main}"
+        "the vehicle file does not explain the log; its sigma with model error is {percent:.2g} % of its natural size, beyond the "
+        "tolerance; largest part: {main}"
     ),
     "noise-correlated": (
         f"{_NOT_NOISE}: the residual of the {{sensor}} is correlated from cycle to cycle (autocorrelation up to {{correlation:.2g}}, at "

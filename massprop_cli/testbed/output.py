@@ -107,20 +107,20 @@ def _tell(progress: Callable[[str, float], None] | None, before: float, share: f
 def warnings(source: ScenarioSource) -> list[Notice]:
     """Warnings about a scenario that can be simulated but is probably not intended."""
     scenario = source.scenario
-    messages = [
-        ("unphysical-inertia", f"[{name}] breaks the triangle inequality of principal moments, which no real body does")
+    at = source.source
+    notices = [
+        Notice("unphysical-inertia", f"{at}: [{name}] breaks the triangle inequality of principal moments, which no real body does")
         for name, body in (("truth", scenario.truth), ("docked", scenario.docked))
         if body is not None and body.breaks_triangle
     ]
     period_s = scenario.vehicle.cycle.period_s
     docks = [event.at(period_s) * period_s for event in scenario.events if event.kind == "dock"]
-    messages += [
-        ("phase-over-docking", f"phase {phase.name!r} goes on over the docking at {at:g} s; its truth is that of its end")
+    notices += [
+        Notice("phase-over-docking", f"{at}: phase {phase.name!r} includes the docking at {dock_s:g} s; its truth is that of its end")
         for phase in scenario.phases
-        for at in docks
-        if phase.start_s < at < phase.end_s
+        for dock_s in docks
+        if phase.start_s < dock_s < phase.end_s
     ]
-    notices = [Notice(code, f"{source.source}: {message}") for code, message in messages]
     allocated = mission.allocation(source)
     for number, segment in enumerate(scenario.plan, 1):
         demand = segment.torque_n_m or segment.force_n or 0.0

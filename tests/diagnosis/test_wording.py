@@ -74,7 +74,7 @@ def test_a_commanded_component_has_the_scale_of_its_column_as_its_remedy() -> No
     assert words == "ty gives +1.25 times the stated thrust, unlike the others; correct the scale under [columns]"
 
 
-@pytest.mark.parametrize(("subject", "words"), [((), "gyro shows 1.0101 "), (("y",), "gyro's y axis shows 1.0513 ")])
+@pytest.mark.parametrize(("subject", "words"), [((), "gyro reads 1.0101 "), (("y",), "gyro's y axis reads 1.0513 ")])
 def test_a_scale_is_that_of_the_axes_that_it_is_said_of(subject: tuple[str, ...], words: str) -> None:
     """Of two hypotheses about one sensor, each says its own."""
     found = replace(finding(gyro_scale=np.array([0.01, 0.05, 0.01])), subject=subject)
