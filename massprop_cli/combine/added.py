@@ -43,7 +43,10 @@ def stated(text: str) -> Known:
         except ValueError:
             values, sigma = [], 0.0
         if len(values) != len(names) or not np.isfinite([*values, sigma]).all() or sigma < 0:
-            raise InputError(f"--added {item!r}: expected {len(names)} finite numbers and a sigma of at least 0; {EXAMPLE}", "added")
+            raise InputError(
+                f"--added {item!r}: expected {len(names)} finite number{'s' * (len(names) > 1)} and a sigma of at least 0; {EXAMPLE}",
+                "added",
+            )
         found |= {name: (value, sigma) for name, value in zip(names, values, strict=True)}
     for key in ("mass", "position"):
         if KEYS[key][0] not in found:

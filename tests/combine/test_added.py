@@ -264,11 +264,11 @@ def test_a_log_of_a_sliding_bearing_tells_the_first_moment_about_it_better_than_
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("mass=12", "states no position"),
-        ("mass=12kg position=0,0,0", "not 1 finite number"),
-        ("mass=12 position=0.8,0", "not 3 finite numbers"),
+        ("mass=12", "position of the object is missing"),
+        ("mass=12kg position=0,0,0", "expected 1 finite number and"),
+        ("mass=12 position=0.8,0", "expected 3 finite numbers"),
         ("mass=12 weight=3 position=0.8,0,0", "'weight=3': state mass, position and inertia"),
-        ("mass=-12 position=0.8,0,0", "a mass of -12 kg"),
+        ("mass=-12 position=0.8,0,0", "mass = -12 kg must be above 0"),
         ("mass=12+--1 position=0.8,0,0", "a sigma of at least 0"),
     ],
 )

@@ -279,7 +279,7 @@ def test_two_logs_tell_more_than_one_and_their_result_is_a_result(folder: Path) 
     assert massprop(folder, "compare", "both", "a").returncode == 0
     short = massprop(folder, "combine", "a", "b", "--out", "both", "-q", "--require", "mass<0.1%")
     assert short.returncode == 4
-    assert "mass<0.1% wants" in short.stderr
+    assert "mass<0.1% requires" in short.stderr
 
 
 @pytest.mark.thorough
@@ -321,7 +321,7 @@ def bearings(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_results_on_bearings_of_different_mass_are_refused(arguments: tuple[str, ...], bearings: Path) -> None:
     done = massprop(bearings, "combine", *arguments, "--out", "joint")
     assert done.returncode == 3
-    assert "heavy/result.json: bearing mass [kg] is 9.0, and 5.0 in light/result.json; they are not of one vehicle." in done.stderr
+    assert "heavy/result.json: bearing mass [kg] is 9.0, and 5.0 in light/result.json; the results are not of one vehicle." in done.stderr
     assert not (bearings / "joint").exists()
 
 

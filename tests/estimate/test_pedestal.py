@@ -166,7 +166,7 @@ def test_a_free_swing_with_nothing_known_tells_ratios_alone_and_says_so() -> Non
     _, answers = found_of(4, "swing", 1)
     told = answers[0].conclusions[0]
     assert {one.verdict for one in told.about_pivot.values()} == {"unobservable"}
-    assert "ratios" in str(told.about_pivot["moment_z"].reason)
+    assert "only the ratio of first moment to inertia" in str(told.about_pivot["moment_z"].reason)
     assert all(told.estimates[name].value is None for name in (*INERTIA, *CG))
 
 

@@ -76,5 +76,5 @@ def test_a_pressure_that_is_none_is_refused_with_what_to_do(old: str, new: str, 
 
 
 def test_a_pressure_without_jets_is_refused() -> None:
-    with pytest.raises(InputError, match=r"thrust\.nominal_pa is the pressure that jets are fed with"):
+    with pytest.raises(InputError, match=r"thrust\.nominal_pa is the supply pressure of jets, but there are no"):
         vehiclefile.parse("schema = 1\ncycle = {period_s = 0.05, command_delay_cycles = 1.0}\nthrust = {nominal_pa = 2e6}\n", "v.toml")
