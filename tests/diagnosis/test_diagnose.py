@@ -318,7 +318,7 @@ def test_commands_that_are_logged_after_they_acted_are_told_with_their_cycles(na
     logged = np.concatenate([0 * log.command[:late], log.command[:-late]])
     found = faulty.examined(replace(log, command=logged), faulty.stated(used, f"cycle.command_delay_cycles={stated}.0"))
     (said,) = [notice.message for notice in found.notices if notice.code == "delay-mismatch"]
-    assert f"logged {cycles} control cycle(s) after they acted" in said
+    assert f"commands {cycles} control cycle(s) after they acted" in said
     assert f"up by {cycles + stated} control cycle(s)" in said
     assert "converged" not in faulty.verdicts(found).values()
 
