@@ -92,7 +92,7 @@ def executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s:
 
     Commands of the cycles ``issued`` act from ``begin_s`` on. ``lag_s`` is the lag of actuators that state none of their own.
     """
-    command = _limited(log.command[issued], vehicle).T
+    command = _commands(log, vehicle, issued)
     if log.command_kind == "rotors":
         at_once = by_commands_clock(log, vehicle, log.command_start_s[issued])
         measured = {after_s: at_once + after_s for after_s in (0.0, *log.bends_s)}
@@ -112,10 +112,12 @@ def _by_voltage(command: Array, begin_s: Array, vehicle: Vehicle, supply: Supply
     return np.stack([x * volts / rotor.nominal_v if rotor.nominal_v else x for rotor, x in zip(vehicle.rotors, command, strict=True)])
 
 
-def _limited(command: Array, vehicle: Vehicle) -> Array:
-    """(K, n) commands, clipped to ``thrust.wrench_limits`` if stated."""
-    limits = vehicle.thrust.wrench_limits
-    return command if limits is None else np.clip(command, -np.array(limits), limits)
+def _commands(log: Log, vehicle: Vehicle, issued: slice) -> Array:
+    """(n, K) commands of the cycles ``issued``; a wrench's are clipped to ``thrust.wrench_limits`` if stated."""
+    command, limits = log.command[issued].T, vehicle.thrust.wrench_limits
+    if limits is None or log.command_kind != "wrench":
+        return command
+    return np.clip(command.T, -np.array(limits), limits).T
 
 
 FINE = 4
@@ -124,7 +126,6 @@ FINE = 4
 
 def signals(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s: Array, lag_s: float) -> tuple[list[Signal], float]:
     """The quantities of :func:`executed` as signals, and the lag that they do not yet include, s; rotor signals include theirs."""
-    command = log.command[issued].T
     if log.command_kind == "rotors":
         part = np.arange(FINE) / FINE
         fine = np.append((edges_s[:-1, None] + np.diff(edges_s)[:, None] * part).ravel(), edges_s[-1])
@@ -134,8 +135,9 @@ def signals(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s: 
         fine = np.concatenate([early, fine])
         both = executed(log, vehicle, issued, begin_s, fine, lag_s)
         return [signal_of_bins(fine, *one) for one in zip(*(each.T for each in both), strict=True)], 0.0
+    command = _commands(log, vehicle, issued)
     if log.command_kind == "wrench":
-        return [held(begin_s, value) for value in _limited(command.T, vehicle).T], lag_s
+        return [held(begin_s, value) for value in command], lag_s
     touching_s = TOUCHING * vehicle.cycle.period_s
     parts = pulse_parts(begin_s, command, vehicle, log.supply)
     by_jet = ([pulses(part[i], at_s[i], on_s[i], jet, touching_s) for part, at_s, on_s in parts] for i, jet in enumerate(vehicle.jets))

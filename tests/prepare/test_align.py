@@ -343,3 +343,11 @@ def test_ramps_and_lags_of_commands_before_a_part_of_a_log_reach_into_it() -> No
         whole, part = align(log, used, 2.0, lag_s), align(log, used, 2.0, lag_s, slice(120, 200))
         for name in ("rising", "falling", "whole", "impulse_bins", "skew_bins"):
             np.testing.assert_allclose(getattr(part, name), getattr(whole, name)[120:], rtol=0, atol=1e-15)
+
+
+def test_limits_of_a_commanded_wrench_are_none_of_jets() -> None:
+    """A vehicle file may state both; 18 jets are no six components."""
+    log, used = faulty.sample("free-flyer", 5.0)
+    plain, limited = (align(log, faulty.stated(used, one), 2.0, 0.0) for one in ("name='jets'", "thrust.wrench_limits=[1, 1, 1, 1, 1, 1]"))
+    assert np.abs(plain.whole).max() > 0
+    np.testing.assert_array_equal(limited.whole, plain.whole)
