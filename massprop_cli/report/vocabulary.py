@@ -121,6 +121,7 @@ def _thrust_scale(result: Result) -> str:
 
 _UNOBSERVABLE = {
     "no-part": "another test: in free flight, or on an air bearing",
+    "unweighed": "weigh the vehicle and state known.mass, or push it along the table",
     "unweighed-pedestal": "weigh the vehicle and state known.mass",
     "ratios-only": "state known.ixx, known.iyy and known.izz, or command torques",
 }
@@ -147,7 +148,7 @@ def remedy(quantity: str, verdict: str, contradiction: str = "", reason_code: st
 
 NAMES_MOTION = (
     *("no-motion-informs", "sensor-absent", "sensor-absent-mass", "hardly-informed", "no-part"),
-    *("unweighed-pedestal", "ratios-only"),
+    *("unweighed", "unweighed-pedestal", "ratios-only"),
 )
 """Reasons that name what would inform a quantity, or that nothing does."""
 
