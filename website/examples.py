@@ -245,6 +245,7 @@ WARNINGS: dict[str, Example] = {
         ("attitude-start", "attitude-start", "bearing", RATE),
         ("bearing-position", "bearing-1mm", "bearing", RATE),
         ("disturbance-torque", "walk-large", "jets", RATE),
+        ("unphysical-inertia", "jet-dead", "bearing", INERTIA),
         ("contradicted", "imu-slips", "bearing", WHITE),
     )
 } | {
@@ -266,7 +267,6 @@ WARNINGS: dict[str, Example] = {
         ),
         ("docked-mass", "docking/log.parquet", ("docking.before=combined", "docking.after=single"), ("mass", (0, 1))),
         ("thesis-gain-divergent", "scenarios/refined/log.parquet", ("estimator.method=thesis", *LOOSE), INERTIA),
-        ("unphysical-inertia", "scenarios/refined/log.parquet", ("estimator.method=thesis",), INERTIA),
     )
 } | {
     "actuator-dead": Example(partial(_actuator, "wheels", "dead"), *RATE),

@@ -147,7 +147,7 @@ class _Pass(NamedTuple):
     """After all cycles, with the new estimate."""
     converged: bool
     """Whether another pass would not change the estimate."""
-    kept: list[_Block]
+    kept: list[_CycleBlock]
     """All blocks of a short phase; empty for a long one."""
 
 
@@ -168,7 +168,7 @@ def _last_pass(regression: Regression, reference: Reference, passes: int, tied: 
     return _Pass(begun, run, converged, kept)
 
 
-class _Block(NamedTuple):
+class _CycleBlock(NamedTuple):
     """Cycles processed at once, and the runs before and after them."""
 
     before: Run
@@ -176,11 +176,11 @@ class _Block(NamedTuple):
     after: Run
 
 
-def blocks(regression: Regression, run: Run) -> Iterator[_Block]:
+def blocks(regression: Regression, run: Run) -> Iterator[_CycleBlock]:
     """Process all cycles after ``run``, block by block."""
     while run.at < regression.cycles.stop:
         before, (run, whitened) = run, regression.process(run, min(run.at + BLOCK, regression.cycles.stop))
-        yield _Block(before, whitened, run)
+        yield _CycleBlock(before, whitened, run)
 
 
 def assumption_response(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider) -> AssumptionResponse:

@@ -27,9 +27,8 @@ from massprop_cli.prepare.timing import Timing
 GRID = 256
 """Computed parts start at multiples of this number of cycles."""
 MIN_PART = 24 * GRID
-"""Minimum length of a computed part, cycles. A causal pass looks back by less than a third of it, so it seldom recomputes."""
-MAX_KEPT = MIN_PART
-"""Length of a log, cycles, up to which each of many streams over the log keeps all cycles."""
+"""Minimum length of a computed part, cycles. A causal pass looks back by less than a third of it, so it seldom
+recomputes. Of a log that is no longer, each of many streams keeps all cycles."""
 
 
 class Alignment:
@@ -84,7 +83,7 @@ class Stream:
 
     def light(self) -> Stream:
         """Reduce the cycles kept of a long log, for one of many streams in memory; returns itself."""
-        self._min_part = GRID if len(self) > MAX_KEPT else MAX_KEPT
+        self._min_part = GRID if len(self) > MIN_PART else MIN_PART
         return self
 
     def __len__(self) -> int:
