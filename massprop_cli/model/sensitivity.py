@@ -162,7 +162,7 @@ class Restated:
 
 @dataclass(frozen=True)
 class Consider:
-    """Uncertain assumptions, consider parameters first, and the unknown geometry."""
+    """Uncertain assumptions: consider parameters first, then unknowns that are estimated (IMU, restated values, jets)."""
 
     variants: tuple[Variant | Reading, ...] = ()
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
@@ -180,15 +180,15 @@ class Consider:
     jets: WrenchChanges = field(default_factory=WrenchChanges)
     """Uncertain jets."""
     restated: tuple[Restated, ...] = ()
-    """What the vehicle file restates as uncertain; estimated likewise."""
+    """Values under ``uncertain`` of the vehicle file; estimated likewise."""
 
     def columns(self, channels: int) -> int:
         """e, the number of columns without the unknown geometry, for a log with ``channels`` command channels."""
         return len(self.variants) + self.scales * (3 + channels) + len(self.pushes.channels) + self.aging
 
     @property
-    def read_otherwise(self) -> tuple[ImuChange | Restated, ...]:
-        """Unknowns with which the whole log reads otherwise."""
+    def reading_unknowns(self) -> tuple[ImuChange | Restated, ...]:
+        """Unknowns whose column is the difference to the log read with another vehicle file."""
         return (*self.imu, *self.restated)
 
     @property
@@ -197,7 +197,7 @@ class Consider:
         return (*(change.parameter.uncertain[0] for change in self.imu), *(RESTATED for _ in self.restated), *self.jets.kinds)
 
     def about(self, other: Consider) -> Consider:
-        """The assumptions of ``other`` with this one's unknown geometry."""
+        """The assumptions of ``other`` with the estimated unknowns of this one."""
         return replace(other, imu=self.imu, jets=self.jets, restated=self.restated)
 
 
@@ -246,7 +246,7 @@ def assumption_columns(
         add_wrenches(*wrench_columns(samples, cycles, reference, vehicle, here, consider.pushes))
     if consider.aging:
         add_wrenches(*_aging(samples, cycles, reference, vehicle, here))
-    for unknown in consider.read_otherwise:
+    for unknown in consider.reading_unknowns:
         add(unknown.variant(samples, vehicle))
     if consider.jets.kinds:
         add_wrenches(*wrench_columns(samples, cycles, reference, vehicle, here, consider.jets))

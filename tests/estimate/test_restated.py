@@ -1,4 +1,4 @@
-"""What the vehicle file restates as uncertain is off by what is stated: the log tells it, and nothing is contradicted."""
+"""Values under ``uncertain`` that are off by about one sigma: the log shows them, and no cause is named."""
 
 from dataclasses import replace
 
@@ -24,8 +24,8 @@ def flown(*more: str) -> simulate.SimulatedFlight:
 
 def deviations(found: Analysis, truth: Array) -> Array:
     """(10,) sigmas."""
-    told = found.conclusions[0].estimates
-    return np.array([(told[name].value - true) / told[name].sigma for name, true in zip(QUANTITIES, truth, strict=True)])
+    estimates = found.conclusions[0].estimates
+    return np.array([(estimates[name].value - true) / estimates[name].sigma for name, true in zip(QUANTITIES, truth, strict=True)])
 
 
 def test_a_gyro_whose_scale_is_as_uncertain_as_stated_is_no_fault() -> None:
