@@ -7,7 +7,8 @@ probability
     p(c) = c φ(c) [(1 − 1/c²) ln(τ₂ (1 − τ₁) / τ₁ (1 − τ₂)) + 4/c²],   τ = P_N / P_k from τ₁ to τ₂
 
 (James, James and Siegmund, Biometrika 74, 1987). A change of the body or of the IMU during the log hardly shows in the residuals: the fit
-absorbs most of it by a mean of the two bodies.
+absorbs most of it by a mean of the two bodies. A difference within the final sigma, which includes any model discrepancy, is no reason
+against a value.
 """
 
 import math
@@ -29,21 +30,23 @@ GROUPS = (list(range(6)), [6, 7, 8], [MU])
 """Inertia, CG, mass: a change of one quantity of a group is a change of the whole group."""
 
 
-def constancy_test(settled: History, end_s: Array, values: Array) -> dict[str, Reason]:
-    """Reasons, by quantity, against the verdict "converged" of ``values`` (10,): estimates before and after some time differ.
+def constancy_test(settled: History, end_s: Array, values: Array, sigmas: Array) -> dict[str, Reason]:
+    """Reasons, by quantity, against the verdict "converged": estimates before and after some time differ.
 
-    ``end_s`` (K,) holds the ends of the log's cycles, s.
+    ``values`` and ``sigmas`` (10,) are final; ``end_s`` (K,) holds the ends of the log's cycles, s.
     """
     if settled.stages is None:
         return {}
     ends, mean, variance = settled.stages()
+    parameters, allowed, limit = np.append(values[:MU], 1 / values[MU]), sigmas.copy(), threshold()
+    allowed[MU] /= values[MU] ** 2
     with np.errstate(all="ignore"):
         tau = variance[-1] / variance
-        inside = (tau > FIRST) & (tau < LAST)
-        deviates = np.nan_to_num(np.where(inside, np.abs(mean - mean[-1]) / np.sqrt(variance - variance[-1]), 0.0))
         # estimate from the rest of the log alone
         rest = (mean[-1] / variance[-1] - mean / variance) / (1 / variance[-1] - 1 / variance)
-    reasons, parameters, limit = dict[str, Reason](), np.append(values[:MU], 1 / values[MU]), threshold()
+        tested = (tau > FIRST) & (tau < LAST) & ~(np.abs(rest - mean) <= allowed)
+        deviates = np.nan_to_num(np.where(tested, np.abs(mean - mean[-1]) / np.sqrt(variance - variance[-1]), 0.0))
+    reasons = dict[str, Reason]()
     for group in GROUPS:
         k, at = divmod(int(deviates[:, group].argmax()), len(group))
         i = group[at]

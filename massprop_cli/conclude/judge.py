@@ -100,17 +100,17 @@ def _judged_phase(found: Analysis, i: int, corrected: Sequence[CorrectedEstimate
     nameless = [] if faults else nameless
     testable = _testable(found, settled)
     not_white = {} if faults or testable is None else whiteness_test(settled, testable)
-    biased = {} if faults and not unnamed else _bias_tests(found, settled, testable)
     misfit = unnamed or bool(nameless)
     discrepant = _discrepancy(found, i) if faults or misfit or (not_white and sized(found.vehicle, found.stated)) else None
     if discrepant is not None and (unnamed or not faults or rivals):
         discrepant = discrepant.covering([*(one.values for one in alternatives if one is not None), *rivals])
+    widened = discrepant if discrepant is not None and not discrepant.refuted and (unnamed or not faults) else None
+    biased = {} if faults and not unnamed else _bias_tests(found, i, testable, widened)
     known, vehicle = known_value_contradiction(found.histories[i], found.vehicle), found.vehicle.in_phase(conclusion.phase)
-    if discrepant is not None and not discrepant.refuted and (unnamed or not faults):
-        doubts = _slow(biased, found.stated) if misfit else not_white | biased
-        conclusion = with_discrepancy(in_doubt(conclusion, doubts), discrepant, settled, vehicle)
+    if widened is not None:
+        conclusion = with_discrepancy(in_doubt(conclusion, _slow(biased, found.stated)), widened, settled, vehicle)
         conclusion = in_doubt(conclusion, unseen_changes(conclusion, i, found.doubts, sizes))
-        return _Judged(_contradicted_by(conclusion, combined([known, unphysical_contradiction(conclusion)])), factors, discrepant)
+        return _Judged(_contradicted_by(conclusion, combined([known, unphysical_contradiction(conclusion)])), factors, widened)
     if unnamed:
         conclusion = in_doubt(conclusion, unknown_cause(conclusion, found.vehicle))
     elif not faults:
@@ -170,13 +170,19 @@ def _testable(found: Analysis, settled: History) -> Resolved | None:
     return None if floor or not isinstance(found.vehicle, Resolved) or settled.noise_free else found.vehicle
 
 
-def _bias_tests(found: Analysis, settled: History, vehicle: Resolved | None) -> dict[str, Reason]:
-    """Reasons, by quantity, of the tests for oscillation, lost commands and changes; only for changes without a ``vehicle``."""
-    changes = constancy_test(settled, found.samples.end_s, settled.values[-1])
+def _bias_tests(found: Analysis, i: int, vehicle: Resolved | None, discrepant: Discrepancy | None) -> dict[str, Reason]:
+    """Reasons, by quantity, of the tests for oscillation, lost commands and changes; only for changes without a ``vehicle``.
+
+    A bias that the final sigmas include, those of ``discrepant`` if there is one, is no reason.
+    """
+    settled, conclusion = found.settled[i], found.conclusions[i]
+    sigmas = conclusion.sigmas if discrepant is None else np.sqrt(np.diag(discrepant.covariance))
+    changes = constancy_test(settled, found.samples.end_s, settled.values[-1], sigmas)
     if vehicle is None:
         return changes
     sample_cycles = max(found.log.cycles_apart, default=0)
-    oscillations = oscillation_test(settled, found.samples, vehicle, found.stated, sample_cycles)
+    widened = sigmas / np.sqrt(np.diag(conclusion.bare[1])) if discrepant is not None else np.ones(10)
+    oscillations = oscillation_test(settled, found.samples, vehicle, found.stated, widened, sample_cycles)
     return oscillations | lost_commands_test(settled, found.samples, vehicle) | changes
 
 

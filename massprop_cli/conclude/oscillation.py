@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import ROUNDING, TINY, Array, BoolArray
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.whiteness import informed_by
@@ -57,8 +58,13 @@ class Correlations(NamedTuple):
     """Mean length of a cycle, s."""
 
 
-def oscillation_test(history: History, samples: Source, used: Resolved, stated: Vehicle, sample_cycles: int = 0) -> dict[str, Reason]:
+def oscillation_test(
+    history: History, samples: Source, used: Resolved, stated: Vehicle, widened: Array, sample_cycles: int = 0
+) -> dict[str, Reason]:
     """Reasons, by quantity, against the verdict "converged": the sensor that informs it shows an oscillation.
+
+    Residuals with the chi-square χ² along an omitted regressor bias a value by at most about χ of its sigmas from noise. A bias
+    within the final sigma is no reason; ``widened`` (10,) is the final sigma over that from noise.
 
     ``used`` has estimated disturbances in addition to the ``stated`` ones. Rotor speeds are logged every ``sample_cycles`` cycles.
     """
@@ -68,7 +74,7 @@ def oscillation_test(history: History, samples: Source, used: Resolved, stated: 
     if history.reference is None or not len(periods):
         return {}
     sums = correlations(history, samples, used.held_axes)
-    sigmas = significance(sums, periods, np.array([correlation(used), 1.0]))
+    sigmas, chi_squares = significance(sums, periods, np.array([correlation(used), 1.0]))
     # an estimated disturbance is evidence of a misfit, so the false-alarm rate of the same axis may be ten times as high
     same_axis_rate = 10 * DOUBTFUL if sized(used, stated) else DOUBTFUL
     limits = np.array([threshold(same_axis_rate if n == 0 else DOUBTFUL, sigmas.size) for n in range(len(INPUTS))])
@@ -78,20 +84,24 @@ def oscillation_test(history: History, samples: Source, used: Resolved, stated: 
         if of_sensor[row, at] > limits[row]:
             period_s = float(periods[at]) * sums.cycle_s
             reason = Reason.of("oscillation", motion=SENSORS[sensor], period_s=period_s, sigmas=float(of_sensor[row, at]))
+            beyond = ~(np.sqrt(chi_squares[row, sensor, at]) <= widened)
             # an oscillation across the axis moves the CG and turns the body, so both sensors are affected
-            reasons |= dict.fromkeys(informed_by(history, (np.arange(6) // 3 == sensor) | (row > 0)), reason)
+            informed = informed_by(history, (np.arange(6) // 3 == sensor) | (row > 0))
+            reasons |= {name: reason for name in informed if beyond[QUANTITIES.index(name)]}
     return reasons
 
 
-def significance(sums: Correlations, periods: Array, spread: Array) -> Array:
-    """(A, 2, P) normal deviate of the regression of each sensor's residuals on the oscillators, by row of ``INPUTS`` and period.
+def significance(sums: Correlations, periods: Array, spread: Array) -> tuple[Array, Array]:
+    """(A, 2, P) normal deviates and chi-squares of the regressions of each sensor's residuals on the oscillators.
+
+    By row of ``INPUTS``, sensor and period.
 
     ``spread`` (2,) is the largest factor by which each sensor's noise may exceed white noise at low frequency.
     """
     explained, freedom = np.array([explained_by(sums, float(period)) for period in periods]).transpose(3, 1, 2, 0)
     explained /= spread[:, None]
     count = np.maximum(freedom, 1)
-    return np.where(freedom > 0, deviate(explained / count, count), 0.0)
+    return np.where(freedom > 0, deviate(explained / count, count), 0.0), explained
 
 
 def correlations(history: History, samples: Source, held_axes: Sequence[int] = ()) -> Correlations:

@@ -50,11 +50,17 @@ def test_another_imu_from_some_moment_on_takes_the_cg_its_verdict() -> None:
     assert not any(estimates[name].verdict == "converged" for name in ("cg_x", "cg_y", "cg_z"))
     assert estimates["cg_x"].reason.code == "changed"
 
+    settled, change = found.settled[0], estimates["cg_x"].reason.data
+    apart = abs(float(dict(change)["after"]) - float(dict(change)["before"]))
+    assert constancy_test(settled, found.samples.end_s, settled.values[-1], np.full(10, 0.9 * apart))["cg_x"] == estimates["cg_x"].reason
+    # a sigma that includes both bodies is no reason to doubt the value
+    assert "cg_x" not in constancy_test(settled, found.samples.end_s, settled.values[-1], np.full(10, 1.1 * apart))
+
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_body_that_stays_the_same_is_so_to_the_log(seed: int) -> None:
     found = sound(seed)
-    assert constancy_test(found.settled[0], found.samples.end_s, found.settled[0].values[-1]) == {}
+    assert constancy_test(found.settled[0], found.samples.end_s, found.settled[0].values[-1], found.conclusions[0].sigmas) == {}
 
 
 def test_stages_are_what_parts_of_the_log_give() -> None:
