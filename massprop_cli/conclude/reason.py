@@ -1,6 +1,6 @@
-"""Why a verdict is as it is: a code with its data, and the one catalogue of the sentences that are printed.
+"""Reasons of verdicts and causes of contradictions: a code, its data, and the sentence that reports print.
 
-Logic compares codes alone; :func:`str` makes the sentence where a result is written.
+The code compares codes only. :func:`str` makes the sentence.
 """
 
 from typing import Literal, Self
@@ -51,7 +51,7 @@ VerdictReason = Literal[
     "logs-contradicted",
     "object-contradicted",
 ]
-"""Of one quantity's verdict."""
+"""Reason codes of a quantity's verdict."""
 Cause = Literal[
     "named-fault",
     "known-mismatch",
@@ -64,14 +64,14 @@ Cause = Literal[
     "fit-lost",
     "no-body",
 ]
-"""Of a contradiction between log and vehicle file."""
+"""Cause codes of a contradiction between log and vehicle file."""
 Code = VerdictReason | Cause
 REPORTED: tuple[Code, ...] = ("named-fault", "known-mismatch", "unexplained", "beyond-commands")
-"""Causes that are warnings by themselves."""
+"""Causes that already are warnings."""
 NOT_WHITE: tuple[Code, ...] = ("noise-correlated", "noise-heavy-tailed", "commands-lost")
-"""Reasons by which a disturbance stands for what is not noise."""
+"""Reasons of quantities whose residuals are not white noise."""
 MANY = 100.0
-"""Sigmas beyond which a number of them says nothing more: by then they are too small."""
+"""Largest number of sigmas that is printed; beyond it the sigmas are too small for the number to mean anything."""
 HARDLY_INFORMED = "the motion in this phase gives too little information on it"
 
 _LOOK_FOR = (
@@ -181,33 +181,33 @@ SENTENCES: dict[Code, str] = {
     "fit-lost": "the fit of the whole phase failed, so these values are not tested; check units of IMU and commands, and noise levels",
     "no-body": "{breach}: no real body has this",
 }
-"""Of each code, with its data in braces."""
+"""Sentence of each code; names in braces are keys of its data. ``Literal`` types repeat the codes so that mypy checks each use."""
 
 
 @dataclass(frozen=True)
 class Reason:
-    """A code of :data:`SENTENCES` with what its sentence names."""
+    """A code of :data:`SENTENCES` with its data."""
 
     code: Code
     data: tuple[tuple[str, str | float], ...] = ()
 
     @classmethod
     def of(cls, code: Code, **data: str | float) -> Self:
-        """With its data by name."""
+        """Make a reason from a code and keyword data."""
         return cls(code, tuple(data.items()))
 
     def __str__(self) -> str:
-        """The sentence."""
+        """Return the sentence."""
         return SENTENCES[self.code].format_map({name: _Sigmas(value) if name == "sigmas" else value for name, value in self.data})
 
 
 class _Sigmas(float):
-    """How many, as far as anybody believes them."""
+    """Number of sigmas; prints "more than 100" beyond :data:`MANY`."""
 
     def __format__(self, spec: str) -> str:
         return float.__format__(self, spec) if self < MANY else f"more than {MANY:g}"
 
 
 def sigmas(count: float) -> str:
-    """In words."""
+    """Number of sigmas as text."""
     return f"{_Sigmas(count):.2g}"
