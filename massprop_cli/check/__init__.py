@@ -1,1 +1,1 @@
-"""Whether a recording is good: what table and signals show, each as a :class:`Finding`, and an estimate of it."""
+"""Check of a recording: findings from its table and signals (:class:`Finding`), and the sigmas of an estimate of it."""

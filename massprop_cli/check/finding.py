@@ -1,4 +1,4 @@
-"""What a check says. The models below are the schema (``massprop schema check``)."""
+"""Models of a check's result; they are the schema (``massprop schema check``)."""
 
 from typing import Literal
 
@@ -24,33 +24,33 @@ Grade = Literal["unusable", "fault", "note"]
 
 
 class Finding(Item):
-    """One thing that is not as it should be."""
+    """One defect or note."""
 
     subject: Subject
     code: str
-    grade: Grade = Field(description="unusable: no estimate can be made; fault: values or sigmas may be wrong; note: worth knowing")
+    grade: Grade = Field(description="unusable: no estimate is possible; fault: values or sigmas may be wrong; note: for information")
     what: str
-    where: str = Field(description='rows, as "row 120 to 130, and 3 more", or a phase; empty for the whole log')
-    sure: str = Field(description='"certain", or what chance or rivals there are')
+    where: str = Field(description='rows, as "row 120 to 130, and 3 more", or a phase; empty: the whole log')
+    sure: str = Field(description='"certain", or the chance of error, or competing hypotheses')
     remedy: str
 
 
 class ExpectedQuantity(Item):
-    """What an estimate of this log gives of one quantity."""
+    """Expected sigma and verdict of one quantity."""
 
     phase: str
     quantity: str
     unit: str
-    sigma: float | None = Field(description="one standard deviation; null where nothing can be said")
+    sigma: float | None = Field(description="one standard deviation; null: not estimated")
     verdict: Verdict
-    wanted: str | None = Field(description='as it was stated, "2%"; empty for converged alone; null where nothing is wanted')
+    wanted: str | None = Field(description='wanted precision as stated, "2%"; empty: convergence alone; null: nothing wanted')
     wanted_sigma: float | None
-    reached: bool | None = Field(description="converged and that precise; null where nothing is wanted")
+    reached: bool | None = Field(description="converged with the wanted precision; null: nothing wanted")
     reason: str
 
 
 class Check(Item):
-    """The whole of what ``massprop check --json`` prints."""
+    """Document that ``massprop check --json`` prints."""
 
     schema_: Literal["massprop/check/1"] = Field("massprop/check/1", alias="schema")
     massprop: str
@@ -59,25 +59,25 @@ class Check(Item):
     vehicle: str
     rows: int
     usable: bool
-    fit: bool = Field(description="usable, and neither a fault nor an unreached want")
+    fit: bool = Field(description="usable, without faults and with all wanted precisions reached")
     findings: list[Finding]
     expected: list[ExpectedQuantity]
-    delay: str = Field(description="what the log shows of its command delay, in words; empty where nothing")
-    low_passes: list[str] = Field([], description="what the log shows of each sensor's cutoff and latency, in words; empty where nothing")
+    delay: str = Field(description="command delay that the log supports, in words; empty: none")
+    low_passes: list[str] = Field([], description="cutoff and latency of each sensor that the log supports, in words; empty: none")
     exit_code: int
 
 
 def finding(subject: Subject, code: str, grade: Grade, what: str, remedy: str, where: str = "", sure: str = "certain") -> Finding:
-    """Certain, by default, from the log itself."""
+    """Make a finding; by default it is certain and concerns the whole log."""
     return Finding(subject=subject, code=code, grade=grade, what=what, where=where, sure=sure, remedy=remedy)
 
 
 def rows(where: BoolArray, place: Place) -> str:
-    """The first run of rows that are True in words, and how many more there are; ``place`` names a row as a person finds it."""
-    found = runs(where).tolist()
-    if not found:
+    """Text for the first run of True rows and the number of further runs; ``place`` names a row."""
+    spans = runs(where).tolist()
+    if not spans:
         return ""
-    first, last = found[0][0], found[0][1] - 1
+    first, last = spans[0][0], spans[0][1] - 1
     named = place(first) if first == last else f"{place(first)} to {place(last).partition(' ')[2]}"
-    more = len(found) - 1
+    more = len(spans) - 1
     return f"{named}, and {more} more place{'s' if more > 1 else ''}" if more else named

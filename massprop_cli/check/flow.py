@@ -1,4 +1,4 @@
-"""The composed flow: a log's table, its signals, an estimate of it, and what all of them say."""
+"""Check of a log: its table, its signals and an estimate."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,7 +24,7 @@ from massprop_cli.result import build, judge
 from massprop_cli.result.schema import Result
 
 IMU = ("gyro", "accel", "imu", "sensor", "outliers")
-"""How codes of notices about the IMU begin."""
+"""Prefixes of notice codes about the IMU."""
 TIMING = (
     "delay-mismatch",
     "clock-drift",
@@ -38,7 +38,7 @@ TIMING = (
     "records-lost",
     "timing-untold",
 )
-"""Codes of notices that are about time."""
+"""Codes of notices about timing."""
 NOTES = (
     "noise-floor",
     "cycle-pace",
@@ -50,9 +50,9 @@ NOTES = (
     "no-docked-object",
     "docked-mass",
 )
-"""Codes of notices beside which values hold."""
-QUIET = 0.5
-"""Mean squared normalised innovation below which the stated noise is too large: sigmas are too."""
+"""Codes of notices that do not invalidate the values."""
+OVERSTATED = 0.5
+"""Mean squared normalised innovation below which the stated noise, and with it each sigma, is too large."""
 WANTED_BEFORE = ("not_excited", "unobservable")
 
 
@@ -66,7 +66,7 @@ def check(
     *,
     allow_contradicted: bool = False,
 ) -> Check:
-    """Everything there is to say of a log; :class:`InputError` only where there is no table or no vehicle at all."""
+    """Check a log file. Raises :class:`InputError` only if there is no table or no vehicle file."""
     files.check_name(str(log_path))
     table = logfile.read_table(log_path, map_file)
     source = vehiclefile.find(log_path, vehicle_path, table.embedded_vehicle, assignments)
@@ -82,7 +82,7 @@ def of_table(
     *,
     allow_contradicted: bool = False,
 ) -> Check:
-    """The check of a table and a vehicle at hand."""
+    """Check a table with a given vehicle."""
     vehicle, place = source.vehicle, table.place
     found = sampling(_times(table, vehicle), place)
     unusable = any(one.grade == "unusable" for one in found)
@@ -90,39 +90,39 @@ def of_table(
         try:
             with vehiclefile.refused(table.path, source):
                 log = telemetry.read(table, vehicle)
-                # what is wrong with its times was put right, and is a notice of the log
+                # reading corrected the time stamps and added a notice
                 found, unusable = [one for one in found if one.grade != "unusable"], False
                 found += seen(log, vehicle, place)
                 estimated = flow.examine(log, source, assignments, say)
-                told = build.result(estimated)
+                result = build.result(estimated)
         except InputError as error:
-            # its times are told already
+            # findings already name the time stamps
             found += [] if unusable else [finding("reading", "unusable", "unusable", str(error), "")]
-            return _told(table, vehicle, found, [], exits.INPUT)
-    found = with_estimate(found, estimated, told, vehicle)
-    expected = _expected(told, wants)
+            return _document(table, vehicle, found, [], exits.INPUT)
+    found = with_estimate(found, estimated, result, vehicle)
+    expected = _expected(result, wants)
     found += _idle(log, vehicle, expected)
-    unmet = job.unmet(told, job.Demands(tuple(wants), allow_contradicted=allow_contradicted))
-    return _told(table, vehicle, found, expected, unmet.exit_code, told)
+    unmet = job.unmet(result, job.Demands(tuple(wants), allow_contradicted=allow_contradicted))
+    return _document(table, vehicle, found, expected, unmet.exit_code, result)
 
 
 def seen(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
-    """Findings of a log's signals alone, before any estimate; ``place`` names a row."""
+    """Findings from the signals alone, before any estimate; ``place`` names a row."""
     return [*sensors(log, vehicle, place), *commands(log, vehicle, place), *attitude(log, vehicle), *on_table(log, vehicle)]
 
 
-def with_estimate(found: Sequence[Finding], estimated: Analysis, told: Result, vehicle: Vehicle) -> list[Finding]:
-    """The findings with those of the estimate; ``told`` is its result. A code that has its rows already is not repeated."""
+def with_estimate(found: Sequence[Finding], estimated: Analysis, result: Result, vehicle: Vehicle) -> list[Finding]:
+    """Findings with those of an estimate; ``result`` is its document. Skips codes that have a finding already."""
     said = {one.code for one in found}
-    # of a log without commands there is no cause to look for but that
+    # the missing commands are the cause
     said |= {"cause-unknown"} if "nothing-commanded" in said else set()
     named = {fault.notice.code for fault in estimated.faults if fault.cure is not None}
     every = [*found, *(_of_notice(notice, notice.code in named) for notice in estimated.notices if notice.code not in said)]
-    return every if any(one.grade == "fault" for one in every) else [*every, *_too_quiet(told, vehicle)]
+    return every if any(one.grade == "fault" for one in every) else [*every, *_overstated_noise(result, vehicle)]
 
 
 def _times(table: Table, vehicle: Vehicle) -> Array:
-    """The time column where there is one, in seconds; empty where there is none, which reading the log refuses."""
+    """(n,) time column, s; empty if it is missing or not numeric."""
     column = vehicle.columns.get("time_s")
     name, scale = (column.from_, column.scale) if column is not None else ("time_s", 1.0)
     if name not in table.columns:
@@ -135,21 +135,21 @@ def _times(table: Table, vehicle: Vehicle) -> Array:
 
 def _of_notice(notice: Notice, named: bool) -> Finding:
     subject: Subject = "timing" if notice.code in TIMING else "imu" if notice.code.startswith(IMU) else "model"
-    what, _, cure = notice.message.partition(". ")
+    what, _, remedy = notice.message.partition(". ")
     grade: Grade = "note" if notice.code in NOTES else "fault"
     sure = "the log passes its test with the correction; the message lists rivals" if named else "measured in this log"
-    return finding(subject, notice.code, grade, what if cure else notice.message, cure, sure=sure)
+    return finding(subject, notice.code, grade, what if remedy else notice.message, remedy, sure=sure)
 
 
-def _too_quiet(told: Result, vehicle: Vehicle) -> list[Finding]:
-    """Channels that scatter far less than their stated noise."""
+def _overstated_noise(result: Result, vehicle: Vehicle) -> list[Finding]:
+    """Notes on sensors whose innovations scatter far less than the stated noise."""
     found = []
     for kind, key, part in (("gyro", "gyro_noise_rad_s", slice(0, 3)), ("accelerometer", "accel_noise_m_s2", slice(3, 6))):
         stated = getattr(vehicle.imu, key)
-        read = [phase.innovations.channel_variance[part] for phase in told.phases if phase.innovations is not None]
+        read = [phase.innovations.channel_variance[part] for phase in result.phases if phase.innovations is not None]
         ratios = [float(np.mean(own)) for of_phase in read if (own := [ratio for ratio in of_phase if ratio is not None])]
         disturbed = any((vehicle.environment.disturbance_torque_n_m, vehicle.environment.disturbance_walk_n_m, vehicle.thrust.pulse_sigma))
-        if not stated or disturbed or not ratios or max(ratios) >= QUIET:
+        if not stated or disturbed or not ratios or max(ratios) >= OVERSTATED:
             continue
         level = stated * np.sqrt(np.mean(ratios))
         said = f"the {kind} noise is {level:.2g}, but {stated:.2g} is stated: sigmas are too large"
@@ -161,11 +161,11 @@ def _too_quiet(told: Result, vehicle: Vehicle) -> list[Finding]:
     return found
 
 
-def _expected(told: Result, wants: Sequence[Requirement]) -> list[ExpectedQuantity]:
+def _expected(result: Result, wants: Sequence[Requirement]) -> list[ExpectedQuantity]:
     asked = {item.quantity: item for item in wants}
     found = []
-    for phase in told.phases:
-        alone = told.model_copy(update={"phases": [phase], "docked_object": None})
+    for phase in result.phases:
+        alone = result.model_copy(update={"phases": [phase], "docked_object": None})
         for name, item in judge.items(phase).items():
             want = asked.get(name)
             precision = want.precision if want is not None else None
@@ -188,18 +188,18 @@ def _expected(told: Result, wants: Sequence[Requirement]) -> list[ExpectedQuanti
 
 
 def _idle(log: Log, vehicle: Vehicle, expected: Sequence[ExpectedQuantity]) -> list[Finding]:
-    """Channels that never fired, where a wanted quantity is not told for it."""
+    """Note on channels without commands, if a wanted quantity lacks excitation."""
     missing = sorted({one.quantity for one in expected if one.reached is False and one.verdict in WANTED_BEFORE})
     idle = never_fired(log, vehicle)
     if not missing or not idle:
         return []
-    cures = "; ".join(dict.fromkeys(f"{name}: {vocabulary.cure(name)}" for name in missing))
+    motions = "; ".join(dict.fromkeys(f"{name}: {vocabulary.cure(name)}" for name in missing))
     said = f"never commanded: {', '.join(idle)}; {', '.join(missing)} cannot be estimated without motion"
-    return [finding("excitation", "never-fired", "note", said, f"add the missing motion ({cures}); massprop plan designs it")]
+    return [finding("excitation", "never-fired", "note", said, f"add the missing motion ({motions}); massprop plan designs it")]
 
 
-def _told(
-    table: Table, vehicle: Vehicle, found: list[Finding], expected: list[ExpectedQuantity], code: int, told: Result | None = None
+def _document(
+    table: Table, vehicle: Vehicle, found: list[Finding], expected: list[ExpectedQuantity], code: int, result: Result | None = None
 ) -> Check:
     usable = code != exits.INPUT
     return Check(
@@ -213,14 +213,14 @@ def _told(
         fit=usable and code == 0 and not any(one.grade == "fault" for one in found),
         findings=found,
         expected=expected,
-        delay="" if told is None else timing.detected_delay(told.delay),
-        low_passes=[] if told is None else timing.low_passes(told),
+        delay="" if result is None else timing.detected_delay(result.delay),
+        low_passes=[] if result is None else timing.low_passes(result),
         exit_code=code,
     )
 
 
 def message(found: Check) -> str:
-    """Why the exit code isn't 0, on one line; empty where it is."""
+    """Reason of an exit code other than 0, on one line; empty for 0."""
     if found.exit_code == exits.INPUT:
         bad = [one for one in found.findings if one.grade == "unusable"]
         first = bad[0]

@@ -1,4 +1,4 @@
-"""A check as JUnit XML: a test case for each subject, which fails by its faults, and for each wanted quantity."""
+"""JUnit XML of a check: one test case per subject, which fails if it has faults, and one per wanted quantity."""
 
 from xml.etree import ElementTree as ET
 
@@ -7,24 +7,24 @@ from massprop_cli.check.finding import SUBJECTS, Check
 from massprop_cli.report import junit
 
 
-def text(found: Check) -> str:
-    """One document; same check, same bytes."""
-    return junit.text([junit.LogOutcome(found.log, suite=suite(found, found.log))], "massprop check")
+def text(check: Check) -> str:
+    """Return one JUnit document; equal checks give equal bytes."""
+    return junit.text([junit.LogOutcome(check.log, suite=suite(check, check.log))], "massprop check")
 
 
-def suite(found: Check, name: str) -> ET.Element:
-    """The test suite of a check, by the name that its log goes by."""
-    cases = [_subject(found, name, subject) for subject in SUBJECTS]
-    for one in found.expected:
+def suite(check: Check, name: str) -> ET.Element:
+    """Test suite of a check; ``name`` names the log."""
+    cases = [_subject(check, name, subject) for subject in SUBJECTS]
+    for one in check.expected:
         if one.reached is not None:
             case = junit.case(name, "wanted", f"{one.phase}.{one.quantity}")
             cases.append(case if one.reached else junit.said(case, "failure", one.reason, "not reached"))
     return junit.suite(name, cases)
 
 
-def _subject(found: Check, name: str, subject: str) -> ET.Element:
+def _subject(check: Check, name: str, subject: str) -> ET.Element:
     case = junit.case(name, "check", subject)
-    for one in found.findings:
+    for one in check.findings:
         if one.subject != subject:
             continue
         said = f"{one.what}{f' ({one.where})' if one.where else ''}. {one.remedy}".strip()

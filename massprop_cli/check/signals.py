@@ -1,4 +1,4 @@
-"""What a log's signals show by themselves: sampling, gyro and accelerometer, commands, logged attitude."""
+"""Findings from a log's signals alone: sampling, gyro and accelerometer, commands, logged attitude."""
 
 from functools import partial
 
@@ -16,17 +16,17 @@ from massprop_cli.inputs.telemetry import JITTER, Log, jitter
 from massprop_cli.inputs.vehicle import Vehicle
 
 STUCK = 6
-"""Equal values in a row of a channel that never repeats itself otherwise."""
+"""Minimum number of equal values in a row, for a channel that does not repeat elsewhere."""
 UNLIKELY = 1e-9
-"""Chance below which a run of equal values is no chance."""
+"""Largest probability of a run of equal values that counts as a fault."""
 COARSE = 3.0
-"""Smallest step over the noise of a record above which values lie on a staircase."""
+"""Smallest quantisation step over the noise of one record that counts as coarse."""
 ROUNDING = 1e-12
 _finding = partial(finding, "imu")
 
 
 def sensors(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
-    """Findings of gyro and accelerometer."""
+    """Findings of gyro and accelerometer; ``place`` names a row."""
     imu, found = vehicle.imu, []
     rates = (
         ("gyro", log.rate_columns, log.delta_theta_imu_rad, imu.gyro_noise_rad_s, imu.gyro_range_rad_s),
@@ -50,7 +50,7 @@ def sensors(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
 
 
 def _same(values: Array) -> BoolArray:
-    """Whether each value is the one before, but for the rounding of a multiplication by its interval."""
+    """(n - 1, ...) whether each value equals the previous one, within rounding."""
     return np.asarray(np.abs(np.diff(values, axis=0)) <= ROUNDING * np.abs(values[1:]))
 
 
@@ -59,7 +59,7 @@ def _channel(
 ) -> list[Finding]:
     if _same(values).all():
         if noise == 0:
-            return []  # a perfect sensor of an axis that is left alone
+            return []  # a noiseless sensor on an axis without motion
         remedy = "check the sensor and its channel in the recorder"
         return [_finding("dead-axis", "fault", f"{column} is {values[0]:g} throughout: the {name}'s axis is dead", remedy)]
     found = []
@@ -74,7 +74,7 @@ def _channel(
     if full.any():
         found.append(_finding(f"{name}-saturated", "fault", said, remedy, rows(full, place)))
         full = np.abs(values) >= 0.999 * (np.abs(values[full][0]) if limit is None else limit)
-    run = standing(values, repeated) & ~full  # at the end of its range it stands still
+    run = improbable_runs(values, repeated) & ~full  # a saturated sensor repeats its range
     if noise != 0 and run.any():
         remedy = "check the sensor; leave these records out ([[phases]])"
         said = f"{column} repeats one value in {int(run.sum())} records while others change"
@@ -82,8 +82,8 @@ def _channel(
     return found
 
 
-def standing(values: Array, repeated: BoolArray) -> BoolArray:
-    """Records in runs of equal values longer than chance makes them of a channel that repeats itself as often as this does elsewhere."""
+def improbable_runs(values: Array, repeated: BoolArray) -> BoolArray:
+    """(n,) records in runs of equal values that are improbable at the channel's own rate of repetition outside the run."""
     same = np.concatenate([[False], _same(values)]) & ~repeated
     starts, ends = runs(same).T
     long = ends - starts
@@ -98,7 +98,7 @@ def standing(values: Array, repeated: BoolArray) -> BoolArray:
 def _coarse(name: str, values: Array, noise: float | None, records: int) -> list[Finding]:
     if not noise:
         return []
-    # sorted, not np.unique, which imports masked arrays
+    # np.unique imports masked arrays, which is slow
     steps = [(step := np.diff(np.sort(axis)))[step > 1e-9 * np.abs(axis).max()] for axis in values.T]
     coarsest = max((float(step.min()) for step in steps if len(step) > 1), default=0.0)
     if coarsest <= COARSE * noise * np.sqrt(records):
@@ -115,10 +115,10 @@ def _coarse(name: str, values: Array, noise: float | None, records: int) -> list
 
 
 def sampling(time_s: Array, place: Place) -> list[Finding]:
-    """Findings of the time column; ``place`` names a row."""
+    """Findings of the time column (n,), s; ``place`` names a row."""
     bad = ~np.isfinite(time_s)
     if len(time_s) < 2 or bad.any() or outlying(time_s)[0].any():
-        return []  # reading the log says so
+        return []  # reading the log reports these
     steps = np.concatenate([[np.nan], np.diff(time_s)])
     forward = steps[1:][steps[1:] > 0]
     if not len(forward):
@@ -157,14 +157,14 @@ def sampling(time_s: Array, place: Place) -> list[Finding]:
 
 
 ALWAYS = 0.98
-"""Part of the cycles, and of each, from which on a jet counts as never off."""
+"""Smallest on-time of a jet that counts as always on, as a fraction of the cycle, and smallest fraction of such cycles."""
 TOGETHER = 0.05
-"""Part of the cycles in which a jet and its opposite may fire for the same moment."""
+"""Smallest on-time of both opposed jets, as a fraction of the cycle, and smallest fraction of such cycles, for a note."""
 ALIKE = 1e-6
 
 
 def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
-    """Findings of jets or wrench; ``place`` names a row."""
+    """Findings of commands; ``place`` names a row."""
     if not log.command.any() and not any(one.moved for one in log.spinning):
         remedy = "check that commands were recorded under the names of the vehicle file"
         return [finding("commands", "nothing-commanded", "fault", "no command other than 0 in the whole log", remedy)]
@@ -178,7 +178,6 @@ def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
             remedy = "check that its column holds executed commands and not a constant"
             found.append(finding("commands", "jet-always-on", "fault", said, remedy))
     for first, second in _opposed(vehicle):
-        # of two on-times in one cycle at least this much overlaps or wastes thrust
         both = np.minimum(share[:, first], share[:, second]) > TOGETHER
         if both.mean() > TOGETHER:
             names = f"{vehicle.jets[first].name} and {vehicle.jets[second].name}"
@@ -189,7 +188,7 @@ def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
 
 
 def _in_rows(log: Log, commanded: BoolArray) -> BoolArray:
-    """(n,) of records, what is true of commands."""
+    """(n,) records of the ``commanded`` rows of commands."""
     if log.command_s is None:
         return np.repeat(commanded, log.records_per_cycle)
     found = np.zeros(len(log.time_s), dtype=bool)
@@ -198,7 +197,7 @@ def _in_rows(log: Log, commanded: BoolArray) -> BoolArray:
 
 
 def never_fired(log: Log, vehicle: Vehicle) -> list[str]:
-    """Jets, or components of the wrench, that were not commanded once."""
+    """Names of jets, wrench components, rotors and momentum devices without any command."""
     by_kind = {
         "jets": [jet.name for jet in vehicle.jets],
         "wrench": [f"{kind} {axis}" for kind in ("torque", "force") for axis in "xyz"],
@@ -211,7 +210,7 @@ def never_fired(log: Log, vehicle: Vehicle) -> list[str]:
 
 def _opposed(vehicle: Vehicle) -> list[tuple[int, int]]:
     wrench: Array = vehicle.jet_wrench
-    size = np.abs(wrench).max(initial=0.0)  # of momentum devices alone there are none
+    size = np.abs(wrench).max(initial=0.0)  # empty without jets
     return [
         (i, j)
         for i in range(len(wrench))
@@ -221,17 +220,17 @@ def _opposed(vehicle: Vehicle) -> list[tuple[int, int]]:
 
 
 MISFIT = 0.2
-"""Part of the gyro's turning by which the logged one may differ, but for white noise of both."""
-LEAST = 8
-"""Logged turns of which anything is said."""
-STILL = 1e-3
-"""rad; below this much turning in all, nothing can be said."""
+"""Largest gyro error as a fraction of its rotation, beyond white noise of gyro and attitude."""
+MIN_ROTATIONS = 8
+"""Minimum number of logged rotations."""
+STILL_RAD = 1e-3
+"""Minimum rms rotation, rad."""
 TILTED = 0.05
-"""rad between the mean specific force and the vertical: pushes of jets average out to less."""
+"""Largest angle between mean specific force and vertical, rad; jet thrust averages out to less."""
 
 
 ROCKING = 0.05
-"""Part of the yaw rate that the other two may be on a table: an IMU that is three degrees out of level."""
+"""Largest rate about X and Y on a table, as a fraction of the yaw rate: an IMU 3° out of level."""
 
 
 def _fault(code: str, said: str, remedy: str) -> Finding:
@@ -239,7 +238,7 @@ def _fault(code: str, said: str, remedy: str) -> Finding:
 
 
 def on_table(log: Log, vehicle: Vehicle) -> list[Finding]:
-    """Findings of an IMU that should turn about the body's Z alone and feel gravity along it; nothing but on a table."""
+    """Findings of an IMU on a table: rotation about body Z only, gravity along Z. Empty in other environments."""
     if vehicle.environment.kind != "planar":
         return []
     mount, found = np.array(vehicle.imu.body_from_imu), []
@@ -260,7 +259,7 @@ def on_table(log: Log, vehicle: Vehicle) -> list[Finding]:
 
 
 def attitude(log: Log, vehicle: Vehicle) -> list[Finding]:
-    """Findings of logged quaternions; nothing where none are logged."""
+    """Findings of the logged attitude; empty without one."""
     if log.attitude_wxyz is None:
         return []
     mount = np.array(vehicle.imu.body_from_imu)
@@ -268,23 +267,24 @@ def attitude(log: Log, vehicle: Vehicle) -> list[Finding]:
     rows = np.flatnonzero(np.isfinite(log.attitude_wxyz[:, 0]))
     turned = np.diff(np.cumsum(log.delta_theta_imu_rad @ mount.T, 0)[rows], axis=0)
     logged = rotation_vector(turns_between(log.attitude_wxyz[rows]))
-    if len(logged) < LEAST:
+    if len(logged) < MIN_ROTATIONS:
         return []
     size = float(np.sqrt((turned**2).sum()))
-    # what wanders slowly is the gyro's bias, which has a warning of its own
+    # the mean difference is the gyro's bias, which has its own warning
     off = turned - logged - (turned - logged).mean(0)
     noise = (vehicle.imu.gyro_noise_rad_s or 0.0) * vehicle.cycle.period_s / np.sqrt(log.records_per_cycle)
-    # and white noise of the attitude itself comes back in the next turn with the other sign
+    # white attitude noise gives successive differences a negative correlation
     scatter = max(float(-(off[1:] * off[:-1]).mean()), 0.0)
-    left = float(np.sqrt(max((off**2).sum() - off.size * (noise**2 + 2 * scatter), 0.0)))
-    if np.sqrt((turned**2).sum()) > STILL and left > MISFIT * size:
+    excess = float(np.sqrt(max((off**2).sum() - off.size * (noise**2 + 2 * scatter), 0.0)))
+    if np.sqrt((turned**2).sum()) > STILL_RAD and excess > MISFIT * size:
         inverse = float(np.sqrt(((turned + logged - (turned + logged).mean(0)) ** 2).sum()))
         hint = (
             "it rotates in the opposite direction: is it body from world? Log its conjugate"
-            if inverse < left / 2
+            if inverse < excess / 2
             else "check that both use the same axes"
         )
-        said = f"the logged attitude and the gyro disagree: the gyro does not explain {100 * left / max(size, STILL):.3g} % of the rotation"
+        percent = 100 * excess / max(size, STILL_RAD)
+        said = f"the logged attitude and the gyro disagree: the gyro does not explain {percent:.3g} % of the rotation"
         found.append(_fault("attitude-gyro", said, f"{hint} (quat_* is wxyz, world from body; imu.body_from_imu)"))
     if vehicle.pivoted and all(log.axes[3:]):
         found += _gravity(log, mount)

@@ -1,4 +1,4 @@
-"""The tables that ``massprop check`` prints."""
+"""Terminal tables of ``massprop check``."""
 
 from rich.console import Console
 from rich.table import Table
@@ -12,34 +12,34 @@ _STYLE = {"unusable": "bold red", "fault": "yellow", "note": "dim"}
 _SIGNS = {"unusable": "✕", "fault": "‼", "note": "○"}
 
 
-def show(found: Check, console: Console) -> None:
-    """Print the findings, and the sigmas that an estimate of this log gives."""
-    for one in found.findings:
+def show(check: Check, console: Console) -> None:
+    """Print the findings and the expected sigmas."""
+    for one in check.findings:
         console.print(
             escape.rich(f"{_SIGNS[one.grade]} {one.grade}, {SUBJECTS[one.subject]}: {one.what} [{one.code}]"), style=_STYLE[one.grade]
         )
         more = [("where", one.where), ("how sure", one.sure), ("remedy", one.remedy)]
-        for name, said in more:
-            if said:
-                console.print(f"    {name}: {escape.rich(said)}")
-    if not found.findings:
-        console.print(escape.rich(f"✓ {found.log}: no findings"))
-    for phase in dict.fromkeys(one.phase for one in found.expected):
-        fitted(_expected(found, phase), console)
-    if found.delay:
-        console.print(escape.rich(f"Delay that the log shows: {found.delay}."))
-    if found.low_passes:
-        console.print(escape.rich(f"Low-passes that the log shows: {'; '.join(found.low_passes)}."))
-    if found.expected:
+        for name, text in more:
+            if text:
+                console.print(f"    {name}: {escape.rich(text)}")
+    if not check.findings:
+        console.print(escape.rich(f"✓ {check.log}: no findings"))
+    for phase in dict.fromkeys(one.phase for one in check.expected):
+        fitted(_expected(check, phase), console)
+    if check.delay:
+        console.print(escape.rich(f"Delay that the log shows: {check.delay}."))
+    if check.low_passes:
+        console.print(escape.rich(f"Low-passes that the log shows: {'; '.join(check.low_passes)}."))
+    if check.expected:
         console.print(
             "Inertia about the CG in body axes, products as tensor elements. ± is one standard deviation, as massprop estimate gives."
         )
 
 
-def _expected(found: Check, phase: str) -> Table:
+def _expected(check: Check, phase: str) -> Table:
     columns, words = ("quantity", "± sigma", "± wanted", "unit", "verdict", "reached"), ("quantity", "unit", "verdict", "reached")
-    table = titled(escape.rich(f"{found.log}, phase {phase}: expected sigmas"), columns, words)
-    for one in found.expected:
+    table = titled(escape.rich(f"{check.log}, phase {phase}: expected sigmas"), columns, words)
+    for one in check.expected:
         if one.phase != phase:
             continue
         reached = "" if one.reached is None else "[green]✓[/]" if one.reached else "[red]✗[/]"

@@ -15,7 +15,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.quaternion import rotation_vector, turns_between
 from massprop_cli.check import flow
 from massprop_cli.check.finding import Check, rows
-from massprop_cli.check.signals import UNLIKELY, sampling, standing
+from massprop_cli.check.signals import UNLIKELY, improbable_runs, sampling
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.require import requirements
 from massprop_cli.testbed import output, scenario
@@ -194,7 +194,7 @@ def test_a_run_is_told_where_chance_does_not_make_it_of_a_channel_that_counts_co
         elsewhere = (same.sum() - (end - start) + 1) / (len(values) - (end - start) + 1)
         if end - start >= 5 and len(values) * elsewhere ** (end - start) < UNLIKELY:
             expected[start - 1 : end] = True
-    found = standing(values, np.zeros(len(values), dtype=bool))
+    found = improbable_runs(values, np.zeros(len(values), dtype=bool))
     np.testing.assert_array_equal(found, expected)
     assert found[400:460].all()
     assert bool(found[9000]) is (counts > 10)
