@@ -8,7 +8,7 @@ from typing import Any
 import typer
 
 from massprop_cli.cli import app
-from massprop_cli.cli.help import told
+from massprop_cli.cli.help import docstring_of
 
 _OPENING = """# Commands
 
@@ -22,7 +22,7 @@ Data go to stdout, messages to stderr. Flags go before the environment, that bef
 def page() -> str:
     """A section for each command, in the order of ``massprop --help``."""
     group: Any = typer.main.get_command(app)
-    documented = {str(command.name): told(command.callback) for command in app.registered_commands if command.callback}
+    documented = {str(command.name): docstring_of(command.callback) for command in app.registered_commands if command.callback}
     parts = [_OPENING, *(_section(group.commands[name], said.examples) for name, said in documented.items())]
     return "\n".join(parts)
 

@@ -1,4 +1,4 @@
-"""Commands, one room each. Heavy rooms are imported inside the commands, so that ``--help`` stays fast."""
+"""Command line: one module per command. Commands import heavy packages themselves, so that ``--help`` is fast."""
 
 import gc
 import io
@@ -13,12 +13,12 @@ import typer
 
 from massprop_cli import __version__
 from massprop_cli.base import exits, onethread
-from massprop_cli.cli.help import Command, DocstringGroup, epilog, told
+from massprop_cli.cli.help import Command, DocstringGroup, docstring_of, epilog
 from massprop_cli.cli.terminal import say
 
 onethread.prefer()
 _Misread: Any = typer.BadParameter.__mro__[1]
-"""What typer raises of a command line; older ones have it from click, newer ones of their own."""
+"""Exception that typer raises for a wrong command line; its base class depends on typer's version."""
 
 NAME = "massprop"
 _PANELS = {
@@ -29,7 +29,7 @@ _PANELS = {
     "Before and after a test": ("plan", "simulate", "check", "balance"),
     "Files": ("schema",),
 }
-"""Commands by their names; each is a function of its name in a module of its own."""
+"""Commands by help panel; each is a function with the command's name, in a module of that name."""
 
 
 def _version(value: bool) -> None:
@@ -43,7 +43,7 @@ def _main(version: Annotated[bool, typer.Option("--version", callback=_version, 
 
 
 def application(only: str | None = None) -> typer.Typer:
-    """All commands; or one alone, by the name that a shell gives it, where there is such a one: what isn't asked for isn't imported."""
+    """Make the application: all commands, or only the command ``only`` if it exists, so that the others are not imported."""
     found = typer.Typer(
         name=NAME,
         help="Mass properties of a vehicle, with honest sigmas, from recorded commands and IMU data.",
@@ -58,8 +58,8 @@ def application(only: str | None = None) -> typer.Typer:
         if only in (None, name) or only not in panels:
             called = name.replace("-", "_")
             command = getattr(import_module(f"massprop_cli.cli.{called}"), called)
-            said = told(command)
-            found.command(name, cls=Command, help=said.text, epilog=epilog(said), rich_help_panel=panel)(command)
+            docstring = docstring_of(command)
+            found.command(name, cls=Command, help=docstring.text, epilog=epilog(docstring), rich_help_panel=panel)(command)
     return found
 
 
@@ -67,7 +67,7 @@ app: typer.Typer
 
 
 def __getattr__(name: str) -> Any:
-    """``app`` is :func:`application` with all commands, made when it is asked for."""
+    """Make ``app`` (:func:`application` with all commands) on first access."""
     if name != "app":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()["app"] = whole = application()
@@ -77,7 +77,7 @@ def __getattr__(name: str) -> Any:
 def main() -> None:
     """Entry point."""
     _open_streams()
-    # an exception in the middle of a library's callback may be swallowed; ended at once, a command leaves what the next run clears
+    # a library may swallow an exception inside its callback; the next run cleans up what an immediate end leaves
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         code = _run()
@@ -86,35 +86,35 @@ def main() -> None:
     except BrokenPipeError:
         code = exits.PIPE
     except OSError as error:
-        code = _told(f"the output cannot be written ({error.strerror or error}); is the disk full?", exits.INPUT)
+        code = _fail(f"the output cannot be written ({error.strerror or error}); is the disk full?", exits.INPUT)
     _leave(code)
 
 
 def _run() -> int:
-    """The exit code of the command; what can't be understood of a command line is told on one line, as everything else."""
+    """Run the command and return its exit code; a wrong command line prints one line."""
     try:
         code: Any = application(next(iter(sys.argv[1:]), None))(standalone_mode=False)
         return int(code or 0)
     except KeyboardInterrupt:
-        return _told("interrupted", exits.INTERRUPTED)
-    except SystemExit as left:
-        # typer and rich leave with 1 over a closed pipe; massprop itself leaves by typer.Exit
-        return exits.PIPE if left.code == exits.BUG else int(left.code or 0)
+        return _fail("interrupted", exits.INTERRUPTED)
+    except SystemExit as stop:
+        # typer and rich exit with 1 on a closed pipe; massprop exits by typer.Exit
+        return exits.PIPE if stop.code == exits.BUG else int(stop.code or 0)
     except _Misread as error:
         command = error.ctx.command_path if error.ctx is not None else NAME
-        said = error.format_message()
-        # without any argument the help has been shown already
-        return _told(f"{said} See {command} --help", exits.USAGE) if said else exits.USAGE
+        message = error.format_message()
+        # without arguments typer has shown the help already
+        return _fail(f"{message} See {command} --help", exits.USAGE) if message else exits.USAGE
 
 
-def _told(message: str, code: int) -> int:
+def _fail(message: str, code: int) -> int:
     with suppress(OSError):
         say(message)
     return code
 
 
 def _open_streams() -> None:
-    """A stream that was closed by whoever started us goes nowhere; else the next file that is opened would take its place."""
+    """Open /dev/null for closed standard streams, because the next opened file would take their descriptors."""
     for descriptor, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(descriptor)
@@ -124,11 +124,11 @@ def _open_streams() -> None:
             setattr(sys, name, open(descriptor, "w" if descriptor else "r", encoding="utf-8", closefd=False))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal that lacks ² or ± still gets its table
+            stream.reconfigure(errors="replace")  # a terminal without ² or ± still shows the table
 
 
 def _leave(code: int) -> None:
-    """End with this code; what is left in a stream that nobody reads is dropped, as Python would end with 120 over it."""
+    """Exit with ``code``; discard output that nobody reads, because Python would exit with 120 for it."""
     for descriptor, stream in ((1, sys.stdout), (2, sys.stderr)):
         try:
             stream.flush()
@@ -136,5 +136,5 @@ def _leave(code: int) -> None:
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, descriptor)
             os.close(nowhere)
-    gc.freeze()  # all goes with the process: to look through it for rubbish a last time would take a tenth of a short run
+    gc.freeze()  # the process ends here, and a last garbage collection would take a tenth of a short run
     sys.exit(code)

@@ -12,29 +12,29 @@ from massprop_cli.cli.terminal import printed
 
 @guarded
 def balance(
-    result: options.Made,
+    result: options.ResultPath,
     ballast: Annotated[
         Path | None,
-        options.option("Ballast or vehicle file with [\\[ballast]] (default: what RESULT carries).", options.INPUT, metavar="FILE"),
+        options.option("Ballast or vehicle file with [\\[ballast]] (default: ballast of RESULT).", options.INPUT, metavar="FILE"),
     ] = None,
-    after: Annotated[
-        Path | None, options.option("Result of a log after the moves, to check them.", options.INPUT, metavar="RESULT")
-    ] = None,
+    after: Annotated[Path | None, options.option("Result of a log after the moves, to test them.", options.INPUT, metavar="RESULT")] = None,
     moved: Annotated[
         list[str] | None,
         options.option("Changes between the logs: mm, or g added (default: as recommended).", options.INPUT, metavar="NAME=MM"),
     ] = None,
     phase: Annotated[str | None, options.option("Phase of the result.", options.INPUT, metavar="NAME")] = None,
-    leave: Annotated[str | None, options.option("First moment to leave, with units.", options.DEMANDS, metavar="x=0,y=0,z=...")] = None,
+    leave: Annotated[
+        str | None, options.option("Wanted remaining first moment, with units.", options.DEMANDS, metavar="x=0,y=0,z=...")
+    ] = None,
     allow_contradicted: options.AllowContradicted = False,
     as_json: Annotated[bool, options.as_json("all of it as JSON")] = False,
     quiet: Annotated[bool, options.quiet("No table.")] = False,
     no_color: options.NoColor = False,
 ) -> None:
-    """What to move or add so that a table on a fixed pedestal is balanced, and whether what was moved did what was predicted.
+    """Recommend moves or added weights that balance a table on a fixed pedestal; test whether earlier moves had the predicted effect.
 
-    Writes nothing. Exit 0 where the remainder is reached and a check holds, 3 where the result tells no first moment about a pivot, 5
-    where a ballast cannot reach, or the first moment did not change as predicted, 6 where it is contradicted.
+    Writes nothing. Exit 0: the remaining first moment is reached and a check passes; 3: the result has no first moment about a pivot; 5:
+    the ballast cannot reach it, or the first moment did not change as predicted; 6: a value is contradicted.
 
     Examples:
         massprop balance before --ballast ballast.toml
@@ -52,7 +52,9 @@ def balance(
     texts = [item for text in moved or [] for item in text.split(",")]
     found = flow.balance(first, weights, leave, phase, later, texts)
     printed(found, table.show, as_json, quiet, no_color)
-    bad = [] if allow_contradicted else [said for one in (first, later) if one is not None and (said := flow.contradicted(one, phase))]
+    bad = (
+        [] if allow_contradicted else [message for one in (first, later) if one is not None and (message := flow.contradicted(one, phase))]
+    )
     if bad:
         fail("; ".join(bad), exits.CONTRADICTED)
     if missed := flow.failure(found):

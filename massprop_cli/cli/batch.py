@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 
 CHECKS = "checks"
-"""Folder in the campaign's own, for --check."""
-_RUN = "How it runs"
+"""Subfolder of the campaign folder for --check."""
+_RUN = "Execution"
 
 
 @guarded
@@ -34,10 +34,10 @@ def batch(
     context: typer.Context,
     paths: Annotated[
         list[str],
-        typer.Argument(metavar="PATH...", help="Logs, folders (with all below), globs, campaign files; URLs too.", show_default=False),
+        typer.Argument(metavar="PATH...", help="Logs, folders (recursive), globs, campaign files; also as URLs.", show_default=False),
     ],
     out: Annotated[
-        str, options.option("Folder of the campaign, or a URL.", options.OUTPUT, metavar="FOLDER", envvar="MASSPROP_OUT")
+        str, options.option("Campaign folder or URL.", options.OUTPUT, metavar="FOLDER", envvar="MASSPROP_OUT")
     ] = "massprop-out",
     jobs: Annotated[
         int | None, options.option("Number of processes (default: one per core).", _RUN, min=1, envvar="MASSPROP_JOBS", metavar="N")
@@ -46,7 +46,7 @@ def batch(
         str | None,
         options.option("Run on the workers of this dask scheduler, tcp://HOST:PORT.", _RUN, metavar="ADDRESS", envvar="MASSPROP_CLUSTER"),
     ] = None,
-    force: Annotated[bool, options.option("Do all logs again, changed or not.", _RUN, "--force")] = False,
+    force: Annotated[bool, options.option("Estimate all logs again, also unchanged ones.", _RUN, "--force")] = False,
     fail_fast: Annotated[bool, options.option("Stop at the first log whose exit code is not 0.", _RUN, "--fail-fast")] = False,
     vehicle: Annotated[
         str | None, options.option("Vehicle file (TOML) of all logs.", options.INPUT, metavar="FILE", envvar="MASSPROP_VEHICLE")
@@ -54,7 +54,7 @@ def batch(
     map_file: Annotated[
         str | None, options.option("Map file (TOML) of all logs.", options.INPUT, "--map", metavar="FILE", envvar="MASSPROP_MAP")
     ] = None,
-    method: options.Chosen = None,
+    method: options.Method = None,
     delay: options.Delay = None,
     assign: options.Assign = None,
     require: Annotated[
@@ -81,28 +81,27 @@ def batch(
     allow_contradicted: options.AllowContradicted = False,
     junit: options.Junit = None,
     check: Annotated[
-        bool, options.option("Only check each log, as massprop check does; writes FOLDER/checks.", options.OUTPUT, "--check")
+        bool, options.option("Only check each log, like massprop check; writes FOLDER/checks.", options.OUTPUT, "--check")
     ] = False,
-    report: Annotated[bool, options.option("Render report.html of each log (1 to 2 s each).", options.OUTPUT, "--report")] = False,
+    report: Annotated[bool, options.option("Render report.html for each log (1 to 2 s each).", options.OUTPUT, "--report")] = False,
     as_json: Annotated[bool, options.as_json("campaign.json")] = False,
     quiet: Annotated[bool, options.quiet("No table, no line per log.")] = False,
     no_color: options.NoColor = False,
 ) -> None:
-    """Estimate a campaign of logs in parallel; killed or stopped, it goes on where it was.
+    """Estimate a campaign of logs in parallel. After an interrupt, run the command again to continue.
 
-    Writes results/NAME of each log, campaign.html, campaign.parquet and campaign.json. A log whose content, vehicle, settings and
-    massprop have not changed is not done again. A log that fails is a row with its error. With --check each log's check.json says what
-    is wrong with it and what sigmas it can give, no values, and all stands in FOLDER/checks. Exit, after all logs have been tried, the
-    worst of their codes: 1 a bug, 3 unusable input, 6 log and vehicle file contradict each other, 4 a required quantity is not
-    converged, 5 not as expected, or beyond the baseline.
+    Writes results/NAME for each log, campaign.html, campaign.parquet and campaign.json. Skips logs whose content, vehicle file, settings
+    and massprop version did not change. A failed log is a row with its error. With --check, check.json of each log in FOLDER/checks has its
+    findings and expected sigmas, without values. Exit code: the worst of all logs. 1: bug; 3: unusable input; 4: a required quantity is not
+    converged; 5: not as expected, or beyond the baseline; 6: log and vehicle file contradict each other.
 
     Examples:
         massprop batch flights --junit massprop.junit.xml
         massprop batch flights --require all --baseline massprop-out/campaign.json
         massprop batch "flights/*/log.parquet" --jobs 2 --report --out review
     """
-    said = context.get_parameter_source("jobs")
-    if cluster is not None and said is not None and said.name == "COMMANDLINE":
+    source = context.get_parameter_source("jobs")
+    if cluster is not None and source is not None and source.name == "COMMANDLINE":
         raise UsageError(f"--jobs {jobs}: is for this machine; with --cluster its workers decide how many logs run at a time")
     from massprop_cli.inputs.require import requirements
 
@@ -113,7 +112,7 @@ def batch(
     from massprop_cli.campaign import location, urlplace
     from massprop_cli.campaign.place import LocalPlace
 
-    # a check takes the place of no result
+    # a check replaces no result
     out = location.join(out, CHECKS) if check else out
     folder = urlplace.at(out)
     folder_of_its_own(folder.folder if isinstance(folder, LocalPlace) else None)
@@ -147,7 +146,7 @@ def batch(
         allowed.check(baselines.phases(earlier))
     against = None if earlier is None else partial(baselines.compare, earlier=earlier, gate=allowed)
     executor = LocalExecutor(jobs) if cluster is None else ClusterExecutor(cluster)
-    # its workers are stopped, and the lock of a store is given back
+    # Ctrl-C then stops the workers and releases the store's lock
     signal.signal(signal.SIGINT, signal.default_int_handler)
     with folder.lock():
         try:
@@ -159,7 +158,7 @@ def batch(
             fail(f"interrupted; finished results are in {out}; run the same command to continue", exits.INTERRUPTED)
         if junit is not None:
             put_junit(junit, suites.text(folder, found))
-    _tell_github(found)
+    _report_to_github(found)
     if as_json:
         sys.stdout.writelines(summary.to_json(found))
     elif not quiet:
@@ -167,18 +166,18 @@ def batch(
 
         terminal.show(found, console(no_color))
         put(location.join(out, "campaign.html"))
-    _leave(found)
+    _exit(found)
 
 
 def _without_values(given: dict[str, object]) -> None:
-    """Refuse with --check what holds values against something: a check gives none."""
+    """Raise :class:`UsageError` for an option that needs values, which a check does not give."""
     for option, value in given.items():
         if value is not None:
             raise UsageError(f"{option}: a check gives no values; leave it out, or run batch without --check")
 
 
 def _check(planned: Sequence[Job]) -> None:
-    """Refuse at once what would make every log fail: vehicle and expect files that are named for many."""
+    """Parse vehicle, map and expect files of the whole campaign first, because an error in one would fail each log."""
     from massprop_cli.campaign import location
     from massprop_cli.inputs import expect, vehiclefile
 
@@ -193,8 +192,8 @@ def _check(planned: Sequence[Job]) -> None:
             expect.parse(location.read_text(stated.expect, "expect file"), location.path(stated.expect))
 
 
-def _tell_github(found: Summary) -> None:
-    """Summary and annotations where GitHub Actions asks for them."""
+def _report_to_github(found: Summary) -> None:
+    """Write job summary and annotations on GitHub Actions."""
     file, actions = os.environ.get("GITHUB_STEP_SUMMARY"), os.environ.get("GITHUB_ACTIONS")
     if not file and actions != "true":
         return
@@ -210,18 +209,18 @@ def _tell_github(found: Summary) -> None:
             typer.echo(line, err=True)
 
 
-def _leave(found: Summary) -> None:
+def _exit(found: Summary) -> None:
     if found.exit_code == 0:
         return
     from massprop_cli.campaign import page
 
-    wrong, joint = (sum(1 for one in some if one.outcome is not None and one.outcome.exit_code) for some in (found.logs, found.combined))
+    failed, joint = (sum(1 for one in some if one.outcome is not None and one.outcome.exit_code) for some in (found.logs, found.combined))
     beyond = len(found.baseline.beyond) if found.baseline else 0
-    said = [f"{wrong} of {len(found.logs)} logs failed ({page.counts(found)})"] if wrong else []
-    said += [f"{joint} of {len(found.combined)} combined results failed"] if joint else []
-    said += (
+    parts = [f"{failed} of {len(found.logs)} logs failed ({page.counts(found)})"] if failed else []
+    parts += [f"{joint} of {len(found.combined)} combined results failed"] if joint else []
+    parts += (
         [f"{beyond} beyond the baseline: {'; '.join(item.message for item in found.baseline.beyond[:3])}"]
         if found.baseline and beyond
         else []
     )
-    fail("; ".join(said) + ("; and more" if beyond > 3 else ""), found.exit_code or exits.NOT_EXPECTED)
+    fail("; ".join(parts) + ("; and more" if beyond > 3 else ""), found.exit_code or exits.NOT_EXPECTED)

@@ -29,10 +29,10 @@ def check(
     quiet: Annotated[bool, options.quiet("No table.")] = False,
     no_color: options.NoColor = False,
 ) -> None:
-    """Say whether a recording is good: sampling, IMU, commands, delay, attitude, the vehicle file, and what the motion tells.
+    """Check a recording: sampling, IMU, commands, delay, attitude, vehicle file and excitation.
 
-    Each finding says what, where, how sure and what to do. Exit 0 done, 3 where no estimate can be made of it, 6 where log and
-    vehicle file contradict each other, 4 where a wanted quantity is not reached.
+    Each finding has a place, a certainty and a remedy. Exit 0: done; 3: no estimate is possible; 4: a wanted precision is not reached; 6:
+    log and vehicle file contradict each other.
 
     Examples:
         massprop check log.parquet
@@ -45,8 +45,8 @@ def check(
     assignments = options.assignments(context, {"delay": delay}, assign)
     from massprop_cli.check import flow, table
 
-    with progress(quiet or as_json) as told:
-        found = flow.check(log, vehicle, wants, assignments, told, map_file, allow_contradicted=allow_contradicted)
+    with progress(quiet or as_json) as report:
+        found = flow.check(log, vehicle, wants, assignments, report, map_file, allow_contradicted=allow_contradicted)
     if junit is not None:
         from massprop_cli.check import junit as suites
 

@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 @guarded
 def columns(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Any recording that massprop reads.", show_default=False)],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording in any format that massprop reads.", show_default=False)],
     as_map: Annotated[bool, options.option("Print the drafted map file (TOML) and nothing else.", options.OUTPUT, "--as-map")] = False,
     as_json: Annotated[bool, options.as_json("the streams and the draft as JSON")] = False,
     no_color: options.NoColor = False,
 ) -> None:
-    """List what a recording holds: paths, rates, ranges, units; and draft its map file.
+    """List the streams of a recording with rate, range and unit, and draft its map file.
 
-    Writes nothing. What names, recorded units and clocks don't settle is a question in the draft, written "?".
+    Writes nothing. The draft has "?" where names, recorded units and clocks do not decide.
 
     Examples:
         massprop columns log.parquet
@@ -41,16 +41,16 @@ def columns(
     if as_map:
         sys.stdout.write(text)
     elif as_json:
-        told = {"file": file.name, "kind": read.kind, "streams": [asdict(one) for one in listing.listed(read)], "map": text}
-        sys.stdout.write(json.dumps(told, indent=1, ensure_ascii=True) + "\n")
+        document = {"file": file.name, "kind": read.kind, "streams": [asdict(one) for one in listing.listed(read)], "map": text}
+        sys.stdout.write(json.dumps(document, indent=1, ensure_ascii=True) + "\n")
         return
     else:
         _show(listing.listed(read), read.kind, no_color)
         sys.stdout.write("\n" + text)
-    open_ones = propose.questions(text)
-    if open_ones:
+    count = propose.questions(text)
+    if count:
         draft = f"{foldername.stem(file.name)}.map.toml"
-        say(f'{open_ones} lines of the draft have a "?" to be answered: massprop columns {file} --as-map > {draft}')
+        say(f'{count} lines of the draft have a "?" to be answered: massprop columns {file} --as-map > {draft}')
 
 
 def _show(streams: list[Listed], kind: str, no_color: bool) -> None:

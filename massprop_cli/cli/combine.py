@@ -18,9 +18,11 @@ def combine(
     results: Annotated[
         list[Path] | None, typer.Argument(metavar="RESULT...", help="Result folders or their result.json.", show_default=False)
     ] = None,
-    before: Annotated[list[Path] | None, options.option("Of the vehicle alone; may be repeated.", options.INPUT, metavar="RESULT")] = None,
+    before: Annotated[
+        list[Path] | None, options.option("Result of the vehicle alone; may be repeated.", options.INPUT, metavar="RESULT")
+    ] = None,
     after: Annotated[
-        list[Path] | None, options.option("Of the vehicle with the docked object; may be repeated.", options.INPUT, metavar="RESULT")
+        list[Path] | None, options.option("Result of the vehicle with the docked object; may be repeated.", options.INPUT, metavar="RESULT")
     ] = None,
     added: Annotated[
         str | None,
@@ -37,12 +39,11 @@ def combine(
     quiet: Annotated[bool, options.quiet("No table, no warnings.")] = False,
     no_color: options.NoColor = False,
 ) -> None:
-    """One joint estimate from the results of several logs of one vehicle, or of an object from logs before and after it docked.
+    """Combine results of several logs of one vehicle into a joint estimate, or estimate an object from logs before and after docking.
 
-    Information adds up; the thrust's scale and what is known count once; what contradicts is told. Writes result.json and run.json.
-    With --added the object between --before and --after is known: all values are in absolute terms, whatever thrust or wheels give.
-    Exit 3 where the results are not of one vehicle, 6 where a quantity is contradicted, 4 where a required one is not converged, or
-    not that precise.
+    The information of all logs adds up. The thrust scale and known values count once. massprop reports contradictions. Writes result.json
+    and run.json. With --added, the object's known mass sets the scale of all values, whatever the stated thrust or wheels. Exit 3: the
+    results are not of one vehicle; 4: a required quantity is not converged or not precise enough; 6: a quantity is contradicted.
 
     Examples:
         massprop combine run-1 run-2 --out joint

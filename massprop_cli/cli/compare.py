@@ -13,7 +13,7 @@ from massprop_cli.cli.terminal import printed, say
 
 @guarded
 def compare(
-    result: options.Made,
+    result: options.ResultPath,
     baseline: Annotated[Path, typer.Argument(metavar="BASELINE", help="Result to compare with.", show_default=False)],
     max_sigma: Annotated[float, options.option("Allowed difference, in sigmas.", options.DEMANDS, min=0, metavar="SIGMAS")] = 4.0,
     tolerance: Annotated[
@@ -23,10 +23,10 @@ def compare(
     quiet: Annotated[bool, options.quiet("No table.")] = False,
     no_color: options.NoColor = False,
 ) -> None:
-    """Hold a result against a baseline: differences in units and sigmas, for regression in CI.
+    """Compare a result with a baseline: differences in units and sigmas, for regression tests.
 
-    Writes nothing. Exit 0 if every difference is within --max-sigma, or what the tolerance file allows, 3 if the two can't be compared,
-    5 if one is beyond, a value of the baseline is missing, or no quantity has a value in both.
+    Writes nothing. Exit 0: every difference is within --max-sigma or the tolerance file; 3: the results cannot be compared; 5: a difference
+    is beyond the limit, a value of the baseline is missing, or no quantity has a value in both.
 
     Examples:
         massprop compare massprop-out/log baseline/log

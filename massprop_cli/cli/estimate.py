@@ -9,7 +9,7 @@ import typer
 from massprop_cli.base import escape
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
-from massprop_cli.cli.terminal import progress, show, told_map, told_of, warn
+from massprop_cli.cli.terminal import progress, say_map, say_stored, show, warn
 
 
 @guarded
@@ -19,7 +19,7 @@ def estimate(
     vehicle: options.Vehicle = None,
     map_file: options.MapFile = None,
     out: Annotated[Path | None, options.out("Result folder (default: massprop-out/LOGSTEM, or FOLDER-LOGSTEM if it exists).")] = None,
-    method: options.Chosen = None,
+    method: options.Method = None,
     delay: options.Delay = None,
     refine: Annotated[
         bool, options.option("Report the off-line maximum-likelihood fit instead of the last causal row.", options.SETTINGS, "--refine")
@@ -40,11 +40,11 @@ def estimate(
     quiet: Annotated[bool, options.quiet("No table, no warnings.")] = False,
     no_color: options.NoColor = False,
 ) -> None:
-    """Replay the estimator through a log: ten mass properties with sigmas and verdicts.
+    """Estimate ten mass properties with sigmas and verdicts from a log.
 
-    Writes result.json, history.parquet and run.json into the result folder. Exit 0 done, 3 unusable input, 6 log and vehicle
-    file contradict each other, 4 a required quantity is not converged, or not that precise, 5 a value is missing or outside its
-    expectation, or a segment of the log is not predicted by all others.
+    Writes result.json, history.parquet and run.json into the result folder. Exit 0: done; 3: unusable input; 4: a required quantity is not
+    converged or not precise enough; 5: a value is missing or outside its expectation, or the other segments of the log do not predict a
+    segment; 6: log and vehicle file contradict each other.
 
     Examples:
         massprop estimate log.parquet
@@ -66,12 +66,12 @@ def estimate(
     assignments = options.assignments(
         context, {"method": method, "refine": refine, "delay": delay, "cross_validate": cross_validate}, assign
     )
-    with progress(quiet or as_json) as told:
-        judged = job.of_file(log, vehicle, assignments, demands, told, map_file)
+    with progress(quiet or as_json) as report:
+        judged = job.of_file(log, vehicle, assignments, demands, report, map_file)
     text = escape.document(judged.result)
     stored = store.write(out, judged.analysis, text)
-    told_of(stored, None if out is not None else store.plain(log), quiet)
-    told_map(judged.analysis.log.made, quiet)
+    say_stored(stored, None if out is not None else store.plain(log), quiet)
+    say_map(judged.analysis.log.made, quiet)
     warn(judged.analysis.notices, quiet, no_color)
     if as_json:
         sys.stdout.write(text)

@@ -10,16 +10,16 @@ from massprop_cli.cli.terminal import say
 
 @guarded
 def export_flight(
-    vehicle: options.NeededVehicle,
+    vehicle: options.RequiredVehicle,
     out: Annotated[Path, options.out("Folder for the sources.")],
     log: Annotated[Path | None, options.option("Log for noise levels and a test vector.", options.INPUT, metavar="LOG")] = None,
     assign: options.Assign = None,
     quiet: Annotated[bool, options.quiet("Say nothing.")] = False,
 ) -> None:
-    """Write the causal estimator as C99 for a flight computer: sources, this vehicle's tables, a test vector, a Makefile, a README.
+    """Write the causal estimator as C99 for a flight computer: sources, tables of this vehicle, test vector, Makefile and README.
 
-    `make test` in the folder flies the vector and compares every bit with what this massprop says. Exit 3 where the kernel can't hold
-    the vehicle.
+    `make test` in the folder runs the test vector and compares every bit with massprop's result. Exit 3: the kernel cannot represent the
+    vehicle.
 
     Examples:
         massprop export-flight --vehicle vehicle.toml --out flight

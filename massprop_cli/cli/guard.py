@@ -1,4 +1,4 @@
-"""Exit codes: errors become one line on stderr and the contract's number."""
+"""Exit codes: each error becomes one line on stderr and an exit code of the contract."""
 
 import os
 from collections.abc import Callable
@@ -14,11 +14,11 @@ from massprop_cli.cli.terminal import say
 
 PACKAGE = Path(__file__).parents[1]
 _BEGINS = 1000
-"""Bytes of a JUnit file in which its first element stands."""
+"""Number of leading bytes of a JUnit file that contain its first element."""
 
 
 def guarded(command: Callable[..., None]) -> Callable[..., None]:
-    """Errors become one line on stderr and the contract's exit code."""
+    """Decorate a command: each error becomes one line on stderr and an exit code of the contract."""
 
     @wraps(command)
     def run(*args: Any, **kwargs: Any) -> None:
@@ -39,7 +39,7 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
         except OSError as error:
             fail(f"the output cannot be written ({error.strerror or error}); is the disk full or the pipe closed?", exits.INPUT)
         except Exception as error:
-            if isinstance(error, EOFError) and "marshal" in str(error):  # CPython 126606: a full disk may cut what it compiles
+            if isinstance(error, EOFError) and "marshal" in str(error):  # CPython issue 126606: a full disk may truncate compiled files
                 fail(f"Python's compiled files are truncated, as by a full disk; remove __pycache__ below {PACKAGE}", exits.INPUT)
             if os.environ.get("MASSPROP_DEBUG"):
                 raise
@@ -49,13 +49,13 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def fail(message: str, code: int) -> NoReturn:
-    """Say it on stderr and leave."""
+    """Print ``message`` on stderr and exit with ``code``."""
     say(message)
     raise typer.Exit(code)
 
 
 def check_junit(file: Path | None) -> None:
-    """Refuse a ``--junit`` that can't be written, or would take the place of anything but an earlier one."""
+    """Raise :class:`UsageError` if a ``--junit`` file cannot be written, or would replace a file that is not JUnit XML."""
     if file is None:
         return
     check_utf8("--junit", file)
@@ -66,7 +66,7 @@ def check_junit(file: Path | None) -> None:
 
 
 def put_junit(file: Path, text: str) -> None:
-    """Write JUnit XML to a file that passed :func:`check_junit`."""
+    """Write JUnit XML to a file that :func:`check_junit` accepted."""
     from massprop_cli.base import files
 
     with files.writing(file, "file", "junit"), files.held(file.parent):
@@ -80,7 +80,7 @@ def _is_junit(file: Path) -> bool:
 
 
 def check_utf8(option: str, path: Path | None) -> None:
-    """Refuse a name that no result or terminal could tell."""
+    """Raise :class:`UsageError` for a path that is not UTF-8, which results and terminals cannot show."""
     try:
         str(path).encode()
     except UnicodeEncodeError:
@@ -88,7 +88,7 @@ def check_utf8(option: str, path: Path | None) -> None:
 
 
 def folder_of_its_own(out: Path | None) -> None:
-    """Refuse an ``--out`` that names no folder, or the one we are in or one above it, however it is spelt."""
+    """Raise :class:`UsageError` if ``--out`` names no folder, the current folder or one above it."""
     if out is None:
         return
     check_utf8("--out", out)

@@ -1,4 +1,4 @@
-"""What ``--help`` shows: a command's docstring with its examples, options in groups, and no type behind a flag."""
+"""Text of ``--help``: a command's docstring with examples, options in groups, flags without a type."""
 
 import inspect
 import re
@@ -8,18 +8,18 @@ from typing import Any, NamedTuple
 from typer.core import TyperCommand, TyperGroup
 
 EXAMPLES = "Examples:\n"
-"""What comes after this line of a command's docstring is commands as a shell takes them."""
+"""Heading in a command's docstring; shell commands follow it."""
 
 
 class DocstringCommand(NamedTuple):
-    """A command's docstring."""
+    """Docstring of a command, in parts."""
 
     text: str
-    """Paragraphs, each on one line."""
+    """Paragraphs, one per line."""
     examples: tuple[str, ...]
 
 
-def told(command: Callable[..., Any]) -> DocstringCommand:
+def docstring_of(command: Callable[..., Any]) -> DocstringCommand:
     """Text and examples of a command's docstring."""
     text, _, examples = inspect.cleandoc(command.__doc__ or "").partition(EXAMPLES)
     return DocstringCommand(
@@ -27,27 +27,27 @@ def told(command: Callable[..., Any]) -> DocstringCommand:
     )
 
 
-def epilog(said: DocstringCommand) -> str | None:
-    """The examples below the options, a line each; what is in brackets is no markup."""
-    lines = [f"  {line}".replace("[", r"\[") for line in said.examples]
+def epilog(docstring: DocstringCommand) -> str | None:
+    """Examples as help text, one per line, with brackets escaped; None without examples."""
+    lines = [f"  {line}".replace("[", r"\[") for line in docstring.examples]
     return "\n".join(["[bold]Examples[/]", *lines]) if lines else None
 
 
 class _BareFlags:
-    """A command whose flags stand alone in its help."""
+    """Mixin: the help shows flags without a metavar."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """All parameters, ``--help`` too."""
-        found: list[Any] = super().get_params(ctx)  # type: ignore[misc]
-        for parameter in found:
+        """All parameters, including ``--help``."""
+        parameters: list[Any] = super().get_params(ctx)  # type: ignore[misc]
+        for parameter in parameters:
             if getattr(parameter, "is_flag", False) and parameter.metavar is None:
                 parameter.metavar = ""
-        return found
+        return parameters
 
 
 class Command(_BareFlags, TyperCommand):
-    """One command."""
+    """A command."""
 
 
 class DocstringGroup(_BareFlags, TyperGroup):
-    """All commands together."""
+    """The group of all commands."""

@@ -20,8 +20,8 @@ def init(
 ) -> None:
     """Draft a vehicle file from a log.
 
-    Cycle, records, command channels, noise, gravity and biases as far as the log tells; each line says where it is from. What no log can
-    tell stands as a comment with how to measure it.
+    Cycle, records, command channels, noise, gravity and biases come from the log; each line states its source. Values that no log can give
+    are comments that say how to measure them.
 
     Examples:
         massprop init log.parquet

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 from massprop_cli.base import escape, exits
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
-from massprop_cli.cli.terminal import say, show, told_of, warn
+from massprop_cli.cli.terminal import say, say_stored, show, warn
 
 if TYPE_CHECKING:
     from massprop_cli.job import Judged
@@ -21,20 +21,19 @@ if TYPE_CHECKING:
 
 @guarded
 def live(
-    vehicle: options.NeededVehicle,
+    vehicle: options.RequiredVehicle,
     out: Annotated[Path, options.out("Folder for the recording and its result.")],
     assign: options.Assign = None,
     allow_contradicted: options.AllowContradicted = False,
     quiet: Annotated[bool, options.quiet("No table, no warnings.")] = False,
     no_color: options.NoColor = False,
 ) -> None:
-    """Estimate while records arrive on standard input (CSV or a JSON object on each line): a JSON line on standard output for each cycle.
+    """Estimate while records arrive on standard input (CSV, or one JSON object per line); print one JSON line per control cycle.
 
-    What comes is kept in record.csv, and in the end estimated as `massprop estimate` would: result.json, history.parquet, run.json.
-    An interrupt (Ctrl-C, or SIGTERM) ends the recording, and where nobody reads the answers any more it goes on, so the result is there,
-    too. A record that must be left out is told on one line of stderr, and so is a gap after which no values can come; the recording goes
-    on. On a pedestal each line has inertia and first moment about it. Exit 3 where what comes can't be used, 6 where the recording
-    contradicts the vehicle file.
+    Stores the records in record.csv and finally estimates it like `massprop estimate`: result.json, history.parquet, run.json. Ctrl-C or
+    SIGTERM ends the recording and still writes the result. The recording continues if the reader of standard output closes. A rejected
+    record, or a gap after which no values are possible, is one line on stderr; the recording continues. On a pedestal each line has inertia
+    and first moment about the pivot. Exit 3: unusable input; 6: the recording contradicts the vehicle file.
 
     Examples:
         massprop live --vehicle vehicle.toml --out flight < log.csv
@@ -45,13 +44,14 @@ def live(
     from massprop_cli.live.run import RECORDED, recording
 
     if isinstance(sys.stdin, io.TextIOWrapper):
-        sys.stdin.reconfigure(encoding="utf-8-sig", errors="replace")  # what is not text makes a bad record, not an end
+        # bytes that are not text make a bad record and do not end the recording
+        sys.stdin.reconfigure(encoding="utf-8-sig", errors="replace")
     source = vehiclefile.load(vehicle, assign or [])
     answers = _Answers()
     with _until_interrupted(records.lines_of(sys.stdin)) as (lines, interrupted), recording(out) as keep:
         for line in run.follow(lines, source, keep, say):
             answers.put(line)
-    judged = _concluded(out / RECORDED, vehicle, assign or [], allow_contradicted, quiet, no_color)
+    judged = _conclude(out / RECORDED, vehicle, assign or [], allow_contradicted, quiet, no_color)
     if number := interrupted():
         fail("interrupted; the result uses the data until then", exits.SIGNALLED + number)
     answers.check()
@@ -60,13 +60,13 @@ def live(
 
 
 class _Answers:
-    """Lines on standard output, as long as somebody takes them: a recording goes on without."""
+    """Writer of lines on standard output that continues silently after the reader closes."""
 
     def __init__(self) -> None:
         self.failed: OSError | None = None
 
     def put(self, line: str) -> None:
-        """Write one line at once."""
+        """Write one line and flush."""
         if self.failed is None:
             try:
                 sys.stdout.write(f"{line}\n")
@@ -75,35 +75,35 @@ class _Answers:
                 self.failed = error
 
     def check(self) -> None:
-        """Raise what kept a line from being written."""
+        """Raise the error of a line that could not be written."""
         if self.failed is not None:
             raise self.failed
 
 
 class _Interrupt(Exception):  # noqa: N818
-    """A signal while a line is waited for."""
+    """Signal during a wait for a line."""
 
 
 @contextmanager
 def _until_interrupted(lines: Iterable[str]) -> Iterator[tuple[Iterator[str], Callable[[], int]]]:
-    """Lines until an interrupt, which comes between two of them, and the number of the signal that came, or 0.
+    """Iterator of lines until a signal, and a function that returns the signal's number (0: none).
 
-    A second one ends the command at once.
+    A signal takes effect between two lines. A second one ends the command at once.
     """
-    reading, asked = False, 0
+    reading, caught = False, 0
 
     def interrupt(number: int, *_: object) -> None:
-        nonlocal asked
-        asked = number
+        nonlocal caught
+        caught = number
         signal.signal(number, signal.SIG_DFL)
         if reading:
             raise _Interrupt
 
-    def each() -> Iterator[str]:
+    def until_signal() -> Iterator[str]:
         nonlocal reading
         source = iter(lines)
         with suppress(_Interrupt):
-            while not asked:
+            while not caught:
                 try:
                     reading = True
                     line = next(source, None)
@@ -115,20 +115,20 @@ def _until_interrupted(lines: Iterable[str]) -> Iterator[tuple[Iterator[str], Ca
 
     before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield each(), lambda: asked
+        yield until_signal(), lambda: caught
     finally:
-        for number, own in before.items():
-            signal.signal(number, own)
+        for number, previous in before.items():
+            signal.signal(number, previous)
 
 
-def _concluded(record: Path, vehicle: Path, assign: Sequence[str], allow_contradicted: bool, quiet: bool, no_color: bool) -> Judged:
-    """The recording's result; its table is for a terminal alone, since stdout is another program's."""
+def _conclude(record: Path, vehicle: Path, assign: Sequence[str], allow_contradicted: bool, quiet: bool, no_color: bool) -> Judged:
+    """Estimate and store the recording. Prints the table only on a terminal, because stdout belongs to another program."""
     from massprop_cli import job
     from massprop_cli.result import store
 
     judged = job.of_file(record, vehicle, assign, job.Demands(allow_contradicted=allow_contradicted))
     stored = store.write(record.parent, judged.analysis, escape.document(judged.result))
-    told_of(stored, None, quiet)
+    say_stored(stored, None, quiet)
     warn(judged.analysis.notices, quiet)
     if not quiet and sys.stdout.isatty():
         show(judged.result, record.parent, no_color)

@@ -1,4 +1,4 @@
-"""Options that several commands take, and the groups in which help shows them."""
+"""Options that several commands share, and the groups that the help shows."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -9,23 +9,23 @@ import typer
 
 from massprop_cli.base.errors import InputError, UsageError
 
-INPUT, SETTINGS, DEMANDS, OUTPUT = "What goes in", "Settings", "What must hold", "What comes out"
-"""Groups of options."""
+INPUT, SETTINGS, DEMANDS, OUTPUT = "Input", "Settings", "Requirements", "Output"
+"""Groups of options in the help."""
 
 
 def option(help_: str, panel: str, *names: str, **more: Any) -> Any:
-    """An option in a group; ``more`` as of typer.Option."""
+    """Option in a group of the help; ``more`` are arguments of typer.Option."""
     return typer.Option(*names, help=help_, rich_help_panel=panel, **more)
 
 
 Log = Annotated[
     Path, typer.Argument(metavar="LOG", help="Telemetry log, .parquet or .csv, or another recording with a map.", show_default=False)
 ]
-Made = Annotated[Path, typer.Argument(metavar="RESULT", help="Result folder or its result.json.", show_default=False)]
+ResultPath = Annotated[Path, typer.Argument(metavar="RESULT", help="Result folder or its result.json.", show_default=False)]
 Vehicle = Annotated[Path | None, option("Vehicle file (TOML).", INPUT, metavar="FILE", envvar="MASSPROP_VEHICLE")]
-NeededVehicle = Annotated[Path, option("Vehicle file (TOML).", INPUT, metavar="FILE", envvar="MASSPROP_VEHICLE")]
+RequiredVehicle = Annotated[Path, option("Vehicle file (TOML).", INPUT, metavar="FILE", envvar="MASSPROP_VEHICLE")]
 MapFile = Annotated[Path | None, option("Map file (TOML) of another recording.", INPUT, "--map", metavar="FILE", envvar="MASSPROP_MAP")]
-Chosen = Annotated[
+Method = Annotated[
     Literal["default", "thesis"] | None, option("Estimator: default, or the filters of the thesis.", SETTINGS, envvar="MASSPROP_METHOD")
 ]
 Delay = Annotated[str | None, option("Command delay in cycles.", SETTINGS, metavar="CYCLES|auto", envvar="MASSPROP_DELAY")]
@@ -40,22 +40,22 @@ NoColor = Annotated[bool, option("No colour (or set NO_COLOR).", OUTPUT, "--no-c
 
 
 def out(help_: str) -> Any:
-    """``--out`` of a command that writes a folder."""
+    """``--out`` option of a command that writes a folder."""
     return option(help_, OUTPUT, metavar="FOLDER", envvar="MASSPROP_OUT")
 
 
 def as_json(what: str) -> Any:
-    """``--json``."""
+    """``--json`` option."""
     return option(f"Print {what} on stdout and nothing else.", OUTPUT, "--json")
 
 
 def quiet(what: str) -> Any:
-    """``--quiet``."""
+    """``--quiet`` option."""
     return option(what, OUTPUT, "--quiet", "-q")
 
 
 def assignments(context: typer.Context, given: Mapping[str, object], assign: Sequence[str] | None) -> list[str]:
-    """``dotted.key=value`` in order of precedence: environment, ``--set``, flags; ``given`` by option, None or False where not given."""
+    """``dotted.key=value`` assignments, last wins: environment, ``--set``, flags; ``given`` has None or False for absent options."""
     spelt: dict[str, Callable[[Any], str]] = {
         "method": 'estimator.method="{}"'.format,
         "refine": lambda _: "estimator.refine=true",
@@ -67,14 +67,14 @@ def assignments(context: typer.Context, given: Mapping[str, object], assign: Seq
     return [*(stated.pop(key) for key in from_environment), *(assign or []), *stated.values()]
 
 
-def check_sigmas(most: float) -> None:
-    """Refuse a ``--max-sigma`` that is infinite or none."""
-    if not math.isfinite(most):
-        raise UsageError(f"--max-sigma {most}: give a number of sigmas, 0 or more")
+def check_sigmas(limit: float) -> None:
+    """Raise :class:`UsageError` for an infinite or NaN ``--max-sigma``."""
+    if not math.isfinite(limit):
+        raise UsageError(f"--max-sigma {limit}: give a number of sigmas, 0 or more")
 
 
 def _delay(text: str) -> str:
-    """The option's value as TOML; :class:`InputError` unless it is a delay."""
+    """Value of ``--delay`` as TOML. Raises :class:`InputError` for anything but "auto" or a number of cycles."""
     try:
         if text != "auto" and not 0 <= float(text) < float("inf"):
             raise ValueError

@@ -13,7 +13,7 @@ _LIMITS = "Limits of the motion"
 
 @guarded
 def plan(
-    vehicle: options.NeededVehicle,
+    vehicle: options.RequiredVehicle,
     want: Annotated[str, options.option("Wanted precision.", options.DEMANDS, metavar='"ixx 1 %, mass 2 %"')],
     guess: Annotated[
         Path | None,
@@ -43,10 +43,11 @@ def plan(
     quiet: Annotated[bool, options.quiet("No table.")] = False,
     no_color: options.NoColor = False,
 ) -> None:
-    """Choose the motions that tell what is wanted, in the shortest time and within the limits.
+    """Design motions that reach a wanted precision in the shortest time and within limits.
 
-    Writes scenario.toml, which massprop simulate flies, plan.json and plan.html. Exit 0 if every precision is reached with every body that
-    the vehicle may be, 3 where there is nothing to plan with or no motion keeps the limits, 4 where one isn't reached: the best is written.
+    Writes scenario.toml (for massprop simulate), plan.json and plan.html. Exit 0: every precision is reached for every body that the
+    vehicle may be; 3: there is nothing to plan with, or no motion keeps the limits; 4: a precision is not reached, and the best plan is
+    written.
 
     Examples:
         massprop plan --vehicle vehicle.toml --want "ixx 1 %, mass 2 %" --guess guess.toml
@@ -72,8 +73,8 @@ def plan(
         "wheel_rad_s": max_wheel_speed,
     }
     asked = flow.Asked(wants, max_time, criterion, {key: value for key, value in limits.items() if value is not None}, off)
-    with progress(quiet or as_json) as told, np.errstate(all="ignore"):
-        made = flow.make(vehicle, guess, asked, told or (lambda *_: None), tuple(assign or []))
+    with progress(quiet or as_json) as report, np.errstate(all="ignore"):
+        made = flow.make(vehicle, guess, asked, report or (lambda *_: None), tuple(assign or []))
     flow.write(made, folder, {"plan.html": page.text(made.plan)})
     printed(made.plan, table.show, as_json, quiet, no_color)
     if not (as_json or quiet):

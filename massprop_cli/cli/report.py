@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from massprop_cli.result.read import Recorded
 
 FIGURES: tuple[Literal["svg", "png"], ...] = ("svg", "png")
-"""Formats of figures."""
+"""File formats of figures."""
 NAMED = 50
-"""Missed expectations that the last line names."""
+"""Maximum number of missed expectations in the last line."""
 
 
 @guarded
@@ -37,17 +37,17 @@ def report(
     ] = None,
     out: Annotated[
         Path | None,
-        options.out("Folder (default: that of one result; massprop-out for several)."),
+        options.out("Folder (default: folder of the result; massprop-out for several)."),
     ] = None,
     expect: options.Expect = None,
-    open_: Annotated[bool, options.option("Show report.html in the browser when it is written.", options.OUTPUT, "--open")] = False,
+    open_: Annotated[bool, options.option("Open report.html in the browser.", options.OUTPUT, "--open")] = False,
     quiet: Annotated[bool, options.quiet("Do not print the paths that were written.")] = False,
 ) -> None:
     """Render results: report.html, report.md, report.csv, report.junit.xml, and figures as NAME.svg or NAME.png.
 
-    One file tells of all results; figures of several are called FOLDER-NAME.svg. Prints the paths that it wrote. Exit 0 done, 3 a result
-    can't be read, 4 what the expect file requires is not reached, 5 a value is missing or outside what was expected of it, by --expect or
-    when it was estimated.
+    One file covers all results. Figures of several results are named FOLDER-NAME.svg. Prints the paths of all written files. Exit 0: done;
+    3: a result cannot be read; 4: a requirement of the expect file is not reached; 5: a value is missing or outside its expectation, by
+    --expect or by the expect file of the estimate.
 
     Examples:
         massprop report massprop-out/log --open
@@ -67,12 +67,12 @@ def report(
 
     wanted = expectations.load(expect) if expect is not None else None
     once = {realpath(path): path for path in results}
-    recorded = [_held(read.read(path), wanted) for path in once.values()]
-    with np.errstate(all="ignore"):  # of numbers that are orders of magnitude apart
+    recorded = [_tested(read.read(path), wanted) for path in once.values()]
+    with np.errstate(all="ignore"):  # some results differ by orders of magnitude
         files = _texts(recorded, texts) | _figures(recorded, figure or [], kinds)
     folder = out or (recorded[0].path.parent if len(recorded) == 1 else Path("massprop-out"))
-    own = len(recorded) == 1 and realpath(folder) == realpath(recorded[0].path.parent)
-    for path in _write(folder, files, own):
+    of_result = len(recorded) == 1 and realpath(folder) == realpath(recorded[0].path.parent)
+    for path in _write(folder, files, of_result):
         if not quiet:
             put(str(path))
     if open_:
@@ -80,17 +80,17 @@ def report(
     names = labels(recorded)
     demands = job.Demands(expected=wanted, allow_contradicted=True)
     each = [(name, job.unmet(item.result, demands)) for item, name in zip(recorded, names, strict=True)]
-    short = [f"{name}: {said}" for name, unmet in each for said in (*unmet.unconverged, *unmet.imprecise)]
-    missed = [f"{name}: {said}" for name, unmet in each for said in unmet.missed]
-    if short:
-        fail(f"required but not reached: {'; '.join(short[:NAMED])}", exits.NOT_CONVERGED)
+    unreached = [f"{name}: {message}" for name, unmet in each for message in (*unmet.unconverged, *unmet.imprecise)]
+    missed = [f"{name}: {message}" for name, unmet in each for message in unmet.missed]
+    if unreached:
+        fail(f"required but not reached: {'; '.join(unreached[:NAMED])}", exits.NOT_CONVERGED)
     if missed:
         more = f"; and {len(missed) - NAMED} more" if len(missed) > NAMED else ""
         fail(f"not as expected: {'; '.join(missed[:NAMED])}{more}", exits.NOT_EXPECTED)
 
 
 def _formats(given: str | None, with_figures: bool) -> tuple[list[str], list[Literal["svg", "png"]]]:
-    """Formats of text and of figures, each once, in the order of the tables above."""
+    """Formats of texts and of figures, without duplicates, in the order of ``TEXTS`` and ``FIGURES``."""
     if given is None:
         return ([], ["svg"]) if with_figures else (["html"], [])
     names = [name.strip() for name in given.split(",")]
@@ -103,8 +103,8 @@ def _formats(given: str | None, with_figures: bool) -> tuple[list[str], list[Lit
     return [name for name in TEXTS if name in names], kinds or (["svg"] if with_figures else [])
 
 
-def _held(item: Recorded, wanted: Expectations | None) -> Recorded:
-    """The result tested against ``--expect``; without, as it was when it was estimated."""
+def _tested(item: Recorded, wanted: Expectations | None) -> Recorded:
+    """Result tested against ``wanted``; unchanged without it."""
     from dataclasses import replace
 
     from massprop_cli.result import judge
@@ -134,7 +134,7 @@ def _figures(recorded: Sequence[Recorded], asked: Sequence[str], kinds: Sequence
     from massprop_cli.result.read import labels
 
     def names(item: Recorded) -> list[str]:
-        """All that were asked for; of all there are, those that it has data for where several logs are together."""
+        """Names of the requested figures; "all" leaves out figures that need time for a combined result."""
         if "all" not in asked:
             return list(dict.fromkeys(asked))
         return [name for name in figures.NAMES if not item.joint or name in figures.WITHOUT_TIME]
@@ -150,8 +150,8 @@ def _figures(recorded: Sequence[Recorded], asked: Sequence[str], kinds: Sequence
     }
 
 
-def _write(folder: Path, contents: dict[str, bytes], own: bool) -> list[Path]:
-    """Every file whole; none where one of them can't be. ``own``: the folder is that of the result itself, which notes what it holds."""
+def _write(folder: Path, contents: dict[str, bytes], of_result: bool) -> list[Path]:
+    """Write all files or none. ``own``: the folder is that of the result, which records the names of its rendered files."""
     from massprop_cli.base import files
     from massprop_cli.result import rendered
 
@@ -159,6 +159,6 @@ def _write(folder: Path, contents: dict[str, bytes], own: bool) -> list[Path]:
         for name, content in contents.items():
             stage.save(name, content)
         stage.place()
-        if own:
+        if of_result:
             rendered.record(folder, contents)
     return [folder / name for name in contents]

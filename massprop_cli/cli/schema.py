@@ -12,7 +12,7 @@ SchemaName = StrEnum(
     "SchemaName",
     "log vehicle scenario expect result tolerance compare campaign summary map plan guess check ballast balance predict",
 )
-"""Files with a schema."""
+"""Names of all schemas."""
 
 
 @guarded

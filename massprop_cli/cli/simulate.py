@@ -20,7 +20,7 @@ def simulate(
         Path | None,
         options.out("Folder (default: massprop-out/NAME-seed-N, or massprop-out/NAME)."),
     ] = None,
-    seed: Annotated[int | None, options.option("Seed (default: the scenario's own).", options.SETTINGS, min=0, metavar="N")] = None,
+    seed: Annotated[int | None, options.option("Seed (default: seed of the scenario).", options.SETTINGS, min=0, metavar="N")] = None,
     seeds: Annotated[
         int | None,
         options.option(
@@ -34,9 +34,10 @@ def simulate(
     list_: Annotated[bool, typer.Option("--list", help="List the packaged scenarios.")] = False,
     quiet: Annotated[bool, options.quiet("Say nothing.")] = False,
 ) -> None:
-    """Fly a scenario on the testbed in software: a log with known truth.
+    """Simulate a scenario: a log with known truth.
 
-    Writes log.parquet (the vehicle embedded), vehicle.toml and truth.json; with --seeds a folder of such folders. Same seed, same bytes.
+    Writes log.parquet (with embedded vehicle file), vehicle.toml and truth.json; with --seeds a folder of such folders. Equal seeds give
+    equal bytes.
 
     Examples:
         massprop simulate --list
@@ -63,7 +64,7 @@ def simulate(
     warn(notices, quiet)
     name = source.scenario.name
     folder = out or Path("massprop-out") / (f"{name}-seed-{first}" if seeds is None else name)
-    with progress(quiet) as told, np.errstate(all="ignore"):
-        written = output.simulate(source, folder, first, seeds, "csv" if csv else "parquet", told, OnboardEstimator)
+    with progress(quiet) as report, np.errstate(all="ignore"):
+        written = output.simulate(source, folder, first, seeds, "csv" if csv else "parquet", report, OnboardEstimator)
     if not quiet:
         say(f"{written} written to {folder}")

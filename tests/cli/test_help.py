@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from massprop_cli.cli import app, application
-from massprop_cli.cli.help import told
+from massprop_cli.cli.help import docstring_of
 from tests.commandline import massprop
 
 COMMANDS = {str(command.name): command.callback for command in app.registered_commands if command.callback is not None}
@@ -17,7 +17,7 @@ COMMANDS = {str(command.name): command.callback for command in app.registered_co
 def test_each_command_shows_examples_of_itself_with_options_that_it_has(name: str, tmp_path: Path) -> None:
     text = massprop(tmp_path, name, "--help").stdout
     assert "<bool>" not in text
-    examples = told(COMMANDS[name]).examples
+    examples = docstring_of(COMMANDS[name]).examples
     assert examples
     for example in examples:
         assert example in text
@@ -29,7 +29,7 @@ def test_each_command_shows_examples_of_itself_with_options_that_it_has(name: st
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))
 def test_a_paragraph_is_not_broken_where_the_docstring_was(name: str) -> None:
-    said = told(COMMANDS[name])
+    said = docstring_of(COMMANDS[name])
     written = inspect.cleandoc(COMMANDS[name].__doc__ or "")
     assert len(said.text.split("\n\n")) == written.count("\n\n") + (0 if said.examples else 1)
     assert "\n" not in said.text.replace("\n\n", "")
@@ -51,7 +51,7 @@ def test_options_stand_in_groups(tmp_path: Path) -> None:
     text = massprop(tmp_path, "estimate", "-h").stdout
     assert massprop(tmp_path, "estimate", "--help").stdout == text
     groups = [line.split("─ ")[1].split(" ─")[0] for line in text.splitlines() if line.startswith("╭─ ")]
-    assert groups == ["Arguments", "Options", "What goes in", "What comes out", "Settings", "What must hold"]
+    assert groups == ["Arguments", "Options", "Input", "Output", "Settings", "Requirements"]
     only = text.split("╭─ Options ")[1].split("╭─")[0]
     assert "--help" in only
     assert only.count("--") == 1
