@@ -1,4 +1,4 @@
-"""Ballast of a table on a pedestal (``massprop schema ballast``): sliding weights, and places where weight can be added."""
+"""Ballast file of a table on a pedestal (``massprop schema ballast``): sliding weights, and places for added weight."""
 
 from typing import Annotated, Literal, Self
 
@@ -13,24 +13,24 @@ _SLIDING = ("mass_kg", "axis", "travel_m")
 
 
 class Ballast(Section):
-    """A weight that slides (mass_kg, axis, travel_m), or a place where weight can be added (max_mass_kg)."""
+    """Sliding weight (mass_kg, axis, travel_m), or place for added weight (max_mass_kg)."""
 
     name: str = Field(min_length=1, pattern=r"^[^\x00-\x1f\x7f=,]+$")
-    position_m: Place = Field(description="of its centre of mass from O, body axes: at zero of travel, or of the weight that is added")
-    mass_kg: Positive | None = Field(None, description="of a weight that slides")
+    position_m: Place = Field(description="centre of mass from O, body axes: at zero travel, or of the added weight")
+    mass_kg: Positive | None = Field(None, description="mass of a sliding weight")
     axis: Annotated[Vector, pointing("positive travel")] | None = Field(
-        None, description="direction of positive travel, body axes; of any length"
+        None, description="direction of positive travel, body axes; any length"
     )
     travel_m: tuple[Metres, Metres] | None = Field(None, description="least and greatest travel along the axis")
-    at_m: Metres = Field(0.0, description="its travel while the log was recorded")
-    max_mass_kg: Positive | None = Field(None, description="most weight that can be added at the place")
-    mass_sigma_kg: NonNegative = Field(0.0, description="one sigma of mass_kg, or of the weight that is added; 0: exact")
+    at_m: Metres = Field(0.0, description="travel during the log")
+    max_mass_kg: Positive | None = Field(None, description="largest weight that can be added")
+    mass_sigma_kg: NonNegative = Field(0.0, description="one sigma of mass_kg or of the added weight; 0: exact")
     position_sigma_m: NonNegative = Field(
-        0.0, le=1.0, description="one sigma of setting a travel, along the axis; of where weight is added, along each body axis"
+        0.0, le=1.0, description="one sigma of a travel setting along the axis, or of the added weight's position along each body axis"
     )
 
     @model_validator(mode="after")
-    def _is_one_of_both(self) -> Self:
+    def _slides_or_is_added(self) -> Self:
         stated = [key for key in _SLIDING if getattr(self, key) is not None]
         missing = next((key for key in _SLIDING if key not in stated), None)
         if self.max_mass_kg is not None and stated:
@@ -52,24 +52,24 @@ class Ballast(Section):
 
     @property
     def slides(self) -> bool:
-        """Whether it is moved, and nothing is added."""
+        """Whether it is a sliding weight."""
         return self.max_mass_kg is None
 
     @property
     def direction(self) -> Array:
-        """(3,) of positive travel, of length one."""
+        """(3,) unit vector of positive travel, body axes."""
         assert self.axis is not None
         return unit(self.axis)
 
     @property
     def room(self) -> tuple[float, float]:
-        """Least and greatest change: of the travel in m, or of the weight in kg."""
+        """Least and greatest change: of the travel, m, or of the added weight, kg."""
         low, high = self.travel_m or (0.0, self.max_mass_kg or 0.0)
         return low - self.at_m, high - self.at_m
 
 
 class BallastFile(Section):
-    """A whole ballast file."""
+    """Ballast file."""
 
     schema_: Literal["massprop/ballast/1"] = Field("massprop/ballast/1", alias="schema")
     ballast: tuple[Ballast, ...] = Field(min_length=1, max_length=64)

@@ -33,7 +33,7 @@ def is_jet(column: str) -> bool:
 
 
 class Column(Section):
-    """Where a contract column is found in this log: ``value = scale * column``."""
+    """Source of a standard column in this log: ``value = scale * column``."""
 
     from_: str = Field(alias="from")
     scale: Real = 1.0

@@ -1,4 +1,4 @@
-"""The columns of a log that say what its actuators were told to do: jets, a wrench or rotors, and what stores momentum."""
+"""Commands of a log: on-times of jets, a wrench or rotor commands, and logs of momentum devices."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -16,20 +16,23 @@ from massprop_cli.inputs.pulses import Pulses
 from massprop_cli.inputs.vehicle import Vehicle
 
 CommandKind = Literal["jets", "wrench", "rotors"]
-LATE = 1e-3
-"""Part of a control cycle by which an on-time may be longer, and counts as all of it: clocks are rounded and cycles not quite alike."""
+EXCESS = 1e-3
+"""Largest excess of an on-time over the control cycle, as a fraction of it, from rounding and uneven cycles; it is cut off."""
 ROUNDED = 1e-6
-BRIEF, SHORTEST_S = 0.015, 2e-3
-"""Part of a control cycle, and time, below which no valve is of use at its longest: on-times a thousandth or a hundredth as long."""
-FULL, FEW = 5, 4
-"""So many on-times of exactly one record, none longer, in cycles of at most so many records, are commands of single records. In a cycle of
-more records such short pulses may be meant."""
-IDLE = 0.5
-"""Part of all on-times that may stand at their least, where that isn't 0."""
+SHORTEST_PART, SHORTEST_S = 0.015, 2e-3
+"""Longest on-time of a log below which its unit is probably wrong: as a fraction of the control cycle, and s."""
+MIN_FULL, MAX_RECORDS = 5, 4
+"""Minimum number of on-times of exactly one record, and maximum number of records per cycle, for which the commands are probably per
+record."""
+MOSTLY_IDLE = 0.5
+"""Fraction of all on-times equal to the smallest, above which a smallest on-time other than 0 is an offset."""
 
 
 def commands(source: LogTable, vehicle: Vehicle, records: int, n: int, pulsed: Pulses | None = None) -> tuple[CommandKind, Array]:
-    """What was commanded: on-times of jets (``pulsed`` where the log has pulses), a wrench about O, or rotors; (K, 0) where nothing is."""
+    """Kind of commands and (K, C) their values; C is 0 without commands.
+
+    On-times of jets, s (``pulsed`` for a log of pulses), wrench about O, or rotor commands.
+    """
     if pulsed is not None:
         return "jets", pulsed.on_s
     path, logged = source.table.path, source.logged
@@ -42,7 +45,7 @@ def commands(source: LogTable, vehicle: Vehicle, records: int, n: int, pulsed: P
     if jets and wrench:
         raise InputError(f"{path}: has both jet_* and cmd_* columns; keep the kind that was executed")
     if wrench:
-        return "wrench", _each(source, WRENCH, records, n)
+        return "wrench", _per_cycle(source, WRENCH, records, n)
     if not known and (vehicle.spinning or vehicle.on_pedestal):
         return "jets", np.zeros((n // records if source.issued is None else len(source.issued), 0))
     if not known:
@@ -50,7 +53,7 @@ def commands(source: LogTable, vehicle: Vehicle, records: int, n: int, pulsed: P
             f"{path}: no commands: neither jet_*_s nor cmd_torque_*/cmd_force_* columns, and the vehicle file has no "
             "[[jets]], [[wheels]], [[control_moment_gyros]] or [[rotors]]; state what moves the vehicle, or map its columns under [columns]"
         )
-    command = _each(source, [jet(name) for name in known], records, n)
+    command = _per_cycle(source, [jet(name) for name in known], records, n)
     _check_on_times(source, known, command, records, vehicle.cycle.period_s)
     for part in spill.parts(len(command)):
         np.minimum(command[part], vehicle.cycle.period_s, out=command[part])
@@ -59,8 +62,8 @@ def commands(source: LogTable, vehicle: Vehicle, records: int, n: int, pulsed: P
     return "jets", command
 
 
-def _each(source: LogTable, columns: Sequence[str], records: int, n: int) -> Array:
-    """(K, columns) of :meth:`LogTable.per_cycle`."""
+def _per_cycle(source: LogTable, columns: Sequence[str], records: int, n: int) -> Array:
+    """(K, columns) commands by :meth:`LogTable.per_cycle`."""
     found = spill.empty(n // records if source.issued is None else len(source.issued), len(columns))
     for place, column in enumerate(columns):
         found[:, place] = source.per_cycle(column, records, n)
@@ -70,7 +73,7 @@ def _each(source: LogTable, columns: Sequence[str], records: int, n: int) -> Arr
 
 def _check_on_times(source: LogTable, names: Sequence[str], on_s: Array, records: int, period_s: float) -> None:
     long = f"longer than the control cycle of {period_s:g} s; is it in seconds?"
-    for sign, most, problem in ((-1, 0.0, "negative on-time; an on-time is 0 or more"), (1, period_s * (1 + LATE), long)):
+    for sign, most, problem in ((-1, 0.0, "negative on-time; an on-time is 0 or more"), (1, period_s * (1 + EXCESS), long)):
         bad = np.argwhere(np.concatenate([sign * on_s[part] > most for part in spill.parts(len(on_s))]))
         if bad.size:
             cycle, number = (int(i) for i in bad[0])
@@ -78,7 +81,7 @@ def _check_on_times(source: LogTable, names: Sequence[str], on_s: Array, records
 
 
 def _check_unit(source: LogTable, names: Sequence[str], on_s: Array, records: int, stated: Cycle) -> None:
-    """On-times whose numbers can be none: the motion can't tell, since mass and inertia are proportional to them."""
+    """Raise :class:`InputError` for on-times in a wrong unit, which the motion cannot show: mass and inertia are proportional to them."""
     if not on_s.size:
         return
     cycle, number = (int(i) for i in np.unravel_index(np.argmax(on_s), on_s.shape))
@@ -86,14 +89,14 @@ def _check_unit(source: LogTable, names: Sequence[str], on_s: Array, records: in
     if 0 < longest < (stated.pwm_tick_s or 0.0) * (1 - ROUNDED):
         tick = f"cycle.pwm_tick_s = {stated.pwm_tick_s:g} s"
         raise source.error(*at, f"{longest:g} s is the longest on-time of the log, below {tick}; is it in seconds?")
-    if stated.pwm_tick_s is None and 0 < longest < min(BRIEF * stated.period_s, SHORTEST_S):
+    if stated.pwm_tick_s is None and 0 < longest < min(SHORTEST_PART * stated.period_s, SHORTEST_S):
         raise source.error(
             *at,
             f"{longest:g} s is the longest on-time of the log, {100 * longest / stated.period_s:.2g} % of the control cycle of "
             f"{stated.period_s:g} s; is it in seconds? If valves open so briefly, state cycle.pwm_tick_s: on-times are its multiples",
         )
     idle = float(on_s.min())
-    if len(names) > 1 and idle > 0 and float(np.mean(on_s == idle)) > IDLE:
+    if len(names) > 1 and idle > 0 and float(np.mean(on_s == idle)) > MOSTLY_IDLE:
         raise source.error(
             0,
             jet(names[int(np.argmin(on_s[0]))]),
@@ -103,14 +106,14 @@ def _check_unit(source: LogTable, names: Sequence[str], on_s: Array, records: in
 
 
 def _check_once(source: LogTable, names: Sequence[str], on_s: Array, records: int, period_s: float) -> None:
-    """On-times that stand in every record of a cycle, and are at their longest just one record: each was executed, not one of them."""
+    """Raise :class:`InputError` for on-times of at most one record that repeat in each record of a cycle: each was probably executed."""
     record_s = period_s / records
-    if source.issued is not None or not 1 < records <= FEW or not on_s.size or abs(float(on_s.max()) / record_s - 1) > ROUNDED:
+    if source.issued is not None or not 1 < records <= MAX_RECORDS or not on_s.size or abs(float(on_s.max()) / record_s - 1) > ROUNDED:
         return
     full = np.argwhere(on_s >= record_s * (1 - ROUNDED))
     cycle, number = (int(i) for i in full[0])
     first = cycle * records
-    if len(full) < FULL or np.isnan(source.optional(jet(names[number]))[first : first + records]).any():
+    if len(full) < MIN_FULL or np.isnan(source.optional(jet(names[number]))[first : first + records]).any():
         return
     raise source.error(
         first,
@@ -122,7 +125,7 @@ def _check_once(source: LogTable, names: Sequence[str], on_s: Array, records: in
 
 
 def _rotors(source: LogTable, vehicle: Vehicle, records: int, n: int) -> Array:
-    """(K, R) what each is told, as its thrust_n takes it."""
+    """(K, R) command or speed of each rotor, the argument of its thrust_n."""
     others = [name for name in source.logged if name in WRENCH or name.startswith("jet_")]
     if others or vehicle.jets:
         what = f"column {others[0]!r}" if others else "[[jets]]"
@@ -131,19 +134,19 @@ def _rotors(source: LogTable, vehicle: Vehicle, records: int, n: int) -> Array:
 
 
 def momentum(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[MomentumLog, ...]:
-    """What the log's n rows say of each of :attr:`massprop_cli.inputs.vehicle.Vehicle.spinning`."""
+    """Log of each device of :attr:`massprop_cli.inputs.vehicle.Vehicle.spinning` from the first n rows."""
     found: list[MomentumLog] = []
     for kind, own in vehicle.actuators:
         named = {column: name for column in source.logged if (name := kind.named(column)) is not None}
         refuse_strangers(source, named, [one.name for one in own], kind.NOUN, kind.TABLE)
         stored = [one for one in own if one.device is not None]
-        said = [one.read(source, records, n) for one in stored]
-        summed = next((one.name for one, it in zip(stored, said, strict=True) if it.integrated), None)
+        logs = [one.read(source, records, n) for one in stored]
+        summed = next((one.name for one, it in zip(stored, logs, strict=True) if it.integrated), None)
         if summed is not None and source.has(PULSE_START):
             raise InputError(
                 f"{source.table.path}: the speed of wheel {summed!r} follows from its torque at all times, and the log lists pulses "
                 f"of jets ({source.name(PULSE_START)}); log its speed instead"
             )
-        kind.check_together(source, stored, said)
-        found += said
+        kind.check_together(source, stored, logs)
+        found += logs
     return tuple(found)

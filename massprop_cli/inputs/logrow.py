@@ -1,4 +1,4 @@
-"""What a log's columns are, as a JSON Schema of one of its rows."""
+"""JSON Schema of a log's row."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ from massprop_cli.inputs.vehicle import ACTUATORS
 
 
 def schema() -> dict[str, Any]:
-    """One row of a log; command columns may be null in all but the first row of their control cycle."""
+    """One row of a log. Command columns may be null in all rows of a control cycle but the first."""
     number = {"type": "number"}
     command = {"type": ["number", "null"]}
 
@@ -18,16 +18,16 @@ def schema() -> dict[str, Any]:
         "time_s": {**number, "description": "end of the record's interval, strictly increasing, s"},
         **columns(names.DELTA_THETA, number, "gyro angle increment over the record, IMU axes, rad"),
         **columns(names.DELTA_V, number, "accelerometer increment (specific force) over the record, IMU axes, m/s"),
-        **columns(names.GYRO, number, "mean rate over the record, may stand in for the angle increment, rad/s"),
-        **columns(names.ACCEL, number, "mean specific force over the record, may stand in for the velocity increment, m/s^2"),
+        **columns(names.GYRO, number, "mean rate over the record, alternative to the angle increment, rad/s"),
+        **columns(names.ACCEL, number, "mean specific force over the record, alternative to the velocity increment, m/s^2"),
         **columns(names.WRENCH[:3], command, "mean commanded torque about O over the control cycle, body axes, N m"),
         **columns(names.WRENCH[3:], command, "mean commanded force over the control cycle, body axes, N"),
-        **columns(names.QUATERNION, command, "attitude at time_s, world from body; all four null in records without one"),
+        **columns(names.QUATERNION, command, "quaternion wxyz at time_s, world from body; all four null in records without one"),
         names.SUPPLY: {**number, "description": "supply voltage over the record, for rotors that state nominal_v, V"},
         names.PRESSURE: {**number, "description": "absolute supply pressure over the record, for thrust.nominal_pa, Pa"},
-        names.PULSE_JET: {"type": ["string", "null"], "description": "name of the jet of a pulse, of which any row may hold one"},
-        names.PULSE_START: {**command, "description": "when it was commanded to begin, by the commands' clock, s"},
-        names.PULSE_DURATION: {**command, "minimum": 0, "description": "how long it was commanded to last, s"},
+        names.PULSE_JET: {"type": ["string", "null"], "description": "jet of a pulse; any row may hold one pulse"},
+        names.PULSE_START: {**command, "description": "commanded start of the pulse on the commands' clock, s"},
+        names.PULSE_DURATION: {**command, "minimum": 0, "description": "commanded duration of the pulse, s"},
         "event": {"type": ["string", "null"], "description": 'text, e.g. "dock"'},
     }
 
@@ -45,6 +45,6 @@ def schema() -> dict[str, Any]:
             },
         },
         "required": ["time_s"],
-        # the yaw rate on a table is the least; elsewhere a gyro has all three axes, which only the vehicle file tells
+        # a planar table needs one gyro axis; that other environments need three is known only from the vehicle file
         "anyOf": [{"required": [name]} for name in (*names.DELTA_THETA, *names.GYRO)],
     }

@@ -5,7 +5,7 @@ from massprop_cli.base.dataclass import dataclass
 
 @dataclass(frozen=True)
 class Notice:
-    """A notice to the user; ``code`` is stable, ``message`` states numbers and a remedy."""
+    """Notice to the user: a stable ``code``, and a ``message`` with numbers and a remedy."""
 
     code: str
     message: str

@@ -1,4 +1,4 @@
-"""The vehicle file (``massprop schema vehicle``): vehicle, jets, IMU, test environment and settings. Unknown keys are refused."""
+"""Vehicle file (``massprop schema vehicle``): vehicle, actuators, IMU, test environment and settings. Refuses unknown keys."""
 
 import math
 from functools import cached_property
@@ -24,14 +24,14 @@ from massprop_cli.inputs.section import Positive, Real, Section
 
 Quantity = Literal["ixx", "ixy", "ixz", "iyy", "iyz", "izz", "cg_x", "cg_y", "cg_z", "mass"]
 ASSUMED_KG = 10.0
-"""On a pedestal, where no mass is stated: CG and mass are then not reported, and what is doesn't depend on it."""
+"""Assumed mass on a pedestal, kg, if none is stated; reported quantities do not depend on it, CG and mass are not reported."""
 HEAVIER, HEAVIEST_KG = 1e3, 1e7
-"""Times the vehicle's mass, and where that isn't stated kg, above which no base of a bearing slides: it is a pedestal."""
+"""Largest mass of a sliding bearing base: as a multiple of the vehicle's mass, or in kg if that is not stated."""
 PRODUCTS = ("ixy", "ixz", "iyz")
 
 
 class Nominal(Section):
-    """CAD values: shown beside the estimates, never pulling them."""
+    """CAD values. Reports show them next to the estimates; the estimates do not depend on them."""
 
     poi_convention: Literal["tensor", "positive_integral"] | None = None
     ixx: Positive | None = None
@@ -46,7 +46,7 @@ class Nominal(Section):
     mass: Positive | None = None
 
     def value(self, name: str) -> float | None:
-        """The nominal value of a quantity, products as the tensor's own elements."""
+        """Nominal value of a quantity, products as tensor elements; None if not stated."""
         stated: float | None = getattr(self, name)
         flip = stated is not None and name in PRODUCTS and self.poi_convention == "positive_integral"
         return -stated if flip and stated is not None else stated
@@ -59,7 +59,7 @@ class Nominal(Section):
 
 
 class Known(Section):
-    """A quantity measured elsewhere, which enters the estimate."""
+    """Quantity from another measurement, used in the estimate."""
 
     value: Real
     sigma: Positive
@@ -77,12 +77,12 @@ KnownTable = Annotated[dict[Quantity, Known], AfterValidator(_positive_known)]
 
 
 class Phase(Section):
-    """A stretch of the log, ``start_s < time_s <= end_s``, estimated on its own."""
+    """Part of the log, ``start_s < time_s <= end_s``, with an estimate of its own."""
 
     name: str = Field(min_length=1)
     start_s: FiniteFloat
     end_s: FiniteFloat
-    known: KnownTable = Field({}, description="quantities of this phase that were measured elsewhere")
+    known: KnownTable = Field({}, description="quantities of this phase from other measurements")
 
     @model_validator(mode="after")
     def _is_ordered(self) -> Self:
@@ -92,15 +92,15 @@ class Phase(Section):
 
 
 class Docking(Section):
-    """Which phases are before and after docking."""
+    """Phases before and after docking."""
 
     before: str
     after: str
-    known: KnownTable = Field({}, description="quantities of the docked object that were measured elsewhere")
+    known: KnownTable = Field({}, description="quantities of the docked object from other measurements")
 
 
 class Vehicle(Section):
-    """A whole vehicle file, checked."""
+    """Vehicle file."""
 
     schema_: Literal[1] = Field(alias="schema")
     name: str = "vehicle"
@@ -112,18 +112,22 @@ class Vehicle(Section):
     rotors: tuple[Rotor, ...] = Field((), max_length=64)
     wheels: tuple[Wheel, ...] = Field((), max_length=64)
     control_moment_gyros: tuple[ControlMomentGyro, ...] = Field((), max_length=64)
-    ballast: tuple[Ballast, ...] = Field((), max_length=64, description="for massprop balance; no part of the estimate")
+    ballast: tuple[Ballast, ...] = Field((), max_length=64, description="ballast for massprop balance; not used in the estimate")
     nominal: Nominal = Nominal.unset()
-    known: KnownTable = Field({}, description="quantities measured elsewhere, of the only phase; with several, state them under each")
+    known: KnownTable = Field(
+        {}, description="quantities of the only phase from other measurements; with several phases, state them under each phase"
+    )
     phases: tuple[Phase, ...] = Field((), max_length=64)
     docking: Docking | None = None
     drift: Drift = Drift.unset()
-    columns: dict[str, Column] = Field({}, description="this log's own name and scale of a contract column")
+    columns: dict[str, Column] = Field({}, description="name and scale in this log of a standard column")
     uncertain: tuple[dict[str, Any], ...] = Field(
         (),
         max_length=64,
-        description="each: other values of dotted keys, one sigma of something uncertain away from what is stated, or gyro_factors, "
-        "accel_factors (3x3) and command_factors (6) on what is read; they go into every sigma",
+        description=(
+            "alternatives, each one sigma of an uncertain quantity from the stated values: dotted keys with other values, "
+            "or factors of the readings: gyro_factors, accel_factors (3x3), command_factors (6). Included in every sigma"
+        ),
     )
     estimator: EstimatorSettings = EstimatorSettings.unset()
     convergence: ConvergenceSettings = ConvergenceSettings.unset()
@@ -168,11 +172,11 @@ class Vehicle(Section):
         return self
 
     def _check_bearing(self) -> None:
-        """Refuse a bearing that can't slide under what it carries: the CG would follow its mass, and nothing would show that."""
+        """Raise ValueError for a bearing too heavy to slide: the CG estimate would scale with its mass without any warning."""
         bearing = self.bearing_mass_kg
         stated = [one.value for one in (self.known.get("mass"), *(phase.known.get("mass") for phase in self.phases)) if one is not None]
         whole = [*stated, self.nominal.mass] if self.nominal.mass is not None else stated
-        # a mass that is less than the bearing's is of the vehicle alone
+        # a total mass below the bearing's must be the vehicle alone
         alone = [mass - bearing if mass > bearing else mass for mass in whole]
         if bearing > HEAVIEST_KG or any(bearing > HEAVIER * mass for mass in alone):
             beside = f"the limit is {HEAVIER:g} times the vehicle's {min(alone):g} kg" if alone else f"the limit is {HEAVIEST_KG:g} kg"
@@ -193,7 +197,7 @@ class Vehicle(Section):
         return mapping
 
     def in_phase(self, phase: Phase) -> Self:
-        """The vehicle with what is known of it in that phase, and of no other; by its end, where it is stated to drift."""
+        """Vehicle in that phase: known values of the phase, with sigmas that grow by stated drift until its end."""
         known = {**self.known, **phase.known}
         drifted = {name: getattr(self.drift, name) * (phase.end_s - phase.start_s) ** 0.5 for name in known}
         grown = {name: Known(value=one.value, sigma=math.hypot(one.sigma, drifted[name])) for name, one in known.items()}
@@ -201,87 +205,87 @@ class Vehicle(Section):
 
     @property
     def pivoted(self) -> bool:
-        """Whether the body turns about a pivot under its weight, so that its attitude counts."""
+        """Whether the body rotates about a pivot under gravity, so that the model needs its attitude."""
         return self.environment.kind in PIVOTED
 
     @property
     def on_air_bearing(self) -> bool:
-        """Whether that pivot is a bearing on a base that slides."""
+        """Whether the pivot is a bearing on a sliding base."""
         return self.environment.kind == "air_bearing"
 
     @property
     def on_pedestal(self) -> bool:
-        """Whether that pivot stands still, so that no force shows the mass."""
+        """Whether the pivot is fixed, so that the motion does not determine the mass."""
         return self.environment.kind == "pedestal"
 
     @property
     def pedestal_mass_kg(self) -> float:
-        """The mass by which a first moment on a pedestal is written as a CG: as known, else nominal, else assumed."""
+        """Mass that converts a first moment on a pedestal to a CG, kg: known, else nominal, else assumed."""
         known = self.known.get("mass")
         return known.value if known is not None else self.nominal.mass or ASSUMED_KG
 
     @property
     def knows_inertia(self) -> bool:
-        """Whether all three moments of inertia are known from elsewhere."""
+        """Whether all three moments of inertia are known."""
         return all(name in self.known for name in ("ixx", "iyy", "izz"))
 
     @property
     def held_axes(self) -> list[int]:
-        """Body axes about which nothing turns it: X and Y of a body that slides on a table."""
+        """Body axes without rotation: X and Y on a planar table."""
         return [0, 1] if self.environment.kind == "planar" else []
 
     @property
     def swings(self) -> bool:
-        """Whether a log may have no command: on a pedestal, of known inertia."""
+        """Whether a log without commands is sufficient: on a pedestal with known inertia."""
         return self.on_pedestal and self.knows_inertia
 
     @property
     def estimates_assumptions(self) -> bool:
-        """Whether single jets, the IMU or values under ``uncertain`` are estimated with the mass properties."""
+        """Whether errors of single jets, the IMU or ``uncertain`` values are estimated with the mass properties."""
         jets = any(jet.thrust_sigma or jet.position_sigma_m or jet.direction_sigma_rad for jet in self.jets)
         return jets or self.imu.position_sigma_m > 0 or self.imu.mounting_sigma_rad > 0 or bool(self.uncertain)
 
     @property
     def bearing_mass_kg(self) -> float:
-        """The part of the mass that translates with the vehicle but does not turn."""
+        """Part of the mass that translates with the vehicle but does not rotate, kg."""
         return self.environment.bearing_mass_kg if self.on_air_bearing else 0.0
 
     @cached_property
     def jet_wrench(self) -> Array:
-        """Torque about O [N m] and force [N] of each jet at full thrust, body axes, shape (jets, 6)."""
+        """(jets, 6) torque about O [N m] and force [N] of each jet at full thrust, body axes."""
         position = np.array([jet.position_m for jet in self.jets]).reshape(-1, 3)
         force = np.array([jet.force_n for jet in self.jets]).reshape(-1, 3)
         return np.hstack([np.cross(position, force), force])
 
     @cached_property
     def unit_wrench(self) -> Array:
-        """(6, 6) torque about O and force of a unit of each component of a commanded wrench, body axes."""
+        """(6, 6) torque about O and force for a unit of each component of a commanded wrench, body axes."""
         about = np.cross(self.thrust.wrench_point_m, np.eye(3))
         return np.block([[np.eye(3), np.zeros((3, 3))], [about, np.eye(3)]])
 
     @cached_property
     def rotor_wrench(self) -> Array:
-        """(rotors, 6) torque about O and force of one newton of each rotor's thrust, body axes."""
+        """(rotors, 6) torque about O [N m] and force [N] for one newton of each rotor's thrust, body axes."""
         return np.array([rotor.wrench for rotor in self.rotors]).reshape(-1, 6)
 
     @property
     def actuators(self) -> list[tuple[type[Actuator], tuple[Any, ...]]]:
-        """All of each kind, but jets."""
+        """Actuators other than jets, by kind."""
         return [(kind, getattr(self, name)) for name, kind in ACTUATORS.items()]
 
     @cached_property
     def spinning(self) -> tuple[MomentumDevice, ...]:
-        """All that stores momentum that counts: wheels, control moment gyros, and rotors that state their spin inertia."""
+        """Momentum devices: wheels, control moment gyros, and rotors with a stated spin inertia."""
         return tuple(device for _, own in self.actuators for one in own if (device := one.device) is not None)
 
     @cached_property
     def momentum_wrench(self) -> Array:
-        """(A, 6) torque and force on the body of 1 N m along each axis of each of :attr:`spinning`."""
+        """(A, 6) torque and force on the body for 1 N m along each axis of :attr:`spinning`."""
         axes = np.concatenate([np.zeros((0, 3)), *(device.axes for device in self.spinning)])
         return np.hstack([-axes, np.zeros_like(axes)])
 
     def with_acting(self, factors: Array) -> Self | None:
-        """The vehicle with so many times (A,) the momentum along each axis of :attr:`spinning`; None where that can't be stated."""
+        """Vehicle whose momentum along each axis of :attr:`spinning` has the given factors (A,); None if no values of keys give that."""
         changed, at = {}, 0
         for kind, own in self.actuators:
             found = []
@@ -301,11 +305,11 @@ ACTUATORS: dict[str, type[Actuator]] = {
     for kind in get_args(field.annotation)[:1]
     if isinstance(kind, type) and issubclass(kind, Actuator)
 }
-"""By their tables in the vehicle file."""
+"""Actuator classes by table of the vehicle file."""
 
 
 def flat(section: Section, prefix: str) -> dict[str, Any]:
-    """A section as dotted keys and JSON values, so that each can be given back as ``KEY=VALUE``."""
+    """Section as dotted keys with JSON values; each is valid as ``KEY=VALUE``."""
     found: dict[str, Any] = {}
     for name, stated in type(section).model_fields.items():
         key, value = f"{prefix}.{stated.alias or name}", getattr(section, name)

@@ -1,4 +1,4 @@
-"""Vehicle files: found, read and checked, with ``KEY=VALUE`` assignments on top."""
+"""Loading of vehicle files, with ``KEY=VALUE`` assignments that override them."""
 
 import hashlib
 import math
@@ -15,12 +15,12 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.vehicle import Vehicle
 
 FACTORS = {"gyro_factors": (3, 3), "accel_factors": (3, 3), "command_factors": (6,)}
-"""Of what is uncertain, on what the log holds: on the sensors' readings, IMU axes, and on a commanded wrench."""
+"""Shapes of factors in ``uncertain``: of sensor readings, IMU axes, and of a commanded wrench."""
 
 
 @dataclass(frozen=True)
 class VehicleSource:
-    """A vehicle with where it came from: a name for messages and the digest of the file as it was given."""
+    """Vehicle with the name of its source, for messages, and the SHA-256 digest of the original file."""
 
     vehicle: Vehicle
     source: str
@@ -28,12 +28,12 @@ class VehicleSource:
 
 
 def load(path: Path, assignments: Sequence[str] = ()) -> VehicleSource:
-    """Read a vehicle file; :class:`InputError` names file, line and key."""
+    """Read a vehicle file. Raises :class:`InputError` with file, line and key."""
     return parse(configfile.read_text(path, "vehicle file"), str(path), assignments)
 
 
 def parse(text: str, source: str, assignments: Sequence[str] = ()) -> VehicleSource:
-    """Check a vehicle file's text, with ``KEY=VALUE`` assignments on top."""
+    """Parse and check the text of a vehicle file, with ``KEY=VALUE`` assignments."""
     data = configfile.parse_toml(text, source)
     data = configfile.override(data, assignments)
     vehicle = _checked(configfile.validate(Vehicle, data, source, text, assignments), source)
@@ -41,20 +41,20 @@ def parse(text: str, source: str, assignments: Sequence[str] = ()) -> VehicleSou
 
 
 def changed(vehicle: Vehicle, assignments: Sequence[str]) -> Vehicle:
-    """The vehicle with ``KEY=VALUE`` assignments on top; what it doesn't state stays unstated."""
+    """Vehicle with ``KEY=VALUE`` assignments; keys that are not stated keep their defaults."""
     data = vehicle.model_dump(by_alias=True, exclude_none=True, exclude_unset=True)
     data = {key: list(value) if isinstance(value, tuple) else value for key, value in data.items()}
     return _checked(configfile.validate(Vehicle, configfile.override(data, assignments), "vehicle", "", assignments), "vehicle")
 
 
 def alternative(vehicle: Vehicle, values: Mapping[str, Any]) -> Vehicle:
-    """The vehicle with other values of dotted keys, and nothing else that is uncertain; :data:`FACTORS` are the log's."""
+    """Vehicle with other values of dotted keys and without ``uncertain``; ignores :data:`FACTORS`, which apply to the log."""
     assignments = [f"{key}={configfile.written(value)}" for key, value in values.items() if key not in FACTORS]
     return changed(vehicle.model_copy(update={"uncertain": ()}), assignments)
 
 
 def _checked(vehicle: Vehicle, source: str) -> Vehicle:
-    """:class:`InputError` where what is uncertain is no key of a vehicle."""
+    """Return ``vehicle``. Raises :class:`InputError` for invalid keys or values in ``uncertain``."""
     for number, values in enumerate(vehicle.uncertain):
         try:
             wrong = next((key for key, shape in FACTORS.items() if key in values and np.shape(values[key]) != shape), None)
@@ -69,7 +69,7 @@ def _checked(vehicle: Vehicle, source: str) -> Vehicle:
 
 
 def find(log: Path, explicit: Path | None, embedded: str | None, assignments: Sequence[str] = ()) -> VehicleSource:
-    """The vehicle of a log: ``explicit``, the Parquet file's own metadata, LOGSTEM.vehicle.toml, vehicle.toml beside it."""
+    """Vehicle of a log. Priority: ``explicit``, embedded in the Parquet file, LOGSTEM.vehicle.toml, vehicle.toml in the log's folder."""
     if explicit is not None:
         return load(explicit, assignments)
     if embedded is not None:
@@ -82,16 +82,16 @@ def find(log: Path, explicit: Path | None, embedded: str | None, assignments: Se
 
 
 FAR = 1e6
-"""What a testbed's file states lies within this of 1, in SI units; there the arithmetic must not fail."""
+"""Values within this factor of 1 (SI units) are plausible; arithmetic must not fail for them."""
 
 
 @contextmanager
 def refused(place: object, source: VehicleSource) -> Iterator[None]:
-    """Where linear algebra fails in this block: :class:`InputError` names the file's most extreme value; without one it stays a bug."""
+    """Convert linear-algebra errors in the block to :class:`InputError` with the most extreme value of the file, if that is implausible."""
     try:
         yield
     except (np.linalg.LinAlgError, OverflowError) as error:
-        key, value = farthest(source.vehicle.model_dump(mode="json", by_alias=True, exclude_unset=True))
+        key, value = most_extreme(source.vehicle.model_dump(mode="json", by_alias=True, exclude_unset=True))
         if 1 / FAR < abs(value) < FAR:
             raise
         raise InputError(
@@ -99,10 +99,10 @@ def refused(place: object, source: VehicleSource) -> Iterator[None]:
         ) from None
 
 
-def farthest(data: Any, place: str = "") -> tuple[str, float]:
-    """The dotted key and the value of the number that is farthest from 1, on a logarithmic scale; zeros don't count."""
+def most_extreme(data: Any, place: str = "") -> tuple[str, float]:
+    """Dotted key and value of the number farthest from 1 on a logarithmic scale; ignores zeros."""
     if isinstance(data, (int, float)) and not isinstance(data, bool):
         return place, float(data) or 1.0
     items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
-    found = [farthest(child, f"{place}.{key}" if place else str(key)) for key, child in items]
+    found = [most_extreme(child, f"{place}.{key}" if place else str(key)) for key, child in items]
     return max(found, key=lambda one: abs(math.log10(abs(one[1]))), default=(place, 1.0))

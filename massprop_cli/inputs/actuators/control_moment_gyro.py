@@ -46,37 +46,56 @@ _Axis = Annotated[Vector, actuator.pointing("this axis")]
 
 
 class ControlMomentGyro(actuator.MomentumDevice):
-    """One single-gimbal control moment gyro: its axes and the momentum of its rotor."""
+    """Single-gimbal control moment gyro: axes, and momentum of its rotor."""
 
     TABLE: ClassVar = "control_moment_gyros"
     NOUN: ClassVar = "control moment gyro"
     COLUMNS: ClassVar = (GIMBAL, SPEED)
     DOES: ClassVar = ("gimbal_axis", "spin_axis", "h_n_m_s", "spin_inertia_kg_m2")
 
-    gimbal_axis: _Axis = Field(description="about which positive gimbal angles turn, body axes; of any length")
-    spin_axis: _Axis = Field(description="of the spin momentum at gimbal angle 0, body axes; of any length, orthogonal to gimbal_axis")
-    h_n_m_s: Positive | None = Field(
-        None, description="constant spin momentum relative to the body; absent: spin_inertia_kg_m2 times the speed in column cmg_NAME_rad_s"
+    gimbal_axis: _Axis = Field(description="axis of positive gimbal angles, body axes; any length")
+    spin_axis: _Axis = Field(
+        description="direction of the spin momentum at gimbal angle 0, body axes; any length, orthogonal to gimbal_axis"
     )
-    h_sigma_n_m_s: NonNegative = Field(0.0, description="one sigma of h_n_m_s; goes into every sigma")
-    spin_inertia_kg_m2: Positive | None = Field(None, description="about the spin axis; beside h_n_m_s for locked_in_inertia = false alone")
-    spin_inertia_sigma_kg_m2: NonNegative = Field(0.0, description="one sigma of it where the speed is logged; goes into every sigma")
-    gimbal_sigma_rad: NonNegative = Field(0.0, le=0.3, description="one sigma of a constant error of the angle; goes into every sigma")
+    h_n_m_s: Positive | None = Field(
+        None,
+        description=("constant spin momentum relative to the body; absent: spin_inertia_kg_m2 times the speed in column cmg_NAME_rad_s"),
+    )
+    h_sigma_n_m_s: NonNegative = Field(0.0, description="one sigma of h_n_m_s; included in every sigma")
+    spin_inertia_kg_m2: Positive | None = Field(
+        None, description="spin inertia about the spin axis; together with h_n_m_s only for locked_in_inertia = false"
+    )
+    spin_inertia_sigma_kg_m2: NonNegative = Field(
+        0.0, description="one sigma of spin_inertia_kg_m2 if the speed is logged; included in every sigma"
+    )
+    gimbal_sigma_rad: NonNegative = Field(
+        0.0, le=0.3, description="one sigma of a constant error of the gimbal angle; included in every sigma"
+    )
     gimbal_steps_s: NonNegative | None = Field(
         None,
-        description="from a record's end until the gimbal turns at another rate, so that its angle bends there; absent: found in a log of "
-        "one record in each control cycle",
+        description=(
+            "time from a record's end to a change of gimbal rate, a knot of the angle; absent: estimated from a log with "
+            "one record per control cycle"
+        ),
     )
-    gimbal_smooth: bool = Field(False, description="whether its angle is a smooth curve through the records, and doesn't bend")
+    gimbal_smooth: bool = Field(False, description="whether the angle is a smooth curve through the records, without knots")
     locked_in_inertia: bool = Field(
-        description="whether the body's inertia, as given and reported, has this rotor in it as if it were locked at gimbal angle 0; "
-        "false: without its spin inertia about spin_axis. Its mass, its inertia across that axis, and the gimbal, are always in it"
+        description=(
+            "whether the body's inertia, given and reported, includes this rotor as locked at gimbal angle 0; false: "
+            "without its spin inertia about spin_axis. Its mass, its transverse inertia and the gimbal are always included"
+        )
     )
     start_gimbal_rad: Real | None = Field(
-        None, description="gimbal angle as the log begins: angles that begin at this in degrees, or with the other sign, are refused"
+        None,
+        description=(
+            "gimbal angle at the start of the log; massprop refuses angles that start at this value in degrees or with the opposite sign"
+        ),
     )
     start_rad_s: Real | None = Field(
-        None, description="spin speed as the log begins: speeds that begin at this in another unit, or with the other sign, are refused"
+        None,
+        description=(
+            "spin speed at the start of the log; massprop refuses speeds that start at this value in another unit or with the opposite sign"
+        ),
     )
 
     @model_validator(mode="after")

@@ -16,7 +16,7 @@ from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.section import NonNegative, Place, Positive, Real, Vector
 
 COMMAND = LogColumn(
-    "rotor_", "_command", "command", PLAIN, False, True, "what a rotor is commanded in this control cycle, as its thrust_n takes it"
+    "rotor_", "_command", "command", PLAIN, False, True, "command of a rotor in this control cycle, the argument of its thrust_n"
 )
 FEW = 20
 """Minimum number of logged speeds to estimate the interpolation error between them."""
@@ -24,7 +24,7 @@ SPEED = LogColumn("rotor_", "_rad_s", "speed", SPIN, True, False, "a rotor's spe
 
 
 class Rotor(Actuator):
-    """One rotor: where it is, which way it pushes and turns, its thrust by command or speed, how fast that follows."""
+    """Rotor: position, direction of thrust and rotation, thrust polynomial and lag."""
 
     TABLE: ClassVar = "rotors"
     NOUN: ClassVar = "rotor"
@@ -34,31 +34,32 @@ class Rotor(Actuator):
 
     position_m: Place
     axis: Annotated[Vector, pointing("the rotor's thrust")] = Field(
-        description="direction of its thrust on the vehicle, body axes; of any length"
+        description="direction of its thrust on the vehicle, body axes; any length"
     )
     spin: Literal[1, -1] = Field(
-        description="1: it turns right-handed about the axis, and its drag turns the vehicle left-handed; -1: the other way"
+        description="1: right-handed rotation about the axis, with a left-handed drag torque on the vehicle; -1: opposite"
     )
     thrust_n: Annotated[tuple[Real, ...], Field(min_length=1, max_length=8)] = Field(
-        description="coefficients c0, c1, c2, … of its thrust in N: c0 + c1 x + c2 x² + …, x the number in its column"
+        description="coefficients c0, c1, c2, … of the thrust c0 + c1 x + c2 x² + …, N; x is the value of its column"
     )
     column: Literal["command", "speed"] = Field(
-        "command", description="x: rotor_NAME_command, as commanded for the cycle, or rotor_NAME_rad_s, as measured at time_s"
+        "command", description="column of x: rotor_NAME_command, commanded for the cycle, or rotor_NAME_rad_s, measured at time_s"
     )
     torque_ratio_m: NonNegative = Field(0.0, description="drag torque about its axis over thrust")
     torque_steps_s: NonNegative | None = Field(
         None,
-        description="from a cycle's end until its motor is told otherwise, so that its speed bends there; absent: found in the log. For a "
-        "speed column",
+        description=(
+            "time from a cycle's end to a change of motor torque, a knot of the speed; absent: estimated from the log. For a speed column"
+        ),
     )
-    lag_up_s: NonNegative | None = Field(None, description="first-order lag of x behind a command that is higher; absent: thrust.lag_s")
-    lag_down_s: NonNegative | None = Field(None, description="the same behind one that is lower; absent: lag_up_s")
+    lag_up_s: NonNegative | None = Field(None, description="first-order lag of x for a higher command; absent: thrust.lag_s")
+    lag_down_s: NonNegative | None = Field(None, description="first-order lag of x for a lower command; absent: lag_up_s")
     nominal_v: Positive | None = Field(
-        None, description="supply voltage that thrust_n holds for; commands count in proportion to column supply_v then"
+        None, description="supply voltage at which thrust_n holds; commands are then scaled in proportion to column supply_v"
     )
-    spin_inertia_kg_m2: Positive | None = Field(None, description="about its axis, of blades and motor; needs its speed")
+    spin_inertia_kg_m2: Positive | None = Field(None, description="spin inertia of blades and motor about its axis; needs a logged speed")
     spin_inertia_sigma_kg_m2: NonNegative = 0.0
-    locked_in_inertia: bool = Field(True, description="whether the body's inertia has it in it as if it were locked")
+    locked_in_inertia: bool = Field(True, description="whether the body's inertia includes the rotor as locked")
 
     @model_validator(mode="after")
     def _fits_its_column(self) -> Self:

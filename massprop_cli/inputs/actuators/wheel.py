@@ -67,70 +67,86 @@ def dequantised(counts: Array) -> tuple[Array, Array, IntArray]:
 
 
 class Wheel(actuator.MomentumDevice):
-    """One reaction wheel: its axis, what it weighs about it, and which of its columns the log has."""
+    """Reaction wheel: axis, spin inertia, and the meaning of its log column."""
 
     TABLE: ClassVar = "wheels"
     NOUN: ClassVar = "wheel"
     COLUMNS: ClassVar = (SPEED, ON_WHEEL)
     DOES: ClassVar = ("axis", "spin_inertia_kg_m2")
 
-    axis: Annotated[Vector, actuator.pointing("the wheel's axis")] = Field(
-        description="direction of positive speed, body axes; of any length"
-    )
-    axis_sigma_rad: NonNegative = Field(0.0, le=0.3, description="one sigma of its direction, about each line across it; estimated")
-    spin_inertia_kg_m2: Positive = Field(description="about its axis")
-    spin_inertia_sigma_kg_m2: NonNegative = Field(0.0, description="one sigma of it; goes into every sigma")
+    axis: Annotated[Vector, actuator.pointing("the wheel's axis")] = Field(description="direction of positive speed, body axes; any length")
+    axis_sigma_rad: NonNegative = Field(0.0, le=0.3, description="one sigma of its direction about each axis across it; estimated")
+    spin_inertia_kg_m2: Positive = Field(description="spin inertia about its axis")
+    spin_inertia_sigma_kg_m2: NonNegative = Field(0.0, description="one sigma of spin_inertia_kg_m2; included in every sigma")
     locked_in_inertia: bool = Field(
-        description="whether the body's inertia, as given and reported, has this wheel in it as if it were locked; false: without its spin "
-        "inertia about its axis. The wheel's mass, and its inertia across the axis, are always in it"
+        description=(
+            "whether the body's inertia, given and reported, includes this wheel as locked; false: without its spin inertia"
+            " about its axis. The wheel's mass and transverse inertia are always included"
+        )
     )
     column: Literal["speed", "torque"] = Field(
         "speed",
-        description="what the log has: wheel_NAME_rad_s, relative to the body at time_s, or wheel_NAME_n_m on the wheel over the cycle",
+        description=(
+            "logged quantity: wheel_NAME_rad_s, speed relative to the body at time_s, or wheel_NAME_n_m, torque on the wheel over the cycle"
+        ),
     )
-    speed_sigma_rad_s: NonNegative = Field(0.0, description="one sigma of the noise of each logged speed, white. For a speed column")
+    speed_sigma_rad_s: NonNegative = Field(0.0, description="white noise of each logged speed, one sigma. For a speed column")
     speed_step_rad_s: NonNegative | None = Field(
-        None, description="of which logged speeds are whole multiples; absent: found in the log. For a speed column"
+        None, description="quantisation step of logged speeds; absent: estimated from the log. For a speed column"
     )
     between_counts: bool = Field(
         True,
-        description="whether a speed in steps is taken between two counts from when the count changes, which on board is not known yet; "
-        "false: each is the count. For a speed column",
+        description=(
+            "whether a quantised speed is interpolated from the times at which its count changes, which needs later "
+            "readings; false: each speed is its count. For a speed column"
+        ),
     )
     speed_window_s: NonNegative = Field(
-        0.0, description="over which each logged speed is a mean, as of counted pulses; 0: it is that of an instant. For a speed column"
+        0.0, description="averaging time of each logged speed, as with counted pulses; 0: instantaneous. For a speed column"
     )
     speed_latency_s: NonNegative = Field(
-        0.0, description="by which the end of that window, or the instant, is before time_s. For a speed column"
+        0.0, description="time from the end of that average, or from the instantaneous speed, to time_s. For a speed column"
     )
     torque_steps_s: NonNegative | None = Field(
         None,
-        description="from a record's end until the torque on the wheel steps, so that its speed bends there; absent: found in the log. "
-        "For a speed column",
+        description=(
+            "time from a record's end to a step of the torque on the wheel, a knot of the speed; absent: estimated from the"
+            " log. For a speed column"
+        ),
     )
     holds: Literal["torque", "speed"] | None = Field(
         None,
-        description="what the wheel's drive keeps even from one reading to the next: its motor's torque, so that its speed relative to the "
-        "body bends as the body's rate does, or the growth of that speed; absent: found in the log. For a speed column",
+        description=(
+            "quantity that the wheel's drive holds constant between two readings: motor torque (its relative speed then "
+            "changes with the body rate), or acceleration relative to the body; absent: estimated from the log. For a speed"
+            " column"
+        ),
     )
     speed_error_in_noise: bool = Field(
         False,
-        description="whether imu.gyro_noise_rad_s and environment.disturbance_torque_n_m have in them what speed_sigma_rad_s and "
-        "speed_step_rad_s do, as in the settings of a result",
+        description=(
+            "whether imu.gyro_noise_rad_s and environment.disturbance_torque_n_m include the effect of speed_sigma_rad_s "
+            "and speed_step_rad_s, as in the settings of a result"
+        ),
     )
     torque_is: Literal["commanded", "measured"] = Field(
-        "commanded", description="of a torque column: commanded torque acts after cycle.command_delay_cycles, measured torque at once"
+        "commanded",
+        description=("meaning of a torque column: a commanded torque acts after cycle.command_delay_cycles, a measured torque at once"),
     )
-    torque_scale_sigma: NonNegative = Field(0.0, description="relative uncertainty of a torque column; goes into every sigma")
+    torque_scale_sigma: NonNegative = Field(0.0, description="relative uncertainty of a torque column; included in every sigma")
     start_rad_s: Real | None = Field(
         None,
-        description="speed relative to the body when the first torque of the log acts, which a commanded one does after the delay; absent: "
-        "the first cell of wheel_NAME_rad_s. For a torque column; "
-        "speeds that begin at this in another unit, or with the other sign, are refused",
+        description=(
+            "speed relative to the body when the first torque of the log acts (a commanded torque acts after the delay); "
+            "absent: first cell of wheel_NAME_rad_s. For a torque column. massprop refuses speeds that start at this value "
+            "in another unit or with the opposite sign"
+        ),
     )
-    start_sigma_rad_s: NonNegative = Field(0.0, description="one sigma of that speed; goes into every sigma")
-    coulomb_friction_n_m: NonNegative = Field(0.0, description="against the speed, whatever that is. For a torque column")
-    viscous_friction_n_m_s: NonNegative = Field(0.0, description="against the speed, over it. For a torque column")
+    start_sigma_rad_s: NonNegative = Field(0.0, description="one sigma of start_rad_s; included in every sigma")
+    coulomb_friction_n_m: NonNegative = Field(
+        0.0, description="friction torque opposite to the speed, of constant size. For a torque column"
+    )
+    viscous_friction_n_m_s: NonNegative = Field(0.0, description="friction torque over speed, opposite to it. For a torque column")
 
     @classmethod
     def draft(cls, name: str, has: actuator.LogColumn, span: str) -> list[str]:  # noqa: ARG003
