@@ -1,4 +1,4 @@
-"""The expect file (``massprop schema expect``; TOML, JSON, also truth.json): expected values and tolerances. It never pulls an estimate."""
+"""Expect file (``massprop schema expect``; TOML, JSON or truth.json): expected values and tolerances. It does not change an estimate."""
 
 import hashlib
 import json
@@ -20,14 +20,14 @@ from massprop_cli.inputs.vehicle import PRODUCTS
 
 Convention = Literal["tensor", "positive_integral"]
 SCHEMA, TRUTH = "massprop/expect/1", "massprop/truth/1"
-_OLDER = ("env", "bound")
-"""Keys that tell a truth.json of before it named its schema."""
+_TRUTH_KEYS = ("env", "bound")
+"""Keys by which a truth.json without a schema is recognised."""
 
 
 class Quantity(Section):
-    """An expected value; a bare number stands for one without a tolerance of its own."""
+    """Expected value; a bare number is a value without a tolerance of its own."""
 
-    value: FiniteFloat = Field(description="in the quantity's unit")
+    value: FiniteFloat = Field(description="expected value in the quantity's unit")
     tolerance: Stated | None = Field(None, description='a number in the quantity\'s unit, "2 %", "4 sigma" or "0.05 kg m^2"')
 
 
@@ -37,11 +37,13 @@ def _numbers_too(schema: dict[str, Any]) -> None:
 
 
 class ExpectedInertia(Section, json_schema_extra=_numbers_too):
-    """What is expected of an inertia, and of the ``NAMES`` beside it."""
+    """Expected inertia; subclasses add the quantities in ``NAMES``."""
 
     NAMES: ClassVar[tuple[str, ...]] = ()
 
-    tolerance: Stated | None = Field(None, description="of quantities here without one of their own; absent: that of what is around it")
+    tolerance: Stated | None = Field(
+        None, description="tolerance of quantities without one of their own; absent: that of the enclosing table"
+    )
     ixx: Quantity | None = None
     ixy: Quantity | None = None
     ixz: Quantity | None = None
@@ -51,7 +53,7 @@ class ExpectedInertia(Section, json_schema_extra=_numbers_too):
 
     @property
     def quantities(self) -> dict[str, Quantity]:
-        """Those that are expected."""
+        """Quantities with an expected value."""
         return {name: getattr(self, name) for name in self.NAMES if getattr(self, name) is not None}
 
     @model_validator(mode="after")
@@ -61,11 +63,11 @@ class ExpectedInertia(Section, json_schema_extra=_numbers_too):
 
 
 class ExpectedBody(ExpectedInertia):
-    """What is expected of one body: any of the ten quantities."""
+    """Expected values of one body: any of the ten quantities."""
 
     NAMES = QUANTITIES
 
-    poi_convention: Convention | None = Field(None, description="sign of the products here; absent: the file's")
+    poi_convention: Convention | None = Field(None, description="sign convention of these products of inertia; absent: that of the file")
     cg_x: Quantity | None = None
     cg_y: Quantity | None = None
     cg_z: Quantity | None = None
@@ -73,7 +75,7 @@ class ExpectedBody(ExpectedInertia):
 
 
 class ExpectedPivot(ExpectedInertia):
-    """What is expected about the pivot: any of ``about_pivot``'s nine values."""
+    """Expected values about the pivot: any of the nine quantities of ``about_pivot``."""
 
     NAMES = ABOUT_PIVOT
 
@@ -83,29 +85,37 @@ class ExpectedPivot(ExpectedInertia):
 
 
 class PivotedBody(ExpectedBody):
-    """What is expected of a body, also about the pivot of a bearing or pedestal."""
+    """Expected values of a body, also about the pivot of an air bearing or pedestal."""
 
     about_pivot: ExpectedPivot | None = Field(None, description="inertia [kg m^2] and first moment [kg m] about the pivot")
 
 
 class PhaseBody(PivotedBody):
-    """What is expected of one phase."""
+    """Expected values of one phase."""
 
     name: str
 
 
 class ExpectFile(Section):
-    """A whole expect file. A phase's own expectation goes before that for all."""
+    """Expect file. Values of a phase override those of ``all``."""
 
     schema_: Literal["massprop/expect/1"] = Field("massprop/expect/1", alias="schema")
     poi_convention: Convention | None = Field(
-        None, description='"tensor": ixy = -sum m x y; "positive_integral": the opposite. Required where a product other than 0 is expected'
+        None,
+        description=(
+            'sign of products of inertia: "tensor": ixy = -sum m x y; "positive_integral": the opposite. Required for an '
+            "expected product other than 0"
+        ),
     )
-    tolerance: Stated | None = Field(None, description='of quantities without one of their own: "2 %" or "4 sigma"; default 4 sigma')
-    require: Required | None = Field(None, description='what must converge in every phase, and how precisely: "mass<2%, ixx", or a list')
-    all: PivotedBody = Field(PivotedBody(), description="expected in every phase")
+    tolerance: Stated | None = Field(
+        None, description='tolerance of quantities without one of their own: "2 %" or "4 sigma"; default: 4 sigma'
+    )
+    require: Required | None = Field(
+        None, description='quantities that must converge in every phase, with precision: "mass<2%, ixx", or a list'
+    )
+    all: PivotedBody = Field(PivotedBody(), description="expected values in every phase")
     phases: tuple[PhaseBody, ...] = ()
-    docked: ExpectedBody = Field(ExpectedBody(), description="expected of the docked object")
+    docked: ExpectedBody = Field(ExpectedBody(), description="expected values of the docked object")
 
     @model_validator(mode="after")
     def _is_coherent(self) -> Self:
@@ -115,13 +125,13 @@ class ExpectFile(Section):
 
 
 class TruthPhase(PivotedBody):
-    """The truth of one phase; without names they are in the order of the result's."""
+    """True values of one phase; phases without names are in the result's order."""
 
     name: str | None = None
 
 
 class TruthFile(Section):
-    """truth.json: the ten quantities, with what they are the truth of."""
+    """truth.json: the ten quantities with their true values and the simulated case."""
 
     schema_: Literal["massprop/truth/1"] = Field("massprop/truth/1", alias="schema")
     scenario: JsonValue = None
@@ -137,7 +147,7 @@ class TruthFile(Section):
 
 @dataclass(frozen=True)
 class Wanted:
-    """One expectation: products as tensor elements."""
+    """Expected value, with products as tensor elements, and its tolerance."""
 
     value: float
     tolerance: Tolerance
@@ -145,33 +155,33 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Expectations:
-    """What a result is tested against."""
+    """All expectations of a result."""
 
     source: str
-    """The file, for messages."""
+    """File name for messages."""
     sha256: str
     every: dict[str, Wanted]
-    """Of every phase."""
+    """Expectations of every phase."""
     phases: tuple[tuple[str | None, dict[str, Wanted]], ...]
-    """By phase name, or all without names in the order of the result's phases."""
+    """Expectations by phase name; without names, in the order of the result's phases."""
     docked: dict[str, Wanted]
     required: tuple[Requirement, ...] = ()
-    """What must converge in every phase, and how precisely."""
+    """Quantities that must converge in every phase, with precision."""
     of_truth: bool = False
-    """Whether it is a truth.json: it has all ten, and what has no part in the motion is asked of nobody."""
+    """Whether it is a truth.json, which has all ten quantities; those that do not affect the motion are then not required."""
 
 
 def load(path: Path) -> Expectations:
-    """Read an expect file; :class:`InputError` names file, line and key."""
+    """Read an expect file. Raises :class:`InputError` with file, line and key."""
     return parse(configfile.read_text(path, "expect file"), path)
 
 
 def parse(text: str, path: Path) -> Expectations:
-    """The same from the file's text; ``path`` is for its kind and for messages."""
+    """Parse an expect file; ``path`` gives its format and is for messages."""
     data, lines = tables(text, path)
-    truth = data.get("schema") == TRUTH or ("schema" not in data and any(key in data for key in _OLDER))
+    truth = data.get("schema") == TRUTH or ("schema" not in data and any(key in data for key in _TRUTH_KEYS))
     model: type[ExpectFile | TruthFile] = TruthFile if truth else ExpectFile
-    file = configfile.validate(model, _spelt_out(data), str(path), lines)
+    file = configfile.validate(model, _with_value_tables(data), str(path), lines)
     every = file.all if isinstance(file, ExpectFile) else PivotedBody()
     default = (file.tolerance if isinstance(file, ExpectFile) else None) or FOUR_SIGMA
 
@@ -192,7 +202,7 @@ def parse(text: str, path: Path) -> Expectations:
 
 
 def tables(text: str, path: Path) -> tuple[dict[str, Any], str]:
-    """Parsed TOML or JSON, and the text where that has lines to name; :class:`InputError` where it is neither, or keys are out of place."""
+    """Parsed TOML or JSON, and its text for line numbers (empty for JSON). Raises :class:`InputError` if unreadable or misplaced."""
     as_json = path.suffix.lower() == ".json"
     data = _from_json(text, str(path)) if as_json else configfile.parse_toml(text, str(path))
     _check_place(data, str(path))
@@ -200,7 +210,7 @@ def tables(text: str, path: Path) -> tuple[dict[str, Any], str]:
 
 
 def _from_json(text: str, source: str) -> dict[str, Any]:
-    """Parsed JSON; :class:`InputError` where it is none, or a key stands twice."""
+    """Parsed JSON table. Raises :class:`InputError` for invalid JSON or a repeated key."""
 
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)
@@ -219,7 +229,7 @@ def _from_json(text: str, source: str) -> dict[str, Any]:
 
 
 def _check_place(data: Mapping[str, Any], source: str) -> None:
-    """Refuse what stands where it can't be read, with what to write instead."""
+    """Raise :class:`InputError` for keys in a wrong place, with the correct place."""
     loose = next((key for key in data if key in QUANTITIES), None)
     if loose is not None:
         raise InputError(f"{source}: {loose} is outside any table; write it under [all], [[phases]] or [docked]")
@@ -228,8 +238,8 @@ def _check_place(data: Mapping[str, Any], source: str) -> None:
         raise InputError(f'{source}: phases.{first}: phases are a list; write [[phases]] and below it name = "{first}"')
 
 
-def _spelt_out(data: Mapping[str, Any]) -> dict[str, Any]:
-    """The data with every bare value of a quantity as a table of its own."""
+def _with_value_tables(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Data with each bare value of a quantity as a table."""
 
     def body(given: Any) -> Any:
         if not isinstance(given, dict):

@@ -1,6 +1,7 @@
-"""What is wanted of quantities: that they converge, and how precisely. ``--require``, ``--want`` and the same keys of files.
+"""Requirements: quantities that must converge, and their precision. Used by ``--require``, ``--want`` and keys of files.
 
-``"mass<2%, ixx, cg_z < 0.5 mm"``: the sign may be left out (``"mass 2 %"``). Per cent are of the quantity's own value; one sigma counts.
+Example: ``"mass<2%, ixx, cg_z < 0.5 mm"``. The sign is optional (``"mass 2 %"``). Per cent refer to the estimated value; a precision limits
+one sigma.
 """
 
 import re
@@ -23,26 +24,26 @@ _SCALES = {
     "kg m": {"kg m": 1.0, "g cm": 1e-5, "g mm": 1e-6},
     "kg m^2": {"kg m^2": 1.0},
 }
-"""What may be written of a quantity with each SI unit."""
+"""Accepted units of a precision, with factors, by SI unit of the quantity."""
 
 
 @dataclass(frozen=True)
 class Precision:
-    """A sigma that is small enough."""
+    """Largest accepted sigma."""
 
     amount: float
-    """Part of the value's size where relative, else in the quantity's SI unit."""
+    """Fraction of the value if relative, else in the quantity's SI unit."""
     relative: bool
     written: str
 
     def sigma(self, value: float) -> float:
-        """The largest sigma of a value that is precise enough, in the quantity's SI unit."""
+        """Largest accepted sigma of ``value``, in the quantity's SI unit."""
         return self.amount * abs(value) if self.relative else self.amount
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """A quantity that must converge, to a precision where there is one."""
+    """Quantity that must converge, with an optional precision."""
 
     quantity: str
     precision: Precision | None = None
@@ -52,7 +53,7 @@ class Requirement:
 
 
 class MisreadError(ValueError):
-    """A requirement that can't be understood (``syntax``), or makes no sense."""
+    """Unusable requirement: unreadable (``syntax``) or without meaning."""
 
     def __init__(self, message: str, syntax: bool) -> None:
         super().__init__(message)
@@ -60,9 +61,9 @@ class MisreadError(ValueError):
 
 
 def requirements(stated: str | Sequence[str] | None, option: str = "--require") -> tuple[Requirement, ...]:
-    """Requirements in the order of the quantities, from texts with commas: "all" is the ten; what is said of one quantity goes first.
+    """Requirements in the order of the quantities, from texts with commas. "all" is the ten quantities; a named quantity overrides it.
 
-    :class:`UsageError` for what can't be understood, :class:`InputError` for a precision that makes no sense.
+    Raises :class:`UsageError` for an unreadable text, :class:`InputError` for a precision without meaning.
     """
     try:
         return read(stated)
@@ -71,7 +72,7 @@ def requirements(stated: str | Sequence[str] | None, option: str = "--require") 
 
 
 def precise(stated: str) -> tuple[Requirement, ...]:
-    """The same of ``--want``, where every quantity needs a precision."""
+    """Requirements of ``--want``, each with a precision. Raises :class:`InputError` without one or about a pivot."""
     found = requirements(stated, "--want")
     pivoted = next((item.quantity for item in found if item.quantity.startswith(PIVOT)), None)
     if pivoted is not None:
@@ -85,7 +86,7 @@ def precise(stated: str) -> tuple[Requirement, ...]:
 
 
 def read(stated: object) -> tuple[Requirement, ...]:
-    """The same; :class:`MisreadError` says what is wrong, for the reader of a file to name the place."""
+    """Requirements as in :func:`requirements`. Raises :class:`MisreadError` with the problem."""
     texts = [] if stated is None else [*stated] if isinstance(stated, (list, tuple)) else [stated]
     if not all(isinstance(text, str) for text in texts):
         raise MisreadError(f'{stated!r}: not a requirement; write for instance "mass<2%, ixx"', True)
@@ -100,15 +101,15 @@ def read(stated: object) -> tuple[Requirement, ...]:
 
 
 def _item(text: str) -> tuple[str, Precision | None]:
-    """One quantity as a lower-case name, with its precision."""
+    """Lower-case name and precision of one quantity."""
     parts = _ITEM.fullmatch(_SPACED.sub(r"\1_", text))
     written, amount = parts.groups() if parts else (text, None)
     name = written.lower()
-    name = f"{PIVOT}{name}" if name in MOMENT else name  # there is none but about a pivot
+    name = f"{PIVOT}{name}" if name in MOMENT else name  # moments exist only about a pivot
     if name not in (*ALL_UNITS, ALL):
         said = f"{text or 'nothing'}: no such quantity; choose from {', '.join(QUANTITIES)} or {ALL}"
         said += f"; about a pivot {PIVOT}ixx, … or {MOMENT[0]}, …"
-        # a name alone may be a slip of the command line; a precision of what doesn't exist is a demand that makes no sense
+        # a name alone may be a typing error; a precision of an unknown quantity is a wrong requirement
         raise MisreadError(said, syntax=amount is None or _AMOUNT.fullmatch(amount.strip()) is None)
     return name, None if amount is None else _precision(text, name, amount.strip())
 

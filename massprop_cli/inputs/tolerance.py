@@ -1,4 +1,4 @@
-"""How far a value may lie from another: a number in its unit, or a text ``"2 %"``, ``"4 sigma"`` or ``"0.05 kg m^2"``."""
+"""Tolerances: a number in the quantity's unit, or a text such as ``"2 %"``, ``"4 sigma"`` or ``"0.05 kg m^2"``."""
 
 import re
 from collections.abc import Mapping
@@ -18,27 +18,27 @@ _REMEDY = 'write a number in the quantity\'s own unit, "2 %", "4 sigma" or "0.05
 
 @dataclass(frozen=True)
 class Tolerance:
-    """A tolerance as it was stated."""
+    """Tolerance as stated."""
 
     amount: float
-    """In units, in per cent, or in sigmas."""
+    """Number of units, per cent or sigmas."""
     kind: Literal["absolute", "relative", "sigma"]
     unit: str = ""
-    """Of an absolute tolerance; empty where a bare number was given."""
+    """Unit of an absolute tolerance; empty for a bare number."""
 
     def stated(self, quantity: str) -> str:
-        """In words, with its unit: what :func:`parse` reads back."""
+        """Tolerance as text with its unit, which :func:`parse` reads back."""
         ending = {"absolute": self.unit or _UNITS[quantity], "relative": "%", "sigma": "sigma"}[self.kind]
         return f"{self.amount!r} {ending}".replace(".0 ", " ")
 
     def absolute(self, about: float, sigma: float | None) -> float | None:
-        """In the quantity's unit, about a value; None where it is in sigmas and there is no sigma."""
+        """Absolute tolerance of the value ``about``, in the quantity's unit; None for a tolerance in sigmas without a sigma."""
         if self.kind == "sigma":
             return None if sigma is None else self.amount * sigma
         return self.amount if self.kind == "absolute" else self.amount / 100 * abs(about)
 
     def misfit(self, quantity: str) -> str:
-        """Why this can't be a tolerance of ``quantity``, or an empty text."""
+        """Reason why this cannot be a tolerance of ``quantity``; empty if it can."""
         unit = _UNITS[quantity]
         if self.unit in ("", unit):
             return ""
@@ -46,36 +46,36 @@ class Tolerance:
 
 
 def check_units(stated: Mapping[str, Tolerance | None], of_all: Tolerance | None) -> None:
-    """A validator's error where the tolerance of a quantity is in the unit of another, or that of all quantities in any."""
+    """Raise a validator's error if a quantity's tolerance has another quantity's unit, or if ``of_all`` is absolute."""
     for quantity, own in stated.items():
         problem = own.misfit(quantity) if own is not None else ""
         if problem:
             raise at_key(quantity, problem)
     if of_all is not None and of_all.kind == "absolute":
-        said = 'is for quantities of several units; give "2 %" or "4 sigma" here, and absolute tolerances quantity by quantity'
-        raise at_key("tolerance", said)
+        problem = 'is for quantities of several units; give "2 %" or "4 sigma" here, and absolute tolerances quantity by quantity'
+        raise at_key("tolerance", problem)
 
 
 FOUR_SIGMA = Tolerance(4.0, "sigma")
-"""Where nothing else is stated."""
+"""Default tolerance."""
 
 
 def parse(given: object) -> Tolerance:
-    """A tolerance from a number or a text; ValueError says how to write one."""
+    """Make a tolerance from a number or a text. Raises ValueError with the valid forms."""
     if isinstance(given, (int, float)) and not isinstance(given, bool):
         return Tolerance(_amount(given), "absolute")
-    found = _TEXT.fullmatch(given) if isinstance(given, str) else None
-    if found is None:
+    match = _TEXT.fullmatch(given) if isinstance(given, str) else None
+    if match is None:
         raise ValueError(f"not a tolerance; {_REMEDY}")
-    amount, ending = _amount(float(found.group(1))), " ".join(found.group(2).split())
+    amount, ending = _amount(float(match.group(1))), " ".join(match.group(2).split())
     if ending == "%":
         return Tolerance(amount, "relative")
     if ending.lower() in _SIGMA:
         return Tolerance(amount, "sigma")
     unit = ending.replace("²", "^2").replace("*", " ").replace("·", " ")
     if unit not in _UNITS.values():
-        said = f"{ending!r} is not a unit of a mass property (kg m^2, m, kg)" if ending else "the unit is missing"
-        raise ValueError(f"{said}; {_REMEDY}")
+        problem = f"{ending!r} is not a unit of a mass property (kg m^2, m, kg)" if ending else "the unit is missing"
+        raise ValueError(f"{problem}; {_REMEDY}")
     return Tolerance(amount, "absolute", unit)
 
 
@@ -86,4 +86,4 @@ def _amount(number: float) -> float:
 
 
 Stated = Annotated[Tolerance, PlainValidator(parse, json_schema_input_type=float | str)]
-"""A tolerance in a file."""
+"""Tolerance in a file."""

@@ -1,4 +1,4 @@
-"""The tolerance file (``massprop schema tolerance``): how far a result may lie from a baseline, as texts: a number reads as a value."""
+"""Tolerance file (``massprop schema tolerance``): limits of a result's difference from a baseline, as texts with units."""
 
 from dataclasses import field
 from pathlib import Path
@@ -25,11 +25,11 @@ Text = Annotated[Tolerance | None, PlainValidator(_text, json_schema_input_type=
 
 
 class InertiaLimits(Section):
-    """What is allowed of an inertia, and of the ``NAMES`` beside it."""
+    """Limits of an inertia; subclasses add the quantities in ``NAMES``."""
 
     NAMES: ClassVar[tuple[str, ...]] = ()
 
-    tolerance: Text = Field(None, description="of the quantities that are not named here; absent: that of what is around it")
+    tolerance: Text = Field(None, description="limit of quantities without one of their own; absent: that of the enclosing table")
     ixx: Text = None
     ixy: Text = None
     ixz: Text = None
@@ -43,13 +43,13 @@ class InertiaLimits(Section):
         return self
 
     def of(self, quantity: str) -> Tolerance | None:
-        """Of a quantity; None where nothing is stated."""
+        """Limit of a quantity; None if not stated."""
         own: Tolerance | None = getattr(self, quantity)
         return own or self.tolerance
 
 
 class Limits(InertiaLimits):
-    """What is allowed of one body's quantities."""
+    """Limits of one body."""
 
     NAMES = QUANTITIES
 
@@ -60,7 +60,7 @@ class Limits(InertiaLimits):
 
 
 class AboutPivotLimits(InertiaLimits):
-    """What is allowed about the pivot."""
+    """Limits of quantities about the pivot."""
 
     NAMES = ABOUT_PIVOT
 
@@ -70,29 +70,29 @@ class AboutPivotLimits(InertiaLimits):
 
 
 class PivotedLimits(Limits):
-    """What is allowed of a body, also about the pivot of a bearing or pedestal."""
+    """Limits of a body, also about the pivot of an air bearing or pedestal."""
 
-    about_pivot: AboutPivotLimits = Field(AboutPivotLimits(), description="inertia and first moment about the pivot")
+    about_pivot: AboutPivotLimits = Field(AboutPivotLimits(), description="limits of inertia and first moment about the pivot")
 
     def of(self, quantity: str) -> Tolerance | None:
-        """Of a quantity, those about the pivot with a prefix before their names."""
+        """Limit of a quantity; names of those about the pivot have a prefix."""
         name = quantity.removeprefix(PIVOT)
         return super().of(quantity) if name == quantity else self.about_pivot.of(name) or self.tolerance
 
 
 class PhaseLimits(PivotedLimits):
-    """What is allowed of one phase."""
+    """Limits of one phase."""
 
     name: str
 
 
 class ToleranceFile(Section):
-    """A whole tolerance file. What it does not name is held to so many sigmas."""
+    """Tolerance file. Quantities without a limit use the default number of sigmas."""
 
     schema_: Literal["massprop/tolerance/1"] = Field("massprop/tolerance/1", alias="schema")
-    all: PivotedLimits = Field(PivotedLimits(), description="in every phase")
+    all: PivotedLimits = Field(PivotedLimits(), description="limits in every phase")
     phases: tuple[PhaseLimits, ...] = ()
-    docked: Limits = Field(Limits(), description="of the docked object")
+    docked: Limits = Field(Limits(), description="limits of the docked object")
 
     @model_validator(mode="after")
     def _names_each_phase_once(self) -> Self:
@@ -102,14 +102,14 @@ class ToleranceFile(Section):
 
 @dataclass(frozen=True)
 class Gate:
-    """What is allowed."""
+    """Limits with their default."""
 
     fallback: Tolerance = FOUR_SIGMA
     file: ToleranceFile = field(default_factory=ToleranceFile)
     source: str = ""
 
     def of(self, quantity: str, phase: str | None) -> Tolerance:
-        """Of a quantity in a phase, or of the docked object (None)."""
+        """Limit of a quantity in a phase; None: of the docked object."""
         own = [limits for limits in self.file.phases if limits.name == phase]
         for limits in [self.file.docked] if phase is None else [*own, self.file.all]:
             stated = limits.of(quantity)
@@ -118,7 +118,7 @@ class Gate:
         return self.fallback
 
     def check(self, phases: list[str]) -> None:
-        """:class:`InputError` where the file names a phase that the results lack."""
+        """Raise :class:`InputError` if the file names a phase that the results do not have."""
         for limits in self.file.phases:
             if limits.name not in phases:
                 has = ", ".join(repr(name) for name in phases)
@@ -126,7 +126,7 @@ class Gate:
 
 
 def load(path: Path | None, max_sigma: float) -> Gate:
-    """The gate of a tolerance file, and of so many sigmas beside it; :class:`InputError` names file, line and key."""
+    """Limits of a tolerance file, or ``max_sigma`` sigmas. Raises :class:`InputError` with file, line and key."""
     fallback = Tolerance(max_sigma, "sigma")
     if path is None:
         return Gate(fallback)
