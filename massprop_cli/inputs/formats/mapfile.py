@@ -1,4 +1,4 @@
-"""The map file: which stream of a recording is which quantity. The models below are the schema (``massprop schema map``)."""
+"""Map file (``massprop schema map``): which stream of a recording is which quantity."""
 
 import hashlib
 from pathlib import Path
@@ -15,7 +15,7 @@ from massprop_cli.inputs.vehicle import ACTUATORS
 
 Path_ = Annotated[str, StringConstraints(min_length=1)]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
-_AS_RECORDED = "absent: as the file records it"
+_AS_RECORDED = "absent: as recorded in the file"
 
 
 def _turn(axes: tuple[Axis, Axis, Axis]) -> tuple[Axis, Axis, Axis]:
@@ -32,87 +32,89 @@ Axes = Annotated[tuple[Axis, Axis, Axis], AfterValidator(_turn)]
 
 
 class Clock(Section):
-    """The times of a stream: ``value * scale * unit + offset_s``."""
+    """Times of a stream: ``value * scale * unit + offset_s``."""
 
-    path: Path_ | None = Field(None, description="stream of the times; absent: the one that the file names")
+    path: Path_ | None = Field(None, description="stream of the times; absent: the stream's clock in the file")
     unit: Path_ | None = Field(None, description=f"s, ms, us or ns; {_AS_RECORDED}")
-    scale: Positive = Field(1.0, description="a further factor: 0.1 with ms for ticks of 0.1 ms, 0.01 with s for a counter at 100 Hz")
-    nanoseconds: Path_ | None = Field(None, description="stream of nanoseconds that are added, where path holds whole seconds")
-    even: bool = Field(False, description="samples come at even intervals, and only their stamps scatter: the line through these is taken")
-    offset_s: FiniteFloat = Field(0.0, description="added, to bring clocks together that began apart")
+    scale: Positive = Field(1.0, description="additional factor: 0.1 with ms for ticks of 0.1 ms, 0.01 with s for a counter at 100 Hz")
+    nanoseconds: Path_ | None = Field(None, description="stream of nanoseconds to add, if path holds whole seconds")
+    even: bool = Field(False, description="samples are evenly spaced and only their time stamps scatter; massprop fits a line to these")
+    offset_s: FiniteFloat = Field(0.0, description="offset to add, for clocks with different epochs")
 
 
 class Where(Section):
-    """Rows of a table that are one sensor's."""
+    """Rows of a table that belong to one sensor."""
 
-    column: Path_ = Field(description="the column that tells sensors apart, such as their numbers")
+    column: Path_ = Field(description="column that identifies the sensor, for example by number")
     is_: Path_ | FiniteFloat | tuple[Path_ | FiniteFloat, ...] = Field(
-        alias="is", description="the value of the rows that are meant, a number or a text, or several of them"
+        alias="is", description="value of that column in the selected rows, a number or a text, or several of them"
     )
 
     @model_validator(mode="after")
-    def _selects_some(self) -> Self:
+    def _has_values(self) -> Self:
         if not self.values:
             raise ValueError("is = [] selects no row; state a value, or several")
         return self
 
     @property
     def values(self) -> tuple[str | float, ...]:
-        """Of the rows that are meant."""
+        """Values of the selected rows."""
         return self.is_ if isinstance(self.is_, tuple) else (self.is_,)
 
 
-_WHERE = 'of a table with several sensors the rows of one: { column = "id", is = 1 }; absent: all rows'
+_WHERE = 'rows of one sensor in a table with several sensors: { column = "id", is = 1 }; absent: all rows'
 
 
 class Mapped(Section):
-    """Where a quantity is in the file."""
+    """Stream of a quantity."""
 
     unit: Path_ | None = Field(None, description=_AS_RECORDED)
-    scale: Real = Field(1.0, description="a further factor, after the unit")
-    clock: Clock | None = Field(None, description="absent: the file's, or the map's own [clock]")
+    scale: Real = Field(1.0, description="additional factor, after the unit")
+    clock: Clock | None = Field(None, description="clock of the stream; absent: that of the file, or [clock] of the map")
     where: Where | None = Field(None, description=_WHERE)
 
     @model_validator(mode="after")
-    def _scales(self) -> Self:
+    def _is_not_zero(self) -> Self:
         if self.scale == 0:
             raise ValueError("scale is zero")
         return self
 
 
 class MappedVector(Mapped):
-    """Three streams."""
+    """Three streams of a vector."""
 
     paths: Path_ | tuple[Path_ | FiniteFloat, ...] = Field(
-        description="three paths, a number (SI) for an axis that has none, or one pattern (* and ?) that fits three, in their order"
+        description="three paths, or numbers (SI) for axes without a stream, or one pattern (* and ?) that matches three, in their order"
     )
-    axes: Axes = Field(("x", "y", "z"), description='which of them, with its sign, is x, y, z: ["y", "-x", "z"]')
+    axes: Axes = Field(("x", "y", "z"), description='stream axes, with sign, that are x, y, z: ["y", "-x", "z"]')
 
 
 class MappedSensor(MappedVector):
     """Gyro or accelerometer, IMU axes."""
 
     values: Literal["sample", "mean", "increment"] = Field(
-        description="what a number is: the rate at its time, the mean rate since the one before, or the increment since the one before"
+        description="meaning of a value: rate at its time, mean rate since the previous value, or increment since the previous value"
     )
 
 
 class MappedWrench(MappedVector):
-    """Commanded torque about O, or force."""
+    """Commanded torque about O, or commanded force."""
 
-    frame: Literal["body", "world"] = Field("body", description="world, that of [attitude]: turned into body axes with it")
-    holds: Literal["until_next", "since_last"] = Field("until_next", description="over what time a number counts")
+    frame: Literal["body", "world"] = Field(
+        "body", description="axes of the values; world, the frame of [attitude]: massprop rotates them into body axes"
+    )
+    holds: Literal["until_next", "since_last"] = Field("until_next", description="interval in which a value holds")
 
 
 class MappedJet(Mapped):
-    """One jet's on-time."""
+    """On-time of one jet."""
 
-    path: Path_ | Literal[0] = Field(description="0: it never fired in this log, which has no stream of it")
+    path: Path_ | Literal[0] = Field(description="stream; 0: the log has no stream of this jet because it never fired")
     unit: Path_ | None = Field(
-        None, description="s, ms, us: on-time of this control cycle; open, %: the valve's state, summed over each control cycle"
+        None, description="s, ms, us: on-time in this control cycle; open, %: state of the valve, integrated over each control cycle"
     )
-    offset: FiniteFloat = Field(0.0, description="added to the recorded number, before unit and scale: -1000 where 1000 us is shut")
-    bit: int | None = Field(None, ge=0, le=52, description="of a whole number that holds a valve in each bit, 0 the lowest: this one")
+    offset: FiniteFloat = Field(0.0, description="offset to add to the recorded value, before unit and scale: -1000 if 1000 us is closed")
+    bit: int | None = Field(None, ge=0, le=52, description="bit of this valve in an integer of valve states; 0: lowest bit")
     holds: Literal["until_next", "since_last"] = "until_next"
 
     @model_validator(mode="after")
@@ -123,50 +125,52 @@ class MappedJet(Mapped):
 
 
 class MappedDevice(Mapped):
-    """The command of one actuator, or its state."""
+    """Command or state of one actuator."""
 
     path: Path_
     holds: Literal["until_next", "since_last"] = "until_next"
 
 
 class MappedRotor(MappedDevice):
-    """What one rotor is told, or how fast it turns."""
+    """Command or speed of one rotor."""
 
-    unit: Path_ | None = Field(None, description='"1" or %: the command, as thrust_n takes it once scaled; rad/s, rpm: the speed')
+    unit: Path_ | None = Field(None, description='"1" or %: command, after scaling the argument of thrust_n; rad/s, rpm: speed')
 
 
 class MappedWheel(MappedDevice):
-    """How fast one wheel turns, or the torque on it."""
+    """Speed of one wheel, or torque on it."""
 
-    unit: Path_ | None = Field(None, description="rad/s, rpm: its speed relative to the body; N m: the torque on it")
+    unit: Path_ | None = Field(None, description="rad/s, rpm: speed relative to the body; N m: torque on the wheel")
 
 
 class MappedGyro(MappedDevice):
-    """The gimbal angle of one control moment gyro."""
+    """Gimbal angle of one control moment gyro."""
 
-    unit: Path_ | None = Field(None, description="rad, deg: its gimbal angle")
+    unit: Path_ | None = Field(None, description="rad, deg: gimbal angle")
 
 
 class Supply(Mapped):
-    """The voltage of rotors' supply, or the absolute pressure of jets'."""
+    """Supply voltage of rotors, or absolute supply pressure of jets."""
 
     path: Path_
 
 
 class Attitude(Section):
-    """Logged quaternion, or on a planar table the heading alone."""
+    """Logged quaternion, or heading on a planar table."""
 
-    paths: Path_ | tuple[Path_, ...] = Field(description="four paths, or one pattern that fits four; of a heading one path")
+    paths: Path_ | tuple[Path_, ...] = Field(description="four paths, or one pattern that matches four; one path for a heading")
     order: Literal["wxyz", "xyzw", "heading"] = Field(
-        description="of the paths; heading, on a planar table: one angle about the vertical, from the world's x to the body's, about the "
-        "world's z"
+        description=("order of the paths; heading, on a planar table: one angle about the world's z axis, from its x axis to the body's")
     )
-    unit: Path_ | None = Field(None, description=f"of a heading: rad, deg; {_AS_RECORDED}")
-    scale: Real = Field(1.0, description="of a heading: a further factor, after the unit")
+    unit: Path_ | None = Field(None, description=f"unit of a heading: rad, deg; {_AS_RECORDED}")
+    scale: Real = Field(1.0, description="additional factor of a heading, after the unit")
     turns: Literal["world_from_body", "body_from_world"] = "world_from_body"
-    world: Literal["z_up", "z_down"] = Field("z_up", description="of the file's world; with z_down (NED) the log's is turned half about x")
+    world: Literal["z_up", "z_down"] = Field(
+        "z_up", description="direction of z in the file's world frame; z_down (NED): massprop rotates it by half a turn about x"
+    )
     axes: Axes = Field(
-        ("x", "y", "z"), description='which of the axes of its body are x, y, z of the vehicle\'s: ["x", "-y", "-z"] of forward-right-down'
+        ("x", "y", "z"),
+        description='axes of the file\'s body frame that are the vehicle\'s x, y, z: ["x", "-y", "-z"] for forward-right-down',
     )
     clock: Clock | None = None
     where: Where | None = Field(None, description=_WHERE)
@@ -185,17 +189,19 @@ class Attitude(Section):
 
 
 class Records(Section):
-    """What a row of the log is made of. Without it the file's own rows are the log's, and all streams must share one clock."""
+    """Records of the log. Without this table the rows of the file are the records, and all streams must share one clock."""
 
-    samples: int | None = Field(None, ge=1, le=100_000, description="a record is so many gyro samples, ...")
-    interval_s: Positive | None = Field(None, description="... or so long, on a regular grid")
-    per_cycle: int = Field(1, ge=1, le=100_000, description="records of a control cycle")
-    start_s: FiniteFloat | None = Field(None, description="first instant, by the gyro's clock; absent: where all streams are there")
-    end_s: FiniteFloat | None = Field(None, description="last instant; absent: as long as all streams are there")
-    zero: Literal["file", "start"] = Field("file", description="what time_s counts from: as the clock does, or from the log's start")
+    samples: int | None = Field(None, ge=1, le=100_000, description="number of gyro samples per record, ...")
+    interval_s: Positive | None = Field(None, description="... or length of a record, on a regular grid")
+    per_cycle: int = Field(1, ge=1, le=100_000, description="number of records per control cycle")
+    start_s: FiniteFloat | None = Field(
+        None, description="start on the gyro's clock; absent: the first time at which all streams have data"
+    )
+    end_s: FiniteFloat | None = Field(None, description="end on the gyro's clock; absent: the last time at which all streams have data")
+    zero: Literal["file", "start"] = Field("file", description="zero of time_s: that of the clock, or the start of the log")
 
     @model_validator(mode="after")
-    def _is_one(self) -> Self:
+    def _has_one_length(self) -> Self:
         if (self.samples is None) == (self.interval_s is None):
             raise ValueError("takes either samples or interval_s")
         if self.start_s is not None and self.end_s is not None and self.end_s <= self.start_s:
@@ -204,19 +210,19 @@ class Records(Section):
 
 
 class MapFile(Section):
-    """A whole map file, checked."""
+    """Map file."""
 
     schema_: Literal[1] = Field(alias="schema")
-    clock: Clock = Field(Clock(), description="of all streams that have none of their own")
+    clock: Clock = Field(Clock(), description="clock of all streams without one of their own")
     gyro: MappedSensor
-    accelerometer: MappedSensor | None = Field(None, description="absent: nothing was recorded of it")
+    accelerometer: MappedSensor | None = Field(None, description="absent: not recorded")
     torque: MappedWrench | None = None
     force: MappedWrench | None = None
-    jets: dict[str, MappedJet] = Field({}, description="by their names in the vehicle file")
-    rotors: dict[str, MappedRotor] = Field({}, description="by their names in the vehicle file")
-    wheels: dict[str, MappedWheel] = Field({}, description="by their names in the vehicle file")
-    control_moment_gyros: dict[str, MappedGyro] = Field({}, description="by their names in the vehicle file")
-    supply: Supply | None = Field(None, description="a voltage for rotors that state nominal_v, a pressure for thrust.nominal_pa")
+    jets: dict[str, MappedJet] = Field({}, description="entries by name in the vehicle file")
+    rotors: dict[str, MappedRotor] = Field({}, description="entries by name in the vehicle file")
+    wheels: dict[str, MappedWheel] = Field({}, description="entries by name in the vehicle file")
+    control_moment_gyros: dict[str, MappedGyro] = Field({}, description="entries by name in the vehicle file")
+    supply: Supply | None = Field(None, description="voltage for rotors with nominal_v, or pressure for thrust.nominal_pa")
     attitude: Attitude | None = None
     records: Records | None = None
 
@@ -239,17 +245,17 @@ class MapFile(Section):
 
 @dataclass(frozen=True)
 class MapSource:
-    """A map with where it came from."""
+    """Map file with its source."""
 
     map: MapFile
     source: str
     sha256: str
     named: bool = True
-    """Whether the user named it; else it lies beside the log."""
+    """Whether the user named the file; False: found next to the log."""
 
 
 def parse(text: str, source: str, named: bool = True) -> MapSource:
-    """Check a map file's text; :class:`massprop_cli.base.errors.InputError` names file, line and key."""
+    """Parse and check a map file's text. Raises :class:`massprop_cli.base.errors.InputError` with file, line and key."""
     stated = configfile.parse_toml(text, source)
     configfile.bounded(stated, source)
     _refuse_open(stated, source, text)
@@ -258,7 +264,7 @@ def parse(text: str, source: str, named: bool = True) -> MapSource:
 
 
 def _refuse_open(stated: dict[str, Any], source: str, text: str) -> None:
-    """Refuse what a draft asks and nobody answered, all of it at once."""
+    """Raise :class:`InputError` with all keys that are still "?", the open questions of a draft."""
     first, *more = _open(stated, []) or [[]]
     if not first:
         return
@@ -270,7 +276,7 @@ def _refuse_open(stated: dict[str, Any], source: str, text: str) -> None:
 
 
 def _open(item: object, path: list[str]) -> list[list[str]]:
-    """Where a question is left; ``paths = "?"`` is none, but a pattern that fits columns of one letter."""
+    """Key paths whose value is "?"; ``paths = "?"`` is not an open question but a pattern for columns of one letter."""
     if isinstance(item, dict):
         return [found for key, part in item.items() for found in _open(part, [*path, key])]
     if isinstance(item, list):
@@ -284,7 +290,7 @@ def load(path: Path, named: bool = True) -> MapSource:
 
 
 def find(log: Path, explicit: Path | None) -> MapSource | None:
-    """The map that is named, LOGSTEM.map.toml, or map.toml beside the log; None where there is none."""
+    """Map file of a log: ``explicit``, LOGSTEM.map.toml or map.toml next to the log; None without one."""
     if explicit is not None:
         return load(explicit)
     beside = next((path for path in map(log.with_name, maps_beside(log.name)) if path.exists()), None)
