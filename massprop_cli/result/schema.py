@@ -1,4 +1,4 @@
-"""result.json: the models below are the schema (``massprop schema result``)."""
+"""Models of result.json; they are the schema (``massprop schema result``)."""
 
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -20,13 +20,13 @@ Matrix10 = Annotated[list[Annotated[list[float | None], Field(min_length=10, max
 
 
 class Item(BaseModel):
-    """Part of a result; unknown keys are refused."""
+    """Part of a result. Refuses unknown keys."""
 
     model_config = ConfigDict(extra="forbid", defer_build=True)
 
 
 class SparseItem(Item):
-    """Part of a result without some of its keys where they hold nothing."""
+    """Part of a result that leaves out empty values of the keys in ``ABSENT``."""
 
     ABSENT: ClassVar[tuple[str, ...]]
 
@@ -36,63 +36,66 @@ class SparseItem(Item):
 
 
 class Provenance(Item):
-    """What produced the result and from what."""
+    """Sources of the result: program, inputs and settings."""
 
     massprop: str
     input_sha256: str
     vehicle_sha256: str
-    map_sha256: str | None = Field(None, description="of the map file, where one made the log of another recording")
-    settings: dict[str, Any] = Field(description="dotted keys; given back with --set they reproduce the result")
+    map_sha256: str | None = Field(None, description="digest of the map file, if a map converted another recording")
+    settings: dict[str, Any] = Field(description="settings by dotted key; with --set they reproduce the result")
     setting_sources: dict[str, Literal["option", "vehicle file", "default", "log"]] = Field(
-        {}, description="where each setting came from; log: found in a first pass over the log"
+        {}, description="source of each setting; log: estimated in a first pass over the log"
     )
     versions: dict[str, str]
 
     @property
     def method(self) -> str:
-        """The estimator's."""
+        """Estimation method."""
         return str(self.settings.get("estimator.method", "default"))
 
 
 class VehicleInfo(SparseItem):
-    """The vehicle as its file states it."""
+    """Vehicle as stated in its file."""
 
     ABSENT = ("rotors", "wheels", "gravity_m_s2", "initial_up", "ballast")
 
     name: str
     environment: EnvironmentKind
-    bearing_mass_kg: float = Field(description="part of the mass, but not of CG and inertia; 0 in free flight")
+    bearing_mass_kg: float = Field(description="part of the mass that is not part of CG and inertia; 0 in free flight")
     bearing_position_m: Triple
     commands: Literal["jets", "wrench", "rotors"]
     jets: list[str]
     thrust_scale_sigma: float = Field(
-        description="common relative uncertainty of all forces and torques; 0 beside wheels, which show it as far as the covariance says"
+        description=(
+            "relative uncertainty common to all forces and torques; with wheels 0, because the log then determines the "
+            "thrust scale with the uncertainty that the covariance includes"
+        )
     )
-    rotors: list[str] = Field([], description="absent where there are none")
+    rotors: list[str] = Field([], description="names of the rotors; absent without any")
     wheels: list[str] = Field(
         [],
-        description="what stores momentum that counts, by its name: a wheel, say; absent where there is none",
+        description="names of the momentum devices, such as wheels; absent without any",
     )
-    gravity_m_s2: float | None = Field(None, description="on a fixed pedestal; absent elsewhere")
+    gravity_m_s2: float | None = Field(None, description="gravity on a fixed pedestal; absent in other environments")
     initial_up: Triple | None = Field(
-        None, description="unit vector up in body axes as the log begins, on a fixed pedestal; absent elsewhere"
+        None, description="unit vector up in body axes at the start of the log, on a fixed pedestal; absent in other environments"
     )
-    ballast: list[Ballast] = Field([], description="the vehicle file's; absent where there is none")
+    ballast: list[Ballast] = Field([], description="ballast of the vehicle file; absent without any")
 
 
 class LogInfo(Item):
-    """The log that was read."""
+    """Log that was read."""
 
     path: str
     rows: int
     cycles: int
     duration_s: float
     cycle_s: float
-    mapped: list[str] = Field([], description="what a map file did to make the log: resampled, integrated, turned")
+    mapped: list[str] = Field([], description="conversions by a map file: resampling, integration, rotation")
 
 
 class Delay(Item):
-    """Between the start of the cycle that issued a command and its execution."""
+    """Delay from the start of the cycle that issues a command to its execution."""
 
     cycles: float
     source: Literal["vehicle", "option", "detected", "default"]
@@ -109,42 +112,42 @@ class Lag(Item):
 
 
 class DetectedLowPass(Item):
-    """Cutoff and latency of a sensor, as far as the log shows them beyond what the vehicle file states."""
+    """Cutoff and latency of a sensor that the log shows, in addition to those of the vehicle file."""
 
     sensor: Literal["gyro", "accelerometer", "attitude"]
-    cutoff_hz: float | None = Field(description="null where it was not looked for")
+    cutoff_hz: float | None = Field(description="cutoff frequency; null: not estimated")
     cutoff_sigma_hz: float | None
-    latency_s: float | None = Field(description="by which values are later than their time stamps, beyond the low-pass; null likewise")
+    latency_s: float | None = Field(description="delay of values after their time stamps beyond that of the low-pass; null: not estimated")
     latency_sigma_s: float | None
 
 
 class Conventions(Item):
-    """How inertia is to be read."""
+    """Conventions of inertia."""
 
     inertia_about: Literal["cg"] = "cg"
-    products_of_inertia: Literal["tensor"] = Field("tensor", description="ixy = -sum m x y, the tensor's own element")
+    products_of_inertia: Literal["tensor"] = Field("tensor", description="ixy = -sum m x y, the element of the tensor")
 
 
 class Expected(Item):
-    """An expectation that the value was tested against."""
+    """Expected value and the test against it."""
 
-    value: float = Field(description="in the estimate's unit, products as tensor elements")
-    tolerance: float | None = Field(description="absolute, in the estimate's unit; null where it is in sigmas and there is no sigma")
-    stated: str = Field(description='the tolerance as it was stated, e.g. "2 %" or "4 sigma"')
+    value: float = Field(description="expected value in the estimate's unit, products as tensor elements")
+    tolerance: float | None = Field(description="absolute tolerance in the estimate's unit; null: it is in sigmas and there is no sigma")
+    stated: str = Field(description='tolerance as stated, such as "2 %" or "4 sigma"')
     met: bool
-    difference: float | None = Field(description="estimate less expectation; null without an estimate")
-    sigmas: float | None = Field(description="the difference over the estimate's sigma")
+    difference: float | None = Field(description="estimate minus expected value; null without an estimate")
+    sigmas: float | None = Field(description="difference over the estimate's sigma")
 
 
 class ExpectationFile(Item):
-    """What the result was tested against."""
+    """File with expected values."""
 
-    path: str = Field(description="base name")
+    path: str = Field(description="base name of the file")
     sha256: str
 
 
 class EstimateItem(SparseItem):
-    """One quantity: sigma is one standard deviation; null where nothing can be said."""
+    """One quantity. Sigma is one standard deviation; null values are not estimated."""
 
     ABSENT = ("segment_sigma",)
 
@@ -152,100 +155,112 @@ class EstimateItem(SparseItem):
     sigma: float | None
     unit: str
     verdict: Verdict
-    final_at_s: float | None = Field(description="start of the last sustained stretch")
+    final_at_s: float | None = Field(description="start of the last run of updates within tolerance")
     reason: str
-    reason_code: VerdictReason | Literal[""] = Field("", description="stable name of the reason; empty in results of versions without it")
-    nominal: float | None = Field(None, description="the vehicle file's CAD value, products as tensor elements; never used in the estimate")
+    reason_code: VerdictReason | Literal[""] = Field("", description="stable code of the reason; empty in results of older versions")
+    nominal: float | None = Field(None, description="CAD value of the vehicle file, products as tensor elements; not used in the estimate")
     expected: Expected | None = None
     segment_sigma: float | None = Field(
-        None, description="by the scatter of the phase's segments, without stated noise; absent without estimator.cross_validate"
+        None, description="sigma from the scatter of the phase's segments, without stated noise; absent without estimator.cross_validate"
     )
 
 
 class Physical(Item):
-    """Whether a real body could have this inertia."""
+    """Whether a real body can have this inertia."""
 
-    consistent: bool | None = Field(description="false where its sigmas do not allow it; null unless the whole inertia is informed")
+    consistent: bool | None = Field(description="false: not even within the sigmas; null: not all six elements are informed")
     principal_moments: Triple | None
     note: str
-    nearest_consistent: Matrix3 | None = Field(None, description="the nearest inertia that a body could have, where the values are none")
+    nearest_consistent: Matrix3 | None = Field(None, description="nearest inertia of a real body, if the estimate is not one")
 
 
 class Innovations(Item):
-    """Whitened innovations about the final estimate: independent standard normal where model and noise levels hold."""
+    """Whitened innovations about the final estimate; independent and standard normal if model and noise levels are right."""
 
     cycles: int
-    nis: float = Field(description="mean normalised innovation squared of a cycle, all channels together; as many are expected")
-    channel_variance: SixRead = Field(description="rate x y z, specific force x y z; 1 is expected; null: the log has no such channel")
-    lag_one_correlation: SixRead = Field(description="of each channel from one cycle to the next; 0 is expected; null likewise")
+    nis: float = Field(
+        description="mean normalised innovation squared per cycle over all channels; its expected value is the number of channels"
+    )
+    channel_variance: SixRead = Field(
+        description="variance of rate x y z and specific force x y z; expected: 1; null: no such channel in the log"
+    )
+    lag_one_correlation: SixRead = Field(
+        description="correlation of each channel between successive cycles; expected: 0; null: no such channel in the log"
+    )
     lack_of_fit: Six = Field(
         [1.0] * 6,
-        description="by how much too small the sigmas are that each channel gives, as what commands and motion still explain of its "
-        "innovations shows; 1 where that is no more than chance",
+        description=(
+            "factor by which the sigmas from each channel are too small, from the part of its innovations that commands and"
+            " motion explain; 1: not significant"
+        ),
     )
 
 
 class DiscrepancyItem(Item):
-    """What the sigmas of a log include that does not fit and whose cause has no name."""
+    """Unexplained misfit of a log that its sigmas include."""
 
-    scale: float = Field(description="common size of all error parameters as the log shows it, over their usual ones; at least 0.3 is used")
-    thrust_scale_sigma: float = Field(
-        description="relative, of an error common to all thrust: what the covariance has of it beyond what is stated"
+    scale: float = Field(
+        description="size of all error parameters estimated from the log, over their usual size; massprop uses at least 0.3"
     )
-    behaves_like: list[str] = Field(description="error parameters that stand out, with their size: likely causes, none of them proven")
+    thrust_scale_sigma: float = Field(description="relative error common to all thrust in the covariance, in addition to the stated one")
+    behaves_like: list[str] = Field(description="error parameters with significant size: probable causes, not proven")
     shares: dict[str, list[float | None]] = Field(
-        description="by family of error parameters, of noise, and of what no error parameter explains: the sigma of each of the ten "
-        "quantities that it makes by itself, in their units; null where that can't be said"
+        description=(
+            "sigma of each of the ten quantities from each family of error parameters, from noise, and from unexplained "
+            "residuals, in their units; null: not estimated"
+        )
     )
 
 
 BY_OBJECT = "added object"
-"""Of an implied scale: of a joint result."""
+"""Source of an implied scale: the added object of a combined result."""
 
 
 THRUST, MOMENTUM = "thrust", "momentum of wheels"
-"""What an implied scale is of."""
+"""Possible subjects of an implied scale."""
 
 
 class ImpliedScale(Item):
-    """The thrust, as a part of what the vehicle file states, that a mass from elsewhere implies; or the momentum of wheels."""
+    """Scale of the thrust, or of the wheels' momentum, over the stated one, that a mass from another source implies."""
 
-    by: str = Field(description='where the mass comes from: "known.mass", "expected mass" or "added object"')
+    by: str = Field(description='source of the mass: "known.mass", "expected mass" or "added object"')
     of: str = Field(
         THRUST,
-        description='"thrust"; "momentum of wheels" where there are no jets, or wheels tell the scale of the thrust (thrust.scale_sigma); '
-        "or either, where the result does not say which",
+        description=(
+            '"thrust"; "momentum of wheels" without jets or if wheels determine the thrust scale (thrust.scale_sigma); or '
+            "both, if the result does not decide"
+        ),
     )
-    value: float = Field(description="over what is stated; 1 if the vehicle file is right")
+    value: float = Field(description="scale over the stated one; 1 if the vehicle file is right")
     sigma: float
 
 
 def implied_of(vehicle: VehicleInfo) -> str:
-    """The scale that a mass from elsewhere determines, as far as a result says."""
+    """Subject of the scale that a mass from another source determines, as far as the result decides."""
     return f"{THRUST}, or {MOMENTUM}" if vehicle.wheels and vehicle.jets else MOMENTUM if vehicle.wheels else THRUST
 
 
 class SegmentItem(Item):
-    """A segment of time predicted by the estimate from all other segments of its phase."""
+    """Prediction of a time segment by the estimate from all other segments of its phase."""
 
     start_s: float
     end_s: float
     chi_square: float
     freedom: int
-    p: float = Field(description="chance of as large a difference")
+    p: float = Field(description="probability of a difference at least this large")
 
 
 class CrossValidationItem(Item):
-    """Whether each segment of a phase is predicted by all others."""
+    """Test whether the other segments of a phase predict each segment."""
 
-    level: float = Field(description="confidence level, of estimator.cross_validate")
-    p: float = Field(description="chance of a segment that is predicted as badly as the worst one, all segments counted (Bonferroni)")
-    passes: bool = Field(description="p is above 1 - level")
+    level: float = Field(description="confidence level of estimator.cross_validate")
+    p: float = Field(description="p-value of the worst segment with Bonferroni correction for the number of segments")
+    passes: bool = Field(description="whether p is above 1 - level")
     segments: list[SegmentItem]
 
 
 class PhaseItem(SparseItem):
-    """One phase's ten quantities. Matrices in the order of the estimates; body axes."""
+    """Ten quantities of one phase, body axes. Matrices are in the order of the estimates."""
 
     ABSENT = ("about_pivot", "about_pivot_covariance", "discrepancy", "cross_validation", "alike")
 
@@ -259,35 +274,44 @@ class PhaseItem(SparseItem):
     innovations: Innovations | None
     about_pivot: dict[str, EstimateItem] = Field(
         {},
-        description="on a bearing or fixed pedestal: inertia about that point (ixx ... izz, kg m^2) and first moment about it, mass "
-        "(without the bearing's) times offset of the CG (moment_x, moment_y, moment_z, kg m), body axes; absent elsewhere",
+        description=(
+            "on an air bearing or fixed pedestal: inertia about the pivot (ixx ... izz, kg m^2), and first moment about it,"
+            " mass (without the bearing's) times CG offset (moment_x, moment_y, moment_z, kg m), body axes; absent in other"
+            " environments"
+        ),
     )
-    about_pivot_covariance: Matrix9 | None = Field(None, description="of about_pivot, in its order; absent with it")
-    contradiction: str = Field("", description="why log and vehicle file contradict each other in this phase; empty where they don't")
-    known: dict[str, tuple[float, float]] = Field({}, description="value and sigma of quantities that were measured elsewhere and enter")
+    about_pivot_covariance: Matrix9 | None = Field(None, description="covariance of about_pivot, in its order; absent with it")
+    contradiction: str = Field("", description="reason for a contradiction between log and vehicle file in this phase; empty without one")
+    known: dict[str, tuple[float, float]] = Field(
+        {}, description="value and sigma of quantities from other measurements that the estimate uses"
+    )
     implied_thrust_scale: ImpliedScale | None = None
-    discrepancy: DiscrepancyItem | None = Field(None, description="absent where the log fits")
+    discrepancy: DiscrepancyItem | None = Field(None, description="absent if the log fits")
     cross_validation: CrossValidationItem | None = Field(None, description="absent without estimator.cross_validate")
     alike: list[float] = Field(
         [],
-        description="of a combined result: the part of each sigma that its logs may have in common, beside the thrust's scale and what is "
-        "known, and that more logs don't make smaller; on a pedestal of about_pivot; absent where there is none",
+        description=(
+            "fraction of each sigma in a combined result from errors that its logs may share, in addition to thrust scale "
+            "and known values; more logs do not reduce it; for about_pivot on a pedestal; absent without any"
+        ),
     )
 
 
 class DockedObject(Item):
-    """The object that was docked, from the phases before and after."""
+    """Docked object, from the phases before and after docking."""
 
     before: str
     after: str
     estimates: dict[str, EstimateItem]
     covariance: Matrix10
-    contradiction: str = Field("", description="which of its phases is contradicted; empty where none is")
-    known: dict[str, tuple[float, float]] = Field({}, description="value and sigma of quantities that were measured elsewhere and enter")
+    contradiction: str = Field("", description="phase with a contradiction; empty without one")
+    known: dict[str, tuple[float, float]] = Field(
+        {}, description="value and sigma of quantities from other measurements that the estimate uses"
+    )
 
 
 class MendedEstimate(Item):
-    """One quantity as the corrected log gives it."""
+    """One quantity of the corrected log."""
 
     value: float | None
     sigma: float | None
@@ -296,57 +320,59 @@ class MendedEstimate(Item):
 
 
 class MendedPhase(SparseItem):
-    """One phase as the corrected log gives it."""
+    """One phase of the corrected log."""
 
     ABSENT = ("about_pivot",)
 
     name: str
     estimates: dict[str, MendedEstimate]
-    about_pivot: dict[str, MendedEstimate] = Field({}, description="as that of a phase; absent where there is none")
-    contradiction: str = Field("", description="what is still contradicted once it is corrected; empty where nothing is")
+    about_pivot: dict[str, MendedEstimate] = Field({}, description="as about_pivot of a phase; absent without any")
+    contradiction: str = Field("", description="reason for a contradiction that remains after the correction; empty without one")
 
 
 class Mended(Item):
-    """What the log gives if a fault that a warning names is corrected: beside the result, never instead of it."""
+    """Estimates after correction of a fault that a warning names. The result itself is not changed."""
 
-    code: str = Field(description="of the warning that names the fault")
+    code: str = Field(description="code of the warning that names the fault")
     message: str
-    settings: list[str] = Field(description="KEY=VALUE, each for one --set, that correct it; with how uncertain what was found is")
+    settings: list[str] = Field(
+        description="KEY=VALUE assignments for --set that correct the fault, with the uncertainty of the correction"
+    )
     whole: bool = Field(
-        True, description="whether these settings alone give these estimates; false: the log's columns have to be corrected, too"
+        True, description="whether these settings alone give these estimates; false: columns of the log need a correction, too"
     )
     phases: list[MendedPhase]
 
 
 class Effect(Item):
-    """What an assumption does to the values of one phase."""
+    """Effect of an assumption on the values of one phase."""
 
     phase: str
-    change: dict[str, float] = Field(description="of each value, in its unit, for one step; quantities that it doesn't move are left out")
+    change: dict[str, float] = Field(description="change of each value, in its unit, for one step; without unchanged quantities")
     seen_sigma: float | None = Field(
-        None, description="how many sigmas the log itself would misfit for one step; below about 5 the log cannot show it; null: not at all"
+        None, description="misfit of the log for one step, in sigmas; below about 5 the log cannot show it; null: none"
     )
 
 
 class Assumption(Item):
-    """Something that the numbers rest on and the log can't tell, or not well."""
+    """Assumption of the estimate that the log cannot test, or not well."""
 
     code: str
     message: str
-    step: str = Field(description='by how much it is varied: "1 %", "1 mm along X", "1 degree about X" or "0.1 cycles"')
-    stated: bool = Field(description="whether the vehicle file states it; false: a default")
+    step: str = Field(description='size of its variation: "1 %", "1 mm along X", "1 degree about X" or "0.1 cycles"')
+    stated: bool = Field(description="whether the vehicle file states it; false: default")
     effects: list[Effect]
 
 
 class WarningItem(Item):
-    """Something a reader must know."""
+    """Warning about the result."""
 
     code: str
     message: str
 
 
 class Result(Item):
-    """The whole of result.json."""
+    """Document result.json."""
 
     schema_: Literal["massprop/result/1"] = Field("massprop/result/1", alias="schema")
     provenance: Provenance
@@ -354,7 +380,7 @@ class Result(Item):
     log: LogInfo
     delay: Delay
     lag: Lag
-    low_passes: list[DetectedLowPass] = Field([], description="of sensors whose cutoff or latency the log shows")
+    low_passes: list[DetectedLowPass] = Field([], description="sensors whose cutoff or latency the log shows")
     conventions: Conventions
     phases: list[PhaseItem]
     docked_object: DockedObject | None
