@@ -25,7 +25,7 @@ from massprop_cli.base.errors import InputError, UsageError
 from massprop_cli.campaign import campaignfile
 from massprop_cli.export import folder, resolve
 from massprop_cli.inputs import expect, logfile, require, telemetry, tolerancefile, vehicle, vehiclefile
-from massprop_cli.inputs.formats import apart, draft, listing, mapfile, mapped, propose, reading, recording, traits
+from massprop_cli.inputs.formats import draft, isolated, listing, mapfile, mapped, propose, reading, recording, traits
 from massprop_cli.live import records, run
 from massprop_cli.plan import guess
 from massprop_cli.report import markdown, spreadsheet, terminal
@@ -60,7 +60,7 @@ RECORDINGS = (".mat", ".h5", ".ulg", ".bag", ".db3", ".mcap", ".mf4", ".csv", ".
 def recorded(data: bytes) -> None:
     """The first byte says how the file is called. Read as the program reads it, but for a process that is forked, which is quicker."""
     path = Path(f"log{RECORDINGS[data[0] % len(RECORDINGS)]}" if data else "log.mat")
-    with patch.object(apart, "ended", forked), suppress(InputError), np.errstate(all="ignore"):
+    with patch.object(isolated, "run_reader", forked), suppress(InputError), np.errstate(all="ignore"):
         used(reading.read(path, data[1:]), None)
 
 
@@ -75,7 +75,7 @@ def used(read: recording.Recording, source: mapfile.MapSource | None) -> None:
 
 
 def forked(arguments: list[str], data: bytes) -> int:
-    """What :func:`apart.ended` does, with the reader's library imported once for all."""
+    """What :func:`isolated.run_reader` does, with the reader's library imported once for all."""
     path, module, folder, seconds, memory = arguments
     begun = int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") // 1024  # what it inherits, kB
     with recording.unremarked():
@@ -91,7 +91,7 @@ def forked(arguments: list[str], data: bytes) -> int:
             for stream in (1, 2):
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
             held = int(Path("/proc/self/statm").read_text().split()[5]) * os.sysconf("SC_PAGE_SIZE")
-            apart.main(Path(path), module, Path(folder), int(seconds), int(memory) + held)
+            isolated.main(Path(path), module, Path(folder), int(seconds), int(memory) + held)
         except BaseException:
             os._exit(1)
         os._exit(0)

@@ -17,16 +17,16 @@ from massprop_cli.result.schema import Conventions, EstimateItem, Item, Result
 
 
 class ComparedSide(Item):
-    """One of the two."""
+    """Result or baseline."""
 
-    path: str = Field(description="the folder and its result.json")
+    path: str = Field(description="folder and name of the result.json")
     massprop: str
     input_sha256: str
     vehicle_sha256: str
 
 
 class Difference(Item):
-    """One quantity: the result less the baseline."""
+    """Difference of one quantity, result minus baseline."""
 
     unit: str
     value: float | None
@@ -35,21 +35,21 @@ class Difference(Item):
     baseline_value: float | None
     baseline_sigma: float | None
     baseline_verdict: Verdict
-    difference: float | None = Field(description="null where either is missing")
-    difference_sigma: float | None = Field(description="sqrt of the sum of squares of both sigmas")
-    sigmas: float | None = Field(description="the difference over its sigma; null without a sigma, unless the difference is 0")
-    tolerance: float | None = Field(description="what the difference may be, in the unit; null where it is in sigmas and there is none")
-    stated: str = Field(description='the tolerance as it was stated, e.g. "4 sigma"')
+    difference: float | None = Field(description="null: one of the values is missing")
+    difference_sigma: float | None = Field(description="root sum square of both sigmas")
+    sigmas: float | None = Field(description="difference over its sigma; null without a sigma, unless the difference is 0")
+    tolerance: float | None = Field(description="allowed difference in the quantity's unit; null: it is in sigmas and there is no sigma")
+    stated: str = Field(description='tolerance as stated, such as "4 sigma"')
     within: bool
     note: str
 
 
 class ComparedPart(Item):
-    """A phase, or the docked object."""
+    """Comparison of a phase or of the docked object."""
 
     part: Literal["phase", "docked"]
     name: str
-    compared: int = Field(description="quantities that have a value on both sides")
+    compared: int = Field(description="number of quantities with a value in both")
     differences: dict[str, Difference]
 
     @property
@@ -59,19 +59,21 @@ class ComparedPart(Item):
 
 
 class Comparison(Item):
-    """The whole of what ``massprop compare --json`` prints."""
+    """Document that ``massprop compare --json`` prints."""
 
     schema_: Literal["massprop/compare/1"] = Field("massprop/compare/1", alias="schema")
     result: ComparedSide
     baseline: ComparedSide
     conventions: Conventions
     within: bool = Field(
-        description="something was compared, every difference is within its tolerance, and nothing that the baseline has is missing"
+        description=(
+            "at least one quantity was compared, every difference is within its tolerance, and no value of the baseline is missing"
+        )
     )
-    compared: int = Field(description="quantities of all parts that have a value on both sides")
+    compared: int = Field(description="number of quantities with a value in both, all parts together")
     parts: list[ComparedPart]
     notes: list[str]
-    warnings: list[str] = Field(description="parts in which nothing could be compared")
+    warnings: list[str] = Field(description="parts without any compared quantity")
 
 
 def compare(result: Recorded, baseline: Recorded, gate: Gate) -> Comparison:

@@ -8,7 +8,7 @@ import pytest
 from massprop_cli.campaign import work
 from massprop_cli.campaign.plan import Job, Settings
 from massprop_cli.campaign.work import Inputs
-from massprop_cli.inputs.formats import apart, recording
+from massprop_cli.inputs.formats import isolated, recording
 
 
 def message(log: str, shown: str, said: str) -> str:
@@ -63,9 +63,9 @@ def test_a_package_that_is_not_there_is_no_fault_of_the_log(tmp_path: Path, monk
 
     def refusing(told: dict[str, Any]) -> str:
         def read(path: Path, *_: Any) -> Any:
-            return apart._read(path, next(iter(recording.KINDS.values())), told, tmp_path)
+            return isolated._read(path, next(iter(recording.KINDS.values())), told, tmp_path)
 
-        monkeypatch.setattr(apart, "read", read)
+        monkeypatch.setattr(isolated, "read", read)
         produced = work.process(Job("log", str(tmp_path / "log.mf4"), "log.mf4"))
         assert produced is not None
         assert produced.outcome.exit_code == 3

@@ -2,11 +2,11 @@
 
 import pytest
 
-from massprop_cli.inputs.formats import apart
+from massprop_cli.inputs.formats import isolated
 from tests.targets import forked
 
 
 @pytest.fixture(autouse=True)
 def _readers_in_forks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     if request.node.get_closest_marker("apart") is None:
-        monkeypatch.setattr(apart, "ended", forked)
+        monkeypatch.setattr(isolated, "run_reader", forked)

@@ -1,1 +1,1 @@
-"""Recordings of other programs: readers (``recording``), the map that makes a log (``mapfile``, ``mapped``), and drafts of both files."""
+"""Recordings of other programs: readers (``recording``), conversion by a map (``mapfile``, ``mapped``), and drafts of files."""

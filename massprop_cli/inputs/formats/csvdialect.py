@@ -1,4 +1,4 @@
-"""CSV as spreadsheets and loggers write it: compressed, in UTF-16, with semicolons, tabs or bars, with decimal commas."""
+"""CSV dialects of spreadsheets and loggers: compressed, UTF-16, other delimiters, decimal commas."""
 
 import re
 import zlib
@@ -14,17 +14,17 @@ from massprop_cli.base.spill import Content
 _GZIP = b"\x1f\x8b"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 _PREFACE = re.compile(rb"(?:\xef\xbb\xbf)?(?:(?:#|sep=)[^\n]*\n)+", re.IGNORECASE)
-"""Comments before the header, and what spreadsheets say of their delimiter."""
+"""Comments before the header, and a spreadsheet's line that states the delimiter."""
 _PREFACE_MOST = 2**16
 _NAMED, _NUMBER = re.compile(rb"#+[ \t]*"), re.compile(rb"\s*[+-]?\.?\d")
 _BLANK_END = re.compile(rb"(?:\r?\n[ \t,;|]*)+\Z")
-"""Lines of nothing but delimiters at a file's end, as of a spreadsheet's empty rows."""
-_MARKS = {mark: rf"^\s*[+-]?(\d+[{mark}]\d*|[{mark}]\d+)([eE][+-]?\d+)?\s*$" for mark in (",", ".")}
-"""Numbers with a decimal comma, and with a point."""
+"""Lines of delimiters only at the end of a file, as from empty rows of a spreadsheet."""
+_DECIMALS = {mark: rf"^\s*[+-]?(\d+[{mark}]\d*|[{mark}]\d+)([eE][+-]?\d+)?\s*$" for mark in (",", ".")}
+"""Numbers with a decimal comma, and with a decimal point."""
 
 
 def utf8(path: Path, data: Content) -> Content:
-    """The text, unpacked where it is compressed, within the limit of a log; of UTF-16 with its mark as UTF-8."""
+    """Text as UTF-8, decompressed within the limit of a log."""
     if data[:2] == _GZIP:
         data = _unpacked(path, bytes(data))
     if data[:2] in _UTF16:
@@ -36,7 +36,7 @@ def utf8(path: Path, data: Content) -> Content:
 
 
 def body(data: Content) -> tuple[Content, int]:
-    """The text from its header (the last comment, where NumPy wrote it) to its last row, and how many lines come before."""
+    """Text from the header to the last row, and the number of lines before it. NumPy writes the header as the last comment."""
     before = _PREFACE.match(data[:_PREFACE_MOST])
     end = data[-_PREFACE_MOST:]
     blank = _BLANK_END.search(end)
@@ -72,19 +72,19 @@ def _unpacked(path: Path, data: bytes) -> bytes:
 
 
 def delimiter(header: str) -> str:
-    """What parts the names in a file's first line: the comma, unless there are more tabs, semicolons or bars."""
+    """Delimiter of a header line: the most frequent of comma, tab, semicolon and bar."""
     return max(",\t;|", key=header.count) if header.strip() else ","
 
 
 def with_points(path: Path, table: Any, cut: str, place: Callable[[int], str]) -> Any:
-    """The table of texts with decimal commas as points; :class:`InputError` where there are both: "1.234" may be either."""
+    """Table of texts with decimal points. Raises :class:`InputError` if commas and points occur, because "1.234" is ambiguous."""
     if cut == ",":
         return table
 
     first: dict[str, tuple[str, int]] = {}
     columns = []
     for name, column in zip(table.column_names, table.columns, strict=True):
-        at = {mark: pc.index(pc.match_substring_regex(column, pattern), True).as_py() for mark, pattern in _MARKS.items()}
+        at = {mark: pc.index(pc.match_substring_regex(column, pattern), True).as_py() for mark, pattern in _DECIMALS.items()}
         first |= {mark: (name, row) for mark, row in at.items() if row >= 0 and mark not in first}
         columns.append(pc.replace_substring(column, ",", ".") if at[","] >= 0 else column)
     if len(first) == 2:

@@ -1,4 +1,4 @@
-"""A draft of the vehicle file out of a log. Each line says where it is from; what no log can tell is a comment with how to measure it."""
+"""Draft of a vehicle file from a log. Each line states its source; comments say how to measure values that no log gives."""
 
 import json
 from collections.abc import Mapping
@@ -11,14 +11,14 @@ from massprop_cli.inputs.formats.traits import SETTLE, TOLD, Traits, tick_s
 from massprop_cli.inputs.formats.units import G
 
 _AT_REST = "record ten seconds with the vehicle at rest and no command, or take the IMU's data sheet"
-_GRAVITY, _NONE = 0.05, 0.1
-"""Parts of gravity within which an accelerometer feels it, or feels none."""
+_GRAVITY, _NO_GRAVITY = 0.05, 0.1
+"""Relative tolerance of gravity, and largest specific force without gravity as a fraction of gravity."""
 
 
-def draft(name: str, found: Traits, parameters: Mapping[str, float], map_said: tuple[str, ...] = ()) -> str:
-    """The text of a vehicle file."""
+def draft(name: str, found: Traits, parameters: Mapping[str, float], conversions: tuple[str, ...] = ()) -> str:
+    """Text of a vehicle file; ``conversions`` are those by a map."""
     lines = ["schema = 1", f"name = {json.dumps(name)}   # of the file"]
-    lines += [f"# map: {said}" for said in map_said]
+    lines += [f"# map: {said}" for said in conversions]
     lines += ["", "[cycle]", *_cycle(found), "", "[imu]", *_imu(found), "", "[environment]", *_environment(found), "", *_commands(found)]
     lines += _px4(parameters)
     return "\n".join(lines) + "\n"
@@ -93,7 +93,7 @@ def _environment(found: Traits) -> list[str]:
             "# bearing_mass_kg = ...            # what slides with the vehicle and does not turn: weigh it",
             "# initial_attitude_wxyz = [1, 0, 0, 0]   # level at the start, or from an inclinometer",
         ]
-    elif found.felt < _NONE * G:
+    elif found.felt < _NO_GRAVITY * G:
         return [f'kind = "free"   # in {found.quiet} quiet cycles the accelerometer feels {found.felt:.3g} m/s^2: no gravity']
     else:
         why = f"in {found.quiet} quiet cycles the accelerometer feels {found.felt:.4g} m/s^2, neither gravity nor none: is its unit right?"
@@ -101,7 +101,7 @@ def _environment(found: Traits) -> list[str]:
 
 
 def _span(values: Array) -> str:
-    """Of the commands of all cycles."""
+    """Range and number of distinct values of a command."""
     known = values[np.isfinite(values)]
     span = f"{known.min():.4g} to {known.max():.4g}" if known.size else "nothing"
     return f"{span}, {len(np.unique(known))} different values in {len(known)} cycles"
@@ -128,8 +128,8 @@ def _commands(found: Traits) -> list[str]:
         ]
     for kind, own in found.actuators.items():
         for name, has in own.items():
-            told = found.commands.get(has.of(name))
-            lines += kind.draft(name, has, "" if told is None else _span(told))
+            logged = found.commands.get(has.of(name))
+            lines += kind.draft(name, has, "" if logged is None else _span(logged))
     thrust = [
         "[thrust]",
         "# scale_sigma = 0.05   # how well the forces above are known, all together: mass and inertia are proportional to them",
@@ -142,7 +142,7 @@ def _commands(found: Traits) -> list[str]:
 
 
 def _px4(parameters: Mapping[str, float]) -> list[str]:
-    """PX4's control allocation: geometry of its rotors or thrusters (CA_ROTORi_*), in its body axes forward, right, down."""
+    """Rotors or thrusters of PX4's control allocation (CA_ROTORi_*), in PX4's body axes forward, right, down, as comments."""
     count = round(parameters.get("CA_ROTOR_COUNT", 0))
     if not 0 < count <= 64:
         return []

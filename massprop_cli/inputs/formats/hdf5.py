@@ -1,6 +1,6 @@
-"""HDF5 by h5py (BSD): a stream for each column (row, where wider than long) or field of a table, with attribute ``unit`` or ``units``.
+"""Reader of HDF5 by h5py (BSD): one stream per column (per row if wider than long), table field, or component of an array field.
 
-Of a field that is an array one for each component.
+Attribute ``unit`` or ``units`` gives the unit.
 """
 
 import io
@@ -16,21 +16,21 @@ from massprop_cli.base import limits
 from massprop_cli.inputs.formats.recording import Numbers, Read, RecordedStream, whole
 
 VEHICLE, MAP = "massprop.vehicle", "massprop.map"
-"""Attributes of the file."""
+"""Attributes of the file with embedded vehicle and map files."""
 
 
 def read(path: Path, data: bytes) -> Read:
-    """A stream for each column of numbers; a dataset is read when it is asked for."""
+    """Streams of all numeric columns, each read on demand."""
     file = h5py.File(io.BytesIO(data), "r")
     found: list[h5py.Dataset] = []
-    # neither links into other files nor virtual datasets, which may be of any size
+    # no links into other files or virtual datasets, which may have any size
     file.visititems(lambda _, item: found.append(item) if _is_own(item) else None)
     limits.NUMBERS.check(str(path), sum(item.size * _numbers(item.dtype) for item in found))
     return Read([one for item in found for one in _streams(item)], vehicle=_text(file, VEHICLE), map=_text(file, MAP))
 
 
 def _numbers(dtype: np.dtype[Any]) -> int:
-    """In each element."""
+    """Number of values in each element."""
     if not dtype.names:
         return 1
     return sum(int(np.prod(dtype[field].shape)) for field in dtype.names)
@@ -43,7 +43,7 @@ def _is_own(item: Any) -> bool:
 def _streams(item: h5py.Dataset) -> Iterator[RecordedStream]:
     path = item.name.lstrip("/")
     unit = _text(item, "unit") or _text(item, "units") or ""
-    # the scale of its first dimension, where one is attached
+    # dimension scale of the first dimension, if attached
     clock = str(item.dims[0][0].name).lstrip("/") if len(item.dims) and len(item.dims[0].keys()) else ""
     if item.dtype.names:
         if item.ndim == 1:
@@ -53,8 +53,8 @@ def _streams(item: h5py.Dataset) -> Iterator[RecordedStream]:
                     continue
                 view = item.fields(field)
                 for n in range(shape[0]) if shape else [None]:
-                    own = f"{path}/{field}" if n is None else f"{path}/{field}[{n}]"
-                    yield RecordedStream(own, len(item), partial(_part, view, (), () if n is None else (slice(None), n)), clock, unit)
+                    name = f"{path}/{field}" if n is None else f"{path}/{field}[{n}]"
+                    yield RecordedStream(name, len(item), partial(_part, view, (), () if n is None else (slice(None), n)), clock, unit)
     elif item.dtype.kind in "iufb":
         rows, columns = (item.shape[0], 1) if item.ndim == 1 else item.shape
         if item.ndim == 1:
@@ -66,7 +66,7 @@ def _streams(item: h5py.Dataset) -> Iterator[RecordedStream]:
 
 
 def _part(item: Any, at: tuple[Any, ...], within: tuple[Any, ...] = ()) -> Numbers:
-    """What is there, and of that a component."""
+    """Values at ``at``, and of these a component."""
     return whole(np.asarray(item[at] if at else item[:])[within])
 
 

@@ -1,4 +1,4 @@
-"""What is in a recording: each stream's rate, range, unit and clock. Reads, decides nothing."""
+"""List of a recording's streams with rate, range, unit and clock."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from massprop_cli.inputs.formats.recording import RecordedStream, Recording
 
 CLOCK_NAMES = ("time", "timestamp", "stamp", "t", "clock", "time_s", "t_s", "t_ms", "t_us", "t_ns", "time_ms", "time_us", "time_ns")
 _SURE = 3.0
-"""Times the scatter of stamps over their number, of the mean step's error."""
+"""Error limit of the mean interval, in sigmas: scatter of the time stamps over the square root of their number."""
 
 
 @dataclass(frozen=True)
 class Listed:
-    """A stream, as a person wants to see it."""
+    """Stream in the list."""
 
     path: str
     samples: int
     rate_hz: float | None
-    """By the clock that the file names, where its unit is known."""
+    """Rate by the stream's clock, Hz; None if the clock or its unit is unknown."""
     least: float | None
     most: float | None
     unit: str
     clock: str
     note: str
-    """no numbers (text, or damaged), constant, increasing; of what isn't read why, and what to do."""
+    """Remark: no numbers (text, or damaged), constant, increasing; or why the stream cannot be read, and the remedy."""
 
 
 def listed(read: Recording) -> list[Listed]:
-    """All streams in the file's order, and after them what the file holds that isn't read."""
+    """List of all streams in the file's order, then unreadable parts of the file."""
     clocks = Clocks(read)
     unread = [Listed(path, 0, None, None, None, "", "", f"not read: it {why}") for path, why in read.unread.items()]
     return [*(_listed(clocks, one) for one in read.streams.values()), *unread]
@@ -56,7 +56,7 @@ def _listed(clocks: Clocks, one: RecordedStream) -> Listed:
 
 
 def numbers(one: RecordedStream) -> Array | None:
-    """A stream's values; None where they are none."""
+    """(rows,) values of a stream; None if it has no numbers."""
     try:
         values = one.values
     except InputError:
@@ -65,44 +65,44 @@ def numbers(one: RecordedStream) -> Array | None:
 
 
 class Clocks:
-    """Which streams of a recording may hold the times of others."""
+    """Assignment of clocks to the streams of a recording."""
 
     def __init__(self, read: Recording) -> None:
         self.streams = read.streams
 
     @cached_property
     def increasing(self) -> frozenset[str]:
-        """Streams that increase throughout."""
+        """Paths of strictly increasing streams."""
         held = ((path, numbers(one)) for path, one in self.streams.items() if one.rows > 1)
         return frozenset(path for path, values in held if values is not None and _increases(values[np.isfinite(values)]))
 
     def _increases_in(self, path: str, held: BoolArray) -> bool:
-        """Whether a stream increases over these rows; a clock of two that were merged may stand still from one's row to the other's."""
+        """Whether a stream increases over the rows ``held``. In merged tables a clock may repeat in the other table's rows."""
         values = numbers(self.streams[path]) if leaf(path) in CLOCK_NAMES and not held.all() else None
         return path in self.increasing or (values is not None and _increases(values[held]))
 
     def of(self, one: RecordedStream) -> list[str]:
-        """The one that the file names, where it holds it; else increasing ones as long, those called so before others."""
+        """Candidate clocks of a stream: that of the file, else increasing streams of equal length, if possible with a clock's name."""
         if one.clock and one.clock in self.streams:
             return [one.clock]
         held = self._held(one)
         like = [path for path, other in self.streams.items() if other.rows == one.rows and path != one.path]
         like = [path for path in like if self._increases_in(path, held) and self._held(self.streams[path])[held].all()]
-        # of columns of one table with clocks of their own the one that ends where the stream does
+        # in a merged table, the clock with values in the same rows
         like = [path for path in like if (self._held(self.streams[path]) == held).all()] or like
         return [path for path in like if leaf(path) in CLOCK_NAMES] or like
 
     def samples(self, one: RecordedStream) -> int:
-        """How many rows have a number of it."""
+        """Number of rows with a value."""
         return int(self._held(one).sum())
 
-    def _held(self, one: RecordedStream) -> BoolArray:
-        """(rows,) where it has a number."""
+    def _has_value(self, one: RecordedStream) -> BoolArray:
+        """(rows,) whether the stream has a value."""
         values = numbers(one)
         return np.zeros(one.rows, dtype=bool) if values is None else np.isfinite(values)
 
     def unit(self, path: str) -> tuple[str, str]:
-        """A clock's unit, and what it is known by: the file, or its name's ending; empty where neither says."""
+        """Unit of a clock, and its source: the file, or the suffix of its name; empty if unknown."""
         recorded = self.streams[path].unit
         if units.factor(recorded, units.TIME) is not None:
             return units.plain(recorded), "as recorded"
@@ -110,10 +110,10 @@ class Clocks:
         return (ending, "by its name") if mark and ending in units.TIME else ("", "")
 
     def step(self, path: str, of: RecordedStream | None = None) -> float:
-        """The usual step of a clock, in its own unit; between samples ``of`` a stream. The roundest that stamps which scatter allow."""
+        """Usual interval of a clock between samples of a stream, in the clock's unit; the roundest value within its uncertainty."""
         times = self.streams[path].values
         held = times[self._held(of or self.streams[path]) & self._held(self.streams[path])]
-        steps = np.diff(held).astype(np.float64)  # of whole nanoseconds since 1970, which no float holds
+        steps = np.diff(held).astype(np.float64)  # integer nanoseconds since 1970 exceed float64
         regular = steps[steps <= GAP * median(steps)] if len(steps) else steps
         if not len(regular):
             return 0.0
@@ -121,7 +121,7 @@ class Clocks:
         return _roundest(float(regular.mean()), _SURE * float(regular.std()) * (1 + gaps) ** 0.5 / len(regular))
 
     def rate_hz(self, one: RecordedStream) -> float | None:
-        """Samples a second; None where the clock or its unit is not known."""
+        """Samples per second; None if the clock or its unit is unknown."""
         found = self.of(one)
         factor = units.factor(self.unit(found[0])[0], units.TIME) if len(found) == 1 and found[0] in self.streams else None
         if factor is None or self.streams[found[0]].rows < 2:
@@ -131,7 +131,7 @@ class Clocks:
 
 
 def _roundest(value: float, within: float) -> float:
-    """The number of the fewest digits that is as near to a value as this."""
+    """Number with the fewest digits within ``within`` of ``value``."""
     for digits in range(1, 16):
         rounded = float(f"{value:.{digits}g}")
         if abs(rounded - value) <= within:
@@ -144,6 +144,6 @@ def _increases(values: Array) -> bool:
 
 
 def leaf(path: str) -> str:
-    """The last part of a path, in lower case and without its unit behind it."""
+    """Last part of a path, lower case, without a unit at its end."""
     plain = units.behind(path)[0].partition("[")[0].partition(" (")[0].strip().lower()
     return plain.replace(".", "/").rpartition("/")[2]

@@ -8,7 +8,7 @@ import numpy as np
 
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import listing, selection, units
-from massprop_cli.inputs.formats.clocks import covered, covering, covers_all
+from massprop_cli.inputs.formats.clocks import covered_interval, covers_all, interval_stream
 from massprop_cli.inputs.formats.recording import RecordedStream, Recording
 from massprop_cli.inputs.formats.vectors import COMMANDS, SENSORS, Vector, VectorName, attitudes, fitting, vectors
 
@@ -128,7 +128,7 @@ def _where(clocks: listing.Clocks, vector: Vector) -> list[str]:
 
 def _covering(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> tuple[RecordedStream, bool] | None:
     """Of increments the stream that says how long each covers, and whether that is all the time; None where there is none."""
-    length = covering(clocks.streams, vector.paths)
+    length = interval_stream(clocks.streams, vector.paths)
     found = clocks.of(vector.streams[0])
     if length is None or len(found) != 1 or units.factor(vector.unit, quantity.increments) is None:
         return None
@@ -142,7 +142,7 @@ def _left_out(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> s
     if found is None or found[1]:
         return ""
     step = clocks.step(clocks.of(vector.streams[0])[0], vector.streams[0])
-    return f"by {found[0].path!r} each covers {covered(found[0]):.6g}, and they come every {step:.6g} by their clock"
+    return f"by {found[0].path!r} each covers {covered_interval(found[0]):.6g}, and they come every {step:.6g} by their clock"
 
 
 def _said(clocks: listing.Clocks, vector: Vector) -> str:

@@ -1,4 +1,4 @@
-"""A recording read: a table here, any other in a process of its own (:mod:`massprop_cli.inputs.formats.apart`)."""
+"""A recording read: a table here, any other in a process of its own (:mod:`massprop_cli.inputs.formats.isolated`)."""
 
 import hashlib
 import re
@@ -35,9 +35,9 @@ def read(path: Path, data: Content) -> Recording:
     if found is TABLE:
         said = read_table(path, data)
     else:
-        from massprop_cli.inputs.formats import apart
+        from massprop_cli.inputs.formats import isolated
 
-        said = apart.read(path, bytes(data), found)
+        said = isolated.read(path, bytes(data), found)
     streams: dict[str, RecordedStream] = {}
     for one in counted(path, said.streams):
         streams.setdefault(one.path, one)

@@ -81,7 +81,7 @@ class Signals:
         if mean := moving_mean(found.values):
             problem = f"each reading is a moving mean over {mean} of them; record it as it was measured, or keep every one in {mean}"
             raise self.refused(found, problem)
-        lost = clocks.uncovered(self.recording.streams, found.paths, found.times.step_s) if said.values == "increment" else ""
+        lost = clocks.coverage_defect(self.recording.streams, found.paths, found.times.step_s) if said.values == "increment" else ""
         if lost:
             raise self.refused(found, lost)
         return found
@@ -385,7 +385,7 @@ class Signals:
         """(n,) times of samples that come at even intervals; :class:`InputError` where their stamps tell that they don't."""
         even, wander = resample.even(stamps_s)
         step = f"{even[1] - even[0]:.9g} s"
-        if wander > clocks.LEAPT:
+        if wander > clocks.MAX_WANDER:
             problem = f"its stamps wander by {wander:.2g} samples from even intervals of {step}: samples were lost, or the rate changed"
             raise self.error(f"{key}.clock", path, f"{problem}; drop even")
         scatter = float((stamps_s - even).std())
