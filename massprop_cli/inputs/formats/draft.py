@@ -7,7 +7,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats.traits import SETTLE, TOLD, Traits, tick_s
+from massprop_cli.inputs.formats.traits import PRECISE, SETTLE, Traits, tick_s
 from massprop_cli.inputs.formats.units import G
 
 _AT_REST = "record ten seconds with the vehicle at rest and no command, or take the IMU's data sheet"
@@ -62,7 +62,7 @@ def _imu(found: Traits) -> list[str]:
             continue
         axes = ", ".join(f"{value:.2g}" for value in noise)
         line = f"{key} = {float(np.sqrt((noise**2).mean())):.3g}   # one sigma of a cycle's mean {said}; by axis {axes}"
-        unsure = "too few to state" if found.quiet < TOLD else "of the shortest cycle that it may be" if len(found.choices) > 1 else ""
+        unsure = "too few to state" if found.quiet < PRECISE else "of the shortest cycle that it may be" if len(found.choices) > 1 else ""
         lines.append(f"# {line}: {unsure}, so it is estimated from the log; to measure it, {_AT_REST}" if unsure else line)
     if found.gyro_mean is not None:
         mean = ", ".join(f"{value:.3g}" for value in found.gyro_mean)
@@ -80,11 +80,11 @@ def _imu(found: Traits) -> list[str]:
 
 
 def _environment(found: Traits) -> list[str]:
-    if found.felt is None:
-        why = f"it feels {found.felt_always:.4g} m/s^2 under commands, which gravity and thrust do alike"
-    elif abs(found.felt / G - 1) < _GRAVITY:
+    if found.force_m_s2 is None:
+        why = f"it feels {found.force_always_m_s2:.4g} m/s^2 under commands, which gravity and thrust do alike"
+    elif abs(found.force_m_s2 / G - 1) < _GRAVITY:
         return [
-            f"# in {found.quiet} quiet cycles the accelerometer feels {found.felt:.4g} m/s^2: something holds it. State what:",
+            f"# in {found.quiet} quiet cycles the accelerometer feels {found.force_m_s2:.4g} m/s^2: something holds it. State what:",
             '# kind = "air_bearing"   # it turns about a fixed point',
             '# kind = "pedestal"      # the same on a bearing that is fixed to the ground',
             '# kind = "planar"        # it slides and yaws on a table: the accelerometer feels the same there',
@@ -93,10 +93,11 @@ def _environment(found: Traits) -> list[str]:
             "# bearing_mass_kg = ...            # what slides with the vehicle and does not turn: weigh it",
             "# initial_attitude_wxyz = [1, 0, 0, 0]   # level at the start, or from an inclinometer",
         ]
-    elif found.felt < _NO_GRAVITY * G:
-        return [f'kind = "free"   # in {found.quiet} quiet cycles the accelerometer feels {found.felt:.3g} m/s^2: no gravity']
+    elif found.force_m_s2 < _NO_GRAVITY * G:
+        return [f'kind = "free"   # in {found.quiet} quiet cycles the accelerometer feels {found.force_m_s2:.3g} m/s^2: no gravity']
     else:
-        why = f"in {found.quiet} quiet cycles the accelerometer feels {found.felt:.4g} m/s^2, neither gravity nor none: is its unit right?"
+        felt = f"{found.force_m_s2:.4g} m/s^2"
+        why = f"in {found.quiet} quiet cycles the accelerometer feels {felt}, neither gravity nor none: is its unit right?"
     return [f'# kind = "free"   # or "air_bearing": {why}; left out, it is free']
 
 

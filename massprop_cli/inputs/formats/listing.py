@@ -85,16 +85,16 @@ class Clocks:
         """Candidate clocks of a stream: that of the file, else increasing streams of equal length, if possible with a clock's name."""
         if one.clock and one.clock in self.streams:
             return [one.clock]
-        held = self._held(one)
+        held = self._has_value(one)
         like = [path for path, other in self.streams.items() if other.rows == one.rows and path != one.path]
-        like = [path for path in like if self._increases_in(path, held) and self._held(self.streams[path])[held].all()]
+        like = [path for path in like if self._increases_in(path, held) and self._has_value(self.streams[path])[held].all()]
         # in a merged table, the clock with values in the same rows
-        like = [path for path in like if (self._held(self.streams[path]) == held).all()] or like
+        like = [path for path in like if (self._has_value(self.streams[path]) == held).all()] or like
         return [path for path in like if leaf(path) in CLOCK_NAMES] or like
 
     def samples(self, one: RecordedStream) -> int:
         """Number of rows with a value."""
-        return int(self._held(one).sum())
+        return int(self._has_value(one).sum())
 
     def _has_value(self, one: RecordedStream) -> BoolArray:
         """(rows,) whether the stream has a value."""
@@ -112,7 +112,7 @@ class Clocks:
     def step(self, path: str, of: RecordedStream | None = None) -> float:
         """Usual interval of a clock between samples of a stream, in the clock's unit; the roundest value within its uncertainty."""
         times = self.streams[path].values
-        held = times[self._held(of or self.streams[path]) & self._held(self.streams[path])]
+        held = times[self._has_value(of or self.streams[path]) & self._has_value(self.streams[path])]
         steps = np.diff(held).astype(np.float64)  # integer nanoseconds since 1970 exceed float64
         regular = steps[steps <= GAP * median(steps)] if len(steps) else steps
         if not len(regular):
@@ -145,5 +145,5 @@ def _increases(values: Array) -> bool:
 
 def leaf(path: str) -> str:
     """Last part of a path, lower case, without a unit at its end."""
-    plain = units.behind(path)[0].partition("[")[0].partition(" (")[0].strip().lower()
+    plain = units.without_suffix_unit(path)[0].partition("[")[0].partition(" (")[0].strip().lower()
     return plain.replace(".", "/").rpartition("/")[2]

@@ -1,4 +1,4 @@
-"""A recording and its map to the table that a log is read from; what was done on the way is stated in words."""
+"""Conversion of a recording to a log's table by its map, with a description of each conversion."""
 
 import re
 from collections.abc import Sequence
@@ -18,11 +18,14 @@ from massprop_cli.inputs.tablefile import Made, Table
 from massprop_cli.inputs.vehicle import ACTUATORS
 
 _SHOWN = 5
-"""Streams that a line names."""
+"""Maximum number of streams in one line."""
 
 
 def of(read: Recording, source: MapSource | None) -> Table:
-    """The log's table of a recording, by its map or by the contract's names of streams. :class:`InputError` names file, path, remedy."""
+    """Table of a log from a recording, by its map or by standard names of streams.
+
+    Raises :class:`InputError` with file, path and remedy.
+    """
     if source is None:
         return replace(tablefile.at_hand(read.path, _by_contract(read)), sha256=read.sha256, embedded_vehicle=read.vehicle)
     signals = Signals(read, source)
@@ -32,43 +35,43 @@ def of(read: Recording, source: MapSource | None) -> Table:
     else:
         streams, edges = oncycles.streams_of(signals, records)
         made = oncycles.at_own_times(streams, records, edges) or oncycles.on_cycles_of(streams, records, edges)
-    signals.made.extend(_further(signals))
+    signals.conversions.extend(_unmapped(signals))
     heading = source.map.attitude is not None and source.map.attitude.order == "heading"
-    time_s, by = made[columns.TIME], Made(source.source, source.sha256, tuple(_together(signals.made)), signals.sampled, heading)
+    time_s, by = made[columns.TIME], Made(source.source, source.sha256, tuple(_merged(signals.conversions)), signals.sampled, heading)
     found = tablefile.at_hand(read.path, made, lambda row: f"record {row} as mapped (time_s = {time_s[row]:.9g})")
     return replace(found, sha256=read.sha256, embedded_vehicle=read.vehicle, made=by)
 
 
 def _on_rows(signals: Signals) -> dict[str, Array]:
-    """The log's columns of streams that share one clock: the file's rows."""
+    """Columns of a log whose streams share one clock; the file's rows are the records."""
     said = signals.map
     imu = signals.imu()
     gyro = imu[0][0]
     for signal, _ in imu:
-        _beside(gyro, signal, signals)
+        _on_gyro_clock(gyro, signal, signals)
     made: dict[str, Array] = {columns.TIME: gyro.times.s} | signals.as_recorded(imu)
     attitude = None
     if said.attitude is not None:
-        attitude = _beside(gyro, signals.attitude(said.attitude), signals).values
+        attitude = _on_gyro_clock(gyro, signals.attitude(said.attitude), signals).values
         made |= dict(zip(columns.QUATERNION, resample.z_up(attitude, said.attitude.world).T, strict=True))
     for key, wrench, known, names in signals.wrenches():
-        values = _beside(gyro, signals.vector(key, wrench, known), signals).values
+        values = _on_gyro_clock(gyro, signals.vector(key, wrench, known), signals).values
         if wrench.frame == "world" and attitude is not None:
             values = resample.into_body(values, attitude)
-            signals.made.append(f"{key}: turned from world into body axes with the logged attitude of the same row")
+            signals.conversions.append(f"{key}: turned from world into body axes with the logged attitude of the same row")
         made |= dict(zip(names, values.T, strict=True))
     for name, jet in said.jets.items():
         on, share = signals.jet(name, jet)
         if share:
             raise signals.refused(on, "a valve's state is summed over control cycles; state [records] in the map")
-        made[columns.jet(name)] = _beside(gyro, on, signals).values[:, 0]
+        made[columns.jet(name)] = _on_gyro_clock(gyro, on, signals).values[:, 0]
     for signal, column, _, _ in signals.spinners():
-        made[column] = _beside(gyro, signal, signals).values[:, 0]
+        made[column] = _on_gyro_clock(gyro, signal, signals).values[:, 0]
     return made
 
 
-def _beside(gyro: QuantitySignal, signal: QuantitySignal, signals: Signals) -> QuantitySignal:
-    """The signal, once it is seen to be on the gyro's clock."""
+def _on_gyro_clock(gyro: QuantitySignal, signal: QuantitySignal, signals: Signals) -> QuantitySignal:
+    """Return ``signal``. Raises :class:`InputError` if it is not on the gyro's clock."""
     own, its = signal.times, gyro.times
     if own is not its and (len(own.s) != len(its.s) or (own.s != its.s).any()):
         rows = " of other rows (where)" if own.path == its.path else ""
@@ -77,8 +80,8 @@ def _beside(gyro: QuantitySignal, signal: QuantitySignal, signals: Signals) -> Q
     return signal
 
 
-def _further(signals: Signals) -> list[str]:
-    """That streams are numbered like those of mapped actuators, and the map has them not: each thrust that acted must be known."""
+def _unmapped(signals: Signals) -> list[str]:
+    """Line about unmapped streams that are numbered like mapped actuators, because an estimate needs all thrust that acted; else empty."""
     used = {str(one.path) for table in ("jets", *ACTUATORS) for one in getattr(signals.map, table).values()}
     numbered = {_number(path) for path in used if _number(path) != path}
     streams = signals.recording.streams
@@ -90,7 +93,7 @@ def _further(signals: Signals) -> list[str]:
 
 
 def _number(path: str) -> str:
-    """A path whose last part has 0 for each number."""
+    """Path with 0 for each number in its last part."""
     above, mark, name = path.rpartition("/")
     return above + mark + re.sub(r"\d+", "0", name)
 
@@ -101,8 +104,8 @@ def _varies(stream: RecordedStream) -> bool:
     return bool(held.size) and bool(held.min() < held.max())
 
 
-def _together(said: Sequence[str]) -> list[str]:
-    """What was done, once for all keys of the map that it was done alike for."""
+def _merged(said: Sequence[str]) -> list[str]:
+    """Conversions, with equal ones of several keys in one line."""
     keys: dict[str, list[str]] = {}
     for line in said:
         key, _, what = line.partition(": ")
@@ -111,7 +114,7 @@ def _together(said: Sequence[str]) -> list[str]:
 
 
 def _by_contract(read: Recording) -> dict[str, Array]:
-    """Streams whose paths end in a name of the contract, all as long as time_s."""
+    """Columns from streams whose paths end in a standard name; all must have the length of time_s."""
     found: dict[str, str] = {}
     for path in read.streams:
         name = path.replace(".", "/").rpartition("/")[2]

@@ -1,4 +1,4 @@
-"""MATLAB files of versions 5 to 7.3 by mat-io (BSD), with MATLAB's own paths: ``imu.gyro(:,1)``, ``runs(2).t``, ``ts.Data(:,1)``."""
+"""Reader of MATLAB files, versions 5 to 7.3, by mat-io (BSD). Paths are MATLAB's: ``imu.gyro(:,1)``, ``runs(2).t``, ``ts.Data(:,1)``."""
 
 import io
 import tempfile
@@ -18,14 +18,14 @@ from massprop_cli.inputs.formats.recording import Numbers, Read, RecordedStream,
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _HEADER, _TAG = 128, 8
-"""Bytes of a version 5 file's header, and of an element's tag."""
+"""Length of a version 5 file header and of an element's tag, bytes."""
 _COMPRESSED = 15
-"""The type of an element that is packed by zlib."""
+"""Type of a zlib-compressed element."""
 _DEEPEST = 16
 
 
 def read(path: Path, data: bytes) -> Read:
-    """A stream for each vector or column of numbers, however deep."""
+    """Read all vectors and matrix columns of numbers, at any depth."""
     _check_size(path, data)
     with tempfile.TemporaryDirectory() as aside:
         file = Path(aside) / "recording.mat"
@@ -37,7 +37,7 @@ def read(path: Path, data: bytes) -> Read:
 
 
 def _check_size(path: Path, data: bytes) -> None:
-    """By what the file's own headers, or a look through what it packs, say."""
+    """Check the uncompressed size against the limit, from headers or by decompression in pieces."""
     if data[512:520] == _HDF5 or data[:8] == _HDF5:
         sizes: list[int] = []
         with h5py.File(io.BytesIO(data), "r") as file:
@@ -61,15 +61,15 @@ def _check_size(path: Path, data: bytes) -> None:
 
 
 class _Variables:
-    """What a file's variables hold."""
+    """Streams of a file's variables."""
 
     def __init__(self) -> None:
         self.unread: dict[str, str] = {}
-        """Objects without numbers that can be read, by their paths."""
+        """Unreadable objects by path, with the reason."""
         self._entered: set[int] = set()
 
     def streams(self, path: str, value: Any, depth: int = 0) -> Iterator[RecordedStream]:
-        """A stream for each vector or column of numbers, however deep."""
+        """Streams of all vectors and matrix columns of numbers in a variable."""
         if depth > _DEEPEST:
             return
         if isinstance(value, pd.DataFrame):
@@ -92,7 +92,7 @@ class _Variables:
             yield from _columns(path, value)
 
     def _object(self, path: str, value: Any, depth: int) -> Iterator[RecordedStream]:
-        """Of a timeseries its times and samples, of any other object what its properties hold, each object once."""
+        """Streams of a timeseries, or of the properties of another object; each object once."""
         if matlabobjects.is_timeseries(value):
             try:
                 yield from matlabobjects.timeseries(path, value)
@@ -109,7 +109,7 @@ class _Variables:
 
 
 def _columns(path: str, value: Numbers) -> Iterator[RecordedStream]:
-    """Of a vector, itself; of a matrix its columns, or its rows where it is wider than long: the path says which."""
+    """Stream of a vector, or streams of a matrix's columns (rows if it is wider than long)."""
     values = whole(value)
     if values.ndim == 1 or (1 in values.shape and values.ndim == 2):
         yield stream(path, values.ravel())
@@ -120,7 +120,7 @@ def _columns(path: str, value: Numbers) -> Iterator[RecordedStream]:
 
 
 def _table(path: str, table: pd.DataFrame) -> Iterator[RecordedStream]:
-    """A table's variables; a timetable's have its times for a clock."""
+    """Streams of a table's variables; a timetable's times are their clock."""
     clock = ""
     if isinstance(table.index, pd.TimedeltaIndex | pd.DatetimeIndex):
         clock = f"{path}.{table.index.name or 'Time'}"

@@ -1,4 +1,4 @@
-"""MATLAB objects as mat-io gives them: the times and samples of a timeseries, and what else holds some."""
+"""MATLAB objects in mat-io's form: times and samples of a timeseries, and detection of other objects."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -12,28 +12,28 @@ _TIME_UNITS = {
     "nanoseconds": ("ns", 1), "microseconds": ("us", 1), "milliseconds": ("ms", 1), "seconds": ("s", 1),
     "minutes": ("s", 60), "hours": ("s", 3600), "days": ("s", 86400), "weeks": ("s", 604800),
 }  # fmt: skip
-"""Of MATLAB's units of time, ours, and what one of theirs is in it."""
+"""massprop's unit for each of MATLAB's time units, and the factor to it."""
 _MOST = 64
-"""Components of a sample that each become a stream: an image is no signal."""
+"""Maximum number of components per sample; more are images, not signals."""
 
 
 class UnreadableError(Exception):
-    """An object whose numbers aren't there, with the reason."""
+    """Object without readable numbers, with the reason."""
 
 
 def is_object(value: Any) -> bool:
-    """Whether a value is an object of a class, as mat-io gives those that it doesn't know."""
+    """Whether a value is a class object that mat-io does not convert."""
     return hasattr(value, "classname") and isinstance(getattr(value, "properties", None), dict)
 
 
 def is_timeseries(value: Any) -> bool:
-    """Whether it is a ``timeseries``, by its class or by what it holds."""
+    """Whether it is a ``timeseries``, by its class or its properties."""
     held = value.properties
     return value.classname == "timeseries" or ("TimeInfo" in held and ("Data_" in held or "Data" in held))
 
 
 def timeseries(path: str, value: Any) -> Iterator[RecordedStream]:
-    """``ts.Time`` and ``ts.Data``, a stream for each component; :class:`UnreadableError` where one isn't there as numbers."""
+    """Streams ``ts.Time`` and ``ts.Data``, one per component. Raises :class:`UnreadableError` if one has no numbers."""
     held = value.properties
     data = _numbers(held, "Data_", "Data")
     if data is None:
@@ -48,7 +48,7 @@ def timeseries(path: str, value: Any) -> Iterator[RecordedStream]:
 
 
 def _times(held: Mapping[str, Any], info: Mapping[str, Any], data: Numbers) -> tuple[Numbers, str]:
-    """Its times and their unit; even ones are saved as their beginning and step."""
+    """Times and their unit; evenly spaced times are stored as start and increment."""
     said = _text(info.get("Units")) or "seconds"
     if said not in _TIME_UNITS:
         raise UnreadableError(f"with times in {said}")
@@ -65,7 +65,7 @@ def _times(held: Mapping[str, Any], info: Mapping[str, Any], data: Numbers) -> t
 
 
 def _components(data: Numbers, count: int, time_first: bool) -> Iterator[tuple[str, Numbers]]:
-    """MATLAB's index of each component of the samples, and its values: of 3 x 1 x n ``(1,1,:)``."""
+    """MATLAB index and values of each component of the samples: ``(1,1,:)`` for size 3 x 1 x n."""
     if data.size == count:
         yield "", data.ravel()
         return
@@ -81,18 +81,18 @@ def _components(data: Numbers, count: int, time_first: bool) -> Iterator[tuple[s
 
 
 def _numbers(held: Mapping[str, Any], *names: str) -> Numbers | None:
-    """The first of these properties that holds numbers."""
+    """Values of the first of these properties that has numbers."""
     values = (held.get(name) for name in names)
     return next((one for one in values if isinstance(one, np.ndarray) and one.dtype.kind in "iufb" and one.size), None)
 
 
 def _properties(value: Any) -> Mapping[str, Any]:
-    """Of an object within an object."""
+    """Properties of an object within an object."""
     value = value.item() if isinstance(value, np.ndarray) and value.dtype == object and value.size == 1 else value
     return value.properties if is_object(value) else {}
 
 
 def _text(value: Any) -> str:
-    """A text of MATLAB; empty where it is none."""
+    """MATLAB text; empty for other values."""
     value = value.ravel()[0] if isinstance(value, np.ndarray) and value.size == 1 else value
     return str(value) if isinstance(value, str) else ""

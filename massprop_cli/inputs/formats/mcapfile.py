@@ -1,4 +1,4 @@
-"""MCAP by mcap (MIT): messages of ROS 1 and 2 by rosbags (Apache), and JSON. Read in order, so that no index is needed."""
+"""Reader of MCAP by mcap (MIT): ROS 1 and 2 messages by rosbags (Apache), and JSON. Reads in file order, without the index."""
 
 import io
 import json
@@ -21,7 +21,7 @@ Decode = Callable[[bytes], Any]
 
 
 def read(path: Path, data: bytes) -> Read:
-    """A stream for each number in the messages of each topic."""
+    """Read all numbers in the messages of each topic."""
     unpacked = 0
     for record in StreamReader(io.BytesIO(data), emit_chunks=True, record_size_limit=None).records:
         if isinstance(record, Chunk):
@@ -36,7 +36,7 @@ def read(path: Path, data: bytes) -> Read:
 
 
 def _left_out(count: int, encoding: str, kind: str) -> str:
-    """What is said of a topic whose messages can't be decoded."""
+    """Reason for unread messages of a topic."""
     if encoding == "cdr":
         return rosmessages.undefined(count, kind)
     return f"has {count} messages of type {kind or 'unknown'} in {encoding or 'no encoding'}; write them as JSON or ROS messages"
@@ -57,14 +57,14 @@ def _messages(
 
 
 def _decoder(encoding: str, schema: Any) -> Decode | None:
-    """How a channel's messages are read; None where they can't be."""
+    """Decoder of a channel's messages; None without one."""
     if encoding == "json":
         return json.loads
     if schema is None:
         return None
     name = schema.name if "/msg/" in schema.name else schema.name.replace("/", "/msg/")
     if not schema.data and encoding == "cdr":
-        store = get_typestore(Stores.ROS2_HUMBLE)  # the standard's messages have stayed the same
+        store = get_typestore(Stores.ROS2_HUMBLE)  # standard messages have not changed
         return partial(store.deserialize_cdr, typename=name) if name in store.fielddefs else None
     if (encoding, schema.encoding) not in (("cdr", "ros2msg"), ("ros1", "ros1msg")):
         return None

@@ -1,4 +1,4 @@
-"""MDF4 by asammdf (LGPL, an extra): a channel by its name, or as ``group/channel`` where another group has one of that name."""
+"""Reader of MDF4 by asammdf (LGPL, an extra): a path is the channel name, or ``group/channel`` if several groups have it."""
 
 import io
 from collections import Counter
@@ -15,7 +15,7 @@ from massprop_cli.inputs.formats.recording import Numbers, Read, RecordedStream,
 
 
 def read(path: Path, data: bytes) -> Read:
-    """A stream for each channel, with its unit, on its group's master."""
+    """Read all channels with unit; the clock is the group's master channel."""
     file = MDF(io.BytesIO(data))
     limits.NUMBERS.check(str(path), sum(group.channel_group.cycles_nr * len(group.channels) for group in file.groups))
     return Read(_streams(file))

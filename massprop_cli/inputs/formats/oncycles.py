@@ -1,4 +1,4 @@
-"""A recording whose streams have clocks of their own: put on records and control cycles as its map states, or commands at their times."""
+"""Conversion of streams with separate clocks to records and control cycles, or to records with commands at their own times."""
 
 import math
 from collections.abc import Sequence
@@ -13,24 +13,24 @@ from massprop_cli.inputs.formats import resample, streamcommands
 from massprop_cli.inputs.formats.clocks import GAP
 from massprop_cli.inputs.formats.mapfile import Records
 from massprop_cli.inputs.formats.signals import QuantitySignal, Signals
-from massprop_cli.inputs.formats.streamcommands import LIKE, SAME, STAMPED, StreamCommand
+from massprop_cli.inputs.formats.streamcommands import MAX_SCATTER, SAME_INTERVAL, SAME_TIME, StreamCommand
 from massprop_cli.inputs.logtable import EMPTY, MISSING
 
-LOST = 1.5
-"""Times the usual interval: more is told of as a lost sample, even where it is no gap."""
-ENOUGH = 4.5
-"""Readings in a control cycle of a speed whose torque changes once in it, so that speeds made up between them move no result: of ten clean
-logs with 4.85 none, with 4 one in four, and with 3 all."""
+LOST_INTERVAL = 1.5
+"""Interval over the usual interval above which a sample counts as lost; a gap needs more."""
+READINGS_PER_CYCLE = 4.5
+"""Minimum number of speed readings per control cycle for which interpolation does not change results: with 4.85 readings none of ten
+noiseless logs changed, with 4 one in four, with 3 all."""
 STEADY = 0.2
-"""Part of the changes from reading to reading by which these change themselves, below which no torque steps in between."""
+"""Second differences over first differences (rms) of readings, below which no torque steps occur between them."""
 
 
 @dataclass(frozen=True)
 class Streams:
-    """What a log is made of."""
+    """Streams of a log."""
 
     imu: Sequence[tuple[QuantitySignal, resample.Values]]
-    """Gyro, and the accelerometer where the map has one; each with what its numbers are."""
+    """Gyro, and accelerometer if mapped, each with the meaning of its values."""
     commands: Sequence[StreamCommand]
     attitude: QuantitySignal | None
     instants: Sequence[tuple[QuantitySignal, str]]
@@ -38,40 +38,44 @@ class Streams:
 
     @property
     def gyro(self) -> QuantitySignal:
-        """The first of them."""
+        """Signal of the gyro."""
         return self.imu[0][0]
 
     @property
     def slow(self) -> list[QuantitySignal]:
-        """Those that are read off at records' ends."""
+        """Signals that are interpolated at the ends of records."""
         return [*([] if self.attitude is None else [self.attitude]), *(signal for signal, _ in self.instants)]
 
     def zero(self, records: Records, edges: Array) -> float:
-        """What time_s counts from, by the gyro's clock less the recording's zero."""
+        """Zero of time_s, on the gyro's clock after the recording's zero, s."""
         if records.zero == "file" or not edges[0]:
             return 0.0
-        self.signals.made.append(f"time_s counts from {edges[0] + self.gyro.times.zero_s:.13g} s by {self.gyro.times.path!r}")
+        self.signals.conversions.append(f"time_s counts from {edges[0] + self.gyro.times.zero_s:.13g} s by {self.gyro.times.path!r}")
         return float(edges[0])
 
-    def beside(self, time_s: Array, cycle_s: float) -> dict[str, Array]:
-        """Columns of what is read off at records' ends (n,)."""
+    def interpolated(self, time_s: Array, cycle_s: float) -> dict[str, Array]:
+        """Columns of signals that are interpolated at the ends of records, ``time_s`` (n,)."""
         made: dict[str, Array] = {}
         said = self.signals.map.attitude
         if self.attitude is not None and said is not None:
             times = self.attitude.times
             turned = resample.z_up(resample.attitude_at(self.attitude.values, times.s, time_s), said.world)
-            own = resample.nearest_to_samples(times.s, time_s, GAP * times.step_s)
-            made |= dict(zip(columns.QUATERNION, np.where(own, turned.T, np.nan), strict=True))
-            where = "the records' ends" if own.all() else f"the ends of the {own.sum()} of {len(own)} records that are nearest to a sample"
-            self.signals.made.append(f"attitude: every {times.step_s:.6g} s, interpolated to {where}")
+            nearest = resample.nearest_to_samples(times.s, time_s, GAP * times.step_s)
+            made |= dict(zip(columns.QUATERNION, np.where(nearest, turned.T, np.nan), strict=True))
+            where = (
+                "the records' ends"
+                if nearest.all()
+                else f"the ends of the {nearest.sum()} of {len(nearest)} records that are nearest to a sample"
+            )
+            self.signals.conversions.append(f"attitude: every {times.step_s:.6g} s, interpolated to {where}")
         for signal, column in self.instants:
             made[column] = np.interp(time_s, signal.times.s, signal.values[:, 0])
-            self.signals.made.append(f"{signal.key}: {_read_off(signal, time_s, cycle_s)}")
+            self.signals.conversions.append(f"{signal.key}: {_read_off(signal, time_s, cycle_s)}")
         return made
 
 
 def streams_of(signals: Signals, records: Records) -> tuple[Streams, Array]:
-    """What the map names, and its records' edges; :class:`massprop_cli.base.errors.InputError` where nothing was recorded."""
+    """Streams of the map, and edges of the records, s. Raises :class:`massprop_cli.base.errors.InputError` for a missing stream."""
     said = signals.map
     imu = signals.imu()
     attitude = None if said.attitude is None else signals.attitude(said.attitude)
@@ -84,21 +88,21 @@ def streams_of(signals: Signals, records: Records) -> tuple[Streams, Array]:
 
 
 def on_cycles_of(streams: Streams, records: Records, edges: Array) -> dict[str, Array]:
-    """The log's columns by the contract's names, summed over records between ``edges``."""
+    """Columns of the log with increments summed over records between ``edges``."""
     signals = streams.signals
     turned = any(wrench.frame == "world" for _, wrench, _, _ in signals.wrenches())
-    # a logged attitude must be there all the time only where commands are turned with it
+    # gaps of the attitude matter only if it rotates commands
     _check(signals, edges, [sensor for sensor, _ in streams.imu], streams.slow if turned else [signal for signal, _ in streams.instants])
     made: dict[str, Array] = {columns.TIME: edges[1:] - streams.zero(records, edges)}
     length = median(np.diff(edges))
     for (signal, kind), names in zip(streams.imu, (columns.DELTA_THETA, columns.DELTA_V), strict=False):
         found = resample.increments(signal.values, signal.times.s, kind, edges)
         made |= dict(zip(names, found.T, strict=True))
-        signals.made.append(
+        signals.conversions.append(
             f"{signal.key}: {len(signal.values)} values ({kind}) every {signal.times.step_s:.6g} s by {signal.times.path!r}, "
             f"{'summed' if kind == 'increment' else 'integrated'} over {len(edges) - 1} records of {length:.6g} s"
         )
-    made |= streams.beside(edges[1:], length * records.per_cycle)
+    made |= streams.interpolated(edges[1:], length * records.per_cycle)
     cycles = edges[:: records.per_cycle]
     for command in streams.commands:
         values = streamcommands.on_cycles(signals, command, cycles)
@@ -107,75 +111,78 @@ def on_cycles_of(streams: Streams, records: Records, edges: Array) -> dict[str, 
 
 
 def at_own_times(streams: Streams, records: Records, edges: Array) -> dict[str, Array] | None:
-    """The IMU's records as the log's, and commands at their own times, so that a step of thrust within a record stays where it was.
+    """Columns of the log with the IMU's samples as records and commands at their own times.
 
-    None where records fall on cycles of these ``edges``, or commands are not one row each; without any command records stand as they are.
+    Thrust steps within a record then stay exact. None if records already fit the cycles of ``edges``, or if commands do not have one row
+    each. Without commands, records stay as recorded.
     """
     signals, gyro, kinds = streams.signals, streams.gyro, [kind for _, kind in streams.imu]
     together = all(one.times is gyro.times or np.array_equal(gyro.times.s, one.times.s) for one, _ in streams.imu)
-    if not together or ("sample" not in kinds and resample.all_at(resample.knots(gyro.times.s, kinds[0]), edges, SAME * gyro.times.step_s)):
+    if not together or (
+        "sample" not in kinds and resample.all_at(resample.knots(gyro.times.s, kinds[0]), edges, SAME_TIME * gyro.times.step_s)
+    ):
         return None
     issued = _issued(streams.commands, edges[:: records.per_cycle])
-    one_each = "sample" in kinds and (records.samples == 1 or abs(gyro.times.step_s / median(np.diff(edges)) - 1) < SAME)
+    one_each = "sample" in kinds and (records.samples == 1 or abs(gyro.times.step_s / median(np.diff(edges)) - 1) < SAME_TIME)
     if issued is None and (not one_each or any(command.signal.paths for command in streams.commands)):
         return None
     issued_s, scatter_s, of_them = issued or (np.zeros(0), 0.0, np.zeros(0, int))
-    slack_s = SAME * gyro.times.step_s
+    slack_s = SAME_TIME * gyro.times.step_s
     within = slice(*np.searchsorted(gyro.times.s, edges[[0, -1]] + slack_s).tolist())
     placed = _placed(gyro.times.s[within], issued_s, gyro.times.step_s)
     if placed is None:
         return None
-    time_s, kept, own, rows = placed
+    time_s, kept, inside, rows = placed
     zero = streams.zero(records, edges)
     made: dict[str, Array] = {columns.TIME: time_s - zero}
     made |= {name: _in_rows(values, kept, len(time_s)) for name, values in signals.as_recorded(streams.imu, within).items()}
     for signal, kind in streams.imu:
-        signals.made.append(
+        signals.conversions.append(
             f"{signal.key}: {len(kept)} values ({kind}) every {gyro.times.step_s:.6g} s by {gyro.times.path!r}, as recorded"
         )
     if issued is None:
-        return made | streams.beside(time_s, records.per_cycle * gyro.times.step_s)
-    made[columns.COMMAND_TIME] = _in_rows(issued_s[own] - zero, rows, len(time_s))
+        return made | streams.interpolated(time_s, records.per_cycle * gyro.times.step_s)
+    made[columns.COMMAND_TIME] = _in_rows(issued_s[inside] - zero, rows, len(time_s))
     for command in streams.commands:
         values = command.signal.values
-        values = values[of_them[own]] if command.signal.paths else np.repeat(values[:1], len(rows), 0)
+        values = values[of_them[inside]] if command.signal.paths else np.repeat(values[:1], len(rows), 0)
         made |= dict(zip(command.names, (_in_rows(column, rows, len(time_s)) for column in values.T), strict=True))
     evened = f", whose stamps scatter by up to {scatter_s:.3g} s and are taken as evenly spaced" if scatter_s > 0 else ""
-    usual_s, lost = median(np.diff(issued_s)), np.flatnonzero(np.diff(issued_s) > LOST * median(np.diff(issued_s)))
+    usual_s, lost = median(np.diff(issued_s)), np.flatnonzero(np.diff(issued_s) > LOST_INTERVAL * median(np.diff(issued_s)))
     gaps = ""
     if lost.size:
         gaps = f"; {lost.size} gap(s), the first after {issued_s[lost[0]] - zero:.9g} s: a command that was lost there moves every value"
-    signals.made.append(f"commands: {len(rows)} every {usual_s:.6g} s, at their own times{evened}{gaps}")
-    return made | streams.beside(time_s, median(np.diff(issued_s)))
+    signals.conversions.append(f"commands: {len(rows)} every {usual_s:.6g} s, at their own times{evened}{gaps}")
+    return made | streams.interpolated(time_s, median(np.diff(issued_s)))
 
 
 def _placed(time_s: Array, issued_s: Array, step_s: float) -> tuple[Array, IntArray, BoolArray, IntArray] | None:
-    """Times of records, which of them were recorded, the commands within them, and the rows of these; None where a row would have two.
+    """Times of records, which of them are recorded, commands within them, and rows of these; None if a row would have two commands.
 
-    A command that was issued as a sample was taken is in the record after it. Lost records in which commands were issued come back, empty.
+    A command at a sample's time is in the next record. Lost records that contain commands are restored as empty rows.
     """
-    slack_s = SAME * step_s
-    own: BoolArray = (issued_s > time_s[0] - step_s - slack_s) & (issued_s < time_s[-1] - slack_s)
+    slack_s = SAME_TIME * step_s
+    inside: BoolArray = (issued_s > time_s[0] - step_s - slack_s) & (issued_s < time_s[-1] - slack_s)
     number = np.concatenate([[0], np.cumsum(_intervals(np.diff(time_s), step_s))])
     whole = np.interp(np.arange(number[-1] + 1), number, time_s)
     for times, kept in ((time_s, np.arange(len(time_s))), (whole, number)):
-        rows = np.searchsorted(times, issued_s[own] + slack_s)
+        rows = np.searchsorted(times, issued_s[inside] + slack_s)
         if not len(issued_s) or (len(rows) > 1 and (np.diff(rows) > 0).all()):
-            return times, kept, own, rows
+            return times, kept, inside, rows
     return None
 
 
 def _intervals(steps_s: Array, step_s: float) -> IntArray:
-    """(n,) usual intervals in each: several where records were lost, and no more than a log may lack."""
+    """(n,) number of usual intervals in each step: more than one for lost records, up to the limits of a log."""
     several = np.round(steps_s / step_s).astype(int)
-    found = np.where((steps_s > LOST * step_s) & (several <= MISSING), several, 1)
+    found = np.where((steps_s > LOST_INTERVAL * step_s) & (several <= MISSING), several, 1)
     return found if (found - 1).sum() <= EMPTY * len(found) else np.ones_like(found)
 
 
 def _issued(commands: Sequence[StreamCommand], cycles_s: Array) -> tuple[Array, float, IntArray] | None:
-    """When commands were issued, by how much their stamps scatter about even times, if these are taken, and their rows.
+    """Issue times of commands, largest scatter about even times (0: time stamps as recorded), and rows; None without one row per cycle.
 
-    None where they are not one row for each of the cycles between ``cycles_s``, or as many as are alike.
+    A cycle may also have several rows of equal values.
     """
     recorded: list[QuantitySignal] = []
     for command in commands:
@@ -187,32 +194,32 @@ def _issued(commands: Sequence[StreamCommand], cycles_s: Array) -> tuple[Array, 
     if not recorded or any(not np.array_equal(one.times.s, recorded[0].times.s) for one in recorded):
         return None
     stamps, step_s, cycle_s = recorded[0].times.s, recorded[0].times.step_s, median(np.diff(cycles_s))
-    if step_s < (1 - LIKE) * cycle_s:
-        first: IntArray = np.searchsorted(stamps, cycles_s - SAME * step_s)
+    if step_s < (1 - SAME_INTERVAL) * cycle_s:
+        first: IntArray = np.searchsorted(stamps, cycles_s - SAME_TIME * step_s)
         follow = np.arange(first[0], first[-1])
         leading = np.repeat(first[:-1], np.diff(first))
         if (np.diff(first) < 1).any() or any((one.values[follow] != one.values[leading]).any() for one in recorded):
             return None
         return stamps[first[:-1]], 0.0, first[:-1]
-    if abs(step_s / cycle_s - 1) > LIKE:
+    if abs(step_s / cycle_s - 1) > SAME_INTERVAL:
         return None
     line, _ = resample.even(stamps)
     scatter_s = float(np.abs(line - stamps).max())
     rows = np.arange(len(stamps))
-    if scatter_s > STAMPED * step_s:
+    if scatter_s > MAX_SCATTER * step_s:
         return stamps, 0.0, rows
-    return line, scatter_s if scatter_s > SAME * step_s else 0.0, rows
+    return line, scatter_s if scatter_s > SAME_TIME * step_s else 0.0, rows
 
 
 def _in_rows(values: Array, rows: IntArray, count: int) -> Array:
-    """(count,) values in these rows, and nothing in the others."""
+    """(count,) values in the given rows, NaN in others."""
     found = np.full(count, np.nan)
     found[rows] = values
     return found
 
 
 def _read_off(signal: QuantitySignal, time_s: Array, cycle_s: float) -> str:
-    """How what is read off at the ends of records was come by, and what of it is made up."""
+    """Description of an interpolation at the ends of records, with a warning if it can change results."""
     step = signal.times.step_s
     said = f"every {step:.6g} s, interpolated to the records' ends"
     if signal.key == "supply":
@@ -225,23 +232,23 @@ def _read_off(signal: QuantitySignal, time_s: Array, cycle_s: float) -> str:
     within = (signal.times.s >= time_s[0]) & (signal.times.s <= time_s[-1])
     change = np.diff(signal.values[within, 0])
     evenly = (np.diff(change) ** 2).sum() < STEADY**2 * (change**2).sum()  # as what turns without steps of its torque
-    if ENOUGH * step < cycle_s or evenly or resample.all_at(time_s, signal.times.s[within], SAME * step):
+    if READINGS_PER_CYCLE * step < cycle_s or evenly or resample.all_at(time_s, signal.times.s[within], SAME_TIME * step):
         return said
     return (
         f"{said}, where it was not read: {cycle_s / step:.3g} times in a control cycle of {cycle_s:.6g} s. Where its torque steps between "
-        f"two readings the speed is made up. Log it at the records' ends, or {math.ceil(ENOUGH)} times in a control cycle"
+        f"two readings the speed is made up. Log it at the records' ends, or {math.ceil(READINGS_PER_CYCLE)} times in a control cycle"
     )
 
 
 class _Span(NamedTuple):
-    """When a signal is there."""
+    """Signal with the times at which it has data."""
 
     signal: QuantitySignal
     at_s: Array
 
 
 def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands: Sequence[StreamCommand]) -> Array:
-    """Where records begin and end, whole control cycles of them within all streams; the gyro's span is the first."""
+    """Edges of records in whole control cycles with data of all streams, s; the first span is that of the gyro."""
     gyro, knots = spans[0].signal, spans[0].at_s
     first, last = max(spans, key=lambda one: one.at_s[0]), min(spans, key=lambda one: one.at_s[-1])
     late, early = first.signal, last.signal
@@ -259,19 +266,19 @@ def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands:
     length = records.interval_s or (records.samples or 1) * gyro.times.step_s
     cycle = length * records.per_cycle
     recorded = [one.signal.times for one in commands if one.signal.paths]
-    driving = next((times for times in recorded if abs(times.step_s / cycle - 1) < LIKE), None)
-    slack = SAME * gyro.times.step_s
+    driving = next((times for times in recorded if abs(times.step_s / cycle - 1) < SAME_INTERVAL), None)
+    slack = SAME_TIME * gyro.times.step_s
     begun = None if driving is not None else streamcommands.where_they_change(commands, start - slack, cycle)
     if driving is not None and (driving.s >= start - slack).any():
         start = streamcommands.begun_with(driving.s[driving.s >= start - slack], start - slack, cycle)
-        signals.made.append(f"control cycles begin with the first command by {driving.path!r}, at {start + zero:.13g} s")
+        signals.conversions.append(f"control cycles begin with the first command by {driving.path!r}, at {start + zero:.13g} s")
     elif begun is not None:
         start = begun
-        signals.made.append(f"control cycles begin where commands change, the first at {start + zero:.13g} s")
+        signals.conversions.append(f"control cycles begin where commands change, the first at {start + zero:.13g} s")
     if records.samples is None:
         edges = start + length * np.arange(max(int((end - start + slack) / length), 0) + 1)
     else:
-        # commands are stamped with less care than a cycle is long; without any, nothing before the start is taken
+        # commands are stamped less precisely than a cycle; without commands, nothing before the start is used
         told = driving is not None or begun is not None
         near = int(np.argmin(np.abs(knots - start))) if told else int(np.searchsorted(knots, start - slack))
         edges = knots[near :: records.samples]
@@ -288,13 +295,13 @@ def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands:
 
 
 def _check(signals: Signals, edges: Array, sensors: Sequence[QuantitySignal], slow: Sequence[QuantitySignal]) -> None:
-    """Sensors must be at least as fast as records, and nothing may have a gap but an attitude that no command is turned with."""
+    """Raise :class:`InputError` for sensors slower than records, and for gaps (not in an attitude that rotates no commands)."""
     length = median(np.diff(edges))
     for signal in sensors:
         if signal.paths and signal.times.step_s > 1.01 * length:
             raise signals.refused(
                 signal,
-                f"{signals.again.get(signal.key, 'comes')} every {signal.times.step_s:.6g} s, so records of {length:.6g} s would be "
+                f"{signals.repeats.get(signal.key, 'comes')} every {signal.times.step_s:.6g} s, so records of {length:.6g} s would be "
                 "invented. Make records at least as long",
             )
     for signal in (*sensors, *slow):
@@ -303,7 +310,7 @@ def _check(signals: Signals, edges: Array, sensors: Sequence[QuantitySignal], sl
         if not signal.paths:
             continue
         steps = np.diff(inside)
-        lost = np.flatnonzero(steps > LOST * times.step_s)
+        lost = np.flatnonzero(steps > LOST_INTERVAL * times.step_s)
         wide = lost[(steps[lost] > length) & (steps[lost] > GAP * times.step_s)]
         if wide.size:
             at = inside[wide[0]]
@@ -313,7 +320,7 @@ def _check(signals: Signals, edges: Array, sensors: Sequence[QuantitySignal], sl
                 "it with records.start_s or end_s",
             )
         if lost.size:
-            signals.made.append(
+            signals.conversions.append(
                 f"{signal.key}: {lost.size} gap(s) of up to {steps[lost].max():.6g} s, shorter than a record, are interpolated; the first "
                 f"after {inside[lost[0]] + times.zero_s:.13g} s"
             )

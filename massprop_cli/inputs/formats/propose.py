@@ -1,4 +1,4 @@
-"""A draft of the map file: names, units and clocks fill it in, with the reason; all else is a question, "?", which no reader takes."""
+"""Draft of a map file. Names, units and clocks fill it in, with the reason; the rest are questions, "?", which no reader accepts."""
 
 import json
 import re
@@ -13,11 +13,11 @@ from massprop_cli.inputs.formats.recording import RecordedStream, Recording
 from massprop_cli.inputs.formats.vectors import COMMANDS, SENSORS, Vector, VectorName, attitudes, fitting, vectors
 
 _MANY, _ACTUATORS = 8, 64
-"""Choices that are listed of one quantity, and streams that may command actuators; how many there are beyond is said."""
+"""Maximum number of candidates per quantity, and of streams per actuator table; the draft states how many more there are."""
 _RECORDS = 10
-"""Records of a control cycle; more tell hardly more."""
+"""Maximum number of records per control cycle."""
 _LONG_AGO_S = 1e6
-"""A clock beyond this counts from no beginning of a recording."""
+"""Start of a clock above which it does not start with the recording, s."""
 _VALUES = {
     "sensor_combined": ("mean", "PX4 averages over the interval before"),
     "vehicle_angular_velocity": ("sample", "PX4's filtered rate at its time"),
@@ -25,16 +25,16 @@ _VALUES = {
     "angular_velocity": ("sample", "a sensor_msgs/Imu is of its stamp"),
     "linear_acceleration": ("sample", "a sensor_msgs/Imu is of its stamp"),
 }
-"""What a number is, where a standard says so."""
+"""Meaning of values in standard messages."""
 _NO_VALVE = re.compile(r"temp|enable|press|count|status|fault|volt|current", re.IGNORECASE)
-"""What is told of a jet beside its command."""
-_DRIVEN = {
+"""Names of jet data other than commands."""
+_ACTUATOR_NAMES = {
     "jets": re.compile(r"jet|valve|thr(uster)?(?![a-z])|solenoid|actuator|pwm|duty|on_?time", re.IGNORECASE),
     "rotors": re.compile(r"motor|(?<![a-z])fan(?![a-z])", re.IGNORECASE),
     "wheels": re.compile(r"(?<![a-z])(rpm|rw|esc|wheel|rotor|prop)(?![a-z])", re.IGNORECASE),
     "control_moment_gyros": re.compile(r"gimbal|(?<![a-z])cmg(?![a-z])", re.IGNORECASE),
 }
-"""How commands of valves and of rotors (PX4: ``actuator_motors/control[0]``), speeds, angles of gimbals are called; the last fit holds."""
+"""Names of commands, speeds or angles by actuator table (PX4: ``actuator_motors/control[0]``); the last match counts."""
 _TABLES = {
     "jets": (
         "or, instead of [torque] and [force], for each jet",
@@ -49,15 +49,15 @@ _TABLES = {
     ),
     "control_moment_gyros": ("for each control moment gyro", "", "rad or deg: the gimbal's angle"),
 }
-"""Of each table of a map: for what it is, what stands behind its name, and its units."""
+"""Comment on each actuator table of a map: purpose, text after its name, and units."""
 _HEADINGS = re.compile(r"(?:.*_)?(?:heading|yaw|psi|azimuth)(?:_?(?:angle|rad|deg))?", re.IGNORECASE)
-"""How an angle about the vertical is called."""
+"""Names of an angle about the vertical."""
 _ASK_INCREMENTS = '"increment", by its unit, if each covers all the time since the one before and none was left out when they were logged'
 _ASK_VALUES = '"sample": the rate at its time; "mean": since the one before; "increment": the change since the one before'
 
 
 def draft(read: Recording) -> str:
-    """The text of a map file, with its questions."""
+    """Text of a map file with questions."""
     found, clocks = vectors(read), listing.Clocks(read)
     chosen: dict[str, Vector] = {}
     lines = ["schema = 1", f'# drafted from {read.path.name} ({read.kind}); answer every "?", and drop what is not wanted']
@@ -78,7 +78,7 @@ def draft(read: Recording) -> str:
 
 
 def _one_clock(lines: list[str]) -> list[str]:
-    """A clock that every table would repeat stands once, at the top."""
+    """Lines with a clock that all tables share at the top."""
     tables = sum(line.startswith("[") for line in lines)
     said = [line for line in lines if line.startswith("clock = ")]
     if len(said) < 2 or len(said) < tables or len({line.partition("#")[0] for line in said}) > 1:
@@ -87,7 +87,7 @@ def _one_clock(lines: list[str]) -> list[str]:
 
 
 def questions(text: str) -> int:
-    """How many a draft has."""
+    """Number of lines with a question."""
     return sum(line.partition("#")[0].count('"?"') > 0 for line in text.splitlines())
 
 
@@ -99,7 +99,7 @@ def _section(clocks: listing.Clocks, quantity: VectorName, found: Sequence[Vecto
         settled = len(candidates) == 1
     lines = [f"[{quantity.key}]", *(f"# not {json.dumps(paths, ensure_ascii=False)}: {said}" for paths, said in partial.items())]
     if not settled:
-        some = [f"#   {json.dumps(v.paths, ensure_ascii=False)}{_said(clocks, v)}" for v in candidates[:_MANY]]
+        some = [f"#   {json.dumps(v.paths, ensure_ascii=False)}{_remark(clocks, v)}" for v in candidates[:_MANY]]
         many = "this could be it; take it if it is" if len(candidates) == 1 else f"{len(candidates)} could be it; take one of"
         none = f"nothing {'else ' * bool(partial)}is called so; three paths of massprop columns, or numbers"
         why = many if candidates else none
@@ -107,7 +107,7 @@ def _section(clocks: listing.Clocks, quantity: VectorName, found: Sequence[Vecto
         return [*lines, f"# {why}", *some, 'paths = ["?", "?", "?"]', 'unit = "?"', asked, ""]
     vector = candidates[0]
     chosen[quantity.key] = vector
-    lines.append(f"paths = {json.dumps(vector.paths, ensure_ascii=False)}{_said(clocks, vector)}")
+    lines.append(f"paths = {json.dumps(vector.paths, ensure_ascii=False)}{_remark(clocks, vector)}")
     lines += _clock(clocks, vector.paths[0])
     if quantity in SENSORS:
         return [*lines, *_where(clocks, vector), *_sensor(clocks, quantity, vector), ""]
@@ -117,7 +117,7 @@ def _section(clocks: listing.Clocks, quantity: VectorName, found: Sequence[Vecto
 
 
 def _where(clocks: listing.Clocks, vector: Vector) -> list[str]:
-    """The question which sensor of several in one table is meant."""
+    """Question for the sensor, if a table seems to have several; else empty."""
     one = vector.streams[0]
     found = selection.sensors(clocks.streams, one.rows, np.flatnonzero(np.isfinite(np.asarray(one.values, np.float64))), None)
     if found is None:
@@ -127,7 +127,7 @@ def _where(clocks: listing.Clocks, vector: Vector) -> list[str]:
 
 
 def _covering(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> tuple[RecordedStream, bool] | None:
-    """Of increments the stream that says how long each covers, and whether that is all the time; None where there is none."""
+    """Stream with the interval of each increment, and whether the increments cover the whole time; None without such a stream."""
     length = interval_stream(clocks.streams, vector.paths)
     found = clocks.of(vector.streams[0])
     if length is None or len(found) != 1 or units.factor(vector.unit, quantity.increments) is None:
@@ -137,7 +137,7 @@ def _covering(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> t
 
 
 def _left_out(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> str:
-    """Why increments are not all that happened; empty where nothing says so."""
+    """Reason why increments do not cover the whole motion; empty if unknown."""
     found = _covering(clocks, quantity, vector)
     if found is None or found[1]:
         return ""
@@ -145,7 +145,7 @@ def _left_out(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> s
     return f"by {found[0].path!r} each covers {covered_interval(found[0]):.6g}, and they come every {step:.6g} by their clock"
 
 
-def _said(clocks: listing.Clocks, vector: Vector) -> str:
+def _remark(clocks: listing.Clocks, vector: Vector) -> str:
     rate = clocks.rate_hz(vector.streams[0])
     parts = [
         f"{clocks.samples(vector.streams[0])} samples",
@@ -182,7 +182,7 @@ def _sensor(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> lis
 
 
 def _unit(quantity: VectorName, vector: Vector) -> list[str]:
-    """The line for a unit, none where one of this quantity is recorded: by the name, or by the numbers, of which only gravity tells."""
+    """Line for the unit; empty if the file gives it. Its source is the name, or the values: only gravity is recognised."""
     unit = next((unit for unit in quantity.known if units.plain(unit) == units.plain(vector.unit)), None)
     if unit is not None:
         return [] if vector.streams[0].unit else [f'unit = "{unit}"   # by its name']
@@ -214,10 +214,14 @@ def _jet(clocks: listing.Clocks, path: str) -> list[str]:
 
 
 def _actuators(clocks: listing.Clocks) -> list[str]:
-    """Streams that may be of jets, rotors, wheels or gimbals, for whoever has those beside or instead of a wrench."""
-    paths: dict[str, list[str]] = {table: [] for table in _DRIVEN}
+    """Tables of jets, rotors, wheels and gimbals as comments, with candidate streams."""
+    paths: dict[str, list[str]] = {table: [] for table in _ACTUATOR_NAMES}
     for path, stream in clocks.streams.items():
-        tables = [table for table, called in _DRIVEN.items() if called.search(path) or (table == "wheels" and stream.unit.lower() == "rpm")]
+        tables = [
+            table
+            for table, called in _ACTUATOR_NAMES.items()
+            if called.search(path) or (table == "wheels" and stream.unit.lower() == "rpm")
+        ]
         clock = listing.leaf(path) in (*listing.CLOCK_NAMES, "timestamp_sample")
         if tables and not clock and not _NO_VALVE.search(path) and clocks.samples(stream):
             paths[tables[-1]].append(path)
@@ -225,7 +229,7 @@ def _actuators(clocks: listing.Clocks) -> list[str]:
 
 
 def _table(clocks: listing.Clocks, table: str, paths: Sequence[str]) -> list[str]:
-    """A table of an actuator as a comment, with the paths that may be its own."""
+    """Table of an actuator as a comment, with candidate paths."""
     whose, behind, unit = _TABLES[table]
     more = len(paths) - _ACTUATORS
     return [
@@ -240,7 +244,7 @@ def _table(clocks: listing.Clocks, table: str, paths: Sequence[str]) -> list[str
 
 
 def _clock(clocks: listing.Clocks, path: str) -> list[str]:
-    """The clock of a stream, where the file doesn't say."""
+    """Line for the clock of a stream; empty if the file gives it."""
     stream = clocks.streams[path]
     some = clocks.of(stream)
     if len(some) != 1:
@@ -256,7 +260,7 @@ def _clock(clocks: listing.Clocks, path: str) -> list[str]:
 
 
 def _attitude(clocks: listing.Clocks, found: Sequence[Vector]) -> list[str]:
-    """Optional, so a comment; of a name that is a heading's, which is one on a planar table."""
+    """Tables of attitude as comments, because it is optional: headings for planar tables, and quaternions."""
     lines: list[str] = []
     for one in [one for path, one in clocks.streams.items() if _HEADINGS.fullmatch(listing.leaf(path))][:_MANY]:
         lines += ["# [attitude]   # optional, on a planar table", f"# paths = [{json.dumps(one.path, ensure_ascii=False)}]"]
@@ -266,20 +270,20 @@ def _attitude(clocks: listing.Clocks, found: Sequence[Vector]) -> list[str]:
         px4 = vector.stem.startswith("vehicle_attitude")
         order = '"wxyz"' if vector.axes == "wxyz" or px4 else '"?"   # "wxyz" or "xyzw"'
         world = '"z_down"   # PX4: NED' if px4 else '"?"   # "z_up" or "z_down"'
-        lines += ["# [attitude]   # optional", f"# paths = {json.dumps(vector.paths, ensure_ascii=False)}{_said(clocks, vector)}"]
+        lines += ["# [attitude]   # optional", f"# paths = {json.dumps(vector.paths, ensure_ascii=False)}{_remark(clocks, vector)}"]
         lines += [f"# {line}" for line in _clock(clocks, vector.paths[0])]
         lines += [f"# order = {order}", '# turns = "world_from_body"   # or "body_from_world"', f"# world = {world}", ""]
     return lines
 
 
 def _records(clocks: listing.Clocks, chosen: Mapping[str, Vector], jets: Sequence[str]) -> list[str]:
-    """How rows of the log are to be made, where the streams' clocks differ."""
+    """Table of records, if the streams have different clocks."""
     sensors = [chosen[key].streams[0] for key in ("gyro", "accelerometer") if key in chosen]
     commands = [chosen[key].streams[0] for key in ("torque", "force") if key in chosen] + [clocks.streams[path] for path in jets[:1]]
     streams = [*sensors, *commands]
     complete = len(sensors) == 2 and bool(commands)
     one_clock = len({tuple(clocks.of(one)) for one in streams}) == 1
-    # an IMU in every row, and commands in some of them
+    # the IMU in every row, and commands in some
     if complete and one_clock and all(clocks.samples(one) == one.rows for one in sensors):
         return ["# all on one clock: the file's rows are the log's, and commands change with the first row of a control cycle only"]
     steps = [clocks.step(found[0], one) for one in streams if len(found := clocks.of(one)) == 1]

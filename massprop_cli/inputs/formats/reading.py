@@ -1,4 +1,4 @@
-"""A recording read: a table here, any other in a process of its own (:mod:`massprop_cli.inputs.formats.isolated`)."""
+"""Reading of recordings: tables in this process, other formats in an isolated one (:mod:`massprop_cli.inputs.formats.isolated`)."""
 
 import hashlib
 import re
@@ -16,7 +16,7 @@ from massprop_cli.inputs.formats.recording import TABLE, Numbers, Read, Recorded
 
 
 def load(path: Path) -> Recording:
-    """A recording from its file, or from the folder of a ROS 2 bag."""
+    """Read a recording from a file, or from the folder of a ROS 2 bag."""
     if is_bag(path):
         return joined(path, [load(file) for file in files(path)])
     if limits.is_folder(path):
@@ -28,33 +28,33 @@ def load(path: Path) -> Recording:
 
 
 def read(path: Path, data: Content) -> Recording:
-    """A recording from a file's bytes; :class:`InputError` where it can't be read."""
+    """Read a recording from a file's bytes. Raises :class:`InputError` if it cannot be read."""
     if not data:
         raise InputError(f"{path}: the file is empty; record the log again")
     found = kind(path)
     if found is TABLE:
-        said = read_table(path, data)
+        contents = read_table(path, data)
     else:
         from massprop_cli.inputs.formats import isolated
 
-        said = isolated.read(path, bytes(data), found)
+        contents = isolated.read(path, bytes(data), found)
     streams: dict[str, RecordedStream] = {}
-    for one in counted(path, said.streams):
+    for one in counted(path, contents.streams):
         streams.setdefault(one.path, one)
     if not any(one.rows for one in streams.values()):
-        for unread, why in said.unread.items():
+        for unread, why in contents.unread.items():
             raise InputError(f"{path}, {unread!r}: {why}")
         raise InputError(f"{path}: holds no numbers; record the log again")
-    return Recording(path, spill.digest(data), found.name, streams, said.parameters, said.vehicle, said.map, said.unread)
+    return Recording(path, spill.digest(data), found.name, streams, contents.parameters, contents.vehicle, contents.map, contents.unread)
 
 
 def read_table(path: Path, data: Content) -> Read:
-    """A stream for each column, whatever it holds; its numbers are read_table when they are asked for."""
+    """Streams of a table, one per column; their values are converted on demand."""
     table = tablefile.columns_of(path, data)
     streams = []
     for name, cells in table.columns.items():
         load: Callable[[], Numbers] = cells.counts if cells.instants else cells.recorded
-        unit = cells.instants or cells.unit or units.behind(name)[1]
+        unit = cells.instants or cells.unit or units.without_suffix_unit(name)[1]
         streams.append(RecordedStream(name, table.rows, load, unit=unit, place=cells.place, texts=cells.texts))
     return Read(streams, vehicle=table.embedded_vehicle, map=table.embedded_map)
 
@@ -62,16 +62,16 @@ def read_table(path: Path, data: Content) -> Read:
 METADATA = "metadata.yaml"
 STORAGE = (".mcap", ".db3")
 _LISTED = re.compile(r"^\s*-\s+['\"]?([^'\"\n]+\.(?:mcap|db3)(?:\.\w+)?)['\"]?\s*$", re.MULTILINE)
-"""An entry of ``relative_file_paths``."""
+"""Entry of ``relative_file_paths``."""
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is such a folder, or one with a single file of a bag, whose metadata.yaml is lost."""
+    """Whether a path is the folder of a ROS 2 bag, or has one bag file without metadata.yaml."""
     return limits.is_folder(path) and ((path / METADATA).is_file() or len(_stored(path)) == 1)
 
 
 def check_no_bag(folder: Path) -> None:
-    """:class:`InputError` where a folder holds several files of bags and nothing says which belong together."""
+    """Raise :class:`InputError` if a folder has several bag files without metadata.yaml."""
     stored = _stored(folder)
     if stored:
         raise InputError(
@@ -81,7 +81,7 @@ def check_no_bag(folder: Path) -> None:
 
 
 def _stored(folder: Path) -> list[Path]:
-    """A folder's files of bags, in the order of their names."""
+    """Bag files of a folder, by name."""
     try:
         return sorted(path for path in folder.iterdir() if path.suffix in STORAGE and path.is_file())
     except OSError:  # not to be listed
@@ -89,7 +89,7 @@ def _stored(folder: Path) -> list[Path]:
 
 
 def joined(folder: Path, parts: Sequence[Recording]) -> Recording:
-    """The streams of all its files."""
+    """Recording with the streams of all bag files joined."""
     paths = dict.fromkeys(path for part in parts for path in part.streams)
     streams = {path: _joined([part.streams[path] for part in parts if path in part.streams]) for path in paths}
     limits.NUMBERS.check(str(folder), sum(one.rows for one in streams.values()))
@@ -99,7 +99,7 @@ def joined(folder: Path, parts: Sequence[Recording]) -> Recording:
 
 
 def files(folder: Path) -> list[Path]:
-    """Its files in the order of metadata.yaml, which is that of time; :class:`InputError` where one is missing or packed."""
+    """Bag files in the order of metadata.yaml, which is the order of time. Raises :class:`InputError` for missing or compressed files."""
     if not (folder / METADATA).is_file():
         return _stored(folder)
     text = limits.content(folder / METADATA, "map file").decode(errors="replace")
@@ -116,7 +116,7 @@ def files(folder: Path) -> list[Path]:
 
 
 def _joined(parts: Sequence[RecordedStream]) -> RecordedStream:
-    """One stream after the other."""
+    """Stream with the values of all parts in succession."""
     first = parts[0]
     if len(parts) == 1:
         return first

@@ -1,4 +1,7 @@
-"""The interface of formats: a module with ``read(path, data) -> Read`` and a line in :data:`KINDS`. What ``read`` raises means damage."""
+"""Interface of formats: a module with ``read(path, data) -> Read``, and a line in :data:`KINDS`.
+
+Exceptions of ``read`` mean a damaged file.
+"""
 
 import re
 import warnings
@@ -17,64 +20,64 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 
 Numbers = NDArray[Any]
-"""Numbers of any type: clocks of nanoseconds stay whole."""
+"""Numbers of any type; integer nanoseconds keep their precision."""
 
 
 @dataclass(frozen=True)
 class RecordedStream:
-    """One signal of a recording."""
+    """Signal of a recording."""
 
     path: str
-    """Its name in the file, unique there."""
+    """Name in the file, unique."""
     rows: int
     load: Callable[[], Numbers] = field(repr=False)
     clock: str = ""
-    """Path of the stream that holds its times; empty where the file doesn't say."""
+    """Path of the stream with its times; empty if the file does not state it."""
     unit: str = ""
-    """As recorded; empty where none is."""
+    """Unit as recorded; empty if none."""
     place: Callable[[int], str] = field(default="sample {}".format, repr=False)
-    """How a person finds one of them."""
+    """Text that locates a sample for the user."""
     texts: Callable[[], list[str | None]] | None = field(default=None, repr=False)
-    """The cells as text, None for an empty one; None where the file has numbers alone."""
+    """Function that gives the cells as text, None for empty ones; None if the file has only numbers."""
 
     @cached_property
     def values(self) -> Numbers:
-        """(rows,) numbers. :class:`InputError` where a cell is none."""
+        """(rows,) values. Raises :class:`InputError` for a cell that is not a number."""
         return self.load()
 
 
 def stream(path: str, values: Numbers, clock: str = "", unit: str = "") -> RecordedStream:
-    """A stream of values at hand."""
+    """Stream with the given values."""
     return RecordedStream(path, len(values), lambda: values, clock, unit)
 
 
 @dataclass(frozen=True)
 class Recording:
-    """A file as its reader gives it."""
+    """Content of a recording."""
 
     path: Path
     sha256: str
     kind: str
-    """What the file is, for messages."""
+    """Name of the format, for messages."""
     streams: Mapping[str, RecordedStream]
     parameters: Mapping[str, float] = field(default_factory=dict)
-    """Settings of the vehicle that the file carries, such as PX4's."""
+    """Parameters of the vehicle in the file, such as PX4's."""
     vehicle: str | None = None
-    """A vehicle file within."""
+    """Embedded vehicle file."""
     map: str | None = None
-    """A map file within."""
+    """Embedded map file."""
     unread: Mapping[str, str] = field(default_factory=dict)
-    """What the file holds and no reader can read, by its path: what it is, and what to do."""
+    """Unreadable parts of the file by path, with their kind and a remedy."""
 
     def why_unread(self, path: str) -> str:
-        """Why there are no streams below a path; empty where the file holds nothing unreadable there."""
+        """Reason why a path has no streams; empty if the file has nothing unreadable there."""
         above = next((part for part in self.unread if path == part or path.startswith(tuple(part + mark for mark in "/.({["))), None)
         return "" if above is None else f"{above!r} {self.unread[above]}"
 
 
 @dataclass(frozen=True)
 class Read:
-    """What a reader gives."""
+    """Result of a reader."""
 
     streams: Iterable[RecordedStream]
     parameters: Mapping[str, float] = field(default_factory=dict)
@@ -83,20 +86,20 @@ class Read:
     unread: Mapping[str, str] = field(default_factory=dict)
 
 
-_ASIDE = re.compile(r"['\"]?(<_io\.BytesIO[^>]*>|\S*\brecording\.\w+)['\"]?")
+_TEMPORARY = re.compile(r"['\"]?(<_io\.BytesIO[^>]*>|\S*\brecording\.\w+)['\"]?")
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A format."""
+    """Format of recordings."""
 
     name: str
     module: str
-    """In this package."""
+    """Module in this package."""
     endings: tuple[str, ...]
-    """Of its files' names; .csv and .tsv may end in .gz besides."""
+    """Suffixes of file names; .csv and .tsv may also end in .gz."""
     extra: str = ""
-    """Of the distribution, where it needs one."""
+    """Extra of the distribution that the reader needs."""
 
 
 TABLE = Kind("table", "reading", (".parquet", ".csv", ".tsv"))
@@ -114,18 +117,18 @@ SUFFIXES = (*KINDS, ".csv.gz", ".tsv.gz")
 
 
 def maps_beside(log: str) -> tuple[str, str]:
-    """The names of map files that belong to a log of this name, the first before the second."""
+    """Names of map files for a log, in order of priority."""
     return f"{foldername.stem(log)}.map.toml", "map.toml"
 
 
 def suffix(path: Path) -> str:
-    """How the file's name ends, in lower case, without a .gz."""
+    """Suffix of a file name, lower case, without .gz."""
     plain = path.with_suffix("") if path.suffix.lower() == ".gz" else path
     return plain.suffix.lower()
 
 
 def kind(path: Path) -> Kind:
-    """The format of a file by its name; :class:`InputError` where it is none."""
+    """Format of a file, by its name. Raises :class:`InputError` for an unknown suffix."""
     found = KINDS.get(suffix(path))
     if found is None or (path.suffix.lower() == ".gz" and suffix(path) not in (".csv", ".tsv")):
         of_text = path.suffix.lower() in (".txt", ".lvm", ".dat", ".asc")
@@ -137,12 +140,12 @@ def kind(path: Path) -> Kind:
 
 
 def is_plain(path: Path) -> bool:
-    """Whether a file is a table, which may be a log without any map."""
+    """Whether a file is a table, which can be a log without a map."""
     return KINDS.get(suffix(path)) is TABLE
 
 
 def counted(path: Path, streams: Iterable[RecordedStream]) -> Iterator[RecordedStream]:
-    """The streams, as long as there are no more of them, and no more numbers in them, than the limits allow."""
+    """Yield the streams. Raises :class:`InputError` for more streams or values than the limits."""
     cells = 0
     for number, one in enumerate(streams, 1):
         cells += one.rows
@@ -153,7 +156,7 @@ def counted(path: Path, streams: Iterable[RecordedStream]) -> Iterator[RecordedS
 
 @contextmanager
 def damaged(path: Path, found: Kind) -> Iterator[None]:
-    """What a library raises over a file becomes an :class:`InputError`: each raises errors of its own, and most any."""
+    """Convert exceptions of a library in the block to :class:`InputError`; libraries raise exceptions of many types."""
     try:
         with unremarked():
             yield
@@ -164,29 +167,29 @@ def damaged(path: Path, found: Kind) -> Iterator[None]:
 
 
 def reason(error: Exception) -> str:
-    """What an error says; neither a file's copy aside nor an object's address is anything to a reader."""
-    return _ASIDE.sub("the file", " ".join((str(error) or type(error).__name__).split()))[:300]
+    """Text of an exception, without temporary paths and object addresses."""
+    return _TEMPORARY.sub("the file", " ".join((str(error) or type(error).__name__).split()))[:300]
 
 
 @contextmanager
 def unremarked() -> Iterator[None]:
-    """A library's remarks on itself are no concern of whoever reads the result."""
+    """Suppress warnings of libraries in the block."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
 
 
 def whole(values: Numbers) -> Numbers:
-    """Numbers as they are, true and false as 1 and 0."""
+    """Values; booleans as 0 and 1."""
     return values.astype(np.uint8) if values.dtype == bool else values
 
 
 _IN_BRACKETS, _SLASH = re.compile(r"\[[^\[\]]*\]|\([^()]*\)"), "\0"
-"""A slash of a unit, as in ``gyro_x [deg/s]``, parts no levels."""
+"""A slash within a unit, as in ``gyro_x [deg/s]``, does not separate levels."""
 
 
 def fitting(pattern: str, paths: Sequence[str]) -> list[str]:
-    """The paths that a pattern fits, 2 before 10: ``*`` is any text within a level, ``**`` any text, ``?`` one character."""
+    """Paths that match a pattern, in natural order: ``*`` any text within a level, ``**`` any text, ``?`` one character."""
     if pattern in paths:
         return [pattern]
     parts = [part for part in re.split(r"(\*\*|\*|\?)", pattern) if part]
@@ -194,7 +197,7 @@ def fitting(pattern: str, paths: Sequence[str]) -> list[str]:
 
 
 def _fits(parts: Sequence[str], path: str) -> bool:
-    """Whether a pattern's parts fit a path, in a time that grows as the product of their lengths: a regular expression's may explode."""
+    """Whether a pattern matches a path. Time is proportional to the product of lengths; regular expressions can be exponential."""
     ends = {0}
     path = _IN_BRACKETS.sub(lambda unit: unit[0].replace("/", _SLASH), path)
     for part in parts:
@@ -212,7 +215,7 @@ def _fits(parts: Sequence[str], path: str) -> bool:
 
 
 def _within_level(starts: set[int], path: str) -> set[int]:
-    """Where any text without a slash may end that begins at one of these."""
+    """Possible ends of a text without slash that starts at one of ``starts``."""
     found, reached = set(), False
     for at in range(len(path) + 1):
         reached = at in starts or (reached and path[at - 1] != "/")
@@ -222,5 +225,5 @@ def _within_level(starts: set[int], path: str) -> set[int]:
 
 
 def natural(path: str) -> list[tuple[int, str]]:
-    """Sorts x2 before x10."""
+    """Sort key of natural order: x2 before x10."""
     return [(int(part), "") if part.isdecimal() and part.isascii() else (-1, part) for part in re.split(r"(\d+)", path)]

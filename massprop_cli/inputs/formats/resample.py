@@ -1,4 +1,4 @@
-"""Streams on a log's records and cycles: rates are integrated and increments summed over records, commands averaged over cycles."""
+"""Resampling to records and cycles: rates are integrated, increments summed, commands averaged."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 Values = Literal["sample", "mean", "increment"]
 Holds = Literal["until_next", "since_last"]
 WANDER = 50
-"""Samples whose stamps' scatter is averaged."""
+"""Number of samples over which the scatter of time stamps is averaged."""
 
 
 def even(stamps_s: Array) -> tuple[Array, float]:
-    """(n,) even times along the line through stamps, and their wander: the largest mean offset of ``WANDER`` in a row, in intervals."""
+    """(n,) evenly spaced times fitted to the time stamps, and their wander: largest mean residual of ``WANDER`` samples, in intervals."""
     number = np.arange(len(stamps_s))
     slope, first = np.polyfit(number, stamps_s, 1)
     line: Array = first + slope * number
@@ -33,19 +33,19 @@ def even(stamps_s: Array) -> tuple[Array, float]:
 
 
 def knots(times_s: Array, kind: Values) -> Array:
-    """When a sum of increments is known: at the samples, and for what is over an interval at the beginning of the first."""
+    """Times at which the sum of increments is known: times of samples; for values over intervals, also the start of the first interval."""
     return times_s if kind == "sample" else np.insert(times_s, 0, times_s[0] - np.median(np.diff(times_s)))
 
 
 def all_at(knots_s: Array, times_s: Array, slack_s: float) -> bool:
-    """Whether each time is that of a knot."""
+    """Whether each time is within ``slack_s`` of a knot."""
     after = np.clip(np.searchsorted(knots_s, times_s), 1, len(knots_s) - 1)
     away = np.minimum(np.abs(knots_s[after] - times_s), np.abs(knots_s[after - 1] - times_s))
     return bool((away < slack_s).all())
 
 
 def increments(values: Array, times_s: Array, kind: Values, edges_s: Array) -> Array:
-    """(m, 3) increments between m + 1 edges within the :func:`knots`; evenly within one sample's interval, of rates their trapezium."""
+    """(m, 3) increments between m + 1 edges within the :func:`knots`, by linear interpolation of the sum; rates by the trapezoidal rule."""
     known = knots(times_s, kind)
     steps = np.diff(known)[:, None]
     each = values if kind == "increment" else values * steps if kind == "mean" else (values[1:] + values[:-1]) / 2 * steps
@@ -53,33 +53,33 @@ def increments(values: Array, times_s: Array, kind: Values, edges_s: Array) -> A
 
 
 def _summed(each: Array, knots_s: Array, edges_s: Array) -> Array:
-    """(m, n) between m + 1 edges, of what comes evenly between knots."""
+    """(m, n) sums between m + 1 edges of ``each``, which accrues linearly between knots."""
     total = np.vstack([np.zeros(each.shape[1]), np.cumsum(each, 0)])
     return np.stack([np.diff(np.interp(edges_s, knots_s, column)) for column in total.T], 1)
 
 
 def means(values: Array, times_s: Array, holds: Holds, edges_s: Array) -> Array:
-    """(m, n) means between m + 1 edges of values that hold until the next, or since the last."""
+    """(m, n) means between m + 1 edges of values that hold until the next value, or since the last."""
     known = span(times_s, holds)
     known[0], known[-1] = (known[0], max(known[-1], edges_s[-1])) if holds == "until_next" else (min(known[0], edges_s[0]), known[-1])
     return _summed(values * np.diff(known)[:, None], known, edges_s) / np.diff(edges_s)[:, None]
 
 
 def span(times_s: Array, holds: Holds) -> Array:
-    """The times from and until which values hold: a command until a median interval after the last, or from one before the first."""
+    """Edges of the intervals in which values hold; the open one has the median length."""
     last = float(np.median(np.diff(times_s)))
     return np.append(times_s, times_s[-1] + last) if holds == "until_next" else np.insert(times_s, 0, times_s[0] - last)
 
 
 def in_each(times_s: Array, edges_s: Array, early: float) -> tuple[IntArray, IntArray]:
-    """How many samples lie in each interval between edges, and the first one's number; one earlier by this part of an interval counts."""
+    """Number of samples in each interval between edges, and index of the first; ``early`` shifts edges by a fraction of an interval."""
     slack = early * float(np.median(np.diff(edges_s)))
     at = np.searchsorted(times_s, edges_s - slack)
     return np.diff(at), np.minimum(at[:-1], len(times_s) - 1)
 
 
 def attitude_at(quaternions: Array, times_s: Array, wanted_s: Array) -> Array:
-    """(m, 4) quaternions between samples, along the straight line and of unit length; outside, the nearest."""
+    """(m, 4) quaternions by normalised linear interpolation; the nearest sample outside."""
     after = np.clip(np.searchsorted(times_s, wanted_s), 1, len(times_s) - 1)
     share = np.clip((wanted_s - times_s[after - 1]) / (times_s[after] - times_s[after - 1]), 0, 1)[:, None]
     first, second = quaternions[after - 1], quaternions[after]
@@ -90,7 +90,7 @@ def attitude_at(quaternions: Array, times_s: Array, wanted_s: Array) -> Array:
 
 
 def nearest_to_samples(times_s: Array, wanted_s: Array, longest_s: float) -> BoolArray:
-    """(m,) which wanted times are the nearest to a sample (each is used once), between two no more than ``longest_s`` apart."""
+    """(m,) whether a wanted time is the nearest to a sample, between samples at most ``longest_s`` apart."""
     before = np.clip(np.searchsorted(wanted_s, times_s), 1, len(wanted_s) - 1) - 1
     found = np.zeros(len(wanted_s), bool)
     found[before + (times_s - wanted_s[before] > wanted_s[before + 1] - times_s)] = True
@@ -99,36 +99,36 @@ def nearest_to_samples(times_s: Array, wanted_s: Array, longest_s: float) -> Boo
 
 
 def z_up(quaternions: Array, world: Literal["z_up", "z_down"]) -> Array:
-    """(n, 4) the same attitudes from a world whose z is up: one with z down is turned half about its x."""
+    """(n, 4) the same attitudes in a world with z up; z down is rotated by half a turn about x."""
     w, x, y, z = quaternions.T
     return quaternions if world == "z_up" else np.stack([-x, w, -z, y], 1)
 
 
-def quaternions(said: Attitude, recorded: Array, refused: Callable[[int, float], InputError]) -> Array:
-    """(n, 4) unit quaternions wxyz of the file's own world from body, of recorded ones (n, 4), or headings (n, 1) in rad.
+def quaternions(entry: Attitude, recorded: Array, refused: Callable[[int, float], InputError]) -> Array:
+    """(n, 4) unit quaternions wxyz, world from body, from recorded quaternions (n, 4) or headings (n, 1), rad.
 
-    ``refused`` says of a row what is wrong with its norm.
+    ``refused`` makes the error for a row with a wrong norm.
     """
-    if said.order == "heading":
+    if entry.order == "heading":
         half, none = recorded[:, 0] / 2, np.zeros(len(recorded))
         recorded = np.stack([np.cos(half), none, none, np.sin(half)], 1)
-    found = recorded[:, [3, 0, 1, 2]] if said.order == "xyzw" else recorded
+    found = recorded[:, [3, 0, 1, 2]] if entry.order == "xyzw" else recorded
     norm = np.linalg.norm(found, axis=1)
     bad = np.flatnonzero(np.abs(norm - 1) > OFF_UNIT)
     if bad.size:
         raise refused(int(bad[0]), float(norm[bad[0]]))
     found = found / norm[:, None]
-    if said.turns == "body_from_world":
+    if entry.turns == "body_from_world":
         found = inverse(found)
-    return about_axes(found, said.axes)
+    return about_axes(found, entry.axes)
 
 
 def about_axes(quaternions: Array, axes: Sequence[str]) -> Array:
-    """(n, 4) the same attitudes of a body whose x, y, z are these of its axes: ``("x", "-y", "-z")``."""
+    """(n, 4) attitudes of body axes that are the given axes of the recorded body: ``("x", "-y", "-z")``."""
     turn = np.zeros((3, 3))
     for row, axis in enumerate(axes):
         turn["xyz".index(axis[-1]), row] = -1.0 if axis[0] == "-" else 1.0
-    # four times the products of the turn's own quaternion (Shepperd 1978); the row with the largest square is it, scaled
+    # products of the quaternion's components, times four; the row with the largest diagonal is most precise (Shepperd 1978)
     (a, b, c), (d, e, f), (g, h, i) = turn
     products = np.array(
         [
@@ -143,5 +143,5 @@ def about_axes(quaternions: Array, axes: Sequence[str]) -> Array:
 
 
 def into_body(vectors: Array, quaternions: Array) -> Array:
-    """(n, 3) world vectors in body axes, by quaternions wxyz that turn body into world."""
+    """(n, 3) world vectors in body axes, by quaternions wxyz, world from body."""
     return times(matrices(inverse(quaternions)), vectors)

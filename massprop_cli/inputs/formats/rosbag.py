@@ -1,4 +1,4 @@
-"""ROS bags by rosbags (Apache): ``.bag`` of ROS 1, ``.db3`` of ROS 2, with the definitions that they carry."""
+"""Reader of ROS bags by rosbags (Apache): ``.bag`` of ROS 1, ``.db3`` of ROS 2, with the message definitions of the file."""
 
 import tempfile
 from collections.abc import Iterator
@@ -13,11 +13,11 @@ from massprop_cli.inputs.formats.recording import Read
 
 
 def read(path: Path, data: bytes) -> Read:
-    """A stream for each number in the messages of each topic."""
+    """Read all numbers in the messages of each topic."""
     with tempfile.TemporaryDirectory() as aside:
         file = Path(aside) / f"recording{path.suffix.lower()}"
         file.write_bytes(data)
-        # bags of ROS 2 before Iron carry no definitions: those of the standard's messages have stayed the same
+        # bags before ROS 2 Iron have no definitions; standard messages have not changed
         with AnyReader([file], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
             streams = list(rosmessages.collected(path, _messages(bag)))
             others = [one for one in bag.connections if one.msgtype not in bag.typestore.fielddefs]

@@ -1,4 +1,4 @@
-"""Messages of ROS 1 and ROS 2, by whatever definitions their file carries, as flat fields: ``topic/field/part[0]``."""
+"""ROS 1 and ROS 2 messages as flat fields: ``topic/field/part[0]``."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields, is_dataclass
@@ -11,19 +11,19 @@ from massprop_cli.base import limits
 from massprop_cli.inputs.formats.recording import RecordedStream, stream
 
 LOG_TIME = "@log_time"
-"""The clock of a topic: when its messages were recorded; that of the header, where there is one, is the better."""
+"""Clock of a topic: receive times of its messages; the time stamp of the header is better."""
 _LONGEST = 64
-"""Numbers of an array that each become a stream of their own; images and clouds are no signals."""
+"""Maximum length of an array whose numbers become streams; longer ones are images or point clouds."""
 _UNITS = {
     "sensor_msgs/Imu": {"angular_velocity": "rad/s", "linear_acceleration": "m/s^2"},
     "geometry_msgs/Wrench": {"force": "N", "torque": "N m"},
     "geometry_msgs/WrenchStamped": {"force": "N", "torque": "N m"},
 }
-"""What the standard's own messages state (REP 103: SI)."""
+"""Units of standard messages (REP 103: SI)."""
 
 
 def undefined(count: int, kind: str) -> str:
-    """What is said of a topic whose messages' definition is not in the file."""
+    """Reason for unread messages of a type without a definition in the file."""
     package = kind.partition("/")[0]
     return (
         f"has {count} messages of type {kind}, and the file has no definition of that type; on a computer where the ROS package {package} "
@@ -32,7 +32,7 @@ def undefined(count: int, kind: str) -> str:
 
 
 class Topic:
-    """The messages of one topic as they come."""
+    """Messages of one topic."""
 
     def __init__(self, name: str, kind: str) -> None:
         self.name, self.kind = name, kind.replace("/msg/", "/")
@@ -40,7 +40,7 @@ class Topic:
         self.rows: list[dict[str, float | int]] = []
 
     def streams(self) -> Iterator[RecordedStream]:
-        """Fields that every message has, on the header's clock where there is one."""
+        """Streams of fields that every message has, with the header's clock if there is one."""
         clock = f"{self.name}/{LOG_TIME}"
         yield stream(clock, np.array(self.time_ns, np.int64), unit="ns")
         if not self.rows:
@@ -57,7 +57,7 @@ class Topic:
 
 
 def collected(path: Path, messages: Iterable[tuple[str, str, int, Any]]) -> Iterator[RecordedStream]:
-    """The streams of messages (topic, type, time in ns, message)."""
+    """Streams of messages, given as (topic, type, time in ns, message)."""
     topics: dict[str, Topic] = {}
     cells = 0
     for name, kind, time_ns, message in messages:
@@ -71,7 +71,7 @@ def collected(path: Path, messages: Iterable[tuple[str, str, int, Any]]) -> Iter
 
 
 def _fields(message: Any, path: str) -> Iterator[tuple[str, float | int]]:
-    """Numbers of a message and of those within it. Times become whole nanoseconds."""
+    """Paths and numbers in a message; times become integer nanoseconds."""
     if isinstance(message, bool | np.bool_ | int | float | np.number):
         yield path, message.item() if isinstance(message, np.generic) else message
     elif isinstance(message, dict):

@@ -1,4 +1,4 @@
-"""Rows of a table that holds several sensors one after the other: those of one of them, and columns that seem to tell them apart."""
+"""Tables with interleaved rows of several sensors: selection of one sensor's rows, and detection of the column that identifies sensors."""
 
 import json
 import re
@@ -14,22 +14,22 @@ from massprop_cli.inputs.formats.mapfile import Where
 from massprop_cli.inputs.formats.recording import RecordedStream, Recording
 
 _SHOWN = 8
-"""Values of a column that a message lists; sensors of one table are no more."""
-_LOOK = 1000
-"""Cells by which most columns are seen to have many values."""
+"""Maximum number of values in a message, and of sensors in a table."""
+_SAMPLE = 1000
+"""Number of cells that show whether a column has many values."""
 _ALTERNATES, _SHARE = 0.2, 0.2
-"""Part of the rows from which to the next a column that tells sensors apart changes, and of an equal share that each value has at least."""
+"""Minimum rate of change from row to row of a column that identifies sensors, and minimum share of each value over an equal share."""
 _EVEN, _MOSTLY = 0.2, 0.7
-"""Part of the usual interval by which intervals may differ from it, and the part of them that must not differ by more."""
+"""Relative tolerance of a usual interval, and minimum fraction of usual intervals."""
 _CALLED = re.compile(
     r"(?:.*[_ .])?(?:(?:i|imu|sensor|instance|source|src|node|device|dev)(?:[_ ]?(?:id|no|nr|num|number|index|idx|name))?|id)",
     re.IGNORECASE,
 )
-"""How a column is called that numbers sensors (ArduPilot's ``I``)."""
+"""Names of columns that number sensors (ArduPilot: ``I``)."""
 
 
 def rows_of(recording: Recording, where: Where, count: int) -> BoolArray | str:
-    """(count,) the rows that a map's ``where`` selects, or why it selects none."""
+    """(count,) rows that ``where`` of a map selects, or the reason why it selects none."""
     stream = recording.streams.get(where.column)
     if stream is None:
         return f"where names no path of this {recording.kind}, {where.column!r}; massprop columns lists all"
@@ -48,9 +48,9 @@ def rows_of(recording: Recording, where: Where, count: int) -> BoolArray | str:
 
 
 def _cells(stream: RecordedStream) -> Array:
-    """(rows,) numbers, or texts without the spaces around them where some cells are no numbers."""
+    """(rows,) numbers, or stripped texts if some cells are not numbers."""
     try:
-        return np.asarray(stream.load(), np.float64)  # held no longer than it is looked at
+        return np.asarray(stream.load(), np.float64)  # not cached, because the values are needed only here
     except InputError:
         if stream.texts is None:
             raise
@@ -58,20 +58,20 @@ def _cells(stream: RecordedStream) -> Array:
 
 
 def stated(values: Sequence[float | str], between: str = ", ") -> str:
-    """Values as a map file has them."""
+    """Values as in a map file."""
     return between.join(json.dumps(one, ensure_ascii=False) if isinstance(one, str) else f"{one:.15g}" for one in values)
 
 
 @dataclass(frozen=True)
 class SensorColumn:
-    """A column that seems to tell the sensors of one table apart."""
+    """Column that probably identifies the sensors of a table."""
 
     column: str
     values: tuple[float | str, ...]
 
     @property
-    def said(self) -> str:
-        """What it looks like, and what to do in either case."""
+    def message(self) -> str:
+        """Message with the observation and the remedy."""
         count, column, of_one = len(self.values), json.dumps(self.column, ensure_ascii=False), stated(self.values[:1])
         return (
             f"{count} sensors seem to be in one table: column {self.column!r} has {count} values ({stated(self.values)}) that alternate "
@@ -81,13 +81,13 @@ class SensorColumn:
 
 
 def sensors(streams: Mapping[str, RecordedStream], count: int, rows: IntArray, times_s: Array | None) -> SensorColumn | None:
-    """The column of a table of ``count`` rows that numbers sensors: its few values alternate with the records in ``rows`` (n,).
+    """Column that identifies sensors in a table of ``count`` rows: few values, which alternate with the records in ``rows`` (n,).
 
-    It is called like one. Where the ``times_s`` (n,) of all rows are no clock, it may have any name if its values part them into clocks.
+    Its name must fit. If the ``times_s`` (n,) of all rows are not a valid clock, any column counts that separates them into valid clocks.
     """
-    in_doubt = times_s is not None and _is_wrong(times_s)
-    like = [one for one in streams.values() if one.rows == count and (in_doubt or _is_called(one))]
-    for stream in sorted(like, key=_is_called, reverse=True):
+    in_doubt = times_s is not None and _is_invalid(times_s)
+    like = [one for one in streams.values() if one.rows == count and (in_doubt or _has_sensor_name(one))]
+    for stream in sorted(like, key=_has_sensor_name, reverse=True):
         try:
             cells = _cells(stream)[rows]
         except InputError:
@@ -97,28 +97,28 @@ def sensors(streams: Mapping[str, RecordedStream], count: int, rows: IntArray, t
             continue
         each = np.bincount(code, minlength=len(values)) / len(code)
         alternates = float((np.diff(code) != 0).mean()) >= _ALTERNATES and float(each.min()) >= _SHARE / len(values)
-        wrong = times_s is None or any(_is_wrong(times_s[code == n]) for n in range(len(values)))
-        if alternates and (_is_called(stream) or not wrong):
+        wrong = times_s is None or any(_is_invalid(times_s[code == n]) for n in range(len(values)))
+        if alternates and (_has_sensor_name(stream) or not wrong):
             return SensorColumn(stream.path, values)
     return None
 
 
-def _is_wrong(times_s: Array) -> bool:
-    """Whether times stand still, go back, come in pairs, or mostly in other intervals than the usual one."""
+def _is_invalid(times_s: Array) -> bool:
+    """Whether times repeat, go back, come in pairs, or rarely have the usual interval."""
     steps = np.diff(times_s)
     if clocks.problem(times_s, str, 0.0, sensor=True):
         return True
     return float((np.abs(steps / median(steps) - 1) < _EVEN).mean()) < _MOSTLY
 
 
-def _is_called(stream: RecordedStream) -> bool:
+def _has_sensor_name(stream: RecordedStream) -> bool:
     return _CALLED.fullmatch(listing.leaf(stream.path)) is not None
 
 
 def _few(cells: Array) -> tuple[tuple[float | str, ...], IntArray]:
-    """Its values where they are few whole numbers or texts, and (n,) the number of each cell's; none where they are not."""
+    """Distinct values, if they are few integers or texts, and (n,) index of each cell's value; else empty."""
     none: IntArray = np.zeros(0, int)
-    if len(np.unique(cells[:_LOOK])) > _SHOWN:
+    if len(np.unique(cells[:_SAMPLE])) > _SHOWN:
         return (), none
     values, code = np.unique(cells, return_inverse=True)
     if not 2 <= len(values) <= _SHOWN or (values.dtype.kind == "f" and not (values % 1 == 0).all()):

@@ -1,4 +1,4 @@
-"""What a log tells of its vehicle without any vehicle file: cycles, noise, gravity, commands."""
+"""Properties of a vehicle that a log shows without a vehicle file: cycle, noise, gravity, commands."""
 
 import math
 from collections.abc import Mapping
@@ -16,61 +16,61 @@ from massprop_cli.inputs.tablefile import Table
 from massprop_cli.inputs.vehicle import ACTUATORS
 
 SETTLE = 4
-"""Cycles without a command before one counts as quiet: commands come late, and jets fall."""
+"""Number of cycles without command before a quiet cycle, for delay and decay of thrust."""
 ENOUGH = 20
-"""Quiet cycles, at least, to tell a mean, ..."""
-TOLD = 130
-"""... and to tell a noise level to a twentieth of it: 0.57 / √N by second differences of three axes."""
+"""Minimum number of quiet cycles for a mean, ..."""
+PRECISE = 130
+"""... and for a noise level to 5 %: its relative sigma is 0.57 / √N from second differences of three axes."""
 _SAME = 1e-9
 _TICK, _ROUNDED = 1e-3, 1e-3
-"""The least tick as part of the longest on-time, and the rounding of on-times as part of that."""
+"""Smallest tick as a fraction of the longest on-time, and rounding of on-times as a fraction of that tick."""
 _CLIPPED = 5
-"""So many records at one extreme are no chance."""
+"""Minimum number of records at one extreme for saturation."""
 
 
 @dataclass(frozen=True)
 class Traits:
-    """What was found; None where the log can't tell."""
+    """Properties of a log's vehicle; None if the log does not show it."""
 
     interval_s: Array
-    """(n - 1,) from record to record."""
+    """(n - 1,) intervals of the records, s."""
     issued_s: float | None
-    """From command to command of those that have times of their own."""
+    """Interval of commands with time stamps of their own, s."""
     choices: tuple[int, ...]
-    """How many records a control cycle may be, the fewest first: on-times that change together say no more than what it is a divisor of."""
+    """Possible numbers of records per control cycle, ascending: on-times that change together give only a multiple."""
     commands: Mapping[str, Array]
-    """By column: the command of each cycle, or of each record where cycles aren't known."""
+    """Commands by column: (K,) of each cycle, or of each record if cycles are unknown."""
     actuators: Mapping[type[Actuator], Mapping[str, LogColumn]]
-    """Of each kind and name the column that it is read by."""
+    """Log column of each actuator, by kind and name."""
     quiet: int
-    """Cycles without command, and settled."""
+    """Number of quiet cycles: without command, after decay."""
     gyro_noise: Array | None
-    """(3,) rad/s, one sigma of a cycle's mean."""
+    """(3,) one sigma of a cycle's mean, rad/s."""
     accel_noise: Array | None
-    """(3,) m/s²."""
+    """(3,) one sigma of a cycle's mean, m/s²."""
     gyro_mean: Array | None
-    """(3,) rad/s over the quiet cycles."""
-    felt: float | None
-    """m/s², the median size of the specific force over them."""
-    felt_always: float
-    """The same over the whole log."""
+    """(3,) mean rate in quiet cycles, rad/s."""
+    force_m_s2: float | None
+    """Median specific force in quiet cycles, m/s²."""
+    force_always_m_s2: float
+    """Median specific force over the whole log, m/s²."""
     gyro_clipped: float | None
-    """rad/s, an extreme that many records share."""
+    """Extreme that many records share, rad/s."""
     accel_clipped: float | None
 
     @property
     def records(self) -> int | None:
-        """Of a control cycle, the fewest that it may be: commands change at its multiples only. None where no command changes."""
+        """Smallest possible number of records per control cycle; None without changes of a command."""
         return self.choices[0] if self.choices else None
 
     @property
     def period_s(self) -> float:
-        """Of a control cycle; of a record where cycles aren't known."""
+        """Length of a control cycle, or of a record if cycles are unknown, s."""
         return self.issued_s or median(self.interval_s) * (self.records or 1)
 
 
 def traits(table: Table) -> Traits:
-    """Look through a log; :class:`InputError` where it has no IMU or goes back in time."""
+    """Properties of a log. Raises :class:`InputError` without IMU, or for times that go back."""
     time_s = _numbers(table, (columns.TIME,))[:, 0]
     far, why = outlying(time_s)
     if far.any():
@@ -83,8 +83,8 @@ def traits(table: Table) -> Traits:
     rate = _rates(table, columns.DELTA_THETA, columns.GYRO, interval)
     force = _rates(table, columns.DELTA_V, columns.ACCEL, interval)
     actuators = {kind: _named(table, kind) for kind in ACTUATORS.values()}
-    told = {has.of(name) for kind, own in actuators.items() for name, has in own.items() if kind.THRUSTS and not has.instant}
-    names = [name for name in table.columns if name in columns.WRENCH or name in told or columns.is_jet(name)]
+    mean_commands = {has.of(name) for kind, own in actuators.items() for name, has in own.items() if kind.THRUSTS and not has.instant}
+    names = [name for name in table.columns if name in columns.WRENCH or name in mean_commands or columns.is_jet(name)]
     raw = {name: table.columns[name].numbers() for name in names}
     issued_s = _apart_s(table)
     choices = _records(raw, median(steps)) if issued_s is None else (max(round(issued_s / median(steps)), 1),)
@@ -104,15 +104,15 @@ def traits(table: Table) -> Traits:
         gyro_noise=_noise(mean_rate, quiet),
         accel_noise=_noise(mean_force, quiet),
         gyro_mean=mean_rate[quiet].mean(0) if quiet.sum() >= ENOUGH else None,
-        felt=float(np.median(np.linalg.norm(mean_force[quiet], axis=1))) if quiet.sum() >= ENOUGH else None,
-        felt_always=float(np.nanmedian(np.linalg.norm(mean_force, axis=1))),
+        force_m_s2=float(np.median(np.linalg.norm(mean_force[quiet], axis=1))) if quiet.sum() >= ENOUGH else None,
+        force_always_m_s2=float(np.nanmedian(np.linalg.norm(mean_force, axis=1))),
         gyro_clipped=_clipped(rate),
         accel_clipped=_clipped(force),
     )
 
 
 def _apart_s(table: Table) -> float | None:
-    """From command to command of those that have times of their own; None where they stand in records."""
+    """Median interval of commands with time stamps of their own, s; None without such."""
     if columns.COMMAND_TIME not in table.columns:
         return None
     stamps = table.columns[columns.COMMAND_TIME].numbers()
@@ -121,13 +121,13 @@ def _apart_s(table: Table) -> float | None:
 
 
 def _named(table: Table, kind: type[Actuator]) -> dict[str, LogColumn]:
-    """Actuators of a kind, in the file's order, each by the first of its columns that is there."""
+    """Log column of each actuator of a kind, in file order."""
     names = [name for column in table.columns if (name := kind.named(column)) is not None]
     return {name: next(one for one in kind.COLUMNS if one.of(name) in table.columns) for name in names}
 
 
 def tick_s(on_s: Array) -> float | None:
-    """The step of which all on-times are multiples, by Euclid's algorithm; None where there is none above a thousandth of the longest."""
+    """Greatest common divisor of all on-times (n,), s, by Euclid's algorithm; None below a thousandth of the longest."""
     values = np.unique(on_s[np.isfinite(on_s) & (on_s > 0)])
     if len(values) < 2:
         return None
@@ -144,7 +144,7 @@ def tick_s(on_s: Array) -> float | None:
 
 
 def _numbers(table: Table, names: tuple[str, ...], empty: float = 0.0) -> Array:
-    """(N, n) columns, of which a part may be ``empty`` cells."""
+    """(N, n) columns; up to the fraction ``empty`` of cells may be empty."""
     for name in names:
         if name not in table.columns:
             raise InputError(f"{table.path}: column {name!r} is missing; massprop columns {table.path} drafts a map that says where it is")
@@ -163,16 +163,16 @@ def _rates(table: Table, increments: tuple[str, ...], rates: tuple[str, ...], in
 
 
 def _records(raw: Mapping[str, Array], record_s: float) -> tuple[int, ...]:
-    """How many records a control cycle may be, the fewest first; none where no command changes.
+    """Possible numbers of records per control cycle, ascending; empty without changes of a command.
 
-    Commands stand or change at its multiples alone, and no jet is on for longer than it. What is held goes on as well through several
-    cycles; an on-time that stands in each of several records counts once if these are one cycle, and each time if they are several.
+    Commands change only at multiples of a cycle, and no on-time exceeds it. A wrench that holds for several cycles has the same effect. An
+    on-time in each of several records counts once if they are one cycle, and each time if they are several.
     """
     found, longest, repeated = 0, 0.0, False
     for name, values in raw.items():
         held = np.flatnonzero(~np.isnan(values))
         whole = len(held) == len(values)
-        # of a column with empty cells the others are cycle starts; else those where it changes are some of them
+        # a column with empty cells has values at cycle starts; a full column changes at some of them
         starts = np.flatnonzero(np.diff(values)) + 1 if whole else held
         found = math.gcd(found, *map(int, starts)) if len(starts) else found
         if name.startswith("jet_") and len(held):
@@ -183,7 +183,7 @@ def _records(raw: Mapping[str, Array], record_s: float) -> tuple[int, ...]:
 
 
 def _quiet(raw: Mapping[str, Array], records: int, cycles: int) -> BoolArray:
-    """Cycles, of so many records each, without any command, nor in those before."""
+    """(cycles,) cycles of ``records`` records without command, and none in the cycles before."""
     still = np.ones(cycles, bool)
     for values in raw.values():
         still &= (np.nan_to_num(values[: cycles * records]) == 0.0).reshape(-1, records).all(1)
@@ -193,7 +193,7 @@ def _quiet(raw: Mapping[str, Array], records: int, cycles: int) -> BoolArray:
 
 
 def _noise(means: Array, quiet: BoolArray) -> Array | None:
-    """(3,) one sigma, by second differences of quiet cycles, which steady turning and drifting leave alone."""
+    """(3,) one sigma from second differences of quiet cycles, which remove steady and drifting rates; None for few cycles."""
     three = quiet[2:] & quiet[1:-1] & quiet[:-2]
     if three.sum() < ENOUGH:
         return None

@@ -1,4 +1,4 @@
-"""PX4's ULog by pyulog (BSD): ``topic/field[0]``, further instances as ``topic.1/field``, units as PX4 defines its fields."""
+"""Reader of PX4's ULog by pyulog (BSD): ``topic/field[0]``, further instances as ``topic.1/field``, units of PX4's definitions."""
 
 import io
 import re
@@ -22,21 +22,21 @@ _UNITS = {
     "vehicle_angular_velocity/xyz": "rad/s",
     "vehicle_acceleration/xyz": "m/s^2",
 }
-"""By the beginning of a path without its instance (msg/*.msg of PX4 state them in comments)."""
+"""Units by start of a path without instance, from comments in PX4's msg/*.msg."""
 _AXIS = re.compile(r"(xyz|[xyz]|gyro_rad|accelerometer_m_s2|delta_angle|delta_velocity)(\[\d\])?$")
 
 
 _HEADER, _TAG = 16, 3
-"""Bytes of the file's header, and of a message's: its size and type."""
+"""Length of the file header and of a message header (size and type), bytes."""
 _LONGEST = 10_000
-"""Bytes of a message of a type that is not known."""
+"""Maximum length of a message of unknown type, bytes."""
 _KNOWN = frozenset(b"FDIMPQASOLC")
 _FLAGS = ord("B")
 _DAMAGED = ValueError("messages in it are damaged")
 
 
 def read(path: Path, data: bytes) -> Read:
-    """A stream for each field, and the parameters at the start."""
+    """Read all fields, and the initial parameters."""
     _check(data)
     log = ULog(io.BytesIO(data))
     if log.file_corruption:
@@ -47,13 +47,13 @@ def read(path: Path, data: bytes) -> Read:
 
 
 def _check(data: bytes) -> None:
-    """ValueError where the library would search for where it may go on, which it does for ever where there is nothing."""
+    """Raise ValueError for damage after which the library would search for messages without end."""
     at = _HEADER
     while at + _TAG <= len(data):
         size, kind = int.from_bytes(data[at : at + 2], "little"), data[at + 2]
         if kind == _FLAGS and at == _HEADER:
             if any(data[at + _TAG + 16 : at + _TAG + 40]):
-                return  # a crash's dump is appended to a message that was cut
+                return  # a crash dump is appended to a truncated message
         elif kind not in _KNOWN and (kind == 0 or size == 0 or size > _LONGEST):
             raise _DAMAGED
         at += _TAG + size

@@ -1,4 +1,4 @@
-"""Units that recordings use, as factors to SI, one table for each quantity."""
+"""Units of recordings with factors to SI, one table per quantity."""
 
 import math
 import re
@@ -13,11 +13,11 @@ ACCELERATION = {"m/s^2": 1.0, "g": G, "mg": 1e-3 * G, "mm/s^2": 1e-3}
 TORQUE = {"N m": 1.0, "mN m": 1e-3, "uN m": 1e-6}
 FORCE = {"N": 1.0, "mN": 1e-3, "uN": 1e-6}
 SHARE = {"open": 1.0, "%": 0.01}
-"""A valve's opening: 0 to 1, or percent."""
+"""Opening of a valve: 0 to 1, or per cent."""
 SPIN = {**RATE, "rpm": math.pi / 30}
-"""How fast a rotor or wheel turns."""
+"""Speed of a rotor or wheel."""
 PLAIN = {"1": 1.0, "%": 0.01}
-"""What a rotor is told."""
+"""Command of a rotor."""
 VOLTAGE = {"V": 1.0, "mV": 1e-3}
 PRESSURE = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": 6894.757}
 TABLES = (TIME, ANGLE, SPIN, SPEED, ACCELERATION, TORQUE, FORCE, SHARE, VOLTAGE, PRESSURE)
@@ -39,15 +39,15 @@ _FOREIGN = re.compile(
     r"arcmin|mas|urad|gal|cm|km|kn|knots?|kt|mph|kmh|kph|h|hrs?|hours?|mins?|minutes?|counts?|cnt|lsb|bits?|ticks?|raw|krpm)(?![a-z])",
     re.IGNORECASE,
 )
-"""Words of units that are none here."""
+"""Words of units that massprop does not convert."""
 _SECOND = re.compile(r"(?<=/)\s*sec(?:ond)?s?(?![a-z])")
 _WORDS = 4
-"""Of a unit in a name: ``m_per_s_squared``."""
+"""Maximum number of words of a unit in a name: ``m_per_s_squared``."""
 _POWER = re.compile(r"\s*([a-zµμ°]+)\s*[·*. ]?\s*s(?:\^|\*\*)?(?:-|⁻)(\d|¹|²)$")
 
 
 def plain(text: str) -> str:
-    """A unit in one spelling: ``M/S2`` and ``m s-2`` are ``m/s^2``; ``mG``, of a magnetic field, stays what it is."""
+    """Normalised spelling of a unit: ``M/S2`` and ``m s-2`` give ``m/s^2``; ``mG`` (gauss) stays as it is."""
     if text.strip("[]() ") in _GAUSS:
         return text.strip("[]() ")
     word = _SECOND.sub("s", " ".join(text.lower().split()).strip("[]() "))
@@ -58,22 +58,22 @@ def plain(text: str) -> str:
 
 
 def factor(text: str, known: Mapping[str, float]) -> float | None:
-    """To SI; None where it is no unit of this quantity."""
+    """Factor to SI; None if it is not a unit of this quantity."""
     return next((value for unit, value in known.items() if plain(unit) == plain(text)), None)
 
 
 def is_any(text: str) -> bool:
-    """Whether it is a unit of any quantity here."""
+    """Whether it is a unit of any quantity in :data:`TABLES`."""
     return any(factor(text, table) is not None for table in TABLES)
 
 
 def is_foreign(text: str) -> bool:
-    """Whether it is a unit, and none here: of a label, as ``body`` or ``imu0``, it isn't known."""
+    """Whether it is a unit that massprop does not convert; labels such as ``body`` or ``imu0`` are not."""
     return not is_any(text) and _FOREIGN.search(text) is not None
 
 
-def within(name: str) -> tuple[str, str]:
-    """A name without the unit that is its last words, and that: ``gx`` and ``deg/s`` of ``gx_deg_s``; ``rads`` are rad/s there."""
+def without_name_unit(name: str) -> tuple[str, str]:
+    """Name without the unit in its last words, and the unit: ``gx`` and ``deg/s`` for ``gx_deg_s``; ``rads`` means rad/s."""
     words = name.split("_")
     for count in range(min(_WORDS, len(words) - 1), 0, -1):
         text = "_".join(words[-count:]).replace("_per_", "/").replace("_squared", "2")
@@ -85,8 +85,8 @@ def within(name: str) -> tuple[str, str]:
     return name, ""
 
 
-def behind(name: str) -> tuple[str, str]:
-    """A header without the unit behind it, and that: of ``gyro_x [deg/s]`` or ``ax / g``; an index is none, as in ``xyz[0]``."""
+def without_suffix_unit(name: str) -> tuple[str, str]:
+    """Header without the unit at its end, and the unit: ``gyro_x [deg/s]``, ``ax / g``. An index as in ``xyz[0]`` is not a unit."""
     found = _BEHIND.search(name)
     unit = "" if found is None else found[1] or found[2]
     if found is None or _INDEX.fullmatch(unit) or (found[1] is None and not is_any(unit)):

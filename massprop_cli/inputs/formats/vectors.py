@@ -1,4 +1,4 @@
-"""Streams that belong together as the axes of a vector, and which quantity it may be: by its unit before its name, or by its name."""
+"""Streams that are the axes of a vector, and the quantity that they may be, by unit or name."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,40 +17,40 @@ _MARKS = (
     (re.compile(r"(?<![a-zA-Z])([pqrPQR])(?![a-zA-Z])(?!.*/)"), 0),
     (re.compile(r"(roll|pitch|yaw)(?=_?(?:rate|speed|vel))", re.IGNORECASE), 0),
 )
-"""How names mark an axis, less the unit behind them, and from what number they count."""
-_TURNS = {"roll": "p", "pitch": "q", "yaw": "r"}
+"""Patterns that mark an axis in a name without unit, and the first number of numbered axes."""
+_RATE_AXES = {"roll": "p", "pitch": "q", "yaw": "r"}
 _LONGEST = 1000
-"""Characters of a name in which an axis is looked for, as that takes a time that grows as its square."""
+"""Maximum length of a name that is searched for an axis, because the time grows with its square."""
 
 
 @dataclass(frozen=True)
 class Vector:
-    """Three or four streams of one length and clock."""
+    """Three or four streams of equal length and clock."""
 
     stem: str
-    """Their name with * for the axis."""
+    """Common name, with * for the axis."""
     axes: str
-    """What stands for it: ``xyz``, ``wxyz``, ``012``, ``pqr``."""
+    """Labels of the axes: ``xyz``, ``wxyz``, ``012``, ``pqr``."""
     streams: tuple[RecordedStream, ...]
 
     @property
     def paths(self) -> list[str]:
-        """Of its axes, in their order."""
+        """Paths of the axes, in order."""
         return [one.path for one in self.streams]
 
     @property
     def unit(self) -> str:
-        """As recorded, or as its name has it, behind or before the axis; one letter before the axis is none."""
+        """Unit as recorded, or from the name; a single letter before the axis is not a unit."""
         before, _, last = self.stem.rpartition("/")[2].rpartition("_")
-        named = units.within(before if last == "*" else self.stem)[1]
+        named = units.without_name_unit(before if last == "*" else self.stem)[1]
         return self.streams[0].unit or (named if last != "*" or len(named) > 1 else "")
 
 
 def vectors(read: Recording) -> list[Vector]:
-    """All that are complete. A stream may be of more than one, where its name can be read in two ways."""
+    """All complete vectors; a stream may be in several if its name is ambiguous."""
     groups: dict[tuple[str, int], dict[str, RecordedStream]] = {}
     for one in read.streams.values():
-        for stem, axis, way in _ways(one.path):
+        for stem, axis, way in _axis_marks(one.path):
             groups.setdefault((stem, way), {})[axis] = one
     found = []
     taken: set[tuple[str, ...]] = set()
@@ -64,19 +64,19 @@ def vectors(read: Recording) -> list[Vector]:
     return found
 
 
-def _ways(path: str) -> Iterator[tuple[str, str, int]]:
-    """The name without its axis, the axis, and which of the ways it was read in."""
-    name = units.within(units.behind(path)[0])[0] if len(path) <= _LONGEST else ""
+def _axis_marks(path: str) -> Iterator[tuple[str, str, int]]:
+    """Name with * for the axis, the axis, and the index of the pattern, for each pattern that matches."""
+    name = units.without_name_unit(units.without_suffix_unit(path)[0])[0] if len(path) <= _LONGEST else ""
     for way, (mark, first) in enumerate(_MARKS):
         match = mark.search(name)
         if match:
-            axis = _TURNS.get(match[1].lower(), match[1].lower())
+            axis = _RATE_AXES.get(match[1].lower(), match[1].lower())
             axis = str(int(axis) - first) if axis.isdigit() else axis
             yield f"{path[: match.start(1)]}*{path[match.end(1) :]}", axis, way
 
 
 def _words(some: str) -> str:
-    """As whole words, which ``_`` and capitals part: the ``ref`` of ``rate_ref`` and ``rateRef``, not that of ``refined``."""
+    """Pattern for whole words, separated by ``_`` or capitals: ``ref`` in ``rate_ref`` and ``rateRef``, not in ``refined``."""
     return rf"(?<![a-zA-Z])(?:{some})(?![a-z])|(?<=[a-z])(?:{'|'.join(word.capitalize() for word in some.split('|'))})(?![a-z])"
 
 
@@ -84,7 +84,7 @@ _NEVER = re.compile(
     r"(?i:(?<!un)bias|offset|varian|covar|error|temperature|filtered_out|limit|noise|disturb|reset|clip|count|status|fft|freq|valid|vibrat)|"
     + _words("std|temp|dist|err|rms")
 )
-"""What no quantity is."""
+"""Names of no quantity."""
 _NO_SENSOR = re.compile(
     r"(?i:setpoint|desired|command|reference|target|demand|(?<![a-z])mag|euler|wheel|ang(?:ular)?_?acc|dot(?![a-z]))|"
     + r"(?i:(?<=[_.])world(?![a-z/])|relative|chief|free_?acc)|(?<=[a-z])World|"
@@ -96,13 +96,13 @@ _NO_COMMAND = re.compile(
 )
 _COMMANDED = re.compile(r"(?i:setpoint|desired|command|demand)|" + _words("sp|des|cmd"))
 _IN_DOUBT = re.compile(r"(?i:reference|target)|" + _words("ref"))
-"""What may be a command, or what a controller was told to reach."""
+"""Names of commands or of controller references."""
 _NO_ATTITUDE = re.compile(r"(?i:delta|error|reset|setpoint|desired|reference|target)|" + _words("sp|des|ref|cmd|std|err"))
 
 
 @dataclass(frozen=True)
 class VectorName:
-    """How a vector is known."""
+    """Names and units of a vector quantity."""
 
     key: str
     called: re.Pattern[str]
@@ -112,7 +112,7 @@ class VectorName:
 
     @property
     def known(self) -> dict[str, float]:
-        """All its units."""
+        """All units."""
         return {**self.rates, **self.increments}
 
 
@@ -139,11 +139,11 @@ COMMANDS = (
 
 
 def fitting(quantity: VectorName, found: Sequence[Vector]) -> tuple[list[Vector], bool]:
-    """Those that may be it, with a recorded unit before others; and whether it is settled that the only one is."""
+    """Vectors that may be the quantity, those with a recorded unit first; and whether the choice is certain."""
     some = [v for v in found if len(v.streams) == 3 and not (_NEVER.search(v.stem) or quantity.never.search(v.stem))]
-    named = [v for v in some if _is_called(quantity, v)]
+    named = [v for v in some if _name_fits(quantity, v)]
     if not named:
-        # an angle is seldom an increment, and a velocity still less; G is what some write for g, and others for gauss
+        # angles are rarely increments, velocities even less; G may mean g or gauss
         named = [v for v in some if units.factor(v.unit, quantity.rates) is not None and v.unit.strip("[]() ") != "G"]
     if quantity in COMMANDS:
         named = [v for v in named if _COMMANDED.search(v.stem)] or named
@@ -152,13 +152,13 @@ def fitting(quantity: VectorName, found: Sequence[Vector]) -> tuple[list[Vector]
 
 
 def attitudes(found: Sequence[Vector]) -> list[Vector]:
-    """Those that may be a logged quaternion."""
+    """Vectors that may be a logged quaternion."""
     called = re.compile(r"quat|orient|attitude|\bq\b|q\*|/q\[", re.IGNORECASE)
     return [v for v in found if len(v.streams) == 4 and called.search(v.stem) and not _NO_ATTITUDE.search(v.stem)]
 
 
-def _is_called(quantity: VectorName, vector: Vector) -> bool:
-    """By its name, where its unit is not another quantity's."""
+def _name_fits(quantity: VectorName, vector: Vector) -> bool:
+    """Whether the name fits, and the unit is not another quantity's."""
     unit = vector.unit
     if (vector.streams[0].unit or len(unit) > 1) and units.is_any(unit) and units.factor(unit, quantity.known) is None:
         return False
