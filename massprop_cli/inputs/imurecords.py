@@ -1,4 +1,4 @@
-"""What a log's columns say of the IMU and of the attitude, checked: increments of each record, absent axes, ranges that were reached."""
+"""Gyro, accelerometer and attitude of a log, with checks: increments of each record, absent axes, saturation."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -17,33 +17,33 @@ from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 
 ABSURD = dict.fromkeys((*DELTA_THETA, *GYRO), 1e3) | dict.fromkeys((*DELTA_V, *ACCEL), 1e6)
-"""By column: no vehicle turns at 1e3 rad/s or accelerates at 1e6 m/s²."""
-AT_ONCE = 1e-3
-"""Part of the usual interval below which two records are of one moment."""
+"""Limits by column: rates of 1e3 rad/s and specific forces of 1e6 m/s² are not from a vehicle."""
+SIMULTANEOUS = 1e-3
+"""Interval over the usual interval below which two records count as simultaneous."""
 YAW = 0.01
-"""Part of the yaw rate's square that gyro axes on a table may miss, being absent."""
-FELT = 0.08
-"""Part of gravity below which an accelerometer doesn't feel it: one that counts in g feels a tenth."""
+"""Maximum fraction of the squared yaw rate on absent gyro axes on a table."""
+MIN_GRAVITY = 0.08
+"""Median specific force over gravity below which an accelerometer does not measure gravity; one in units of g reads a tenth."""
 
 
 class ImuRecords(NamedTuple):
-    """What the IMU's columns hold."""
+    """IMU data of a log."""
 
     theta: Array
-    """(n, 3) rad"""
+    """(n, 3) angle increments, IMU axes, rad."""
     velocity: Array
-    """(n, 3) m/s"""
+    """(n, 3) velocity increments, IMU axes, m/s."""
     rates: tuple[str, ...]
-    """(3,) columns of the gyro."""
+    """(3,) standard names of the gyro columns."""
     forces: tuple[str, ...]
     axes: tuple[bool, ...]
     empty: tuple[str, ...]
     marked: tuple[Marked, Marked]
-    """Records that the recorder wrote no reading of: of the gyro, of the accelerometer."""
+    """Missing readings of gyro and accelerometer."""
 
 
 def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array) -> ImuRecords:
-    """Read gyro and accelerometer, and check them; zeros of axes that are absent."""
+    """Read and check gyro and accelerometer; absent axes are 0."""
     rates, forces = source.sensed(DELTA_THETA, GYRO), source.sensed(DELTA_V, ACCEL)
     (theta, gyro), (velocity, accelerometer) = source.increments(rates, GYRO, interval_s), source.increments(forces, ACCEL, interval_s)
     axes, empty = _axes(source, vehicle, (*rates, *forces), (theta, velocity))
@@ -51,7 +51,7 @@ def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array) -
         raise InputError(
             f'{source.table.path}: estimator.method = "thesis" needs all three axes of gyro and accelerometer; take the default method'
         )
-    _by_yaw(theta, vehicle, axes[:3])
+    _fill_absent_axes(theta, vehicle, axes[:3])
     for names, increments in ((rates, theta), (forces, velocity)):
         _check_magnitude(source, names, increments, interval_s)
     if all(axes[3:]):
@@ -63,7 +63,10 @@ def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array) -
 def _axes(
     source: LogTable, vehicle: Vehicle, names: Sequence[str], increments: tuple[Array, Array]
 ) -> tuple[tuple[bool, ...], tuple[str, ...]]:
-    """Which IMU axes were logged, and (on a table) columns without a reading; :class:`InputError` where a rate is needed and absent."""
+    """Logged IMU axes, and columns on a table without a reading other than 0.
+
+    Raises :class:`InputError` for a missing rate that is needed.
+    """
     planar = vehicle.environment.kind == "planar"
     yaw = np.array(vehicle.imu.body_from_imu)[2]
     may_be_empty = [*(planar and abs(part) < YAW for part in yaw), True, True, True]
@@ -82,8 +85,8 @@ def _axes(
     return axes, tuple(name for name, none in zip(names, empty, strict=True) if none)
 
 
-def emptiness(source: LogTable, empty: Sequence[str]) -> list[Notice]:
-    """That columns of a sensor hold 0 in every row."""
+def empty_notice(source: LogTable, empty: Sequence[str]) -> list[Notice]:
+    """Notice of columns that are 0 in every row."""
     if not empty:
         return []
     said = (
@@ -92,8 +95,8 @@ def emptiness(source: LogTable, empty: Sequence[str]) -> list[Notice]:
     return [Notice("empty-columns", said)]
 
 
-def _by_yaw(theta: Array, vehicle: Vehicle, logged: Sequence[bool]) -> None:
-    """Gyro axes that are absent on a table show what the yaw makes of them: an IMU's Z may be a little askew. In place."""
+def _fill_absent_axes(theta: Array, vehicle: Vehicle, logged: Sequence[bool]) -> None:
+    """Set absent gyro axes on a table to their part of the yaw rate, because the IMU's Z axis may be tilted. Changes ``theta``."""
     yaw, read = np.array(vehicle.imu.body_from_imu)[2], np.array(logged)
     if read.all():
         return
@@ -107,7 +110,7 @@ def _check_magnitude(source: LogTable, names: Sequence[str], increments: Array, 
     if bad.size:
         row, axis = (int(i) for i in bad[0])
         usual = median(interval_s)
-        if interval_s[row] < AT_ONCE * usual:
+        if interval_s[row] < SIMULTANEOUS * usual:
             said = f"comes {interval_s[row]:.3g} s after the record before; the usual interval is {usual:.6g} s. Is a record there twice?"
             raise source.error(row, "time_s", said)
         value = f"{increments[row, axis] / interval_s[row]:.3g} per second"
@@ -119,9 +122,9 @@ def _check_gravity(source: LogTable, vehicle: Vehicle, velocity: Array, interval
     if kind == "free":
         return
     usual = median(np.concatenate([np.linalg.norm(velocity[part], axis=1) / interval_s[part] for part in spill.parts(len(velocity))]))
-    if usual < FELT * gravity:
+    if usual < MIN_GRAVITY * gravity:
         remedy = f'state environment.kind = "free" instead of "{kind}", or log specific force that includes gravity'
-        if abs(usual / median(interval_s) / gravity - 1) < FELT:
+        if abs(usual / median(interval_s) / gravity - 1) < MIN_GRAVITY:
             remedy = "its columns seem to hold increments, not rates: rename them, or scale them under [columns]"
         raise InputError(
             f"{source.table.path}: the accelerometer reads {usual:.3g} m/s^2 (median), but on the ground it must read gravity, "
@@ -130,7 +133,7 @@ def _check_gravity(source: LogTable, vehicle: Vehicle, velocity: Array, interval
 
 
 def sampled(source: LogTable, vehicle: Vehicle) -> tuple[bool, bool]:
-    """Whether records of gyro and accelerometer are samples at their times: as the map or the vehicle file states."""
+    """Whether records of gyro and accelerometer are samples, as the map or the vehicle file states."""
     made = source.table.made
     if made is not None and any(made.sampled):
         return made.sampled
@@ -152,7 +155,7 @@ def sampled(source: LogTable, vehicle: Vehicle) -> tuple[bool, bool]:
 
 
 def _check_outliers(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array) -> None:
-    """Times of readings that are not to be used must be of records: what is left out would be none of them."""
+    """Raise :class:`InputError` if a stated outlier time is not the time of a record."""
     for key in ("gyro_outliers_s", "accel_outliers_s"):
         times = np.array(getattr(vehicle.imu, key) or ())
         after = np.clip(np.searchsorted(time_s, times), 1, len(time_s) - 1)
@@ -167,7 +170,7 @@ def _check_outliers(source: LogTable, vehicle: Vehicle, time_s: Array, interval_
 
 
 def attitude(source: LogTable, n: int) -> Array | None:
-    """(n, 4) unit quaternions of the first rows; None where no row has one."""
+    """(n, 4) unit quaternions of the first n rows; None without any."""
     if not any(source.has(name) for name in QUATERNION):
         return None
     quaternion = spill.empty(source.table.rows, len(QUATERNION))
@@ -188,13 +191,13 @@ def attitude(source: LogTable, n: int) -> Array | None:
 
 
 def _beyond(increments: Array, interval_s: Array, limit: float) -> BoolArray:
-    """(n, 3) where increments over intervals (n,) are ``limit`` or more."""
+    """(n, 3) whether increments over intervals (n,) reach ``limit``."""
     found = [np.abs(increments[part] / interval_s[part, None]) >= limit for part in spill.parts(len(increments))]
     return np.concatenate(found)
 
 
 def held(imu: ImuRecords, interval_s: Array, own: bool) -> list[Notice]:
-    """Warnings of a sensor that is read more often than it measures, or whose ``own`` readings were smoothed."""
+    """Notices of sensors with repeated readings, or with smoothed readings if these are the log's ``own``."""
     found = []
     for name, increments, axes in (("gyro", imu.theta, imu.axes[:3]), ("accelerometer", imu.velocity, imu.axes[3:])):
         readings = increments[:, list(axes)] / interval_s[:, None]
@@ -211,7 +214,7 @@ def held(imu: ImuRecords, interval_s: Array, own: bool) -> list[Notice]:
 
 
 def saturation(vehicle: Vehicle, theta: Array, velocity: Array, interval_s: Array) -> list[Notice]:
-    """Warnings of a range that was reached; increments of angle [rad] and velocity [m/s] of each record, (n, 3), over its length (n,)."""
+    """Notices of reached ranges, from increments (n, 3), rad and m/s, over intervals (n,), s."""
     gyro = "gyro", theta, vehicle.imu.gyro_range_rad_s, "rad/s"
     accelerometer = "accelerometer", velocity, vehicle.imu.accel_range_m_s2, "m/s^2"
     found = []

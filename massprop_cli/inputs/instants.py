@@ -1,4 +1,4 @@
-"""Dates and times as texts: the forms of ISO 8601, and what loggers write beside them."""
+"""Dates and times as text: ISO 8601 and similar forms of loggers."""
 
 import re
 from typing import Any
@@ -17,17 +17,17 @@ _DAY_NS = 86_400 * 10**9
 
 
 def is_instant(text: str) -> bool:
-    """Whether a text is a date and time, or the time alone, in a form that :func:`instants` takes."""
+    """Whether a text is a date and time, or a time, in a form of :func:`instants`."""
     return _INSTANT.match(text) is not None
 
 
 def is_like(text: str) -> bool:
-    """Whether it looks like one of any form."""
+    """Whether a text resembles a date or time in any form."""
     return _LIKE.search(text) is not None
 
 
 def instants(text: Any) -> Any:
-    """Arrow's array of dates and times in ns; None where a text is none, or they differ in form."""
+    """Arrow array of times, ns; None if a text is not a time or if forms differ."""
     plain = pc.replace_substring(pc.utf8_trim_whitespace(text), ",", ".")
     plain = pc.replace_substring_regex(plain, r"^(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)", r"\1-\2-\3T\4:\5:\6")
     plain = pc.replace_substring_regex(plain, r"^(\d{4})/(\d\d)/(\d\d)", r"\1-\2-\3")
@@ -40,7 +40,7 @@ def instants(text: Any) -> Any:
 
 
 def _cast(text: Any) -> Any:
-    """Dates of month and day; None where a text is none, or some have a zone and some none."""
+    """Times from texts with month and day; None if a text is not a time, or if only some have a time zone."""
     for kind in (pa.timestamp("ns", "UTC"), pa.timestamp("ns")):
         try:
             return text.cast(kind)
@@ -50,7 +50,7 @@ def _cast(text: Any) -> Any:
 
 
 def _of_days(begun: Any, day: Any) -> Any:
-    """The same of times on the first of January, so many days of the year later; None where a year has no such day."""
+    """Times from texts on 1 January with the day of the year added; None if a year has no such day."""
     first = _cast(begun)
     if first is None:
         return None

@@ -1,4 +1,4 @@
-"""A table of telemetry by the contract's names of its columns, under a log's own names and scales."""
+"""Columns of a log table by standard name, with the log's own names and scales."""
 
 import difflib
 import re
@@ -16,23 +16,23 @@ from massprop_cli.inputs.section import LEAST
 from massprop_cli.inputs.tablefile import Table
 
 ALIKE = 0.75
-"""Ratio of matching characters (:mod:`difflib`) from which on a column's name may be another's, misspelt."""
+"""Minimum ratio of matching characters (:mod:`difflib`) of a misspelt column name."""
 SENSORS = "acc(?:el(?:eration|erometer)?)?|delta_?v|gyro?(?:scope)?|delta_?theta|omega"
-"""What names of IMU columns hold in other programs."""
+"""Parts of IMU column names in other programs."""
 GAP, LONG = 2.5, 1.5
-"""Times the median interval: a record that is longer than that is a gap, or has lost one before it."""
+"""Interval over the median interval above which it is a gap, or contains a lost record."""
 MISSING = 5
-"""Control cycles in a row that may be missing: nobody knows how the body moved in more."""
+"""Maximum number of successive missing control cycles; the motion in more is unknown."""
 WHOLE = 0.25
-"""Part of the usual interval by which a longer one may be off a whole number of them, and has lost records."""
+"""Tolerance of a whole number of usual intervals, in usual intervals; such an interval contains lost records."""
 HELD, SELDOM = 10, 0.1
-"""Values that a recorder must have held before it counts as slower than the log, and part of them that may stand in one row alone."""
+"""Minimum number of repeated values for a slower recorder, and maximum fraction of values in a single row."""
 EMPTY = 0.05
-"""Part of a sensor's cells that may be empty."""
+"""Maximum fraction of empty cells of a sensor."""
 
 
-def between_known(values: Array, unknown: BoolArray | None) -> Array:
-    """(n,) values, and where they are ``unknown`` those on the line between their neighbours."""
+def interpolate(values: Array, unknown: BoolArray | None) -> Array:
+    """(n,) values, with ``unknown`` ones interpolated linearly; changes ``values``."""
     if unknown is not None and unknown.any() and not unknown.all():
         rows = np.arange(len(values))
         values[unknown] = np.interp(rows[unknown], rows[~unknown], values[~unknown])
@@ -40,62 +40,62 @@ def between_known(values: Array, unknown: BoolArray | None) -> Array:
 
 
 def alike(column: str, other: str) -> bool:
-    """Whether another column's name looks like an IMU column's: misspelt, or with a sensor and the same axis in it."""
+    """Whether another name resembles an IMU column: misspelt, or with a sensor and the same axis in it."""
     axis = re.search("_([xyz])_", column)
     named = axis and re.search(rf"(?:{SENSORS})(?:.*[^a-z])?{axis[1]}(?![a-z])|(?:^|_)[agw]_?{axis[1]}(?![a-z])", other.lower())
     return bool(named) or difflib.SequenceMatcher(None, column, other.lower()).ratio() >= ALIKE
 
 
 class LogTable:
-    """Contract columns of a table, under this log's own names and scales."""
+    """Table with columns by standard name, under the log's own names and scales."""
 
     def __init__(self, table: Table, columns: Mapping[str, Column], lost: BoolArray | None = None) -> None:
         self.table, self.columns = table, columns
         self.issued: IntArray | None = None
-        """Rows of commands, where these have times of their own (:data:`massprop_cli.inputs.columns.COMMAND_TIME`)."""
+        """(M,) rows of commands with time stamps of their own (:data:`massprop_cli.inputs.columns.COMMAND_TIME`)."""
         self.lost = lost
-        """(n,) rows that the recorder lost (:mod:`massprop_cli.inputs.lostrecords`): all their cells are empty."""
+        """(n,) rows that the recorder lost (:mod:`massprop_cli.inputs.lostrecords`); their cells are empty."""
         self.uncommanded: BoolArray | None = None
-        """(K,) control cycles whose commands were lost with them."""
+        """(K,) control cycles whose commands are lost."""
         for known, column in columns.items():
             if column.from_ not in table.columns:
                 hint = nearest(column.from_, table.columns, "the nearest column is")
                 raise InputError(f"{table.path}: column {column.from_!r} is missing, which [columns] maps to {known}{hint}")
 
     def name(self, column: str) -> str:
-        """What this log calls a column."""
+        """Column name in this log."""
         mapped = self.columns.get(column)
         return mapped.from_ if mapped else column
 
     @property
     def logged(self) -> list[str]:
-        """All columns, by the contract's names where the vehicle file maps them."""
+        """All columns; mapped ones by standard name."""
         mapped = {column.from_: name for name, column in self.columns.items()}
         return [mapped.get(name, name) for name in self.table.columns]
 
     def has(self, column: str) -> bool:
-        """Whether the log has it."""
+        """Whether the log has the column."""
         return self.name(column) in self.table.columns
 
     def place(self, row: int) -> str:
-        """How a person finds a row."""
+        """Text that locates a row for the user."""
         return self.table.place(row)
 
     def error(self, row: int, column: str, problem: str) -> InputError:
-        """What is wrong with a cell."""
+        """Error about a cell."""
         return InputError(f"{self.table.path}, {self.place(row)}, column {self.name(column)}: {problem}")
 
     def refuse(self, bad: BoolArray, column: str, problem: Callable[[int], str]) -> None:
-        """:class:`InputError` where any of a column's rows (n,) is ``bad``: that with the first."""
+        """Raise :class:`InputError` for the first ``bad`` row (n,) of a column."""
         if bad.any():
             row = int(np.argmax(bad))
             raise self.error(row, column, problem(row))
 
     def optional(self, column: str) -> Array:
-        """The column, scaled, with NaN for null."""
+        """Column with scale; NaN for null. Raises :class:`InputError` if it is missing."""
         name = self.name(column)
         if name not in self.table.columns:
-            spare = self._spare()
+            spare = self._unused()
             hint = nearest(name, spare, "the nearest unused column is")
             cure = "rename it, or map it under [columns] of the vehicle file, or add it" if spare else "add it"
             cure += ", with 0 in each row if that jet never fired" * name.startswith("jet_")
@@ -103,19 +103,19 @@ class LogTable:
             raise InputError(f"{self.table.path}: column {name!r} is missing{hint}; {cure}")
         numbers: Array = self.table.columns[name].numbers()
         scaled = np.multiply(numbers, self.columns[column].scale if column in self.columns else 1.0, out=spill.empty(len(numbers)))
-        # what underflows when it is squared is a zero that was calculated
+        # values whose squares underflow are computed zeros
         scaled[(scaled < LEAST) & (scaled > -LEAST)] = 0.0
         return scaled
 
     def required(self, column: str) -> Array:
-        """The column, scaled; every cell must be a finite number, and where a row is lost it is on the line between its neighbours."""
-        values = between_known(self.optional(column), self.lost)
+        """Column with scale, interpolated in lost rows. Raises :class:`InputError` for a cell that is not a finite number."""
+        values = interpolate(self.optional(column), self.lost)
         said = "is not a finite number; correct or cut the record"
         self.refuse(~np.isfinite(values), column, lambda row: f"{values[row]} {said}".replace("nan", "nan or an empty cell", 1))
         return values
 
     def readings(self, column: str, marked: Marked) -> Array:
-        """The column of a sensor, in which a few cells may be empty: they are on the line between their neighbours, and marked."""
+        """Column of a sensor; a few empty cells are interpolated and recorded in ``marked``."""
         values = self.optional(column)
         filled = fills(values, self.columns[column].scale if column in self.columns else 1.0)
         values[filled] = np.nan
@@ -123,10 +123,10 @@ class LogTable:
         if np.isinf(values).any() or np.sum(none if self.lost is None else none & ~self.lost) > EMPTY * len(values):
             return self.required(column)
         marked.add(values, self.lost, filled)
-        return between_known(values, none)
+        return interpolate(values, none)
 
     def increments(self, columns: Sequence[str], rates: Sequence[str], interval_s: Array) -> tuple[Array, Marked]:
-        """(n, 3) increments: columns, ``rates`` times the interval, zeros of an absent axis; and which records have no reading."""
+        """(n, 3) increments (``rates`` times interval; 0 for absent axes), and the missing readings."""
         found, marked = spill.empty(self.table.rows, len(columns)), Marked(self.table.rows)
         for axis, column in enumerate(columns):
             values = self.readings(column, marked) if self.has(column) else None
@@ -135,22 +135,22 @@ class LogTable:
         return found, marked
 
     def sensed(self, names: Sequence[str], rates: Sequence[str]) -> tuple[str, ...]:
-        """(3,) the column of each axis, of increments before rates; :class:`InputError` where another looks like one that is absent."""
+        """(3,) column of each axis, increments before rates. Raises :class:`InputError` if another column resembles an absent one."""
         found = tuple(rate if self.has(rate) and not self.has(name) else name for name, rate in zip(names, rates, strict=True))
         absent = [column for column in found if not self.has(column)]
-        like = next(((name, other) for name in absent for other in self._spare() if alike(name, other)), None)
+        like = next(((name, other) for name in absent for other in self._unused() if alike(name, other)), None)
         if like is not None:
             cure = "rename it, or map it under [columns] of the vehicle file; if it is not an IMU reading, leave it out of the log"
             raise InputError(f"{self.table.path}: column {like[0]!r} is missing; the nearest unused column is {like[1]!r}; {cure}")
         return found
 
-    def _spare(self) -> list[str]:
-        """Columns that stand for nothing yet."""
+    def _unused(self) -> list[str]:
+        """Columns without a meaning so far."""
         used = {self.name(known) for known in FIXED if self.has(known)}
         return [present for present in self.table.columns if present not in used and not present.startswith("jet_")]
 
     def per_cycle(self, column: str, records: int, n: int) -> Array:
-        """(K,) the command in the first row of each cycle; other rows must be null or the same."""
+        """(K,) command in the first row of each cycle. Raises :class:`InputError` unless other rows are null or equal."""
         values = self.optional(column)[:n]
         if self.issued is not None:
             return self._of_issued(column, values)
@@ -164,14 +164,14 @@ class LogTable:
             "first row"
         )
         differs = ~np.isnan(values) & (values != every)
-        self.refuse(differs, column, lambda row: f"{values[row]:g} {held.format(every[row])}{self._lost(row)}")
+        self.refuse(differs, column, lambda row: f"{values[row]:g} {held.format(every[row])}{self._lost_record(row)}")
         return np.ascontiguousarray(first)
 
     def _uncommanded(self, row: int, values: Array, records: int) -> str:
-        """Why a cycle has no command (n,) in its first row: none was written, or rows were put back where the clock stepped alone."""
-        missing, stepped = "no command in the first row of its control cycle", self._stepped(row)
+        """Reason why the first row of a cycle has no command: none was written, or only the clock stepped."""
+        missing, stepped = "no command in the first row of its control cycle", self._clock_step(row)
         if not stepped:
-            return f"{missing}; write one (0 for none){self._lost(row)}"
+            return f"{missing}; write one (0 for none){self._lost_record(row)}"
         assert self.lost is not None
         between = np.diff(np.flatnonzero(~np.isnan(values[~self.lost[: len(values)]])))
         whole = f" (commands come every {records} rows, as if no record is missing)" if (between == records).all() else ""
@@ -180,8 +180,8 @@ class LogTable:
             "missing, write a command in the first row of each cycle (0 for none)"
         )
 
-    def _stepped(self, row: int) -> str:
-        """The last long interval before a row for which rows were put back; empty where there is none."""
+    def _clock_step(self, row: int) -> str:
+        """Text on the last long interval before a row in which lost rows were restored; empty without one."""
         if self.lost is None:
             return ""
         recorded = np.flatnonzero(~self.lost)
@@ -194,16 +194,16 @@ class LogTable:
         return f"the time increases by {step:.6g} s at {self.place(int(at))}, not by {usual:.6g} s"
 
     def _first(self, grid: Array, lost: BoolArray) -> Array:
-        """(K,) the command of each cycle (K, records): where its first row is lost that of another row, or else of the cycle before."""
+        """(K,) command of each cycle (K, records); for a lost first row that of another row, or else of the cycle before."""
         cycles = np.arange(len(grid))
         first = np.where(lost[:, 0], grid[cycles, np.argmax(~np.isnan(grid), 1)], grid[:, 0])
         unknown = lost[:, 0] & np.isnan(first)
         known = np.maximum.accumulate(np.where(unknown, 0, cycles))
         self.uncommanded = unknown if self.uncommanded is None else self.uncommanded | unknown
-        return np.where(unknown, np.nan_to_num(first[known]), first)  # of the log's first one nothing came before
+        return np.where(unknown, np.nan_to_num(first[known]), first)  # 0 before the first command
 
     def _of_issued(self, column: str, values: Array) -> Array:
-        """(M,) the cells of rows in which a command was issued; all others must be empty."""
+        """(M,) commands in rows with a command time. Raises :class:`InputError` unless all other cells are empty."""
         assert self.issued is not None
         issued, own = np.zeros(len(values), dtype=bool), self.name(COMMAND_TIME)
         issued[self.issued] = True
@@ -211,9 +211,9 @@ class LogTable:
         self.refuse(~issued & np.isfinite(values), column, lambda row: f"{values[row]:g} has no {own} in its row; state when it was issued")
         return values[self.issued]
 
-    def _lost(self, row: int) -> str:
-        """Where a record is missing before a row, from which on all cycles are others; empty where none is."""
-        if stepped := self._stepped(row):
+    def _lost_record(self, row: int) -> str:
+        """Text on a lost record before a row, which shifts all later cycles; empty without one."""
+        if stepped := self._clock_step(row):
             return f"; or {stepped}: if no record is missing there, state imu.clock_even = true"
         steps = np.diff(self.required(TIME)[: row + 1])
         long = np.flatnonzero(steps > LONG * median(steps)) if len(steps) else steps
@@ -223,13 +223,13 @@ class LogTable:
         return f"; or a record was lost before {self.place(at)}, {steps[at - 1]:.6g} s after the one above it: split the log there"
 
     def between(self, column: str, n: int) -> Array:
-        """(n,) the column, a smooth curve through its samples where records have none or repeat the last one."""
+        """(n,) column with cubic interpolation between its samples (:meth:`samples`)."""
         time_s, rows = self.required(TIME)[:n], self.samples(column, n)
         values = self.optional(column)[:n]
         return values if len(rows) == n else cubic(time_s, time_s[rows], values[rows])
 
     def samples(self, column: str, n: int) -> IntArray:
-        """Rows that hold a sample: neither empty, nor one that a slower recorder holds between rows."""
+        """Rows with a sample: not empty, and not a repetition by a slower recorder."""
         values = self.optional(column)[:n]
         rows = np.flatnonzero(~np.isnan(values))
         if np.isinf(values).any() or not rows.size:
@@ -238,11 +238,11 @@ class LogTable:
         held = np.diff(changed)
         if len(held) < HELD or np.quantile(held, SELDOM) < 2:
             return rows
-        # one that stays the same for longer was sampled as often
+        # a longer repetition is an unchanged value at the usual sample rate
         since = np.arange(len(rows)) - changed[np.searchsorted(changed, np.arange(len(rows)), "right") - 1]
         return np.asarray(rows[since % int(np.median(held)) == 0])
 
     def ends(self, column: str, records: int, n: int) -> Array:
-        """(K,) what was measured at the end of each cycle, as :meth:`between`."""
+        """(K,) value at the end of each cycle, interpolated as in :meth:`between`."""
         values = self.between(column, n)
         return values[records - 1 :: records] if self.issued is None else values[np.append(self.issued[1:], n) - 1]

@@ -1,7 +1,7 @@
-"""Records that a recorder lost: rows that are missing, empty cells, the last reading repeated, zeros in the place of readings.
+"""Records that a recorder lost: missing rows, empty cells, repeated readings, or zeros.
 
-A lost record is put back in its place, so that each control cycle keeps its length and commands act at their times. Its readings count as
-unknown. So does its command, where no other record of its cycle has it: an impulse of any size up to the largest one of the log.
+Lost records are restored, so that control cycles keep their length and commands act at their times. Their readings count as unknown. Their
+command also does if no other record of the cycle has it: an impulse up to the largest of the log.
 """
 
 from dataclasses import replace
@@ -14,24 +14,24 @@ from massprop_cli.base.arrays import Array, BoolArray, IntArray, median
 from massprop_cli.base.lazy import pa
 from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_V, GYRO, PULSE, TIME, WRENCH, is_jet
 from massprop_cli.inputs.imurecords import ImuRecords
-from massprop_cli.inputs.logtable import LONG, MISSING, WHOLE, LogTable, between_known
+from massprop_cli.inputs.logtable import LONG, MISSING, WHOLE, LogTable, interpolate
 from massprop_cli.inputs.marked import holds_both, repeated, zeros
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.tablefile import Cells
 from massprop_cli.inputs.vehicle import Vehicle
 
 SHARE = 0.25
-"""Part of the records that may be lost."""
+"""Maximum fraction of lost records."""
 HELD = 0.9
-"""Part of the rows from which on a command stands in each of its cycle's."""
-SOON = 0.5
-"""Part of a record by which the stamp of one that stands twice may be later."""
+"""Minimum fraction of rows with a command for a command that is in each row of its cycle."""
+MAX_DELAY = 0.5
+"""Maximum delay of a repeated record's time stamp, in records."""
 ENOUGH, MOSTLY = 4, 0.9
-"""Commands that must show where cycles begin, and the part of them that must agree: a first row may be lost."""
+"""Minimum number of commands that show the start of cycles, and minimum fraction that agree, because a first row may be lost."""
 
 
 def without_lone_pulses(source: LogTable) -> LogTable:
-    """The log without rows that hold a pulse and no record: there may be more pulses than records."""
+    """Log without rows that have a pulse but no record."""
     if not any(source.has(name) for name in PULSE) or not source.has(TIME):
         return source
     own = [source.optional(name) for name in (TIME, *DELTA_THETA, *DELTA_V, *GYRO, *ACCEL) if source.has(name)]
@@ -40,22 +40,22 @@ def without_lone_pulses(source: LogTable) -> LogTable:
 
 
 def once(source: LogTable) -> tuple[LogTable, list[Notice]]:
-    """The log without duplicate rows: all cells as in the row before, the stamp the same or hardly later. A stamp alone is no duplicate."""
+    """Log without duplicate rows: all cells equal those of the previous row, and the time stamp is at most ``SOON`` later."""
     steps = np.diff(source.required("time_s"))
-    again = np.flatnonzero((steps >= 0) & (steps <= SOON * (median(steps) if len(steps) else 0.0))) + 1
+    again = np.flatnonzero((steps >= 0) & (steps <= MAX_DELAY * (median(steps) if len(steps) else 0.0))) + 1
     others = (cells.read() for name, cells in source.table.columns.items() if name != source.name("time_s"))
     if not len(again) or not all(column.take(again).equals(column.take(again - 1)) for column in others):
         return source, []
     rows = np.delete(np.arange(source.table.rows), again)
-    said = f"{source.name('time_s')}: {len(again)} row(s) repeat the row before, the first at {source.place(int(again[0]))}; left out"
-    return _of_rows(source, rows), [Notice("clock-rebuilt", said)]
+    message = f"{source.name('time_s')}: {len(again)} row(s) repeat the row before, the first at {source.place(int(again[0]))}; left out"
+    return _of_rows(source, rows), [Notice("clock-rebuilt", message)]
 
 
 def put_back(source: LogTable, time_s: Array, vehicle: Vehicle) -> tuple[LogTable, Array]:
-    """The log with rows in place of missing ones (at its start, too), and the times (N,) of all; as it is where too many are missing."""
+    """Log with missing rows restored (also before its first row), and times (N,) of all rows; unchanged if too many are missing."""
     steps = np.diff(time_s)
     usual = median(steps) if len(steps) else 0.0
-    if not usual > 0 or _told_at_own_times(source) or any(one.column == "torque" for one in vehicle.wheels):
+    if not usual > 0 or _loses_commands(source) or any(one.column == "torque" for one in vehicle.wheels):
         return source, time_s
     count = np.where(steps > LONG * usual, np.round(steps / usual) - 1, 0)
     off = np.abs(steps / usual - count - 1) > WHOLE
@@ -63,8 +63,8 @@ def put_back(source: LogTable, time_s: Array, vehicle: Vehicle) -> tuple[LogTabl
     if (off & (count > 0)).any() or count.max() > MISSING * per_cycle or count.sum() > SHARE * len(time_s):
         return source, time_s
     place = np.append(0, np.cumsum(count + 1)).astype(int)
-    ahead = 0 if source.has(COMMAND_TIME) else -_begins(source, place, per_cycle) % per_cycle
-    if (not count.any() and not ahead) or (count.any() and _made_of_times(source, np.flatnonzero(count) + 1)):
+    ahead = 0 if source.has(COMMAND_TIME) else -_first_cycle(source, place, per_cycle) % per_cycle
+    if (not count.any() and not ahead) or (count.any() and _cover_gaps(source, np.flatnonzero(count) + 1)):
         return source, time_s
     rows = np.append(np.zeros(ahead, dtype=int), np.repeat(np.arange(len(time_s)), np.append(0, count).astype(int) + 1))
     lost = np.ones(len(rows), dtype=bool)
@@ -74,8 +74,8 @@ def put_back(source: LogTable, time_s: Array, vehicle: Vehicle) -> tuple[LogTabl
     return _of_rows(source, rows, lost), times
 
 
-def _told_at_own_times(source: LogTable) -> bool:
-    """Whether a lost row may have held commands that no other tells of: those with times of their own, but for such as come all along."""
+def _loses_commands(source: LogTable) -> bool:
+    """Whether lost rows may have contained unique commands: pulses, or commands at irregular times."""
     if not source.has(COMMAND_TIME):
         return any(source.has(name) for name in PULSE)
     stamps = source.optional(COMMAND_TIME)
@@ -83,14 +83,14 @@ def _told_at_own_times(source: LogTable) -> bool:
     return not len(steps) or bool(steps.max() > LONG * median(steps))
 
 
-def _made_of_times(source: LogTable, rows: IntArray) -> bool:
-    """Whether increments hold the time since the record before, as of a tool that makes them of rates and times: then none are lost."""
+def _cover_gaps(source: LogTable, rows: IntArray) -> bool:
+    """Whether increments after missing rows contain the whole time, because a tool computed them from rates and times."""
     sensors = [np.stack([source.optional(name) for name in own], 1) for own in (DELTA_THETA, DELTA_V) if all(map(source.has, own))]
     return holds_both([np.nan_to_num(one) for one in sensors], rows, 1)
 
 
-def _begins(source: LogTable, place: IntArray, per_cycle: int) -> int:
-    """Records from the log's first one to the next control cycle, as its commands show: they stand, or change, in a cycle's first row."""
+def _first_cycle(source: LogTable, place: IntArray, per_cycle: int) -> int:
+    """Number of records from the first one to the next start of a control cycle, from rows in which commands occur or change; else 0."""
     residues: list[int] = []
     for name in source.logged if per_cycle > 1 else ():
         if not (name in WRENCH or is_jet(name)):
@@ -109,7 +109,7 @@ def _begins(source: LogTable, place: IntArray, per_cycle: int) -> int:
 
 
 def _of_rows(source: LogTable, rows: IntArray, lost: BoolArray | None = None) -> LogTable:
-    """The log with these of its rows, empty where they are ``lost``; a lost row's place is that of the next."""
+    """Log with the given rows, empty where ``lost``; a lost row has the place of the next one."""
 
     def place(row: int) -> str:
         return source.place(int(rows[row]))
@@ -122,17 +122,17 @@ def _of_rows(source: LogTable, rows: IntArray, lost: BoolArray | None = None) ->
 
 
 class LeftOut(NamedTuple):
-    """What a recorder lost, by control cycle; None where it lost nothing."""
+    """Lost readings and commands by control cycle; None without any."""
 
     ignored: BoolArray | None
-    """(K, 2) cycles whose gyro, whose accelerometer is not used."""
+    """(K, 2) cycles whose gyro or accelerometer is not used."""
     uncommanded: BoolArray | None
-    """(K,) whose command is unknown."""
+    """(K,) cycles with unknown command."""
     notices: list[Notice]
 
 
 def left_out(source: LogTable, imu: ImuRecords, command: Array, records: int, n: int) -> LeftOut:
-    """Cycles of n records whose readings or commands (K, C) are unknown; such readings in ``imu`` become interpolated."""
+    """Lost readings and commands (K, C) in cycles of ``records`` records; interpolates lost readings in ``imu``."""
     lost = np.zeros(n, dtype=bool) if source.lost is None else source.lost[:n]
     both = (imu.theta[:n], imu.velocity[:n])
     each = zip(*((one.empty, one.filled, zeros(one)) for one in imu.marked), strict=True)
@@ -144,8 +144,8 @@ def left_out(source: LogTable, imu: ImuRecords, command: Array, records: int, n:
     few = MISSING * records
     if n > few:
         blind: BoolArray = np.asarray(np.lib.stride_tricks.sliding_window_view(empty[:, 0], few + 1).all(1))
-        said = f"more than {few} records in a row have no gyro reading, so the rotation is unknown; split the log there"
-        source.refuse(blind, (imu.rates or DELTA_THETA)[0], lambda _: said)
+        message = f"more than {few} records in a row have no gyro reading, so the rotation is unknown; split the log there"
+        source.refuse(blind, (imu.rates or DELTA_THETA)[0], lambda _: message)
     kinds = (
         ("missing", lost[:, None]),
         ("with empty cells", empty & ~filled),
@@ -159,11 +159,11 @@ def left_out(source: LogTable, imu: ImuRecords, command: Array, records: int, n:
     readings = lost[:, None] | empty | same | zero
     for increments, rows in zip(both, readings.T, strict=True):
         for axis in increments.T:
-            axis[:] = between_known(axis, rows)
+            axis[:] = interpolate(axis, rows)
     uncommanded = np.zeros(n // records, dtype=bool) if source.uncommanded is None else source.uncommanded
     if records == 1 and source.issued is None:
         uncommanded = uncommanded | (same.all(1) & (np.diff(command, axis=0, prepend=np.nan) == 0).all(1))
     also = f", nor the commands of {int(uncommanded.sum())} control cycle(s) in them" if uncommanded.any() else ""
     first = source.place(int(np.argmax(readings.any(1))))
-    said = f"records lost: {', '.join(found)}, the first at {first}; massprop does not use their readings{also}"
-    return LeftOut(readings.reshape(-1, records, 2).any(1), uncommanded, [Notice("records-lost", said)])
+    message = f"records lost: {', '.join(found)}, the first at {first}; massprop does not use their readings{also}"
+    return LeftOut(readings.reshape(-1, records, 2).any(1), uncommanded, [Notice("records-lost", message)])

@@ -1,4 +1,4 @@
-"""Records of a sensor in whose place a recorder wrote nothing, zeros, or the reading before."""
+"""Records of a sensor for which a recorder wrote nothing, zeros, a fill value, or the previous reading."""
 
 from collections.abc import Sequence
 
@@ -7,36 +7,36 @@ import numpy as np
 from massprop_cli.base.arrays import TINY, Array, BoolArray, IntArray, runs
 
 SAME, STANDS = 0.05, 10
-"""Part of the records that may repeat the one before, and how many in a row: of more, a sensor resolves no more, or stands still."""
+"""Maximum fraction of repeated records, and of successive ones; more are from a coarse or stuck sensor."""
 ENOUGH = 2
-"""Axes that must repeat at once: one may well show the same twice."""
+"""Minimum number of axes that repeat together, because a single axis may repeat by chance."""
 BY_CHANCE = 0.25
-"""Records in which all axes but one repeat over those in which all do, from which on these do by chance."""
+"""Number of records in which all axes but one repeat, over that in which all do, above which repetition is by chance."""
 FILLS = (999.0, 9999.0, 99999.0, 32767.0, 32768.0, 1e20, 1e30, 9.969209968386869e36)
-"""What recorders write where there is no reading, of either sign: the last is NetCDF's, and counts overflow into 2^15."""
-ROUNDED = 1e-6
-"""Part of one that its digits may leave out."""
-APART = 10.0
-"""Times the largest reading from which on one of these is none."""
-BOTH = 1.5
-"""Times a usual reading from which on the record after a lost one holds that of both."""
+"""Fill values of recorders, of either sign: 9.97e36 is NetCDF's, 2^15 an integer overflow."""
+ROUNDING = 1e-6
+"""Relative rounding of fill values."""
+FILL_RATIO = 10.0
+"""Minimum ratio of a fill value to the largest reading."""
+BOTH_RATIO = 1.5
+"""Record after a lost one over a usual record, above which it contains the motion of both."""
 
 
 class Marked:
-    """Of n records, axis by axis as they are read."""
+    """Missing readings of a sensor with n records, collected axis by axis."""
 
     def __init__(self, count: int) -> None:
         self.empty = np.zeros(count, dtype=bool)
         self.filled = np.zeros(count, dtype=bool)
-        """(n,) those with a fill value, empty, too."""
+        """(n,) records with a fill value; these are also empty."""
         self.axes = 0
         self.same: IntArray = np.zeros(count, dtype=np.int8)
-        """(n,) axes that repeat the record before, ..."""
+        """(n,) number of axes that equal the previous record, ..."""
         self.zero: IntArray = np.zeros(count, dtype=np.int8)
         """... and that are 0."""
 
     def add(self, values: Array, lost: BoolArray | None, filled: BoolArray) -> None:
-        """One axis's column (n,), NaN where a cell is empty or ``filled``."""
+        """Add a column (n,) of one axis, with NaN for empty or ``filled`` cells."""
         none = np.isnan(values)
         self.filled |= filled
         self.empty |= none if lost is None else none & ~lost
@@ -47,18 +47,18 @@ class Marked:
 
 
 def fills(values: Array, scale: float) -> BoolArray:
-    """(n,) readings that are a fill value of the log, there in a unit ``scale`` times theirs, and far beyond all others."""
+    """(n,) readings that are a fill value times ``scale``, the scale of the column, and far above all others."""
     own = np.array(FILLS) * abs(scale)
     farthest = max(np.nanmax(values, initial=0.0), -np.nanmin(values, initial=0.0))
-    if not np.isclose(farthest, own, rtol=ROUNDED, atol=0).any():
+    if not np.isclose(farthest, own, rtol=ROUNDING, atol=0).any():
         return np.zeros(len(values), dtype=bool)
     sizes = np.abs(values)
-    found = np.asarray(np.isclose(sizes[:, None], own, rtol=ROUNDED, atol=0).any(1))
-    return np.asarray(found & (sizes > APART * np.nanmax(sizes[~found], initial=0.0)))
+    found = np.asarray(np.isclose(sizes[:, None], own, rtol=ROUNDING, atol=0).any(1))
+    return np.asarray(found & (sizes > FILL_RATIO * np.nanmax(sizes[~found], initial=0.0)))
 
 
 def repeated(sensors: Sequence[Marked]) -> BoolArray:
-    """(n,) records in which all axes of these sensors repeat the one before, and are not 0."""
+    """(n,) records in which all axes of the sensors repeat the previous one and are not 0."""
     axes = sum(one.axes for one in sensors)
     none = np.asarray(np.sum([one.zero for one in sensors], 0) == axes)
     return np.asarray(_at_once(np.sum([one.same for one in sensors], 0), axes) & ~none)
@@ -70,7 +70,7 @@ def zeros(sensor: Marked) -> BoolArray:
 
 
 def _at_once(axes: IntArray, every: int) -> BoolArray:
-    """The rows in which so many ``axes`` (n,) are ``every`` one; none where these are many, or by chance, as of a coarse sensor."""
+    """(n,) rows in which ``axes`` (n,) equals ``every``; none if these are too many or by chance."""
     rows = np.asarray(axes == every)
     by_chance = int((axes == every - 1).sum()) > BY_CHANCE * int(rows.sum())
     lengths = np.diff(runs(rows), axis=1)
@@ -79,9 +79,10 @@ def _at_once(axes: IntArray, every: int) -> BoolArray:
 
 
 def holds_both(sensors: Sequence[Array], rows: IntArray, before: int) -> bool:
-    """Whether increments (n, 3) in ``rows`` also hold the motion of the record lost before; the one ``before`` them holds its own alone.
+    """Whether increments (n, 3) in ``rows`` also contain the motion of the lost record.
 
-    Each sensor weighs by how little it changes from one record to the next: noise and pulses tell nothing.
+    Those ``before`` rows earlier contain only their own motion. Sensors are weighted by the inverse mean square of their changes, because
+    noise and pulses give no information.
     """
     held, usual = 0.0, 0.0
     for increments in sensors:
@@ -89,4 +90,4 @@ def holds_both(sensors: Sequence[Array], rows: IntArray, before: int) -> bool:
         around, weight = increments[own - before] + increments[own + 1], 1 / max(float((np.diff(increments, axis=0) ** 2).mean()), TINY)
         held += weight * float((increments[own] * around).sum())
         usual += weight * float((around**2).sum()) / 2
-    return held > BOTH * usual
+    return held > BOTH_RATIO * usual

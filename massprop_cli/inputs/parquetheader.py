@@ -1,8 +1,8 @@
-"""How large a Parquet file is once it is unpacked, by its headers alone (github.com/apache/parquet-format, parquet.thrift).
+"""Uncompressed size of a Parquet file from its headers (github.com/apache/parquet-format, parquet.thrift).
 
-Arrow believes what the headers say and allocates it, and some end the whole process in Arrow's own reader. So it is counted here before:
-cells by the footer, values and bytes by the header of every page, since the footer need not agree with those. Headers are in Thrift's
-compact protocol (github.com/apache/thrift, thrift-compact-protocol.md).
+Arrow trusts the headers and allocates what they state, and some crash its reader. massprop therefore counts first: cells from the footer,
+values and bytes from each page header, because the footer may differ. Headers use Thrift's compact protocol (github.com/apache/thrift,
+thrift-compact-protocol.md).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,51 +16,51 @@ from massprop_cli.base.spill import Content
 
 _MARK = b"PAR1"
 _TAIL = 8
-"""Bytes at the end: the footer's length and the file's mark."""
+"""Length of the file's end, bytes: length of the footer, and magic number."""
 _TEXT = 6
-"""The physical type BYTE_ARRAY; the only other whose values may be longer than two numbers is FIXED_LEN_BYTE_ARRAY."""
+"""Physical type BYTE_ARRAY; only FIXED_LEN_BYTE_ARRAY has other values longer than 16 bytes."""
 _DATA, _DICTIONARY, _DATA_2 = 0, 2, 3
 _BY_PREFIXES = 7
-"""The encoding DELTA_BYTE_ARRAY."""
+"""Encoding DELTA_BYTE_ARRAY."""
 _DEEPEST, _LISTED = 16, 2**14
-"""Levels of structs, and items of a list, that a header may have."""
+"""Maximum nesting of structs, and maximum length of a list in a header."""
 _BINARY, _LIST, _SET, _STRUCT = 8, 9, 10, 12
 _FIXED = {1: 1, 2: 1, 3: 1, 7: 8, 13: 16}
-"""Bytes of a truth value in a list, a byte, a double and a UUID."""
+"""Length of a Boolean in a list, a byte, a double and a UUID, bytes."""
 _Fields = Mapping[int, Any]
 
 
 @dataclass(frozen=True)
 class _Column:
-    """A column without columns below it."""
+    """Leaf column."""
 
     path: str
     kind: int
     width: int
-    """Numbers of 8 bytes that a value takes; of text one, as it stays in its dictionary."""
+    """Number of 8-byte words per value; 1 for text, which stays in its dictionary."""
 
 
 @dataclass(frozen=True)
 class _Page:
-    """What a page's header says of it."""
+    """Header of a page."""
 
     kind: int
     unpacked: int
-    """Bytes."""
+    """Uncompressed size, bytes."""
     packed: int
-    """Bytes that follow the header."""
+    """Size after the header, bytes."""
     values: int
     encoding: int
 
 
 class ParquetColumns:
-    """A file's columns, each unpacked when it is asked for. What Arrow raises, and ValueError, say that the file is damaged."""
+    """Columns of a file, decompressed on demand. ValueError and Arrow's exceptions mean a damaged file."""
 
     def __init__(self, place: str, data: Content) -> None:
-        # text stays in its dictionary: one long text on a million rows would be as many texts
+        # text stays in its dictionary, because one long text may occur in a million rows
         texts = checked(place, data)
         try:
-            # pq.read_table() would import pyarrow.dataset and with it pandas, and its threads may abort the process at exit
+            # pq.read_table() imports pyarrow.dataset and pandas, and its threads may abort the process at exit
             self._file = pq.ParquetFile(
                 pa.BufferReader(pa.py_buffer(data)), pre_buffer=False, thrift_container_size_limit=_LISTED, read_dictionary=texts
             )
@@ -70,11 +70,11 @@ class ParquetColumns:
         self.rows: int = self._file.metadata.num_rows
         kinds = ((field.name, field.type) for field in self._file.schema_arrow)
         self.instants = {name: str(kind.unit) for name, kind in kinds if pa.types.is_timestamp(kind) or pa.types.is_duration(kind)}
-        """Columns of times, with their units: s, ms, us or ns."""
+        """Units (s, ms, us or ns) of columns with times."""
         self.metadata: Mapping[bytes, bytes] = self._file.schema_arrow.metadata or {}
 
     def column(self, name: str) -> Any:
-        """Arrow's chunked array of a column whose name no other has."""
+        """Arrow's chunked array of a column with a unique name."""
         found = self._file.read(columns=[name], use_threads=False).column(name)
         if len(found) != self.rows:
             raise ValueError(f"column {name} has {len(found)} of {self.rows} rows")
@@ -82,7 +82,7 @@ class ParquetColumns:
 
 
 def checked(place: str, data: Content) -> list[str]:
-    """Paths of text columns, to be read as dictionaries; :class:`InputError` beyond the limits, ValueError for a damaged header."""
+    """Paths of text columns, to read as dictionaries. Raises :class:`InputError` beyond the limits, ValueError for a damaged header."""
     length = int.from_bytes(data[-_TAIL:-4], "little")
     if len(data) < _TAIL + len(_MARK) or data[-4:] != _MARK or length > len(data) - _TAIL:
         raise ValueError("it does not end as one")
@@ -97,22 +97,22 @@ def checked(place: str, data: Content) -> list[str]:
 
 
 def _columns(schema: Sequence[_Fields]) -> Iterator[_Column]:
-    """The leaves of a schema, which lists a tree depth first."""
+    """Leaf columns of a schema, which lists its tree depth first."""
     path: list[str] = []
-    left: list[int] = []
+    remaining: list[int] = []
     for element in schema[1:]:
         name = element.get(4)
         path.append(name.decode() if isinstance(name, bytes) else "")
         if _count(element, 5):
-            left.append(_count(element, 5))
+            remaining.append(_count(element, 5))
             continue
         yield _Column(".".join(path), _count(element, 1), max(1, -(-_count(element, 2) // 8)))
         path.pop()
-        while left:
-            left[-1] -= 1
-            if left[-1]:
+        while remaining:
+            remaining[-1] -= 1
+            if remaining[-1]:
                 break
-            left.pop()
+            remaining.pop()
             path.pop()
 
 
@@ -137,25 +137,25 @@ def _check_pages(place: str, data: Content, columns: Sequence[_Column], groups: 
 
 
 def _pages(data: Content, chunk: _Fields) -> Iterator[_Page]:
-    """The pages of a column chunk, as Arrow would read them."""
+    """Pages of a column chunk, in Arrow's order."""
     said = chunk.get(3)
     if not isinstance(said, dict):
         raise ValueError("a column does not say where it is")
     at, dictionary = _count(said, 9), _count(said, 11)
     if 0 < dictionary < at:
         at = dictionary
-    end, left = at + _count(said, 7), _count(said, 5)
+    end, remaining = at + _count(said, 7), _count(said, 5)
     if end > len(data):
         raise ValueError("a column lies outside of the file")
-    while left > 0 and at < end:
+    while remaining > 0 and at < end:
         page, at = _page(data, at)
         yield page
         at += page.packed
-        left -= page.values if page.kind in (_DATA, _DATA_2) else 0
+        remaining -= page.values if page.kind in (_DATA, _DATA_2) else 0
 
 
 def _page(data: Content, at: int) -> tuple[_Page, int]:
-    """A page's header, and where its content begins."""
+    """Header of a page, and position of its content."""
     fields, at = _struct(data, at)
     kind = _count(fields, 1)
     said = fields.get({_DATA: 5, _DICTIONARY: 7, _DATA_2: 8}.get(kind, 0))
@@ -165,7 +165,7 @@ def _page(data: Content, at: int) -> tuple[_Page, int]:
 
 
 def _count(fields: _Fields, number: int) -> int:
-    """A field that is a count or a size, 0 where it is missing."""
+    """Count or size in a field; 0 if missing."""
     value = fields.get(number, 0)
     if not isinstance(value, int) or value < 0:
         raise ValueError("a header has a negative size")
@@ -173,7 +173,7 @@ def _count(fields: _Fields, number: int) -> int:
 
 
 def _structs(fields: _Fields, number: int) -> list[_Fields]:
-    """A field that is a list of structs."""
+    """List of structs in a field."""
     found = fields.get(number, [])
     if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
         raise ValueError("a header cannot be read")
@@ -181,7 +181,7 @@ def _structs(fields: _Fields, number: int) -> list[_Fields]:
 
 
 def _struct(data: Content, at: int, depth: int = 0) -> tuple[dict[int, Any], int]:
-    """Fields of a struct by number (integers, bytes, structs and their lists, else None), and where it ends; ValueError for none."""
+    """Fields of a struct by number (integers, bytes, structs and their lists, else None), and its end. Raises ValueError if damaged."""
     if depth > _DEEPEST:
         raise ValueError("a header is nested too deep")
     found: dict[int, Any] = {}
@@ -195,7 +195,7 @@ def _struct(data: Content, at: int, depth: int = 0) -> tuple[dict[int, Any], int
             number += head >> 4
         else:
             number, at = _integer(data, at)
-        # a field's truth value is told by its kind
+        # the type of a Boolean field is its value
         found[number], at = (None, at) if kind in (1, 2) else _value(data, at, kind, depth)
 
 
@@ -213,7 +213,7 @@ def _value(data: Content, at: int, kind: int, depth: int) -> tuple[Any, int]:
         return _list(data, at, depth)
     if kind in _FIXED:
         return None, at + _FIXED[kind]
-    # Parquet has no maps
+    # Parquet does not use maps
     raise ValueError("a header has a field of unknown kind")
 
 
@@ -248,6 +248,6 @@ def _unsigned(data: Content, at: int) -> tuple[int, int]:
 
 
 def _integer(data: Content, at: int) -> tuple[int, int]:
-    """A signed number: 0, -1, 1, -2 are written as 0, 1, 2, 3."""
+    """Signed integer in zigzag encoding: 0, -1, 1, -2 are stored as 0, 1, 2, 3."""
     value, at = _unsigned(data, at)
     return (value >> 1) ^ -(value & 1), at

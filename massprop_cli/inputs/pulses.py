@@ -1,4 +1,4 @@
-"""Commands as pulses (jet, start, duration) in any rows and order; one longer than a control cycle becomes several that touch."""
+"""Commands as a list of pulses (jet, start, duration) in any order; a pulse longer than a control cycle is split into adjacent ones."""
 
 from typing import NamedTuple
 
@@ -12,11 +12,11 @@ from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.vehicle import Vehicle
 
 CLOSE_S = 1e-6
-"""s by which pulses of one jet may overlap: their times are rounded."""
+"""Largest overlap of pulses of one jet, from rounded times, s."""
 
 
 class _Events(NamedTuple):
-    """E pulses in the order of their begin."""
+    """E pulses in order of start."""
 
     row: IntArray
     jet: IntArray
@@ -25,16 +25,16 @@ class _Events(NamedTuple):
 
 
 class Pulses(NamedTuple):
-    """M commands."""
+    """Commands of M start times."""
 
     issued_s: Array
-    """(M,) by the commands' clock."""
+    """(M,) start times on the commands' clock, s."""
     on_s: Array
-    """(M, jets) on-times."""
+    """(M, jets) on-times, s."""
 
 
 def commands(source: LogTable, vehicle: Vehicle, begin_s: float, end_s: float) -> Pulses | None:
-    """The commands of a log from ``begin_s`` to ``end_s``; None without such columns. :class:`InputError` names row, value and remedy."""
+    """Commands from ``begin_s`` to ``end_s``; None without pulse columns. Raises :class:`InputError` with row, value and remedy."""
     present = [name for name in PULSE if source.has(name)]
     if not present:
         return None

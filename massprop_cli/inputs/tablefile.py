@@ -1,4 +1,4 @@
-"""CSV and Parquet files to columns of numbers."""
+"""CSV and Parquet files as columns of numbers."""
 
 from __future__ import annotations
 
@@ -25,33 +25,33 @@ from massprop_cli.inputs import instants, parquetheader
 from massprop_cli.inputs.formats import csvdialect, recording, units
 
 VEHICLE_KEY = b"massprop.vehicle"
-"""Parquet metadata key under which a log may carry its own vehicle file."""
+"""Parquet metadata key of an embedded vehicle file."""
 MAP_KEY = b"massprop.map"
-"""The same of its map file."""
+"""Parquet metadata key of an embedded map file."""
 _LINE_END = re.compile(r"\r\n?")
 _BLANK_LINE = re.compile(r"\n[ \t]*\n")
 _BLANK_BEGINNING = re.compile(r"[ \t]*\n")
 _ANYTHING = re.compile(r"\S")
 _NUMBER = re.compile(r"\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*$")
-_HEADED = 60
-"""Lines up to which a file's own preamble may go."""
-_WHOLE = 2**53
-"""The largest number up to which float64 holds every whole one."""
+_PREAMBLE_LINES = 60
+"""Number of lines in which a preamble may end."""
+_EXACT_INTEGER = 2**53
+"""Largest integer up to which float64 represents every integer."""
 
 
 Place = Callable[[int], str]
-"""How a person finds a row: by its line in a CSV file, else by its number from 0."""
+"""Text that locates a row for the user: its line in a CSV file, else its number from 0."""
 BY_ROW: Place = "row {}".format
 
 
 def by_line(lines: Sequence[int]) -> Place:
-    """``line 17`` of the row that stands there."""
+    """Locate rows by line number, as ``line 17``."""
     return lambda row: f"line {lines[row]}"
 
 
 @dataclass(frozen=True)
 class Table:
-    """Columns as read from a file: numbers with NaN for null, and where they came from."""
+    """Columns of a file: numbers, with NaN for null."""
 
     path: Path
     sha256: str
@@ -65,22 +65,22 @@ class Table:
 
 @dataclass(frozen=True)
 class Made:
-    """How a map made a log's columns of a recording."""
+    """Conversion of a recording to a log's columns by a map."""
 
     map: str
-    """Where the map file is."""
+    """Path of the map file."""
     sha256: str
-    """Of the map file."""
+    """Digest of the map file."""
     said: tuple[str, ...]
-    """What was resampled, integrated or turned, in words."""
+    """Descriptions of resampling, integration and rotation."""
     sampled: tuple[bool, bool] = (False, False)
-    """Whether rates of the gyro, specific force of the accelerometer are samples at their times."""
+    """Whether gyro rates and specific forces are samples at their times."""
     heading: bool = False
-    """Whether the attitude is a heading alone, that of a planar table."""
+    """Whether the attitude is a heading on a planar table."""
 
 
 def columns_of(path: Path, data: Content) -> Table:
-    """The columns of a CSV or Parquet file as they are."""
+    """Read the columns of a CSV or Parquet file."""
     if not data:
         raise InputError(f"{path}: the file is empty; record the log again")
     found = _read_parquet(path, data) if recording.suffix(path) == ".parquet" else _read_csv(path, data)
@@ -90,13 +90,13 @@ def columns_of(path: Path, data: Content) -> Table:
 
 
 def at_hand(path: Path, columns: Mapping[str, Array], place: Place = BY_ROW) -> Table:
-    """The table of columns that no file holds, all of one length; NaN for null."""
+    """Table of columns without a file, all of one length; NaN for null."""
     cells = {name: Cells(path, name, partial(arrow.numbers, values), place) for name, values in columns.items()}
     return Table(path, "", cells, len(next(iter(columns.values()))), place)
 
 
 def _check_names(where: str, names: Sequence[str]) -> None:
-    """:class:`InputError` where two columns have one name: of such neither can be meant."""
+    """Raise :class:`InputError` for a repeated column name."""
     twice = repeated(names)
     if twice is not None:
         times = names.count(twice)
@@ -123,7 +123,7 @@ def _read_parquet(path: Path, data: Content) -> Table:
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """:class:`InputError` where a Parquet file turns out to be damaged."""
+    """Convert exceptions in the block to :class:`InputError` about a damaged Parquet file."""
     try:
         yield
     except (pa.ArrowException, OSError, ValueError) as error:
@@ -155,13 +155,13 @@ def _read_csv(path: Path, data: Content) -> Table:
     if not lines:
         raise InputError(f"{path}: has a header but no rows; record the log again")
     try:
-        # a log of nothing but numbers; they take less room than their texts
+        # if all cells are numbers, they need less memory than their texts
         place, columns = by_line(lines), _numbers(data, names, cut, len(lines))
         return Table(path, "", {name: Cells(path, name, partial(columns.get, name), place) for name in names}, len(lines), place)
-    except (pa.ArrowException, _OtherRowsError):
+    except (pa.ArrowException, _RowCountError):
         table = csvdialect.with_points(path, _texts(path, data, names, cut), cut, by_line(lines))
     if table.num_rows != len(lines):
-        lines = range(2, table.num_rows + 2)  # a cell in quotes goes over several lines
+        lines = range(2, table.num_rows + 2)  # a quoted cell spans several lines
     stated = _units(table)
     if stated:
         table, lines = table.slice(1), lines[1:]
@@ -172,7 +172,7 @@ def _read_csv(path: Path, data: Content) -> Table:
 
 
 def _units(table: Any) -> Mapping[str, str]:
-    """By column, where most cells of a table's first row are units and none is a number; empty where it holds none."""
+    """Units by column, if most cells of the first row are units and none is a number; else empty."""
     first = {
         name: str(column[0].as_py() or "").strip() for name, column in zip(table.column_names, table.columns, strict=True) if len(column)
     }
@@ -182,7 +182,7 @@ def _units(table: Any) -> Mapping[str, str]:
 
 
 def _plain_lines(data: Content) -> tuple[str, Sequence[int]] | None:
-    """The same a piece at a time, where no line is blank and each ends as lines do; else None."""
+    """Header and line numbers, read in pieces; None for blank lines or unusual line ends."""
     header, first, count, ended = "", True, 0, True
     try:
         for piece in spill.pieces(data):
@@ -198,7 +198,7 @@ def _plain_lines(data: Content) -> tuple[str, Sequence[int]] | None:
 
 
 def _any_lines(path: Path, data: Content) -> tuple[str, Sequence[int]]:
-    """The same of all of it at once."""
+    """Header and line numbers, read at once."""
     try:
         text = str(data, "utf-8-sig")
     except UnicodeDecodeError as error:
@@ -212,47 +212,47 @@ def _any_lines(path: Path, data: Content) -> tuple[str, Sequence[int]]:
     return header, range(2, text.count("\n", end) + (not text.endswith("\n")) + 1)
 
 
-class _OtherRowsError(Exception):
-    """A CSV file has other rows than it has lines."""
+class _RowCountError(Exception):
+    """The number of rows differs from the number of lines."""
 
 
 def _numbers(data: Content, names: Sequence[str], cut: str, rows: int) -> dict[str, Any]:
-    """The columns of a CSV file of nothing but numbers, NaN for null; Arrow's exception where a cell is none."""
+    """Columns of a CSV file with only numbers, NaN for null. Raises Arrow's exception for other cells."""
     found, first = [spill.empty(rows) for _ in names], 0
     with pacsv.open_csv(pa.BufferReader(pa.py_buffer(data)), *_options(names, cut, pa.float64())) as batches:
         for batch in batches:
             if first + len(batch) > rows:
-                raise _OtherRowsError
+                raise _RowCountError
             for values, column in zip(found, batch.columns, strict=True):
                 values[first : first + len(batch)] = arrow.floats(column)
             first += len(batch)
             spill.give_back()
     if first < rows:
-        raise _OtherRowsError
+        raise _RowCountError
     return {name: arrow.held(values) for name, values in zip(names, found, strict=True)}
 
 
 def _options(names: Sequence[str], cut: str, kind: Any) -> tuple[Any, Any, Any]:
-    """How Arrow is to read a CSV file, all of whose cells are of a kind."""
+    """Arrow's options for a CSV file with cells of one type."""
     convert = pacsv.ConvertOptions(column_types=dict.fromkeys(names, kind), strings_can_be_null=True, null_values=[""])
     return pacsv.ReadOptions(column_names=names, skip_rows=1, use_threads=False), pacsv.ParseOptions(delimiter=cut), convert
 
 
 def _texts(path: Path, data: Content, names: Sequence[str], cut: str) -> Any:
-    """The same as texts; :class:`InputError` names the line whose cells are too few or too many."""
+    """Columns of a CSV file as texts. Raises :class:`InputError` with the line that has too few or too many cells."""
     try:
         return pacsv.read_csv(pa.BufferReader(pa.py_buffer(data)), *_options(names, cut, pa.string()))
     except pa.ArrowException as error:
         for number, line in enumerate(_LINE_END.sub("\n", str(data, "utf-8-sig")).split("\n")[1:], 2):
             found = line.count(cut) + 1
             if line.strip() and found != len(names) and '"' not in line:
-                above = "; or if the column names are further down, delete the lines above them" if number <= _HEADED else ""
+                above = "; or if the column names are further down, delete the lines above them" if number <= _PREAMBLE_LINES else ""
                 raise InputError(f"{path}, line {number}: {found} cells under {len(names)} columns; correct the line{above}") from None
         raise InputError(f"{path}: not a readable CSV file ({str(error).splitlines()[0]})") from None
 
 
 def _names(top: str, header: str, cut: str) -> list[str]:
-    """The columns that a CSV file's first line names."""
+    """Column names in the first line of a CSV file."""
     try:
         return [name.strip() for name in next(csv_lines([header], delimiter=cut), [])]
     except CsvError as error:
@@ -260,26 +260,26 @@ def _names(top: str, header: str, cut: str) -> list[str]:
 
 
 def give_back() -> None:
-    """Return to the system what Arrow keeps of columns that nobody holds any more: of a long log as much as a third of it."""
+    """Return Arrow's unused memory to the system: for a long log up to a third of its size."""
     pa.default_memory_pool().release_unused()
 
 
 @dataclass(frozen=True)
 class Cells:
-    """One column of a file; :meth:`numbers` converts it or says which cell can't be converted."""
+    """Column of a file."""
 
     path: Path
     name: str
     read: Callable[[], Any]
-    """Gives Arrow's array."""
+    """Function that returns Arrow's array."""
     place: Place
     instants: str = ""
-    """The unit that dates and times are counted in, where the column holds such."""
+    """Unit of dates and times, if the column has such."""
     unit: str = ""
-    """As a row below the header names it."""
+    """Unit in the row below the header."""
 
     def counts(self) -> IntArray | Array:
-        """(rows,) dates and times as whole numbers, float64 beside empty cells; :class:`InputError` names the first cell that is none."""
+        """(rows,) dates and times as integers; float64 with empty cells. Raises :class:`InputError` for the first invalid cell."""
         data = self.read()
         if not pa.types.is_temporal(data.type):
             data = instants.instants(data)
@@ -287,7 +287,7 @@ class Cells:
             raise self._no_instant()
         whole = data.cast(pa.int64())
         if whole.null_count:
-            return arrow.floats(whole.cast(pa.float64(), safe=False))  # to a quarter of a microsecond
+            return arrow.floats(whole.cast(pa.float64(), safe=False))  # precise to a quarter of a microsecond
         return np.asarray(np.frombuffer(whole.buffers()[1], np.int64)[whole.offset : whole.offset + len(whole)])
 
     def _no_instant(self) -> InputError:
@@ -300,18 +300,18 @@ class Cells:
         )
 
     def texts(self) -> list[str | None]:
-        """(rows,) text, None for null; numbers as they are written."""
+        """(rows,) text, None for null; numbers as written."""
         return [None if cell is None else str(cell) for cell in self.read().to_pylist()]
 
     def recorded(self) -> IntArray | Array:
-        """(rows,) whole numbers where all are, as nanoseconds since 1970, which float64 doesn't hold; else as :meth:`numbers`."""
+        """(rows,) integers if all cells are, such as nanoseconds since 1970, which exceed float64; else as :meth:`numbers`."""
         data = self.read()
         if not pa.types.is_integer(data.type) or data.null_count:
             return self.numbers()
         return np.asarray(data.to_numpy(zero_copy_only=False))
 
     def numbers(self) -> Array:
-        """(rows,) float64 with NaN for null. :class:`InputError` names the first cell that is no number."""
+        """(rows,) float64, NaN for null. Raises :class:`InputError` for the first cell that is not a number."""
         data = self.read()
         if pa.types.is_boolean(data.type) or pa.types.is_temporal(data.type):
             hint = ", or name it as a clock in a map file" if self.instants else ""
@@ -332,7 +332,7 @@ class Cells:
 
     def _no_number(self, data: Any) -> InputError:
         for row, cell in enumerate(value.as_py() for value in data):
-            if isinstance(cell, int) and abs(cell) > _WHOLE:
+            if isinstance(cell, int) and abs(cell) > _EXACT_INTEGER:
                 return InputError(
                     f"{self.path}, {self.place(row)}, column {self.name}: {cell} is an integer with more digits than float64 holds; "
                     "subtract the first value of the log, or write it as float64"
@@ -349,10 +349,10 @@ class Cells:
                     "file there"
                 )
             if not is_number:
-                mend = "correct the cell"
-                if self.instants:  # from the first row on
-                    mend = "name the column as a clock in a map file (massprop columns with --as-map drafts it)"
+                remedy = "correct the cell"
+                if self.instants:  # already in the first row
+                    remedy = "name the column as a clock in a map file (massprop columns with --as-map drafts it)"
                 elif instants.is_like(str(cell)):
-                    mend += f"; {instants.FORMS}"
-                return InputError(f"{self.path}, {self.place(row)}, column {self.name}: {cell!r} is not a number; {mend}")
+                    remedy += f"; {instants.FORMS}"
+                return InputError(f"{self.path}, {self.place(row)}, column {self.name}: {cell!r} is not a number; {remedy}")
         return InputError(f"{self.path}, column {self.name}: {data.type} is not a number type; write it as float64")

@@ -148,7 +148,7 @@ def jitter(interval_s: Array) -> float:
 def read(table: Table, vehicle: Vehicle) -> Log:
     """Validate a table. Raises :class:`InputError` with file, row (Parquet, from 0) or line (CSV), column, value and remedy."""
     whole = LogTable(table, vehicle.columns)
-    source, twice = lostrecords.once(lostrecords.without_lone_pulses(whole))
+    source, duplicates = lostrecords.once(lostrecords.without_lone_pulses(whole))
     recorded_s = source.required("time_s")
     stamped = stamps.examined(source, vehicle, recorded_s)
     source, time_s = lostrecords.put_back(source, stamped.time_s, vehicle)
@@ -177,7 +177,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         command_kind=kind,
         command=frozen(command),
         attitude_wxyz=None if attitude is None else frozen(attitude),
-        notices=(*notices, *twice, *rebuilt, *pace.notices, *imurecords.emptiness(source, imu.empty), *shown, *lost.notices),
+        notices=(*notices, *duplicates, *rebuilt, *pace.notices, *imurecords.empty_notice(source, imu.empty), *shown, *lost.notices),
         rate_columns=imu.rates,
         force_columns=imu.forces,
         axes=imu.axes,

@@ -8,7 +8,7 @@ import pytest
 
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
-from massprop_cli.inputs.clipped import at_extremes, standing, with_unstated
+from massprop_cli.inputs.clipped import at_extremes, stuck, with_unstated
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from tests import faulty
 
@@ -94,16 +94,16 @@ def test_a_pause_at_the_fastest_in_counts_as_coarse_as_the_noise_is_no_saturatio
 
 @pytest.mark.parametrize("name", CLEAN)
 def test_what_measures_does_not_stand_still(name: str) -> None:
-    assert not standing(CLEAN[name], NOISE, np.ones(COUNT), COAST, 20).any()
+    assert not stuck(CLEAN[name], NOISE, np.ones(COUNT), COAST, 20).any()
 
 
 @pytest.mark.parametrize("first", [0, 200])
 def test_a_sensor_that_stands_still_is_told_row_by_row(first: int) -> None:
     values = WAVES + NOISE
     values[first : first + 30] = values[first + 30]
-    told = np.flatnonzero(standing(values, NOISE, np.ones(COUNT), COAST, 20))
+    told = np.flatnonzero(stuck(values, NOISE, np.ones(COUNT), COAST, 20))
     np.testing.assert_array_equal(told, np.arange(first, first + 31))
-    still = partial(standing, values, np.zeros((COUNT, 3)), np.ones(COUNT))
+    still = partial(stuck, values, np.zeros((COUNT, 3)), np.ones(COUNT))
     assert not still(COAST, 20).any()  # nothing moves: a rest without noise
     commanded = np.isin(np.arange(COUNT), told[3])
     assert not still(commanded, len(told)).any()
@@ -114,10 +114,10 @@ def test_a_sensor_that_stands_still_is_told_row_by_row(first: int) -> None:
 def test_an_axis_that_stands_still_is_told_row_by_row_but_at_its_extreme(first: int) -> None:
     values = WAVES + NOISE
     values[first : first + 30, 1] = values[first + 30, 1]
-    told = np.flatnonzero(standing(values, NOISE, np.ones(COUNT), COAST, 20))
+    told = np.flatnonzero(stuck(values, NOISE, np.ones(COUNT), COAST, 20))
     np.testing.assert_array_equal(told, np.arange(first, first + 31))
     values[:, 1] = np.clip(values[:, 1], *np.sort([values[first, 1], -np.inf if values[first, 1] > 0 else np.inf]))
-    assert not standing(values, NOISE, np.ones(COUNT), COAST, 20).any()
+    assert not stuck(values, NOISE, np.ones(COUNT), COAST, 20).any()
 
 
 @pytest.mark.parametrize("first", [0, 150])

@@ -57,6 +57,6 @@ def test_a_unit_makes_no_sensor_of_what_is_called_otherwise() -> None:
     draft = _drafted("w*_dps", "acc_*_mg", *OTHERS.split())
     assert 'paths = ["wx_dps", "wy_dps", "wz_dps"]' in draft
     assert 'paths = ["acc_x_mg", "acc_y_mg", "acc_z_mg"]' in draft
-    assert units.within("gain_g") == ("gain", "g")
-    assert units.within("rads") == ("rads", "")
-    assert units.within("gx_counts") == ("gx_counts", "")
+    assert units.without_name_unit("gain_g") == ("gain", "g")
+    assert units.without_name_unit("rads") == ("rads", "")
+    assert units.without_name_unit("gx_counts") == ("gx_counts", "")

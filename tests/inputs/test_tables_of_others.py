@@ -355,8 +355,8 @@ def test_axes_are_found_before_the_unit_behind_them(names: list[str], unit: str,
 
 def test_units_of_a_turn_and_names_without_any() -> None:
     assert [units.factor(text, units.SPIN) for text in ("1/min", "min^-1", "RPM")] == [pytest.approx(np.pi / 30)] * 3
-    assert units.behind("speed / limit") == ("speed / limit", "")
-    assert units.behind("xyz[0]") == ("xyz[0]", "")
+    assert units.without_suffix_unit("speed / limit") == ("speed / limit", "")
+    assert units.without_suffix_unit("xyz[0]") == ("xyz[0]", "")
     assert units.factor("mG", units.ACCELERATION) is None
     assert units.factor("G", units.ACCELERATION) == units.G
 
