@@ -113,11 +113,11 @@ def seen(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
 
 def with_estimate(found: Sequence[Finding], estimated: Analysis, result: Result, vehicle: Vehicle) -> list[Finding]:
     """Findings with those of an estimate; ``result`` is its document. Skips codes that have a finding already."""
-    said = {one.code for one in found}
+    codes = {one.code for one in found}
     # the missing commands are the cause
-    said |= {"cause-unknown"} if "nothing-commanded" in said else set()
+    codes |= {"cause-unknown"} if "nothing-commanded" in codes else set()
     named = {fault.notice.code for fault in estimated.faults if fault.cure is not None}
-    every = [*found, *(_of_notice(notice, notice.code in named) for notice in estimated.notices if notice.code not in said)]
+    every = [*found, *(_of_notice(notice, notice.code in named) for notice in estimated.notices if notice.code not in codes)]
     return every if any(one.grade == "fault" for one in every) else [*every, *_overstated_noise(result, vehicle)]
 
 
@@ -152,12 +152,12 @@ def _overstated_noise(result: Result, vehicle: Vehicle) -> list[Finding]:
         if not stated or disturbed or not ratios or max(ratios) >= OVERSTATED:
             continue
         level = stated * np.sqrt(np.mean(ratios))
-        said = f"the {kind} noise is {level:.2g}, but {stated:.2g} is stated: sigmas are too large"
+        text = f"the {kind} noise is {level:.2g}, but {stated:.2g} is stated: sigmas are too large"
         remedy, sure = (
             f"state imu.{key} = {level:.2g}, or leave it out and massprop estimates it",
             f"{np.mean(ratios):.2g} of the expected variance",
         )
-        found.append(finding("imu", f"{kind}-noise-overstated", "note", said, remedy, sure=sure))
+        found.append(finding("imu", f"{kind}-noise-overstated", "note", text, remedy, sure=sure))
     return found
 
 
@@ -194,8 +194,8 @@ def _idle(log: Log, vehicle: Vehicle, expected: Sequence[ExpectedQuantity]) -> l
     if not missing or not idle:
         return []
     motions = "; ".join(dict.fromkeys(f"{name}: {vocabulary.cure(name)}" for name in missing))
-    said = f"never commanded: {', '.join(idle)}; {', '.join(missing)} cannot be estimated without motion"
-    return [finding("excitation", "never-fired", "note", said, f"add the missing motion ({motions}); massprop plan designs it")]
+    text = f"never commanded: {', '.join(idle)}; {', '.join(missing)} cannot be estimated without motion"
+    return [finding("excitation", "never-fired", "note", text, f"add the missing motion ({motions}); massprop plan designs it")]
 
 
 def _document(
@@ -226,8 +226,8 @@ def message(found: Check) -> str:
         first = bad[0]
         where = f" ({first.where})" if first.where else ""
         more = f"; and {len(bad) - 1} more" if len(bad) > 1 else ""
-        said = first.what if first.code == "unusable" else f"{found.log}: {first.what}{where}; {first.remedy}"
-        return f"{said}{more}"
+        text = first.what if first.code == "unusable" else f"{found.log}: {first.what}{where}; {first.remedy}"
+        return f"{text}{more}"
     if found.exit_code == exits.CONTRADICTED:
         faults = ["; ".join(filter(None, (one.what, one.remedy))) for one in found.findings if one.grade == "fault"]
         return f"{found.log}: the log contradicts the vehicle file: {next(iter(faults), 'no cause was found')}"

@@ -27,9 +27,9 @@ def _subject(check: Check, name: str, subject: str) -> ET.Element:
     for one in check.findings:
         if one.subject != subject:
             continue
-        said = f"{one.what}{f' ({one.where})' if one.where else ''}. {one.remedy}".strip()
+        message = f"{one.what}{f' ({one.where})' if one.where else ''}. {one.remedy}".strip()
         if one.grade == "note":
-            ET.SubElement(case, "system-out").text = f"{line(said)} [{one.code}]"
+            ET.SubElement(case, "system-out").text = f"{line(message)} [{one.code}]"
         else:
-            junit.said(case, "error" if one.grade == "unusable" else "failure", said, one.code)
+            junit.said(case, "error" if one.grade == "unusable" else "failure", message, one.code)
     return case

@@ -27,7 +27,7 @@ _finding = partial(finding, "imu")
 
 def sensors(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
     """Findings of gyro and accelerometer; ``place`` names a row."""
-    imu, found = vehicle.imu, []
+    imu, findings = vehicle.imu, []
     rates = (
         ("gyro", log.rate_columns, log.delta_theta_imu_rad, imu.gyro_noise_rad_s, imu.gyro_range_rad_s),
         ("accelerometer", log.force_columns, log.delta_v_imu_m_s, imu.accel_noise_m_s2, imu.accel_range_m_s2),
@@ -36,17 +36,17 @@ def sensors(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
     both = np.concatenate([log.delta_theta_imu_rad, log.delta_v_imu_m_s], 1)
     repeated = np.concatenate([[False], _same(both).all(1)])
     if noisy and repeated.mean() > 0.01:
-        said = f"{100 * repeated.mean():.3g} % of the records repeat all six channels of the one before: the log is faster than the IMU"
-        found.append(_finding("repeated-record", "fault", said, "log each sample once, or with its own time", rows(repeated, place)))
+        text = f"{100 * repeated.mean():.3g} % of the records repeat all six channels of the one before: the log is faster than the IMU"
+        findings.append(_finding("repeated-record", "fault", text, "log each sample once, or with its own time", rows(repeated, place)))
     for (name, columns, increments, noise, limit), logged in zip(rates, (log.axes[:3], log.axes[3:]), strict=True):
         clipped = at_extremes(increments, log.interval_s)
         for axis, column in enumerate(columns):
             if not logged[axis] and column not in log.empty:
                 continue
             values = increments[:, axis] / log.interval_s
-            found += _channel(name, column, values, noise, limit, clipped[:, axis], repeated, place)
-        found += _coarse(name, increments / log.interval_s[:, None], noise, log.records_per_cycle)
-    return found
+            findings += _channel(name, column, values, noise, limit, clipped[:, axis], repeated, place)
+        findings += _coarse(name, increments / log.interval_s[:, None], noise, log.records_per_cycle)
+    return findings
 
 
 def _same(values: Array) -> BoolArray:
@@ -62,24 +62,24 @@ def _channel(
             return []  # a noiseless sensor on an axis without motion
         remedy = "check the sensor and its channel in the recorder"
         return [_finding("dead-axis", "fault", f"{column} is {values[0]:g} throughout: the {name}'s axis is dead", remedy)]
-    found = []
+    findings = []
     if limit is not None:
         full = np.abs(values) >= 0.999 * limit
-        said = f"{column} at the {name}'s range in {int(full.sum())} records"
+        text = f"{column} at the {name}'s range in {int(full.sum())} records"
         remedy = "use a gentler motion or a wider sensor range; the time before is usable"
     else:
         full = clipped
-        said = f"{column} is {float(values[np.argmax(full)]):.6g} per second in {int(full.sum())} records and never larger: clipped"
+        text = f"{column} is {float(values[np.argmax(full)]):.6g} per second in {int(full.sum())} records and never larger: clipped"
         remedy = f"state the {name}'s range in the vehicle file if this is its range, and use a gentler motion"
     if full.any():
-        found.append(_finding(f"{name}-saturated", "fault", said, remedy, rows(full, place)))
+        findings.append(_finding(f"{name}-saturated", "fault", text, remedy, rows(full, place)))
         full = np.abs(values) >= 0.999 * (np.abs(values[full][0]) if limit is None else limit)
     run = improbable_runs(values, repeated) & ~full  # a saturated sensor repeats its range
     if noise != 0 and run.any():
         remedy = "check the sensor; leave these records out ([[phases]])"
-        said = f"{column} repeats one value in {int(run.sum())} records while others change"
-        found.append(_finding("stuck", "fault", said, remedy, rows(run, place)))
-    return found
+        text = f"{column} repeats one value in {int(run.sum())} records while others change"
+        findings.append(_finding("stuck", "fault", text, remedy, rows(run, place)))
+    return findings
 
 
 def improbable_runs(values: Array, repeated: BoolArray) -> BoolArray:
@@ -89,10 +89,10 @@ def improbable_runs(values: Array, repeated: BoolArray) -> BoolArray:
     long = ends - starts
     elsewhere = (same.sum() - long + 1) / (len(values) - long + 1)
     unlikely = (long >= STUCK - 1) & (len(values) * elsewhere**long < UNLIKELY)
-    found = np.zeros(len(values), dtype=bool)
+    findings = np.zeros(len(values), dtype=bool)
     for start, end in zip(starts[unlikely], ends[unlikely], strict=True):
-        found[start - 1 : end] = True
-    return found
+        findings[start - 1 : end] = True
+    return findings
 
 
 def _coarse(name: str, values: Array, noise: float | None, records: int) -> list[Finding]:
@@ -103,12 +103,12 @@ def _coarse(name: str, values: Array, noise: float | None, records: int) -> list
     coarsest = max((float(step.min()) for step in steps if len(step) > 1), default=0.0)
     if coarsest <= COARSE * noise * np.sqrt(records):
         return []
-    said = f"the {name} has a resolution of {coarsest:.3g} per second, {coarsest / (noise * np.sqrt(records)):.3g} times its stated noise"
+    text = f"the {name} has a resolution of {coarsest:.3g} per second, {coarsest / (noise * np.sqrt(records)):.3g} times its stated noise"
     return [
         _finding(
             "quantised",
             "fault",
-            said,
+            text,
             f"include the resolution in the stated noise (step / sqrt(12)), or log the {name} with a finer resolution",
         )
     ]
@@ -124,7 +124,7 @@ def sampling(time_s: Array, place: Place) -> list[Finding]:
     if not len(forward):
         return []
     usual = median(forward)
-    found = []
+    findings = []
     for code, which, what, remedy in (
         (
             "duplicate-time",
@@ -138,22 +138,22 @@ def sampling(time_s: Array, place: Place) -> list[Finding]:
         if which.any():
             worst = float(np.max(np.abs(steps[which])))
             size = "" if code == "duplicate-time" else f", the largest of {worst:.6g} s"
-            said = f"{what}: {int(which.sum())} (usual interval {usual:.6g} s{size})"
-            found.append(finding("sampling", code, "unusable", said, remedy, rows(which, place)))
-    if found:
-        return found
+            text = f"{what}: {int(which.sum())} (usual interval {usual:.6g} s{size})"
+            findings.append(finding("sampling", code, "unusable", text, remedy, rows(which, place)))
+    if findings:
+        return findings
     scatter = jitter(steps[1:])
     if scatter > JITTER:
         off = np.abs(steps - usual) > 3 * scatter * usual
         remedy = "stamp records with the IMU's clock, not at arrival, or state even = true under their clock in a map file"
-        said = f"intervals scatter by {100 * scatter:.2g} % of {usual:.6g} s"
-        found.append(finding("sampling", "jitter", "fault", said, remedy, rows(off, place)))
+        text = f"intervals scatter by {100 * scatter:.2g} % of {usual:.6g} s"
+        findings.append(finding("sampling", "jitter", "fault", text, remedy, rows(off, place)))
     short = steps < usual / LONG
     if short.any() and scatter <= JITTER:
-        said = f"{int(short.sum())} intervals shorter than {1 / LONG:.2g} of the usual {usual:.6g} s"
+        text = f"{int(short.sum())} intervals shorter than {1 / LONG:.2g} of the usual {usual:.6g} s"
         remedy = "check that the recorder dropped and invented no records"
-        found.append(finding("sampling", "short-interval", "note", said, remedy, rows(short, place)))
-    return found
+        findings.append(finding("sampling", "short-interval", "note", text, remedy, rows(short, place)))
+    return findings
 
 
 ALWAYS = 0.98
@@ -171,29 +171,31 @@ def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
     if log.command_kind != "jets":
         return []
     share = log.command / vehicle.cycle.period_s
-    found = []
+    findings = []
     for number, jet in enumerate(vehicle.jets):
         if (share[:, number] > ALWAYS).mean() > ALWAYS:
-            said = f"jet {jet.name} is on during all of every cycle"
+            text = f"jet {jet.name} is on during all of every cycle"
             remedy = "check that its column holds executed commands and not a constant"
-            found.append(finding("commands", "jet-always-on", "fault", said, remedy))
+            findings.append(finding("commands", "jet-always-on", "fault", text, remedy))
     for first, second in _opposed(vehicle):
         both = np.minimum(share[:, first], share[:, second]) > TOGETHER
         if both.mean() > TOGETHER:
             names = f"{vehicle.jets[first].name} and {vehicle.jets[second].name}"
-            said = f"jets {names} push against each other in {int(both.sum())} cycles: their thrust cancels and their errors remain"
+            text = f"jets {names} push against each other in {int(both.sum())} cycles: their thrust cancels and their errors remain"
             where = rows(_in_rows(log, both), place)
-            found.append(finding("commands", "opposed-jets", "note", said, "allocate the commands so that only one of them fires", where))
-    return found
+            findings.append(
+                finding("commands", "opposed-jets", "note", text, "allocate the commands so that only one of them fires", where)
+            )
+    return findings
 
 
 def _in_rows(log: Log, commanded: BoolArray) -> BoolArray:
     """(n,) records of the ``commanded`` rows of commands."""
     if log.command_s is None:
         return np.repeat(commanded, log.records_per_cycle)
-    found = np.zeros(len(log.time_s), dtype=bool)
-    found[np.minimum(np.searchsorted(log.time_s, log.command_s[commanded]), len(found) - 1)] = True
-    return found
+    findings = np.zeros(len(log.time_s), dtype=bool)
+    findings[np.minimum(np.searchsorted(log.time_s, log.command_s[commanded]), len(findings) - 1)] = True
+    return findings
 
 
 def never_fired(log: Log, vehicle: Vehicle) -> list[str]:
@@ -205,7 +207,7 @@ def never_fired(log: Log, vehicle: Vehicle) -> list[str]:
     }
     names = by_kind[log.command_kind]
     idle = [name for name, column in zip(names, log.command.T, strict=True) if not column.any()]
-    return [*idle, *(one.name for one, said in zip(vehicle.spinning, log.spinning, strict=True) if not said.moved)]
+    return [*idle, *(one.name for one, momentum in zip(vehicle.spinning, log.spinning, strict=True) if not momentum.moved)]
 
 
 def _opposed(vehicle: Vehicle) -> list[tuple[int, int]]:
@@ -233,29 +235,29 @@ ROCKING = 0.05
 """Largest rate about X and Y on a table, as a fraction of the yaw rate: an IMU 3° out of level."""
 
 
-def _fault(code: str, said: str, remedy: str) -> Finding:
-    return finding("attitude", code, "fault", said, remedy)
+def _fault(code: str, text: str, remedy: str) -> Finding:
+    return finding("attitude", code, "fault", text, remedy)
 
 
 def on_table(log: Log, vehicle: Vehicle) -> list[Finding]:
     """Findings of an IMU on a table: rotation about body Z only, gravity along Z. Empty in other environments."""
     if vehicle.environment.kind != "planar":
         return []
-    mount, found = np.array(vehicle.imu.body_from_imu), []
-    felt = (log.delta_v_imu_m_s @ mount.T / log.interval_s[:, None]).mean(0)
-    off = float(np.linalg.norm(felt - [0.0, 0.0, vehicle.environment.gravity_m_s2])) if all(log.axes[3:]) else 0.0
+    mount, findings = np.array(vehicle.imu.body_from_imu), []
+    mean_force = (log.delta_v_imu_m_s @ mount.T / log.interval_s[:, None]).mean(0)
+    off = float(np.linalg.norm(mean_force - [0.0, 0.0, vehicle.environment.gravity_m_s2])) if all(log.axes[3:]) else 0.0
     if off > TILTED * vehicle.environment.gravity_m_s2:
-        said = f"the accelerometer reads {', '.join(f'{x:.4g}' for x in felt)} m/s^2 along body X, Y and Z (mean); Z points up"
+        text = f"the accelerometer reads {', '.join(f'{x:.4g}' for x in mean_force)} m/s^2 along body X, Y and Z (mean); Z points up"
         remedy = "correct imu.body_from_imu, the accelerometer's signs and unit, or environment.gravity_m_s2"
-        found.append(_fault("table-gravity", said, remedy))
+        findings.append(_fault("table-gravity", text, remedy))
     rate = log.delta_theta_imu_rad @ mount.T / log.interval_s[:, None]
     slow = rate - rate.mean(0)
     noise = (vehicle.imu.gyro_noise_rad_s or 0.0) * np.sqrt(log.records_per_cycle)
     rocking, yaw = (float(np.sqrt(max((part**2).sum(1).mean() - part.shape[1] * noise**2, 0.0))) for part in (slow[:, :2], slow[:, 2:]))
     if rocking > ROCKING * yaw and rocking > noise:
-        said = f"the vehicle yaws by {yaw:.3g} rad/s (rms), and the gyro shows {rocking:.3g} rad/s about the two axes in the table plane"
-        found.append(_fault("table-rocking", said, "correct imu.body_from_imu, or check the pads: the vehicle rocks on them"))
-    return found
+        text = f"the vehicle yaws by {yaw:.3g} rad/s (rms), and the gyro shows {rocking:.3g} rad/s about the two axes in the table plane"
+        findings.append(_fault("table-rocking", text, "correct imu.body_from_imu, or check the pads: the vehicle rocks on them"))
+    return findings
 
 
 def attitude(log: Log, vehicle: Vehicle) -> list[Finding]:
@@ -263,7 +265,7 @@ def attitude(log: Log, vehicle: Vehicle) -> list[Finding]:
     if log.attitude_wxyz is None:
         return []
     mount = np.array(vehicle.imu.body_from_imu)
-    found = []
+    findings = []
     rows = np.flatnonzero(np.isfinite(log.attitude_wxyz[:, 0]))
     turned = np.diff(np.cumsum(log.delta_theta_imu_rad @ mount.T, 0)[rows], axis=0)
     logged = rotation_vector(turns_between(log.attitude_wxyz[rows]))
@@ -284,21 +286,21 @@ def attitude(log: Log, vehicle: Vehicle) -> list[Finding]:
             else "check that both use the same axes"
         )
         percent = 100 * excess / max(size, STILL_RAD)
-        said = f"the logged attitude and the gyro disagree: the gyro does not explain {percent:.3g} % of the rotation"
-        found.append(_fault("attitude-gyro", said, f"{hint} (quat_* is wxyz, world from body; imu.body_from_imu)"))
+        text = f"the logged attitude and the gyro disagree: the gyro does not explain {percent:.3g} % of the rotation"
+        findings.append(_fault("attitude-gyro", text, f"{hint} (quat_* is wxyz, world from body; imu.body_from_imu)"))
     if vehicle.pivoted and all(log.axes[3:]):
-        found += _gravity(log, mount)
-    return found
+        findings += _gravity(log, mount)
+    return findings
 
 
 def _gravity(log: Log, mount: Array) -> list[Finding]:
     assert log.attitude_wxyz is not None
     rows = np.isfinite(log.attitude_wxyz[:, 0])
-    felt = (log.delta_v_imu_m_s @ mount.T / log.interval_s[:, None])[rows]
-    world = times(matrices(log.attitude_wxyz[rows]), felt).mean(0)
+    mean_force = (log.delta_v_imu_m_s @ mount.T / log.interval_s[:, None])[rows]
+    world = times(matrices(log.attitude_wxyz[rows]), mean_force).mean(0)
     angle = float(np.arctan2(np.hypot(world[0], world[1]), world[2]))
     if angle <= TILTED:
         return []
-    said = f"specific force in world axes is {angle:.3g} rad ({np.degrees(angle):.3g}°) off the vertical (mean)"
+    text = f"specific force in world axes is {angle:.3g} rad ({np.degrees(angle):.3g}°) off the vertical (mean)"
     remedy = "correct the attitude's reference (Z up), imu.body_from_imu, or the accelerometer's signs"
-    return [_fault("attitude-gravity", said, remedy)]
+    return [_fault("attitude-gravity", text, remedy)]

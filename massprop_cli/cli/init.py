@@ -34,7 +34,7 @@ def init(
 
     table = read_table(file, map_file)
     parameters = {} if recording.is_plain(file) else reading.load(file).parameters
-    text = draft.draft(table.path.name.partition(".")[0], traits.traits(table), parameters, table.made.said if table.made else ())
+    text = draft.draft(table.path.name.partition(".")[0], traits.traits(table), parameters, table.made.conversions if table.made else ())
     if out is None or str(out) == "-":
         sys.stdout.write(text)
         return

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from massprop_cli.campaign.plan import Job
     from massprop_cli.campaign.run import LogDone, Told
     from massprop_cli.inputs.notice import Notice
-    from massprop_cli.inputs.tablefile import Made
+    from massprop_cli.inputs.tablefile import MapConversion
     from massprop_cli.result.schema import Result, WarningItem
     from massprop_cli.result.store import StoredResult
 
@@ -86,9 +86,9 @@ def warn(notices: Iterable[Notice | WarningItem], quiet: bool, no_color: bool = 
         say(f"warning: {notice.message} [{notice.code}]", None if no_color else "yellow")
 
 
-def say_map(made: Made | None, quiet: bool) -> None:
+def say_map(made: MapConversion | None, quiet: bool) -> None:
     """Print the conversions by a map on stderr, one per line."""
-    for line in () if quiet or made is None else made.said:
+    for line in () if quiet or made is None else made.conversions:
         say(f"map: {line}")
 
 

@@ -1,1 +1,1 @@
-"""What is given: logs, vehicle files, expect and tolerance files, read and checked."""
+"""Input files: logs, vehicle files, map files, expect and tolerance files; reading and validation."""

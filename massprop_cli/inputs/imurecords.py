@@ -89,10 +89,10 @@ def empty_notice(source: LogTable, empty: Sequence[str]) -> list[Notice]:
     """Notice of columns that are 0 in every row."""
     if not empty:
         return []
-    said = (
+    text = (
         f"columns that are 0 in every row count as absent: {', '.join(map(source.name, empty))}; if the sensor works, correct its logging"
     )
-    return [Notice("empty-columns", said)]
+    return [Notice("empty-columns", text)]
 
 
 def _fill_absent_axes(theta: Array, vehicle: Vehicle, logged: Sequence[bool]) -> None:
@@ -111,8 +111,8 @@ def _check_magnitude(source: LogTable, names: Sequence[str], increments: Array, 
         row, axis = (int(i) for i in bad[0])
         usual = median(interval_s)
         if interval_s[row] < SIMULTANEOUS * usual:
-            said = f"comes {interval_s[row]:.3g} s after the record before; the usual interval is {usual:.6g} s. Is a record there twice?"
-            raise source.error(row, "time_s", said)
+            text = f"comes {interval_s[row]:.3g} s after the record before; the usual interval is {usual:.6g} s. Is a record there twice?"
+            raise source.error(row, "time_s", text)
         value = f"{increments[row, axis] / interval_s[row]:.3g} per second"
         raise source.error(row, names[axis], f"{value} is too fast for a vehicle; is the unit right, is it a spike?")
 
@@ -139,7 +139,7 @@ def sampled(source: LogTable, vehicle: Vehicle) -> tuple[bool, bool]:
         return made.sampled
     sampled = vehicle.imu.measures == "sample"
     if sampled and made is not None:
-        kept = next((f" ({line})" for line in made.said if line.startswith("gyro") and " values (" in line), "")
+        kept = next((f" ({line})" for line in made.conversions if line.startswith("gyro") and " values (" in line), "")
         raise InputError(
             f'{source.table.path}: imu.measures is "sample", but {made.map} makes no record a sample{kept}; leave imu.measures out, or '
             'keep samples in the map: values = "sample", gyro and accelerometer on one clock, [records] samples = 1, and commands that '
@@ -184,8 +184,8 @@ def attitude(source: LogTable, n: int) -> Array | None:
             int(partial[0]), lacking, "nan or an empty cell beside a number; an attitude is four numbers or four empty cells"
         )
     norm = np.sqrt(np.sum([component**2 for component in quaternion.T], 0))
-    said = "the quaternion's norm is {:.4g}, not 1; quaternions are wxyz, world from body".format
-    source.refuse((empty == 0) & ~(np.abs(norm - 1) <= OFF_UNIT), "quat_w", lambda row: said(norm[row]))
+    text = "the quaternion's norm is {:.4g}, not 1; quaternions are wxyz, world from body".format
+    source.refuse((empty == 0) & ~(np.abs(norm - 1) <= OFF_UNIT), "quat_w", lambda row: text(norm[row]))
     quaternion /= norm[:, None]
     return None if empty.all() else quaternion[:n]
 
@@ -202,14 +202,14 @@ def held(imu: ImuRecords, interval_s: Array, own: bool) -> list[Notice]:
     for name, increments, axes in (("gyro", imu.theta, imu.axes[:3]), ("accelerometer", imu.velocity, imu.axes[3:])):
         readings = increments[:, list(axes)] / interval_s[:, None]
         if (again := on_a_beat(readings)).any():
-            said = (
+            text = (
                 f"the {name} repeats each reading {len(again) / (~again).sum():.3g} times, because it measures less often than the log has "
                 "records: write records as long as its own, or read the file with a map, whose [records] use each reading once"
             )
-            found.append(Notice("readings-held", said))
+            found.append(Notice("readings-held", text))
         elif own and (mean := moving_mean(readings)):
-            said = f"each reading of the {name} is a moving mean over {mean} readings: log it as measured, or keep one reading in {mean}"
-            found.append(Notice("readings-held", f"{said} as a mean over as many"))
+            text = f"each reading of the {name} is a moving mean over {mean} readings: log it as measured, or keep one reading in {mean}"
+            found.append(Notice("readings-held", f"{text} as a mean over as many"))
     return found
 
 
@@ -221,6 +221,6 @@ def saturation(vehicle: Vehicle, theta: Array, velocity: Array, interval_s: Arra
     for name, increments, limit, unit in (gyro, accelerometer):
         count = 0 if limit is None else int(_beyond(increments, interval_s, 0.999 * limit).any(1).sum())
         if count:
-            said = f"{count} record(s) at the {name}'s range of {limit:g} {unit}; the log lacks the motion beyond it"
-            found.append(Notice(f"{name}-saturated", said))
+            text = f"{count} record(s) at the {name}'s range of {limit:g} {unit}; the log lacks the motion beyond it"
+            found.append(Notice(f"{name}-saturated", text))
     return found

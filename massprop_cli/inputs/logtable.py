@@ -97,10 +97,10 @@ class LogTable:
         if name not in self.table.columns:
             spare = self._unused()
             hint = nearest(name, spare, "the nearest unused column is")
-            cure = "rename it, or map it under [columns] of the vehicle file, or add it" if spare else "add it"
-            cure += ", with 0 in each row if that jet never fired" * name.startswith("jet_")
-            cure += ", with 0 in each row if none is commanded along that axis" * name.startswith("cmd_")
-            raise InputError(f"{self.table.path}: column {name!r} is missing{hint}; {cure}")
+            remedy = "rename it, or map it under [columns] of the vehicle file, or add it" if spare else "add it"
+            remedy += ", with 0 in each row if that jet never fired" * name.startswith("jet_")
+            remedy += ", with 0 in each row if none is commanded along that axis" * name.startswith("cmd_")
+            raise InputError(f"{self.table.path}: column {name!r} is missing{hint}; {remedy}")
         numbers: Array = self.table.columns[name].numbers()
         scaled = np.multiply(numbers, self.columns[column].scale if column in self.columns else 1.0, out=spill.empty(len(numbers)))
         # values whose squares underflow are computed zeros
@@ -110,8 +110,8 @@ class LogTable:
     def required(self, column: str) -> Array:
         """Column with scale, interpolated in lost rows. Raises :class:`InputError` for a cell that is not a finite number."""
         values = interpolate(self.optional(column), self.lost)
-        said = "is not a finite number; correct or cut the record"
-        self.refuse(~np.isfinite(values), column, lambda row: f"{values[row]} {said}".replace("nan", "nan or an empty cell", 1))
+        problem = "is not a finite number; correct or cut the record"
+        self.refuse(~np.isfinite(values), column, lambda row: f"{values[row]} {problem}".replace("nan", "nan or an empty cell", 1))
         return values
 
     def readings(self, column: str, marked: Marked) -> Array:
@@ -140,8 +140,8 @@ class LogTable:
         absent = [column for column in found if not self.has(column)]
         like = next(((name, other) for name in absent for other in self._unused() if alike(name, other)), None)
         if like is not None:
-            cure = "rename it, or map it under [columns] of the vehicle file; if it is not an IMU reading, leave it out of the log"
-            raise InputError(f"{self.table.path}: column {like[0]!r} is missing; the nearest unused column is {like[1]!r}; {cure}")
+            remedy = "rename it, or map it under [columns] of the vehicle file; if it is not an IMU reading, leave it out of the log"
+            raise InputError(f"{self.table.path}: column {like[0]!r} is missing; the nearest unused column is {like[1]!r}; {remedy}")
         return found
 
     def _unused(self) -> list[str]:

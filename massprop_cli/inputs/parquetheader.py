@@ -138,13 +138,13 @@ def _check_pages(place: str, data: Content, columns: Sequence[_Column], groups: 
 
 def _pages(data: Content, chunk: _Fields) -> Iterator[_Page]:
     """Pages of a column chunk, in Arrow's order."""
-    said = chunk.get(3)
-    if not isinstance(said, dict):
+    metadata = chunk.get(3)
+    if not isinstance(metadata, dict):
         raise ValueError("a column does not say where it is")
-    at, dictionary = _count(said, 9), _count(said, 11)
+    at, dictionary = _count(metadata, 9), _count(metadata, 11)
     if 0 < dictionary < at:
         at = dictionary
-    end, remaining = at + _count(said, 7), _count(said, 5)
+    end, remaining = at + _count(metadata, 7), _count(metadata, 5)
     if end > len(data):
         raise ValueError("a column lies outside of the file")
     while remaining > 0 and at < end:
@@ -158,8 +158,8 @@ def _page(data: Content, at: int) -> tuple[_Page, int]:
     """Header of a page, and position of its content."""
     fields, at = _struct(data, at)
     kind = _count(fields, 1)
-    said = fields.get({_DATA: 5, _DICTIONARY: 7, _DATA_2: 8}.get(kind, 0))
-    of_kind: _Fields = said if isinstance(said, dict) else {}
+    of_page = fields.get({_DATA: 5, _DICTIONARY: 7, _DATA_2: 8}.get(kind, 0))
+    of_kind: _Fields = of_page if isinstance(of_page, dict) else {}
     encoding = _count(of_kind, 4 if kind == _DATA_2 else 2)
     return _Page(kind, _count(fields, 2), _count(fields, 3), _count(of_kind, 1), encoding), at
 

@@ -107,10 +107,10 @@ def _item(text: str) -> tuple[str, Precision | None]:
     name = written.lower()
     name = f"{PIVOT}{name}" if name in MOMENT else name  # moments exist only about a pivot
     if name not in (*ALL_UNITS, ALL):
-        said = f"{text or 'nothing'}: no such quantity; choose from {', '.join(QUANTITIES)} or {ALL}"
-        said += f"; about a pivot {PIVOT}ixx, … or {MOMENT[0]}, …"
+        problem = f"{text or 'nothing'}: no such quantity; choose from {', '.join(QUANTITIES)} or {ALL}"
+        problem += f"; about a pivot {PIVOT}ixx, … or {MOMENT[0]}, …"
         # a name alone may be a typing error; a precision of an unknown quantity is a wrong requirement
-        raise MisreadError(said, syntax=amount is None or _AMOUNT.fullmatch(amount.strip()) is None)
+        raise MisreadError(problem, syntax=amount is None or _AMOUNT.fullmatch(amount.strip()) is None)
     return name, None if amount is None else _precision(text, name, amount.strip())
 
 
@@ -122,8 +122,8 @@ def _precision(text: str, name: str, amount: str) -> Precision:
     scales = _SCALES[ALL_UNITS[name]] if name != ALL else {}
     if unit != "%" and unit not in scales:
         allowed = " or ".join(["%", *scales])
-        said = f"{unit!r} is not a unit of {name}" if unit else "the unit is missing"
-        raise MisreadError(f'{text}: {said}; give it in {allowed}, for instance "{_example(name)}"', False)
+        problem = f"{unit!r} is not a unit of {name}" if unit else "the unit is missing"
+        raise MisreadError(f'{text}: {problem}; give it in {allowed}, for instance "{_example(name)}"', False)
     if not 0 < number < 1e300:
         raise MisreadError(f"{text}: a precision must be finite and above 0", False)
     return Precision(number * (0.01 if unit == "%" else scales[unit]), unit == "%", f"{found[1]} {unit}".replace(" %", "%"))

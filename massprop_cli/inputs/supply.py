@@ -48,8 +48,8 @@ def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array, r
         )
     pressure = source.required(PRESSURE)[: len(time_s)]
     part = pressure / nominal_pa
-    said = f"of thrust.nominal_pa = {nominal_pa:g}; are both absolute pressures in pascals?"
-    source.refuse(~((part >= LEAST) & (part <= MOST)), PRESSURE, lambda row: f"{pressure[row]:.6g} Pa is {part[row]:.2g} {said}")
+    hint = f"of thrust.nominal_pa = {nominal_pa:g}; are both absolute pressures in pascals?"
+    source.refuse(~((part >= LEAST) & (part <= MOST)), PRESSURE, lambda row: f"{pressure[row]:.6g} Pa is {part[row]:.2g} {hint}")
     return _level(time_s, interval_s, part, records)
 
 

@@ -59,19 +59,19 @@ class Table:
     rows: int
     place: Place
     embedded_vehicle: str | None = None
-    made: Made | None = None
+    made: MapConversion | None = None
     embedded_map: str | None = None
 
 
 @dataclass(frozen=True)
-class Made:
+class MapConversion:
     """Conversion of a recording to a log's columns by a map."""
 
     map: str
     """Path of the map file."""
     sha256: str
     """Digest of the map file."""
-    said: tuple[str, ...]
+    conversions: tuple[str, ...]
     """Descriptions of resampling, integration and rotation."""
     sampled: tuple[bool, bool] = (False, False)
     """Whether gyro rates and specific forces are samples at their times."""
@@ -101,8 +101,8 @@ def _check_names(where: str, names: Sequence[str]) -> None:
     if twice is not None:
         times = names.count(twice)
         grouped = "; if this line names groups of columns, delete it, and put them into the names below" if times > 2 else ""
-        said = f"column {twice!r} occurs {'twice' if times == 2 else f'{times} times'}"
-        raise InputError(f"{where}: {said}; rename one or drop it{grouped}")
+        problem = f"column {twice!r} occurs {'twice' if times == 2 else f'{times} times'}"
+        raise InputError(f"{where}: {problem}; rename one or drop it{grouped}")
 
 
 def _read_parquet(path: Path, data: Content) -> Table:
@@ -144,10 +144,10 @@ def _read_csv(path: Path, data: Content) -> Table:
         raise InputError(f"{top}: no header; the first line names the columns")
     if len(names) == 1:
         spaced = len(names[0].split()) > 1 and len(lines) > 1
-        cure = "write a comma for each space, or delete the lines above it" if spaced else "delete the lines above it"
+        remedy = "write a comma for each space, or delete the lines above it" if spaced else "delete the lines above it"
         raise InputError(
             f"{top}: one column only, {names[0][:40]!r}; the first line names the columns, separated by commas, semicolons, tabs or bars "
-            f"(|); {cure}"
+            f"(|); {remedy}"
         )
     if all(map(_NUMBER.match, names)):
         raise InputError(f"{top}: numbers instead of names; write a line above them that names the columns")
@@ -293,8 +293,8 @@ class Cells:
     def _no_instant(self) -> InputError:
         for row, cell in enumerate(value.as_py() for value in self.read()):
             if cell is not None and not instants.is_instant(cell):
-                said = f"{cell!r} is not a date and time; correct the cell; {instants.FORMS}"
-                return InputError(f"{self.path}, {self.place(row)}, column {self.name}: {said}")
+                problem = f"{cell!r} is not a date and time; correct the cell; {instants.FORMS}"
+                return InputError(f"{self.path}, {self.place(row)}, column {self.name}: {problem}")
         return InputError(
             f"{self.path}, column {self.name}: dates in different formats, or not dates; write all in one format, or as numbers"
         )

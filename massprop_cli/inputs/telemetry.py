@@ -20,7 +20,7 @@ from massprop_cli.inputs.formats import agreement
 from massprop_cli.inputs.logtable import GAP, LONG, LogTable
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.supply import SupplyLevel
-from massprop_cli.inputs.tablefile import Made, Table
+from massprop_cli.inputs.tablefile import MapConversion, Table
 from massprop_cli.inputs.vehicle import Vehicle
 
 CommandKind = commands.CommandKind
@@ -73,7 +73,7 @@ class Log:
     """(6,) logged IMU axes: gyro x y z, accelerometer x y z; increments of the other axes are zero."""
     empty: tuple[str, ...] = ()
     """Standard names of columns that are 0 in every row and count as absent."""
-    made: Made | None = None
+    made: MapConversion | None = None
     """Conversion from another recording by a map; None without a map."""
     ignored: BoolArray | None = None
     """(K, 2) cycles in which gyro or accelerometer are not used; None: all are used."""
@@ -235,8 +235,8 @@ def _command_times(source: LogTable, time_s: Array, recorded_s: Array, stamped: 
     back = np.flatnonzero(np.diff(found) <= 0)
     if back.size:
         before_s, after_s = found[back[0] : back[0] + 2]
-        said = f"time goes back: {after_s:.9g} s after {before_s:.9g} s; sort or cut the commands"
-        raise source.error(int(rows[back[0] + 1]), COMMAND_TIME, said)
+        text = f"time goes back: {after_s:.9g} s after {before_s:.9g} s; sort or cut the commands"
+        raise source.error(int(rows[back[0] + 1]), COMMAND_TIME, text)
     if found[-1] <= time_s[0] or found[0] >= time_s[-1]:
         raise InputError(
             f"{source.table.path}, column {source.name(COMMAND_TIME)}: commands from {found[0]:.9g} to {found[-1]:.9g} s, and the IMU from "
@@ -259,17 +259,17 @@ def _intervals(source: LogTable, time_s: Array, remedy: str = "") -> tuple[Array
     gap = np.flatnonzero(steps > GAP * usual)
     if gap.size:
         row = int(gap[0]) + 1
-        said = f"a gap of {steps[gap[0]]:.6g} s after {time_s[row - 1]:.9g} s (median interval {usual:.6g} s); split the log there{remedy}"
-        raise source.error(row, "time_s", said)
+        text = f"a gap of {steps[gap[0]]:.6g} s after {time_s[row - 1]:.9g} s (median interval {usual:.6g} s); split the log there{remedy}"
+        raise source.error(row, "time_s", text)
     long = np.flatnonzero(steps > LONG * usual)
     notices = []
     if long.size:
-        said = (
+        text = (
             f"{long.size} record(s) longer than {LONG:g} times the median interval of {usual:.6g} s, the first at "
             f"{source.place(int(long[0]) + 1)} ({steps[long[0]]:.6g} s); each counts with its own length. A lost record also loses its "
             "command: if values are contradicted, split the log there"
         )
-        notices.append(Notice("long-interval", said))
+        notices.append(Notice("long-interval", text))
     interval_s = spill.empty(len(time_s))
     interval_s[0], interval_s[1:] = usual, steps
     return interval_s, notices

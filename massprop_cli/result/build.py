@@ -48,7 +48,7 @@ def result(analysis: Analysis) -> schema.Result:
             cycles=log.cycles,
             duration_s=float(start[-1] + length[-1] - start[0]),
             cycle_s=median(length),
-            mapped=list(log.made.said) if log.made else [],
+            mapped=list(log.made.conversions) if log.made else [],
         ),
         delay=_delay(analysis),
         lag=_lag(analysis),

@@ -49,7 +49,7 @@ def _placed(stage: files.Staged, analysis: Analysis, result_json: str) -> Cleare
     unchanged = there.is_file() and there.stat().st_size == len(content) and there.read_bytes() == content
     run: dict[str, Any] = _run(analysis.log.path, analysis.source.source)
     if analysis.log.made is not None:
-        run |= {"map": analysis.log.made.map, "mapped": list(analysis.log.made.said)}
+        run |= {"map": analysis.log.made.map, "mapped": list(analysis.log.made.conversions)}
     run_text = rendered.run_text(run, rendered.listed(folder) if unchanged else {})
     stage.save("history.parquet", lambda path: historyfile.write_history(analysis, path))
     stage.save(RUN, run_text)

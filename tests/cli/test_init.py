@@ -85,7 +85,7 @@ def test_a_few_empty_cells_of_a_sensor_change_nothing_and_many_are_refused(tmp_p
     whole, found = emptied(0), emptied(150)
     assert found.quiet == whole.quiet - 150 // RECORDS
     assert found.gyro_noise == pytest.approx(whole.gyro_noise, rel=0.05)
-    assert found.force_always_m_s2 == pytest.approx(whole.felt_always, rel=0.05)
+    assert found.force_always_m_s2 == pytest.approx(whole.force_always_m_s2, rel=0.05)
     with pytest.raises(InputError, match=f"column {columns.GYRO[0]}: not a finite number"):
         emptied(int(0.06 * len(gyro)))
 

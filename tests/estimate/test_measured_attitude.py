@@ -16,7 +16,7 @@ from massprop_cli.base.quaternion import quaternion_of, quaternion_product
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.estimated import estimated
 from massprop_cli.inputs.formats import agreement
-from massprop_cli.inputs.tablefile import Made
+from massprop_cli.inputs.tablefile import MapConversion
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.kernel import Kernel
@@ -207,7 +207,7 @@ def test_gaps_of_many_seconds_name_no_cause(name: str) -> None:
     gone = (since % (length + 1.7) > 1.7) & (since < 2 * (length + 1.7))
     gapped = replace(log, attitude_wxyz=frozen(np.where(gone[:, None], np.nan, log.attitude_wxyz)))
     force = log.delta_v_imu_m_s / log.interval_s[:, None]
-    agreement.check(log.path, Made("m.toml", "0", ()), flight.vehicle, log.delta_theta_imu_rad, force, gapped.attitude_wxyz)
+    agreement.check(log.path, MapConversion("m.toml", "0", ()), flight.vehicle, log.delta_theta_imu_rad, force, gapped.attitude_wxyz)
     found = answer(flight, gapped)
     assert found.codes <= {"noise-estimated"}
     assert np.abs(found.z).max() < 3.5

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.formats import agreement
-from massprop_cli.inputs.tablefile import Made
+from massprop_cli.inputs.tablefile import MapConversion
 from massprop_cli.inputs.vehiclefile import parse
 from tests import flight
 
@@ -36,7 +36,7 @@ def check(rate: Array, turns: Rotation, without: Sequence[slice] = ()) -> None:
     quaternions = turns.as_quat()[:, [3, 0, 1, 2]]
     for rows in without:
         quaternions[rows] = np.nan
-    agreement.check(Path("x.csv"), Made("m.toml", "0", ()), VEHICLE, rate * STEP_S, np.zeros((ROWS, 3)), quaternions)
+    agreement.check(Path("x.csv"), MapConversion("m.toml", "0", ()), VEHICLE, rate * STEP_S, np.zeros((ROWS, 3)), quaternions)
 
 
 @pytest.mark.parametrize("axes", AXES.values(), ids=AXES)
@@ -99,7 +99,7 @@ def test_a_scale_that_a_noisy_attitude_does_not_tell_is_left_to_the_estimate() -
 def test_a_few_rows_tell_no_scale(rows: int) -> None:
     rate, turns = turning(AXES["of a free flyer"])
     quaternions = turns.as_quat()[:rows, [3, 0, 1, 2]]
-    agreement.check(Path("x.csv"), Made("m.toml", "0", ()), VEHICLE, rate[:rows] * STEP_S, np.zeros((rows, 3)), quaternions)
+    agreement.check(Path("x.csv"), MapConversion("m.toml", "0", ()), VEHICLE, rate[:rows] * STEP_S, np.zeros((rows, 3)), quaternions)
 
 
 def test_a_right_gyro_of_a_steady_spin_is_taken_beside_a_noisy_attitude() -> None:
@@ -114,7 +114,7 @@ def test_an_accelerometer_that_feels_gravity_the_other_way_is_told_so() -> None:
     rate, turns = turning(AXES["of a free flyer"])
     quaternions = turns.as_quat()[:, [3, 0, 1, 2]]
     felt = turns.inv().apply([0.0, 0.0, 9.80665])
-    made, bearing = Made("m.toml", "0", ()), flight.vehicle("air_bearing")
+    made, bearing = MapConversion("m.toml", "0", ()), flight.vehicle("air_bearing")
     agreement.check(Path("x.csv"), made, bearing, rate * STEP_S, felt, quaternions)
     with pytest.raises(InputError, match=r"with the opposite sign: state scale = -1.0 under \[accelerometer\]"):
         agreement.check(Path("x.csv"), made, bearing, rate * STEP_S, -felt, quaternions)

@@ -87,7 +87,9 @@ BAD_ROTORS = {
         ROTOR + "spin_inertia_kg_m2 = 1e-5\n", TOLD, ("rotors.0", "needs the rotor's speed", 'column = "speed"')
     ),
     "a speed that lags": Bad(ROTOR + 'column = "speed"\nlag_up_s = 0.1\n', TOLD, ("rotors.0", "has no lag", "drop lag_up_s")),
-    "no sense of turning": Bad(ROTOR.replace("spin = 1\n", ""), TOLD, ("'rotors.0.spin' is missing; add it: 1: it turns right-handed",)),
+    "no sense of turning": Bad(
+        ROTOR.replace("spin = 1\n", ""), TOLD, ("'rotors.0.spin' is missing; add it: 1: right-handed rotation about the axis",)
+    ),
 }
 
 

@@ -79,7 +79,7 @@ def on_times(table: Table) -> np.ndarray:
 
 def said(table: Table) -> str:
     assert table.made is not None
-    return "\n".join(table.made.said)
+    return "\n".join(table.made.conversions)
 
 
 UNTIL_THEN = ('path = "left"', 'path = "left"\nholds = "since_last"'), ('path = "right"', 'path = "right"\nholds = "since_last"')

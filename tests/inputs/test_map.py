@@ -37,7 +37,7 @@ def test_cycles_begin_with_the_commands_and_hold_one_each() -> None:
     stated = np.stack([streams[f"cmd/{kind}{axis}"][0] for kind, axis, _ in SIX], 1)
     np.testing.assert_allclose(commands[::5], stated[: table.rows // 5], atol=1e-9)
     assert table.made is not None
-    said = "\n".join(table.made.said)
+    said = "\n".join(table.made.conversions)
     for part in (
         "gyro: 4000 values (sample)",
         "integrated over",
@@ -161,7 +161,7 @@ def test_speeds_on_a_clock_of_their_own_are_told_of_where_they_are_made_up(hz: f
     ends = table.columns["time_s"].numbers()
     np.testing.assert_allclose(table.columns["wheel_x_rad_s"].numbers(), np.interp(ends, t, speed), atol=1e-6)
     assert table.made is not None
-    told = [line for line in table.made.said if "made up" in line]
+    told = [line for line in table.made.conversions if "made up" in line]
     assert len(told) == said
     assert not said or f"where it was not read: {hz / 20:.3g} times in a control cycle of 0.05 s" in told[0]
 
@@ -176,7 +176,7 @@ def test_speeds_of_wheels_that_come_slower_than_control_cycles_are_told_of(hz: f
     ends = table.columns["time_s"].numbers()
     np.testing.assert_allclose(table.columns["wheel_x_rad_s"].numbers(), np.interp(ends, t, 100 * np.sin(t)), atol=1e-9)
     assert table.made is not None
-    told = [line for line in table.made.said if "made up" in line]
+    told = [line for line in table.made.conversions if "made up" in line]
     wanted = f"wheels.x: every {1 / hz:g} s, interpolated to the records' ends: slower than control cycles of 0.05 s, so that in between"
     assert len(told) == slow
     assert not slow or told[0].startswith(wanted)

@@ -35,7 +35,7 @@ def test_clocks_of_the_epoch_keep_their_nanoseconds() -> None:
     for name in first.columns:
         np.testing.assert_allclose(second.columns[name].numbers(), first.columns[name].numbers(), atol=3e-9)
     assert second.made is not None
-    assert "time_s counts from 1760000000" in "\n".join(second.made.said)
+    assert "time_s counts from 1760000000" in "\n".join(second.made.conversions)
 
 
 def _as_streams(log: Log, vehicle: Vehicle) -> dict[str, tuple[Numbers, str, str]]:
@@ -81,7 +81,7 @@ def test_a_cell_that_is_empty_is_a_lost_reading() -> None:
     lost[500] = np.nan
     bridged = made(streams | {"imu/wy": (lost, "imu/t", "rad/s")}, WRENCH_MAP + RECORDS)
     assert bridged.made is not None
-    assert "gyro: 1 of 4000 rows of the file hold none of its samples" in bridged.made.said
+    assert "gyro: 1 of 4000 rows of the file hold none of its samples" in bridged.made.conversions
 
 
 def test_the_maps_own_clock_is_of_the_streams_that_have_none() -> None:
@@ -127,7 +127,7 @@ def test_a_gap_within_a_record_is_bridged_and_told_of() -> None:
     whole, bridged = made(motion(), text), made(streams, text)
     np.testing.assert_allclose(values(bridged, columns.DELTA_THETA), values(whole, columns.DELTA_THETA), atol=2e-5)
     assert bridged.made is not None
-    assert "gyro: 1 gap(s) of up to 0.015 s, shorter than a record, are interpolated; the first after 4.995 s" in bridged.made.said
+    assert "gyro: 1 gap(s) of up to 0.015 s, shorter than a record, are interpolated; the first after 4.995 s" in bridged.made.conversions
 
 
 def test_samples_beside_speeds_alone_are_handed_on_as_samples() -> None:
@@ -214,7 +214,7 @@ def test_a_seldom_attitude_with_a_gap_is_in_the_records_that_are_nearest_to_its_
     np.testing.assert_allclose(2 * np.arcsin(quaternion[logged, 1]), 0.4 * np.sin(0.5 * time_s[logged]), atol=2e-5)
     assert table.made is not None
     assert f"interpolated to the ends of the {logged.sum()} of {len(time_s)} records that are nearest to a sample" in "\n".join(
-        table.made.said
+        table.made.conversions
     )
     # commands in the world are turned with it at any time
     with pytest.raises(InputError, match=r"'att/q0': a gap of 3\.\d* s after 7\.\d* s"):
@@ -300,7 +300,7 @@ def test_commands_repeated_in_each_row_are_those_that_stand_once_in_a_cycle(reco
     said = made(imu | fewer, map_).made
     assert said is not None
     assert re.search(
-        r"commands: \d+ every 0.05 s.*; 1 gap\(s\), the first after 4.9\d* s: a command that was lost there", "\n".join(said.said)
+        r"commands: \d+ every 0.05 s.*; 1 gap\(s\), the first after 4.9\d* s: a command that was lost there", "\n".join(said.conversions)
     )
 
 
@@ -312,7 +312,7 @@ def test_actuators_that_are_numbered_on_and_not_mapped_are_named() -> None:
     table = made(streams, WRENCH_MAP.split("[torque]", maxsplit=1)[0] + jets("") + RECORDS)
     assert table.made is not None
     assert "'rcs/on3_ms', 'rcs/on4_ms': numbered like commands that are mapped, and not mapped. Map each that acted on the vehicle" in (
-        table.made.said
+        table.made.conversions
     )
 
 

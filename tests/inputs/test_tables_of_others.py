@@ -108,7 +108,7 @@ def test_streams_merged_on_their_times_are_the_same(plain: dict[str, np.ndarray]
     table = mapped(path, ', unit = "s"', ('"tc"', '"t"'))
     same(table, plain)
     assert table.made is not None
-    assert any("torque" in line and "rows of the file hold none of its samples" in line for line in table.made.said)
+    assert any("torque" in line and "rows of the file hold none of its samples" in line for line in table.made.conversions)
 
 
 def test_the_draft_of_merged_streams_puts_them_on_records_and_can_be_followed(tmp_path: Path) -> None:
@@ -286,7 +286,7 @@ def test_stamps_of_commands_that_scatter_move_no_impulse(jitter_s: float, plain:
     np.testing.assert_allclose(np.diff(found["command_time_s"]), 0.05, atol=1e-2 * jitter_s)
     assert count >= len(exact["command_time_s"]) - 2
     assert table.made is not None
-    assert any("stamps scatter by up to" in line for line in table.made.said)
+    assert any("stamps scatter by up to" in line for line in table.made.conversions)
 
 
 def test_commands_that_are_stamped_a_little_into_each_cycle_act_from_there_on(tmp_path: Path) -> None:

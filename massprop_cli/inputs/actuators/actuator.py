@@ -98,7 +98,7 @@ class Actuator(Section):
         """Log of its device from n rows, ``records`` per cycle. Raises :class:`InputError` with column and remedy."""
 
     @classmethod
-    def check_together(cls, source: LogTable, own: Sequence[Self], said: Sequence[MomentumLog]) -> None:
+    def check_together(cls, source: LogTable, own: Sequence[Self], logs: Sequence[MomentumLog]) -> None:
         """Raise :class:`InputError` if the logs of all actuators of this kind contradict the vehicle file."""
 
     @abstractmethod
@@ -134,7 +134,7 @@ class MomentumDevice(Actuator):
         """Errors of its stated values with positive sigma, as nuisance parameters."""
 
     @abstractmethod
-    def momentum(self, said: MomentumLog, log: LogTimes) -> Grown:
+    def momentum(self, history: MomentumLog, log: LogTimes) -> Grown:
         """Its momentum in time."""
 
     @property
@@ -142,7 +142,7 @@ class MomentumDevice(Actuator):
         """(a,) spin inertia J along each axis if J (W + a · ω) grows evenly between speed readings, kg m²; 0 otherwise."""
         return np.zeros(len(self.axes))
 
-    def scatter(self, said: MomentumLog, weight: Array) -> float:  # noqa: ARG002
+    def scatter(self, history: MomentumLog, weight: Array) -> float:  # noqa: ARG002
         """Sigma of its momentum's white noise per record, N m s; ``weight`` (n,) weights the records. Zero unless overridden."""
         return 0.0
 

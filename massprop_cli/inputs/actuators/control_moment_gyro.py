@@ -165,31 +165,31 @@ class ControlMomentGyro(actuator.MomentumDevice):
         angle = source.required(GIMBAL.of(self.name))[:n]
         turn = np.abs(np.diff(np.unwrap(angle)))
         fast = np.append(False, np.maximum(turn, np.abs(np.diff(angle)) - 2 * np.pi) > FASTEST_RAD)
-        said = (
+        message = (
             f"{{:g}} rad, after {{:g}} rad in the record before: the limit is {FASTEST_RAD:g} rad in a record; is it in radians ([columns] "
             "can scale it), are records missing?"
         ).format
-        source.refuse(fast, GIMBAL.of(self.name), lambda row: said(angle[row], angle[row - 1]))
+        source.refuse(fast, GIMBAL.of(self.name), lambda row: message(angle[row], angle[row - 1]))
         speed = source.required(SPEED.of(self.name))[:n] if self.h_n_m_s is None else None
         return GyroLog(frozen(np.unwrap(angle)), None if speed is None else frozen(speed), None)
 
     @classmethod
-    def check_together(cls, source: LogTable, own: Sequence[Self], said: Sequence[actuator.MomentumLog]) -> None:
+    def check_together(cls, source: LogTable, own: Sequence[Self], logs: Sequence[actuator.MomentumLog]) -> None:
         """Raise :class:`InputError` if all first angles or speeds equal the stated ones in another unit; the motion cannot show it."""
-        pairs = [(gyro, one) for gyro, one in zip(own, said, strict=True) if isinstance(one, GyroLog)]
+        pairs = [(gyro, one) for gyro, one in zip(own, logs, strict=True) if isinstance(one, GyroLog)]
         angles = [(gyro.start_gimbal_rad, one.angle_rad) for gyro, one in pairs]
         actuator.refuse_other_units(source, "gimbal angle of each control moment gyro", "start_gimbal_rad", ANGLES, angles)
         speeds = [(gyro.start_rad_s, one.speed_rad_s) for gyro, one in pairs]
         actuator.refuse_other_units(source, "speed of each control moment gyro", "start_rad_s", actuator.SPEEDS, speeds)
 
-    def momentum(self, said: actuator.MomentumLog, log: actuator.LogTimes) -> actuator.Grown:
+    def momentum(self, history: actuator.MomentumLog, log: actuator.LogTimes) -> actuator.Grown:
         """Momentum in time from gimbal angles that are linear between knots, or from a smooth curve."""
-        assert isinstance(said, GyroLog)
-        has_start = said.before is not None
-        time_s, angle = log.edge_s[1 - has_start :] + said.after_s, said.angle_rad
-        speed = np.zeros_like(angle) if said.speed_rad_s is None else said.speed_rad_s
-        if said.before is not None:
-            angle, speed = np.append(said.before[0], angle), np.append(said.before[1], speed)
+        assert isinstance(history, GyroLog)
+        has_start = history.before is not None
+        time_s, angle = log.edge_s[1 - has_start :] + history.after_s, history.angle_rad
+        speed = np.zeros_like(angle) if history.speed_rad_s is None else history.speed_rad_s
+        if history.before is not None:
+            angle, speed = np.append(history.before[0], angle), np.append(history.before[1], speed)
         parts = max(int(np.ceil(np.abs(np.diff(angle)).max(initial=0.0) / FINE_RAD)), SMOOTH if self.gimbal_smooth else 1)
         fine = np.arange((len(angle) - 1) * parts + 1) / parts
         knots = np.arange(len(angle), dtype=float)

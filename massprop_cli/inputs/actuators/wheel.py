@@ -225,9 +225,9 @@ class Wheel(actuator.MomentumDevice):
         return WheelLog(None, frozen(source.per_cycle(column, records, n)), start)
 
     @classmethod
-    def check_together(cls, source: LogTable, own: Sequence[Self], said: Sequence[actuator.MomentumLog]) -> None:
+    def check_together(cls, source: LogTable, own: Sequence[Self], logs: Sequence[actuator.MomentumLog]) -> None:
         """Raise :class:`InputError` if all first speeds equal the stated ones in another unit or sign; the motion cannot show it."""
-        pairs = [(wheel.start_rad_s, one.speed_rad_s) for wheel, one in zip(own, said, strict=True) if isinstance(one, WheelLog)]
+        pairs = [(wheel.start_rad_s, one.speed_rad_s) for wheel, one in zip(own, logs, strict=True) if isinstance(one, WheelLog)]
         actuator.refuse_other_units(source, "speed of each wheel", "start_rad_s", actuator.SPEEDS, pairs)
 
     def dequantised_speed(self, speed: Array) -> tuple[Array, Array, IntArray]:
@@ -244,28 +244,28 @@ class Wheel(actuator.MomentumDevice):
             values, variance = counts, np.full(len(counts), 1 / 12)
         return step * values, self.speed_sigma_rad_s**2 + step**2 * variance, length
 
-    def scatter(self, said: actuator.MomentumLog, weight: Array) -> float:
+    def scatter(self, history: actuator.MomentumLog, weight: Array) -> float:
         """Sigma of the momentum from tachometer noise and quantisation, N m s.
 
         A quantisation error is constant while a count lasts, so its variance counts once per record of the count.
         """
-        if not isinstance(said, WheelLog) or said.speed_rad_s is None or self.speed_error_in_noise:
+        if not isinstance(history, WheelLog) or history.speed_rad_s is None or self.speed_error_in_noise:
             return 0.0
-        _, variance, length = self.dequantised_speed(said.speed_rad_s)
+        _, variance, length = self.dequantised_speed(history.speed_rad_s)
         noise = self.speed_sigma_rad_s**2
         each = noise + length * (variance - noise)
         return self.spin_inertia_kg_m2 * float(np.sqrt(np.average(each, weights=weight if weight.any() else None)))
 
-    def momentum(self, said: actuator.MomentumLog, log: actuator.LogTimes) -> actuator.Grown:
+    def momentum(self, history: actuator.MomentumLog, log: actuator.LogTimes) -> actuator.Grown:
         """Momentum in time: relative to the body at the speed's knots, or total by integration of torque less friction."""
-        assert isinstance(said, WheelLog)
-        if said.speed_rad_s is not None:
-            speed, has_start = said.speed_rad_s, said.start_rad_s is not None
-            at = log.edge_s[1 - has_start :] + said.after_s
-            return actuator.Grown(at, self.spin_inertia_kg_m2 * np.append([said.start_rad_s] * has_start, speed)[None])
+        assert isinstance(history, WheelLog)
+        if history.speed_rad_s is not None:
+            speed, has_start = history.speed_rad_s, history.start_rad_s is not None
+            at = log.edge_s[1 - has_start :] + history.after_s
+            return actuator.Grown(at, self.spin_inertia_kg_m2 * np.append([history.start_rad_s] * has_start, speed)[None])
         at = log.delayed_s if self.torque_is == "commanded" else log.at_once_s
         time_s = np.append(at, at[-1] + log.period_s)
-        return actuator.Grown(time_s, self._driven(said, time_s, log)[None])
+        return actuator.Grown(time_s, self._driven(history, time_s, log)[None])
 
     def _turning_at(self, log: actuator.LogTimes, moment_s: float) -> float:
         """Body rate about the axis at ``moment_s``, when the first torque acts, rad/s; from earlier records, which exclude that torque.
@@ -281,19 +281,19 @@ class Wheel(actuator.MomentumDevice):
         degree = 2 if len(rate) >= FOR_A_PARABOLA else min(len(rate) - 1, 1)
         return float(np.linalg.lstsq(np.vander(since, degree + 1), rate, rcond=None)[0][-1])
 
-    def _driven(self, said: "WheelLog", time_s: Array, log: actuator.LogTimes) -> Array:
+    def _driven(self, history: "WheelLog", time_s: Array, log: actuator.LogTimes) -> Array:
         """(M + 1,) total momentum at ``time_s`` from torque less friction, N m s; the body rate is linear between these times."""
-        assert said.torque_n_m is not None
-        assert said.start_rad_s is not None
-        inertia, length_s, speed = self.spin_inertia_kg_m2, np.diff(time_s), said.start_rad_s
+        assert history.torque_n_m is not None
+        assert history.start_rad_s is not None
+        inertia, length_s, speed = self.spin_inertia_kg_m2, np.diff(time_s), history.start_rad_s
         about = self._turning_at(log, float(time_s[0]))
         if self.coulomb_friction_n_m == 0 and self.viscous_friction_n_m_s == 0:
-            return np.asarray(inertia * (speed + about) + np.append(0.0, np.cumsum(said.torque_n_m * length_s)))
+            return np.asarray(inertia * (speed + about) + np.append(0.0, np.cumsum(history.torque_n_m * length_s)))
         turned = np.append(0.0, np.cumsum(log.turn_rad(slice(None)) @ self.direction))
         mean = np.diff(np.interp(time_s, log.edge_s, turned)) / length_s
         turning = np.concatenate([[about], (mean[:-1] + mean[1:]) / 2, mean[-1:]])
         found = [speed]
-        for torque, length, change in zip(said.torque_n_m.tolist(), length_s.tolist(), np.diff(turning).tolist(), strict=True):
+        for torque, length, change in zip(history.torque_n_m.tolist(), length_s.tolist(), np.diff(turning).tolist(), strict=True):
             found.append(self.rubbed(found[-1], torque / inertia - change / length, length))
         return np.asarray(inertia * (found + turning))
 

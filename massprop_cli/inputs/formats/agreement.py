@@ -11,7 +11,7 @@ from massprop_cli.base.quaternion import rotation_vector, turns_between
 from massprop_cli.inputs.formats.clocks import GAP
 from massprop_cli.inputs.formats.resample import into_body
 from massprop_cli.inputs.formats.units import DEG, G
-from massprop_cli.inputs.tablefile import Made
+from massprop_cli.inputs.tablefile import MapConversion
 from massprop_cli.inputs.vehicle import Vehicle
 
 _SEGMENTS, _MIN_SEGMENTS = 400, 12
@@ -26,7 +26,7 @@ _SCALE_ERROR, _SIGMAS, _LONGER = 0.03, 5.0, 4
 distort fast rotations."""
 
 
-def check(path: Path, made: Made, vehicle: Vehicle, theta_imu: Array, force_imu: Array, attitude: Array | None) -> None:
+def check(path: Path, made: MapConversion, vehicle: Vehicle, theta_imu: Array, force_imu: Array, attitude: Array | None) -> None:
     """Raise :class:`InputError` if gyro (n, 3), rad, or accelerometer (n, 3), m/s², contradicts the attitude (n, 4), quaternions."""
     if made.heading and vehicle.environment.kind != "planar":
         raise InputError(
@@ -70,7 +70,7 @@ def _edges(rows: int, count: int) -> IntArray:
     return np.unique(np.linspace(0, rows - 1, count + 1).astype(int))
 
 
-def _compare(path: Path, made: Made, key: str, measured: Array, wanted: Array, least: float, factors: dict[str, float]) -> None:
+def _compare(path: Path, made: MapConversion, key: str, measured: Array, wanted: Array, least: float, factors: dict[str, float]) -> None:
     """Raise :class:`InputError` if ``measured`` differs from ``wanted`` by half of it, with the axes or unit that correct it."""
     size = _rms(wanted)
     if size < least:
@@ -102,7 +102,7 @@ def _compare(path: Path, made: Made, key: str, measured: Array, wanted: Array, l
     )
 
 
-def _check_scale(path: Path, made: Made, turned: Array, wanted: Array) -> None:
+def _check_scale(path: Path, made: MapConversion, turned: Array, wanted: Array) -> None:
     """Raise :class:`InputError` if the gyro's scale against the attitude differs significantly from 1."""
     scale, sigma = _scale(turned, wanted)
     if abs(scale - 1) > max(_SCALE_ERROR, _SIGMAS * sigma):

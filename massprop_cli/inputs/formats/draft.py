@@ -18,7 +18,7 @@ _GRAVITY, _NO_GRAVITY = 0.05, 0.1
 def draft(name: str, found: Traits, parameters: Mapping[str, float], conversions: tuple[str, ...] = ()) -> str:
     """Text of a vehicle file; ``conversions`` are those by a map."""
     lines = ["schema = 1", f"name = {json.dumps(name)}   # of the file"]
-    lines += [f"# map: {said}" for said in conversions]
+    lines += [f"# map: {line}" for line in conversions]
     lines += ["", "[cycle]", *_cycle(found), "", "[imu]", *_imu(found), "", "[environment]", *_environment(found), "", *_commands(found)]
     lines += _px4(parameters)
     return "\n".join(lines) + "\n"
@@ -55,13 +55,13 @@ def _imu(found: Traits) -> list[str]:
         "# position_m = [x, y, z]   # from O, body axes, m: measure it; left out, the IMU is taken to be at O",
         "# body_from_imu = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]   # by rows: pitch, roll and yaw the vehicle by hand and see which axis turns",
     ]
-    said = f"by second differences over {found.quiet} quiet cycles (no command for {SETTLE} before)"
+    how = f"by second differences over {found.quiet} quiet cycles (no command for {SETTLE} before)"
     for key, noise in (("gyro_noise_rad_s", found.gyro_noise), ("accel_noise_m_s2", found.accel_noise)):
         if noise is None:
             lines.append(f"# {key} = ...   # too few quiet cycles: left out, it is estimated from the log; to measure it, {_AT_REST}")
             continue
         axes = ", ".join(f"{value:.2g}" for value in noise)
-        line = f"{key} = {float(np.sqrt((noise**2).mean())):.3g}   # one sigma of a cycle's mean {said}; by axis {axes}"
+        line = f"{key} = {float(np.sqrt((noise**2).mean())):.3g}   # one sigma of a cycle's mean {how}; by axis {axes}"
         unsure = "too few to state" if found.quiet < PRECISE else "of the shortest cycle that it may be" if len(found.choices) > 1 else ""
         lines.append(f"# {line}: {unsure}, so it is estimated from the log; to measure it, {_AT_REST}" if unsure else line)
     if found.gyro_mean is not None:

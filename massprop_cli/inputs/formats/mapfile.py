@@ -270,9 +270,9 @@ def _refuse_open(stated: dict[str, Any], source: str, text: str) -> None:
         return
     at, *others = (configfile.line_of(text, path) for path in (first, *more))
     lines = sorted({line for line in others if line} - {at})
-    beside = f"; so {'are lines' if len(lines) > 1 else 'is line'} {', '.join(map(str, lines))}" if lines else ""
-    said = "answer each: its comment in the draft says what it may be"
-    raise InputError(f'{source}, line {at}: {".".join(first)} is still "?"{beside}; {said}')
+    others_text = f"; so {'are lines' if len(lines) > 1 else 'is line'} {', '.join(map(str, lines))}" if lines else ""
+    remedy = "answer each: its comment in the draft says what it may be"
+    raise InputError(f'{source}, line {at}: {".".join(first)} is still "?"{others_text}; {remedy}')
 
 
 def _open(item: object, path: list[str]) -> list[list[str]]:
@@ -293,5 +293,5 @@ def find(log: Path, explicit: Path | None) -> MapSource | None:
     """Map file of a log: ``explicit``, LOGSTEM.map.toml or map.toml next to the log; None without one."""
     if explicit is not None:
         return load(explicit)
-    beside = next((path for path in map(log.with_name, maps_beside(log.name)) if path.exists()), None)
-    return None if beside is None else load(beside, named=False)
+    others_text = next((path for path in map(log.with_name, maps_beside(log.name)) if path.exists()), None)
+    return None if others_text is None else load(others_text, named=False)

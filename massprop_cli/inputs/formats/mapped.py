@@ -14,7 +14,7 @@ from massprop_cli.inputs.formats import listing, oncycles, resample
 from massprop_cli.inputs.formats.mapfile import MapSource
 from massprop_cli.inputs.formats.recording import RecordedStream, Recording
 from massprop_cli.inputs.formats.signals import QuantitySignal, Signals
-from massprop_cli.inputs.tablefile import Made, Table
+from massprop_cli.inputs.tablefile import MapConversion, Table
 from massprop_cli.inputs.vehicle import ACTUATORS
 
 _SHOWN = 5
@@ -37,30 +37,33 @@ def of(read: Recording, source: MapSource | None) -> Table:
         made = oncycles.at_own_times(streams, records, edges) or oncycles.on_cycles_of(streams, records, edges)
     signals.conversions.extend(_unmapped(signals))
     heading = source.map.attitude is not None and source.map.attitude.order == "heading"
-    time_s, by = made[columns.TIME], Made(source.source, source.sha256, tuple(_merged(signals.conversions)), signals.sampled, heading)
+    time_s, by = (
+        made[columns.TIME],
+        MapConversion(source.source, source.sha256, tuple(_merged(signals.conversions)), signals.sampled, heading),
+    )
     found = tablefile.at_hand(read.path, made, lambda row: f"record {row} as mapped (time_s = {time_s[row]:.9g})")
     return replace(found, sha256=read.sha256, embedded_vehicle=read.vehicle, made=by)
 
 
 def _on_rows(signals: Signals) -> dict[str, Array]:
     """Columns of a log whose streams share one clock; the file's rows are the records."""
-    said = signals.map
+    source = signals.map
     imu = signals.imu()
     gyro = imu[0][0]
     for signal, _ in imu:
         _on_gyro_clock(gyro, signal, signals)
     made: dict[str, Array] = {columns.TIME: gyro.times.s} | signals.as_recorded(imu)
     attitude = None
-    if said.attitude is not None:
-        attitude = _on_gyro_clock(gyro, signals.attitude(said.attitude), signals).values
-        made |= dict(zip(columns.QUATERNION, resample.z_up(attitude, said.attitude.world).T, strict=True))
+    if source.attitude is not None:
+        attitude = _on_gyro_clock(gyro, signals.attitude(source.attitude), signals).values
+        made |= dict(zip(columns.QUATERNION, resample.z_up(attitude, source.attitude.world).T, strict=True))
     for key, wrench, known, names in signals.wrenches():
         values = _on_gyro_clock(gyro, signals.vector(key, wrench, known), signals).values
         if wrench.frame == "world" and attitude is not None:
             values = resample.into_body(values, attitude)
             signals.conversions.append(f"{key}: turned from world into body axes with the logged attitude of the same row")
         made |= dict(zip(names, values.T, strict=True))
-    for name, jet in said.jets.items():
+    for name, jet in source.jets.items():
         on, share = signals.jet(name, jet)
         if share:
             raise signals.refused(on, "a valve's state is summed over control cycles; state [records] in the map")
@@ -75,8 +78,8 @@ def _on_gyro_clock(gyro: QuantitySignal, signal: QuantitySignal, signals: Signal
     own, its = signal.times, gyro.times
     if own is not its and (len(own.s) != len(its.s) or (own.s != its.s).any()):
         rows = " of other rows (where)" if own.path == its.path else ""
-        said = f"its clock {own.path!r}{rows} is not the gyro's, {its.path!r}; state [records] in the map, onto which both are put"
-        raise signals.refused(signal, said)
+        problem = f"its clock {own.path!r}{rows} is not the gyro's, {its.path!r}; state [records] in the map, onto which both are put"
+        raise signals.refused(signal, problem)
     return signal
 
 
@@ -104,10 +107,10 @@ def _varies(stream: RecordedStream) -> bool:
     return bool(held.size) and bool(held.min() < held.max())
 
 
-def _merged(said: Sequence[str]) -> list[str]:
+def _merged(conversions: Sequence[str]) -> list[str]:
     """Conversions, with equal ones of several keys in one line."""
     keys: dict[str, list[str]] = {}
-    for line in said:
+    for line in conversions:
         key, _, what = line.partition(": ")
         keys.setdefault(what or line, []).append(key if what else "")
     return [f"{', '.join(each)}: {what}" if each[0] else what for what, each in keys.items()]

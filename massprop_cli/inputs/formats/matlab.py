@@ -137,6 +137,8 @@ def _table(path: str, table: pd.DataFrame) -> Iterator[RecordedStream]:
 
 
 def _units(table: pd.DataFrame) -> dict[str, str]:
-    said = table.attrs.get("VariableUnits", table.attrs.get("TableProperties", {}).get("VariableUnits"))
-    listed = [] if said is None else [str(np.ravel(unit)[0]) if np.size(unit) else "" for unit in np.ravel(np.asarray(said, dtype=object))]
+    stated = table.attrs.get("VariableUnits", table.attrs.get("TableProperties", {}).get("VariableUnits"))
+    listed = (
+        [] if stated is None else [str(np.ravel(unit)[0]) if np.size(unit) else "" for unit in np.ravel(np.asarray(stated, dtype=object))]
+    )
     return dict(zip(map(str, table.columns), listed, strict=False))

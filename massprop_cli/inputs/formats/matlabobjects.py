@@ -49,10 +49,10 @@ def timeseries(path: str, value: Any) -> Iterator[RecordedStream]:
 
 def _times(held: Mapping[str, Any], info: Mapping[str, Any], data: Numbers) -> tuple[Numbers, str]:
     """Times and their unit; evenly spaced times are stored as start and increment."""
-    said = _text(info.get("Units")) or "seconds"
-    if said not in _TIME_UNITS:
-        raise UnreadableError(f"with times in {said}")
-    unit, factor = _TIME_UNITS[said]
+    name = _text(info.get("Units")) or "seconds"
+    if name not in _TIME_UNITS:
+        raise UnreadableError(f"with times in {name}")
+    unit, factor = _TIME_UNITS[name]
     own = _numbers(held, "Time_", "Time")
     times = _numbers(info, "Time_", "Time") if own is None else own
     if times is None:

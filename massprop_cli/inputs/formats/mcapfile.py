@@ -32,7 +32,7 @@ def read(path: Path, data: bytes) -> Read:
     streams = list(rosmessages.collected(path, _messages(data, decoders, unread)))
     if decoders and not any(decoders.values()) and not any(encoding == "cdr" for _, encoding, _ in unread.values()):
         raise InputError(f"{path}: none of its topics is of ROS or JSON messages; convert it, for instance with mcap convert")
-    return Read(streams, unread={topic: _left_out(*said) for topic, said in unread.items()})
+    return Read(streams, unread={topic: _left_out(*details) for topic, details in unread.items()})
 
 
 def _left_out(count: int, encoding: str, kind: str) -> str:

@@ -56,10 +56,10 @@ class Streams:
     def interpolated(self, time_s: Array, cycle_s: float) -> dict[str, Array]:
         """Columns of signals that are interpolated at the ends of records, ``time_s`` (n,)."""
         made: dict[str, Array] = {}
-        said = self.signals.map.attitude
-        if self.attitude is not None and said is not None:
+        entry = self.signals.map.attitude
+        if self.attitude is not None and entry is not None:
             times = self.attitude.times
-            turned = resample.z_up(resample.attitude_at(self.attitude.values, times.s, time_s), said.world)
+            turned = resample.z_up(resample.attitude_at(self.attitude.values, times.s, time_s), entry.world)
             nearest = resample.nearest_to_samples(times.s, time_s, GAP * times.step_s)
             made |= dict(zip(columns.QUATERNION, np.where(nearest, turned.T, np.nan), strict=True))
             where = (
@@ -76,9 +76,9 @@ class Streams:
 
 def streams_of(signals: Signals, records: Records) -> tuple[Streams, Array]:
     """Streams of the map, and edges of the records, s. Raises :class:`massprop_cli.base.errors.InputError` for a missing stream."""
-    said = signals.map
+    entries = signals.map
     imu = signals.imu()
-    attitude = None if said.attitude is None else signals.attitude(said.attitude)
+    attitude = None if entries.attitude is None else signals.attitude(entries.attitude)
     instants = [(signal, column) for signal, column, kind, _ in signals.spinners() if kind == "instant"]
     found = Streams(imu, streamcommands.commands_of(signals, attitude), attitude, instants, signals)
     spans = [_Span(sensor, resample.knots(sensor.times.s, kind)) for sensor, kind in imu]
@@ -221,21 +221,21 @@ def _in_rows(values: Array, rows: IntArray, count: int) -> Array:
 def _read_off(signal: QuantitySignal, time_s: Array, cycle_s: float) -> str:
     """Description of an interpolation at the ends of records, with a warning if it can change results."""
     step = signal.times.step_s
-    said = f"every {step:.6g} s, interpolated to the records' ends"
+    text = f"every {step:.6g} s, interpolated to the records' ends"
     if signal.key == "supply":
-        return said
+        return text
     if step > 1.01 * cycle_s:
         return (
-            f"{said}: slower than control cycles of {cycle_s:.6g} s, so that in between its speed is made up, as if it changed evenly; "
+            f"{text}: slower than control cycles of {cycle_s:.6g} s, so that in between its speed is made up, as if it changed evenly; "
             "what changes faster is lost and moves the results. Log it once a control cycle"
         )
     within = (signal.times.s >= time_s[0]) & (signal.times.s <= time_s[-1])
     change = np.diff(signal.values[within, 0])
     evenly = (np.diff(change) ** 2).sum() < STEADY**2 * (change**2).sum()  # as what turns without steps of its torque
     if READINGS_PER_CYCLE * step < cycle_s or evenly or resample.all_at(time_s, signal.times.s[within], SAME_TIME * step):
-        return said
+        return text
     return (
-        f"{said}, where it was not read: {cycle_s / step:.3g} times in a control cycle of {cycle_s:.6g} s. Where its torque steps between "
+        f"{text}, where it was not read: {cycle_s / step:.3g} times in a control cycle of {cycle_s:.6g} s. Where its torque steps between "
         f"two readings the speed is made up. Log it at the records' ends, or {math.ceil(READINGS_PER_CYCLE)} times in a control cycle"
     )
 
@@ -279,8 +279,8 @@ def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands:
         edges = start + length * np.arange(max(int((end - start + slack) / length), 0) + 1)
     else:
         # commands are stamped less precisely than a cycle; without commands, nothing before the start is used
-        told = driving is not None or begun is not None
-        near = int(np.argmin(np.abs(knots - start))) if told else int(np.searchsorted(knots, start - slack))
+        aligned = driving is not None or begun is not None
+        near = int(np.argmin(np.abs(knots - start))) if aligned else int(np.searchsorted(knots, start - slack))
         edges = knots[near :: records.samples]
         edges = edges[edges <= end + slack]
     whole = (len(edges) - 1) // records.per_cycle * records.per_cycle

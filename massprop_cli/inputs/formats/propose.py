@@ -80,10 +80,10 @@ def draft(read: Recording) -> str:
 def _one_clock(lines: list[str]) -> list[str]:
     """Lines with a clock that all tables share at the top."""
     tables = sum(line.startswith("[") for line in lines)
-    said = [line for line in lines if line.startswith("clock = ")]
-    if len(said) < 2 or len(said) < tables or len({line.partition("#")[0] for line in said}) > 1:
+    clock_lines = [line for line in lines if line.startswith("clock = ")]
+    if len(clock_lines) < 2 or len(clock_lines) < tables or len({line.partition("#")[0] for line in clock_lines}) > 1:
         return lines
-    return [*lines[:2], said[0], *(line for line in lines[2:] if line.removeprefix("# ") not in said)]
+    return [*lines[:2], clock_lines[0], *(line for line in lines[2:] if line.removeprefix("# ") not in clock_lines)]
 
 
 def questions(text: str) -> int:
@@ -93,11 +93,11 @@ def questions(text: str) -> int:
 
 def _section(clocks: listing.Clocks, quantity: VectorName, found: Sequence[Vector], chosen: dict[str, Vector]) -> list[str]:
     candidates, settled = fitting(quantity, found)
-    partial = {tuple(v.paths): said for v in candidates if (said := _left_out(clocks, quantity, v))}
+    partial = {tuple(v.paths): reason for v in candidates if (reason := _left_out(clocks, quantity, v))}
     if partial:
         candidates = [v for v in candidates if tuple(v.paths) not in partial]
         settled = len(candidates) == 1
-    lines = [f"[{quantity.key}]", *(f"# not {json.dumps(paths, ensure_ascii=False)}: {said}" for paths, said in partial.items())]
+    lines = [f"[{quantity.key}]", *(f"# not {json.dumps(paths, ensure_ascii=False)}: {reason}" for paths, reason in partial.items())]
     if not settled:
         some = [f"#   {json.dumps(v.paths, ensure_ascii=False)}{_remark(clocks, v)}" for v in candidates[:_MANY]]
         many = "this could be it; take it if it is" if len(candidates) == 1 else f"{len(candidates)} could be it; take one of"
@@ -166,7 +166,7 @@ def _sensor(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> lis
         lines.append(f'unit = "{unit}"   # by its name')
     else:
         lines += _unit(quantity, vector)
-    named = next((said for name, said in _VALUES.items() if name in vector.stem), None)
+    named = next((reason for name, reason in _VALUES.items() if name in vector.stem), None)
     whole = _covering(clocks, quantity, vector)
     if contract:
         lines.append(f'values = "{"increment" if increments else "mean"}"   # by its name')

@@ -310,8 +310,10 @@ class Signals:
                 raise self.error(key, stream.path, problem)
             known_or_not = units.is_any(recorded) or units.is_foreign(stream.unit)
             if known_or_not and "scale" not in stated.model_fields_set:
-                cure = f"state scale beside it, what one {stream.unit} is in {given}; 1.0 where the file is wrong"
-                raise self.error(key, stream.path, f"the map says unit {given!r}, and the file {stream.unit!r}, which is none here: {cure}")
+                remedy = f"state scale beside it, what one {stream.unit} is in {given}; 1.0 where the file is wrong"
+                raise self.error(
+                    key, stream.path, f"the map says unit {given!r}, and the file {stream.unit!r}, which is none here: {remedy}"
+                )
         return factor, units.plain(text)
 
     def _clock_of(self, key: str, paths: Sequence[str | float], entry: mapfile.Clock | None) -> mapfile.Clock:

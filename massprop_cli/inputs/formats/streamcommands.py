@@ -74,7 +74,7 @@ def _check_open(signals: Signals, valves: Sequence[QuantitySignal]) -> None:
 def on_cycles(signals: Signals, command: StreamCommand, cycles: Array) -> Array:
     """(K, n) command of each control cycle."""
     signal, step, length = command.signal, command.signal.times.step_s, median(np.diff(cycles))
-    said = f"{signal.key}: {len(signal.values)} values every {step:.6g} s by {signal.times.path!r}"
+    text = f"{signal.key}: {len(signal.values)} values every {step:.6g} s by {signal.times.path!r}"
     if command.kind == "on_time":
         if step > (1 - SAME_INTERVAL) * length:
             if command.holds == "since_last":
@@ -97,17 +97,17 @@ def on_cycles(signals: Signals, command: StreamCommand, cycles: Array) -> Array:
         apart = np.abs(signal.times.s[first] - cycles[:-1]).max()
         most = int(count.max())
         each = "one in each control cycle" if most == 1 else f"up to {most} alike in each control cycle"
-        signals.conversions.append(f"{said}, {each}, stamped up to {apart:.3g} s from its beginning")
+        signals.conversions.append(f"{text}, {each}, stamped up to {apart:.3g} s from its beginning")
         return signal.values[first]
     if not signal.paths:
         signals.conversions.append(f"{signal.key}: taken as {', '.join(f'{v:g}' for v in signal.values[0])} throughout, as the map states")
         return np.repeat(signal.values[:1], len(cycles) - 1, 0)
     times, scatter = _without_scatter(signal.times.s, cycles) if command.holds == "until_next" else (signal.times.s, 0.0)
     if scatter > 0:
-        said += f", one in each control cycle, whose stamps scatter by up to {scatter:.3g} s and are taken as evenly spaced"
+        text += f", one in each control cycle, whose stamps scatter by up to {scatter:.3g} s and are taken as evenly spaced"
     found = resample.means(signal.values, times, command.holds, cycles)
     how = "held until the next" if command.holds == "until_next" else "each over the time since the last"
-    signals.conversions.append(f"{said}, {how}; of each of {len(cycles) - 1} control cycles of {length:.6g} s the mean")
+    signals.conversions.append(f"{text}, {how}; of each of {len(cycles) - 1} control cycles of {length:.6g} s the mean")
     return found * np.diff(cycles)[:, None] if command.kind == "share" else found
 
 
