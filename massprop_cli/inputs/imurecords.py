@@ -10,9 +10,9 @@ from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION
 from massprop_cli.inputs.equipment import OFF_UNIT
-from massprop_cli.inputs.held import moving_mean, on_a_beat
+from massprop_cli.inputs.held import moving_mean, periodic_repeats
 from massprop_cli.inputs.logtable import LogTable
-from massprop_cli.inputs.marked import Marked
+from massprop_cli.inputs.marked import MissingReadings
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 
@@ -38,7 +38,7 @@ class ImuRecords(NamedTuple):
     forces: tuple[str, ...]
     axes: tuple[bool, ...]
     empty: tuple[str, ...]
-    marked: tuple[Marked, Marked]
+    missing_readings: tuple[MissingReadings, MissingReadings]
     """Missing readings of gyro and accelerometer."""
 
 
@@ -201,7 +201,7 @@ def held(imu: ImuRecords, interval_s: Array, own: bool) -> list[Notice]:
     found = []
     for name, increments, axes in (("gyro", imu.theta, imu.axes[:3]), ("accelerometer", imu.velocity, imu.axes[3:])):
         readings = increments[:, list(axes)] / interval_s[:, None]
-        if (again := on_a_beat(readings)).any():
+        if (again := periodic_repeats(readings)).any():
             text = (
                 f"the {name} repeats each reading {len(again) / (~again).sum():.3g} times, because it measures less often than the log has "
                 "records: write records as long as its own, or read the file with a map, whose [records] use each reading once"

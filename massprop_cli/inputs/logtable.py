@@ -11,7 +11,7 @@ from massprop_cli.base.arrays import Array, BoolArray, IntArray, cubic, median
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.columns import COMMAND_TIME, FIXED, TIME, Column
-from massprop_cli.inputs.marked import Marked, fills
+from massprop_cli.inputs.marked import MissingReadings, fill_values
 from massprop_cli.inputs.section import LEAST
 from massprop_cli.inputs.tablefile import Table
 
@@ -39,7 +39,7 @@ def interpolate(values: Array, unknown: BoolArray | None) -> Array:
     return values
 
 
-def alike(column: str, other: str) -> bool:
+def resembles(column: str, other: str) -> bool:
     """Whether another name resembles an IMU column: misspelt, or with a sensor and the same axis in it."""
     axis = re.search("_([xyz])_", column)
     named = axis and re.search(rf"(?:{SENSORS})(?:.*[^a-z])?{axis[1]}(?![a-z])|(?:^|_)[agw]_?{axis[1]}(?![a-z])", other.lower())
@@ -114,10 +114,10 @@ class LogTable:
         self.refuse(~np.isfinite(values), column, lambda row: f"{values[row]} {problem}".replace("nan", "nan or an empty cell", 1))
         return values
 
-    def readings(self, column: str, marked: Marked) -> Array:
+    def readings(self, column: str, marked: MissingReadings) -> Array:
         """Column of a sensor; a few empty cells are interpolated and recorded in ``marked``."""
         values = self.optional(column)
-        filled = fills(values, self.columns[column].scale if column in self.columns else 1.0)
+        filled = fill_values(values, self.columns[column].scale if column in self.columns else 1.0)
         values[filled] = np.nan
         none = np.isnan(values)
         if np.isinf(values).any() or np.sum(none if self.lost is None else none & ~self.lost) > EMPTY * len(values):
@@ -125,9 +125,9 @@ class LogTable:
         marked.add(values, self.lost, filled)
         return interpolate(values, none)
 
-    def increments(self, columns: Sequence[str], rates: Sequence[str], interval_s: Array) -> tuple[Array, Marked]:
+    def increments(self, columns: Sequence[str], rates: Sequence[str], interval_s: Array) -> tuple[Array, MissingReadings]:
         """(n, 3) increments (``rates`` times interval; 0 for absent axes), and the missing readings."""
-        found, marked = spill.empty(self.table.rows, len(columns)), Marked(self.table.rows)
+        found, marked = spill.empty(self.table.rows, len(columns)), MissingReadings(self.table.rows)
         for axis, column in enumerate(columns):
             values = self.readings(column, marked) if self.has(column) else None
             for part in spill.parts(len(found)):
@@ -138,7 +138,7 @@ class LogTable:
         """(3,) column of each axis, increments before rates. Raises :class:`InputError` if another column resembles an absent one."""
         found = tuple(rate if self.has(rate) and not self.has(name) else name for name, rate in zip(names, rates, strict=True))
         absent = [column for column in found if not self.has(column)]
-        like = next(((name, other) for name in absent for other in self._unused() if alike(name, other)), None)
+        like = next(((name, other) for name in absent for other in self._unused() if resembles(name, other)), None)
         if like is not None:
             remedy = "rename it, or map it under [columns] of the vehicle file; if it is not an IMU reading, leave it out of the log"
             raise InputError(f"{self.table.path}: column {like[0]!r} is missing; the nearest unused column is {like[1]!r}; {remedy}")
@@ -173,8 +173,8 @@ class LogTable:
         if not stepped:
             return f"{missing}; write one (0 for none){self._lost_record(row)}"
         assert self.lost is not None
-        between = np.diff(np.flatnonzero(~np.isnan(values[~self.lost[: len(values)]])))
-        whole = f" (commands come every {records} rows, as if no record is missing)" if (between == records).all() else ""
+        intervals = np.diff(np.flatnonzero(~np.isnan(values[~self.lost[: len(values)]])))
+        whole = f" (commands come every {records} rows, as if no record is missing)" if (intervals == records).all() else ""
         return (
             f"{missing}: {stepped}. Is a record missing there? If not{whole}, the clock stepped: state imu.clock_even = true. If one is "
             "missing, write a command in the first row of each cycle (0 for none)"
@@ -222,7 +222,7 @@ class LogTable:
         at = int(long[0]) + 1
         return f"; or a record was lost before {self.place(at)}, {steps[at - 1]:.6g} s after the one above it: split the log there"
 
-    def between(self, column: str, n: int) -> Array:
+    def interpolated(self, column: str, n: int) -> Array:
         """(n,) column with cubic interpolation between its samples (:meth:`samples`)."""
         time_s, rows = self.required(TIME)[:n], self.samples(column, n)
         values = self.optional(column)[:n]
@@ -243,6 +243,6 @@ class LogTable:
         return np.asarray(rows[since % int(np.median(held)) == 0])
 
     def ends(self, column: str, records: int, n: int) -> Array:
-        """(K,) value at the end of each cycle, interpolated as in :meth:`between`."""
-        values = self.between(column, n)
+        """(K,) value at the end of each cycle, interpolated as in :meth:`interpolated`."""
+        values = self.interpolated(column, n)
         return values[records - 1 :: records] if self.issued is None else values[np.append(self.issued[1:], n) - 1]

@@ -15,7 +15,7 @@ from massprop_cli.base.lazy import pa
 from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_V, GYRO, PULSE, TIME, WRENCH, is_jet
 from massprop_cli.inputs.imurecords import ImuRecords
 from massprop_cli.inputs.logtable import LONG, MISSING, WHOLE, LogTable, interpolate
-from massprop_cli.inputs.marked import holds_both, repeated, zeros
+from massprop_cli.inputs.marked import contain_both, repeated, zeros
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.tablefile import Cells
 from massprop_cli.inputs.vehicle import Vehicle
@@ -39,7 +39,7 @@ def without_lone_pulses(source: LogTable) -> LogTable:
     return source if len(rows) == source.table.rows else _of_rows(source, rows)
 
 
-def once(source: LogTable) -> tuple[LogTable, list[Notice]]:
+def without_duplicates(source: LogTable) -> tuple[LogTable, list[Notice]]:
     """Log without duplicate rows: all cells equal those of the previous row, and the time stamp is at most ``SOON`` later."""
     steps = np.diff(source.required("time_s"))
     again = np.flatnonzero((steps >= 0) & (steps <= MAX_DELAY * (median(steps) if len(steps) else 0.0))) + 1
@@ -51,7 +51,7 @@ def once(source: LogTable) -> tuple[LogTable, list[Notice]]:
     return _of_rows(source, rows), [Notice("clock-rebuilt", message)]
 
 
-def put_back(source: LogTable, time_s: Array, vehicle: Vehicle) -> tuple[LogTable, Array]:
+def with_lost_rows(source: LogTable, time_s: Array, vehicle: Vehicle) -> tuple[LogTable, Array]:
     """Log with missing rows restored (also before its first row), and times (N,) of all rows; unchanged if too many are missing."""
     steps = np.diff(time_s)
     usual = median(steps) if len(steps) else 0.0
@@ -86,7 +86,7 @@ def _loses_commands(source: LogTable) -> bool:
 def _cover_gaps(source: LogTable, rows: IntArray) -> bool:
     """Whether increments after missing rows contain the whole time, because a tool computed them from rates and times."""
     sensors = [np.stack([source.optional(name) for name in own], 1) for own in (DELTA_THETA, DELTA_V) if all(map(source.has, own))]
-    return holds_both([np.nan_to_num(one) for one in sensors], rows, 1)
+    return contain_both([np.nan_to_num(one) for one in sensors], rows, 1)
 
 
 def _first_cycle(source: LogTable, place: IntArray, per_cycle: int) -> int:
@@ -121,7 +121,7 @@ def _of_rows(source: LogTable, rows: IntArray, lost: BoolArray | None = None) ->
     return LogTable(replace(source.table, columns=columns, rows=len(rows), place=place), source.columns, lost)
 
 
-class LeftOut(NamedTuple):
+class LostData(NamedTuple):
     """Lost readings and commands by control cycle; None without any."""
 
     ignored: BoolArray | None
@@ -131,15 +131,15 @@ class LeftOut(NamedTuple):
     notices: list[Notice]
 
 
-def left_out(source: LogTable, imu: ImuRecords, command: Array, records: int, n: int) -> LeftOut:
+def lost_data(source: LogTable, imu: ImuRecords, command: Array, records: int, n: int) -> LostData:
     """Lost readings and commands (K, C) in cycles of ``records`` records; interpolates lost readings in ``imu``."""
     lost = np.zeros(n, dtype=bool) if source.lost is None else source.lost[:n]
     both = (imu.theta[:n], imu.velocity[:n])
-    each = zip(*((one.empty, one.filled, zeros(one)) for one in imu.marked), strict=True)
+    each = zip(*((one.empty, one.filled, zeros(one)) for one in imu.missing_readings), strict=True)
     empty, filled, zero = (np.stack([part[:n] for part in parts], 1) for parts in each)
-    same = np.stack([(repeated([one]) | repeated(imu.marked))[:n] for one in imu.marked], 1)
+    same = np.stack([(repeated([one]) | repeated(imu.missing_readings))[:n] for one in imu.missing_readings], 1)
     for own in [[0, 1]] if (zero[:, 0] == zero[:, 1]).all() else [[0], [1]]:
-        if holds_both([both[i] for i in own], np.flatnonzero(zero[:, own[0]]) + 1, 2):
+        if contain_both([both[i] for i in own], np.flatnonzero(zero[:, own[0]]) + 1, 2):
             zero[:, own] = False
     few = MISSING * records
     if n > few:
@@ -155,7 +155,7 @@ def left_out(source: LogTable, imu: ImuRecords, command: Array, records: int, n:
     )
     found = [f"{int(rows.any(1).sum())} {what}" for what, rows in kinds if rows.any()]
     if not found:
-        return LeftOut(None, None, [])
+        return LostData(None, None, [])
     readings = lost[:, None] | empty | same | zero
     for increments, rows in zip(both, readings.T, strict=True):
         for axis in increments.T:
@@ -166,4 +166,4 @@ def left_out(source: LogTable, imu: ImuRecords, command: Array, records: int, n:
     also = f", nor the commands of {int(uncommanded.sum())} control cycle(s) in them" if uncommanded.any() else ""
     first = source.place(int(np.argmax(readings.any(1))))
     message = f"records lost: {', '.join(found)}, the first at {first}; massprop does not use their readings{also}"
-    return LeftOut(readings.reshape(-1, records, 2).any(1), uncommanded, [Notice("records-lost", message)])
+    return LostData(readings.reshape(-1, records, 2).any(1), uncommanded, [Notice("records-lost", message)])

@@ -22,7 +22,7 @@ BOTH_RATIO = 1.5
 """Record after a lost one over a usual record, above which it contains the motion of both."""
 
 
-class Marked:
+class MissingReadings:
     """Missing readings of a sensor with n records, collected axis by axis."""
 
     def __init__(self, count: int) -> None:
@@ -46,7 +46,7 @@ class Marked:
             self.axes += 1
 
 
-def fills(values: Array, scale: float) -> BoolArray:
+def fill_values(values: Array, scale: float) -> BoolArray:
     """(n,) readings that are a fill value times ``scale``, the scale of the column, and far above all others."""
     own = np.array(FILLS) * abs(scale)
     farthest = max(np.nanmax(values, initial=0.0), -np.nanmin(values, initial=0.0))
@@ -57,19 +57,19 @@ def fills(values: Array, scale: float) -> BoolArray:
     return np.asarray(found & (sizes > FILL_RATIO * np.nanmax(sizes[~found], initial=0.0)))
 
 
-def repeated(sensors: Sequence[Marked]) -> BoolArray:
+def repeated(sensors: Sequence[MissingReadings]) -> BoolArray:
     """(n,) records in which all axes of the sensors repeat the previous one and are not 0."""
     axes = sum(one.axes for one in sensors)
     none = np.asarray(np.sum([one.zero for one in sensors], 0) == axes)
-    return np.asarray(_at_once(np.sum([one.same for one in sensors], 0), axes) & ~none)
+    return np.asarray(_simultaneous(np.sum([one.same for one in sensors], 0), axes) & ~none)
 
 
-def zeros(sensor: Marked) -> BoolArray:
+def zeros(sensor: MissingReadings) -> BoolArray:
     """(n,) records in which all axes of a sensor are 0."""
-    return _at_once(sensor.zero, sensor.axes)
+    return _simultaneous(sensor.zero, sensor.axes)
 
 
-def _at_once(axes: IntArray, every: int) -> BoolArray:
+def _simultaneous(axes: IntArray, every: int) -> BoolArray:
     """(n,) rows in which ``axes`` (n,) equals ``every``; none if these are too many or by chance."""
     rows = np.asarray(axes == every)
     by_chance = int((axes == every - 1).sum()) > BY_CHANCE * int(rows.sum())
@@ -78,7 +78,7 @@ def _at_once(axes: IntArray, every: int) -> BoolArray:
     return rows if few and every >= ENOUGH and not by_chance else np.zeros_like(rows)
 
 
-def holds_both(sensors: Sequence[Array], rows: IntArray, before: int) -> bool:
+def contain_both(sensors: Sequence[Array], rows: IntArray, before: int) -> bool:
     """Whether increments (n, 3) in ``rows`` also contain the motion of the lost record.
 
     Those ``before`` rows earlier contain only their own motion. Sensors are weighted by the inverse mean square of their changes, because

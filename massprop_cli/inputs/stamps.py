@@ -239,7 +239,7 @@ def _on_even_clock(time_s: Array, number: Array, period_s: float) -> Array:
     The interval is an equal part of the control cycle if the stamps allow it, else fitted.
     """
     slope = float(np.polyfit(number, time_s, 1)[0])
-    # of a random walk of stamps, which is the least precise case
+    # error of the slope if stamps are a random walk; it is smaller if they scatter about even times
     error = float(np.std(np.diff(time_s) - slope * np.diff(number))) * len(time_s) ** -0.5
     nominal = period_s / max(round(period_s / slope), 1)
     every = number * (nominal if abs(nominal - slope) < min(SIGMAS * error + EXACT * nominal, FURTHEST * nominal) else slope)

@@ -148,10 +148,10 @@ def jitter(interval_s: Array) -> float:
 def read(table: Table, vehicle: Vehicle) -> Log:
     """Validate a table. Raises :class:`InputError` with file, row (Parquet, from 0) or line (CSV), column, value and remedy."""
     whole = LogTable(table, vehicle.columns)
-    source, duplicates = lostrecords.once(lostrecords.without_lone_pulses(whole))
+    source, duplicates = lostrecords.without_duplicates(lostrecords.without_lone_pulses(whole))
     recorded_s = source.required("time_s")
     stamped = stamps.examined(source, vehicle, recorded_s)
-    source, time_s = lostrecords.put_back(source, stamped.time_s, vehicle)
+    source, time_s = lostrecords.with_lost_rows(source, stamped.time_s, vehicle)
     interval_s, notices = _intervals(source, time_s, stamped.remedy)
     rebuilt = [Notice("clock-rebuilt", f"{source.name('time_s')}: {stamped.message}")] if stamped.message else []
     pulsed = pulses.commands(whole, vehicle, float(time_s[0] - interval_s[0]), float(time_s[-1]))
@@ -161,7 +161,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     imu = imurecords.read(source, vehicle, time_s, interval_s)
     shown = imurecords.saturation(vehicle, imu.theta, imu.velocity, interval_s) + imurecords.held(imu, interval_s, table.made is None)
     kind, command = commands.commands(source, vehicle, records, n, pulsed)
-    lost = lostrecords.left_out(source, imu, command, records, n)
+    lost = lostrecords.lost_data(source, imu, command, records, n)
     attitude = imurecords.attitude(source, n)
     if table.made is not None:
         agreement.check(table.path, table.made, vehicle, imu.theta[:n], imu.velocity[:n] / interval_s[:n, None], attitude)

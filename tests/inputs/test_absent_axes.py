@@ -9,7 +9,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO
 from massprop_cli.inputs.logfile import read_table
-from massprop_cli.inputs.logtable import alike
+from massprop_cli.inputs.logtable import resembles
 from massprop_cli.inputs.telemetry import Log, read
 from massprop_cli.testbed import output, scenario, simulate
 from tests.refusal import Edit, added, both, flight, renamed, save, vehicle_text, without
@@ -90,7 +90,7 @@ def test_a_column_that_looks_like_an_absent_one_is_pointed_out(tmp_path: Path, n
     "name", ["event", "battery_v", "wheel_x_rad_s", "cmg_x_gimbal_rad", "max_acc", "temperature", "gyro_temp_c", "mode"]
 )
 def test_other_columns_are_not_taken_for_absent_ones(name: str) -> None:
-    assert not any(alike(column, name) for column in (*DELTA_THETA, *DELTA_V, *GYRO, *ACCEL))
+    assert not any(resembles(column, name) for column in (*DELTA_THETA, *DELTA_V, *GYRO, *ACCEL))
 
 
 def test_columns_of_zeros_count_as_absent_and_a_notice_says_so(tmp_path: Path) -> None:

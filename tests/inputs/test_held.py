@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.held import moving_mean, on_a_beat
+from massprop_cli.inputs.held import moving_mean, periodic_repeats
 from tests.streams import RECORDS, WRENCH_MAP, made, motion, values
 
 RNG = np.random.default_rng(5)
@@ -22,13 +22,13 @@ NOT_HELD = {
 
 @pytest.mark.parametrize("name", NOT_HELD)
 def test_what_repeats_off_a_beat_or_on_some_axes_is_not_held(name: str) -> None:
-    assert not on_a_beat(NOT_HELD[name]).any()
+    assert not periodic_repeats(NOT_HELD[name]).any()
 
 
 @pytest.mark.parametrize("times", [2, 2.5, 4, 10])
 def test_readings_on_a_beat_of_their_own_are_found_row_by_row(times: float) -> None:
     at = (np.arange(600) / times).astype(int)
-    np.testing.assert_array_equal(on_a_beat(NOISE[at]), np.diff(at, prepend=-1) == 0)
+    np.testing.assert_array_equal(periodic_repeats(NOISE[at]), np.diff(at, prepend=-1) == 0)
 
 
 def test_a_map_takes_each_reading_once_and_refuses_records_that_would_be_made_up() -> None:

@@ -15,7 +15,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import telemetry, vehiclefile
 from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V, TIME, Column
-from massprop_cli.inputs.marked import holds_both
+from massprop_cli.inputs.marked import contain_both
 from massprop_cli.inputs.tablefile import columns_of
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -209,8 +209,8 @@ def test_records_that_came_late_are_told_from_lost_ones_by_the_sensor_that_is_sm
     for increments in (smooth, rough):
         increments[rows + 1] += increments[rows] if late else 0.0
         increments[rows] = 0.0
-    assert holds_both([smooth, rough], rows + 1, 2) is late
-    assert holds_both([smooth], rows + 1, 2) is late
+    assert contain_both([smooth, rough], rows + 1, 2) is late
+    assert contain_both([smooth], rows + 1, 2) is late
 
 
 @pytest.mark.parametrize("step", [3e-4, 1e-3])

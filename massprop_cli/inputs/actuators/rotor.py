@@ -120,7 +120,7 @@ class Rotor(Actuator):
 
     def read(self, source: LogTable, records: int, n: int) -> WheelLog:  # noqa: ARG002
         """Log of the wheel that represents its momentum."""
-        return WheelLog(frozen(source.between(SPEED.of(self.name), n)), None, None)
+        return WheelLog(frozen(source.interpolated(SPEED.of(self.name), n)), None, None)
 
     def held(self, asked: Array, begin_s: Array, at_once_s: Array, lag_s: float) -> "Held":
         """Values ``asked`` (K,) of x with their times: ``begin_s`` (K,) for commands, ``at_once_s`` (K,) for measured speeds."""

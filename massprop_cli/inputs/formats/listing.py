@@ -15,7 +15,7 @@ from massprop_cli.inputs.formats.recording import RecordedStream, Recording
 
 CLOCK_NAMES = ("time", "timestamp", "stamp", "t", "clock", "time_s", "t_s", "t_ms", "t_us", "t_ns", "time_ms", "time_us", "time_ns")
 _SURE = 3.0
-"""Error limit of the mean interval, in sigmas: scatter of the time stamps over the square root of their number."""
+"""Error limit of the mean interval over the scatter of intervals divided by their number."""
 
 
 @dataclass(frozen=True)

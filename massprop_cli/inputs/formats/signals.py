@@ -14,9 +14,9 @@ from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import clocks, listing, mapfile, resample, selection, units
 from massprop_cli.inputs.formats.clocks import Times
 from massprop_cli.inputs.formats.recording import Numbers, RecordedStream, Recording, fitting
-from massprop_cli.inputs.held import moving_mean, on_a_beat
+from massprop_cli.inputs.held import moving_mean, periodic_repeats
 from massprop_cli.inputs.logtable import EMPTY
-from massprop_cli.inputs.marked import fills
+from massprop_cli.inputs.marked import fill_values
 from massprop_cli.inputs.vehicle import ACTUATORS
 
 _SHOWN = 5
@@ -70,7 +70,7 @@ class Signals:
         """Gyro or accelerometer in the axes that the map states. Raises :class:`InputError` for repeated, averaged or missing readings."""
         found = self.vector(key, entry, increments if entry.values == "increment" else rates)
         self._gyro = found.times if key == "gyro" else self._gyro
-        if not self._separate_clocks and (repeated := on_a_beat(found.values)).any():
+        if not self._separate_clocks and (repeated := periodic_repeats(found.values)).any():
             usual = len(repeated) / (~repeated).sum()
             every = usual * found.times.step_s
             problem = (
@@ -183,7 +183,7 @@ class Signals:
             factor, _ = self._factor(key, stream, entry, known)
             numbers = self._numbers(key, stream, empty=self._separate_clocks or key in ("torque", "force", *_SENSORS))
             if key in _SENSORS:  # before conversion changes the fill values
-                numbers = np.where(fills(numbers, 1.0), np.nan, numbers)
+                numbers = np.where(fill_values(numbers, 1.0), np.nan, numbers)
             columns.append(numbers * (factor * entry.scale))
         named = [path for path in paths if isinstance(path, str)]
         rows = max(map(len, columns)) if named else 1
@@ -232,7 +232,7 @@ class Signals:
         # an axis that the map states as a number has a value in each row
         recorded = empty.any(0) | (values != values[0]).any(0)
         none: BoolArray = empty[:, recorded].all(axis=1) & recorded.any()
-        if key in _SENSORS and (repeated := on_a_beat(values[~none])).any():
+        if key in _SENSORS and (repeated := periodic_repeats(values[~none])).any():
             usual = len(repeated) / (~repeated).sum()
             self.repeats[key] = f"repeats each reading {usual:.3g} times, so that it measures"
             self.conversions.append(f"{key}: each reading is repeated {usual:.3g} times, and counts once")
