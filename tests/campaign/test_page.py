@@ -170,7 +170,7 @@ def test_each_logs_value_and_sigma_and_the_mean_are_drawn_where_they_are() -> No
 def test_distances_in_sigmas_are_those_from_the_mean_of_all_other_logs() -> None:
     """x − x̄ over its own sigma is x − x̄_without over that one's: both numerator and sigma shrink alike."""
     spread = pools(scattered(9))["mass"]
-    value, own = spread.samples.value, spread.samples.own
+    value, own = spread.samples.value, spread.samples.unshared
     others = [np.delete(value, i).mean() for i in range(9)]
     assert spread.z == pytest.approx((value - others) / (own * np.sqrt(1 + 1 / 8)))
     assert spread.within == int((np.abs(spread.z) <= 2).sum())

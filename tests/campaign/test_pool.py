@@ -40,7 +40,7 @@ def test_the_mean_is_as_good_as_it_says_with_and_without_a_shared_error(shared: 
 
 def test_the_mean_is_that_of_generalised_least_squares() -> None:
     samples = draw(np.random.default_rng(2), 7, 0.3)
-    covariance = np.diag(samples.own**2) + 0.3**2
+    covariance = np.diag(samples.unshared**2) + 0.3**2
     weight = np.linalg.inv(covariance)
     variance = 1 / weight.sum()
     found = pooled.mean(samples)
@@ -62,7 +62,7 @@ def test_scatter_is_chi_square_where_sigmas_hold_whatever_is_shared(shared: floa
 
 def test_sigmas_claimed_too_small_are_seen() -> None:
     honest = draw(np.random.default_rng(4), 30)
-    found = pooled.scatter(LogValues(honest.number, honest.value, honest.sigma / 2, honest.shared, honest.alike))
+    found = pooled.scatter(LogValues(honest.number, honest.value, honest.sigma / 2, honest.shared, honest.possibly_shared))
     assert found["scatter_ratio"] == pytest.approx(2.0, abs=0.5)
     assert found["p_value"] < 1e-6
 
@@ -76,8 +76,8 @@ def test_a_trend_is_that_of_weighted_least_squares_and_as_good_as_it_says() -> N
         z.append((found["trend_per_log"] + 0.02) / found["trend_sigma"])
     low, high = stats.chi2.ppf([0.001, 0.999], SEEDS)
     assert low < (np.array(z) ** 2).sum() < high
-    design = np.stack([np.ones(15), samples.number], 1) / samples.own[:, None]
-    slope = np.linalg.lstsq(design, samples.value / samples.own, rcond=None)[0][1]
+    design = np.stack([np.ones(15), samples.number], 1) / samples.unshared[:, None]
+    slope = np.linalg.lstsq(design, samples.value / samples.unshared, rcond=None)[0][1]
     assert found["trend_per_log"] == pytest.approx(slope, rel=1e-9)
     assert found["trend_sigma"] == pytest.approx(np.sqrt(np.linalg.inv(design.T @ design)[1, 1]), rel=1e-9)
 
@@ -87,12 +87,12 @@ def test_strays_are_found_farthest_first_and_good_logs_are_left_alone() -> None:
     samples = draw(rng, 20)
     value = samples.value.copy()
     value[[3, 11]] += np.array([400.0, -9.0])
-    found = pooled.outliers(LogValues(samples.number, value, samples.sigma, samples.shared, samples.alike))
+    found = pooled.outliers(LogValues(samples.number, value, samples.sigma, samples.shared, samples.possibly_shared))
     assert list(found) == [3, 11]
     rest = np.delete(np.arange(20), [3, 11])
-    weight = samples.own[rest] ** -2
+    weight = samples.unshared[rest] ** -2
     mean = weight @ value[rest] / weight.sum()
-    assert found[11] == pytest.approx((value[11] - mean) / np.hypot(samples.own[11], weight.sum() ** -0.5), rel=1e-9)
+    assert found[11] == pytest.approx((value[11] - mean) / np.hypot(samples.unshared[11], weight.sum() ** -0.5), rel=1e-9)
     false = sum(len(pooled.outliers(draw(rng, 20))) for _ in range(SEEDS))
     assert false <= stats.poisson.ppf(0.999, SEEDS * 20 * 2 * stats.norm.sf(4))
 
@@ -103,7 +103,7 @@ def test_one_or_two_logs_are_no_scatter_and_no_outlier() -> None:
     assert pooled.trend(one) == {}
     assert pooled.mean(one).value == one.value[0]
     two = draw(np.random.default_rng(7), 2)
-    assert pooled.outliers(LogValues(two.number, two.value + np.array([0, 1e6]), two.sigma, two.shared, two.alike)) == {}
+    assert pooled.outliers(LogValues(two.number, two.value + np.array([0, 1e6]), two.sigma, two.shared, two.possibly_shared)) == {}
 
 
 @pytest.mark.thorough
