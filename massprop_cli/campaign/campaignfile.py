@@ -1,4 +1,4 @@
-"""The campaign file: which logs, and what is said of which. The models below are the schema (``massprop schema campaign``)."""
+"""The campaign file: the logs and their settings. The models below are the schema (``massprop schema campaign``)."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,8 +16,8 @@ from massprop_cli.inputs.section import NonNegative, Section
 Text = Annotated[str, StringConstraints(min_length=1)]
 
 
-class Said(Section):
-    """What may be said of all logs, or of some."""
+class LogSettings(Section):
+    """Settings of all logs, or of some."""
 
     vehicle: Text | None = Field(None, description="vehicle file, from this file's folder; absent: each log's own")
     map: Text | None = Field(None, description="map file, from this file's folder; absent: each log's own, if it has one")
@@ -30,7 +30,7 @@ class Said(Section):
     tags: tuple[Text, ...] = Field((), description="words of your own, for the tables")
 
 
-class Match(Said):
+class Match(LogSettings):
     """What is said of the logs that fit; of several that fit, the last that says a thing counts, tags and overrides add up."""
 
     logs: tuple[Text, ...] = Field(min_length=1, description="patterns of paths from this file's folder; * fits / too")
@@ -55,7 +55,7 @@ class Combine(Section):
         return self
 
 
-class CampaignFile(Said):
+class CampaignFile(LogSettings):
     """A whole campaign file."""
 
     schema_: Literal[1] = Field(1, alias="schema")
@@ -67,40 +67,41 @@ class CampaignFile(Said):
 
 
 def load(place: str) -> CampaignFile:
-    """Read a campaign file; :class:`massprop_cli.base.errors.InputError` names file, line and key."""
+    """Read a campaign file; raise :class:`massprop_cli.base.errors.InputError` with file, line and key if it is not valid."""
     text = location.read_text(place, "campaign file")
     return configfile.validate(CampaignFile, configfile.parse_toml(text, place), place, text)
 
 
-def fits(patterns: Sequence[str], below: str) -> bool:
-    """Whether patterns are for the log with this path from the campaign file's folder."""
+def matches(patterns: Sequence[str], below: str) -> bool:
+    """Whether a pattern matches a log's path from the campaign file's folder."""
     return any(fnmatchcase(below, pattern.removeprefix("./")) for pattern in patterns)
 
 
 def applied(file: CampaignFile, base: str, log: FoundLog, below: str) -> FoundLog:
-    """The log with what the file says of it."""
-    said: Sequence[Said] = [file, *(rule for rule in file.match if fits(rule.logs, below))]
+    """The log with its settings from the file; ``below`` is its path from the file's folder ``base``."""
+    sections: Sequence[LogSettings] = [file, *(rule for rule in file.match if matches(rule.logs, below))]
 
     def last(key: str) -> Any:
-        return next((value for one in reversed(said) if (value := getattr(one, key)) is not None), None)
+        return next((value for section in reversed(sections) if (value := getattr(section, key)) is not None), None)
 
     files: dict[str, Any] = {
         key: None if (named := last(key)) is None else location.join(base, named) for key in ("vehicle", "map", "expect")
     }
     settings = Settings(
         **files,
-        assignments=tuple(assignment for one in said for assignment in _assignments(one)),
+        assignments=tuple(assignment for section in sections for assignment in _assignments(section)),
         require=last("require") or (),
         report=file.report,
         allow_contradicted=bool(last("allow_contradicted")),
     )
-    return replace(log, settings=settings, tags=tuple(dict.fromkeys(tag for one in said for tag in one.tags)))
+    return replace(log, settings=settings, tags=tuple(dict.fromkeys(tag for section in sections for tag in section.tags)))
 
 
-def _assignments(said: Said) -> list[str]:
-    found = [*said.set]
-    found += [f'estimator.method="{said.method}"'] if said.method else []
-    if said.delay is not None:
-        delay = '"auto"' if said.delay == "auto" else repr(float(said.delay))
-        found.append(f"cycle.command_delay_cycles={delay}")
-    return found
+def _assignments(section: LogSettings) -> list[str]:
+    """Overrides of vehicle-file keys, ``KEY=VALUE``."""
+    assignments = [*section.set]
+    assignments += [f'estimator.method="{section.method}"'] if section.method else []
+    if section.delay is not None:
+        delay = '"auto"' if section.delay == "auto" else repr(float(section.delay))
+        assignments.append(f"cycle.command_delay_cycles={delay}")
+    return assignments

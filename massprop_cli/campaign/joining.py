@@ -1,4 +1,4 @@
-"""Logs of a campaign made one result, as its file says: which they are, and what `massprop combine` makes of their results."""
+"""Combined results of a campaign, as its file requests them: selection of the logs, and combination as in `massprop combine`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Joining:
-    """Logs that become one result; either ``logs``, or those before and after docking."""
+    """Logs for one combined result: either ``logs``, or those ``before`` and ``after`` docking."""
 
     name: str
     logs: tuple[Job, ...]
@@ -39,18 +39,21 @@ class Joining:
 
     @property
     def allow_contradicted(self) -> bool:
-        """Whether contradictions are accepted, as in the campaign's own logs."""
+        """Whether a contradiction is accepted: any of the logs accepts it."""
         return any(job.settings.allow_contradicted for job in self.jobs)
 
     @property
     def jobs(self) -> tuple[Job, ...]:
-        """The jobs of all its logs."""
+        """The jobs of all logs."""
         return (*self.logs, *self.before, *self.after)
 
 
 def joinings(named: Sequence[str], jobs: Sequence[Job]) -> list[Joining]:
-    """The combined results that the campaign files among ``named`` ask for; :class:`InputError` where one is not possible."""
-    found: list[Joining] = []
+    """The combined results that the campaign files among ``named`` request.
+
+    Raise :class:`InputError` if a name is in use or a pattern matches too few logs.
+    """
+    requested: list[Joining] = []
     taken = {foldername.same(job.name): f"a log's ({job.shown})" for job in jobs}
     for place in named:
         if not place.lower().endswith(".toml") or Path(place).is_dir():
@@ -63,35 +66,37 @@ def joinings(named: Sequence[str], jobs: Sequence[Job]) -> list[Joining]:
             if foldername.same(name) in taken:
                 raise InputError(f"{where}.name = {stated.name!r}: is {taken[foldername.same(name)]} already; choose another")
             taken[foldername.same(name)] = f"combine.{number}'s"
-            sides = {key: _fitting(below, getattr(stated, key), f"{where}.{key}") for key in ("logs", "before", "after")}
+            sides = {key: _matching(below, getattr(stated, key), f"{where}.{key}") for key in ("logs", "before", "after")}
             if len(sides["logs"]) == 1:
                 raise InputError(f"{where}.logs = {list(stated.logs)}: matches only one log, {sides['logs'][0].shown}; name two or more")
-            found.append(Joining(name, **sides, require=stated.require or (), added=stated.added))
-    return found
+            requested.append(Joining(name, **sides, require=stated.require or (), added=stated.added))
+    return requested
 
 
-def _fitting(below: Sequence[tuple[Job, str]], patterns: tuple[str, ...], where: str) -> tuple[Job, ...]:
-    found = tuple(job for job, path in below if campaignfile.fits(patterns, path))
-    if patterns and not found:
+def _matching(below: Sequence[tuple[Job, str]], patterns: tuple[str, ...], where: str) -> tuple[Job, ...]:
+    """The jobs whose path below the campaign file's folder matches a pattern."""
+    matches = tuple(job for job, path in below if campaignfile.matches(patterns, path))
+    if patterns and not matches:
         raise InputError(f"{where} = {list(patterns)}: matches none of the {len(below)} logs; correct the pattern")
-    return found
+    return matches
 
 
 def joined(one: Joining, place: Place) -> Produced:
-    """Result folder and outcome; what can't be combined is an outcome with exit code 3."""
+    """Combine the logs into a result folder and an outcome; logs that cannot be combined give exit code 3."""
     from massprop_cli import job as judge
     from massprop_cli.campaign import kept
 
     try:
-        found = _combined(one, place)
+        result = _combined(one, place)
     except InputError as error:
         return Produced(Outcome(fingerprint=outcome.UNKEPT, exit_code=exits.INPUT, message=line(str(error)), input_sha256=None))
-    unmet = judge.unmet(found, judge.Demands(one.require, allow_contradicted=one.allow_contradicted))
-    told = kept.of_result(found, unmet, kept.joint_bodies(found), ["result.json"], "combined")
-    return Produced(told, {"result.json": escape.document(found).encode()})
+    unmet = judge.unmet(result, judge.Demands(one.require, allow_contradicted=one.allow_contradicted))
+    combined = kept.of_result(result, unmet, kept.joint_bodies(result), ["result.json"], "combined")
+    return Produced(combined, {"result.json": escape.document(result).encode()})
 
 
 def _combined(one: Joining, place: Place) -> Result:
+    """The combined result; raise :class:`InputError` if the logs cannot be combined."""
     import numpy as np
 
     from massprop_cli.combine import flow
@@ -110,6 +115,7 @@ def _combined(one: Joining, place: Place) -> Result:
 
 
 def _recorded(job: Job, place: Place) -> Recorded:
+    """Read a log's result from the campaign; raise :class:`InputError` if there is none."""
     from massprop_cli.result.read import Recorded, result_of
 
     where = f"{RESULTS}/{job.name}/result.json"
@@ -125,7 +131,7 @@ def _recorded(job: Job, place: Place) -> Recorded:
 
 
 def _ready(job: Job, result: Result) -> Ready:
-    """The log behind a result of this campaign."""
+    """Preprocess the log of a result again."""
     from massprop_cli.combine import logs
 
     inputs = work.gather(job)

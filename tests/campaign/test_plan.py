@@ -7,7 +7,7 @@ import pytest
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import discover
-from massprop_cli.campaign.discover import fitting
+from massprop_cli.campaign.discover import matching
 from massprop_cli.campaign.plan import FoundLog, Job, Settings, names
 from massprop_cli.inputs.require import Requirement
 
@@ -79,8 +79,8 @@ def test_links_that_loop_are_gone_through_once(tmp_path: Path) -> None:
     ],
 )
 def test_a_pattern_fits_as_in_a_shell_in_a_time_that_grows_as_path_times_pattern(pattern: str, wanted: list[str]) -> None:
-    assert fitting(["1.csv", "a/1.csv", "a/b/1.csv", "a/b/c/2.csv"], pattern) == wanted
-    assert not fitting(["/".join(40 * "z")], "**/z/" * 30 + "y")
+    assert matching(["1.csv", "a/1.csv", "a/b/1.csv", "a/b/c/2.csv"], pattern) == wanted
+    assert not matching(["/".join(40 * "z")], "**/z/" * 30 + "y")
 
 
 @pytest.mark.parametrize(
