@@ -1,7 +1,7 @@
-"""Jobs on a dask.distributed cluster (``pip install 'massprop[cluster]'``): nothing is shared but the scheduler.
+"""Jobs on a dask.distributed cluster (``pip install 'massprop[cluster]'``), without a shared file system.
 
-Files of this machine go with the task, workers read URLs, results come back as bytes. Each thread of a worker has a process of its own for
-the logs (:mod:`massprop_cli.campaign.runner`); the scheduler runs the logs of a lost worker again.
+Each task contains the files that only the client can read. Workers read URLs, and return results as bytes. Each worker thread runs its logs
+in a separate process (:mod:`massprop_cli.campaign.runner`). The scheduler repeats the logs of a lost worker.
 """
 
 import logging
@@ -22,28 +22,29 @@ from massprop_cli.campaign.work import Produced
 
 EXTRA = "pip install 'massprop[cluster]'"
 CONNECT_S, FIRST_WORKER_S, NO_WORKER_S = 10.0, 10.0, 60.0
-"""Seconds to wait for the scheduler, for a first worker, and for another one where all are lost."""
+"""Longest waits, s: for the scheduler, for a first worker, and for a new worker after all were lost."""
 PER_THREAD = 2
-"""Logs in flight for each thread of the workers, so that none waits for its next."""
+"""Submitted tasks per worker thread, so that no thread idles between tasks."""
 MOST_BYTES = 256 * 2**20
-"""Of files that go with tasks in flight; the scheduler holds them in memory."""
-_LOOK_S = 1.0
+"""Largest total size of the files in submitted tasks, bytes; the scheduler keeps them in memory."""
+_POLL_S = 1.0
+"""Time between two checks that workers exist, s."""
 _of_thread = threading.local()
 
 
 @dataclass(frozen=True)
 class Differs:
-    """A worker's answer where it would not give the same bytes: its versions."""
+    """Answer of a worker whose software versions differ, so that its results would."""
 
     versions: Mapping[str, str]
 
 
 def on_worker(task: Task, versions: Mapping[str, str]) -> Produced | Differs | None:
-    """Run a task on a thread of a dask worker. It never raises: the client could not unpickle every error."""
+    """Run a task on a thread of a dask worker. It returns errors as outcomes, since the client cannot unpickle every exception."""
     try:
-        own = work.versions(task.job.settings.report)
-        if own != versions:
-            return Differs(own)
+        installed = work.versions(task.job.settings.report)
+        if installed != versions:
+            return Differs(installed)
         if not hasattr(_of_thread, "worker"):
             _of_thread.worker = Worker()
         worker: Worker = _of_thread.worker
@@ -53,54 +54,54 @@ def on_worker(task: Task, versions: Mapping[str, str]) -> Produced | Differs | N
 
 
 class ClusterExecutor:
-    """The workers of the scheduler at ``address``, however many, as they come and go."""
+    """The workers of the scheduler at ``address``; their number may change during a run."""
 
     def __init__(self, address: str) -> None:
         self.address = address
 
     def run(self, tasks: Sequence[Task]) -> Iterator[tuple[int, Produced | None]]:
-        """See :class:`massprop_cli.campaign.runner.Executor`; :class:`InputError` where the cluster can't be used, or is lost."""
+        """See :class:`massprop_cli.campaign.runner.Executor`; raise :class:`InputError` if the cluster is unusable or lost."""
         with _connected(self.address) as client:
             _check_versions(client, self.address, any(task.job.settings.report for task in tasks))
-            yield from _Flight(client, self.address, tasks).results()
+            yield from _ClusterRun(client, self.address, tasks).results()
 
 
-class _Flight:
-    """The tasks of one run."""
+class _ClusterRun:
+    """The tasks of one run, submitted as workers become free."""
 
     def __init__(self, client: Any, address: str, tasks: Sequence[Task]) -> None:
         self._client = client
         self._address = address
         self._tasks = tasks
         self._done: queue.Queue[Any] = queue.Queue()
-        self._flying: dict[str, tuple[int, int, Any]] = {}
-        """By key: the task's index, the bytes that went with it, its future."""
+        self._submitted: dict[str, tuple[int, int, Any]] = {}
+        """Tasks without a result, by key: index of the task, size of its files in bytes, its future."""
 
     def results(self) -> Iterator[tuple[int, Produced | None]]:
-        ready = _prepared(self._tasks)
-        following = next(ready, None)
-        while following is not None or self._flying:
+        prepared = _prepared(self._tasks)
+        following = next(prepared, None)
+        while following is not None or self._submitted:
             while following is not None and self._has_room(following[1]):
                 index, task, produced = following
                 if task is None:
                     yield index, produced
                 else:
                     self._submit(index, task)
-                following = next(ready, None)
-            if self._flying:
+                following = next(prepared, None)
+            if self._submitted:
                 future = self._await()
-                index, _, _ = self._flying.pop(future.key)
-                yield index, self._taken(future, self._tasks[index])
+                index, _, _ = self._submitted.pop(future.key)
+                yield index, self._result(future, self._tasks[index])
 
     def _has_room(self, task: Task | None) -> bool:
-        """Whether to send one more; one may be as large as it likes."""
-        if task is None or not self._flying:
+        """Whether the limits allow one more task; a single task may have any size."""
+        if task is None or not self._submitted:
             return True
-        flying = sum(size for _, size, _ in self._flying.values())
-        return len(self._flying) < PER_THREAD * max(self._threads(), 1) and flying + _size(task) <= MOST_BYTES
+        submitted_bytes = sum(size for _, size, _ in self._submitted.values())
+        return len(self._submitted) < PER_THREAD * max(self._threads(), 1) and submitted_bytes + _size(task) <= MOST_BYTES
 
     def _threads(self) -> int:
-        """The number of threads of all workers; :class:`InputError` where the scheduler does not answer."""
+        """The number of threads of all workers; raise :class:`InputError` if the scheduler does not answer."""
         try:
             return sum(self._client.nthreads().values())
         except Exception:
@@ -108,87 +109,90 @@ class _Flight:
 
     def _submit(self, index: int, task: Task) -> None:
         with warnings.catch_warnings():
-            # the log is in the task because scattered data would be lost with its worker
+            # the task contains the log: dask would lose scattered data with the worker that holds them
             warnings.filterwarnings("ignore", "Sending large graph", UserWarning)
             future = self._client.submit(on_worker, task, work.versions(task.job.settings.report), pure=False)
-        self._flying[future.key] = index, _size(task), future
+        self._submitted[future.key] = index, _size(task), future
         future.add_done_callback(self._done.put)
 
     def _await(self) -> Any:
-        """The future of the next task that ends."""
+        """Wait for the next task that ends; raise :class:`InputError` after :data:`NO_WORKER_S` without a worker."""
         idle_s = 0.0
         while True:
             with suppress(queue.Empty):
-                return self._done.get(timeout=_LOOK_S)
-            idle_s = 0.0 if self._threads() else idle_s + _LOOK_S
+                return self._done.get(timeout=_POLL_S)
+            idle_s = 0.0 if self._threads() else idle_s + _POLL_S
             if idle_s >= NO_WORKER_S:
                 raise InputError(f"cluster {self._address}: no worker is left; {_start(self._address)}. What is done stays; run again")
 
-    def _taken(self, future: Any, task: Task) -> Produced | None:
+    def _result(self, future: Any, task: Task) -> Produced | None:
+        """The result of a task that ended; a failure of its worker is an outcome."""
         from distributed import KilledWorker
 
         try:
-            found: Produced | Differs | None = future.result()
+            result: Produced | Differs | None = future.result()
         except KilledWorker:
-            said = f"{task.job.shown}: each worker that tried it was lost; do the workers have enough memory? Run the batch again"
-            return work.failed(task.job, exits.BUG, said)
+            message = f"{task.job.shown}: each worker that tried it was lost; do the workers have enough memory? Run the batch again"
+            return work.failed(task.job, exits.BUG, message)
         except Exception as error:
             if future.status in ("cancelled", "lost") or self._client.status != "running":
                 raise _lost(self._address) from None
-            said = f"{task.job.shown}: the worker failed ({type(error).__name__}: {error}); do all workers have the same massprop?"
-            return work.failed(task.job, exits.BUG, said)
+            message = f"{task.job.shown}: the worker failed ({type(error).__name__}: {error}); do all workers have the same massprop?"
+            return work.failed(task.job, exits.BUG, message)
         finally:
             future.release()
-        if isinstance(found, Differs):
-            raise _other_versions(self._address, "a worker", found.versions, work.versions(task.job.settings.report))
-        return found
+        if isinstance(result, Differs):
+            raise _other_versions(self._address, "a worker", result.versions, work.versions(task.job.settings.report))
+        return result
 
 
 def _prepared(tasks: Sequence[Task]) -> Iterator[tuple[int, Task | None, Produced | None]]:
-    """Each task with this machine's files, one by one; no task where the outcome is known already."""
+    """Each index with its task and the client's files, or without a task and with its outcome (None: the kept result is valid)."""
     for index, task in enumerate(tasks):
         try:
-            sent = work.own_files(task.job)
-            # whether what was done still holds, as far as that can be told without a worker
-            whole = task.known is not None and task.job.log in sent
-            unchanged = whole and work.fingerprint(task.job, work.gather(task.job, sent)) == task.known
+            sent = work.local_files(task.job)
+            # compare fingerprints here if this machine has all inputs, so that unchanged logs need no worker
+            has_inputs = task.known is not None and task.job.log in sent
+            unchanged = has_inputs and work.fingerprint(task.job, work.gather(task.job, sent)) == task.known
             yield index, None if unchanged else replace(task, sent=sent), None
         except InputError as error:
             yield index, None, work.failed(task.job, exits.INPUT, str(error))
 
 
 def _size(task: Task) -> int:
+    """Size of the files in a task, bytes."""
     return sum(len(content) for content in (task.sent or {}).values())
 
 
 @contextmanager
 def _connected(address: str) -> Iterator[Any]:
+    """A dask client; raise :class:`InputError` without the package or a scheduler."""
     try:
         import distributed
         from distributed.comm import resolve_address
     except ImportError:
         raise InputError(f"cluster {address}: needs the package distributed; {EXTRA}") from None
     try:
-        resolve_address(address)  # raises for what is no address; a client would take 20 s more to go away
+        resolve_address(address)  # reports an invalid address at once; a client would take 20 s to close
         with _quiet():
             client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError, ImportError, RuntimeError) as error:
-        said = " ".join(str(error).split()) or type(error).__name__
+        reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
-            f"cluster {address}: no scheduler answers ({said}); start one with dask scheduler, or correct the address"
+            f"cluster {address}: no scheduler answers ({reason}); start one with dask scheduler, or correct the address"
         ) from None
     with _quiet():
         try:
             yield client
         finally:
-            # also cancels what still runs
+            # this also cancels running tasks
             with suppress(Exception):
                 client.close(timeout=CONNECT_S)
 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Silence the log of distributed; its relevant errors become errors of massprop."""
+    """Silence the loggers of distributed; massprop reports its errors itself."""
     loggers = [logger for name, logger in logging.root.manager.loggerDict.items() if name.startswith("distributed")]
     levels = [(logger, logger.level) for logger in loggers if isinstance(logger, logging.Logger)]
     for logger, _ in levels:
@@ -201,7 +205,7 @@ def _quiet() -> Iterator[None]:
 
 
 def _check_versions(client: Any, address: str, report: bool) -> None:
-    """Refuse workers, and a scheduler, that lack massprop or have another one; what joins later is asked with each task."""
+    """Raise :class:`InputError` if workers or scheduler lack massprop or have another version; each task checks again on its worker."""
     from importlib import metadata
 
     try:
@@ -209,7 +213,7 @@ def _check_versions(client: Any, address: str, report: bool) -> None:
     except TimeoutError:
         raise InputError(f"cluster {address}: the scheduler has no workers; {_start(address)}") from None
     expected = work.versions(report)
-    # a function of the standard library is there whatever is installed
+    # first call a function of the standard library: every Python has it
     try:
         answers = {"the scheduler": client.run_on_scheduler(metadata.version, "massprop")}
     except metadata.PackageNotFoundError:
@@ -217,19 +221,19 @@ def _check_versions(client: Any, address: str, report: bool) -> None:
     answers |= client.run(metadata.version, "massprop", on_error="return")
     for place, answer in answers.items():
         if not isinstance(answer, str):
-            said = f"massprop {expected['massprop']} is not installed on {place}"
-            raise InputError(f"cluster {address}: {said}; install it there: pip install 'massprop[cluster]=={expected['massprop']}'")
-    for place, found in client.run(work.versions, report, on_error="return").items():
-        if found != expected:
-            raise _other_versions(address, place, found if isinstance(found, dict) else {}, expected)
+            problem = f"massprop {expected['massprop']} is not installed on {place}"
+            raise InputError(f"cluster {address}: {problem}; install it there: pip install 'massprop[cluster]=={expected['massprop']}'")
+    for place, installed in client.run(work.versions, report, on_error="return").items():
+        if installed != expected:
+            raise _other_versions(address, place, installed if isinstance(installed, dict) else {}, expected)
 
 
-def _other_versions(address: str, place: str, found: Mapping[str, str], expected: Mapping[str, str]) -> InputError:
+def _other_versions(address: str, place: str, installed: Mapping[str, str], expected: Mapping[str, str]) -> InputError:
     differing = [
-        f"{name} {found.get(name, 'unknown')} (here {version})" for name, version in expected.items() if found.get(name) != version
+        f"{name} {installed.get(name, 'unknown')} (here {version})" for name, version in expected.items() if installed.get(name) != version
     ]
-    said = f"{place} has {', '.join(differing)}, so results would differ from those of this machine"
-    return InputError(f"cluster {address}: {said}; install the same versions there, massprop=={expected['massprop']} among them")
+    problem = f"{place} has {', '.join(differing)}, so results would differ from those of this machine"
+    return InputError(f"cluster {address}: {problem}; install the same versions there, massprop=={expected['massprop']} among them")
 
 
 def _lost(address: str) -> InputError:

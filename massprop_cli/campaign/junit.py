@@ -1,4 +1,4 @@
-"""A campaign as JUnit XML: a suite for each log; an error where it has no result, failures where it misses a demand or is not fit."""
+"""A campaign as JUnit XML: a suite per log; an error without a result, failures for unmet requirements and failed checks."""
 
 from collections.abc import Iterator
 
@@ -12,13 +12,13 @@ from massprop_cli.report import junit
 from massprop_cli.result.schema import Result
 
 
-def text(place: Place, found: Summary) -> str:
-    """Results are read back one by one. Differences from a baseline are a suite of their own."""
-    return junit.text(_outcomes(place, found))
+def text(place: Place, summary: Summary) -> str:
+    """The XML text. The function reads one result at a time; each difference from the baseline is a suite."""
+    return junit.text(_outcomes(place, summary))
 
 
-def _outcomes(place: Place, found: Summary) -> Iterator[junit.LogOutcome]:
-    for row in (*found.logs, *found.combined):
+def _outcomes(place: Place, summary: Summary) -> Iterator[junit.LogOutcome]:
+    for row in (*summary.logs, *summary.combined):
         if row.outcome is None:
             yield junit.LogOutcome(row.name, error="not tried, after --fail-fast", kind="not tried")
         elif "result.json" in row.outcome.files:
@@ -27,11 +27,11 @@ def _outcomes(place: Place, found: Summary) -> Iterator[junit.LogOutcome]:
             allowed = row.outcome.exit_code != exits.CONTRADICTED
             yield junit.LogOutcome(row.name, Result.model_validate_json(content), unmet=unmet, allow_contradicted=allowed)
         elif CHECKED in row.outcome.files:
-            found_wrong = Check.model_validate_json(place.read(f"{RESULTS}/{row.name}/{CHECKED}"))
-            yield junit.LogOutcome(row.name, suite=checked.suite(found_wrong, row.name))
+            check = Check.model_validate_json(place.read(f"{RESULTS}/{row.name}/{CHECKED}"))
+            yield junit.LogOutcome(row.name, suite=checked.suite(check, row.name))
         else:
             kind = "internal error" if row.outcome.exit_code == exits.BUG else "unusable input"
             yield junit.LogOutcome(row.name, error=row.outcome.message, kind=kind)
-    if found.baseline is not None and found.baseline.beyond:
-        for number, item in enumerate(found.baseline.beyond, 1):
+    if summary.baseline is not None and summary.baseline.beyond:
+        for number, item in enumerate(summary.baseline.beyond, 1):
             yield junit.LogOutcome(f"baseline {number}", error=item.message, kind="beyond the baseline")

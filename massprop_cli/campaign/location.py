@@ -1,4 +1,4 @@
-"""Where logs and their companions are read from: paths, and URLs. Every byte that a job reads comes through here."""
+"""Locations of logs and their companion files: paths and URLs. All functions that read a job's files."""
 
 import os
 import posixpath
@@ -10,18 +10,18 @@ from massprop_cli.campaign import remote
 
 
 def is_url(location: str) -> bool:
-    """Whether this is a URL, such as s3://bucket/campaign/log.parquet; a path otherwise."""
+    """Whether the location is a URL, such as s3://bucket/campaign/log.parquet, and not a path."""
     scheme, mark, _ = location.partition("://")
     return bool(mark) and len(scheme) > 1 and "/" not in scheme and not scheme.startswith((".", "~"))
 
 
 def shared(location: str) -> bool:
-    """Whether another machine finds the same file there."""
+    """Whether another machine can read the same file at this location."""
     return is_url(location) and not location.startswith(("file://", "local://", "memory://"))
 
 
 def read(location: str, what: str) -> bytes:
-    """The bytes of a file (``what`` it is, for messages); :class:`InputError` names it and a remedy."""
+    """The bytes of a file; ``what`` names its kind in messages. Raise :class:`InputError` if it cannot be read."""
     if is_url(location):
         return remote.read(location, what)
     path = Path(location)
@@ -32,16 +32,16 @@ def read(location: str, what: str) -> bytes:
 
 
 def read_text(location: str, what: str) -> str:
-    """A file's text; :class:`InputError` names it and a remedy."""
+    """The text of a file; raise :class:`InputError` as :func:`read`, and if it is not UTF-8."""
     return configfile.decoded(read(location, what), location, what)
 
 
 def path(location: str) -> Path:
-    """For names and messages; a URL goes by its file's name, since a path can't spell it."""
+    """A path for names and messages; of a URL, the file name."""
     return Path(name(location)) if is_url(location) else Path(location)
 
 
-def beside(location: str, name: str) -> str:
+def sibling(location: str, name: str) -> str:
     """The location of another file in the same folder."""
     return join(folder(location), name)
 
@@ -55,12 +55,12 @@ def folder(location: str) -> str:
 
 
 def join(base: str, named: str) -> str:
-    """The location of what is named from a folder on; a URL, or an absolute path, stands for itself."""
+    """The location ``named`` relative to the folder ``base``; a URL or an absolute path is not changed."""
     if is_url(named) or not is_url(base):
         return named if is_url(named) else str(Path(base) / named)
     if posixpath.isabs(named):
         return named
-    # of a chain such as zip://folder::s3://bucket/all.zip, the path is in the first
+    # the path is in the first URL of a chain such as zip://folder::s3://bucket/all.zip
     place, *outer = base.split("::", 1)
     scheme, _, path = place.partition("://")
     below = posixpath.normpath(posixpath.join("/", path, named)).lstrip("/")
@@ -68,7 +68,7 @@ def join(base: str, named: str) -> str:
 
 
 def below(location: str, base: str) -> str:
-    """The path from a folder on, with "/" between its parts; the location itself where no path leads there."""
+    """The path relative to the folder ``base``, with "/" separators; the location itself if there is no such path."""
     if is_url(location) != is_url(base):
         return location
     if not is_url(base):
@@ -79,17 +79,17 @@ def below(location: str, base: str) -> str:
 
 
 def exists(location: str) -> bool:
-    """Whether there is such a file."""
+    """Whether the file exists."""
     if is_url(location):
         return remote.exists(location)
     return Path(location).exists()
 
 
 def name(location: str) -> str:
-    """The file's own name."""
+    """The file's name."""
     return PurePosixPath(location.split("::", 1)[0]).name if is_url(location) else Path(location).name
 
 
 def stem(location: str) -> str:
-    """The file's name without its last suffix, and without a .gz after that."""
+    """The file's name without .gz and without the suffix before it."""
     return foldername.stem(name(location))

@@ -1,4 +1,4 @@
-"""What became of one log, as outcome.json in its result folder holds it: enough for every table, without reading the result again."""
+"""The outcome of one log, stored as outcome.json in its result folder, with all data of the campaign's tables."""
 
 import zlib
 from collections.abc import Iterable, Sequence
@@ -14,9 +14,9 @@ from massprop_cli.result.judge import together
 
 FILE = "outcome.json"
 CHECKED = "check.json"
-"""Beside it, instead of a result, where a campaign runs the check alone."""
+"""Replaces result.json in a campaign that only checks its logs."""
 UNKEPT = ""
-"""Fingerprint of an outcome that is tried again whatever happens: what failed was not the log."""
+"""Fingerprint of an outcome that the next batch always repeats, because the failure may not lie in the log."""
 
 
 class OutcomePart(BaseModel):
@@ -56,7 +56,7 @@ class PhaseQuantities(OutcomePart):
 
     @property
     def items(self) -> dict[str, Value]:
-        """All of them, those about the pivot with a prefix before their names."""
+        """All quantities; the names of those about the pivot have a prefix."""
         return together(self.estimates, self.about_pivot)
 
 
@@ -89,42 +89,42 @@ class Outcome(OutcomePart):
 
 
 STATES = {1: "internal error", 3: "unusable", 6: "contradicted", 4: "not converged", 5: "not as expected", None: "not tried", 0: "done"}
-"""What an exit code means, in words, from the worst on."""
+"""Meaning of each exit code, the most serious first."""
 
 
-def contradicted(found: Outcome | None) -> int:
-    """The number of contradicted quantities."""
-    return sum(item.verdict == "contradicted" for body in (found.bodies if found else []) for item in body.items.values())
+def contradicted(outcome: Outcome | None) -> int:
+    """Number of contradicted quantities."""
+    return sum(item.verdict == "contradicted" for body in (outcome.bodies if outcome else []) for item in body.items.values())
 
 
-def state(found: Outcome | None) -> str:
-    """The outcome in words: the meaning of its exit code, and doubts about its values."""
-    code = found.exit_code if found else None
-    against = contradicted(found) > 0 and code != exits.CONTRADICTED
-    doubt = "contradicted" if against else "with warnings" if found is not None and found.warnings else ""
+def state(outcome: Outcome | None) -> str:
+    """The outcome in words: the meaning of its exit code, and whether it has contradictions or warnings."""
+    code = outcome.exit_code if outcome else None
+    accepted = contradicted(outcome) > 0 and code != exits.CONTRADICTED
+    doubt = "contradicted" if accepted else "with warnings" if outcome is not None and outcome.warnings else ""
     return STATES[code] + f", {doubt}" * bool(doubt)
 
 
-def to_json(found: Outcome) -> bytes:
-    """Canonical text: same outcome, same bytes."""
-    return escape.document(found).encode()
+def to_json(outcome: Outcome) -> bytes:
+    """Canonical JSON text: equal outcomes give equal bytes."""
+    return escape.document(outcome).encode()
 
 
 def from_json(content: bytes) -> Outcome | None:
-    """Read back; None where it was written by another version or is damaged, so that the log is done anew."""
+    """Parse outcome.json; None if another version wrote it or it is damaged, so that the batch repeats the log."""
     try:
         return Outcome.model_validate_json(content)
     except ValueError:
         return None
 
 
-def packed(found: OutcomePart) -> bytes:
-    """Compressed, about a fifteenth of what it takes in the open."""
-    return zlib.compress(found.model_dump_json(by_alias=True).encode())
+def packed(item: OutcomePart) -> bytes:
+    """Compress an outcome, to about a fifteenth of its size in memory."""
+    return zlib.compress(item.model_dump_json(by_alias=True).encode())
 
 
 def unpacked(kind: type[_Kind], content: bytes) -> _Kind:
-    """The outcome that :func:`packed` packed."""
+    """Decompress the bytes of :func:`packed`."""
     return kind.model_validate_json(zlib.decompress(content))
 
 
@@ -138,7 +138,7 @@ class CampaignRow(OutcomePart):
 
 
 class CompressedRows(Sequence[CampaignRow]):
-    """Rows, compressed: about 1 kB each, where a row in the open takes 15 kB. What is taken out is a copy."""
+    """Sequence of rows, stored compressed in about 1 kB each instead of 15 kB. Access returns copies."""
 
     def __init__(self, rows: Iterable[CampaignRow] = ()) -> None:
         self._packed = [packed(row) for row in rows]
@@ -151,7 +151,7 @@ class CompressedRows(Sequence[CampaignRow]):
     @overload
     def __getitem__(self, index: slice) -> Sequence[CampaignRow]: ...
     def __getitem__(self, index: int | slice) -> CampaignRow | Sequence[CampaignRow]:
-        """One row, or some."""
+        """One row, or the rows of a slice."""
         if isinstance(index, slice):
             return [unpacked(CampaignRow, one) for one in self._packed[index]]
         return unpacked(CampaignRow, self._packed[index])
@@ -166,5 +166,5 @@ class CompressedRows(Sequence[CampaignRow]):
 
 
 def row(job: Job, outcome: Outcome | None) -> CampaignRow:
-    """A job with what became of it."""
+    """The row of a job and its outcome."""
     return CampaignRow(name=job.name, log=job.shown, tags=list(job.tags), outcome=outcome)

@@ -1,4 +1,4 @@
-"""Where a campaign's results go. A result folder appears whole or not at all, whatever happens to the process or the machine."""
+"""Output folder of a campaign. A result folder is complete or absent, even after a crash of the process or a power failure."""
 
 import os
 import shutil
@@ -14,32 +14,32 @@ from massprop_cli.base.files import check_own
 from massprop_cli.campaign import outcome
 
 RESULTS = "results"
-"""Folder of all result folders."""
+"""Name of the folder that contains all result folders."""
 _TABLES = ("campaign.parquet", "campaign.csv", "campaign.html", "campaign.json")
 _ASIDE, _LOCK = ".partial", ".lock"
 
 
 class Place(Protocol):
-    """A folder somewhere. Paths in it are relative, with "/" between their parts; a result folder's path is ``results/NAME``."""
+    """Output folder of a campaign. Paths are relative to it, with "/" separators; a result folder's path is ``results/NAME``."""
 
     def lock(self) -> AbstractContextManager[None]:
-        """Hold the place against other batches; :class:`InputError` where one is at work. What a killed one left half is cleared."""
+        """Lock the folder, and remove incomplete files of a killed batch; raise :class:`InputError` if another batch holds the lock."""
 
     def folders(self) -> Mapping[str, frozenset[str]]:
-        """The result folders in place, by name, with the names of their files."""
+        """File names of each result folder, by its name."""
 
     def read(self, path: str) -> bytes:
-        """A file's content; FileNotFoundError where there is none."""
+        """Content of a file; raise FileNotFoundError if it does not exist."""
 
     def put_folder(self, name: str, files: Mapping[str, bytes]) -> None:
-        """Put a result folder in place of the one that may be there, whole."""
+        """Write a complete result folder; it replaces an earlier one."""
 
     def put_file(self, path: str, content: Iterable[bytes]) -> None:
-        """Put a file in place, whole, from its pieces."""
+        """Write a complete file from its pieces; it replaces an earlier one."""
 
 
 class LocalPlace:
-    """A folder on this machine: everything is written aside in it, synced to the disk, and renamed into place."""
+    """A local folder: files go to a temporary folder in it first, and are renamed after a sync to the disk."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -47,9 +47,9 @@ class LocalPlace:
 
     @contextmanager
     def lock(self) -> Iterator[None]:
-        """Held by the kernel for as long as this process lives, so a killed batch leaves none behind."""
+        """See :class:`Place`. The operating system releases the lock when this process ends."""
         check_own(self.folder, [name for name in _TABLES if not (self.folder / name).is_dir()], RESULTS)
-        # the folder of results under the lock: who is turned away would clear it away while it is empty
+        # create the results folder under the lock: a batch that is refused the lock would otherwise remove it while it is empty
         with (
             files.writing(self.folder),
             files.made(self.folder),
@@ -76,7 +76,7 @@ class LocalPlace:
         return (self.folder / path).read_bytes()
 
     def put_folder(self, name: str, files: Mapping[str, bytes]) -> None:
-        """See :class:`Place`. Killed between the two renames, the folder is missing, and the next batch makes it again."""
+        """See :class:`Place`. If the process is killed between the two renames, the folder is absent and the next batch repeats it."""
         place = self.folder / RESULTS / name
         if place.is_dir():
             check_own(place, [path.name for path in place.iterdir()], outcome.FILE)
@@ -102,6 +102,7 @@ class LocalPlace:
 
 
 def _save(path: Path, content: Iterable[bytes]) -> None:
+    """Write a file and sync it to the disk."""
     with path.open("wb") as file:
         file.writelines(content)
         file.flush()
@@ -109,7 +110,7 @@ def _save(path: Path, content: Iterable[bytes]) -> None:
 
 
 def _sync(folder: Path) -> None:
-    """Make renames in a folder last through a power cut, where a folder can be opened at all (on Windows none can)."""
+    """Sync renames in a folder to the disk; Windows cannot open a folder for this."""
     if os.name == "nt":
         return
     handle = os.open(folder, os.O_RDONLY)

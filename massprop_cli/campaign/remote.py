@@ -1,4 +1,4 @@
-"""Files at URLs, by fsspec. Addresses and credentials are what the store's own package finds in its configuration and environment."""
+"""Files at URLs, through fsspec. The store's package takes addresses and credentials from its configuration and the environment."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -9,23 +9,23 @@ from massprop_cli.base.errors import InputError, MachineError
 
 EXTRA = "pip install 'massprop[remote]'"
 _REFUSED = ("credential", "forbidden", "access denied", "accessdenied", "unauthorized", "invalidaccesskeyid", "signature")
-"""What stores say that don't raise PermissionError."""
+"""Words in errors of stores that refuse access without a PermissionError."""
 
 
 def store(url: str) -> tuple[Any, str]:
-    """The file system of a URL, and the path in it; :class:`InputError` names the package that is missing."""
+    """The file system of a URL, and the path in it; raise :class:`MachineError` if a package is missing."""
     try:
         import fsspec
     except ImportError:
         raise MachineError(f"{url}: reading and writing URLs needs the package fsspec; {EXTRA}") from None
-    with told(url, "URL"):
-        found: tuple[Any, str] = fsspec.core.url_to_fs(url)
-        return found
+    with store_errors(url, "URL"):
+        system_and_path: tuple[Any, str] = fsspec.core.url_to_fs(url)
+        return system_and_path
 
 
 @contextmanager
-def told(url: str, what: str) -> Iterator[None]:
-    """Turn a store's errors into :class:`InputError` with the URL and a remedy. Every store raises errors of its own."""
+def store_errors(url: str, what: str) -> Iterator[None]:
+    """Raise :class:`InputError` with URL and remedy for any error of a store; each store has its own exceptions."""
     try:
         yield
     except InputError:
@@ -38,8 +38,8 @@ def told(url: str, what: str) -> Iterator[None]:
     except IsADirectoryError:
         raise InputError(f"{url}: is a folder; name the {what} itself") from None
     except Exception as error:
-        said = _line(error) or type(error).__name__
-        refused = isinstance(error, PermissionError) or any(word in f"{type(error).__name__} {said}".lower() for word in _REFUSED)
+        text = _line(error) or type(error).__name__
+        refused = isinstance(error, PermissionError) or any(word in f"{type(error).__name__} {text}".lower() for word in _REFUSED)
         remedy = (
             "check the credentials in the environment, and what they may do"
             if refused
@@ -47,30 +47,30 @@ def told(url: str, what: str) -> Iterator[None]:
             if isinstance(error, ValueError)
             else "check the network and the store's address, and run again"
         )
-        raise InputError(f"{url}: {said}; {remedy}") from None
+        raise InputError(f"{url}: {text}; {remedy}") from None
 
 
 @contextmanager
 def opened(url: str, what: str) -> Iterator[tuple[Any, str]]:
-    """The file system of a URL and the path in it; what the store raises while they are used becomes an :class:`InputError`."""
+    """The file system of a URL and the path in it; errors of the store in the block become :class:`InputError`."""
     files, path = store(url)
-    with told(url, what):
+    with store_errors(url, what):
         yield files, path
 
 
 def read(url: str, what: str) -> bytes:
-    """The bytes of a file, once the store has said that they are not too many."""
+    """The bytes of a file; raise :class:`InputError` if they exceed the limit for its kind, before the download if possible."""
     limit = limits.of(what)
     with opened(url, what) as (files, path):
         limit.check(url, int(files.info(path).get("size") or 0))
-        found = bytes(files.cat_file(path, start=0, end=limit.most + 1))
-        limit.check(url, len(found))
-        return found
+        content = bytes(files.cat_file(path, start=0, end=limit.most + 1))
+        limit.check(url, len(content))
+        return content
 
 
 def content_at(files: Any, path: str) -> bytes | None:
-    """The bytes of a file in a store, None where there is none; what another machine wrote in the meantime counts too."""
-    files.invalidate_cache()
+    """The present bytes of a file in a store, None if it does not exist."""
+    files.invalidate_cache()  # another machine may have written it
     try:
         return bytes(files.cat_file(path))
     except FileNotFoundError:
@@ -78,21 +78,22 @@ def content_at(files: Any, path: str) -> bytes | None:
 
 
 def exists(url: str) -> bool:
-    """Whether there is such a file."""
+    """Whether the file exists."""
     with opened(url, "file") as (files, path), suppress(FileNotFoundError):
         return bool(files.info(path)["type"] == "file")
     return False
 
 
 def below(url: str) -> list[str]:
-    """Paths, from a folder on, of all files in it and below; none where there is no such folder."""
-    found: list[str] = []
+    """Relative paths of all files in a folder and below; empty if the folder does not exist."""
+    paths: list[str] = []
     with opened(url, "folder") as (files, path), suppress(FileNotFoundError):
-        files.invalidate_cache()  # what another machine wrote in the meantime counts too
-        found = [str(file) for file in files.find(path)]
+        files.invalidate_cache()  # another machine may have written files
+        paths = [str(file) for file in files.find(path)]
         path = path.rstrip("/")
-    return [file[len(path) :].lstrip("/") for file in found if file.startswith(f"{path}/")]
+    return [file[len(path) :].lstrip("/") for file in paths if file.startswith(f"{path}/")]
 
 
 def _line(error: BaseException) -> str:
+    """The message of an error on one line."""
     return " ".join(str(error).split())

@@ -1,4 +1,4 @@
-"""Where jobs run: here, in worker processes of this machine, which end when their parent does. Others need only :meth:`Executor.run`."""
+"""Executors of jobs: the interface, and worker processes on this machine, which end with their parent."""
 
 import os
 import pickle
@@ -21,39 +21,39 @@ from massprop_cli.campaign.plan import Job
 from massprop_cli.campaign.work import Produced
 
 TRIES = 2
-"""How often a job is tried whose worker dies."""
+"""Number of attempts at a job whose worker process dies."""
 _START = "import sys; sys.path[:] = sys.argv[1:]; from massprop_cli.campaign.runner import main; main()"
 
 
 @dataclass(frozen=True)
 class Task:
-    """A job for a worker."""
+    """A job with the data that its worker needs."""
 
     job: Job
     known: str | None = None
-    """The fingerprint of the result that it has already; None: it has none, or it shall be done anyway."""
+    """Fingerprint of the existing result, which the worker does not repeat; None: always process the log."""
     sent: Mapping[str, bytes] | None = None
-    """Files that the worker can't read itself, by location; None: it can read all."""
+    """Files that the worker cannot read itself, by location; None: it can read all."""
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Number of processor cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Executor(Protocol):
-    """Runs tasks somewhere."""
+    """Interface of what runs tasks: local processes or a cluster."""
 
     def run(self, tasks: Sequence[Task]) -> Iterator[tuple[int, Produced | None]]:
-        """Each task's index with what :func:`work.process` gave for it, in whatever order they end.
+        """Yield the index and the result of :func:`work.process` for each task, in the order in which tasks end.
 
-        Every task comes out once; one whose worker is lost comes out as :func:`work.failed`. Results not yet taken are few, however many
-        the tasks. When the iterator is closed early, what runs is stopped.
+        Each task is yielded once; the result is :func:`work.failed` if its worker is lost. The number of results in memory is limited,
+        whatever the number of tasks. Closing the iterator stops running tasks.
         """
 
 
 class LocalExecutor:
-    """``jobs`` processes on this machine; None: as many as it has cores for this process."""
+    """``jobs`` processes on this machine; None: one per available core."""
 
     def __init__(self, jobs: int | None = None) -> None:
         self.jobs = jobs or cores()
@@ -65,24 +65,24 @@ class LocalExecutor:
         for one in workers:
             idle.put(one)
 
-        def done(index: int) -> tuple[int, Produced | None]:
-            own = idle.get()
+        def run_one(index: int) -> tuple[int, Produced | None]:
+            worker = idle.get()
             try:
-                return index, own.work(tasks[index])
+                return index, worker.work(tasks[index])
             finally:
-                idle.put(own)
+                idle.put(worker)
 
         threads = ThreadPoolExecutor(max(len(workers), 1))
-        waiting = (threads.submit(done, index) for index in range(len(tasks)))
-        ahead = deque(islice(waiting, 2 * self.jobs))
+        waiting = (threads.submit(run_one, index) for index in range(len(tasks)))
+        submitted = deque(islice(waiting, 2 * self.jobs))
         try:
-            while ahead:
-                first = next(as_completed(ahead))
-                ahead.remove(first)
+            while submitted:
+                first = next(as_completed(submitted))
+                submitted.remove(first)
                 yield first.result()
-                ahead.extend(islice(waiting, 1))
+                submitted.extend(islice(waiting, 1))
         finally:
-            for future in ahead:
+            for future in submitted:
                 future.cancel()
             for one in workers:
                 one.close()
@@ -90,7 +90,7 @@ class LocalExecutor:
 
 
 class Worker:
-    """One process at a time, started when it is needed."""
+    """Handle of one worker process, started at its first task and again after a crash."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
@@ -98,7 +98,7 @@ class Worker:
         self._closed = False
 
     def work(self, task: Task) -> Produced | None:
-        """Run a task in the process; a process that dies is started once more."""
+        """Run a task in the process; if the process dies, start a new one and repeat, up to :data:`TRIES` attempts."""
         code = None
         for _ in range(TRIES):
             process = self._started()
@@ -107,34 +107,34 @@ class Worker:
             try:
                 pickle.dump(task, process.stdin, pickle.HIGHEST_PROTOCOL)
                 process.stdin.flush()
-                found: Produced | None = pickle.load(process.stdout)
-                return found
+                result: Produced | None = pickle.load(process.stdout)
+                return result
             except (EOFError, OSError, ValueError, pickle.UnpicklingError):
                 code = self.end()
         how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
-        said = f"{task.job.shown}: the process for this log died twice ({how}); is there enough memory? Run the batch again"
-        return work.failed(task.job, exits.BUG, said)
+        message = f"{task.job.shown}: the process for this log died twice ({how}); is there enough memory? Run the batch again"
+        return work.failed(task.job, exits.BUG, message)
 
     def _started(self) -> subprocess.Popen[bytes] | None:
-        """The process; None once this worker is closed."""
+        """The process, started if necessary; None after :meth:`close`."""
         with self._guard:
             if self._process is None and not self._closed:
-                # -I: neither the current folder nor the user's own settings of Python have a say in what is imported
-                # which would forget that whoever starts us wants nothing compiled to be kept
-                kept = ["-B"] if sys.dont_write_bytecode else []
-                command = [sys.executable, "-I", *kept, "-c", _START, *sys.path]
+                # -I: neither the current folder nor PYTHON* variables affect imports
+                # -I also ignores PYTHONDONTWRITEBYTECODE, so -B repeats it
+                no_bytecode = ["-B"] if sys.dont_write_bytecode else []
+                command = [sys.executable, "-I", *no_bytecode, "-c", _START, *sys.path]
                 pipe = subprocess.PIPE
                 self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, env=os.environ | onethread.SETTINGS)
             return self._process
 
     def close(self) -> None:
-        """Stop for good."""
+        """Stop the process; later tasks fail."""
         with self._guard:
             self._closed = True
         self.end()
 
     def end(self) -> int | None:
-        """Stop the process; how it ended."""
+        """Stop the process and return its exit code."""
         with self._guard:
             process, self._process = self._process, None
         if process is None:
@@ -149,7 +149,10 @@ class Worker:
 
 
 def main() -> None:
-    """Work until told no more. What anything prints goes to stderr, so that it can't disturb the messages."""
+    """Main loop of a worker process: process pickled tasks from stdin until it closes.
+
+    Results go to the original stdout. Anything printed goes to stderr, so that it cannot corrupt them.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     messages = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)

@@ -1,4 +1,4 @@
-"""campaign.json (``massprop schema summary``): all logs and what they say together, written row by row to save memory."""
+"""Content of campaign.json (``massprop schema summary``): all logs and their pooled values, written row by row to save memory."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -13,7 +13,8 @@ from massprop_cli.campaign.outcome import CampaignRow, CompressedRows, OutcomePa
 from massprop_cli.campaign.pooled import Pool, grouped, pools_of
 
 
-def _held(value: object, validated: ValidatorFunctionWrapHandler) -> object:
+def _compressed(value: object, validated: ValidatorFunctionWrapHandler) -> object:
+    """Rows as :class:`CompressedRows`; validate other sequences first."""
     return value if isinstance(value, CompressedRows) else CompressedRows(validated(value))
 
 
@@ -50,7 +51,7 @@ class Summary(OutcomePart):
     contradicted: int = Field(0, description="how many logs and their vehicle files contradict each other")
     warned: int = Field(0, description="how many logs have warnings")
     warnings: dict[str, int] = Field({}, description="how many logs have a warning of which code, the most frequent first")
-    logs: Annotated[Sequence[CampaignRow], WrapValidator(_held), WrapSerializer(lambda rows, serialized: serialized(list(rows)))]
+    logs: Annotated[Sequence[CampaignRow], WrapValidator(_compressed), WrapSerializer(lambda rows, serialized: serialized(list(rows)))]
     pooled: list[Pool]
     copies: dict[str, str] = Field(
         {}, description="logs of a recording that another log has too, by name, and the first log of it: pooled values count it once"
@@ -60,16 +61,16 @@ class Summary(OutcomePart):
 
 
 def summary(name: str, rows: Sequence[CampaignRow], baseline: Baseline | None = None, combined: Sequence[CampaignRow] = ()) -> Summary:
-    """Count, pool, and decide the campaign's exit code."""
+    """Count outcomes, pool values, and determine the campaign's exit code."""
     logs = rows if isinstance(rows, CompressedRows) else CompressedRows(rows)
     codes: list[int | None] = []
-    against, warned, warnings = 0, 0, Counter[str]()
-    for found in (row.outcome for row in logs):
-        codes.append(None if found is None else found.exit_code)
-        against += contradicted(found) > 0
-        said = set(found.warnings) if found is not None else set()
-        warned += bool(said)
-        warnings.update(said)
+    contradictions, warned, warnings = 0, 0, Counter[str]()
+    for outcome in (row.outcome for row in logs):
+        codes.append(None if outcome is None else outcome.exit_code)
+        contradictions += contradicted(outcome) > 0
+        warning_codes = set(outcome.warnings) if outcome is not None else set()
+        warned += bool(warning_codes)
+        warnings.update(warning_codes)
     groups = grouped(logs)
     every = {*codes, *(row.outcome.exit_code for row in combined if row.outcome is not None)}
     worst = next((code for code in exits.GRAVITY if code in every), 0)
@@ -80,7 +81,7 @@ def summary(name: str, rows: Sequence[CampaignRow], baseline: Baseline | None = 
         name=name,
         exit_code=worst or (5 if baseline is not None and baseline.beyond else 0),
         exit_codes=counted,
-        contradicted=against,
+        contradicted=contradictions,
         warned=warned,
         warnings=dict(sorted(warnings.items(), key=lambda one: (-one[1], one[0]))),
         logs=logs,
@@ -91,24 +92,24 @@ def summary(name: str, rows: Sequence[CampaignRow], baseline: Baseline | None = 
     )
 
 
-def quantities(found: Summary) -> list[str]:
-    """Names of the quantities that its logs may tell: those about a pivot where any log has one."""
-    pivoted = any(body.about_pivot for row in found.logs if row.outcome for body in row.outcome.bodies)
+def quantities(summary: Summary) -> list[str]:
+    """Names of the quantities that the tables contain; those about the pivot only if a log has a pivot."""
+    pivoted = any(body.about_pivot for row in summary.logs if row.outcome for body in row.outcome.bodies)
     return [*(ALL_UNITS if pivoted else QUANTITIES)]
 
 
-def to_json(found: Summary) -> Iterator[str]:
-    """Canonical text, piece by piece: same campaign, same bytes."""
-    around = {name: getattr(found, name) for name in Summary.model_fields} | {"logs": []}
-    before, after = escape.document(Summary.model_construct(**around), "").split('\n "logs": [],\n')
+def to_json(summary: Summary) -> Iterator[str]:
+    """Canonical JSON text, in pieces: equal campaigns give equal bytes."""
+    without_logs = {name: getattr(summary, name) for name in Summary.model_fields} | {"logs": []}
+    before, after = escape.document(Summary.model_construct(**without_logs), "").split('\n "logs": [],\n')
     yield before + '\n "logs": ['
-    for number, one in enumerate(found.logs):
-        yield "," * bool(number) + ("\n" + escape.document(one, "")).replace("\n", "\n  ")
-    yield "\n ]" * bool(found.logs) + "]" * (not found.logs) + ",\n" + after + "\n"
+    for number, row in enumerate(summary.logs):
+        yield "," * bool(number) + ("\n" + escape.document(row, "")).replace("\n", "\n  ")
+    yield "\n ]" * bool(summary.logs) + "]" * (not summary.logs) + ",\n" + after + "\n"
 
 
 def parse(content: bytes, place: str) -> Summary:
-    """A campaign.json's content; :class:`InputError` names what is wrong with it."""
+    """Parse campaign.json; raise :class:`InputError` if it is not valid."""
     text = configfile.decoded(content, place, "campaign.json")
     try:
         return Summary.model_validate_json(text)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from massprop_cli.campaign.plan import Job
-    from massprop_cli.campaign.run import LogDone, Told
+    from massprop_cli.campaign.run import LogDone, OnLogDone
     from massprop_cli.inputs.notice import Notice
     from massprop_cli.inputs.tablefile import MapConversion
     from massprop_cli.result.schema import Result, WarningItem
@@ -105,7 +105,7 @@ def say_stored(stored: StoredResult, expected: Path | None, quiet: bool) -> None
 
 
 @contextmanager
-def steps(jobs: Sequence[Job], quiet: bool) -> Iterator[Told | None]:
+def steps(jobs: Sequence[Job], quiet: bool) -> Iterator[OnLogDone | None]:
     """Progress of a campaign: a function to call after each log; None if ``quiet``."""
     if quiet:
         yield None
