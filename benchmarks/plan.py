@@ -48,7 +48,7 @@ def made_for(name: str) -> flow.WrittenPlan:
     """The plan for a packaged vehicle, with the true vehicle as the guess."""
     packaged = scenario.load(name).scenario
     want, allowed = PLANS[name]
-    asked = flow.Asked(precise(want), packaged.cycles * packaged.vehicle.cycle.period_s, "worst", allowed)
+    asked = flow.PlanRequest(precise(want), packaged.cycles * packaged.vehicle.cycle.period_s, "worst", allowed)
     with tempfile.TemporaryDirectory() as folder:
         vehicle, guess = Path(folder) / "vehicle.toml", Path(folder) / "guess.toml"
         vehicle.write_text(output.vehicle_toml(packaged.vehicle), encoding="utf-8")

@@ -72,7 +72,7 @@ def plan(
         "travel_m": max_travel,
         "wheel_rad_s": max_wheel_speed,
     }
-    asked = flow.Asked(wants, max_time, criterion, {key: value for key, value in limits.items() if value is not None}, off)
+    asked = flow.PlanRequest(wants, max_time, criterion, {key: value for key, value in limits.items() if value is not None}, off)
     with progress(quiet or as_json) as report, np.errstate(all="ignore"):
         made = flow.make(vehicle, guess, asked, report or (lambda *_: None), tuple(assign or []))
     flow.write(made, folder, {"plan.html": page.text(made.plan)})

@@ -1,6 +1,6 @@
-"""A test planned before it is flown: motions are chosen by adding their information, and the plan is flown whole.
+"""Design of a test: choose motions by the sum of their information matrices, and simulate the whole plan.
 
 ::
 
-    vehicle, guess ─ Rehearsal ─ what each motion tells ─ choose ─ draft ─ flown whole ─ Plan ─ scenario.toml, plan.json, plan.html
+    vehicle, guess ─ Rehearsal ─ MotionLibrary ─ choose ─ SimulatedPlan ─ scenario.toml, plan.json, plan.html
 """

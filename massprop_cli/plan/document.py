@@ -1,4 +1,4 @@
-"""What ``massprop plan`` hands over: plan.json and the scenario that ``massprop simulate`` flies. The models below are the schema."""
+"""Contents of plan.json and scenario.toml, the output of ``massprop plan``. The models below are the schema."""
 
 from typing import Any, Literal
 
@@ -13,23 +13,25 @@ from massprop_cli.conclude.reason import Reason
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan import limits as limited
 from massprop_cli.plan.choose import Criterion, PlanGoal
-from massprop_cli.plan.planner import ENOUGH, Planned, Stretch
+from massprop_cli.plan.planner import TARGET, SimulatedPlan, TimelineMotion
 from massprop_cli.plan.rehearsal import Rehearsal
 from massprop_cli.result.schema import Item
 from massprop_cli.testbed.bound import natural_sizes
 
-UNTOLD = 0.5
-"""A sigma above this part of a quantity's natural size says nothing of it, as in the verdicts of an estimate."""
+UNOBSERVABLE = 0.5
+"""Largest sigma of an observable quantity, relative to its natural size, as in the verdicts of an estimate."""
 LONGER = (2.0, 4.0)
+"""Factors on the duration for which plan.json predicts sigmas."""
 POINTS = 200
-"""Times of the course that is told."""
-TEACHES = 1.02
-"""A stretch teaches a quantity whose sigma were so many times as large without it."""
+"""Approximate number of times in the course of sigmas."""
+INFORMS = 1.02
+"""Smallest listed ratio of a quantity's sigma without a motion to its sigma with it."""
 FOREVER = 1e6
-LESS = 0.95
-"""Part of a ratio that a plan with any impulse must come below for the impulse to be what limits: seeds and guesses differ by less."""
+"""Factor on the information of one block of each candidate, for the sigma after any duration."""
+IMPULSE_LIMITS = 0.95
+"""Largest ratio of worst ratios, without to with the impulse limit, at which that limit is the cause; seeds and guesses differ by less."""
 UNREACHED = {"told": "not by this plan", "ratio": None, "reached_at_s": None}
-"""Of a quantity that an estimate of the plan's own log does not give."""
+"""Fields of a quantity for which an estimate of the plan's log gives no value."""
 
 
 class QuantityItem(Item):
@@ -94,138 +96,148 @@ class PlanFile(Item):
 
 
 def document(
-    found: Planned, rehearsal: Rehearsal, vehicle: VehicleSource, criterion: Criterion, max_time_s: float, notes: list[str]
+    simulated: SimulatedPlan, rehearsal: Rehearsal, vehicle: VehicleSource, criterion: Criterion, max_time_s: float, notes: list[str]
 ) -> PlanFile:
-    """Everything told of a plan."""
+    """The content of plan.json."""
     period = rehearsal.vehicle.cycle.period_s
-    wanted, sums = found.wanted, np.cumsum(found.information, 1)
-    ratios, last = found.ratios(), wanted.sigmas(sums[:, -1])
-    every = sum(one.information.mean(0) for one in found.tried)
-    ever = wanted.sigmas(np.tile(every * FOREVER, (len(wanted.bodies), 1, 1)))[0]
-    sizes = natural_sizes(wanted.bodies[0])
-    longer = {f"{factor:g}": wanted.sigmas(factor * sums[:, -1])[0] for factor in LONGER}
-    quantities = {
-        name: _quantity(
-            i, wanted, ratios, last[:, i], {factor: float(sigma[i]) for factor, sigma in longer.items()}, period, UNTOLD * sizes[i], ever[i]
-        )
-        for i, name in enumerate(QUANTITIES)
-    }
-    hidden = _hidden(wanted.bodies[0], last[0], quantities, rehearsal)
-    quantities |= {name: quantities[name].model_copy(update=UNREACHED) for name in hidden}
-    unreached = [name for name in hidden if quantities[name].wanted]
-    reached = found.reached and not unreached
+    goal, sums = simulated.goal, np.cumsum(simulated.information, 1)
+    ratios, final = simulated.ratios(), goal.sigmas(sums[:, -1])
+    all_motions = sum(one.information.mean(0) for one in simulated.candidates)
+    limiting = goal.sigmas(np.tile(all_motions * FOREVER, (len(goal.bodies), 1, 1)))[0]
+    sizes = natural_sizes(goal.bodies[0])
+    longer = {f"{factor:g}": goal.sigmas(factor * sums[:, -1])[0].tolist() for factor in LONGER}
+    quantities = {}
+    for i, name in enumerate(QUANTITIES):
+        longer_sigmas = {factor: sigmas[i] for factor, sigmas in longer.items()}
+        quantities[name] = _quantity(i, goal, ratios, final[:, i], longer_sigmas, period, UNOBSERVABLE * sizes[i], limiting[i])
+    ambiguous = _ambiguous_cg(goal.bodies[0], final[0], quantities, rehearsal)
+    quantities |= {name: quantities[name].model_copy(update=UNREACHED) for name in ambiguous}
+    unreached = [name for name in ambiguous if quantities[name].wanted]
+    reached = simulated.reached and not unreached
     why = f"will not converge: {Reason.of('wrench-point-untold')}"
+    limited_by = (
+        "" if reached else f"{', '.join(unreached)} {why}" if unreached else _limited_by(simulated, quantities, rehearsal, limiting)
+    )
     return PlanFile(
         schema="massprop/plan/1",
         massprop=__version__,
         vehicle=vehicle.vehicle.name,
         vehicle_sha256=vehicle.sha256,
         guess=rehearsal.source,
-        bodies=len(wanted.bodies),
+        bodies=len(goal.bodies),
         criterion=criterion,
-        duration_s=found.duration_s,
+        duration_s=simulated.duration_s,
         max_time_s=max_time_s,
         reached=reached,
-        limited_by="" if reached else f"{', '.join(unreached)} {why}" if unreached else _limited_by(found, quantities, rehearsal, ever),
+        limited_by=limited_by,
         quantities=quantities,
-        timeline=[_stretch(stretch, found, last, period) for stretch in found.stretches],
+        timeline=[_timeline_item(part, simulated, final, period) for part in simulated.timeline],
         limits={
-            name: LimitItem(allowed=found.limits.get(name), used=value, unit=limited.LIMITS[name][1]) for name, value in found.used.items()
+            name: LimitItem(allowed=simulated.limits.get(name), used=value, unit=limited.LIMITS[name][1])
+            for name, value in simulated.used.items()
         },
-        **_course(found, sums, sizes, period),
-        beyond_bound={name: float(factor) for name, factor in zip(QUANTITIES, wanted.beyond, strict=True) if factor > 1},
-        notes=[*notes, *([f"{', '.join(hidden)} {why}"] if hidden else [])],
+        **_course(simulated, sums, sizes, period),
+        beyond_bound={name: float(factor) for name, factor in zip(QUANTITIES, goal.bound_ratio, strict=True) if factor > 1},
+        notes=[*notes, *([f"{', '.join(ambiguous)} {why}"] if ambiguous else [])],
     )
 
 
-def _hidden(body: Array, sigmas: Array, quantities: dict[str, QuantityItem], rehearsal: Rehearsal) -> list[str]:
-    """The CG, where an estimate of the plan's own log will not say whether it is at O."""
-    own = [QUANTITIES.index(name) for name in CG]
-    told = all(quantities[name].told == "well" for name in CG)
-    return [*CG] if rehearsal.point_untold and told and near_origin(body[own], sigmas[own], natural_sizes(body)[own[0]]) else []
+def _ambiguous_cg(body: Array, sigmas: Array, quantities: dict[str, QuantityItem], rehearsal: Rehearsal) -> list[str]:
+    """The CG's names if an estimate cannot decide whether the CG is at O, because the wrench point is unknown; else empty."""
+    index = [QUANTITIES.index(name) for name in CG]
+    if not rehearsal.wrench_point_unknown or any(quantities[name].told != "well" for name in CG):
+        return []
+    return [*CG] if near_origin(body[index], sigmas[index], natural_sizes(body)[index[0]]) else []
 
 
 def _quantity(
-    i: int, wanted: PlanGoal, ratios: Array, last: Array, longer: dict[str, float], period: float, untold: float, ever: float
+    i: int, goal: PlanGoal, ratios: Array, final: Array, longer: dict[str, float], period: float, unobservable: float, limiting: float
 ) -> QuantityItem:
-    """``ratios`` (K, bodies, requirements), ``last`` (bodies,) its sigma at the end, ``ever`` after all time; ``untold``: says nothing."""
-    stated = {item.quantity: (n, item) for n, item in enumerate(wanted.requirements)}
+    """Prediction of quantity ``i``, SI.
+
+    ``ratios`` (K, G, n): predicted over wanted sigma; ``final`` (G,): sigmas at the end; ``longer``: sigma by factor on the duration;
+    ``unobservable``: largest sigma of an observable value; ``limiting``: sigma after any duration.
+    """
+    stated = {item.quantity: (n, item) for n, item in enumerate(goal.requirements)}
     n, item = stated.get(QUANTITIES[i], (0, None))
     precision = item.precision if item is not None else None
     met = np.flatnonzero(ratios[:, :, n].max(1) <= 1) if precision else np.zeros(0, dtype=int)
     return QuantityItem(
         unit=UNITS[QUANTITIES[i]],
-        guess=float(wanted.bodies[0, i]),
-        sigma=float(last[0]),
-        worst_sigma=float(last.max()),
+        guess=float(goal.bodies[0, i]),
+        sigma=float(final[0]),
+        worst_sigma=float(final.max()),
         wanted=precision.written if precision else None,
-        wanted_sigma=float(wanted.limits[0, n]) if precision else None,
+        wanted_sigma=float(goal.limits[0, n]) if precision else None,
         ratio=float(ratios[-1, :, n].max()) if precision else None,
         reached_at_s=float((met[0] + 1) * period) if len(met) else None,
         longer=longer,
-        told="well" if last[0] <= untold else "by no motion of this vehicle" if ever > untold else "not by this plan",
+        told="well" if final[0] <= unobservable else "by no motion of this vehicle" if limiting > unobservable else "not by this plan",
     )
 
 
-def _stretch(stretch: Stretch, found: Planned, last: Array, period: float) -> StretchItem:
-    rest = np.delete(found.information, slice(stretch.start, stretch.end), 1).sum(1)
-    without = found.wanted.sigmas(rest)[0] / last[0]
-    teaches = {name: float(min(factor, 1e6)) for name, factor in zip(QUANTITIES, without, strict=True) if factor >= TEACHES}
-    return StretchItem(
-        start_s=round(stretch.start * period, 9), end_s=round(stretch.end * period, 9), motion=str(stretch.motion), teaches=teaches
-    )
+def _timeline_item(part: TimelineMotion, simulated: SimulatedPlan, final: Array, period: float) -> StretchItem:
+    """A motion of the timeline, with the sigmas without it relative to ``final`` (G, 10)."""
+    others = np.delete(simulated.information, slice(part.start, part.end), 1).sum(1)
+    without = simulated.goal.sigmas(others)[0] / final[0]
+    teaches = {name: float(min(factor, 1e6)) for name, factor in zip(QUANTITIES, without, strict=True) if factor >= INFORMS}
+    return StretchItem(start_s=round(part.start * period, 9), end_s=round(part.end * period, 9), motion=str(part.motion), teaches=teaches)
 
 
-def _course(found: Planned, sums: Array, sizes: Array, period: float) -> dict[str, Any]:
-    every = max(found.cycles // POINTS, 1)
-    chosen = [*list(range(every - 1, found.cycles - 1, every)), found.cycles - 1]
-    sigmas = found.wanted.sigmas(np.swapaxes(sums[:, chosen], 0, 1))[:, 0]
-    course = {name: [float(sigma) if sigma <= UNTOLD * sizes[i] else None for sigma in sigmas[:, i]] for i, name in enumerate(QUANTITIES)}
+def _course(simulated: SimulatedPlan, sums: Array, sizes: Array, period: float) -> dict[str, Any]:
+    """Sigmas of the guess against time, from the cumulative information ``sums`` (G, K, n, n); None while unobservable."""
+    every = max(simulated.cycles // POINTS, 1)
+    chosen = [*list(range(every - 1, simulated.cycles - 1, every)), simulated.cycles - 1]
+    sigmas = simulated.goal.sigmas(np.swapaxes(sums[:, chosen], 0, 1))[:, 0]
+    course = {
+        name: [float(sigma) if sigma <= UNOBSERVABLE * sizes[i] else None for sigma in sigmas[:, i]] for i, name in enumerate(QUANTITIES)
+    }
     return {"time_s": [round((k + 1) * period, 9) for k in chosen], "course": course}
 
 
-def _limited_by(found: Planned, quantities: dict[str, QuantityItem], rehearsal: Rehearsal, ever: Array) -> str:
-    """One sentence on the worst quantity; ``ever`` (10,) are the sigmas after all time."""
+def _limited_by(simulated: SimulatedPlan, quantities: dict[str, QuantityItem], rehearsal: Rehearsal, limiting: Array) -> str:
+    """One sentence on the quantity with the worst ratio; ``limiting`` (10,) are the sigmas after any duration."""
     name, item = max(((n, q) for n, q in quantities.items() if q.ratio is not None), key=lambda pair: pair[1].ratio or 0.0)
     ratio, i = item.ratio or 0.0, QUANTITIES.index(name)
-    best = f"{name} comes to ± {item.worst_sigma:.3g} {item.unit} in {found.duration_s:g} s at worst, {ratio:.3g} times the wanted sigma"
+    duration = simulated.duration_s
+    best = f"{name} comes to ± {item.worst_sigma:.3g} {item.unit} in {duration:g} s at worst, {ratio:.3g} times the wanted sigma"
     if item.told == "by no motion of this vehicle":
         return f"no motion of this vehicle makes {name} observable ({', '.join(rehearsal.axes)} can be driven)"
-    if ever[i] > (item.wanted_sigma or 0.0):
-        told = rehearsal.vehicle.thrust.scale_sigma and not rehearsal.by_wheels
-        key = "thrust.scale_sigma" if told else "the information of all motions"
-        return f"{best}; {key} keeps it above ± {ever[i]:.3g} {item.unit} for any duration: weigh the vehicle ([known]) or ask for less"
-    return best + (_by_impulse(found, ratio) or _by_time(found, ratio))
+    if limiting[i] > (item.wanted_sigma or 0.0):
+        by_thrust = rehearsal.vehicle.thrust.scale_sigma and not rehearsal.by_wheels
+        key = "thrust.scale_sigma" if by_thrust else "the information of all motions"
+        return f"{best}; {key} keeps it above ± {limiting[i]:.3g} {item.unit} for any duration: weigh the vehicle ([known]) or ask for less"
+    return best + (_by_impulse(simulated, ratio) or _by_time(simulated, ratio))
 
 
-def _by_impulse(found: Planned, ratio: float) -> str:
-    """What more impulse would reach; empty where the impulse does not limit."""
-    allowed, freely = found.limits.get("impulse_n_s"), found.any_impulse
-    if allowed is None or freely is None:
+def _by_impulse(simulated: SimulatedPlan, ratio: float) -> str:
+    """The impulse that reaches the goal; empty if the impulse limit is not the cause."""
+    allowed, unlimited = simulated.limits.get("impulse_n_s"), simulated.any_impulse
+    if allowed is None or unlimited is None:
         return ""
-    remaining = float(freely.ratios()[-1].max())
-    if freely.used["impulse_n_s"] <= allowed or remaining > LESS * ratio:
+    remaining = float(unlimited.ratios()[-1].max())
+    if unlimited.used["impulse_n_s"] <= allowed or remaining > IMPULSE_LIMITS * ratio:
         return ""
     longer = max(remaining, 1.0) ** 2
-    # that plan spends freely; information also grows with the impulse of the one at hand
-    needed = min(freely.used["impulse_n_s"] * longer / ENOUGH, allowed * ratio**2)
+    # two estimates, and the smaller counts: the unlimited plan does not save impulse, and information is proportional to impulse
+    needed = min(unlimited.used["impulse_n_s"] * longer / TARGET, allowed * ratio**2)
     reached = f" with {allowed:g} N s; about {needed:.3g} N s"
     if longer == 1.0:
         return f"{reached} would reach it (--max-impulse)"
-    return f"{reached} in {freely.duration_s * longer:.3g} s would reach it (--max-impulse, --max-time)"
+    return f"{reached} in {unlimited.duration_s * longer:.3g} s would reach it (--max-impulse, --max-time)"
 
 
-def _by_time(found: Planned, ratio: float) -> str:
-    """How long would reach it: information grows with the time."""
-    share = {key: found.used[key] / limit for key, limit in found.limits.items() if key != "impulse_n_s"}
-    gentle = any(stretch.motion.level < 1 for stretch in found.stretches)
-    by = f" with the limit on the {limited.LIMITS[max(share, key=lambda key: share[key])][0]}" if share and gentle else ""
-    return f"{by}; about {found.duration_s * ratio**2:.3g} s would reach it (--max-time)"
+def _by_time(simulated: SimulatedPlan, ratio: float) -> str:
+    """The duration that reaches the goal: information is proportional to time."""
+    share = {key: simulated.used[key] / limit for key, limit in simulated.limits.items() if key != "impulse_n_s"}
+    reduced = any(part.motion.level < 1 for part in simulated.timeline)
+    by = f" with the limit on the {limited.LIMITS[max(share, key=lambda key: share[key])][0]}" if share and reduced else ""
+    return f"{by}; about {simulated.duration_s * ratio**2:.3g} s would reach it (--max-time)"
 
 
-def scenario_toml(found: Planned, rehearsal: Rehearsal, name: str) -> str:
-    """The scenario that ``massprop simulate`` flies: the guess as its truth, the vehicle in it."""
-    scenario = rehearsal.scenario(found.segments, found.cycles, name).scenario
+def scenario_toml(simulated: SimulatedPlan, rehearsal: Rehearsal, name: str) -> str:
+    """The text of scenario.toml: the plan with the guess as the truth, and the vehicle."""
+    scenario = rehearsal.scenario(simulated.segments, simulated.cycles, name).scenario
     content = scenario.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True)
     vehicle = {key: value for key, value in content.pop("vehicle").items() if value not in ([], {})}
     return configfile.toml({key: value for key, value in content.items() if value != {}} | {"vehicle": vehicle})

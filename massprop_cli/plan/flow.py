@@ -1,4 +1,4 @@
-"""From files to a plan and its files."""
+"""Flow of ``massprop plan``: read vehicle and guess, plan, and write the result."""
 
 from collections.abc import Mapping
 from dataclasses import field, replace
@@ -16,30 +16,32 @@ from massprop_cli.inputs.require import Requirement
 from massprop_cli.plan import document, guess, limits, planner, rehearsal
 from massprop_cli.plan.choose import Criterion, PlanGoal
 from massprop_cli.plan.document import PlanFile
-from massprop_cli.plan.planner import Order, Planned, Say, Trials
+from massprop_cli.plan.planner import MotionLibrary, PlanTask, Say, SimulatedPlan
 from massprop_cli.plan.rehearsal import Rehearsal
 
 STEADY = 2
-"""Times the updates that must be steady before a value counts as converged: a plan is not shorter than that, as far as there is time."""
+"""Smallest length of a plan, relative to the updates that must be steady for convergence; a shorter maximum time takes precedence."""
 LEAST = 4
-"""Cycles, after those whose commands are not known yet."""
+"""Smallest number of cycles after the command delay in the maximum time."""
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What ``massprop plan`` was asked for."""
+class PlanRequest:
+    """Options of ``massprop plan``."""
 
     wants: tuple[Requirement, ...]
+    """Wanted quantities and precisions."""
     max_time_s: float = 60.0
     criterion: Criterion = "worst"
     limits: Mapping[str, float] = field(default_factory=dict)
-    """As :data:`massprop_cli.plan.limits.LIMITS` names them."""
+    """Stated limits, by the names of :data:`massprop_cli.plan.limits.LIMITS`."""
     off: tuple[str, ...] = ()
+    """Names of jets that the plan does not use."""
 
 
 @dataclass(frozen=True)
 class WrittenPlan:
-    """A plan with all that is written of it."""
+    """Contents of the files of a plan."""
 
     plan: PlanFile
     scenario: str
@@ -47,87 +49,88 @@ class WrittenPlan:
 
     @property
     def exit_code(self) -> int:
-        """4 where what is wanted can't be reached."""
+        """4 if the plan does not reach the goal, else 0."""
         return 0 if self.plan.reached else exits.NOT_CONVERGED
 
 
-def make(vehicle: Path, guess_file: Path | None, asked: Asked, say: Say, assignments: tuple[str, ...] = ()) -> WrittenPlan:
-    """Plan; :class:`InputError` where there is nothing to plan with, or no motion keeps the limits."""
+def make(vehicle: Path, guess_file: Path | None, request: PlanRequest, say: Say, assignments: tuple[str, ...] = ()) -> WrittenPlan:
+    """Plan a test; raise :class:`InputError` if the inputs are not sufficient, or if no motion is within the limits."""
     source = vehiclefile.load(vehicle, assignments)
     guessed = guess.load(guess_file, source)
-    flown = rehearsal.rehearsal(source, guessed, asked.off)
-    order = _order(flown, guessed, asked)
-    trials = Trials(flown)
-    found, notes = planner.plan(trials, order, say), []
-    uncounted = rehearsal.uncounted(flown.vehicle)
-    if uncounted:
+    model = rehearsal.rehearsal(source, guessed, request.off)
+    task = _task(model, guessed, request)
+    motions = MotionLibrary(model)
+    simulated, notes = planner.plan(motions, task, say), []
+    omitted = rehearsal.outside_bound(model.vehicle)
+    if omitted:
         say("estimating the plan's log", 1.0)
         notes.append(
-            f"the Cramér–Rao bound does not include {', '.join(uncounted)}, so massprop increased the sigmas to those of an estimate of "
+            f"the Cramér–Rao bound does not include {', '.join(omitted)}, so massprop increased the sigmas to those of an estimate of "
             "the plan's log"
         )
-        found = _widened(flown, found)
-        if not found.reached:
-            found = _widened(flown, planner.plan(trials, replace(order, wanted=found.wanted), say))
-    if not found.reached:
-        found = replace(found, any_impulse=_any_impulse(trials, replace(order, wanted=found.wanted), say))
+        simulated = _with_estimated_sigmas(model, simulated)
+        if not simulated.reached:
+            simulated = _with_estimated_sigmas(model, planner.plan(motions, replace(task, goal=simulated.goal), say))
+    if not simulated.reached:
+        simulated = replace(simulated, any_impulse=_any_impulse(motions, replace(task, goal=simulated.goal), say))
     if guessed.file.body.breaks_triangle and source.vehicle.environment.kind != "planar":
         notes.append("the guess breaks the triangle inequality of principal moments, which no real body does; check its units and signs")
-    if source.vehicle.spinning and not flown.by_wheels:
+    if source.vehicle.spinning and not model.by_wheels:
         notes.append(f"the {called(source.vehicle.spinning)} keep their initial speed: the plan moves the vehicle by jets or a wrench")
     if source.vehicle.thrust.failures:
         notes.append("the plan and scenario.toml ignore thrust.failures, which belong to another log")
-    if asked.off:
-        notes.append(f"the plan and scenario.toml do not use {', '.join(asked.off)}")
-    made = document.document(found, flown, source, asked.criterion, asked.max_time_s, notes)
+    if request.off:
+        notes.append(f"the plan and scenario.toml do not use {', '.join(request.off)}")
+    made = document.document(simulated, model, source, request.criterion, request.max_time_s, notes)
     plain = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in source.vehicle.name).strip("-.")
-    return WrittenPlan(made, document.scenario_toml(found, flown, f"{plain or 'vehicle'}-plan"))
+    return WrittenPlan(made, document.scenario_toml(simulated, model, f"{plain or 'vehicle'}-plan"))
 
 
-def _order(flown: Rehearsal, guessed: guess.Guess, asked: Asked) -> Order:
-    wanted = PlanGoal(asked.wants, guessed.bodies, flown.vehicle)
-    for item, value in zip(asked.wants, guessed.file.body.values[wanted.index], strict=True):
+def _task(model: Rehearsal, guessed: guess.Guess, request: PlanRequest) -> PlanTask:
+    """Goal and constraints from the options; raise :class:`InputError` if they contradict vehicle or guess."""
+    goal = PlanGoal(request.wants, guessed.bodies, model.vehicle)
+    for item, value in zip(request.wants, guessed.file.body.values[goal.index], strict=True):
         if value == 0 and item.precision is not None and item.precision.relative:
             raise InputError(
                 f"--want {item}: {item.quantity} is guessed as 0, so a relative precision has no meaning; give it in "
                 f"{'kg m^2' if item.quantity.startswith('i') else 'mm'}"
             )
-    period = flown.vehicle.cycle.period_s
-    cycles = int(asked.max_time_s / period * (1 + 1e-9))
-    least = int(np.ceil(flown.delay_cycles))
-    if cycles < least + LEAST:
+    period = model.vehicle.cycle.period_s
+    cycles = int(request.max_time_s / period * (1 + 1e-9))
+    delay = int(np.ceil(model.delay_cycles))
+    if cycles < delay + LEAST:
         raise InputError(
-            f"--max-time {asked.max_time_s:g}: is {cycles} cycles of {period:g} s, and commands act {least} cycles later; give more time"
+            f"--max-time {request.max_time_s:g}: is {cycles} cycles of {period:g} s, and commands act {delay} cycles later; give more time"
         )
-    begun, fastest = limits.fastest_start(flown.vehicle), asked.limits.get("wheel_rad_s", np.inf)
-    if fastest <= begun:
-        raise InputError(f"--max-wheel-speed {fastest:g}: a wheel starts at {begun:g} rad/s; allow more, or start slower")
-    steady = STEADY * flown.vehicle.convergence.count + least
-    return Order(wanted, limits.allowed(flown.vehicle, asked.limits), cycles, asked.criterion, min(steady, cycles))
+    start_rad_s, fastest = limits.fastest_start(model.vehicle), request.limits.get("wheel_rad_s", np.inf)
+    if fastest <= start_rad_s:
+        raise InputError(f"--max-wheel-speed {fastest:g}: a wheel starts at {start_rad_s:g} rad/s; allow more, or start slower")
+    steady = STEADY * model.vehicle.convergence.count + delay
+    return PlanTask(goal, limits.allowed(model.vehicle, request.limits), cycles, request.criterion, min(steady, cycles))
 
 
-def _any_impulse(trials: Trials, order: Order, say: Say) -> Planned | None:
-    """The plan without the limit on the impulse; None where there is no such limit, or no plan that keeps the others."""
-    others = {name: limit for name, limit in order.limits.items() if name != "impulse_n_s"}
-    if len(others) == len(order.limits):
+def _any_impulse(motions: MotionLibrary, task: PlanTask, say: Say) -> SimulatedPlan | None:
+    """The plan without the impulse limit; None if there is no such limit, or no plan within the other limits."""
+    others = {name: limit for name, limit in task.limits.items() if name != "impulse_n_s"}
+    if len(others) == len(task.limits):
         return None
     try:
-        return planner.plan(trials, replace(order, limits=others), say)
+        return planner.plan(motions, replace(task, limits=others), say)
     except InputError:
         return None
 
 
-def _widened(flown: Rehearsal, found: Planned) -> Planned:
-    """With sigmas as the estimate of the plan's own log has them."""
-    plain = replace(found.wanted, beyond=np.ones(10), vehicle=alone(flown.vehicle))
-    bound = plain.sigmas(found.information.sum(1))[0]
-    beyond = rehearsal.beyond_bound(flown, found.segments, found.cycles, bound)
-    widened = replace(found, wanted=replace(found.wanted, beyond=beyond))
-    return replace(widened, reached=bool(widened.ratios()[-1].max() <= 1))
+def _with_estimated_sigmas(model: Rehearsal, simulated: SimulatedPlan) -> SimulatedPlan:
+    """The plan with its sigmas increased to those of an estimate of its simulated log."""
+    bound_only = replace(simulated.goal, bound_ratio=np.ones(10), vehicle=alone(model.vehicle))
+    bound = bound_only.sigmas(simulated.information.sum(1))[0]
+    ratio = rehearsal.bound_ratio(model, simulated.segments, simulated.cycles, bound)
+    increased = replace(simulated, goal=replace(simulated.goal, bound_ratio=ratio))
+    return replace(increased, reached=bool(increased.ratios()[-1].max() <= 1))
 
 
 def write(made: WrittenPlan, folder: Path, pages: dict[str, str]) -> None:
-    """scenario.toml, further pages, and last plan.json, whole or not at all."""
+    """Write scenario.toml, ``pages`` by file name, and plan.json; the folder receives all files or none."""
     with files.staged(folder) as stage:
         for name, text in {"scenario.toml": made.scenario, **pages, "plan.json": escape.document(made.plan)}.items():
             stage.save(name, text)

@@ -1,4 +1,4 @@
-"""What a vehicle is guessed to be before its test: ten quantities, how far off they may be, and what its actuators and sensors do."""
+"""Guess of a vehicle before its test: ten quantities with their spread, and properties of actuators and sensors."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,13 +20,15 @@ from massprop_cli.testbed.bound import natural_sizes
 from massprop_cli.testbed.conditions import Body, Sensors, TrueActuators
 
 SPREAD = 0.2
+"""Default relative spread of inertia and mass, and of the CG's distance from a bearing."""
 CG_SPREAD = 0.05
-"""Of a free vehicle's CG, as part of sqrt(trace/mass); on a bearing it was balanced, and is off by :data:`SPREAD` of what it is."""
+"""Default spread of a free vehicle's CG, relative to sqrt(trace/mass)."""
 DRAWN = 4
-"""Bodies beside the one that is guessed: enough that no plan suits it alone (tests/plan/test_plan.py)."""
+"""Number of bodies in addition to the guess; with 4, no plan suits the guess alone (tests/plan/test_plan.py)."""
 FLAT = 1.01
-"""By how much a flat body's moments of inertia are above what they are at least."""
+"""Ratio of ixx + iyy to izz in a planar guess that states only izz; above 1 to keep the triangle inequality."""
 NEEDED = ("ixx", "iyy", "izz", "mass")
+"""Quantities that a guess must contain."""
 
 
 class GuessFile(Section):
@@ -44,86 +46,94 @@ class GuessFile(Section):
 
 @dataclass(frozen=True)
 class Guess:
-    """A guess, and what else the vehicle may be."""
+    """A guess, with other bodies within its spread."""
 
     file: GuessFile
     source: str
+    """Path of the file that states it."""
     bodies: Array
-    """(G, 10) the guess itself, then others within its spread, the heaviest first: it is the hardest to tell."""
+    """(G, 10) quantities, SI: the guess, then the other bodies, the heaviest first, since it has the largest sigmas."""
 
 
 def load(path: Path | None, vehicle: VehicleSource) -> Guess:
-    """From a guess file; else from what the vehicle file has under [nominal] and [known]. :class:`InputError` where neither tells."""
+    """Read a guess file; without one, use [nominal] and [known] of the vehicle file. Raise :class:`InputError` if a value is missing."""
     if path is None:
         file, source = _of_vehicle(vehicle), vehicle.source
     else:
         text = configfile.read_text(path, "guess file")
         file, source = configfile.validate(GuessFile, configfile.parse_toml(text, str(path)), str(path), text), str(path)
-    return Guess(file, source, _spread(file, vehicle))
+    return Guess(file, source, _bodies(file, vehicle))
 
 
 def _of_vehicle(vehicle: VehicleSource) -> GuessFile:
+    """The guess from a vehicle file's nominal and known values; a known value takes precedence."""
     stated = vehicle.vehicle
     values = {name: stated.nominal.value(name) for name in QUANTITIES}
     values |= {name: known.value for name, known in stated.known.items()}
     if stated.environment.kind == "planar" and values["izz"] is not None:
-        # they have no part in the motion; any that a body has will do
+        # ixx and iyy do not affect planar motion; use values that a real body can have
         values |= {name: values["izz"] / 2 * FLAT for name in ("ixx", "iyy") if values[name] is None}
     missing = [name for name in NEEDED if values[name] is None]
     if missing:
-        said = f"does not state {', '.join(missing)}; a plan needs a rough guess (20 % error is enough): state [nominal], or name a file "
-        raise refused(vehicle, [said + "with --guess", *unstated(stated, Sensors(), TrueActuators())])
+        needed = f"does not state {', '.join(missing)}; a plan needs a rough guess (20 % error is enough): state [nominal], or name a file "
+        raise input_error(vehicle, [needed + "with --guess", *unstated(stated, Sensors(), TrueActuators())])
     body = {name: value for name, value in values.items() if value is not None}
     return configfile.validate(GuessFile, {"body": body}, f"{vehicle.source}: [nominal] and [known] as a guess")
 
 
 def unstated(vehicle: Vehicle, sensors: Sensors, actuators: TrueActuators) -> list[str]:
-    """What neither the vehicle file nor the guess states, and an estimate would find in the log that a plan does not have yet."""
+    """Problems for a plan without a log: noise levels, delay and lag that neither file states, and an estimate would take from the log."""
     levels = {}
     for key, logged in (("gyro_noise_rad_s", sensors.gyro_axes), ("accel_noise_m_s2", sensors.accel_axes)):
-        own = getattr(sensors, key)
+        true_level = getattr(sensors, key)
         if logged:
-            levels[f"imu.{key}"] = getattr(vehicle.imu, key) if own is None else own
-    found = []
-    for level, said in ((None, "not stated"), (0.0, "0")):
-        keys = [key for key, its in levels.items() if its == level]
+            levels[f"imu.{key}"] = getattr(vehicle.imu, key) if true_level is None else true_level
+    problems = []
+    for unusable, description in ((None, "not stated"), (0.0, "0")):
+        keys = [key for key, level in levels.items() if level == unusable]
         if keys:
-            are = f"{' and '.join(keys)} {'is' if len(keys) == 1 else 'are'} {said}"
-            found.append(f"{are}; a plan needs the noise: state one sigma of the mean over a cycle")
+            subject = f"{' and '.join(keys)} {'is' if len(keys) == 1 else 'are'} {description}"
+            problems.append(f"{subject}; a plan needs the noise: state one sigma of the mean over a cycle")
     if vehicle.cycle.command_delay_cycles == "auto" and actuators.delay_cycles is None:
-        found.append('cycle.command_delay_cycles is "auto"; state a number, or actuators.delay_cycles in a guess file')
+        problems.append('cycle.command_delay_cycles is "auto"; state a number, or actuators.delay_cycles in a guess file')
     if vehicle.thrust.lag_s == "auto" and actuators.lag_s is None:
-        found.append('thrust.lag_s is "auto"; state a number, or actuators.lag_s in a guess file')
-    return found
+        problems.append('thrust.lag_s is "auto"; state a number, or actuators.lag_s in a guess file')
+    return problems
 
 
-def refused(vehicle: VehicleSource, problems: Sequence[str]) -> InputError:
-    """All of them in one line."""
+def input_error(vehicle: VehicleSource, problems: Sequence[str]) -> InputError:
+    """One error for all problems of a vehicle file."""
     return InputError(f"{vehicle.source}: {'. Also: '.join(problems)}")
 
 
-def _spread(file: GuessFile, vehicle: VehicleSource) -> Array:
-    """Bodies stretched along axes of their own: ``J' = A J Aᵀ`` for the second moments J = tr(I)/2 − I, which keeps a body a body."""
+def _bodies(file: GuessFile, vehicle: VehicleSource) -> Array:
+    """(G, 10) the guess and random bodies within its spread, SI.
+
+    A random symmetric matrix A deforms the body: its second moments J = tr(I)/2 − I become ``A J Aᵀ``. The result keeps the triangle
+    inequality of principal moments.
+    """
     body, rng = file.body.values, np.random.default_rng(1)
-    found = [body]
+    drawn = []
     for draw in range(DRAWN):
-        stretch = rng.uniform(-1, 1, (3, 3)) / 2
-        # two of the four at the ends of what is stated, as the middle says little of what may happen
-        stretch = (stretch + stretch.T) / 2 * file.spread + np.eye(3) * (1 + (file.spread / 2 if draw % 2 else -file.spread / 2))
+        deformation = rng.uniform(-1, 1, (3, 3)) / 2
+        # alternate between a larger and a smaller body, so that the bodies cover the spread
+        scale = 1 + (file.spread / 2 if draw % 2 else -file.spread / 2)
+        deformation = (deformation + deformation.T) / 2 * file.spread + np.eye(3) * scale
         second = np.trace(tensor(body[:6])) / 2 * np.eye(3) - tensor(body[:6])
-        second = stretch @ second @ stretch.T
+        second = deformation @ second @ deformation.T
         inertia = np.trace(second) * np.eye(3) - second
-        if np.linalg.eigvalsh(inertia)[0] <= 0:  # of a guess that no body has
-            inertia = tensor(body[:6]) * np.trace(stretch) / 3
+        if np.linalg.eigvalsh(inertia)[0] <= 0:  # the guess breaks the triangle inequality
+            inertia = tensor(body[:6]) * np.trace(deformation) / 3
         mass = body[9] * (1 + file.spread * rng.uniform(-1, 1))
-        found.append(np.concatenate([elements(inertia), body[6:9] + rng.uniform(-1, 1, 3) * _cg_spread(file, vehicle), [mass]]))
-    bodies = np.array([body, *sorted(found[1:], key=lambda values: -values[9])])
+        drawn.append(np.concatenate([elements(inertia), body[6:9] + rng.uniform(-1, 1, 3) * _cg_spread(file, vehicle), [mass]]))
+    bodies = np.array([body, *sorted(drawn, key=lambda values: -values[9])])
     bearing = vehicle.vehicle.bearing_mass_kg
     bodies[:, 9] = np.maximum(bodies[:, 9], bearing + (body[9] - bearing) / 2)
     return bodies
 
 
 def _cg_spread(file: GuessFile, vehicle: VehicleSource) -> float:
+    """Largest deviation of a CG coordinate from the guess, m."""
     if file.cg_spread_m is not None:
         return file.cg_spread_m
     body = file.body.values

@@ -1,4 +1,4 @@
-"""What a plan must keep to, and what of it a flight takes."""
+"""Limits of a plan, and how much of each a simulated flight uses."""
 
 from collections.abc import Mapping
 
@@ -10,9 +10,9 @@ from massprop_cli.testbed.motion import to_world, vertical
 from massprop_cli.testbed.simulate import SimulatedFlight
 
 TILT_RAD = 0.5
-"""Of an air bearing, where nothing else is stated: hemispherical ones end between 30 and 45 degrees."""
+"""Default tilt limit on an air bearing: hemispherical bearings allow 30 to 45 degrees (0.52 to 0.79 rad)."""
 RANGE_USED = 0.9
-"""Part of an IMU's range that a plan may take: what is above clips at the next gust."""
+"""Part of an IMU's range that a plan may use; the rest is a margin for disturbances."""
 LIMITS = {
     "impulse_n_s": ("impulse of the jets", "N s"),
     "rate_rad_s": ("body rate", "rad/s"),
@@ -22,51 +22,56 @@ LIMITS = {
     "gyro_rad_s": ("rate about an axis of the gyro", "rad/s"),
     "accel_m_s2": ("specific force along an axis of the accelerometer", "m/s^2"),
 }
-"""Name and unit of each."""
+"""Description and unit of each limit."""
 
 
 def allowed(vehicle: Vehicle, stated: Mapping[str, float]) -> dict[str, float]:
-    """What is stated, what the IMU can show, and on a bearing :data:`TILT_RAD`; of the fastest wheel's speed what is beyond its start."""
-    found, imu = dict(stated), vehicle.imu
+    """The limits of a plan: stated ones, the IMU's ranges, and on a bearing the default tilt.
+
+    A stated wheel speed becomes a limit on its change: the speed minus :func:`fastest_start`.
+    """
+    limits, imu = dict(stated), vehicle.imu
     if vehicle.pivoted:
-        found.setdefault("tilt_rad", TILT_RAD)
-    if "wheel_rad_s" in found:
-        found["wheel_rad_s"] -= fastest_start(vehicle)
+        limits.setdefault("tilt_rad", TILT_RAD)
+    if "wheel_rad_s" in limits:
+        limits["wheel_rad_s"] -= fastest_start(vehicle)
     ranges = {"gyro_rad_s": imu.gyro_range_rad_s, "accel_m_s2": imu.accel_range_m_s2}
-    return found | {name: RANGE_USED * limit for name, limit in ranges.items() if limit}
+    return limits | {name: RANGE_USED * limit for name, limit in ranges.items() if limit}
 
 
 def fastest_start(vehicle: Vehicle) -> float:
-    """Speed of the wheel that begins fastest, rad/s; 0 without wheels."""
+    """Largest initial wheel speed, rad/s; 0 without wheels."""
     return max((abs(wheel.start_rad_s or 0.0) for wheel in vehicle.wheels), default=0.0)
 
 
 def exceeded(used: dict[str, float], limits: dict[str, float]) -> dict[str, float]:
-    """By what factor each limit is passed that is."""
+    """Ratio of use to limit, for each exceeded limit."""
     return {name: used[name] / limit for name, limit in limits.items() if used[name] > limit * (1 + 1e-9)}
 
 
 def used(flight: SimulatedFlight) -> dict[str, float]:
-    """The most that any member of a flight with perfect sensors takes. Travel is that of the IMU, on a bearing or a table level."""
+    """Largest use of each limit over all members of a flight without sensor noise.
+
+    Travel is that of the IMU, and is horizontal except for a free vehicle.
+    """
     record = float(flight.time_s[0])
     attitude = np.moveaxis(flight.attitude_wxyz, -1, 0)
     up = vertical(attitude)
-    # the change of each wheel's speed since the start
-    gained = [flight.turning[f"wheel_{wheel.name}_rad_s"] - (wheel.start_rad_s or 0.0) for wheel in flight.vehicle.wheels]
-    taken = {
+    speed_changes = [flight.turning[f"wheel_{wheel.name}_rad_s"] - (wheel.start_rad_s or 0.0) for wheel in flight.vehicle.wheels]
+    courses = {
         "impulse_n_s": _impulse(flight),
         "rate_rad_s": np.linalg.norm(flight.rate_rad_s, axis=-1),
         "tilt_rad": np.arccos(np.clip((up * up[:, :, :1]).sum(0), -1.0, 1.0)),
         "travel_m": _travel(flight, attitude, record),
-        "wheel_rad_s": np.abs(gained) if gained else np.zeros(1),
+        "wheel_rad_s": np.abs(speed_changes) if speed_changes else np.zeros(1),
         "gyro_rad_s": np.abs(flight.delta_theta_rad) / record,
         "accel_m_s2": np.abs(flight.delta_v_m_s) / record,
     }
-    return {name: float(np.max(values)) for name, values in taken.items()}
+    return {name: float(np.max(values)) for name, values in courses.items()}
 
 
 def _impulse(flight: SimulatedFlight) -> Array:
-    """(S,) N s of all jets, or of the commanded force."""
+    """(S,) total impulse of all jets, or of the commanded force, N s."""
     vehicle = flight.vehicle
     if vehicle.jets:
         return np.asarray(flight.issued[..., : len(vehicle.jets)].sum(1) @ np.linalg.norm(vehicle.jet_wrench[:, 3:], axis=1))
@@ -74,13 +79,16 @@ def _impulse(flight: SimulatedFlight) -> Array:
 
 
 def _travel(flight: SimulatedFlight, attitude: Array, record: float) -> Array:
-    """(S, K) m from the start at which the IMU is, by integrating its specific force in world axes less gravity."""
+    """(S, K) distance of the IMU from its start, m, from the double integral of specific force in world axes.
+
+    The vertical component is omitted unless the vehicle is free, since it contains gravity. ``record`` is the record interval, s.
+    """
     vehicle = flight.vehicle
-    felt = np.moveaxis(flight.delta_v_m_s @ np.array(vehicle.imu.body_from_imu).T, -1, 0) / record
+    specific_force_b = np.moveaxis(flight.delta_v_m_s @ np.array(vehicle.imu.body_from_imu).T, -1, 0) / record
     middle = (attitude[:, :, 1:] + attitude[:, :, :-1]) / 2
-    world = to_world(middle / np.linalg.norm(middle, axis=0), felt)
+    specific_force_w = to_world(middle / np.linalg.norm(middle, axis=0), specific_force_b)
     if vehicle.environment.kind != "free":
-        world[2] = 0.0
-    velocity = np.cumsum(world, -1) * record
-    place = np.cumsum(velocity - world * record / 2, -1) * record
-    return np.asarray(np.linalg.norm(place, axis=0))
+        specific_force_w[2] = 0.0
+    velocity = np.cumsum(specific_force_w, -1) * record
+    position = np.cumsum(velocity - specific_force_w * record / 2, -1) * record
+    return np.asarray(np.linalg.norm(position, axis=0))

@@ -1,4 +1,4 @@
-"""plan.html: the tables of a plan and every sigma against time, complete in itself."""
+"""Self-contained page plan.html: the tables of a plan, and each sigma against time."""
 
 from massprop_cli.base.lazy import markupsafe, ticker
 from massprop_cli.plan import limits as limited
@@ -10,29 +10,30 @@ from massprop_cli.report.figures.panel import Axes, Panel
 from massprop_cli.report.svg import gathered, inline
 
 
-def text(found: PlanFile) -> str:
-    """The page; same plan, same bytes."""
-    told = {name: item for name, item in found.quantities.items() if item.told == "well"}
-    panels = [_panel(found, name, item) for name, item in told.items()]
+def text(plan: PlanFile) -> str:
+    """The text of the page; equal plans give equal bytes."""
+    observable = {name: item for name, item in plan.quantities.items() if item.told == "well"}
+    panels = [_panel(plan, name, item) for name, item in observable.items()]
     drawn = [inline(canvas.render([panel], "svg"), f"plan-{panel.key}", panel.says) for panel in panels]
     page = html.environment().get_template("plan.html.j2")
-    rows = [(name, vocabulary.SYMBOLS[name], table.cells(item), item) for name, item in found.quantities.items()]
+    rows = [(name, vocabulary.SYMBOLS[name], table.cells(item), item) for name, item in plan.quantities.items()]
     content = {
-        "plan": found,
+        "plan": plan,
         "rows": rows,
-        "longer": table.longer(found),
-        "further": {name: table.further(item) for name, item in found.quantities.items()},
-        "taught": table.taught,
-        "limits": [(limited.LIMITS[name][0], table.limit(item)) for name, item in found.limits.items()],
-        "legend": table.legend(found),
-        # our own drawings, with their texts escaped
+        "longer": table.longer(plan),
+        "further": {name: table.further(item) for name, item in plan.quantities.items()},
+        "taught": table.informed,
+        "limits": [(limited.LIMITS[name][0], table.limit(item)) for name, item in plan.limits.items()],
+        "legend": table.legend(plan),
+        # the drawings are safe: canvas.render escapes their texts
         "panels": [markupsafe.Markup(one) for one in drawn],
     }
     return gathered(page.render(content))
 
 
-def _panel(found: PlanFile, name: str, item: QuantityItem) -> Panel:
-    course = [(at, sigma) for at, sigma in zip(found.time_s, found.course[name], strict=True) if sigma is not None]
+def _panel(plan: PlanFile, name: str, item: QuantityItem) -> Panel:
+    """Predicted and wanted sigma of one quantity against time."""
+    course = [(at, sigma) for at, sigma in zip(plan.time_s, plan.course[name], strict=True) if sigma is not None]
 
     def paint(axes: Axes) -> None:
         axes.set_yscale("log")
@@ -42,9 +43,9 @@ def _panel(found: PlanFile, name: str, item: QuantityItem) -> Panel:
         axes.yaxis.set_major_formatter(ticker.FuncFormatter(lambda tick, _: digits.figures(float(tick), 1)))
         axes.yaxis.set_minor_formatter(ticker.NullFormatter())
         axis.heading(axes, f"{vocabulary.SYMBOLS[name]}: sigma", vocabulary.unit(item.unit))
-        axis.time(axes, 0.0, found.duration_s)
-        for number, stretch in enumerate(found.timeline):
-            axes.axvspan(stretch.start_s, stretch.end_s, color=palette.SHADE, alpha=1.0 - 0.6 * (number % 2), zorder=0, linewidth=0)
+        axis.time(axes, 0.0, plan.duration_s)
+        for number, part in enumerate(plan.timeline):
+            axes.axvspan(part.start_s, part.end_s, color=palette.SHADE, alpha=1.0 - 0.6 * (number % 2), zorder=0, linewidth=0)
         axes.plot(*zip(*course, strict=True), color=palette.BLUE, gid=f"{name}-sigma")
         if item.wanted_sigma is not None:
             axes.axhline(item.wanted_sigma, color=palette.GREEN, linestyle=(0, (3, 1.5)), gid=f"{name}-wanted")

@@ -1,4 +1,4 @@
-"""The composed flow: what each motion tells, which are chosen, and the plan flown whole."""
+"""Planning: information of each motion, choice of motions, and simulation of the whole plan."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -9,29 +9,30 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.plan import limits as limited
-from massprop_cli.plan.choose import Criterion, PlanGoal, Tried, choose
-from massprop_cli.plan.motions import LEVELS, Manoeuvre, library
-from massprop_cli.plan.rehearsal import Rehearsal, unheld
+from massprop_cli.plan.choose import Candidate, Criterion, PlanGoal, choose
+from massprop_cli.plan.motions import LEVELS, Manoeuvre, motions_of
+from massprop_cli.plan.rehearsal import Rehearsal, excess_gravity_torque
 from massprop_cli.testbed.timeline import Segment
 
 BLOCK_S, BLOCKS = 3.0, 20
-"""Motions are chosen for blocks of this length, or for a twentieth of the time where that is less."""
-ENOUGH = 0.95
-"""Part of the wanted sigma that is aimed at: seeds and guesses differ by a few per cent."""
+"""Length of a block, s, and smallest number of blocks in the longest plan; a block is the shorter of the two."""
+TARGET = 0.95
+"""Aimed ratio of predicted to wanted sigma; the margin covers differences of a few per cent between seeds and guesses."""
 SEEDS = (1, 2, 3)
-"""Draws of random pulses that limits are checked with."""
+"""Seeds of the random pulses in the check of the limits."""
 ROUNDS = 5
-"""Most attempts at a whole plan."""
+"""Largest number of attempts at a whole plan."""
 SEARCHED = 2
-"""Bodies that single motions are flown with; the whole plan is flown with every one."""
+"""Number of bodies in the simulation of single motions; the simulation of the whole plan includes all bodies."""
 MEMBERS = 12
-"""Bodies flown at once for what they show."""
+"""Number of members in one calculation of information."""
 Say = Callable[[str, float], None]
+"""Report of progress: activity and completed part."""
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """A motion from one cycle to another."""
+class TimelineMotion:
+    """A motion with its start and end, control cycles."""
 
     motion: Manoeuvre
     start: int
@@ -39,56 +40,57 @@ class Stretch:
 
     @property
     def segments(self) -> list[Segment]:
-        """In the scenario's words."""
+        """Segments of the scenario."""
         return self.motion.segments(self.start, self.end)
 
 
 @dataclass(frozen=True)
-class Planned:
-    """A plan that was flown whole, with every body."""
+class SimulatedPlan:
+    """A plan with the results of its simulation with all bodies."""
 
-    stretches: tuple[Stretch, ...]
+    timeline: tuple[TimelineMotion, ...]
     cycles: int
-    wanted: PlanGoal
+    goal: PlanGoal
     information: Array
-    """(G, K, n, n) of every cycle (:meth:`massprop_cli.plan.rehearsal.Rehearsal.information`), in natural sizes."""
+    """(G, K, n, n) information matrix of each cycle (:meth:`massprop_cli.plan.rehearsal.Rehearsal.information`), in natural sizes."""
     used: dict[str, float]
+    """Largest use of each limit over all bodies and seeds."""
     limits: dict[str, float]
-    tried: tuple[Tried, ...]
+    candidates: tuple[Candidate, ...]
     period_s: float
     reached: bool
-    any_impulse: "Planned | None" = None
-    """Where it is not reached: the plan without the limit on the impulse, which shows what that limit costs."""
+    any_impulse: "SimulatedPlan | None" = None
+    """If the goal is not reached: the plan without the impulse limit, which shows the effect of that limit."""
 
     @property
     def duration_s(self) -> float:
-        """Of the whole plan."""
+        """Duration, s."""
         return round(self.cycles * self.period_s, 9)
 
     @property
     def segments(self) -> list[Segment]:
-        """Of the scenario, in order."""
-        return [segment for stretch in self.stretches for segment in stretch.segments]
+        """Segments of the scenario, in order."""
+        return [segment for part in self.timeline for segment in part.segments]
 
     def ratios(self) -> Array:
-        """(K, G, n) of predicted over wanted sigma after every cycle."""
-        return self.wanted.ratios(np.swapaxes(np.cumsum(self.information, 1), 0, 1))
+        """(K, G, n) ratio of predicted to wanted sigma after each cycle."""
+        return self.goal.ratios(np.swapaxes(np.cumsum(self.information, 1), 0, 1))
 
 
 @dataclass(frozen=True)
-class Order:
-    """What is asked of a plan."""
+class PlanTask:
+    """Goal and constraints of a plan."""
 
-    wanted: PlanGoal
+    goal: PlanGoal
     limits: dict[str, float]
     max_cycles: int
     criterion: Criterion
     least_cycles: int
-    """So many updates must be steady before an estimate counts as converged."""
+    """Smallest length; an estimate needs this many cycles to count as converged."""
 
 
-class Trials:
-    """Single motions, each flown once for a block of cycles however often a plan asks: what they take, and what they show."""
+class MotionLibrary:
+    """Simulations of single motions, cached by motion and block length: use of the limits, and information."""
 
     def __init__(self, rehearsal: Rehearsal) -> None:
         self.rehearsal = rehearsal
@@ -100,169 +102,179 @@ class Trials:
         return self.rehearsal.guess.bodies[:SEARCHED]
 
     def used(self, motion: Manoeuvre, block: int) -> dict[str, float]:
-        """What a motion of ``block`` cycles takes of each limit, the most of any body."""
+        """Largest use of each limit by a motion of ``block`` cycles over all bodies."""
         if (motion, block) not in self._flown:
             self._flown[motion, block] = self.rehearsal.flown(motion.segments(0, block), block, self._bodies)
         return self._flown[motion, block][1]
 
-    def open(self, motions: Sequence[Manoeuvre], block: int) -> list[list[Manoeuvre]]:
-        """Those of motions that were flown whose information is not known yet, in groups of what :meth:`examine` takes at once."""
+    def pending(self, motions: Sequence[Manoeuvre], block: int) -> list[list[Manoeuvre]]:
+        """The motions whose information is not calculated, in groups for :meth:`calculate`."""
         some = [motion for motion in motions if (motion, block) not in self._information]
         size = MEMBERS // SEARCHED
         return [some[start : start + size] for start in range(0, len(some), size)]
 
-    def examine(self, motions: Sequence[Manoeuvre], block: int) -> None:
-        """Calculate the information of motions that were flown."""
+    def calculate(self, motions: Sequence[Manoeuvre], block: int) -> None:
+        """Calculate the information of simulated motions."""
         issued = np.concatenate([self._flown[motion, block][0] for motion in motions])
-        told = self.rehearsal.information(block, issued, np.tile(self._bodies, (len(motions), 1))).sum(1)
-        alone = _without_rate(told)
-        for motion, one in zip(motions, alone.reshape(len(motions), SEARCHED, *alone.shape[1:]), strict=True):
+        whole = self.rehearsal.information(block, issued, np.tile(self._bodies, (len(motions), 1))).sum(1)
+        information = _without_rate(whole)
+        for motion, one in zip(motions, information.reshape(len(motions), SEARCHED, *information.shape[1:]), strict=True):
             self._information[motion, block] = one
 
     def information(self, motion: Manoeuvre, block: int) -> Array:
-        """(G, 10 or 11, the same) in natural sizes, where the rate at the start is unknown."""
+        """(G, 10 or 11, 10 or 11) information matrix in natural sizes, with the initial rate eliminated."""
         return self._information[motion, block]
 
 
-def _without_rate(told: Array) -> Array:
-    """(…, 10 or 11, the same) what is told of all else where the rate at the start is unknown: the Schur complement."""
-    rates, rest = slice(10, 13), np.delete(np.arange(told.shape[-1]), slice(10, 13))
-    across, rate = told[..., rest, rates], told[..., rates, rates]
+def _without_rate(information: Array) -> Array:
+    """(…, n − 3, n − 3) information with the initial rate eliminated as a nuisance parameter: the Schur complement of (…, n, n)."""
+    rates, others = slice(10, 13), np.delete(np.arange(information.shape[-1]), slice(10, 13))
+    cross, rate = information[..., others, rates], information[..., rates, rates]
     rate = rate + 1e-12 * np.trace(rate, axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
-    return np.asarray(told[..., rest[:, None], rest] - across @ np.linalg.solve(rate, np.swapaxes(across, -1, -2)))
+    return np.asarray(information[..., others[:, None], others] - cross @ np.linalg.solve(rate, np.swapaxes(cross, -1, -2)))
 
 
-def plan(trials: Trials, order: Order, say: Say) -> Planned:
-    """Choose and fly; :class:`InputError` where no motion keeps the limits."""
-    rehearsal = trials.rehearsal
+def plan(library: MotionLibrary, task: PlanTask, say: Say) -> SimulatedPlan:
+    """Choose motions and simulate the plan; raise :class:`InputError` if no motion is within the limits."""
+    rehearsal = library.rehearsal
     axes = rehearsal.axes
     if not axes:
         raise InputError(
             f"{rehearsal.source}: the actuators cannot drive any axis in both directions without disturbing the others; add jets"
         )
     period = rehearsal.vehicle.cycle.period_s
-    block = max(min(round(BLOCK_S / period), order.max_cycles // BLOCKS), 6 + int(rehearsal.delay_cycles))
-    tight, used = dict.fromkeys(order.limits, 1.0), None
+    block = max(min(round(BLOCK_S / period), task.max_cycles // BLOCKS), 6 + int(rehearsal.delay_cycles))
+    reduction, used = dict.fromkeys(task.limits, 1.0), None
     for _ in range(ROUNDS):
-        tried, least = _tried(trials, order, library(axes, block), block, tight, say)
-        if not tried:
+        candidates, least = _candidates(library, task, motions_of(axes, block), block, reduction, say)
+        if not candidates:
             used = used or least
             break
-        found = _whole(rehearsal, order, tried, block, tight.get("impulse_n_s", 1.0), say)
-        passed = limited.exceeded(found.used, order.limits)
-        if not passed:
-            return found
-        used = found.used
-        tight |= {name: 0.95 * tight[name] / factor for name, factor in passed.items()}
+        simulated = _plan_within_time(rehearsal, task, candidates, block, reduction.get("impulse_n_s", 1.0), say)
+        exceeded = limited.exceeded(simulated.used, task.limits)
+        if not exceeded:
+            return simulated
+        used = simulated.used
+        reduction |= {name: 0.95 * reduction[name] / factor for name, factor in exceeded.items()}
     assert used is not None
-    raise InputError(_unkept(rehearsal, order, used))
+    raise InputError(_limit_message(rehearsal, task, used))
 
 
-def _tried(
-    trials: Trials, order: Order, motions: Sequence[Manoeuvre], block: int, tight: dict[str, float], say: Say
-) -> tuple[list[Tried], dict[str, float]]:
-    """Every motion at the highest level that keeps the limits, with what it tells; and what the gentlest of the others takes."""
-    kept: list[Manoeuvre] = []
+def _candidates(
+    library: MotionLibrary, task: PlanTask, motions: Sequence[Manoeuvre], block: int, reduction: dict[str, float], say: Say
+) -> tuple[list[Candidate], dict[str, float]]:
+    """Each motion at the highest level within the reduced limits, and the least use of the limits by a motion that exceeds them.
+
+    ``reduction``: factor on each limit, since a sequence of motions may use more than each motion alone.
+    """
+    chosen: list[Manoeuvre] = []
     least: dict[str, float] = {}
     for number, motion in enumerate(motions):
         say("flying motions", number / len(motions))
         for level in LEVELS:
             lower = replace(motion, level=level)
-            used = trials.used(lower, block)
-            if not limited.exceeded(used, {name: tight[name] * limit for name, limit in order.limits.items()}):
-                kept.append(lower)
+            used = library.used(lower, block)
+            if not limited.exceeded(used, {name: reduction[name] * limit for name, limit in task.limits.items()}):
+                chosen.append(lower)
                 break
-            least = used if not least or _over(used, order) < _over(least, order) else least
-    groups = trials.open(kept, block)
+            least = used if not least or _largest_ratio(used, task) < _largest_ratio(least, task) else least
+    groups = library.pending(chosen, block)
     for number, group in enumerate(groups):
         say("computing the information of each motion", number / len(groups))
-        trials.examine(group, block)
-    return [Tried(motion, trials.information(motion, block), trials.used(motion, block)) for motion in kept], least
+        library.calculate(group, block)
+    return [Candidate(motion, library.information(motion, block), library.used(motion, block)) for motion in chosen], least
 
 
-def _over(used: dict[str, float], order: Order) -> float:
-    """How many times the limit is taken that is passed farthest."""
-    return max(used[name] / limit for name, limit in order.limits.items())
+def _largest_ratio(used: dict[str, float], task: PlanTask) -> float:
+    """Largest ratio of use to limit."""
+    return max(used[name] / limit for name, limit in task.limits.items())
 
 
-def _unkept(rehearsal: Rehearsal, order: Order, used: dict[str, float]) -> str:
-    worst = max(order.limits, key=lambda name: used[name] / order.limits[name])
-    (name, unit), beyond = limited.LIMITS[worst], unheld(rehearsal)
+def _limit_message(rehearsal: Rehearsal, task: PlanTask, used: dict[str, float]) -> str:
+    """Message that even the gentlest motion exceeds a limit, with a remedy."""
+    worst = max(task.limits, key=lambda name: used[name] / task.limits[name])
+    (name, unit), excess = limited.LIMITS[worst], excess_gravity_torque(rehearsal)
     remedy = "Raise the limit, or correct the guess"
-    if beyond is not None:
-        torque, full = beyond
+    if excess is not None:
+        torque, full = excess
         command = " (massprop balance, with a log in which the table swings while its wheels turn)" if rehearsal.vehicle.on_pedestal else ""
         remedy = (
             f"With the guess, gravity torque on the table is up to {torque:.3g} N m, and its wheels give {full:.3g} N m. Balance it "
             f"first{command}, or raise the limit"
         )
     return (
-        f"{rehearsal.source}: no motion keeps the limit of {order.limits[worst]:.4g} {unit} on the {name}; "
+        f"{rehearsal.source}: no motion keeps the limit of {task.limits[worst]:.4g} {unit} on the {name}; "
         f"the gentlest takes {used[worst]:.3g} {unit}. {remedy}"
     )
 
 
-def _whole(rehearsal: Rehearsal, order: Order, tried: Sequence[Tried], block: int, thrifty: float, say: Say) -> Planned:
-    """As many blocks as it takes, flown whole with every body, and cut where all that is wanted is reached."""
-    few = replace(order.wanted, bodies=order.wanted.bodies[:SEARCHED])
-    most, enough = order.max_cycles // block, ENOUGH
-    budget = thrifty * order.limits.get("impulse_n_s", np.inf)
+def _plan_within_time(
+    rehearsal: Rehearsal, task: PlanTask, candidates: Sequence[Candidate], block: int, reduction: float, say: Say
+) -> SimulatedPlan:
+    """Choose and simulate increasing numbers of blocks until the goal is reached, then shorten the plan.
 
-    def fits(chosen: Sequence[int]) -> bool:
-        return sum(tried[i].used["impulse_n_s"] for i in chosen) <= budget
+    ``reduction``: factor on the impulse limit.
+    """
+    searched = replace(task.goal, bodies=task.goal.bodies[:SEARCHED])
+    most, enough = task.max_cycles // block, TARGET
+    budget = reduction * task.limits.get("impulse_n_s", np.inf)
+
+    def allowed(chosen: Sequence[int]) -> bool:
+        return sum(candidates[i].used["impulse_n_s"] for i in chosen) <= budget
 
     chosen: list[int] = []
     upto = most
-    cheapest = int(np.argmin([one.used["impulse_n_s"] for one in tried]))
+    cheapest = int(np.argmin([one.used["impulse_n_s"] for one in candidates]))
     for attempt in range(ROUNDS):
         say("flying the plan", attempt / ROUNDS)
-        chosen = choose(tried, few, order.criterion, upto, enough, fits, chosen)
-        found = _flown(rehearsal, order, tried, chosen, block)
-        worst = float(found.ratios()[-1].max())
-        if worst <= ENOUGH or len(chosen) >= most or not fits([*chosen, cheapest]):
+        chosen = choose(candidates, searched, task.criterion, upto, enough, allowed, chosen)
+        simulated = _simulated(rehearsal, task, candidates, chosen, block)
+        worst = float(simulated.ratios()[-1].max())
+        if worst <= TARGET or len(chosen) >= most or not allowed([*chosen, cheapest]):
             break
-        # information grows with the time; the last attempt takes all of it
-        longer = max(len(chosen) + 1, round(len(chosen) * (worst / ENOUGH) ** 2 + 0.5))
+        # information is proportional to time; the last attempt uses all the time
+        longer = max(len(chosen) + 1, round(len(chosen) * (worst / TARGET) ** 2 + 0.5))
         upto, enough = most if attempt == ROUNDS - 2 else min(most, longer), 0.0
-    return _cut(rehearsal, order, found)
+    return _shortened(rehearsal, task, simulated)
 
 
-def _flown(rehearsal: Rehearsal, order: Order, tried: Sequence[Tried], chosen: Sequence[int], block: int) -> Planned:
-    stretches: list[Stretch] = []
+def _simulated(rehearsal: Rehearsal, task: PlanTask, candidates: Sequence[Candidate], chosen: Sequence[int], block: int) -> SimulatedPlan:
+    """Simulate the chosen blocks with all bodies; blocks of one motion are consecutive."""
+    timeline: list[TimelineMotion] = []
     for number in sorted(dict.fromkeys(chosen), key=list(chosen).index):
-        start = stretches[-1].end if stretches else 0
-        stretches.append(Stretch(tried[number].motion, start, start + block * list(chosen).count(number)))
-    least, end = min(order.least_cycles, order.max_cycles), stretches[-1].end
-    if end < least and "impulse_n_s" in order.limits:
-        stretches.append(Stretch(Manoeuvre("hold", (), held=stretches[-1].motion.held), end, least))
-    stretches[-1] = replace(stretches[-1], end=max(stretches[-1].end, least))
-    segments, cycles = [segment for stretch in stretches for segment in stretch.segments], stretches[-1].end
+        start = timeline[-1].end if timeline else 0
+        timeline.append(TimelineMotion(candidates[number].motion, start, start + block * list(chosen).count(number)))
+    least, end = min(task.least_cycles, task.max_cycles), timeline[-1].end
+    if end < least and "impulse_n_s" in task.limits:
+        timeline.append(TimelineMotion(Manoeuvre("hold", (), held=timeline[-1].motion.held), end, least))
+    timeline[-1] = replace(timeline[-1], end=max(timeline[-1].end, least))
+    segments, cycles = [segment for part in timeline for segment in part.segments], timeline[-1].end
     bodies = rehearsal.guess.bodies
     issued, used = rehearsal.flown(segments, cycles, bodies, SEEDS)
-    told = rehearsal.information(cycles, issued[: len(bodies)], bodies)
+    information = rehearsal.information(cycles, issued[: len(bodies)], bodies)
     if any(segment.motion == "random" for segment in segments):
-        # what is told of the guess is the mean over draws of its pulses
-        drawn = issued[len(bodies) :: len(bodies)]
-        again = rehearsal.information(cycles, drawn, np.repeat(bodies[:1], len(drawn), 0))
-        told[0] = np.concatenate([told[:1], again]).mean(0)
-    # an estimate begins with the first cycle whose command is known
-    told[:, : int(np.ceil(rehearsal.delay_cycles))] = 0.0
-    return Planned(
-        tuple(stretches), cycles, order.wanted, told, used, order.limits, tuple(tried), rehearsal.vehicle.cycle.period_s, reached=False
-    )
+        # the guess takes the mean information over the seeds of the random pulses
+        other_seeds = issued[len(bodies) :: len(bodies)]
+        of_other_seeds = rehearsal.information(cycles, other_seeds, np.repeat(bodies[:1], len(other_seeds), 0))
+        information[0] = np.concatenate([information[:1], of_other_seeds]).mean(0)
+    # an estimate starts with the first cycle whose executed command is in the log
+    information[:, : int(np.ceil(rehearsal.delay_cycles))] = 0.0
+    period = rehearsal.vehicle.cycle.period_s
+    return SimulatedPlan(tuple(timeline), cycles, task.goal, information, used, task.limits, tuple(candidates), period, reached=False)
 
 
-def _cut(rehearsal: Rehearsal, order: Order, found: Planned) -> Planned:
-    """Where every ratio is small enough, and as many updates as an estimate takes to converge."""
-    worst = found.ratios().max((1, 2))
+def _shortened(rehearsal: Rehearsal, task: PlanTask, simulated: SimulatedPlan) -> SimulatedPlan:
+    """End the plan when all ratios reach the target, but not before the smallest length of the task."""
+    worst = simulated.ratios().max((1, 2))
     reached = bool(worst[-1] <= 1)
-    enough = np.flatnonzero(worst <= ENOUGH)
+    enough = np.flatnonzero(worst <= TARGET)
     if not len(enough):
-        return replace(found, reached=reached)
-    cycles = min(max(int(enough[0]) + 1, order.least_cycles), found.cycles)
-    stretches = tuple(replace(s, end=min(s.end, cycles)) for s in found.stretches if s.start < cycles)
-    used = found.used
-    if cycles < found.cycles:
-        segments = [segment for stretch in stretches for segment in stretch.segments]
+        return replace(simulated, reached=reached)
+    cycles = min(max(int(enough[0]) + 1, task.least_cycles), simulated.cycles)
+    timeline = tuple(replace(part, end=min(part.end, cycles)) for part in simulated.timeline if part.start < cycles)
+    used = simulated.used
+    if cycles < simulated.cycles:
+        segments = [segment for part in timeline for segment in part.segments]
         used = rehearsal.flown(segments, cycles, rehearsal.guess.bodies, SEEDS)[1]
-    return replace(found, stretches=stretches, cycles=cycles, information=found.information[:, :cycles], used=used, reached=reached)
+    information = simulated.information[:, :cycles]
+    return replace(simulated, timeline=timeline, cycles=cycles, information=information, used=used, reached=reached)

@@ -1,4 +1,4 @@
-"""Motions flown in software before they are flown: what they tell of every body that the vehicle may be, and what they take."""
+"""Simulation of motions before the test: their information about each body within the guess's spread, and their use of the limits."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,7 +13,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.actuators.actuator import called
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.plan.guess import Guess, refused, unstated
+from massprop_cli.plan.guess import Guess, input_error, unstated
 from massprop_cli.plan.limits import used
 from massprop_cli.testbed import bound, exchange, mission
 from massprop_cli.testbed.conditions import Control
@@ -23,20 +23,21 @@ from massprop_cli.testbed.simulate import MemberChange, fly
 from massprop_cli.testbed.timeline import AXES, TURNS, Axis, Segment
 
 BANDWIDTH, PHASE = 1.0, 0.15
-"""rad/s of the attitude hold, and the most that delay, half a cycle and lag may turn its phase (rad): it stays well damped."""
+"""Largest bandwidth of the attitude hold, rad/s, and largest phase loss at it from delay, 1.5 cycles and lag, rad, for good damping."""
 
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """A vehicle, what it is guessed to be, and the attitude hold that it is flown with."""
+    """Model for the simulations of a plan: vehicle, guess and attitude hold."""
 
     vehicle: Vehicle
     guess: Guess
     control: Control
     source: str
+    """Path of the file that states the guess."""
 
     def scenario(self, segments: Sequence[Segment], cycles: int, name: str = "plan") -> ScenarioSource:
-        """The scenario of these segments; :class:`InputError` where vehicle and guess can't be flown."""
+        """The scenario of these segments; raise :class:`InputError` if vehicle and guess do not give a valid one."""
         content: dict[str, Any] = {
             "schema": 1,
             "name": name,
@@ -54,17 +55,20 @@ class Rehearsal:
             raise InputError(f"{self.source}: {error.errors()[0]['msg'].removeprefix('Value error, ')}") from None
 
     def flown(self, segments: Sequence[Segment], cycles: int, bodies: Array, seeds: Sequence[int] = (1,)) -> tuple[Array, dict[str, float]]:
-        """Commands issued (S, K, C) and what is taken, by each of (G, 10) bodies for each seed in turn, with perfect sensors."""
+        """Issued commands (S, K, C), and the largest use of each limit, without sensor noise.
+
+        The S members are all ``bodies`` (G, 10) with the first seed, then all with the second, and so on.
+        """
         source = bound.noise_free(self.scenario(segments, cycles))
-        every = np.tile(bodies, (len(seeds), 1))
-        change = MemberChange(bound.as_bodies(every), np.zeros((3, len(every))))
+        members = np.tile(bodies, (len(seeds), 1))
+        change = MemberChange(bound.as_bodies(members), np.zeros((3, len(members))))
         flight = fly(source, np.repeat(seeds, len(bodies)).tolist(), changes={0: change}, fine=False)
         return flight.issued, used(flight)
 
     def information(self, cycles: int, issued: Array, bodies: Array) -> Array:
-        """(S, K, 13 or 14, the same) of :func:`massprop_cli.testbed.bound.information`; the last is the scale of the thrust.
+        """(S, K, 13 or 14, 13 or 14) information matrix of each cycle (:func:`massprop_cli.testbed.bound.information`).
 
-        With momentum devices the log tells that scale, as in an estimate; else it adds to the sigmas
+        With momentum devices, the 14th parameter is the thrust scale, which the log informs. Without, the thrust scale adds to the sigmas
         (:meth:`massprop_cli.plan.choose.PlanGoal.covariance`).
         """
         scale = np.array([[0.0, 0.0, 0.0, self.vehicle.thrust.scale_sigma]])
@@ -72,31 +76,31 @@ class Rehearsal:
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """Axes that the actuators can drive both ways without disturbing the others."""
-        found = mission.allocation(self.scenario((), 10 + int(self.delay_cycles)))
-        driven = [0.0 not in found.largest(i, self.by_wheels and axis in TURNS) for i, axis in enumerate(AXES)]
+        """Axes that the actuators can drive in both directions without disturbing the others."""
+        allocation = mission.allocation(self.scenario((), 10 + int(self.delay_cycles)))
+        driven = [0.0 not in allocation.largest(i, self.by_wheels and axis in TURNS) for i, axis in enumerate(AXES)]
         return tuple(axis for axis, both in zip(AXES, driven, strict=True) if both)  # type: ignore[misc]
 
     @property
     def by_wheels(self) -> bool:
-        """Whether the vehicle turns by what stores momentum alone."""
+        """Whether only momentum devices give the vehicle torque."""
         return turned_by_wheels_alone(self.vehicle, self.guess.file.actuators)
 
     @property
-    def point_untold(self) -> bool:
-        """Whether commanded torques may be about O or about the CG: nothing states it."""
+    def wrench_point_unknown(self) -> bool:
+        """Whether the vehicle file does not state if commanded torques are about O or about the CG."""
         commanded = not (self.vehicle.jets or self.vehicle.rotors or self.by_wheels)
         return commanded and "wrench_point_m" not in self.vehicle.thrust.model_fields_set
 
     @property
     def delay_cycles(self) -> float:
-        """From command to execution."""
-        own = self.guess.file.actuators.delay_cycles
-        return own if own is not None else float(self.vehicle.cycle.command_delay_cycles)
+        """Delay from command to execution, control cycles: of the guess, else of the vehicle file."""
+        guessed = self.guess.file.actuators.delay_cycles
+        return guessed if guessed is not None else float(self.vehicle.cycle.command_delay_cycles)
 
 
 def rehearsal(vehicle: VehicleSource, guess: Guess, off: Sequence[str] = ()) -> Rehearsal:
-    """With the jets that are off left out; :class:`InputError` where there is nothing to drive the vehicle, or no noise to plan against."""
+    """The model without the jets ``off``; raise :class:`InputError` without usable actuators or without noise levels."""
     stated = vehicle.vehicle
     unknown = [name for name in off if name not in [jet.name for jet in stated.jets]]
     if unknown:
@@ -125,56 +129,59 @@ def rehearsal(vehicle: VehicleSource, guess: Guess, off: Sequence[str] = ()) -> 
         )
     lacking = unstated(stated, guess.file.sensors, limits)
     if lacking:
-        raise refused(vehicle, lacking)
-    kept = stated.model_copy(update={"jets": jets, "phases": (), "docking": None, "columns": {}})
-    if stated.thrust.failures:  # of another log
-        kept = kept.model_copy(update={"thrust": stated.thrust.model_copy(update={"failures": ()})})
-    return Rehearsal(kept, guess, _control(kept, guess), guess.source)
+        raise input_error(vehicle, lacking)
+    planned = stated.model_copy(update={"jets": jets, "phases": (), "docking": None, "columns": {}})
+    if stated.thrust.failures:  # they are of another log
+        planned = planned.model_copy(update={"thrust": stated.thrust.model_copy(update={"failures": ()})})
+    return Rehearsal(planned, guess, _control(planned, guess), guess.source)
 
 
 def _control(vehicle: Vehicle, guess: Guess) -> Control:
-    """Critically damped attitude hold: ``D = 2 ω I``, ``K = 2 (ω² I + m g s)``, slow beside delay and lag.
+    """Critically damped attitude hold with gains D = 2 ω I on the rate and K = 2 (ω² I + m g s) on the quaternion's vector part.
 
-    q_vec is half an angle; m g s is what gravity turns the body away with where its CG lies off an air bearing.
+    K has the factor 2 because the vector part is half the angle. m g s is the largest gravity torque of a CG off the pivot. ω is low enough
+    for the delay and the lag.
     """
     period = vehicle.cycle.period_s
-    real = guess.file.actuators
-    delay = float(vehicle.cycle.command_delay_cycles) if real.delay_cycles is None else real.delay_cycles
-    lag = vehicle.thrust.stated_lag_s if real.lag_s is None else real.lag_s
+    true_actuators = guess.file.actuators
+    delay = float(vehicle.cycle.command_delay_cycles) if true_actuators.delay_cycles is None else true_actuators.delay_cycles
+    lag = vehicle.thrust.stated_lag_s if true_actuators.lag_s is None else true_actuators.lag_s
     bandwidth = min(BANDWIDTH, PHASE / ((delay + 1.5) * period + lag))
     inertia = np.diag(guess.file.body.inertia)
-    topple_n_m = np.linalg.norm(_pull(vehicle, guess.file.body.values))
-    rate, attitude = 2 * bandwidth * inertia, 2 * (bandwidth**2 * inertia + topple_n_m)
+    gravity_n_m = np.linalg.norm(_weight_moment(vehicle, guess.file.body.values))
+    rate, attitude = 2 * bandwidth * inertia, 2 * (bandwidth**2 * inertia + gravity_n_m)
     return Control(rate_gain_n_m_s=_rounded(rate), attitude_gain_n_m=_rounded(attitude))
 
 
 def _rounded(values: Array) -> tuple[float, float, float]:
+    """Three values to three significant digits, for a readable scenario file."""
     x, y, z = (float(f"{value:.3g}") for value in values)
     return x, y, z
 
 
-def _pull(vehicle: Vehicle, body: Array) -> Array:
-    """(…, 3) weight of bodies (…, 10) times the place of their CG from the pivot, N m; 0 where there is none."""
+def _weight_moment(vehicle: Vehicle, body: Array) -> Array:
+    """(…, 3) weight times the CG's position from the pivot for bodies (…, 10), N m; 0 without a pivot."""
     environment = vehicle.environment
     weight = (body[..., 9:] - environment.bearing_mass_kg) * environment.gravity_m_s2 * vehicle.pivoted
     return np.asarray(weight * (body[..., 6:9] - environment.bearing_position_m))
 
 
-def unheld(rehearsal: Rehearsal) -> tuple[float, float] | None:
-    """The torque [N m] of a table's weight as a log begins that its wheels can't hold, and what they hold; None where they can."""
+def excess_gravity_torque(rehearsal: Rehearsal) -> tuple[float, float] | None:
+    """Initial gravity torque of a table and the smaller full torque of its wheels, N m; None if the wheels can hold the table."""
     vehicle = rehearsal.vehicle
     down = -vertical(np.array(vehicle.environment.initial_attitude_wxyz))
-    torque = np.abs(np.cross(_pull(vehicle, rehearsal.guess.bodies), down)).max(0)
+    torque = np.abs(np.cross(_weight_moment(vehicle, rehearsal.guess.bodies), down)).max(0)
     full = exchange.full(vehicle, rehearsal.guess.file.actuators)
     axis = int(np.argmax(torque - full))
     return (float(torque[axis]), float(full[axis])) if rehearsal.by_wheels and torque[axis] > full[axis] else None
 
 
 SEEDS = (1, 2)
+"""Seeds of the estimated logs of a plan."""
 
 
-def uncounted(vehicle: Vehicle) -> list[str]:
-    """Keys of the vehicle file that widen sigmas and are no noise of the IMU: the bound doesn't count them."""
+def outside_bound(vehicle: Vehicle) -> list[str]:
+    """Vehicle-file keys of uncertainties that increase an estimate's sigmas, but are not in the Cramér–Rao bound of the IMU noise."""
     stated = {
         "environment.disturbance_torque_n_m": vehicle.environment.disturbance_torque_n_m,
         "environment.disturbance_walk_n_m": vehicle.environment.disturbance_walk_n_m,
@@ -191,13 +198,13 @@ def uncounted(vehicle: Vehicle) -> list[str]:
     return [key for key, value in stated.items() if value > 0]
 
 
-def beyond_bound(rehearsal: Rehearsal, segments: Sequence[Segment], cycles: int, bound: Array) -> Array:
-    """(10,) sigmas of estimates, rms over :data:`SEEDS`, over the ``bound`` (10,), at least 1; 1 where it says nothing."""
+def bound_ratio(rehearsal: Rehearsal, segments: Sequence[Segment], cycles: int, bound: Array) -> Array:
+    """(10,) ratio of the sigmas of estimates to the Cramér–Rao ``bound`` (10,): rms over :data:`SEEDS`, at least 1, and 1 if not finite."""
     source = rehearsal.scenario(segments, cycles)
     flight = fly(source, SEEDS)
-    found = []
+    ratios = []
     for member in range(len(SEEDS)):
-        estimated = flow.examine(flight.log(member), VehicleSource(flight.vehicle, rehearsal.source, ""))
-        found.append(np.sqrt(np.diag(estimated.conclusions[0].bare[1])) / bound)
-    ratio = np.sqrt((np.array(found) ** 2).mean(0))
+        analysis = flow.examine(flight.log(member), VehicleSource(flight.vehicle, rehearsal.source, ""))
+        ratios.append(np.sqrt(np.diag(analysis.conclusions[0].bare[1])) / bound)
+    ratio = np.sqrt((np.array(ratios) ** 2).mean(0))
     return np.asarray(np.where(np.isfinite(ratio), np.maximum(ratio, 1.0), 1.0))

@@ -8,7 +8,7 @@ import pytest
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.require import precise
 from massprop_cli.plan import flow
-from massprop_cli.plan.flow import Asked
+from massprop_cli.plan.flow import PlanRequest
 from massprop_cli.testbed import output, scenario
 
 
@@ -19,8 +19,8 @@ def test_a_cg_that_may_be_where_torques_are_about_is_not_promised(more: str, cg_
     (tmp_path / "vehicle.toml").write_text(f"schema = 1\nname = 'wrench'\n{sensors}{more}")
     body = f"[body]\nixx = 0.02\niyy = 0.03\nizz = 0.04\nmass = 2.0\ncg_x = {cg_x}\n"
     (tmp_path / "guess.toml").write_text(f"{body}[actuators]\nmax_torque_n_m = [0.05, 0.05, 0.05]\nmax_force_n = [2.0, 2.0, 2.0]\n")
-    asked = Asked(precise("cg_x 2 mm, mass 5 %"), max_time_s=1.0)
-    made = flow.make(tmp_path / "vehicle.toml", tmp_path / "guess.toml", asked, lambda *_: None)
+    options = PlanRequest(precise("cg_x 2 mm, mass 5 %"), max_time_s=1.0)
+    made = flow.make(tmp_path / "vehicle.toml", tmp_path / "guess.toml", options, lambda *_: None)
     assert made.exit_code == exit_code
     assert made.plan.quantities["mass"].reached_at_s is not None
     said = "the CG is at O if commanded torques are about O, and is unknown if they are about the CG; state thrust.wrench_point_m"
@@ -36,9 +36,9 @@ def test_a_table_that_its_wheels_can_not_hold_level_is_to_be_balanced_first(cg_x
     (tmp_path / "vehicle.toml").write_text(output.vehicle_toml(scenario.load("pedestal").scenario.vehicle))
     body = f"[body]\nixx = 0.32\niyy = 0.36\nizz = 0.41\ncg_x = {cg_x}\ncg_z = 0.019\nmass = 12.0\n"
     (tmp_path / "guess.toml").write_text(f"spread = 0.0\ncg_spread_m = 0.0\n{body}[actuators]\nmax_wheel_torque_n_m = 0.02\n")
-    asked = Asked(precise("ixx 1 %"), max_time_s=12.0, limits={"tilt_rad": 0.2})
+    options = PlanRequest(precise("ixx 1 %"), max_time_s=12.0, limits={"tilt_rad": 0.2})
     with pytest.raises(InputError) as refused:
-        flow.make(tmp_path / "vehicle.toml", tmp_path / "guess.toml", asked, lambda *_: None)
+        flow.make(tmp_path / "vehicle.toml", tmp_path / "guess.toml", options, lambda *_: None)
     found = re.search(r"gentlest takes ([\d.]+) rad\. .* by up to ([\d.]+) N m, and its wheels give 0\.02 N m\. (.*)", str(refused.value))
     assert found is not None
     assert float(found[1]) > 0.2

@@ -17,8 +17,8 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.require import precise
 from massprop_cli.inputs.vehiclefile import VehicleSource, parse
 from massprop_cli.plan import flow, guess, limits, motions, rehearsal
-from massprop_cli.plan.choose import Criterion, PlanGoal, Tried, choose
-from massprop_cli.plan.flow import Asked, WrittenPlan
+from massprop_cli.plan.choose import Candidate, Criterion, PlanGoal, choose
+from massprop_cli.plan.flow import PlanRequest, WrittenPlan
 from massprop_cli.testbed import bound, output, scenario, simulate
 from tests import cramerrao
 from tests.commandline import massprop, succeeded
@@ -55,8 +55,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def made(folder: Path) -> WrittenPlan:
-    asked = Asked(precise(WANT), max_time_s=6.0, limits={"rate_rad_s": 0.4, "travel_m": 1.0})
-    return flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None)
+    options = PlanRequest(precise(WANT), max_time_s=6.0, limits={"rate_rad_s": 0.4, "travel_m": 1.0})
+    return flow.make(folder / "vehicle.toml", folder / "guess.toml", options, lambda *_: None)
 
 
 def test_information_adds_up_to_the_bound() -> None:
@@ -70,11 +70,11 @@ def test_information_adds_up_to_the_bound() -> None:
     np.testing.assert_allclose(sigma, np.sqrt(np.diag(whole)), rtol=1e-6)
 
 
-def synthetic(seed: int, count: int) -> list[Tried]:
+def synthetic(seed: int, count: int) -> list[Candidate]:
     rng = np.random.default_rng(seed)
     roots = rng.standard_normal((count, 10, 4)) * 10.0 ** rng.uniform(0, 2, (count, 1, 1))
     told = roots @ roots.transpose(0, 2, 1)
-    return [Tried(motions.Manoeuvre("steady", ("x",), level=0.5), one[None], {"impulse_n_s": 1.0 + i}) for i, one in enumerate(told)]
+    return [Candidate(motions.Manoeuvre("steady", ("x",), level=0.5), one[None], {"impulse_n_s": 1.0 + i}) for i, one in enumerate(told)]
 
 
 @pytest.mark.parametrize("criterion", get_args(Criterion))
@@ -119,7 +119,7 @@ def test_a_steady_push_takes_what_mechanics_says() -> None:
 
 def test_the_bodies_that_a_vehicle_may_be_are_bodies_within_the_spread() -> None:
     source = parse(vehicle_text(), "vehicle.toml")
-    bodies = guess._spread(guess.GuessFile(body=BODY), source)
+    bodies = guess._bodies(guess.GuessFile(body=BODY), source)
     assert np.array_equal(bodies[0], BODY.values)
     assert (np.diff(bodies[1:, 9]) <= 0).all()
     for body in bodies[1:]:
@@ -160,8 +160,8 @@ def test_what_is_predicted_is_what_the_plans_own_logs_give(made: WrittenPlan) ->
 @pytest.mark.thorough
 def test_what_no_bound_counts_is_in_what_is_predicted(folder: Path) -> None:
     settings = ("thrust.pulse_sigma=0.03", "environment.disturbance_torque_n_m=0.002", "thrust.scale_sigma=0.01")
-    asked = Asked(precise("ixx 2 %, mass 5 %"), max_time_s=6.0, off=all_but("divert_x", "roll", "pitch", "yaw"))
-    made = flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None, settings)
+    options = PlanRequest(precise("ixx 2 %, mass 5 %"), max_time_s=6.0, off=all_but("divert_x", "roll", "pitch", "yaw"))
+    made = flow.make(folder / "vehicle.toml", folder / "guess.toml", options, lambda *_: None, settings)
     assert made.plan.reached
     assert made.plan.beyond_bound["ixx"] > 2
     ratio, errors, _ = flown(made, [4, 5, 6, 7])
@@ -184,14 +184,14 @@ def test_the_course_falls_to_what_is_predicted(made: WrittenPlan) -> None:
     assert made.plan.timeline[-1].end_s == made.plan.duration_s
 
 
-def by_momentum(folder: Path, name: str, asked: Asked) -> tuple[WrittenPlan, simulate.SimulatedFlight]:
+def by_momentum(folder: Path, name: str, options: PlanRequest) -> tuple[WrittenPlan, simulate.SimulatedFlight]:
     """A plan for a packaged vehicle that turns by what it stores, and two flights of it."""
     source = scenario.load(name).scenario
     full = {key: value for key, value in source.actuators.model_dump().items() if key.startswith("max_") and value is not None}
     values = dict(zip(QUANTITIES, source.truth.values.tolist(), strict=True))
     (folder / "vehicle.toml").write_text(vehicle_text(name))
     (folder / "guess.toml").write_text(configfile.toml({"body": values, "actuators": full}))
-    made = flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None)
+    made = flow.make(folder / "vehicle.toml", folder / "guess.toml", options, lambda *_: None)
     return made, simulate.fly(scenario.parse(made.scenario, "scenario.toml", ()), (1, 2))
 
 
@@ -201,7 +201,7 @@ def by_momentum(folder: Path, name: str, asked: Asked) -> tuple[WrittenPlan, sim
 def test_motions_by_what_stores_momentum_are_planned_and_give_what_is_predicted(name: str, tmp_path: Path) -> None:
     """Wheels begin with up to 200 rad/s, and are not to pass 260."""
     made, flight = by_momentum(
-        tmp_path, name, Asked(precise("ixx 0.3 %, iyy 0.3 %, izz 0.3 %"), max_time_s=8.0, limits={"wheel_rad_s": 260.0})
+        tmp_path, name, PlanRequest(precise("ixx 0.3 %, iyy 0.3 %, izz 0.3 %"), max_time_s=8.0, limits={"wheel_rad_s": 260.0})
     )
     assert made.plan.reached
     predicted = {quantity: item.sigma for quantity, item in made.plan.quantities.items()}
@@ -218,10 +218,10 @@ def test_motions_by_what_stores_momentum_are_planned_and_give_what_is_predicted(
 
 @pytest.mark.thorough
 def test_wheels_beside_jets_stand_while_these_are_planned(folder: Path) -> None:
-    asked = Asked(precise("mass 5 %"), max_time_s=2.0, off=all_but("divert_x"))
+    options = PlanRequest(precise("mass 5 %"), max_time_s=2.0, off=all_but("divert_x"))
     vehicle, body = folder / "vehicle.toml", folder / "guess.toml"
     uncertain = "thrust.scale_sigma=0.3"
-    made, without = (flow.make(vehicle, body, asked, lambda *_: None, (uncertain, *own)).plan for own in ((f"wheels=[{WHEEL}]",), ()))
+    made, without = (flow.make(vehicle, body, options, lambda *_: None, (uncertain, *own)).plan for own in ((f"wheels=[{WHEEL}]",), ()))
     assert "the wheels keep their initial speed: the plan moves the vehicle by jets or a wrench" in made.notes
     assert made.quantities["mass"].sigma == pytest.approx(without.quantities["mass"].sigma, rel=0.02)
 
@@ -250,8 +250,8 @@ def test_stored_momentum_calibrates_the_thrust_as_the_cramer_rao_bound_says(
 @pytest.mark.thorough
 @pytest.mark.seeds
 def test_a_precision_that_stored_momentum_makes_possible_is_planned(folder: Path) -> None:
-    asked = Asked(precise("mass 5 %"), max_time_s=4.0, off=all_but("divert_x", "roll", "pitch"))
-    made = flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None, turning_wheel(300.0))
+    options = PlanRequest(precise("mass 5 %"), max_time_s=4.0, off=all_but("divert_x", "roll", "pitch"))
+    made = flow.make(folder / "vehicle.toml", folder / "guess.toml", options, lambda *_: None, turning_wheel(300.0))
     assert made.plan.reached
     ratio, errors, _ = flown(made, [4])
     assert ratio[0, 9] == pytest.approx(1.0, abs=0.1)
@@ -273,8 +273,8 @@ def test_a_precision_out_of_reach_exits_4_with_the_best_and_what_limits_it(folde
 
 
 def test_a_common_uncertainty_of_the_thrust_is_named_as_what_no_time_mends(folder: Path) -> None:
-    asked = Asked(precise("mass 1 %"), max_time_s=1.0, off=all_but("divert_x"))
-    made = flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None, ("thrust.scale_sigma=0.02",))
+    options = PlanRequest(precise("mass 1 %"), max_time_s=1.0, off=all_but("divert_x"))
+    made = flow.make(folder / "vehicle.toml", folder / "guess.toml", options, lambda *_: None, ("thrust.scale_sigma=0.02",))
     assert made.exit_code == 4
     assert "thrust.scale_sigma keeps it above ± 0.44 kg for any duration: weigh the vehicle" in made.plan.limited_by
 
@@ -318,16 +318,16 @@ def test_a_vehicle_file_without_nominal_values_asks_for_a_guess(folder: Path) ->
 def test_a_guess_that_no_body_is_like_is_told(folder: Path, made: WrittenPlan) -> None:
     values = dict(zip(QUANTITIES, BODY.values.tolist(), strict=True)) | {"izz": 2 * float(BODY.ixx + BODY.iyy)}
     (folder / "flat.toml").write_text("[body]\n" + "\n".join(f"{name} = {value!r}" for name, value in values.items()))
-    asked = Asked(precise("mass 20 %"), max_time_s=1.0, off=all_but("divert_x"))
-    told = flow.make(folder / "vehicle.toml", folder / "flat.toml", asked, lambda *_: None).plan.notes
+    options = PlanRequest(precise("mass 20 %"), max_time_s=1.0, off=all_but("divert_x"))
+    told = flow.make(folder / "vehicle.toml", folder / "flat.toml", options, lambda *_: None).plan.notes
     assert [note for note in told if "triangle inequality" in note]
     assert not [note for note in made.plan.notes if "triangle inequality" in note]
 
 
 def test_failures_are_of_another_log(folder: Path, tmp_path: Path) -> None:
     assigned = ('thrust.failures=[{jet="roll_p1", start_s=1.0}]',)
-    asked = Asked(precise("mass 20 %"), max_time_s=1.0, off=all_but("divert_x"))
-    planned = flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None, assigned)
+    options = PlanRequest(precise("mass 20 %"), max_time_s=1.0, off=all_but("divert_x"))
+    planned = flow.make(folder / "vehicle.toml", folder / "guess.toml", options, lambda *_: None, assigned)
     assert [note for note in planned.plan.notes if "ignore thrust.failures, which belong to another log" in note]
     (tmp_path / "scenario.toml").write_text(planned.scenario)
     assert not scenario.load(str(tmp_path / "scenario.toml")).scenario.failures
@@ -346,29 +346,31 @@ def test_an_axis_that_no_jet_serves_is_not_planned(folder: Path) -> None:
 @pytest.mark.thorough
 def test_a_vehicle_that_can_not_hold_its_roll_is_planned_with_what_it_can_do(folder: Path) -> None:
     off = all_but("yaw", "divert_x")
-    made = flow.make(folder / "vehicle.toml", folder / "guess.toml", Asked(precise("mass 20 %"), max_time_s=1.0, off=off), lambda *_: None)
+    made = flow.make(
+        folder / "vehicle.toml", folder / "guess.toml", PlanRequest(precise("mass 20 %"), max_time_s=1.0, off=off), lambda *_: None
+    )
     axes = {axis for segment in scenario.parse(made.scenario, "scenario.toml").scenario.plan for axis in segment.driven}
     assert "yaw" in axes
     assert not axes & {"roll", "z"}
 
 
 @pytest.mark.parametrize(
-    ("asked", "said", "option"),
+    ("options", "said", "option"),
     [
         (
-            Asked(precise("mass 1 %"), 1.0, limits={"impulse_n_s": 0.5}, off=all_but("divert_x")),
+            PlanRequest(precise("mass 1 %"), 1.0, limits={"impulse_n_s": 0.5}, off=all_but("divert_x")),
             "with 0.5 N s; about ",
             "(--max-impulse, --max-time)",
         ),
         (
-            Asked(precise("mass 1 %"), 1.0, limits={"travel_m": 1e-3}, off=all_but("divert_x", "divert_y")),
+            PlanRequest(precise("mass 1 %"), 1.0, limits={"travel_m": 1e-3}, off=all_but("divert_x", "divert_y")),
             "with the limit on the travel; about ",
             "(--max-time)",
         ),
     ],
 )
-def test_the_limit_that_keeps_a_precision_from_being_reached_is_named(asked: Asked, said: str, option: str, folder: Path) -> None:
-    made = flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None)
+def test_the_limit_that_keeps_a_precision_from_being_reached_is_named(options: PlanRequest, said: str, option: str, folder: Path) -> None:
+    made = flow.make(folder / "vehicle.toml", folder / "guess.toml", options, lambda *_: None)
     assert said in made.plan.limited_by
     assert made.plan.limited_by.endswith(option)
     assert all(item.allowed is None or item.used <= item.allowed for item in made.plan.limits.values())
@@ -379,8 +381,8 @@ def test_the_impulse_that_is_named_reaches_the_precision(folder: Path) -> None:
     wants, off, slow = precise("mass 10 %"), all_but("divert_x", "divert_y"), {"rate_rad_s": 2.0}
 
     def planned(impulse_n_s: float) -> WrittenPlan:
-        asked = Asked(wants, 2.0, limits=slow | {"impulse_n_s": impulse_n_s}, off=off)
-        return flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None)
+        options = PlanRequest(wants, 2.0, limits=slow | {"impulse_n_s": impulse_n_s}, off=off)
+        return flow.make(folder / "vehicle.toml", folder / "guess.toml", options, lambda *_: None)
 
     short = planned(1.0).plan
     found = re.search(r"in ([\d.]+) s at worst, ([\d.]+) times .* with 1 N s; about ([\d.]+) N s would reach it", short.limited_by)

@@ -10,7 +10,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan import guess
 from massprop_cli.plan.motions import Manoeuvre
-from massprop_cli.plan.planner import Trials
+from massprop_cli.plan.planner import MotionLibrary
 from massprop_cli.plan.rehearsal import Rehearsal, rehearsal
 from massprop_cli.testbed import bound, output, scenario, simulate
 from tests.commandline import massprop
@@ -33,7 +33,7 @@ def test_a_motion_is_flown_and_examined_once(monkeypatch: pytest.MonkeyPatch) ->
     """Each attempt at a plan asks for all motions again, most of them at the level of the attempt before."""
     sample = scenario.load("free-flyer").scenario
     known = guess.Guess(guess.GuessFile(body=sample.truth), "guess.toml", sample.truth.values[None] * np.ones((2, 1)))
-    trials = Trials(rehearsal(VehicleSource(sample.vehicle, "vehicle.toml", ""), known))
+    library = MotionLibrary(rehearsal(VehicleSource(sample.vehicle, "vehicle.toml", ""), known))
     push, turn = Manoeuvre("steady", ("x",)), Manoeuvre("steady", ("roll",))
     flown: list[str] = []
     plain_flown, plain_information = Rehearsal.flown, Rehearsal.information
@@ -50,16 +50,16 @@ def test_a_motion_is_flown_and_examined_once(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(Rehearsal, "information", examine)
     for motions in ([push], [push, turn], [turn]):
         for motion in motions:
-            assert trials.used(motion, 12)["impulse_n_s"] > 0
-        for group in trials.open(motions, 12):
-            trials.examine(group, 12)
+            assert library.used(motion, 12)["impulse_n_s"] > 0
+        for group in library.pending(motions, 12):
+            library.calculate(group, 12)
     assert flown == ["flown", "examined"] * 2
-    apart = Trials(trials.rehearsal)
+    apart = MotionLibrary(library.rehearsal)
     apart.used(turn, 12)
     apart.used(push, 12)
-    apart.examine([turn, push], 12)
+    apart.calculate([turn, push], 12)
     for motion in (push, turn):
-        np.testing.assert_array_equal(trials.information(motion, 12), apart.information(motion, 12))
+        np.testing.assert_array_equal(library.information(motion, 12), apart.information(motion, 12))
 
 
 def test_all_that_a_drafted_vehicle_file_leaves_open_is_asked_for_at_once(tmp_path: Path) -> None:
