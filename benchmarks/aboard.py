@@ -27,7 +27,7 @@ from massprop_cli.estimate.kernelflight import VERDICTS, cycles_of
 from massprop_cli.export import resolve
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.live.cycles import RecordedCycle
-from massprop_cli.live.legs import Completed, Legs
+from massprop_cli.live.estimator import CycleEstimate, FlightEstimator
 from massprop_cli.model.kernelargs import StatusError
 
 VEHICLES = ("jets", "wrench", "bearing", "docking", "noisy", "canted")
@@ -84,18 +84,18 @@ def told(fault: str, vehicle: str, seed: int) -> Told | None:
     return Told(fault, vehicle, bool(off[-1:].any()), bool(silent[-1]), bool(judged[-1]), bool(judged.any()), float(silent.mean()))
 
 
-def _flown(case: Case, name: str) -> Iterator[Completed]:
+def _flown(case: Case, name: str) -> Iterator[CycleEstimate]:
     log = case.log
-    legs = Legs(resolve.stated(VehicleSource(case.vehicle, name, ""), log.command_kind == "jets"))
+    estimator = FlightEstimator(resolve.stated(VehicleSource(case.vehicle, name, ""), log.command_kind == "jets"))
     whole = slice(0, log.cycles)
     for end_s, numbers in zip(log.cycle_end_s, cycles_of(log, whole, whole), strict=True):
-        yield from legs.add(RecordedCycle(float(end_s), numbers.copy()))
-    yield from legs.last()
+        yield from estimator.add(RecordedCycle(float(end_s), numbers.copy()))
+    yield from estimator.last()
 
 
-def _of_one(done: Completed, case: Case) -> tuple[BoolArray, BoolArray, BoolArray]:
+def _of_one(done: CycleEstimate, case: Case) -> tuple[BoolArray, BoolArray, BoolArray]:
     """(10,) whether each value is wrong, is called converged, and is contradicted after a cycle."""
-    values, sigmas, verdicts = done.found.values[-1], done.found.sigmas[-1], done.found.verdicts[-1]
+    values, sigmas, verdicts = done.reported.values[-1], done.reported.sigmas[-1], done.reported.verdicts[-1]
     true = np.array([body.values for body in _now(case, done.end_s)])
     trace = np.abs(true[:, [0, 3, 5]]).sum(1).min()
     sizes = np.repeat([trace, np.sqrt(trace / np.abs(true[:, 9]).max()), np.abs(true[:, 9]).min()], [6, 3, 1])

@@ -9,7 +9,7 @@ import numpy as np
 from script import commit, counted
 
 from massprop_cli import QUANTITIES, __version__
-from massprop_cli.live.legs import OnboardEstimator
+from massprop_cli.live.estimator import OnboardEstimator
 from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.simulate import SimulatedFlight
 

@@ -248,16 +248,16 @@ def built(where: Path, flags: list[str]) -> Kernel:
     return Kernel(opened(library), " ".join(flags))
 
 
-def samples() -> Iterator[tuple[str, resolve.Constants]]:
+def samples() -> Iterator[tuple[str, resolve.FlightConstants]]:
     """The sample logs with a truth."""
     for name in ("free-flyer", "docking", "high-rate", "air-bearing"):
         log = SAMPLES / name / "log.parquet"
-        yield name, resolve.told(vehiclefile.load(log.with_name("vehicle.toml")), log)
+        yield name, resolve.from_log(vehiclefile.load(log.with_name("vehicle.toml")), log)
 
 
 def ends(of: Kernel) -> list[tuple[np.ndarray, np.ndarray]]:
     """Values and sigmas at the end of each phase."""
-    return [last(found, leg, of) for _, found in samples() for leg in found.legs]
+    return [last(found, leg, of) for _, found in samples() for leg in found.phases]
 
 
 def precision(where: Path) -> None:
@@ -267,7 +267,7 @@ def precision(where: Path) -> None:
     print("| log | phase | rms, double | rms, single | ratio | largest change |\n|---|---|--:|--:|--:|---|")
     for name, found in samples():
         truth = json.loads((SAMPLES / name / "truth.json").read_text())["phases"]
-        for number, leg in enumerate(found.legs):
+        for number, leg in enumerate(found.phases):
             ends = [last(found, leg, of) for of in (kernel(), single)]
             true = np.array([truth[number][q] for q in QUANTITIES])
             z = [(end[0] - true) / ends[0][1] for end in ends]
@@ -279,7 +279,7 @@ def precision(where: Path) -> None:
     print()
 
 
-def last(found: resolve.Constants, leg: resolve.Leg, of: Kernel) -> tuple[np.ndarray, np.ndarray]:
+def last(found: resolve.FlightConstants, leg: resolve.PhaseConstants, of: Kernel) -> tuple[np.ndarray, np.ndarray]:
     """Values and sigmas at the end of a phase."""
     assert found.log is not None
     flight = kernelflight.Flight(found.commands, leg.vehicle, leg.rule, of)
@@ -296,7 +296,7 @@ def main() -> None:
     print(f"The tables: `python benchmarks/kernel.py --longest {longest} > docs/kernel.md`, commit {commit()}, massprop {__version__}.\n")
     with tempfile.TemporaryDirectory() as place:
         where, log = Path(place) / "free-flyer", SAMPLES / "free-flyer" / "log.parquet"
-        folder.write(resolve.told(vehiclefile.load(log.with_name("vehicle.toml")), log), where)
+        folder.write(resolve.from_log(vehiclefile.load(log.with_name("vehicle.toml")), log), where)
         costs(where, longest)
         health(where, longest)
         answers()

@@ -30,7 +30,7 @@ def export_flight(
     from massprop_cli.inputs import vehiclefile
 
     source = vehiclefile.load(vehicle, assign or [])
-    resolved = resolve.stated(source) if log is None else resolve.told(source, log)
+    resolved = resolve.stated(source) if log is None else resolve.from_log(source, log)
     names = folder.write(resolved, out)
     if not quiet:
         say(f"{len(names)} files written to {out}; make test there{'' if log is not None else ' builds them (no log, so no vector)'}")

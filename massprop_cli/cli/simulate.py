@@ -46,7 +46,7 @@ def simulate(
     """
     import numpy as np
 
-    from massprop_cli.live.legs import OnboardEstimator
+    from massprop_cli.live.estimator import OnboardEstimator
     from massprop_cli.testbed import output
     from massprop_cli.testbed import scenario as scenarios
 

@@ -1,4 +1,4 @@
-"""Constants of a flight: the vehicle with all values resolved, phase by phase."""
+"""Constants of a flight: the vehicle with numbers for all values, for each phase."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +28,7 @@ FILTERS = ("gyro_filter", "accel_filter")
 
 
 class GyroAttitude(NamedTuple):
-    """Measurement model in flight: the attitude is integrated from the gyro."""
+    """Inputs of the measurement model in flight, where the gyro gives the attitude."""
 
     kernel_effect: KernelEffect | None
     pulsed: bool
@@ -37,14 +37,15 @@ class GyroAttitude(NamedTuple):
 
 
 class FlownRecords(NamedTuple):
-    """IMU records in flight."""
+    """Properties of the IMU records in flight."""
 
     sampled: tuple[bool, bool]
     """Whether gyro and accelerometer record samples, not means."""
     interval_s: Array
+    """(1,) record interval, s."""
 
 
-class Leg(NamedTuple):
+class PhaseConstants(NamedTuple):
     """Constants of one phase."""
 
     name: str
@@ -54,24 +55,26 @@ class Leg(NamedTuple):
     """Kernel arguments by :func:`massprop_cli.estimate.kernelflight.rule_of`."""
     cycles: slice
     """Cycles of the log; empty without one."""
-    own: Resolved
+    resolved: Resolved
     """Vehicle with the known values of this phase."""
 
 
-class Constants(NamedTuple):
+class FlightConstants(NamedTuple):
     """Constants of a flight."""
 
     vehicle: Vehicle
     commands: Array
     """Kernel arguments by :func:`massprop_cli.estimate.kernelflight.commands_of`."""
-    legs: tuple[Leg, ...]
+    phases: tuple[PhaseConstants, ...]
     log: Log | None
+    """Log of the test vector."""
 
 
-def stated(source: VehicleSource, jets: bool | None = None, records: int = 0) -> Constants:
-    """Constants from a vehicle file; :class:`InputError` if it leaves values to a log.
+def stated(source: VehicleSource, jets: bool | None = None, records: int = 0) -> FlightConstants:
+    """Constants from a vehicle file alone; raise :class:`InputError` if it does not state all values.
 
-    ``jets``: whether commands are on-times of jets; None: decided by the vehicle. ``records``: IMU records per control cycle, 0: unknown.
+    ``jets``: whether commands are on-times of jets; None: as the vehicle's actuators imply. ``records``: IMU records per control cycle,
+    0: unknown.
     """
     vehicle, sampled = source.vehicle, source.vehicle.imu.measures == "sample"
     if sampled and not records:
@@ -100,61 +103,68 @@ def stated(source: VehicleSource, jets: bool | None = None, records: int = 0) ->
     timing = stated_timing(vehicle)
     recorded = FlownRecords((sampled, sampled), np.array([vehicle.cycle.period_s / max(records, 1)]))
     used = _checked(source, recorded, vehicle, timing, vehicle.cycle.period_s)
-    legs = tuple(
-        _leg(name, recorded, own, slice(0, 0))
-        for name, own in [(phase.name, used.in_phase(phase)) for phase in used.phases] or [("all", used)]
+    phases = tuple(
+        _phase(name, recorded, in_phase, slice(0, 0))
+        for name, in_phase in [(phase.name, used.in_phase(phase)) for phase in used.phases] or [("all", used)]
     )
-    alone = bool(vehicle.spinning) or vehicle.on_pedestal
-    by_jets = bool(vehicle.jets) or alone if jets is None else jets
-    return Constants(vehicle, kernelflight.commands_of(recorded, by_jets, vehicle, timing, max(records, 1)), legs, None)
+    without_wrench = bool(vehicle.spinning) or vehicle.on_pedestal
+    by_jets = bool(vehicle.jets) or without_wrench if jets is None else jets
+    return FlightConstants(vehicle, kernelflight.commands_of(recorded, by_jets, vehicle, timing, max(records, 1)), phases, None)
 
 
-def told(source: VehicleSource, log_path: Path) -> Constants:
-    """Constants with the noise levels, disturbances and timing that a log shows, and the log."""
+def from_log(source: VehicleSource, log_path: Path) -> FlightConstants:
+    """Constants with the noise levels, disturbances and timing estimated from a log; raise :class:`InputError` if it is not suitable."""
     table = logfile.read_table(log_path)
     wheels = tuple(wheel.model_copy(update={"between_counts": False}) for wheel in source.vehicle.wheels)
     source = replace(source, vehicle=source.vehicle.model_copy(update={"wheels": wheels}))
     with np.errstate(all="ignore"):
-        found = flow.examine(telemetry.read(table, source.vehicle), source)
-    if found.log.command_s is not None:
+        analysis = flow.examine(telemetry.read(table, source.vehicle), source)
+    if analysis.log.command_s is not None:
         raise InputError(f"{log_path}: its commands have their own times, but the kernel needs commands per control cycle; give such a log")
-    log, vehicle = found.samples.log, _exactly(source.vehicle, found.vehicle)
+    log, vehicle = analysis.samples.log, _exact_timing(source.vehicle, analysis.vehicle)
     shortest = float(log.interval_s.reshape(-1, log.records_per_cycle).sum(1).min())
-    used = _checked(source, log, vehicle, found.timing, shortest)
-    commands = kernelflight.commands_of(log, log.command_kind == "jets", vehicle, found.timing, log.records_per_cycle)
-    legs = tuple(_leg(history.phase.name, log, used.in_phase(history.phase), history.cycles) for history in found.histories)
-    return Constants(vehicle, commands, legs, log)
+    used = _checked(source, log, vehicle, analysis.timing, shortest)
+    commands = kernelflight.commands_of(log, log.command_kind == "jets", vehicle, analysis.timing, log.records_per_cycle)
+    phases = tuple(_phase(history.phase.name, log, used.in_phase(history.phase), history.cycles) for history in analysis.histories)
+    return FlightConstants(vehicle, commands, phases, log)
 
 
-def _leg(name: str, recorder: Recorder, vehicle: Resolved, cycles: slice) -> Leg:
+def _phase(name: str, recorder: Recorder, vehicle: Resolved, cycles: slice) -> PhaseConstants:
+    """Constants of a phase in which the vehicle has these known values."""
     # on a pedestal the motion does not depend on the mass
-    own = vehicle.model_copy(update={"known": {}}) if vehicle.on_pedestal else vehicle
-    carried = GyroAttitude(kernel_effect(recorder, own), own.thrust.pulse_sigma > 0, free_inertia(1, own))
-    return Leg(name, compiled.vehicle_numbers(carried, own), _rule(own), cycles, own)
+    resolved = vehicle.model_copy(update={"known": {}}) if vehicle.on_pedestal else vehicle
+    attitude = GyroAttitude(kernel_effect(recorder, resolved), resolved.thrust.pulse_sigma > 0, free_inertia(1, resolved))
+    return PhaseConstants(name, compiled.vehicle_numbers(attitude, resolved), _rule(resolved), cycles, resolved)
 
 
-def _exactly(stated: Vehicle, found: Vehicle) -> Vehicle:
-    """Vehicle with the log's delay, lag and low-passes, exact unless stated with a sigma; the kernel estimates the gyro bias."""
+def _exact_timing(stated: Vehicle, estimated: Vehicle) -> Vehicle:
+    """The vehicle with the log's delay, lag and low-passes as exact values; a stated value keeps its stated sigma.
+
+    The gyro bias stays as stated, since the kernel estimates it.
+    """
     delay, lag, imu = stated.cycle, stated.thrust, stated.imu
     cycle = {"command_delay_sigma_cycles": 0.0 if delay.command_delay_cycles == "auto" else delay.command_delay_sigma_cycles}
     thrust = {"lag_sigma_s": 0.0 if lag.lag_s == "auto" else lag.lag_sigma_s}
-    filters = {name: _exact(getattr(imu, name), getattr(found.imu, name)) for name in FILTERS}
+    filters = {name: _exact(getattr(imu, name), getattr(estimated.imu, name)) for name in FILTERS}
     parts = {
-        "cycle": found.cycle.model_copy(update=cycle),
-        "thrust": found.thrust.model_copy(update=thrust),
-        "imu": found.imu.model_copy(update={"gyro_bias_rad_s": imu.gyro_bias_rad_s, **filters}),
+        "cycle": estimated.cycle.model_copy(update=cycle),
+        "thrust": estimated.thrust.model_copy(update=thrust),
+        "imu": estimated.imu.model_copy(update={"gyro_bias_rad_s": imu.gyro_bias_rad_s, **filters}),
     }
-    return found.model_copy(update=parts)
+    return estimated.model_copy(update=parts)
 
 
-def _exact(stated: LowPass | None, found: LowPass | None) -> LowPass | None:
-    if found is None:
+def _exact(stated: LowPass | None, estimated: LowPass | None) -> LowPass | None:
+    """The estimated low-pass with the stated sigmas; 0 if the vehicle file does not state it completely."""
+    if estimated is None:
         return None
-    as_shown = stated is None or stated.open
-    return found.model_copy(update={name: 0.0 if as_shown else getattr(stated, name) for name in ("cutoff_sigma_hz", "latency_sigma_s")})
+    unstated = stated is None or stated.open
+    sigmas = ("cutoff_sigma_hz", "latency_sigma_s")
+    return estimated.model_copy(update={name: 0.0 if unstated else getattr(stated, name) for name in sigmas})
 
 
 def _checked(source: VehicleSource, recorder: Recorder, vehicle: Vehicle, timing: Timing, shortest_s: float) -> Resolved:
+    """The resolved vehicle; raise :class:`InputError` if the kernel does not support it. ``shortest_s``: shortest control cycle, s."""
     used = Resolved.stated(vehicle)
     problem = kernelargs.unsupported(vehicle) or kernelflight.unsupported(recorder, vehicle, timing, shortest_s)
     if vehicle.cycle.command_delay_sigma_cycles > 0 or vehicle.thrust.lag_sigma_s > 0:
@@ -177,6 +187,7 @@ def _checked(source: VehicleSource, recorder: Recorder, vehicle: Vehicle, timing
 
 
 def _rule(vehicle: Vehicle) -> Array:
+    """Kernel arguments of the convergence rule."""
     settings = vehicle.convergence
     relative = settings.relative is not False
     inertia, cg, mass = (tolerance_of(kind, getattr(settings, f"{kind}_tolerance"), relative) for kind in ("inertia", "cg", "mass"))

@@ -1,1 +1,1 @@
-"""The estimate while records arrive: each is read, kept and estimated from before the next is waited for."""
+"""Estimation of a live stream: massprop reads, stores and processes each record before it waits for the next one."""

@@ -1,4 +1,4 @@
-"""Standard input to estimates, cycle by cycle, and to a recording that is estimated in the end."""
+"""Flow of ``massprop live``: standard input to an estimate after each cycle, and to a recording for the final estimate."""
 
 import json
 import math
@@ -16,18 +16,19 @@ from massprop_cli.estimate import kernelflight
 from massprop_cli.export import resolve
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.kernel import kernel
-from massprop_cli.live.cycles import Gatherer, RecordedCycle
-from massprop_cli.live.legs import Completed, Legs
+from massprop_cli.live.cycles import CycleAssembler, RecordedCycle
+from massprop_cli.live.estimator import CycleEstimate, FlightEstimator
 from massprop_cli.live.records import RecordError, StreamReader
 from massprop_cli.model.kernelargs import StatusError
 
-KEPT = "massprop gives no values from here on, but records all data and estimates at the end"
+ONLY_RECORDING = "massprop gives no values from here on, but records all data and estimates at the end"
 
 
 def follow(lines: Iterable[str], source: VehicleSource, keep: Callable[[str], object], warn: Callable[[str], None]) -> Iterator[str]:
-    """A line of JSON for each estimated cycle; ``keep`` gets lines of CSV, ``warn`` what is left out.
+    """Yield a line of JSON after each estimated cycle.
 
-    :class:`InputError` where nothing can begin, or be kept. Where values can't go on, what comes is kept all the same.
+    ``keep`` receives the lines of the recording, ``warn`` the messages. Raise :class:`InputError` if the estimate cannot begin. After a
+    later problem, the function only records.
     """
     if kernel().library is None:
         raise InputError(f"massprop live needs the compiled kernel, but {kernel().name} runs here; install a C compiler and massprop again")
@@ -41,85 +42,90 @@ def follow(lines: Iterable[str], source: VehicleSource, keep: Callable[[str], ob
     except RecordError as error:
         raise InputError(f"standard input, line {number}: {error}; begin with the names of all columns, or with a JSON object") from None
     columns = reader.columns
-    gatherer = Gatherer(columns, source.vehicle.cycle.period_s)
+    assembler = CycleAssembler(columns, source.vehicle.cycle.period_s)
 
     @cache
-    def live() -> Legs:
-        return Legs(resolve.stated(source, columns.jets, gatherer.records))
+    def estimator() -> FlightEstimator:
+        return FlightEstimator(resolve.stated(source, columns.jets, assembler.records))
 
     keep(reader.header)
     for at, line in chain([(number, first)] if reader.is_json else [], numbered):
-        yield from _one(at, line, reader, gatherer, live, keep, warn)
-    yield from _flown(gatherer.started(), gatherer, live, warn)
-    yield from map(_line, live().last() if gatherer.records and not gatherer.ended else [])
+        yield from _one(at, line, reader, assembler, estimator, keep, warn)
+    yield from _estimated(assembler.start(), assembler, estimator, warn)
+    yield from map(_line, estimator().last() if assembler.records and not assembler.ended else [])
 
 
 def _one(
     number: int,
     line: str,
     reader: StreamReader,
-    gatherer: Gatherer,
-    live: Callable[[], Legs],
+    assembler: CycleAssembler,
+    estimator: Callable[[], FlightEstimator],
     keep: Callable[[str], object],
     warn: Callable[[str], None],
 ) -> Iterator[str]:
+    """Process one line; leave out an invalid record, and only record after an unusable one."""
     try:
-        found = reader.read(line)
-        cycles = gatherer.add(found)
+        record = reader.read(line)
+        cycles = assembler.add(record)
     except RecordError as error:
         warn(f"standard input, line {number}: left out: {error}")
         return
     except InputError as error:
-        if not gatherer.records:
+        if not assembler.records:
             raise
-        cycles = gatherer.end(found.time_s)
-        warn(f"{error}; {KEPT}")
-    keep(found.row)
-    yield from _flown(cycles, gatherer, live, warn)
+        cycles = assembler.end(record.time_s)
+        warn(f"{error}; {ONLY_RECORDING}")
+    keep(record.row)
+    yield from _estimated(cycles, assembler, estimator, warn)
 
 
-def _flown(cycles: Iterable[RecordedCycle], gatherer: Gatherer, live: Callable[[], Legs], warn: Callable[[str], None]) -> Iterator[str]:
+def _estimated(
+    cycles: Iterable[RecordedCycle], assembler: CycleAssembler, estimator: Callable[[], FlightEstimator], warn: Callable[[str], None]
+) -> Iterator[str]:
+    """Estimate some cycles; end the estimate at a cycle that the kernel refuses."""
     for cycle in cycles:
-        if cycle.lacking:
+        if cycle.command_lost:
             warn(
                 f"standard input: a record before {cycle.end_s:.9g} s is missing, with its commands; values of this phase are contradicted "
                 "from here on, because they would use a wrong command"
             )
         try:
-            yield from map(_line, live().add(cycle))
+            yield from map(_line, estimator().add(cycle))
         except StatusError as error:
-            warn(f"standard input: the cycle to {cycle.end_s:.9g} s cannot be used ({error}); {KEPT}")
-            gatherer.end(cycle.end_s)
+            warn(f"standard input: the cycle to {cycle.end_s:.9g} s cannot be used ({error}); {ONLY_RECORDING}")
+            assembler.end(cycle.end_s)
             return
 
 
-def _line(completed: Completed) -> str:
-    """The line of JSON of a cycle."""
-    found = completed.found
+def _line(estimate: CycleEstimate) -> str:
+    """The line of JSON of an estimate."""
+    reported = estimate.reported
+    names = ABOUT_PIVOT if estimate.about_pivot else QUANTITIES
     estimates = {
         name: {
-            "value": _said(value),
-            "sigma": _said(sigma),
-            "verdict": "contradicted" if completed.lacking and math.isfinite(value) else kernelflight.VERDICTS[int(verdict)],
+            "value": _finite(value),
+            "sigma": _finite(sigma),
+            "verdict": "contradicted" if estimate.command_lost and math.isfinite(value) else kernelflight.VERDICTS[int(verdict)],
         }
-        for name, value, sigma, verdict in zip(
-            ABOUT_PIVOT if completed.about_pivot else QUANTITIES, found.values[-1], found.sigmas[-1], found.verdicts[-1], strict=False
-        )
+        for name, value, sigma, verdict in zip(names, reported.values[-1], reported.sigmas[-1], reported.verdicts[-1], strict=False)
     }
-    key = "about_pivot" if completed.about_pivot else "estimates"
-    return json.dumps({"time_s": completed.end_s, "phase": completed.phase, key: estimates})
+    key = "about_pivot" if estimate.about_pivot else "estimates"
+    return json.dumps({"time_s": estimate.end_s, "phase": estimate.phase, key: estimates})
 
 
-def _said(value: float) -> float | None:
+def _finite(value: float) -> float | None:
+    """The value, None if it is not finite."""
     return float(value) if math.isfinite(value) else None
 
 
 RECORDED = "record.csv"
+"""Name of the recording."""
 
 
 @contextmanager
 def recording(folder: Path) -> Iterator[Callable[[str], None]]:
-    """A function that keeps a line in record.csv whole; :class:`InputError` where a recording is there, or no room for one."""
+    """A function that appends a complete line to record.csv; raise :class:`InputError` if the file exists or cannot be written."""
     path = folder / RECORDED
     with ExitStack() as stack:
         with files.writing(path):
@@ -138,6 +144,7 @@ def recording(folder: Path) -> Iterator[Callable[[str], None]]:
 
 
 def _keep(file: BinaryIO, path: Path, line: bytes) -> None:
+    """Append a line, or restore the file's length and raise :class:`InputError` if it cannot be written."""
     whole = file.tell()
     try:
         while line:

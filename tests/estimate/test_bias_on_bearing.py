@@ -172,7 +172,7 @@ def test_on_board_the_estimate_frees_the_attitude_of_the_bias(bias: float, most:
     truth, flight = flown(2, *settings(bias), *NOISELESS)
     resolved = resolve.stated(VehicleSource(flight.vehicle, "", ""))
     for k in range(2):
-        log, leg = flight.log(k), resolved.legs[0]
+        log, leg = flight.log(k), resolved.phases[0]
         whole = slice(0, log.cycles)
         said = kernelflight.Flight(resolved.commands, leg.vehicle, leg.rule).step(kernelflight.cycles_of(log, whole, whole), last=True)
         assert np.abs((said.values[-1] - truth) / said.sigmas[-1]).max() < most

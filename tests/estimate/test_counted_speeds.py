@@ -113,7 +113,7 @@ def test_on_board_a_count_is_all_that_is_known_yet(tmp_path: Path) -> None:
     """The noise with which a flight of the same vehicle starts is that of counts: an estimate on board waits for no later change."""
     made, source = recorded(1, RPM)
     pd.DataFrame(made).to_parquet(tmp_path / "log.parquet")
-    on_board = resolve.told(source, tmp_path / "log.parquet").vehicle.imu.gyro_noise_rad_s
+    on_board = resolve.from_log(source, tmp_path / "log.parquet").vehicle.imu.gyro_noise_rad_s
     on_ground = estimated(1, RPM).vehicle.imu.gyro_noise_rad_s
     assert on_board is not None
     assert on_ground is not None

@@ -84,7 +84,7 @@ def test_on_board_a_weighed_mass_does_the_same() -> None:
     flight, heavier = simulate.fly(source, [1]), 1.01 * source.scenario.truth.values[9]
     vehicle = vehiclefile.changed(flight.vehicle, (f"known.mass={{value={heavier}, sigma=1e-4}}",))
     log, resolved = flight.log(0), resolve.stated(VehicleSource(vehicle, "", ""))
-    leg, whole = resolved.legs[0], slice(0, log.cycles)
+    leg, whole = resolved.phases[0], slice(0, log.cycles)
     said = kernelflight.Flight(resolved.commands, leg.vehicle, leg.rule).step(kernelflight.cycles_of(log, whole, whole), last=True)
     (told,) = flow.examine(log, VehicleSource(vehicle, "", "")).histories
     np.testing.assert_allclose(said.values[-1], told.values[-1], atol=1e-6 * told.sigmas[-1].min())

@@ -289,7 +289,7 @@ def test_on_board_it_says_the_nine_cycle_by_cycle(kind: anypedestal.Kind, biases
         log = anypedestal.log_of(rng, own, body, flown, used, noise, biases)
         exact = tuple(f"wheels.{number}.speed_step_rad_s=0.0" for number in range(len(used.wheels)))
         resolved = resolve.stated(VehicleSource(vehiclefile.changed(used, exact), "", ""))
-        flight = kernelflight.Flight(resolved.commands, resolved.legs[0].vehicle, resolved.legs[0].rule)
+        flight = kernelflight.Flight(resolved.commands, resolved.phases[0].vehicle, resolved.phases[0].rule)
         whole = slice(0, log.cycles)
         answers.append(flight.step(kernelflight.cycles_of(log, whole, whole), last=True))
     values, sigmas = (np.array([getattr(said, part)[-1, :9] for said in answers]) for part in ("values", "sigmas"))

@@ -45,7 +45,7 @@ int main(void) {
 
 def exported(name: str, out: Path, *assignments: str) -> Path:
     source = vehiclefile.load(SAMPLES / name / "vehicle.toml", assignments)
-    folder.write(resolve.told(source, SAMPLES / name / "log.parquet"), out)
+    folder.write(resolve.from_log(source, SAMPLES / name / "log.parquet"), out)
     return out
 
 
@@ -152,7 +152,7 @@ def test_what_no_sample_log_has_flies_its_vector_under_the_sanitizers(scenario: 
     settings = [word for setting in chosen for word in ("--set", setting)]
     assert massprop(tmp_path, "simulate", scenario, "--out", "flight", "-q", *settings).returncode == 0
     source = vehiclefile.load(tmp_path / "flight" / "vehicle.toml", [])
-    folder.write(resolve.told(source, tmp_path / "flight" / "log.parquet"), tmp_path / "out")
+    folder.write(resolve.from_log(source, tmp_path / "flight" / "log.parquet"), tmp_path / "out")
     assert make(tmp_path / "out", "sanitized").returncode == 0
     assert flies_its_vector(tmp_path / "out", "sanitized")
 
@@ -194,7 +194,7 @@ def test_the_vector_ends_with_what_result_json_says(tmp_path: Path) -> None:
     log = SAMPLES / "docking" / "log.parquet"
     where = exported("docking", tmp_path / "out")
     rows = [line.split() for line in (where / "expected.txt").read_text().splitlines()]
-    counts = [leg.cycles.stop - leg.cycles.start for leg in resolve.told(vehiclefile.load(log.with_name("vehicle.toml")), log).legs]
+    counts = [leg.cycles.stop - leg.cycles.start for leg in resolve.from_log(vehiclefile.load(log.with_name("vehicle.toml")), log).phases]
     result = json.loads(build.result(analysed("docking")).model_dump_json())
     for phase, last in zip(result["phases"], (counts[0], sum(counts)), strict=True):
         row = rows[last - 1]
@@ -289,7 +289,7 @@ def test_a_vehicle_with_rotors_is_refused() -> None:
 def test_a_value_has_converged_in_flight_by_the_rule_of_the_ground(relative: str, stated: str) -> None:
     settings = [f"convergence.{one}" for one in (stated, relative and f"relative={relative}") if one]
     source = vehiclefile.load(SAMPLES / "free-flyer" / "vehicle.toml", settings)
-    rule = resolve.stated(source).legs[0].rule
+    rule = resolve.stated(source).phases[0].rule
     found = analysed("free-flyer").histories[0]
     on_ground = verdict.tolerances(found, source.vehicle) / (found.natural_sizes if rule[2] else 1.0)
     assert bool(rule[2]) == (relative != "false")

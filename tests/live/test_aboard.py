@@ -16,9 +16,9 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.kernel import Kernel, kernel
-from massprop_cli.live import legs, run
-from massprop_cli.live.legs import Compiled, OnboardEstimator
-from massprop_cli.live.onnumpy import OnNumPy
+from massprop_cli.live import estimator, run
+from massprop_cli.live.estimator import KernelEstimator, OnboardEstimator
+from massprop_cli.live.numpyestimator import NumPyEstimator
 from massprop_cli.testbed import output, scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
 from massprop_cli.testbed.simulate import SimulatedFlight
@@ -139,7 +139,7 @@ class Beside:
     """Both engines on one flight."""
 
     def __init__(self, resolved: Any) -> None:
-        self.first, self.second, self.count = Compiled(resolved), OnNumPy(resolved), 0
+        self.first, self.second, self.count = KernelEstimator(resolved), NumPyEstimator(resolved), 0
 
     def begin(self, leg: Any) -> None:
         self.first.begin(leg)
@@ -169,7 +169,7 @@ def said_of(name: str, cycles: int, *assignments: str, engine: type = Beside) ->
     source = vehiclefile.load(SAMPLES / name / "vehicle.toml", assignments)
     lines = text.getvalue().decode().splitlines(keepends=True)
     with pytest.MonkeyPatch.context() as other:
-        other.setattr(legs, "Compiled", engine)
+        other.setattr(estimator, "KernelEstimator", engine)
         return [json.loads(line) for line in run.follow(lines, source, io.StringIO().write, print)]
 
 
@@ -200,7 +200,7 @@ def test_either_sensors_noise_contradicts_where_it_is_stated_a_fifth_too_small_o
 ) -> None:
     """1.5 in variance; over some hundred cycles 1.1 and 1.4 in sigma are three sigma of chance from that, and more."""
     noise = getattr(vehiclefile.load(SAMPLES / "free-flyer" / "vehicle.toml").vehicle.imu, key)
-    said = said_of("free-flyer", 160, f"imu.{key}={noise / too_small}", engine=Compiled)
+    said = said_of("free-flyer", 160, f"imu.{key}={noise / too_small}", engine=KernelEstimator)
     assert any(e["verdict"] == "contradicted" for e in said[-1]["estimates"].values()) == contradicted
 
 
@@ -210,7 +210,7 @@ def test_a_contradicted_sigma_is_wider_by_what_the_innovations_show() -> None:
     noise = vehiclefile.load(SAMPLES / "free-flyer" / "vehicle.toml").vehicle.imu.gyro_noise_rad_s
     assert noise is not None
     right, small = (
-        said_of("free-flyer", 300, f"imu.gyro_noise_rad_s={one}", engine=Compiled)[-1]["estimates"] for one in (noise, noise / 1.4)
+        said_of("free-flyer", 300, f"imu.gyro_noise_rad_s={one}", engine=KernelEstimator)[-1]["estimates"] for one in (noise, noise / 1.4)
     )
     for name in ("ixx", "iyy", "izz"):
         assert small[name]["verdict"] == "contradicted"
@@ -221,7 +221,7 @@ def test_a_contradicted_sigma_is_wider_by_what_the_innovations_show() -> None:
 @pytest.mark.thorough
 @compiled
 def test_without_a_compiler_numpy_flies_the_same_and_does_not_look_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(legs, "kernel", lambda: Kernel(None, "NumPy"))
+    monkeypatch.setattr(estimator, "kernel", lambda: Kernel(None, "NumPy"))
     again = simulate.fly(beginning("estimate", CUT_S), SEEDS[2:], running=OnboardEstimator)
     assert same_so_far(again, 2)
     assert again.modelled[0] == pytest.approx(flown("estimate")[1].modelled[2, : again.modelled.shape[1]], rel=1e-8)
@@ -260,4 +260,4 @@ def test_the_estimator_is_handed_one_vehicle_for_each_member() -> None:
     vehicle = scenario.load("docked-hold").scenario.logged
     found = OnboardEstimator(vehicle, "here", 3)
     assert [phase.name for phase in vehicle.phases] == ["single", "combined"]
-    assert len(found.each) == 3
+    assert len(found.estimators) == 3

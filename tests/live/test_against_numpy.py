@@ -76,16 +76,16 @@ def test_the_last_cycle_says_what_numpy_says_of_the_log(case: str) -> None:
     lines = text.getvalue().decode().splitlines(keepends=True)[: 1 + count * records]
     source = VehicleSource(vehiclefile.changed(flight.vehicle, stated), "vehicle.toml", "")
     said = [json.loads(line) for line in run.follow(lines, source, io.StringIO().write, warned.append)]
-    leg, log = resolve.stated(source, records=records).legs[0], log.part(0, count)
-    samples = Stream.of(log, leg.own, stated_timing(leg.own))
+    phase, log = resolve.stated(source, records=records).phases[0], log.part(0, count)
+    samples = Stream.of(log, phase.resolved, stated_timing(phase.resolved))
     with pytest.MonkeyPatch.context() as numpy_alone:
         numpy_alone.setattr(compiled, "supports", lambda *_: False)
         numpy_alone.setattr(regressors, "in_kernel", lambda _: False)
-        found = engine.replay(samples, slice(count - len(said), count), Phase(name="all", start_s=0.0, end_s=60.0), leg.own)
+        found = engine.replay(samples, slice(count - len(said), count), Phase(name="all", start_s=0.0, end_s=60.0), phase.resolved)
     names: Sequence[str] = QUANTITIES
     values, sigmas, key = found.values, found.sigmas, "estimates"
-    if leg.own.on_pedestal:
-        pivot, assumed_kg = np.array(leg.own.environment.bearing_position_m), np.array(leg.own.pedestal_mass_kg)
+    if phase.resolved.on_pedestal:
+        pivot, assumed_kg = np.array(phase.resolved.environment.bearing_position_m), np.array(phase.resolved.pedestal_mass_kg)
         values, covariance = about_pivot(values[-1:], found.covariance[None], pivot, assumed_kg)
         sigmas, names, key = np.sqrt(np.diagonal(covariance, 0, 1, 2)), ABOUT_PIVOT, "about_pivot"
     assert not warned

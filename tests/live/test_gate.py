@@ -13,9 +13,9 @@ from massprop_cli.estimate.kernelflight import VERDICTS, Reported
 from massprop_cli.export import resolve
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.kernel import kernel
-from massprop_cli.live import legs
+from massprop_cli.live import estimator
 from massprop_cli.live.cycles import RecordedCycle
-from massprop_cli.live.legs import Legs
+from massprop_cli.live.estimator import FlightEstimator
 from tests.analysed import SAMPLES
 from tests.live.test_aboard import Beside
 
@@ -25,21 +25,21 @@ UNTOLD, CONTRADICTED = VERDICTS.index("untold"), VERDICTS.index("contradicted")
 
 
 @cache
-def resolved(name: str) -> resolve.Constants:
-    return resolve.told(vehiclefile.load(SAMPLES / name / "vehicle.toml"), SAMPLES / name / "log.parquet")
+def resolved(name: str) -> resolve.FlightConstants:
+    return resolve.from_log(vehiclefile.load(SAMPLES / name / "vehicle.toml"), SAMPLES / name / "log.parquet")
 
 
 def cycles(name: str) -> Array:
     """A sample log as it was flown, to the end of its first phase."""
     constants = resolved(name)
     assert constants.log is not None
-    own = constants.legs[0].cycles
+    own = constants.phases[0].cycles
     return kernelflight.cycles_of(constants.log, slice(0, min(own.stop + 1, constants.log.cycles)), own)
 
 
 def flown(name: str, fed: Array) -> Reported:
-    leg = resolved(name).legs[0]
-    return kernelflight.Flight(resolved(name).commands, leg.vehicle, leg.rule).step(fed, last=True)
+    phase = resolved(name).phases[0]
+    return kernelflight.Flight(resolved(name).commands, phase.vehicle, phase.rule).step(fed, last=True)
 
 
 def beyond(found: Reported) -> BoolArray:
@@ -90,18 +90,18 @@ def test_the_gate_is_beyond_the_chance_of_any_flight() -> None:
     """Of three normalised innovations: the tail of chi-square. On the ground all readings are used that its own test leaves."""
     chance = math.erfc(SIGMAS / 2**0.5) + (2 / math.pi) ** 0.5 * SIGMAS * math.exp(-(SIGMAS**2) / 2)
     assert chance == pytest.approx(1.5e-21, rel=0.05)
-    rule = resolved("free-flyer").legs[0].rule
+    rule = resolved("free-flyer").phases[0].rule
     assert rule[12] == SIGMAS
     assert kernelflight.rule_of(resolved("free-flyer").vehicle, (0.0, 0.0, 0.0))[12] == 0
 
 
 def test_numpy_leaves_out_the_same_readings(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cycle by cycle: of one sensor, of both, two in a row, and three."""
-    monkeypatch.setattr(legs, "Compiled", Beside)
+    monkeypatch.setattr(estimator, "KernelEstimator", Beside)
     fed = cycles("air-bearing")[:150]
     fed[60, 2], fed[70, 6], fed[80:82, 4], fed[90, [3, 7]] = fed[60, 2] + 0.01, 1.0, fed[80:82, 4] - 0.004, 0.1
     fed[100:103, 2] += 0.002
-    both = Legs(resolved("air-bearing"))
-    found = [one.found.verdicts[-1] for row in fed for one in both.add(RecordedCycle(float(row[0]), row))]
+    both = FlightEstimator(resolved("air-bearing"))
+    found = [one.reported.verdicts[-1] for row in fed for one in both.add(RecordedCycle(float(row[0]), row))]
     assert len(found) == len(fed) - 2
     assert (found[-1] == CONTRADICTED).any()

@@ -9,7 +9,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.estimate.compiled import ROW_SIZE
 from massprop_cli.estimate.kernelflight import DELAY_S, VALUES, Flight
 from massprop_cli.export import resolve
-from massprop_cli.export.resolve import Constants
+from massprop_cli.export.resolve import FlightConstants
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.kernel import kernel, pointer
 from tests.analysed import SAMPLES
@@ -28,8 +28,8 @@ class Memory:
     """A flight, call by call: statuses, and the bytes that it keeps."""
 
     def __init__(self, name: str) -> None:
-        self.constants: Constants = resolved(name)
-        self.flight = Flight(self.constants.commands, self.constants.legs[0].vehicle, self.constants.legs[0].rule)
+        self.constants: FlightConstants = resolved(name)
+        self.flight = Flight(self.constants.commands, self.constants.phases[0].vehicle, self.constants.phases[0].rule)
         self.told, self.values = np.empty((2, ROW_SIZE)), np.empty((2, VALUES))
 
     def step(self, cycle: Array | None) -> int:
@@ -46,18 +46,18 @@ class Memory:
 
     def begin(self, delay_s: float | None = None, bins: float | None = None) -> int:
         """The status of a begin, with another delay of the commands or another number of bins."""
-        leg = self.constants.legs[0]
-        commands, vehicle = self.constants.commands.copy(), leg.vehicle.copy()
+        phase = self.constants.phases[0]
+        commands, vehicle = self.constants.commands.copy(), phase.vehicle.copy()
         commands[DELAY_S] = commands[DELAY_S] if delay_s is None else delay_s
         vehicle[BINS] = vehicle[BINS] if bins is None else bins
-        return int(self.flight.library.mp_host_fly(self.flight.memory, pointer(commands), pointer(vehicle), pointer(leg.rule)))
+        return int(self.flight.library.mp_host_fly(self.flight.memory, pointer(commands), pointer(vehicle), pointer(phase.rule)))
 
     def phase(self, bins: float) -> int:
         """The status of a new phase."""
-        leg = self.constants.legs[0]
-        vehicle = leg.vehicle.copy()
+        phase = self.constants.phases[0]
+        vehicle = phase.vehicle.copy()
         vehicle[BINS] = bins
-        return int(self.flight.library.mp_host_phase(self.flight.memory, pointer(vehicle), pointer(leg.rule)))
+        return int(self.flight.library.mp_host_phase(self.flight.memory, pointer(vehicle), pointer(phase.rule)))
 
 
 @pytest.mark.parametrize("tables", [{"delay_s": 1e9}, {"bins": 1.0}])
@@ -77,7 +77,7 @@ def test_after_a_begin_that_failed_nothing_is_flown_until_one_succeeds(tables: d
 def test_after_a_phase_that_could_not_begin_nothing_is_flown_until_one_does() -> None:
     flight, fed = Memory("free-flyer"), cycles("free-flyer")
     assert {flight.step(cycle) for cycle in fed[:100]} == {OK}
-    bins = flight.constants.legs[0].vehicle[BINS]
+    bins = flight.constants.phases[0].vehicle[BINS]
     assert flight.phase(1.0) == LIMIT
     assert flight.step(fed[100]) == ORDER
     assert flight.phase(bins) == OK
@@ -138,8 +138,8 @@ def test_no_value_is_told_where_torques_that_no_vehicle_has_leave_no_number(seed
     fed[:, THETA:8] = random.normal(0.0, 0.005, (count, 6))
     some = random.random((count, 6)) < random.choice([0.01, 0.03, 0.1, 0.3])
     fed[:, COMMAND:] = np.where(some, random.choice([9e8, -3e8, 1e4, -1e6, 1e2, 0.01, 5e-2, 1e-3, 0, 0], (count, 6)), 0)
-    leg = constants.legs[0]
-    found = Flight(constants.commands, leg.vehicle, leg.rule).step(fed, last=True)
+    phase = constants.phases[0]
+    found = Flight(constants.commands, phase.vehicle, phase.rule).step(fed, last=True)
     told = found.verdicts != UNTOLD
     assert np.isfinite(found.values[told]).all()
     assert np.isfinite(found.sigmas[told]).all()

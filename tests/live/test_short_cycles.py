@@ -70,8 +70,8 @@ def flown(found: SimulatedFlight, latency_s: float) -> Reported:
     late = [f"imu.{name}_filter={{order=0, latency_s={latency_s}}}" for name in ("gyro", "accel") if latency_s]
     settings = [f"cycle.period_s={PERIOD_S}", f"cycle.command_delay_cycles={(DELAY_S - latency_s) / PERIOD_S}", *late]
     constants = resolve.stated(vehiclefile.parse(output.vehicle_toml(found.vehicle), "vehicle.toml", settings))
-    leg = constants.legs[0]
-    return Flight(constants.commands, leg.vehicle, leg.rule).step(cycles(found), last=True)
+    phase = constants.phases[0]
+    return Flight(constants.commands, phase.vehicle, phase.rule).step(cycles(found), last=True)
 
 
 def innovations(said: Reported) -> Array:
