@@ -12,7 +12,7 @@ from massprop_cli.campaign.pooled import Group, Pool, Pooled
 from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import LENGTH, Axes, Panel, Picture
-from massprop_cli.report.figures.series import padded, said, thin
+from massprop_cli.report.figures.series import padded, thin, thinning_note
 
 BUCKETS = 100
 """Largest number of intervals along the campaign; of more logs, only the smallest and largest value in each are drawn."""
@@ -63,7 +63,7 @@ def picture(spread_by_name: dict[str, Spread], pool: Pool) -> Picture:
     """A panel for each quantity, and one panel of all normalised distances."""
     panels = [_values(name, spread, pool.items[name]) for name, spread in spread_by_name.items()]
     lengths = [len(spread.samples.value) for spread in spread_by_name.values()]
-    thinned = said(lengths, BUCKETS).replace("cycles", "logs")
+    thinned = thinning_note(lengths, BUCKETS).replace("cycles", "logs")
     caption = (
         "Value of each log ± its sigma, above its number in the table. Blue line and band: weighted mean ± sigma. Grey dashes: trend. "
         "Green: what all logs expect alike. Last: each log's distance from the mean in its own sigmas; 95 % lie within the band where "

@@ -201,7 +201,7 @@ def test_figures_of_the_fit_say_what_the_history_gives(browser: Browser, pages: 
     parts = [(1, recorded.result.phases[0], columns)]
     means = means_of(against(parts, "rate", "x"))
     nearest = min(means, key=lambda mean: abs(mean.command - command))
-    assert left == pytest.approx(nearest.left, abs=0.3 * nearest.sigma)
+    assert left == pytest.approx(nearest.residual, abs=0.3 * nearest.sigma)
 
 
 @pytest.mark.thorough

@@ -251,7 +251,7 @@ def test_information_comes_when_sigma_shrinks() -> None:
     assert shares[burst].sum() == pytest.approx(500 / 501, abs=1e-3)
     assert found.commands[0][burst] == pytest.approx(1.0)
     assert found.commands[0][~burst] == pytest.approx(0.0)
-    half = excitation.half_learnt_by(found, 0)
+    half = excitation.half_information_s(found, 0)
     assert half is not None
     assert 22 < half < 24
 

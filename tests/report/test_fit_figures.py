@@ -45,7 +45,7 @@ def test_what_is_left_against_the_command_has_the_slope_of_a_thrust_that_is_off(
     found = command.means(command.against([(1, item, columns)], "specific_force", "x"))
     assert [mean.command for mean in found] == pytest.approx([-2.0, 0.0, 2.0])
     for mean in found:
-        assert mean.left == pytest.approx(mean.command * (1 / 20 - 1 / 22), abs=4 * mean.sigma)
+        assert mean.residual == pytest.approx(mean.command * (1 / 20 - 1 / 22), abs=4 * mean.sigma)
         assert mean.sigma == pytest.approx(0.02 / np.sqrt(count / 3), rel=0.1)
 
 
@@ -56,8 +56,8 @@ def test_means_against_the_command_are_drawn_where_they_are(flyer: Recorded, fly
         found = command.means(command.against(parts, kind, "y"))
         points, within = drawn(svg, f"{kind}_y", f"{kind}_y-mean"), precision(svg, f"{kind}_y")
         assert points[:, 0] == pytest.approx([mean.command for mean in found], abs=within[0])
-        assert points[:, 1] == pytest.approx([mean.left for mean in found], abs=within[1])
-        assert all(abs(mean.left) < 4.5 * mean.sigma for mean in found), "this log is without fault"
+        assert points[:, 1] == pytest.approx([mean.residual for mean in found], abs=within[1])
+        assert all(abs(mean.residual) < 4.5 * mean.sigma for mean in found), "this log is without fault"
 
 
 def test_whiteness_figures_are_those_of_the_whitened_innovations(flyer: Recorded, flyer_drawing: Drawing) -> None:

@@ -1,4 +1,4 @@
-"""Figures of a result by name, as SVG or PNG: panels (:mod:`panel`), each of which says in words what it shows, drawn by :mod:`canvas`."""
+"""Figures of a result by name, as SVG or PNG: panels (:mod:`panel`) with alternative texts, rendered by :mod:`canvas`."""
 
 import difflib
 from collections.abc import Callable
@@ -47,15 +47,18 @@ _PICTURES: dict[str, tuple[str, Callable[[Recorded], Picture]]] = {
     "ellipsoid": ("Equivalent inertia ellipsoid", ellipsoid.picture),
 }
 NAMES: tuple[str, ...] = tuple(_PICTURES)
-"""Figures there are."""
+"""Names of all figures."""
 WITHOUT_TIME = ("expectations", "correlation", "ellipsoid")
-"""Those that ask for no history."""
+"""Figures that do not need history.parquet."""
 TITLES = {name: title for name, (title, _) in _PICTURES.items()}
-"""What each is called."""
+"""Title of each figure."""
 
 
 def picture(name: str, recorded: Recorded, phase: str | None = None) -> Picture:
-    """Panels of a figure, of all phases or one; :class:`UsageError` for an unknown one, :class:`InputError` without history.parquet."""
+    """Panels of a figure, for all phases or one.
+
+    Raise :class:`UsageError` for an unknown figure or phase, and :class:`InputError` without history.parquet.
+    """
     if name not in _PICTURES:
         nearest = difflib.get_close_matches(name, NAMES, n=1)
         meant = f" did you mean {nearest[0]}?" if nearest else ""
@@ -65,7 +68,7 @@ def picture(name: str, recorded: Recorded, phase: str | None = None) -> Picture:
 
 
 def draw(name: str, recorded: Recorded, kind: Kind) -> bytes:
-    """The figure as SVG or PNG; same result, same bytes. Errors as :func:`picture`."""
+    """The figure as SVG or PNG; equal results give equal bytes. Errors as :func:`picture`."""
     found = picture(name, recorded)
     title = f"{TITLES[name]}: {line(recorded.result.vehicle.name, 40)}, {line(recorded.result.log.path, 40)}"
     return canvas.render(found.panels, kind, found.columns, title)

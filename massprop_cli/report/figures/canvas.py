@@ -1,7 +1,7 @@
-"""Panels to SVG or PNG: same panels, same bytes.
+"""Rendering of panels as SVG or PNG; equal panels give equal bytes.
 
-In an SVG ``data-x="a b"`` of axes means x = a + b · (SVG's x), and so ``data-y``; with ``data-log`` that is the logarithm to base ten.
-Lines carry ids such as ``ixx-value-1``; the number is the phase's.
+In an SVG, ``data-x="a b"`` of axes means x = a + b · (SVG's x), and likewise ``data-y``; with ``data-log``, y is a logarithm to base ten.
+Lines have ids such as ``ixx-value-1`` with the number of the phase.
 """
 
 import io
@@ -29,13 +29,13 @@ STYLE: dict[Any, Any] = {
     "xtick.bottom": False, "ytick.left": False, "axes.titley": 1.0,
 }  # fmt: skip
 HEADING = 0.3
-"""Inches above all panels of a titled figure."""
+"""Height of a figure's title above the panels, inches."""
 
 
 def render(panels: Sequence[Panel], kind: Kind, columns: int = 1, title: str = "") -> bytes:
     """The panels in rows of ``columns``, under a title if there is one."""
     with mpl.rc_context(STYLE), warnings.catch_warnings():
-        # names in a script that the font lacks are drawn as boxes in a PNG, and right in an SVG
+        # a PNG shows characters that the font lacks as boxes; an SVG uses the reader's fonts
         warnings.filterwarnings("ignore", message="Glyph .* missing")
         figure = _figure(panels, min(columns, len(panels)), title)
         stream = io.BytesIO()
@@ -48,6 +48,7 @@ def render(panels: Sequence[Panel], kind: Kind, columns: int = 1, title: str = "
 
 
 def _figure(panels: Sequence[Panel], columns: int, title: str) -> Any:
+    """A Matplotlib figure of the panels in rows of ``columns``."""
     rows = [panels[start : start + columns] for start in range(0, len(panels), columns)]
     width = max(sum(panel.size[0] for panel in row) for row in rows)
     heights = [max(panel.size[1] for panel in row) for row in rows]
@@ -69,7 +70,7 @@ def _figure(panels: Sequence[Panel], columns: int, title: str) -> Any:
 
 
 def _readable(svg: str, figure: Any, logarithmic: Sequence[bool], says: str) -> str:
-    """The SVG without external references, shorter, with a title and the scales of each pair of axes."""
+    """The SVG shortened, without external references, with a title and the scales of each pair of axes."""
     svg = re.sub(r"<!DOCTYPE.*?>\s*", "", svg, count=1, flags=re.DOTALL)
     svg = re.sub(r"\s*<metadata>.*?</metadata>", "", svg, count=1, flags=re.DOTALL)
     svg = re.sub(r'(?<= d=")[^"]*', lambda path: _rounded(path[0]), svg)
@@ -80,13 +81,13 @@ def _readable(svg: str, figure: Any, logarithmic: Sequence[bool], says: str) -> 
 
 
 def _rounded(path: str) -> str:
-    """A path with coordinates to a hundredth of a point; lines follow one another without a letter."""
+    """A path with coordinates to 0.01 point, without the letter of repeated line commands."""
     text = re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), path)
     return re.sub(r"(?<=\d) L (?=-?\d)", " ", " ".join(text.split()))
 
 
 def _scales(axes: Axes, figure: Any) -> str:
-    """The map from SVG coordinates to data: x = a + b · (SVG's x), and likewise y, which points down in an SVG."""
+    """Attributes for the map from SVG coordinates to data: x = a + b · (SVG's x), and likewise y, which points down in an SVG."""
     points = 72 / figure.dpi
     height = figure.get_figheight() * 72
     (x0, y0), (x1, y1) = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)]) * points

@@ -1,4 +1,4 @@
-"""What the prediction leaves, against the command: a slope says that torque, force, inertia or mass is not what it is said to be."""
+"""Residuals of the prediction against the command: a slope shows a wrong torque, force, inertia or mass."""
 
 from typing import NamedTuple
 
@@ -15,44 +15,44 @@ from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import AXES
 
 POINTS = 240
-"""Cycles that are drawn of each panel."""
+"""Approximate number of cycles drawn in a panel."""
 BINS = 9
-"""Means along the command."""
+"""Number of intervals of the command, with a mean each."""
 LEAST = 5
-"""Cycles of a mean."""
+"""Smallest number of cycles of a mean."""
 KINDS = {
     "rate": ("torque", "Angular acceleration {} residual", "rad/s²", "torque", "N m"),
     "specific_force": ("force", "Specific force {} residual", "m/s²", "force", "N"),
 }
-"""What is left: the command that it is tested against, heading and unit; the command's name and unit."""
+"""For each kind of residual: the history's command, heading and unit of the residual, name and unit of the command."""
 
 
-class Against(NamedTuple):
-    """Command and residual of one axis, cycle by cycle."""
+class CommandResidual(NamedTuple):
+    """Command and residual of each cycle on one axis."""
 
     command: Array
-    """Executed torque [N m] or force [N]."""
-    left: Array
-    """What the prediction leaves of the angular acceleration [rad/s²] or specific force [m/s²]."""
+    """(K,) executed torque [N m] or force [N]."""
+    residual: Array
+    """(K,) measured minus predicted angular acceleration [rad/s²] or specific force [m/s²]."""
 
 
 class CommandMean(NamedTuple):
-    """The mean residual of the cycles within a range of the command."""
+    """Mean residual of the cycles within an interval of the command."""
 
     command: float
-    left: float
+    residual: float
     sigma: float
-    """Of the mean."""
+    """Sigma of the mean residual."""
 
 
 def picture(recorded: Recorded) -> Picture:
-    """Three axes of angular acceleration against torque, three of specific force against force, over all phases."""
+    """Residuals of all phases: angular acceleration against torque, and specific force against force, on each axis."""
     parts = covered(
         recorded, [*columns("rate"), *columns("specific_force"), *(f"{k}_{a}_{SIGNALS[k]}" for k in ("torque", "force") for a in AXES)]
     )
-    found = {(kind, letter): against(parts, kind, letter) for kind in KINDS for letter in sensed(parts, kind)}
-    panels = tuple(_panel(kind, letter, each) for (kind, letter), each in found.items())
-    count = max(len(each.left) for each in found.values())
+    residuals = {(kind, letter): against(parts, kind, letter) for kind in KINDS for letter in sensed(parts, kind)}
+    panels = tuple(_panel(kind, letter, each) for (kind, letter), each in residuals.items())
+    count = max(len(each.residual) for each in residuals.values())
     thinned = f" The figure shows one in {-(-count // POINTS)} of {count} cycles; the means use all." if count > POINTS else ""
     caption = (
         "Grey points: residual of each cycle against the command along the same axis; for the angular acceleration, the change of the rate "
@@ -62,48 +62,51 @@ def picture(recorded: Recorded) -> Picture:
     return Picture(caption, panels)
 
 
-def against(parts: list[Covered], kind: str, letter: str) -> Against:
-    """Command and what is left, where both are known. The step into a cycle is by the torque of both cycles."""
-    command, left = list[Array](), list[Array]()
-    for number, _, found in parts:
-        one, signal = channel(number, found, kind, letter), KINDS[kind][0]
-        executed = found[f"{signal}_{letter}_{SIGNALS[signal]}"]
+def against(parts: list[Covered], kind: str, letter: str) -> CommandResidual:
+    """Command and residual of the cycles that have both.
+
+    The change of the rate residual from one cycle to the next depends on the mean torque of both.
+    """
+    command, residual = list[Array](), list[Array]()
+    for number, _, history in parts:
+        one, signal = channel(number, history, kind, letter), KINDS[kind][0]
+        executed = history[f"{signal}_{letter}_{SIGNALS[signal]}"]
         if kind == "rate":
             command.append((executed[1:] + executed[:-1]) / 2)
-            left.append(np.diff(one.residual) / np.diff(one.time_s))
+            residual.append(np.diff(one.residual) / np.diff(one.time_s))
         else:
             command.append(executed)
-            left.append(one.residual)
-    told = Against(np.concatenate(command), np.concatenate(left))
-    known = np.isfinite(told.command) & np.isfinite(told.left)
-    return Against(told.command[known], told.left[known])
+            residual.append(one.residual)
+    every = CommandResidual(np.concatenate(command), np.concatenate(residual))
+    known = np.isfinite(every.command) & np.isfinite(every.residual)
+    return CommandResidual(every.command[known], every.residual[known])
 
 
-def means(each: Against) -> list[CommandMean]:
-    """Over equal parts of the command's range."""
+def means(each: CommandResidual) -> list[CommandMean]:
+    """Mean residuals in equal intervals of the command's range."""
     low, high = float(each.command.min(initial=0.0)), float(each.command.max(initial=0.0))
     part = np.clip(((each.command - low) / ((high - low) or 1.0) * BINS).astype(int), 0, BINS - 1)
-    found = []
-    for own in (part == number for number in np.unique(part)):
-        if own.sum() >= LEAST:
-            sigma = float(each.left[own].std(ddof=1) / np.sqrt(own.sum()))
-            found.append(CommandMean(float(each.command[own].mean()), float(each.left[own].mean()), sigma))
-    return found
+    intervals = []
+    for inside in (part == number for number in np.unique(part)):
+        if inside.sum() >= LEAST:
+            sigma = float(each.residual[inside].std(ddof=1) / np.sqrt(inside.sum()))
+            intervals.append(CommandMean(float(each.command[inside].mean()), float(each.residual[inside].mean()), sigma))
+    return intervals
 
 
-def _panel(kind: str, letter: str, each: Against) -> Panel:
+def _panel(kind: str, letter: str, each: CommandResidual) -> Panel:
     _, heading, unit, command, command_unit = KINDS[kind]
     title, found = heading.format(letter.upper()), means(each)
 
     def paint(axes: Axes) -> None:
-        if not each.left.size or not np.ptp(each.command) > 0:
+        if not each.residual.size or not np.ptp(each.command) > 0:
             axis.heading(axes, title, unit)
-            axis.empty(axes, "not predicted" if not each.left.size else f"no {command} was commanded on this axis")
+            axis.empty(axes, "not predicted" if not each.residual.size else f"no {command} was commanded on this axis")
             return
-        reach = max(float(np.quantile(np.abs(each.left), 0.995)), max((abs(m.left) + 2 * m.sigma for m in found), default=0.0))
+        reach = max(float(np.quantile(np.abs(each.residual), 0.995)), max((abs(m.residual) + 2 * m.sigma for m in found), default=0.0))
         axis.values(axes, padded(-reach, reach, 0.05), title, unit)
-        drawn = slice(None, None, -(-len(each.left) // POINTS))
-        axes.plot(each.command[drawn], each.left[drawn], ".", color=palette.MUTED, markersize=2.0, gid=f"{kind}_{letter}-points")
+        drawn = slice(None, None, -(-len(each.residual) // POINTS))
+        axes.plot(each.command[drawn], each.residual[drawn], ".", color=palette.MUTED, markersize=2.0, gid=f"{kind}_{letter}-points")
         axes.axhline(0.0, color=palette.MUTED, linewidth=0.8)
         at, values, sigmas = np.array(found).reshape(-1, 3).T
         bars = axes.errorbar(at, values, 2 * sigmas, fmt="o-", markersize=3.5, linewidth=0.9, capsize=2, color=palette.BLUE)
@@ -115,6 +118,7 @@ def _panel(kind: str, letter: str, each: Against) -> Panel:
 
 
 def _slope(found: list[CommandMean], unit: str, command_unit: str) -> str:
+    """Slope of the means over the command by weighted least squares, as text."""
     if len(found) < 2:
         return "not estimated"
     at, values, sigmas = (np.array(column) for column in zip(*found, strict=True))

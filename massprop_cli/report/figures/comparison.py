@@ -1,4 +1,4 @@
-"""Values side by side with error bars: those of several results, and of one result beside what was expected of them."""
+"""Values with error bars: those of several results side by side, and those of one result relative to their expectations."""
 
 from collections.abc import Mapping, Sequence
 
@@ -24,11 +24,11 @@ MARKERS: dict[Verdict, tuple[str, bool]] = {
 
 
 NAMED = 12
-"""Results up to which each is named on the axis; more are numbered from 1 as they come."""
+"""Largest number of results with names on the axis; more results have their numbers, from 1."""
 
 
 def picture(found: Sequence[dict[str, EstimateItem]], names: Sequence[str] = ()) -> Picture:
-    """A panel for each quantity, of results of one vehicle; ``names`` of each where they are few."""
+    """A panel for each quantity, of results of one vehicle with these names."""
     named = names if len(names) <= NAMED else ()
     caption = (
         "Value of each result with a bar of ± one sigma, above its name or its number in the table. Filled circle: converged; open "
@@ -68,7 +68,7 @@ def _points(axes: Axes, name: str, verdict: Verdict, items: list[EstimateItem]) 
     (marker, filled), colour = MARKERS[verdict], palette.VERDICT[verdict]
     at, values, sigmas = (list(column) for column in zip(*drawn, strict=True))
     face = colour if filled else palette.PAPER
-    # a cross of a circle's size looks like a square
+    # a filled cross of the circles' size looks like a square
     larger = 2.5 if marker == "X" else 0.0
     size, cap = (4.0, 2.0) if len(items) <= 40 else (2.5, 0.0)
     bars = axes.errorbar(at, values, sigmas, fmt=marker, markersize=size + larger, color=colour, markerfacecolor=face, capsize=cap)
@@ -102,11 +102,11 @@ def _says(name: str, items: list[EstimateItem]) -> str:
 
 
 FAR = 3.0
-"""Tolerances beyond which a value stands at the edge, as an arrow."""
+"""Largest difference drawn, tolerances; a larger one is an arrow at the edge."""
 
 
 def against_expected(recorded: Recorded) -> Picture:
-    """A panel for each phase, and one for the docked object."""
+    """A panel for each phase, and for the docked object."""
     found = {phase.name: phase.estimates for phase in recorded.result.phases}
     if recorded.result.docked_object is not None:
         found["docked object"] = recorded.result.docked_object.estimates
@@ -118,7 +118,7 @@ def against_expected(recorded: Recorded) -> Picture:
 
 
 def ratio(item: EstimateItem) -> tuple[float, float] | None:
-    """Value less expected, and sigma, in tolerances; None where nothing was expected or there is no value."""
+    """Value minus expected value, and sigma, both over the tolerance; None without expectation or value."""
     found = item.expected
     if found is None or not found.tolerance or found.difference is None:
         return None

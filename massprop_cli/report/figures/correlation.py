@@ -1,4 +1,4 @@
-"""The covariance as a picture of correlations."""
+"""Correlation matrix of the ten estimates."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ CAPTION = (
 
 
 ONE = 1e-9
-"""A correlation so near to 1 is that of a quantity with itself, rounded."""
+"""Largest distance from 1 of the correlation of a quantity with itself, by rounding."""
 
 
 def picture(recorded: Recorded) -> Picture:
@@ -32,7 +32,7 @@ def picture(recorded: Recorded) -> Picture:
 
 
 def correlation(covariance: Matrix) -> Array:
-    """(10, 10), NaN where nothing can be said."""
+    """(10, 10) correlations from a covariance, NaN without one."""
     matrix = np.array(covariance, dtype=float)
     sigma = np.sqrt(np.diag(matrix))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -41,13 +41,13 @@ def correlation(covariance: Matrix) -> Array:
 
 
 def short(value: float) -> str:
-    """A correlation in few characters: ".93", "−.07", "1", "·" where nothing can be said."""
+    """A correlation in few characters: ".93", "−.07", "1"; "·" for NaN."""
     text = written(value)
     return "·" if text == "–" else {"0.00": "0", "1.00": "1"}.get(text, text.replace("0.", ".", 1))
 
 
 def written(value: float) -> str:
-    """A correlation to two decimals, to three near ±1; only what is 1 is written so, and what is above 0.999 is said to be."""
+    """A correlation to two decimals, near ±1 to three, and from 0.999 as ">0.999"; only an exact 1 is "1.00"."""
     size = abs(value)
     if np.isnan(value):
         return "–"

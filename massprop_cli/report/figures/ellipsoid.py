@@ -1,4 +1,4 @@
-"""The body as its equivalent inertia ellipsoid: from an oblique direction, and along each body axis."""
+"""Equivalent inertia ellipsoid: an oblique view, and views along the body axes."""
 
 import numpy as np
 
@@ -12,9 +12,9 @@ from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import PhaseItem
 
 SIDE = 2.5
-"""Inches."""
+"""Side of a panel, inches."""
 MARGIN = 0.1
-"""Around what is drawn, over its largest extent; all views of a body have one scale."""
+"""Margin relative to the largest extent; all views of a body have the same scale."""
 _AZIMUTH, _ELEVATION = np.radians(-52.0), np.radians(24.0)
 OBLIQUE = np.array(
     [
@@ -28,14 +28,14 @@ VIEWS = {
     "side": ("From −Y", "XZ", np.eye(3)[[0, 2]]),
     "front": ("From +X", "YZ", np.eye(3)[[1, 2]]),
 }
-"""Name to what it says, the body axes to the right and up, and these two directions (2, 3)."""
+"""For each view: heading, letters of the body axes to the right and up, and these directions (2, 3) in body axes."""
 SHORTEST = 0.2
-"""Part of the largest extent, below which a principal axis is too short for its number."""
+"""Shortest principal axis with a number, relative to the largest extent of the outline."""
 _STYLES = ("-", (0, (5, 2)), (0, (1, 1.2)))
 
 
 def picture(recorded: Recorded) -> Picture:
-    """Four views of each phase."""
+    """All views of each phase."""
     phases, bearing_mass = recorded.result.phases, recorded.result.vehicle.bearing_mass_kg
     found = [(number, phase, body.ellipsoid(phase, bearing_mass)) for number, phase in enumerate(phases, 1)]
     panels = tuple(_panel(number, phase, seen, view, len(phases) > 1) for number, phase, seen in found for view in VIEWS)
@@ -46,7 +46,7 @@ def picture(recorded: Recorded) -> Picture:
 
 
 def outline(seen: body.Ellipsoid, directions: Array, points: int = 65) -> Array:
-    """(points, 2) the ellipsoid's outline about its centre, seen along what both ``directions`` (2, 3) are normal to."""
+    """(points, 2) outline about the centre, in projection onto ``directions`` (2, 3)."""
     flat, turn = np.linalg.eigh(directions @ seen.shape @ directions.T)
     angle = np.linspace(0, 2 * np.pi, points)
     return np.asarray(np.column_stack([np.cos(angle), np.sin(angle)]) * np.sqrt(np.maximum(flat, 0.0)) @ turn.T)
@@ -57,7 +57,7 @@ def _caption(found: list[body.Ellipsoid | None]) -> str:
         "The homogeneous ellipsoid with the estimated mass, CG and inertia: it shows how the mass is distributed, not the body's outline. "
         "Lines are the principal axes: 1 (solid) with the smallest moment, 2 dashed, 3 dotted. Dot: CG. Cross: origin O of the body axes."
     )
-    if any(seen is not None and seen.mended for seen in found):
+    if any(seen is not None and seen.corrected for seen in found):
         said += " No real body has the estimated inertia; the figure shows the nearest possible one."
     if any(seen is not None and not seen.to_scale for seen in found):
         said += " Without a mass its size is unknown; lengths are parts of the longest semi-axis, and O is not shown."
@@ -92,18 +92,19 @@ def _panel(number: int, phase: PhaseItem, seen: body.Ellipsoid | None, view: str
 
 
 def _centre(seen: body.Ellipsoid, directions: Array) -> Array:
-    """(2,) from O, where it is known."""
+    """(2,) centre from O in projection; zero if the position of O is unknown."""
     return directions @ seen.center_m if seen.located else np.zeros(2)
 
 
 def _corners(seen: body.Ellipsoid, directions: Array) -> Array:
-    """(2, 2) least and largest of what is drawn: the outline, and O where it is."""
+    """(2, 2) smallest and largest coordinates of the outline, and of O if its position is known."""
     edge = outline(seen, directions) + _centre(seen, directions)
     shown = np.vstack([edge, np.zeros(2)]) if seen.located else edge
     return np.array([shown.min(0), shown.max(0)])
 
 
 def _draw(axes: Axes, seen: body.Ellipsoid, directions: Array, gid: str) -> None:
+    """Draw outline, principal axes, CG and origin."""
     centre = _centre(seen, directions)
     edge = centre + outline(seen, directions)
     placed = _body_axes(axes, directions, 0.45 * float(np.abs(edge - centre).max())) if seen.located else []
@@ -122,7 +123,7 @@ def _draw(axes: Axes, seen: body.Ellipsoid, directions: Array, gid: str) -> None
 
 
 def _body_axes(axes: Axes, directions: Array, length: float) -> list[Array]:
-    """Drawn from O; where their letters are, which no number of a principal axis is to hide."""
+    """Draw the body axes from O; return the positions of their letters, which other labels must avoid."""
     placed = []
     for i, letter in enumerate("XYZ"):
         tip = directions[:, i] * length
@@ -134,7 +135,7 @@ def _body_axes(axes: Axes, directions: Array, length: float) -> list[Array]:
 
 
 def _sections(axes: Axes, seen: body.Ellipsoid, directions: Array) -> None:
-    """The three sections through two principal axes each."""
+    """Draw the sections through two principal axes each."""
     centre = _centre(seen, directions)
     angle = np.linspace(0, 2 * np.pi, 49)
     for i, j in ((0, 1), (0, 2), (1, 2)):

@@ -1,4 +1,4 @@
-"""Each estimate against time with its sigma band: inertia, CG, mass."""
+"""Estimates against time with sigma bands."""
 
 from collections.abc import Sequence
 
@@ -11,12 +11,12 @@ from massprop_cli.report import digits, vocabulary
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Axes, Panel, Picture
 from massprop_cli.report.figures.recording import Columns, Covered, covered
-from massprop_cli.report.figures.series import AxisRange, broken, padded, parts_of, said, settled, thin
+from massprop_cli.report.figures.series import AxisRange, broken, padded, parts_of, settled, thin, thinning_note
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import EstimateItem, PhaseItem
 
 FAR = 3.0
-"""An expectation or nominal value farther off than this many heights of the picture is named at its edge instead of drawn."""
+"""Largest distance of a drawn reference value from the range, relative to the range; a farther one is named at the edge."""
 
 
 def picture(recorded: Recorded, names: Sequence[str], columns: int) -> Picture:
@@ -41,12 +41,12 @@ def _caption(recorded: Recorded, names: Sequence[str], parts: list[Covered]) -> 
         text += " Red with a cross: contradicted, the band is not valid."
     cuts = [(vocabulary.SYMBOLS[name], phase.name, cut_off_s(name, phase, columns)) for name in names for _, phase, columns in parts]
     told = [f"{symbol}{f' ({name})' if len(parts) > 1 else ''} before {cut:.1f} s" for symbol, name, cut in cuts if cut is not None]
-    text += said([len(columns["time_s"]) for *_, columns in parts], parts_of(len(recorded.history)))
+    text += thinning_note([len(columns["time_s"]) for *_, columns in parts], parts_of(len(recorded.history)))
     return f"{text} The start is outside the figure: {', '.join(told)}." if told else text
 
 
 def cut_off_s(name: str, phase: PhaseItem, columns: Columns) -> float | None:
-    """The last moment at which the estimate is outside its panel; ``None`` if it never is."""
+    """The last time at which the estimate is outside the range of its panel, s; None if it never is."""
     limits = _range(name, phase, columns)
     if limits is None:
         return None
@@ -56,6 +56,7 @@ def cut_off_s(name: str, phase: PhaseItem, columns: Columns) -> float | None:
 
 
 def _range(name: str, phase: PhaseItem, columns: Columns) -> AxisRange | None:
+    """Range of a panel; None without an estimate."""
     return _limits(settled(columns[name], columns[f"{name}_sigma"]), phase.estimates[name])
 
 
@@ -88,6 +89,7 @@ def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: 
 
 
 def _frame(name: str, recorded: Recorded) -> str:
+    """Reference point and frame of a quantity, in words."""
     bearing = recorded.result.vehicle.environment == "air_bearing"
     if name == "mass":
         return "with the bearing's" if bearing else "of the vehicle"
@@ -95,7 +97,7 @@ def _frame(name: str, recorded: Recorded) -> str:
 
 
 def _limits(found: AxisRange | None, item: EstimateItem) -> AxisRange | None:
-    """The settled range, stretched to what is reported and to references that aren't far off."""
+    """The settled range, extended to the reported value and to references that are not farther than :data:`FAR`."""
     if found is None:
         return None
     height = found.high - found.low
@@ -108,19 +110,20 @@ def _limits(found: AxisRange | None, item: EstimateItem) -> AxisRange | None:
 
 
 def _series(axes: Axes, gid: str, colour: str, time_s: Array, value: Array, sigma: Array, rows: NDArray[np.intp]) -> None:
-    """Value and band over rows, with gaps where these are −1; the band's last stretch carries its name."""
-    stretches = np.split(rows, np.flatnonzero(rows < 0))
-    for number, stretch in enumerate(stretches, 1):
-        own = stretch[stretch >= 0]
-        name = gid.format("band") if number == len(stretches) else None
-        low, high = value[own] - sigma[own], value[own] + sigma[own]
-        there, back = np.concatenate([time_s[own], time_s[own][::-1]]), np.concatenate([low, high[::-1]])
-        axes.fill(there, back, color=colour, alpha=0.25, linewidth=0, gid=name)
-    at, shown = (np.where(rows < 0, np.nan, column[rows]) for column in (time_s, value))
-    axes.plot(at, shown, color=colour, gid=gid.format("value"))
+    """Draw value and sigma band at the indices ``rows``, with gaps at −1; the last piece of the band has the id."""
+    pieces = np.split(rows, np.flatnonzero(rows < 0))
+    for number, piece in enumerate(pieces, 1):
+        at = piece[piece >= 0]
+        name = gid.format("band") if number == len(pieces) else None
+        low, high = value[at] - sigma[at], value[at] + sigma[at]
+        x, y = np.concatenate([time_s[at], time_s[at][::-1]]), np.concatenate([low, high[::-1]])
+        axes.fill(x, y, color=colour, alpha=0.25, linewidth=0, gid=name)
+    x, y = (np.where(rows < 0, np.nan, column[rows]) for column in (time_s, value))
+    axes.plot(x, y, color=colour, gid=gid.format("value"))
 
 
 def _outcome(axes: Axes, gid: str, end_s: float, item: EstimateItem) -> None:
+    """Draw the reported value with its error bar, and the time from which it is final."""
     if item.final_at_s is not None:
         axes.axvline(item.final_at_s, color=palette.MUTED, linestyle=(0, (4, 3)), linewidth=0.9, gid=gid.format("final"))
     if item.value is not None:

@@ -1,4 +1,4 @@
-"""Excitation against time: which motion informed which quantity, and when."""
+"""Excitation against time: commands, and the information on each quantity."""
 
 from typing import NamedTuple
 
@@ -17,22 +17,23 @@ from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import AXES, PhaseItem
 
 BINS = 60
-"""Parts of a phase."""
+"""Number of intervals of a phase."""
 COMMANDS = [f"{kind}_{letter}" for kind in ("torque", "force") for letter in AXES]
 ROUNDING = 1e-12
-"""N m or N; a command below is a sum that should be zero."""
+"""Commands below this are rounding errors, N m or N."""
 ROW = 0.21
-"""Inches."""
+"""Height of a row, inches."""
 
 
 class Strips(NamedTuple):
-    """The rows of the picture, over (BINS + 1,) edges."""
+    """Commands and information in intervals of a phase."""
 
     edges_s: Array
+    """(BINS + 1,) edges of the intervals, s."""
     commands: Array
-    """(6, BINS) rms executed torque and force, each kind over its largest."""
+    """(6, BINS) rms executed torque and force, each relative to its largest."""
     information: Array
-    """(10, BINS) the share of all that was learnt of a quantity (growth of 1/σ²) in each part; NaN where nothing was learnt."""
+    """(10, BINS) share of a quantity's total information (increase of 1/σ²) in each interval; NaN without any."""
 
 
 def picture(recorded: Recorded) -> Picture:
@@ -48,7 +49,7 @@ def picture(recorded: Recorded) -> Picture:
 
 
 def strips(columns: Columns) -> Strips:
-    """Commands and information over equal parts of a phase."""
+    """Commands and information in equal intervals of a phase."""
     time_s = columns["time_s"]
     edges = np.linspace(time_s[0] - (time_s[1] - time_s[0] if len(time_s) > 1 else 1.0), time_s[-1], BINS + 1)
     part: NDArray[np.intp] = np.clip(np.searchsorted(edges, time_s, side="left") - 1, 0, BINS - 1)
@@ -63,17 +64,17 @@ def strips(columns: Columns) -> Strips:
 
 
 def _information(sigma: Array, part: NDArray[np.intp]) -> Array:
-    """(BINS,) shares of the growth of 1/σ²; what a random walk takes away again counts as nothing."""
-    told = np.isfinite(sigma) & (sigma > 0)
-    if not told.any():
+    """(BINS,) shares of the increases of 1/σ²; decreases, by process noise, count as zero."""
+    known = np.isfinite(sigma) & (sigma > 0)
+    if not known.any():
         return np.full(BINS, np.nan)
-    information = np.where(told, (sigma[told].min() / np.where(told, sigma, 1.0)) ** 2, 0.0)
+    information = np.where(known, (sigma[known].min() / np.where(known, sigma, 1.0)) ** 2, 0.0)
     gained = np.maximum(np.diff(information, prepend=0.0), 0.0)
     return np.asarray(np.bincount(part, gained / gained.sum(), BINS), dtype=float)
 
 
-def half_learnt_by(found: Strips, row: int) -> float | None:
-    """The moment by which half of the information on a quantity was in."""
+def half_information_s(found: Strips, row: int) -> float | None:
+    """Time at which half of the information on a quantity is reached, s; None without any."""
     shares = found.information[row]
     if not np.isfinite(shares).all():
         return None
@@ -108,7 +109,7 @@ def _panel(number: int, phase: PhaseItem, found: Strips, several: bool) -> Panel
 
 
 def _steps(edges: Array, tops: Array, bottom: float) -> tuple[Array, Array]:
-    """The outline of a histogram: up at the first edge, down at the last."""
+    """Outline of a histogram, from ``bottom`` to ``bottom``."""
     x, y = np.repeat(edges, 2), np.concatenate([[bottom], np.repeat(tops, 2), [bottom]])
     turns = np.ones(len(y), dtype=bool)
     turns[1:-1] = (y[1:-1] != y[:-2]) | (y[1:-1] != y[2:])
@@ -118,6 +119,6 @@ def _steps(edges: Array, tops: Array, bottom: float) -> tuple[Array, Array]:
 def _says(phase: PhaseItem, found: Strips) -> str:
     told = []
     for row, name in enumerate(QUANTITIES):
-        moment = half_learnt_by(found, row)
+        moment = half_information_s(found, row)
         told.append(f"{vocabulary.SYMBOLS[name]} {'never' if moment is None else f'half by {moment:.3g} s'}")
     return f"When each quantity was learnt in phase {line(phase.name)}, beside the executing torque and force: {', '.join(told)}"

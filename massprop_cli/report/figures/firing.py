@@ -1,4 +1,4 @@
-"""Which jet executed when: a raster with a row for each jet, those that a warning names marked."""
+"""Raster of jet firings: a row for each jet; jets named in a warning are marked."""
 
 import re
 from collections.abc import Sequence
@@ -16,13 +16,13 @@ from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import Result, VehicleInfo
 
 BINS = 240
-"""Parts of the time axis; each shows the share of it that a jet pushed."""
+"""Number of intervals of the time axis."""
 ROW = 0.17
-"""Inches."""
+"""Height of a row, inches."""
 
 
 def picture(recorded: Recorded) -> Picture:
-    """One panel over all phases; without jets the panel says so."""
+    """One panel for all phases; without jets, it names the other commands."""
     jets = recorded.result.vehicle.jets
     parts = covered(recorded, ["time_s", *(f"{EXECUTED}{jet}_s" for jet in jets)])
     found = named(recorded.result)
@@ -35,13 +35,13 @@ def picture(recorded: Recorded) -> Picture:
 
 
 def named(result: Result) -> list[str]:
-    """Jets that a warning or a contradiction names, as whole words."""
+    """Jets whose names occur in a warning or a contradiction, as whole words."""
     said = " ".join([*(warning.message for warning in result.warnings), *(phase.contradiction for phase in result.phases)])
     return [jet for jet in result.vehicle.jets if re.search(rf"(?<![\w-]){re.escape(jet)}(?![\w-])", said)]
 
 
 def shares(parts: Sequence[Covered], jet: str, edges_s: Array) -> Array:
-    """(BINS,) the part of each bin at which a jet pushed: 1 is all of it at full thrust."""
+    """(BINS,) duty cycle of a jet in each interval: 1 is full thrust all the time."""
     pushed, lasted = np.zeros(len(edges_s) - 1), np.zeros(len(edges_s) - 1)
     for *_, columns in parts:
         time_s = columns["time_s"]

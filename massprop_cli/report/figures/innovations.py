@@ -1,4 +1,4 @@
-"""Innovations with their bounds: measured less predicted, in torque and force."""
+"""Innovations in torque and force, with their ± 2 sigma bounds."""
 
 import numpy as np
 
@@ -11,13 +11,13 @@ from massprop_cli.result.read import Recorded
 
 UNITS = {"torque": "N m", "force": "N"}
 SENSORS = {"torque": "rate", "force": "acceleration"}
-"""The signal in which each shows."""
+"""The sensor signal of each kind."""
 BOUND = 2.0
-"""Sigmas; 95.4 % of normal innovations lie within."""
+"""Bound of an innovation, sigmas: 95.4 % of normally distributed ones are within."""
 
 
 def picture(recorded: Recorded) -> Picture:
-    """Three torque channels, three force channels, over all phases."""
+    """A panel for each torque and force channel, for all phases."""
     parts = covered(recorded)
     letters = {kind: sensed(parts, sensor) for kind, sensor in SENSORS.items()}
     ranges = {kind: [_limits(f"innovation_{kind}_{letter}", parts) for letter in letters[kind]] for kind in UNITS}
@@ -34,9 +34,9 @@ def picture(recorded: Recorded) -> Picture:
 
 
 def share_inside(values: Array, sigmas: Array) -> float | None:
-    """The share of innovations within the bounds; ``None`` without any."""
-    told = np.isfinite(values) & np.isfinite(sigmas)
-    return float((np.abs(values[told]) <= BOUND * sigmas[told]).mean()) if told.any() else None
+    """Share of innovations within the bounds; None without innovations."""
+    known = np.isfinite(values) & np.isfinite(sigmas)
+    return float((np.abs(values[known]) <= BOUND * sigmas[known]).mean()) if known.any() else None
 
 
 def _panel(kind: str, letter: str, parts: list[Covered], limits: AxisRange, power: int) -> Panel:
@@ -56,7 +56,7 @@ def _panel(kind: str, letter: str, parts: list[Covered], limits: AxisRange, powe
 
 
 def bounds(axes: Axes, gid: str, time_s: Array, sigmas: Array, buckets: int) -> None:
-    """Dashes at both ends of what is expected to hold nearly all."""
+    """Draw the upper and lower bound as dashed lines."""
     rows = thin(sigmas, buckets=buckets)
     for sign, side in ((1, "upper"), (-1, "lower")):
         at = sign * BOUND * sigmas[rows]
@@ -64,12 +64,12 @@ def bounds(axes: Axes, gid: str, time_s: Array, sigmas: Array, buckets: int) -> 
 
 
 def _limits(column: str, parts: list[Covered]) -> AxisRange:
-    """Symmetric; wide enough for the bounds and nearly all innovations after the first fifth of each phase."""
+    """Symmetric range for the bounds and 98 % of the innovations after the first fifth of each phase."""
     reach = []
     for *_, columns in parts:
         values, sigmas = columns[column], columns[f"{column}_sigma"]
-        told = np.flatnonzero(np.isfinite(values) & np.isfinite(sigmas))
-        tail = told[len(told) // 5 :]
+        known = np.flatnonzero(np.isfinite(values) & np.isfinite(sigmas))
+        tail = known[len(known) // 5 :]
         if tail.size:
             reach.append(max(1.6 * BOUND * np.median(sigmas[tail]), 1.2 * np.quantile(np.abs(values[tail]), 0.98)))
     return padded(-max(reach), max(reach), 0.02) if reach else AxisRange(-1.0, 1.0)

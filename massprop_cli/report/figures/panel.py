@@ -1,4 +1,4 @@
-"""A panel is one pair of axes with what it says in words; a picture is the panels that belong together under one name."""
+"""Panels, one pair of axes each with an alternative text, and pictures, the panels of one figure."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -8,43 +8,43 @@ from massprop_cli.base.dataclass import dataclass
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Axes
 else:
-    Axes = Any  # matplotlib is imported once something is drawn
+    Axes = Any  # drawing imports matplotlib later
 
 LENGTH, HEIGHT = 4.0, 2.1
-"""Inches of an ordinary panel; its text is readable at the width of a phone."""
+"""Default width and height of a panel, inches; text is readable at the width of a phone."""
 LEFT, RIGHT, BOTTOM, TOP = 0.64, 0.12, 0.42, 0.28
-"""Inches around a panel's axes."""
+"""Margins around the axes, inches."""
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes."""
+    """One pair of axes with its drawing function."""
 
     key: str
-    """Names the axes within the picture: ``axes-KEY`` is its id in the SVG."""
+    """Key in the picture; the id of the axes in the SVG is ``axes-KEY``."""
     says: str
-    """What is seen, in words."""
+    """Alternative text."""
     paint: Callable[[Axes], None]
     size: tuple[float, float] = (LENGTH, HEIGHT)
     """Width and height, inches."""
     bottom: float = BOTTOM
-    """Inches below the axes."""
+    """Margin below the axes, inches."""
     logarithmic: bool = False
-    """Whether what stands upward is the logarithm to base ten of what is meant."""
+    """Whether the vertical coordinate is the logarithm to base ten of the value."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """Panels that belong together."""
+    """Panels of one figure, with a caption."""
 
     caption: str
     panels: tuple[Panel, ...]
     columns: int = 3
-    """Of panels side by side where there is room."""
+    """Largest number of panels side by side."""
 
 
 def nothing(why: str) -> Panel:
-    """A panel that says why it shows nothing."""
+    """A panel with a message in place of axes."""
 
     def paint(axes: Axes) -> None:
         axes.axis("off")

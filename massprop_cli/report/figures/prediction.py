@@ -1,4 +1,4 @@
-"""Measured against predicted: rate and specific force overlaid, what is left of them, and what is left against the command."""
+"""Measured and predicted rate and specific force against time, with residuals."""
 
 from collections.abc import Sequence
 
@@ -18,23 +18,24 @@ from massprop_cli.result.schema import AXES
 SHOWN = {"rate": ("Rate", "rad/s"), "specific_force": ("Specific force at the IMU", "m/s²")}
 """Heading and unit of each kind."""
 NOTHING = 1e-3
-"""The least range of a panel over the largest value of the three axes: rounding errors are no signal."""
+"""Smallest range of a panel relative to the largest value of the three axes, so that it does not magnify rounding errors."""
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One axis of rate or specific force in one phase."""
+    """Rate or specific force on one axis in one phase."""
 
     number: int
+    """Number of the phase, from 1."""
     time_s: Array
     measured: Array
     predicted: Array
     sigma: Array
-    """Of measured less predicted."""
+    """(K,) sigma of the residual."""
 
     @property
     def residual(self) -> Array:
-        """Measured less predicted."""
+        """(K,) measured minus predicted."""
         return np.asarray(self.measured - self.predicted)
 
 
@@ -44,7 +45,7 @@ def columns(kind: str) -> list[str]:
 
 
 def _names(kind: str, letter: str) -> tuple[str, str, str]:
-    """Column names of the measured value, the predicted value, and the sigma of the difference."""
+    """Column names of the measured value, the predicted value, and the sigma of the residual."""
     unit = PREDICTED[kind]
     return f"{kind}_{letter}_{unit}", f"predicted_{kind}_{letter}_{unit}", f"predicted_{kind}_{letter}_sigma_{unit}"
 
@@ -55,17 +56,17 @@ def channel(number: int, found: Columns, kind: str, letter: str) -> Channel:
 
 
 def picture(recorded: Recorded, kind: str) -> Picture:
-    """X, Y and Z over all phases: overlaid, and below each what is left."""
+    """For each axis over all phases, a panel of measured and predicted values, and one of residuals."""
     parts = covered(recorded, columns(kind))
-    found = {letter: [channel(number, each, kind, letter) for number, _, each in parts] for letter in sensed(parts, kind)}
-    largest = max((float(np.nanmax(np.abs(one.measured), initial=0.0)) for each in found.values() for one in each), default=0.0)
-    overlaid = {letter: _overlaid(each, NOTHING * largest) for letter, each in found.items()}
-    left = {letter: _symmetric(each) for letter, each in found.items()}
-    powers = axis.power(overlaid.values()), axis.power(left.values())
+    channels = {letter: [channel(number, each, kind, letter) for number, _, each in parts] for letter in sensed(parts, kind)}
+    largest = max((float(np.nanmax(np.abs(one.measured), initial=0.0)) for each in channels.values() for one in each), default=0.0)
+    overlaid = {letter: _overlaid(each, NOTHING * largest) for letter, each in channels.items()}
+    residual = {letter: _symmetric(each) for letter, each in channels.items()}
+    powers = axis.power(overlaid.values()), axis.power(residual.values())
     panels = list[Panel]()
-    for letter, each in found.items():
+    for letter, each in channels.items():
         panels.append(_overlay(kind, letter, each, overlaid[letter], powers[0], parts, first=not panels))
-        panels.append(_residual(kind, letter, each, left[letter], powers[1], parts))
+        panels.append(_residual(kind, letter, each, residual[letter], powers[1], parts))
     return Picture(_caption(recorded, parts), tuple(panels), 2)
 
 
@@ -83,7 +84,7 @@ def _caption(recorded: Recorded, parts: list[Covered]) -> str:
 
 
 def _overlaid(each: Sequence[Channel], least: float) -> AxisRange:
-    """The range of the measured values, and of predicted ones near them."""
+    """Range of the measured values, and of predicted values within one range of them."""
     measured = span(np.concatenate([one.measured for one in each]), least)
     height = measured.high - measured.low
     predicted = np.concatenate([one.predicted for one in each])
@@ -93,8 +94,9 @@ def _overlaid(each: Sequence[Channel], least: float) -> AxisRange:
 
 
 def _symmetric(each: Sequence[Channel]) -> AxisRange:
-    left, sigma = _told(each)
-    reach = max(float(np.abs(left).max()), 1.3 * BOUND * float(np.median(sigma))) if left.size else 1.0
+    """Symmetric range of the residuals and their bounds."""
+    residual, sigma = _residuals(each)
+    reach = max(float(np.abs(residual).max()), 1.3 * BOUND * float(np.median(sigma))) if residual.size else 1.0
     return padded(-reach, reach, 0.03)
 
 
@@ -112,8 +114,10 @@ def _overlay(kind: str, letter: str, each: Sequence[Channel], limits: AxisRange,
                 ("predicted", one.predicted, palette.ORANGE, (0, (4, 2))),
             ):
                 drawn = thin(values, buckets=buckets)
-                told = name if label and len(drawn) else None
-                axes.plot(one.time_s[drawn], values[drawn], color=colour, linewidth=1.1, linestyle=style, gid=gid.format(name), label=told)
+                legend = name if label and len(drawn) else None
+                axes.plot(
+                    one.time_s[drawn], values[drawn], color=colour, linewidth=1.1, linestyle=style, gid=gid.format(name), label=legend
+                )
         if first:
             axes.legend(
                 loc="lower right", bbox_to_anchor=(1, 1), ncols=2, borderaxespad=0.0, handlelength=1.6, handletextpad=0.4, columnspacing=0.8
@@ -139,16 +143,16 @@ def _residual(kind: str, letter: str, each: Sequence[Channel], limits: AxisRange
     return Panel(f"{kind}_{letter}_residual", says, paint)
 
 
-def _told(each: Sequence[Channel]) -> tuple[Array, Array]:
-    """Measured less predicted and its sigma over all phases, where they are known."""
-    left, sigma = (np.concatenate([getattr(one, name) for one in each]) for name in ("residual", "sigma"))
-    told = np.isfinite(left) & np.isfinite(sigma)
-    return left[told], sigma[told]
+def _residuals(each: Sequence[Channel]) -> tuple[Array, Array]:
+    """Finite residuals of all phases, with their sigmas."""
+    residual, sigma = (np.concatenate([getattr(one, name) for one in each]) for name in ("residual", "sigma"))
+    known = np.isfinite(residual) & np.isfinite(sigma)
+    return residual[known], sigma[known]
 
 
 def _says(each: Sequence[Channel], unit: str) -> str:
-    left, sigma = _told(each)
-    if not left.size:
+    residual, sigma = _residuals(each)
+    if not residual.size:
         return "not predicted"
-    inside = (np.abs(left) <= BOUND * sigma).mean()
-    return f"rms of the residual {np.sqrt((left**2).mean()):.2g} {unit}; {inside:.1%} lie within ± 2 sigma, 95 % are expected"
+    inside = (np.abs(residual) <= BOUND * sigma).mean()
+    return f"rms of the residual {np.sqrt((residual**2).mean()):.2g} {unit}; {inside:.1%} lie within ± 2 sigma, 95 % are expected"

@@ -1,4 +1,4 @@
-"""The history of a result, asked for by a figure."""
+"""The columns of history.parquet that figures need."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,23 +10,24 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError, UsageError
 from massprop_cli.report.figures import axis
 from massprop_cli.report.figures.panel import Axes
-from massprop_cli.report.figures.series import AxisRange, parts_of, said
+from massprop_cli.report.figures.series import AxisRange, parts_of, thinning_note
 from massprop_cli.result.historyfile import SIGNALS
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import AXES, PhaseItem
 
 Columns = dict[str, Array]
 Covered = tuple[int, PhaseItem, Columns]
+"""Number of a phase from 1, the phase, and its columns."""
 _INNOVATIONS = [f"innovation_{kind}_{letter}" for kind in ("torque", "force") for letter in AXES]
 COLUMNS = (
     *(f"{name}{part}" for name in (*QUANTITIES, *_INNOVATIONS) for part in ("", "_sigma")),
     *(f"{kind}_{letter}_{unit}" for kind, unit in SIGNALS.items() for letter in AXES),
 )
-"""What figures draw of history.parquet."""
+"""Columns of history.parquet that most figures need."""
 
 
 def covered(recorded: Recorded, needed: Sequence[str] = COLUMNS) -> list[Covered]:
-    """Number (from 1), phase and columns of every phase with rows; :class:`InputError` without a history, or one that holds less."""
+    """Every phase with rows in the history; raise :class:`InputError` without history or without a needed column."""
     phases = recorded.result.phases
     numbered = [(number, phase, recorded.history.get(phase.name, {})) for number, phase in enumerate(phases, 1)]
     found = [part for part in numbered if len(part[2].get("time_s", ()))]
@@ -45,13 +46,13 @@ def covered(recorded: Recorded, needed: Sequence[str] = COLUMNS) -> list[Covered
 
 
 def sensed(parts: Sequence[Covered], kind: str) -> list[str]:
-    """The body axes, of x, y and z, that the log has of a kind of signal, such as "rate"; of a sensor that it lacks none."""
+    """The body axes for which the log has a signal, such as "rate"; empty without its sensor."""
     unit = {"specific_force": "m_s2", **SIGNALS}[kind]
     return [letter for letter in AXES if any(np.isfinite(columns[f"{kind}_{letter}_{unit}"]).any() for *_, columns in parts)]
 
 
 def only(recorded: Recorded, phase: str) -> Recorded:
-    """The result with one of its phases and its history; :class:`UsageError` names the phases there are."""
+    """The result with one phase; raise :class:`UsageError` if it has no such phase."""
     found = [item for item in recorded.result.phases if item.name == phase]
     if not found:
         known = ", ".join(item.name for item in recorded.result.phases)
@@ -60,18 +61,18 @@ def only(recorded: Recorded, phase: str) -> Recorded:
 
 
 def thinned(parts: Sequence[Covered], each: int = 1) -> str:
-    """The caption's sentence on thinning, each phase in an ``each``-th of the usual number of parts."""
-    return said([len(columns["time_s"]) for *_, columns in parts], parts_of(len(parts)) // each)
+    """Sentence of a caption on the reduction, for 1/``each`` of the usual number of intervals."""
+    return thinning_note([len(columns["time_s"]) for *_, columns in parts], parts_of(len(parts)) // each)
 
 
 def over_time(axes: Axes, parts: list[Covered], limits: AxisRange, heading: str, unit: str, power: int | None = None) -> None:
-    """Set both axes of a panel over all phases, and shade and name these."""
+    """Set both axes of a panel over all phases, and mark the phases."""
     axis.time(axes, *extent(parts))
     axis.values(axes, limits, heading, unit, power)
     axis.phases(axes, [phase for _, phase, _ in parts])
 
 
 def extent(parts: list[Covered]) -> tuple[float, float]:
-    """The first and the last moment of all phases."""
+    """First and last time of all phases, s."""
     start = min(axis.beginning(phase, columns["time_s"]) for _, phase, columns in parts)
     return start, max(float(columns["time_s"][-1]) for *_, columns in parts)

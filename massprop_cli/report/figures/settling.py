@@ -1,4 +1,4 @@
-"""How each estimate came to rest: its distance from where it ends, its sigma and the tolerance, against time on a logarithmic scale."""
+"""Convergence of each estimate: distance from its final value, sigma and tolerance against time, on a logarithmic scale."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import PhaseItem, Result
 
 SIZE = 2.5, 2.0
-"""Inches: five stand side by side in a page, with text as large as that of other figures."""
+"""Width and height of a panel, inches, for five panels side by side with the usual text size."""
 
 
 def picture(recorded: Recorded) -> Picture:
@@ -33,7 +33,10 @@ def picture(recorded: Recorded) -> Picture:
 
 
 def tolerance(name: str, phase: PhaseItem, result: Result) -> float | None:
-    """Tolerance of convergence in a quantity's unit, as set or relative to trace, √(trace/mass) or mass; None where that is not known."""
+    """Tolerance of convergence in a quantity's unit; None if it is relative to an unknown size.
+
+    A relative tolerance refers to trace (inertia), √(trace/mass) (CG), or mass.
+    """
     settings = result.provenance.settings
     thesis = result.provenance.method == "thesis"
     kind = "inertia" if name in INERTIA else "cg" if name in CG else "mass"
@@ -53,19 +56,19 @@ def tolerance(name: str, phase: PhaseItem, result: Result) -> float | None:
 def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: bool, result: Result) -> Panel:
     item, time_s = phase.estimates[name], columns["time_s"]
     value, sigma = columns[name], columns[f"{name}_sigma"]
-    told = np.isfinite(value) & np.isfinite(sigma)
-    away = np.abs(value - value[told][-1]) if told.any() else np.full_like(value, np.nan)
+    known = np.isfinite(value) & np.isfinite(sigma)
+    distance = np.abs(value - value[known][-1]) if known.any() else np.full_like(value, np.nan)
     allowed = tolerance(name, phase, result)
     heading = f"{vocabulary.SYMBOLS[name]}{f', {line(phase.name, 14)}' if several else ': away from the end'}"
 
     def paint(axes: Axes) -> None:
         axis.time(axes, axis.beginning(phase, time_s), time_s[-1])
         axis.heading(axes, heading, vocabulary.unit(item.unit))
-        if not told.any():
+        if not known.any():
             axes.set_yticks([])
             axis.note(axes, "nothing can be said")
             return
-        drawn = [_logarithm(away), _logarithm(sigma)]
+        drawn = [_logarithm(distance), _logarithm(sigma)]
         for each, kind, colour, style, width in (
             (drawn[0], "away", palette.BLUE, "-", 0.7),
             (drawn[1], "sigma", palette.ORANGE, (0, (4, 2)), 1.1),
@@ -77,7 +80,7 @@ def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: 
         _decades(axes, drawn, allowed)
 
     size = "" if allowed is None else f", tolerance {allowed:.2g} {item.unit}"
-    ends = f"sigma from {np.nanmax(sigma[told]):.2g} to {sigma[told][-1]:.2g} {item.unit}" if told.any() else "nothing can be said"
+    ends = f"sigma from {np.nanmax(sigma[known]):.2g} to {sigma[known][-1]:.2g} {item.unit}" if known.any() else "nothing can be said"
     says = f"{vocabulary.SYMBOLS[name]}, phase {line(phase.name)}, distance from its end and sigma against time, logarithmic: {ends}{size}"
     return Panel(f"settling_{name}-{number}", says, paint, SIZE, logarithmic=True)
 
@@ -88,7 +91,7 @@ def _logarithm(values: Array) -> Array:
 
 
 def _decades(axes: Axes, drawn: list[Array], allowed: float | None) -> None:
-    """Set the axis from a little below the smallest sigma to the largest distance, with a tick for every decade or few."""
+    """Set the value axis from 1.5 decades below the smallest sigma to the largest value, with at most about five ticks."""
     low = float(np.nanmin(drawn[1])) - 1.5
     high = max(float(np.nanmax(each)) for each in drawn if np.isfinite(each).any())
     high = max(high, np.log10(allowed)) if allowed is not None else high

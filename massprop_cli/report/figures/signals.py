@@ -1,4 +1,4 @@
-"""What the vehicle was told and felt, against time: executed torque and force, rate, compensated acceleration."""
+"""Signals against time: executed torque and force, rate, compensated acceleration."""
 
 import numpy as np
 
@@ -21,15 +21,15 @@ KINDS = {
         "m/s²",
     ),
 }
-"""Heading, caption and unit of each kind of columns."""
+"""Heading, caption and unit of each kind of signal."""
 COMMANDED = ("torque", "force")
-"""Kinds that jump from cycle to cycle."""
+"""Signals that may change in steps at each cycle."""
 NOTHING = 1e-3
-"""The least range of a panel over the largest value of the three axes: rounding errors are no signal."""
+"""Smallest range of a panel relative to the largest value of the three axes, so that it does not magnify rounding errors."""
 
 
 def picture(recorded: Recorded, kind: str) -> Picture:
-    """X, Y and Z, over all phases."""
+    """A panel for each axis, for all phases."""
     parts, (heading, caption, _) = covered(recorded), KINDS[kind]
     point = "the bearing" if recorded.result.vehicle.environment in PIVOTED else "O"
     letters = sensed(parts, kind)
@@ -56,15 +56,15 @@ def _panel(kind: str, letter: str, heading: str, parts: list[Covered], limits: A
         for number, _, columns in parts:
             gid = f"{kind}_{letter}-{{}}-{number}"
             if kind in COMMANDED:
-                # jets go on and off from cycle to cycle: the mean of many cycles, within their least and largest
+                # jets switch at each cycle, so draw the mean of many cycles with a band from minimum to maximum
                 time_s, mean, low, high = gathered(columns["time_s"], columns[column], parts_of(len(parts)))
-                there, back = np.concatenate([time_s, time_s[::-1]]), np.concatenate([low, high[::-1]])
-                axes.fill(there, back, color=palette.BLUE, alpha=0.2, linewidth=0, gid=gid.format("band"))
+                x, y = np.concatenate([time_s, time_s[::-1]]), np.concatenate([low, high[::-1]])
+                axes.fill(x, y, color=palette.BLUE, alpha=0.2, linewidth=0, gid=gid.format("band"))
                 axes.plot(time_s, mean, color=palette.BLUE, linewidth=0.9, gid=gid.format("value"))
             else:
                 rows = thin(columns[column], buckets=parts_of(len(parts)))
                 axes.plot(columns["time_s"][rows], columns[column][rows], color=palette.BLUE, linewidth=0.8, gid=gid.format("value"))
 
     finite = values[np.isfinite(values)]
-    told = f"from {finite.min():.3g} to {finite.max():.3g} {unit}, rms {np.sqrt((finite**2).mean()):.3g}" if finite.size else "not known"
-    return Panel(f"{kind}_{letter}", f"{heading} axis {letter.upper()} against time: {told}", paint)
+    spread = f"from {finite.min():.3g} to {finite.max():.3g} {unit}, rms {np.sqrt((finite**2).mean()):.3g}" if finite.size else "not known"
+    return Panel(f"{kind}_{letter}", f"{heading} axis {letter.upper()} against time: {spread}", paint)

@@ -1,4 +1,4 @@
-"""Whether innovations are what the model expects: independent standard normal numbers."""
+"""Whiteness of the innovations, which should be independent and standard normal."""
 
 import numpy as np
 
@@ -14,16 +14,17 @@ from massprop_cli.result.schema import AXES
 KINDS = {"rate": "Rate", "specific_force": "Specific force"}
 COLUMNS = [f"whitened_{kind}_{letter}" for kind in KINDS for letter in AXES]
 EDGES = np.linspace(-4.5, 4.5, 28)
-"""Of the histogram; what lies beyond is in its outermost columns."""
+"""Edges of the histogram, sigmas; its outermost bins include all values beyond."""
 LAGS = 20
+"""Largest lag of the autocorrelation, cycles."""
 WINDOW = 50
-"""Cycles of a running mean."""
+"""Length of the running mean, cycles."""
 Style = tuple[str, str | tuple[float, tuple[float, ...]]]
 _STYLES: tuple[Style, ...] = ((palette.BLUE, "-"), (palette.ORANGE, (0, (4, 1.5))), (palette.GREEN, (0, (1, 1))))
 
 
 def picture(recorded: Recorded) -> Picture:
-    """For rate and for specific force: histogram, autocorrelation, running mean square."""
+    """Histogram, autocorrelation and running mean square, for rate and for specific force."""
     parts = covered(recorded, COLUMNS)
     kinds = [kind for kind in KINDS if sensed(parts, kind)]
     panels = [panel for kind in kinds for panel in (_histogram(kind, parts), _autocorrelation(kind, parts), _running(kind, parts))]
@@ -37,26 +38,26 @@ def picture(recorded: Recorded) -> Picture:
 
 
 def whitened(parts: list[Covered], kind: str) -> list[Array]:
-    """(K, axes that the log has) of each phase, those that are known."""
+    """(K, a) finite whitened innovations of each phase, on the a axes in the log."""
     found = [np.column_stack([each[f"whitened_{kind}_{letter}"] for letter in sensed(parts, kind)]) for *_, each in parts]
     return [z[np.isfinite(z).all(1)] for z in found]
 
 
 def _styles(parts: list[Covered], kind: str) -> list[tuple[str, Style]]:
-    """The letter and the style of each axis."""
-    own = dict(zip(AXES, _STYLES, strict=True))
-    return [(letter, own[letter]) for letter in sensed(parts, kind)]
+    """Letter and line style of each axis in the log."""
+    style = dict(zip(AXES, _STYLES, strict=True))
+    return [(letter, style[letter]) for letter in sensed(parts, kind)]
 
 
 def autocorrelation(pieces: list[Array]) -> Array:
-    """(LAGS, a) of phases one after the other: Σ z[k + lag] z[k] / Σ z[k]², not across their borders."""
+    """(LAGS, a) autocorrelation Σ z[k + lag] z[k] / Σ z[k]², with no products across phase boundaries."""
     total = np.maximum(sum((z**2).sum(0) for z in pieces), TINY)
     sums = [sum((z[lag:] * z[:-lag]).sum(0) for z in pieces if len(z) > lag) for lag in range(1, LAGS + 1)]
     return np.asarray(np.array([np.zeros(total.shape) + one for one in sums]) / total)
 
 
 def running(z: Array) -> Array:
-    """(K − WINDOW + 1,) mean over so many rows of the sum of squares of z (K, a)."""
+    """(K − WINDOW + 1,) running mean of the sum of squares of z (K, a)."""
     sums = np.concatenate([[0.0], np.cumsum((z**2).sum(1))])
     return np.asarray((sums[WINDOW:] - sums[:-WINDOW]) / WINDOW)
 
