@@ -193,7 +193,7 @@ def _idle(log: Log, vehicle: Vehicle, expected: Sequence[ExpectedQuantity]) -> l
     idle = never_fired(log, vehicle)
     if not missing or not idle:
         return []
-    motions = "; ".join(dict.fromkeys(f"{name}: {vocabulary.cure(name)}" for name in missing))
+    motions = "; ".join(dict.fromkeys(f"{name}: {vocabulary.motion_for(name)}" for name in missing))
     text = f"never commanded: {', '.join(idle)}; {', '.join(missing)} cannot be estimated without motion"
     return [finding("excitation", "never-fired", "note", text, f"add the missing motion ({motions}); massprop plan designs it")]
 

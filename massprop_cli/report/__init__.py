@@ -1,1 +1,1 @@
-"""Results for people and machines. Each format is a function from an analysis to text or a file."""
+"""Reports of results in several formats; each format is a function from results to text or a file."""

@@ -1,4 +1,4 @@
-"""What values rest on and the log can't tell, or not well, as text: what one step of each assumption does, and what limits values."""
+"""Assumptions that the log cannot test, as text: the sensitivity of values to each assumption, and the largest error contribution."""
 
 from collections.abc import Sequence
 
@@ -10,8 +10,8 @@ from massprop_cli.conclude.docking import difference_slope
 from massprop_cli.report import digits, vocabulary
 from massprop_cli.result.schema import Assumption, DockedObject, Effect, PhaseItem, Result
 
-TOLD = 5.0
-"""Sigmas of misfit from which on the log itself would tell that an assumption is one step off."""
+DETECTABLE = 5.0
+"""Smallest misfit, sigmas, at which the log shows that an assumption is wrong by one step."""
 NOTICED = "the log would notice"
 SIGMA = "± sigma"
 EXACT_THRUST = f"{SIGMA} (thrust taken as exact)"
@@ -19,75 +19,77 @@ EXACT_THRUST = f"{SIGMA} (thrust taken as exact)"
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """One phase: a column for each assumption, a row for each quantity."""
+    """Changes of one phase's values for one step of each assumption, as text."""
 
     phase: str
     steps: tuple[tuple[str, str], ...]
     """Code and step of each assumption."""
     rows: tuple[tuple[str, str, tuple[str, ...]], ...]
-    """Quantity, unit, and the change of its value for each assumption."""
+    """Quantity, unit, and change of its value for each assumption."""
     noticed: tuple[str, ...]
-    """Whether the log would notice each."""
+    """Whether the log would show a wrong assumption, for each."""
 
 
-def open_ones(found: Result) -> list[Assumption]:
-    """Assumptions that are not verified: the log cannot show them, or the vehicle file does not state them."""
-    return [one for one in found.assumptions if not one.stated or one.code in ("thrust-scale", "mass-thrust") or _in_sigma(one)]
+def unverified(result: Result) -> list[Assumption]:
+    """Assumptions that the log cannot test, or that the vehicle file does not state."""
+    return [one for one in result.assumptions if not one.stated or one.code in ("thrust-scale", "mass-thrust") or _in_sigma(one)]
 
 
 def _in_sigma(assumption: Assumption) -> bool:
-    """Whether every sigma includes it already; its effects are its part of the sigmas."""
+    """Whether the sigmas include the assumption's uncertainty; its effects are then parts of the sigmas."""
     return assumption.code.startswith("uncertain-")
 
 
 def sensitivities(shown: Sequence[Assumption]) -> list[Sensitivity]:
-    """For each phase that any assumption has a say in."""
+    """Sensitivities of each phase with an effect of these assumptions."""
     names = dict.fromkeys(effect.phase for assumption in shown for effect in assumption.effects)
     return [_sensitivity(shown, name) for name in names]
 
 
 def _sensitivity(shown: Sequence[Assumption], phase: str) -> Sensitivity:
-    held = [(assumption, effect) for assumption in shown for effect in assumption.effects if effect.phase == phase]
+    effects = [(assumption, effect) for assumption in shown for effect in assumption.effects if effect.phase == phase]
     return Sensitivity(
         phase=phase,
-        steps=tuple((assumption.code, assumption.step) for assumption, _ in held),
+        steps=tuple((assumption.code, assumption.step) for assumption, _ in effects),
         rows=tuple(
-            (name, vocabulary.unit(UNITS[name]), tuple(_change(effect.change.get(name), _in_sigma(one)) for one, effect in held))
+            (name, vocabulary.unit(UNITS[name]), tuple(_change(effect.change.get(name), _in_sigma(one)) for one, effect in effects))
             for name in QUANTITIES
         ),
-        noticed=tuple("in sigma" if _in_sigma(assumption) else _noticed(effect.seen_sigma) for assumption, effect in held),
+        noticed=tuple("in sigma" if _in_sigma(assumption) else _noticed(effect.seen_sigma) for assumption, effect in effects),
     )
 
 
 def _change(change: float | None, in_sigma: bool) -> str:
+    """A change, or a part of a sigma, as text."""
     if change is None:
         return digits.ABSENT
     return f"{'± ' if in_sigma else '+' if change > 0 else ''}{digits.figures(change)}"
 
 
 def _noticed(seen_sigma: float | None) -> str:
+    """Whether the log would show the assumption wrong, with the misfit in sigmas."""
     if seen_sigma is None:
         return "no"
-    return f"{'yes' if seen_sigma >= TOLD else 'hardly'}, {digits.figures(seen_sigma)} σ"
+    return f"{'yes' if seen_sigma >= DETECTABLE else 'hardly'}, {digits.figures(seen_sigma)} σ"
 
 
-def said(assumption: Assumption) -> str:
+def sentence(assumption: Assumption) -> str:
     """An assumption as a sentence."""
     return f"{assumption.message} [{assumption.code}, {'stated by the vehicle file' if assumption.stated else 'a default'}]"
 
 
-def sigma_heading(found: Result) -> str:
-    """The heading of a column of sigmas; it says so where they include no uncertainty of the thrust."""
-    moves = any(assumption.code == "thrust-scale" and assumption.effects for assumption in found.assumptions)
-    return EXACT_THRUST if moves and found.vehicle.thrust_scale_sigma == 0 and not found.vehicle.wheels else SIGMA
+def sigma_heading(result: Result) -> str:
+    """Heading of a column of sigmas, with a note if they do not include a thrust uncertainty."""
+    moves = any(assumption.code == "thrust-scale" and assumption.effects for assumption in result.assumptions)
+    return EXACT_THRUST if moves and result.vehicle.thrust_scale_sigma == 0 and not result.vehicle.wheels else SIGMA
 
 
 def implied_thrust(body: PhaseItem | DockedObject) -> str:
-    """The thrust scale that a mass from elsewhere implies, as text; empty where there is none."""
+    """The thrust scale that an independently known mass implies, as text; empty without one."""
     if isinstance(body, DockedObject) or body.implied_thrust_scale is None:
         return ""
-    found = body.implied_thrust_scale
-    return f"the {found.by.replace('.', ' ')} implies {digits.with_sigma(found.value, found.sigma)} of the stated {found.of}"
+    implied = body.implied_thrust_scale
+    return f"the {implied.by.replace('.', ' ')} implies {digits.with_sigma(implied.value, implied.sigma)} of the stated {implied.of}"
 
 
 KINDS = {
@@ -102,71 +104,75 @@ KINDS = {
     "gyro-scale": "gyro scale",
     "accelerometer-scale": "accelerometer scale",
 }
-"""What an assumption's code is called among the limits."""
+"""Short name of an assumption by its code, for accuracy limits."""
 NOISE, KNOWN = "noise", "known"
 
 
 @dataclass(frozen=True)
 class AccuracyLimit:
-    """The largest contribution to the error of a value."""
+    """Largest contribution to the error of a value."""
 
     kind: str
-    """Noise, known, or what is assumed."""
+    """"noise", "known", or the short name of an assumption."""
     size: float
-    """By how much, in the value's unit."""
+    """Size of the contribution, in ``unit``."""
     step: str
-    """Of the assumption; empty for what is in the sigma."""
+    """Step of the assumption; empty for a contribution to the sigma."""
     unit: str
 
     @property
-    def said(self) -> str:
-        """The text of a table's cell."""
+    def text(self) -> str:
+        """Text of a table cell."""
         return self.kind if not self.step else f"{self.kind}, {self.step}: {digits.figures(self.size)} {vocabulary.unit(self.unit)}"
 
 
 def limit(name: str, part: PhaseItem | DockedObject, result: Result) -> AccuracyLimit | None:
-    """Of one quantity; None without a value or a valid sigma. The thrust scale, which the sigma includes, counts where it dominates."""
+    """Largest error contribution of one quantity; None without a value or a valid sigma.
+
+    The sigma is one contribution: "thrust scale" if this makes more than half of its variance, else "noise".
+    """
     item = part.estimates[name]
     if item.value is None or item.sigma is None or item.verdict not in ("converged", "not_converged"):
         return None
     if name in part.known:
         return AccuracyLimit(KNOWN, item.sigma, "", item.unit)
-    stated, own = result.vehicle.thrust_scale_sigma, NOISE
-    found = []
-    for one, changes in _unnoticed(part, result):
+    stated, in_sigma = result.vehicle.thrust_scale_sigma, NOISE
+    contributions = []
+    for one, changes in _undetectable(part, result):
         change = abs(changes.get(name, 0.0))
         if one.code != "thrust-scale" or not stated > 0:
-            found.append(AccuracyLimit(KINDS.get(one.code, one.code), change, one.step, item.unit))
+            contributions.append(AccuracyLimit(KINDS.get(one.code, one.code), change, one.step, item.unit))
         elif 2 * (change * stated / 0.01) ** 2 > item.sigma**2:
-            own = KINDS[one.code]
-    return max([AccuracyLimit(own, item.sigma, "", item.unit), *found], key=lambda each: each.size)
+            in_sigma = KINDS[one.code]
+    return max([AccuracyLimit(in_sigma, item.sigma, "", item.unit), *contributions], key=lambda each: each.size)
 
 
-def _unnoticed(part: PhaseItem | DockedObject, found: Result) -> list[tuple[Assumption, dict[str, float]]]:
-    """Assumptions whose error the log cannot show, and the change of each value by one step of them."""
+def _undetectable(part: PhaseItem | DockedObject, result: Result) -> list[tuple[Assumption, dict[str, float]]]:
+    """Assumptions whose error the log cannot show, with the change of each value for one step."""
     if isinstance(part, DockedObject):
-        return _of_docked(part, found)
-    every = [(one, effect) for one in found.assumptions for effect in one.effects]
-    return [(one, effect.change) for one, effect in every if effect.phase == part.name and not _told(effect)]
+        return _of_docked(part, result)
+    every = [(one, effect) for one in result.assumptions for effect in one.effects]
+    return [(one, effect.change) for one, effect in every if effect.phase == part.name and not _detectable(effect)]
 
 
-def _of_docked(part: DockedObject, found: Result) -> list[tuple[Assumption, dict[str, float]]]:
-    """To first order: the slope of the docked object's ten values, times the changes of both phases' values."""
-    ends = [phase for name in (part.before, part.after) for phase in found.phases if phase.name == name]
+def _of_docked(part: DockedObject, result: Result) -> list[tuple[Assumption, dict[str, float]]]:
+    """The same for a docked object, to first order: the derivative of its ten values times the changes of both phases' values."""
+    ends = [phase for name in (part.before, part.after) for phase in result.phases if phase.name == name]
     if len(ends) != 2:
         return []
     values = np.array([[end.estimates[name].value for name in QUANTITIES] for end in ends], dtype=float)
-    values[:, -1] -= found.vehicle.bearing_mass_kg
+    values[:, -1] -= result.vehicle.bearing_mass_kg
     if not np.isfinite(values).all():
         return []
     slope, steps = difference_slope(*values), []
-    for one in found.assumptions:
+    for one in result.assumptions:
         effects = {effect.phase: effect for effect in one.effects}
-        if not any(_told(effect) for effect in effects.values()):
-            moved = [effects[end.name].change.get(name, 0.0) if end.name in effects else 0.0 for end in ends for name in QUANTITIES]
-            steps.append((one, dict(zip(QUANTITIES, (slope @ moved).tolist(), strict=True))))
+        if not any(_detectable(effect) for effect in effects.values()):
+            changes = [effects[end.name].change.get(name, 0.0) if end.name in effects else 0.0 for end in ends for name in QUANTITIES]
+            steps.append((one, dict(zip(QUANTITIES, (slope @ changes).tolist(), strict=True))))
     return steps
 
 
-def _told(effect: Effect) -> bool:
-    return effect.seen_sigma is not None and effect.seen_sigma >= TOLD
+def _detectable(effect: Effect) -> bool:
+    """Whether the log would show an error of one step."""
+    return effect.seen_sigma is not None and effect.seen_sigma >= DETECTABLE

@@ -1,4 +1,4 @@
-"""What the log says about the model: whitened innovations, each beside what is expected of it."""
+"""Tests of the model against the log: statistics of the whitened innovations, and cross-validation."""
 
 from collections.abc import Sequence
 
@@ -10,12 +10,12 @@ from massprop_cli.result.schema import CrossValidationItem, Innovations
 
 CHANNELS = ("rate X", "rate Y", "rate Z", "specific force X", "specific force Y", "specific force Z")
 COUNT = 3.3
-"""Sigmas of the sampling scatter that are allowed: one check in a thousand is outside by chance."""
+"""Allowed deviation of a statistic in sigmas of its sampling distribution; the false-alarm rate is 0.001."""
 
 
 @dataclass(frozen=True)
 class StatisticCheck:
-    """A statistic and the range that chance leaves it."""
+    """A statistic with its expected value and allowed deviation."""
 
     what: str
     value: float
@@ -29,7 +29,7 @@ class StatisticCheck:
 
     @property
     def cells(self) -> tuple[str, str, str]:
-        """What, value and expectation as text."""
+        """Name, value and expected value as text."""
         return (
             self.what,
             f"{self.value:.3g}".replace("-", "−"),
@@ -38,7 +38,7 @@ class StatisticCheck:
 
 
 def cross_validation(found: CrossValidationItem) -> list[StatisticCheck]:
-    """Chi-square of each segment against the prediction by all others, and its limit at the level that is shared out over the segments."""
+    """Chi-square of each segment, predicted from all others; the false-alarm rate of all segments together is 1 − level."""
     share, checks = (1 - found.level) / len(found.segments), list[StatisticCheck]()
     for one in found.segments:
         what = f"chi-square of {one.start_s:.4g} to {one.end_s:.4g} s, predicted from the rest of the phase"
@@ -47,7 +47,10 @@ def cross_validation(found: CrossValidationItem) -> list[StatisticCheck]:
 
 
 def innovations(found: Innovations) -> list[StatisticCheck]:
-    """Over N cycles 6 ± √(12/N) for the sum of squares, 1 ± √(2/N) for variances, 0 ± 1/√N for lag one; 1 for what motion explains."""
+    """Statistics of the whitened innovations over N cycles, with their expected values.
+
+    Mean sum of squares 6 ± √(12/N), variances 1 ± √(2/N), correlation at lag one 0 ± 1/√N, lack-of-fit factor 1.
+    """
     n, columns = found.cycles, zip(CHANNELS, found.channel_variance, found.lack_of_fit, found.lag_one_correlation, strict=True)
     read = [(name, variance, factor, along) for name, variance, factor, along in columns if variance is not None and along is not None]
     count = "six" if len(read) == len(CHANNELS) else str(len(read))
@@ -66,17 +69,17 @@ def innovations(found: Innovations) -> list[StatisticCheck]:
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """Whether the model fits the log, in words."""
+class FitVerdict:
+    """Whether the model fits the log, with a sentence."""
 
     holds: bool
-    said: str
+    sentence: str
 
 
-def verdict(held: Sequence[bool]) -> Verdict | None:
-    """Whether all checks hold, in words; None without checks."""
+def verdict(held: Sequence[bool]) -> FitVerdict | None:
+    """The verdict of all checks; None without checks."""
     if not held:
         return None
     if all(held):
-        return Verdict(True, f"the model fits the log: {len(held)} of {len(held)} checks hold")
-    return Verdict(False, f"the model does not fit the log: {sum(held)} of {len(held)} checks hold")
+        return FitVerdict(True, f"the model fits the log: {len(held)} of {len(held)} checks hold")
+    return FitVerdict(False, f"the model does not fit the log: {sum(held)} of {len(held)} checks hold")

@@ -1,4 +1,4 @@
-"""The table that ``massprop compare`` prints."""
+"""Terminal tables of ``massprop compare``."""
 
 from rich.console import Console
 from rich.table import Table
@@ -10,19 +10,19 @@ from massprop_cli.result.compare import ComparedPart, Comparison, Difference
 from massprop_cli.result.judge import INFORMED
 
 _COLUMNS = ("quantity", "result", "baseline", "difference", "± sigma", "sigmas", "unit", "allowed", "within")
-_SPARE = ("allowed", "± sigma", "baseline")
-"""What a narrow terminal goes without: --json has all of it."""
+_OPTIONAL = ("allowed", "± sigma", "baseline")
+"""Columns omitted on a narrow terminal, in this order."""
 
 
-def show(found: Comparison, console: Console) -> None:
-    """Print one table per phase and docked object, with what the numbers mean below."""
-    console.print(escape.rich(f"{found.result.path} against the baseline {found.baseline.path}"))
-    for part in found.parts:
-        fitted(_table(part), console, _SPARE)
+def show(comparison: Comparison, console: Console) -> None:
+    """Print a table per phase and docked object, and a legend."""
+    console.print(escape.rich(f"{comparison.result.path} against the baseline {comparison.baseline.path}"))
+    for part in comparison.parts:
+        fitted(_table(part), console, _OPTIONAL)
     for line in (
         "Inertia about the CG in body axes; products are the tensor's own elements, ixy = -Σ m x y. CG from O in body axes.",
         "± is one standard deviation of the difference, sqrt(s1² + s2²); what both results share is not taken into account.",
-        *(f"Note: {note}." for note in found.notes),
+        *(f"Note: {note}." for note in comparison.notes),
     ):
         console.print(escape.rich(line))
 
@@ -37,6 +37,7 @@ def _table(part: ComparedPart) -> Table:
 
 
 def _cells(d: Difference) -> list[str]:
+    """Cells: value, baseline value, difference, its sigma, difference in sigmas."""
     sigmas = "–" if d.sigmas is None else f"{d.sigmas:+.2f}" if abs(d.sigmas) < 1e4 else f"{d.sigmas:+.1e}".replace("e+0", "e+")
     difference, sigma = digits.numbers(d.difference, d.difference_sigma)
     if d.difference == 0 or (d.difference is not None and d.difference_sigma is None):
@@ -45,5 +46,5 @@ def _cells(d: Difference) -> list[str]:
 
 
 def _value(value: float | None, sigma: float | None, verdict: str) -> str:
-    shown = digits.numbers(value, sigma, verdict)[0]
-    return shown if verdict in INFORMED else f"[dim]{shown}[/]"
+    text = digits.numbers(value, sigma, verdict)[0]
+    return text if verdict in INFORMED else f"[dim]{text}[/]"

@@ -1,4 +1,7 @@
-"""Numbers as a person reads them: two figures of sigma decide a value's digits; without a usable verdict it has two at most."""
+"""Rounding of numbers for people: two significant figures of sigma determine the decimals of a value (GUM, 7.2.6).
+
+A value without a usable verdict has at most two significant figures.
+"""
 
 import re
 from decimal import Context, Decimal
@@ -7,14 +10,14 @@ from massprop_cli.result.judge import INFORMED
 
 ABSENT = "–"
 LONGEST = 7
-"""Places before the point, and after it, that are written out; beyond them a number has an exponent."""
+"""Largest number of places before and after the decimal point; beyond it, a number has an exponent."""
 FIGURES = 17
-"""A double has no more."""
+"""Significant figures of a double."""
 _EXACT = Context(prec=1000)
 
 
 def numbers(value: float | None, sigma: float | None, verdict: str = "converged") -> tuple[str, str]:
-    """Value and sigma as text; where sigma is 0 the value has six figures."""
+    """Value and sigma as text; with sigma 0, the value has six figures."""
     if value is None or sigma is None:
         return ABSENT, ABSENT
     usable = verdict in INFORMED
@@ -39,22 +42,22 @@ def figures(value: float, count: int = 2) -> str:
 
 
 def stated(value: float, count: int = 9) -> str:
-    """A number that was given, or a time: as short as it is, of so many figures at most, with the exponents of all other numbers."""
+    """A stated number or a time with at most ``count`` significant figures, without trailing zeros."""
     return re.sub(r"e([+-])0+", r"e\1", f"{value + 0.0:.{count}g}")
 
 
 def minus(text: str) -> str:
-    """The text with a real minus sign, exponents too; nothing rounds to a negative zero."""
+    """The text with typographic minus signs, also in exponents; zero has no sign."""
     return text.replace("-", "−" if any(digit in text for digit in "123456789") else "")
 
 
 def _exponent(value: float, count: int = 2) -> int:
-    """The exponent of ten after rounding: two figures of 0.0996 are 0.10. That of 0 is 0."""
+    """The decimal exponent after rounding, since 0.0996 rounds to 0.10; 0 for 0."""
     return int(f"{value:.{count - 1}e}".split("e")[1])
 
 
 def _written(value: float, decimals: int, powers: bool) -> str:
-    """Rounded to so many decimals, which may be negative; ``powers``: with an exponent. Nothing rounds to a negative zero."""
+    """The value rounded to ``decimals``, which may be negative; ``powers``: with an exponent. Zero has no sign."""
     rounded = Decimal(repr(value)).quantize(Decimal(1).scaleb(-decimals), context=_EXACT)
     if rounded == 0:
         return "0" if powers else f"{0:.{max(decimals, 0)}f}"

@@ -1,4 +1,4 @@
-"""One self-contained page: a report of one result, or a comparison of several. Same results, same bytes."""
+"""Self-contained HTML page: a report of one result, or a comparison of several. Equal results give equal bytes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -20,28 +20,33 @@ MISSING = (
     "This figure needs history.parquet, which is missing beside result.json or was written by another version. "
     "Make the result again with massprop estimate, and the report from its folder."
 )
+"""Text in place of a figure without history.parquet."""
 OF_LOGS = "This result combines several logs and has no time history: see the report of each log for figures of fit, commands and response."
+"""Text in place of the figures against time in a combined result."""
 OF_PHASE = ("inertia", "cg", "mass", "settling")
+"""Figures of each phase against time."""
 OF_FIT = ("rate-fit", "force-fit", "whiteness", "command-fit", "innovations")
+"""Figures of the model's fit."""
 STACKED = ("rate-fit", "force-fit")
-"""Figures whose panels belong together in twos, one below the other."""
+"""Figures with pairs of panels, one below the other."""
 OF_LOG = ("firing", "torque", "force", "rate", "acceleration")
+"""Figures of the signals of the whole log."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A picture in the page, or why it isn't there."""
+    """Figure in a page; without panels, the caption says why."""
 
     name: str
     anchor: str
     title: str
     caption: str
     panels: tuple[Any, ...]
-    """Markup."""
+    """SVG elements, as markup."""
 
 
 def page(recorded: Sequence[Recorded]) -> str:
-    """A full report of one result; several are compared. The page loads nothing from anywhere."""
+    """Text of the page: a report of one result, or a comparison of several. It loads no other files."""
     if not recorded:
         raise ValueError("a page needs a result")
     templates = environment()
@@ -51,16 +56,16 @@ def page(recorded: Sequence[Recorded]) -> str:
 
 
 def stamped(text: str, recorded: Sequence[Recorded]) -> str:
-    """A page with the SHA-256 of each result.json that it was made from at its end, where that was read from a file."""
+    """The page with the SHA-256 digest of each result.json in its footer; a result without a file has none."""
     several = [f"{escape(name)}/" if len(recorded) > 1 else "" for name in labels(recorded)]
-    said = [f"{name}result.json, SHA-256 <code>{one.sha256}</code>" for name, one in zip(several, recorded, strict=True) if one.sha256]
+    sources = [f"{name}result.json, SHA-256 <code>{one.sha256}</code>" for name, one in zip(several, recorded, strict=True) if one.sha256]
     before, mark, after = text.rpartition("</footer>")
-    return f"{before} Made from {'; '.join(said)}.{mark}{after}" if said and mark else text
+    return f"{before} Made from {'; '.join(sources)}.{mark}{after}" if sources and mark else text
 
 
 def environment() -> Any:
-    """The templates, with the palette and the words that they share."""
-    found = jinja2.Environment(
+    """The template environment, with palette, vocabulary and filters."""
+    templates = jinja2.Environment(
         loader=jinja2.PackageLoader("massprop_cli.report", "templates"),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
@@ -68,8 +73,8 @@ def environment() -> Any:
         lstrip_blocks=True,
         finalize=lambda value: visible(value) if type(value) is str else value,
     )
-    found.filters["quoted"] = lambda text: markupsafe.Markup(quoted(text))
-    found.globals |= {
+    templates.filters["quoted"] = lambda text: markupsafe.Markup(quoted(text))
+    templates.globals |= {
         "light": palette.css(dark=False),
         "dark": palette.css(dark=True),
         "words": vocabulary,
@@ -77,14 +82,15 @@ def environment() -> Any:
         "digits": digits,
         "printed": script("printed.js"),
     }
-    return found
+    return templates
 
 
 def _report(recorded: Recorded) -> Mapping[str, Any]:
+    """Template data of a report."""
     result = recorded.result
     tables = view.tables(result)
     phases = [_phase(recorded, number, item, table) for (number, item), table in zip(enumerate(result.phases, 1), tables, strict=False)]
-    held = [check.inside for phase in phases for check in phase["checks"]]
+    inside = [check.inside for phase in phases for check in phase["checks"]]
     return {
         "result": result,
         "tables": tables,
@@ -93,7 +99,7 @@ def _report(recorded: Recorded) -> Mapping[str, Any]:
         "scripts": [script("uplot.js"), script("live.js")],
         "sheet": script("uplot.css").text,
         "docked": _docked(recorded, tables[-1]),
-        "fits": checks.verdict(held),
+        "fits": checks.verdict(inside),
         "assumptions": assumptions,
         "fit": _figures(OF_FIT, recorded, ""),
         "joint": OF_LOGS if recorded.joint else "",
@@ -107,12 +113,13 @@ def _report(recorded: Recorded) -> Mapping[str, Any]:
 
 
 def settings(result: Result) -> list[tuple[str, str, str]]:
-    """Key, value and where it came from."""
+    """Key, value and source of each setting."""
     sources = result.provenance.setting_sources
     return [(key, _setting(value), sources.get(key, "")) for key, value in result.provenance.settings.items()]
 
 
 def _setting(value: object) -> str:
+    """The value of a setting as text."""
     if isinstance(value, bool) or value is None:
         return str(value).lower()
     if isinstance(value, float):
@@ -123,6 +130,7 @@ def _setting(value: object) -> str:
 
 
 def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.QuantityTable) -> dict[str, Any]:
+    """Template data of a phase."""
     bearing_mass = recorded.result.vehicle.bearing_mass_kg
     return {
         "anchor": table.anchor,
@@ -144,33 +152,35 @@ def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.Quantit
 
 
 def _docked(recorded: Recorded, table: view.QuantityTable) -> dict[str, Any] | None:
-    found = recorded.result.docked_object
-    if found is None:
+    """Template data of the docked object; None without one."""
+    docked = recorded.result.docked_object
+    if docked is None:
         return None
     alone = replace(recorded, result=recorded.result.model_copy(update={"phases": []}))
     return {
         "anchor": table.anchor,
         "title": table.title,
-        "grids": matrices.matrices(found, 0.0, body.about_origin(found)),
-        "axes": matrices.axes(found),
+        "grids": matrices.matrices(docked, 0.0, body.about_origin(docked)),
+        "axes": matrices.axes(docked),
         "correlation": drawn("correlation", figures.TITLES["correlation"], correlation.picture(alone), "correlation-docked"),
-        "correlations": _correlations(found.covariance),
+        "correlations": _correlations(docked.covariance),
     }
 
 
 def _correlations(covariance: Matrix) -> list[tuple[str, list[str]]]:
-    """One row for each quantity."""
+    """Rows of a correlation table: symbol, and correlations with all quantities."""
     found = correlation.correlation(covariance)
     return [(vocabulary.SYMBOLS[name], [correlation.written(v) for v in row]) for name, row in zip(QUANTITIES, found, strict=True)]
 
 
 def _figures(names: Sequence[str], recorded: Recorded, number: str, phase: str | None = None) -> list[Figure]:
-    """The figures that the result can have; a result of several logs has none against time."""
+    """The named figures, except figures against time for a combined result."""
     kept = [name for name in names if name in figures.WITHOUT_TIME or not recorded.joint]
     return [_figure(name, recorded, f"{name}{number}", phase) for name in kept]
 
 
 def _figure(name: str, recorded: Recorded, prefix: str, phase: str | None = None) -> Figure:
+    """A figure of a result, or its replacement without history.parquet."""
     try:
         return drawn(name, figures.TITLES[name], figures.picture(name, recorded, phase), prefix)
     except InputError:
@@ -178,14 +188,15 @@ def _figure(name: str, recorded: Recorded, prefix: str, phase: str | None = None
 
 
 def drawn(name: str, title: str, picture: Picture, prefix: str) -> Figure:
-    """A picture as a page has it; ``prefix`` makes its ids the page's only ones."""
+    """A picture as a figure of a page; ``prefix`` makes its ids unique in the page."""
     svgs = [canvas.render([panel], "svg") for panel in picture.panels]
     panels = [inline(svg, f"{prefix}-{n}", panel.says) for n, (svg, panel) in enumerate(zip(svgs, picture.panels, strict=True), 1)]
-    # our own drawing, with its texts escaped
+    # the SVG is safe: canvas.render escapes its texts
     return Figure(name, f"figure-{prefix}", title, picture.caption, tuple(markupsafe.Markup(panel) for panel in panels))
 
 
 def _comparison(recorded: Sequence[Recorded]) -> Mapping[str, Any]:
+    """Template data of a comparison."""
     entries: list[dict[str, Any]] = [
         {"anchor": f"result-{n}", "name": name, "result": one.result, "tables": view.tables(one.result)}
         for n, (one, name) in enumerate(zip(recorded, labels(recorded), strict=True), 1)
@@ -200,16 +211,19 @@ def _comparison(recorded: Sequence[Recorded]) -> Mapping[str, Any]:
 
 
 def _vehicles(rows: Sequence[tuple[dict[str, Any], view.QuantityTable]]) -> list[dict[str, Any]]:
-    """Results of each vehicle side by side: two vehicles on one axis would hide what differs between results of each."""
+    """Template data of each vehicle's results.
+
+    Each vehicle has a figure, since the differences between vehicles would hide those between its results.
+    """
     groups: dict[str, list[tuple[dict[str, Any], view.QuantityTable]]] = {}
     for entry, table in rows:
         groups.setdefault(entry["result"].vehicle.name, []).append((entry, table))
-    found = []
+    vehicles = []
     for number, (vehicle, group) in enumerate(groups.items(), 1):
         names = [f"{entry['name']}{f', {table.short}' if len(entry['tables']) > 1 else ''}" for entry, table in group]
         picture = comparison.picture([table.estimates for _, table in group], names)
         figure = drawn("comparison", f"Values side by side: {vehicle or 'vehicle without a name'}", picture, f"comparison{number}")
         first = group[0][1].estimates
-        apart = [view.differences(table.estimates, first) for _, table in group[1:]]
-        found.append({"name": vehicle, "figure": figure, "first": names[0], "differences": list(zip(names[1:], apart, strict=True))})
-    return found
+        texts = [view.differences(table.estimates, first) for _, table in group[1:]]
+        vehicles.append({"name": vehicle, "figure": figure, "first": names[0], "differences": list(zip(names[1:], texts, strict=True))})
+    return vehicles

@@ -1,7 +1,7 @@
-"""Results as JUnit XML: a suite for each log, a test case for each expected quantity, or for each of the ten without expectations.
+"""Results as JUnit XML: a suite for each log, and a test case for each expected quantity, or for all ten without expectations.
 
-A case fails that is not as expected, contradicted (unless allowed), or required and not converged; one not converged is skipped. A log
-that could not be used is an error.
+A case fails if its value is not as expected, is contradicted (unless allowed), or is required and not converged. Without expectations,
+a case that is not converged is skipped. A log that massprop cannot use is an error.
 """
 
 from collections.abc import Iterable, Sequence
@@ -20,42 +20,43 @@ _COUNTED = {"failures": "failure", "errors": "error", "skipped": "skipped"}
 
 @dataclass(frozen=True)
 class LogOutcome:
-    """The outcome of one log: a result, or the message of why there is none."""
+    """Outcome of one log: a result, or an error message."""
 
     name: str
     result: Result | None = None
     error: str | None = None
     kind: str = "unusable input"
-    """Of error: what failed."""
+    """Kind of error."""
     unmet: str | None = None
-    """Which required quantities are not converged, and why."""
+    """Message on required quantities that are not converged."""
     allow_contradicted: bool = False
-    """Whether a contradicted quantity that nothing is expected of is skipped, and does not fail."""
+    """Whether a contradicted quantity without an expectation is skipped and does not fail."""
     suite: ET.Element | None = None
-    """Made elsewhere: the whole of it."""
+    """Complete suite, in place of all other fields."""
 
 
 def outcomes(recorded: Sequence[Recorded]) -> list[LogOutcome]:
-    """The outcomes of results that were read back."""
+    """Outcomes of results."""
     return [LogOutcome(name, item.result) for item, name in zip(recorded, labels(recorded), strict=True)]
 
 
 def text(found: Iterable[LogOutcome], name: str = "massprop") -> str:
-    """One document of all outcomes; same outcomes, same bytes."""
+    """The XML document of all outcomes; equal outcomes give equal bytes."""
     totals = dict.fromkeys(("tests", "failures", "errors"), 0)
     suites = []
-    # each as text at once: the elements of a thousand logs would take hundreds of megabytes
+    # convert each suite to text at once: the elements of a thousand logs need hundreds of megabytes
     for outcome in found:
-        own = _suite(outcome) if outcome.suite is None else outcome.suite
-        totals = {key: count + int(own.get(key, "0")) for key, count in totals.items()}
-        ET.indent(own, " ", level=1)
-        suites.append(f" {ET.tostring(own, encoding='unicode')}\n")
+        element = _suite(outcome) if outcome.suite is None else outcome.suite
+        totals = {key: count + int(element.get(key, "0")) for key, count in totals.items()}
+        ET.indent(element, " ", level=1)
+        suites.append(f" {ET.tostring(element, encoding='unicode')}\n")
     counts = " ".join(f'{key}="{count}"' for key, count in totals.items())
     inside = f">\n{''.join(suites)}</testsuites>" if suites else " />"
     return f'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name="{name}" {counts}{inside}\n'
 
 
 def _suite(outcome: LogOutcome) -> ET.Element:
+    """The suite of one log."""
     if outcome.result is None:
         unusable = said(case(outcome.name, "log", "usable"), "error", outcome.error or "no result", outcome.kind)
         return suite(outcome.name, [unusable])
@@ -70,7 +71,7 @@ def _suite(outcome: LogOutcome) -> ET.Element:
 
 
 def suite(name: str, cases: Sequence[ET.Element]) -> ET.Element:
-    """The test cases of a log."""
+    """A suite with test cases and their counts."""
     counts = {key: str(sum(one.find(tag) is not None for one in cases)) for key, tag in _COUNTED.items()}
     made = ET.Element("testsuite", {"name": line(name), "tests": str(len(cases)), **counts})
     made.extend(cases)
@@ -105,7 +106,7 @@ def _cases(outcome: LogOutcome, found: Result) -> list[ET.Element]:
 
 def case(log: str, part: str, name: str) -> ET.Element:
     """A test case of a log."""
-    # a dot parts packages from classes in a class name
+    # readers of JUnit XML split class names at dots
     return ET.Element("testcase", {"classname": line(f"{log.replace('.', '_')}.{part.replace('.', '_')}"), "name": line(name)})
 
 
@@ -123,6 +124,6 @@ def _quantity(one: ET.Element, quantity: str, item: EstimateItem, contradicted: 
 
 
 def said(one: ET.Element, tag: str, message: str, kind: str) -> ET.Element:
-    """The test case with why it fails, can't be told or is skipped."""
+    """The test case with a message under ``tag``: failure, error or skipped."""
     ET.SubElement(one, tag, {"message": line(message), "type": kind}).text = line(message)
     return one

@@ -1,4 +1,4 @@
-"""Results as Markdown, for summaries of jobs and merge requests."""
+"""Results as Markdown, for job summaries and merge requests."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -10,76 +10,79 @@ from massprop_cli.result.read import Recorded, labels
 from massprop_cli.result.schema import DockedObject, EstimateItem, Mended, PhaseItem, Result
 
 LARGEST = 200_000
-"""Bytes of UTF-8, however many the results: more is cut off by those who show summaries of jobs."""
+"""Largest size of a text, bytes of UTF-8; CI services cut off longer summaries."""
 OVERVIEW = 50_000
-"""Of these for the table of all results."""
-_ROOM = 500
-"""Of these for saying what was left out."""
+"""Largest size of the table of all results, bytes."""
+_RESERVED = 500
+"""Bytes for the sentence on omitted results."""
 _WORDS = ("quantity", "unit", "verdict", "met")
 _MET = {"✓": "✓ met", "✗": "✗ missed"}
 
 
 def text(recorded: Sequence[Recorded]) -> str:
-    """One document: an overview where there are several results, then each with its tables, gaps, warnings and conventions."""
+    """The document: an overview of several results, then the tables, remedies, warnings and conventions of each."""
     names = labels(recorded)
     head = ["# Mass properties", ""] + (_overview(recorded, names) if len(recorded) > 1 else [])
-    left = LARGEST - _ROOM - _size(head)
-    found, whole = [*head], 0
+    free = LARGEST - _RESERVED - _size(head)
+    lines, whole = [*head], 0
     for item, name in zip(recorded, names, strict=True):
         blocks = _sections(item.result, name)
-        if sum(_size(block) for block in blocks) > left:
-            found += _beginning(blocks, left, name) if whole == 0 else []
+        if sum(_size(block) for block in blocks) > free:
+            lines += _beginning(blocks, free, name) if whole == 0 else []
             break
-        found += [line for block in blocks for line in block]
-        left -= sum(_size(block) for block in blocks)
+        lines += [line for block in blocks for line in block]
+        free -= sum(_size(block) for block in blocks)
         whole += 1
     if whole < len(recorded):
-        found += [
+        lines += [
             "",
             f"{len(recorded) - whole} of {len(recorded)} results are left out or shortened, to keep this page under 200 kB.",
             "",
         ]
-    return "\n".join(found).rstrip("\n") + "\n"
+    return "\n".join(lines).rstrip("\n") + "\n"
 
 
 def stamped(text: str, recorded: Sequence[Recorded]) -> str:
-    """The text with the SHA-256 of result.json, for one result; a text of several has no room for it."""
+    """The text with the SHA-256 digest of result.json, if there is one result."""
     digest = recorded[0].sha256 if len(recorded) == 1 else ""
     return f"{text}\nMade from result.json, SHA-256 `{digest}`.\n" if digest else text
 
 
 def _size(lines: Iterable[str]) -> int:
+    """Size of some lines, bytes of UTF-8."""
     return sum(len(line.encode()) + 1 for line in lines)
 
 
-def _beginning(blocks: list[list[str]], left: int, name: str) -> list[str]:
-    """As many whole sections of a result as fit."""
-    found: list[str] = []
+def _beginning(blocks: list[list[str]], free: int, name: str) -> list[str]:
+    """As many whole sections of a result as ``free`` bytes allow."""
+    lines: list[str] = []
     for block in blocks:
-        if _size(found) + _size(block) > left:
+        if _size(lines) + _size(block) > free:
             break
-        found += block
-    return found or [f"## {shown(name)}", ""]
+        lines += block
+    return lines or [f"## {shown(name)}", ""]
 
 
 def _overview(recorded: Sequence[Recorded], names: Sequence[str]) -> list[str]:
-    wrong = sum(bool(missed(item.result)) for item in recorded)
-    held = sum(item.result.expectations is not None for item in recorded)
-    said = f"{held} tested against expectations, {wrong} of them not as expected" if held else "none tested against expectations"
-    rows, left = [], OVERVIEW
+    """The table of all results."""
+    failed = sum(bool(missed(item.result)) for item in recorded)
+    tested = sum(item.result.expectations is not None for item in recorded)
+    phrase = f"{tested} tested against expectations, {failed} of them not as expected" if tested else "none tested against expectations"
+    rows, free = [], OVERVIEW
     for item, name in zip(recorded, names, strict=True):
         line = row([shown(name), shown(item.result.log.path), shown(item.result.vehicle.name), *_summary(item.result)])
-        left -= _size([line])
-        if left < 0:
+        free -= _size([line])
+        if free < 0:
             break
         rows.append(line)
     more = len(recorded) - len(rows)
     cut = [f"{more} more of {len(recorded)} results are left out of this table.", ""] if more else []
     header = table(["result", "log", "vehicle", "converged", "as expected", "warnings"], "lllrrr")
-    return [f"{len(recorded)} results, {said}.", "", *header, *rows, "", *cut]
+    return [f"{len(recorded)} results, {phrase}.", "", *header, *rows, "", *cut]
 
 
 def _summary(found: Result) -> list[str]:
+    """Cells of a result in the table of all results: converged, as expected, warnings."""
     items = [item for _, body in parts(found) for item in body.estimates.values()]
     held = [item.expected for item in items if item.expected is not None]
     contradicted = sum(item.verdict == "contradicted" for item in items)
@@ -91,12 +94,12 @@ def _summary(found: Result) -> list[str]:
 
 
 def _sections(found: Result, name: str) -> list[list[str]]:
-    """A result in sections, so that a long one can be cut between two of them."""
+    """Sections of a result; a long result is cut between two of them."""
     return [
         [f"## {shown(name)}", "", *_alarm(found), _origin(found), "", *_verdict(found)],
         *(_part(part, body, found) for part, body in parts(found)),
         *(_mended(one) for one in found.mended),
-        *([["### Assumptions", "", *(f"- {shown(assumptions.said(one))}" for one in found.assumptions), ""]] if found.assumptions else []),
+        *([["### Assumptions", "", *(f"- {shown(assumptions.sentence(a))}" for a in found.assumptions), ""]] if found.assumptions else []),
         *(_sensitivity(one) for one in assumptions.sensitivities(found.assumptions)),
         _list("Conventions:", vocabulary.conventions(found)),
         _list(f"Not converged, and {'the remedy' if _alarms(found) else 'the motion that would show it'}:", gaps(found)),
@@ -105,7 +108,7 @@ def _sections(found: Result, name: str) -> list[list[str]]:
 
 
 def _alarms(found: Result) -> list[str]:
-    """Contradictions, a sentence for each part."""
+    """A sentence for each contradicted part."""
     return [f"Contradicted in {part}: {contradiction(body)}" for part, body in parts(found) if contradiction(body)]
 
 
@@ -183,7 +186,7 @@ def _verdict_words(verdict: str) -> str:
 
 
 def _warnings(found: Result) -> list[list[str]]:
-    """Warnings, one section each; the first has the title."""
+    """A section for each warning; the first one contains the title."""
     return [
         [*(["Warnings:", ""] if number == 0 else []), f"- {shown(warning.message)} ({shown(warning.code)})"]
         + ([""] if number == len(found.warnings) - 1 else [])
@@ -196,10 +199,10 @@ def _list(title: str, lines: Sequence[str]) -> list[str]:
 
 
 def table(columns: Sequence[str], alignment: str) -> list[str]:
-    """The beginning of a table; of each column "r" or "l" says where its cells stand."""
+    """Heading and rule of a table; ``alignment`` has "l" or "r" for each column."""
     return [row(columns), row(["--:" if side == "r" else "---" for side in alignment])]
 
 
 def row(cells: Sequence[str]) -> str:
-    """A line of a table."""
+    """One row of a table."""
     return f"| {' | '.join(cells)} |"

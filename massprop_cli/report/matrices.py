@@ -1,4 +1,4 @@
-"""Inertia as a page shows it: 3 × 3 matrices, principal moments and axes, every number a text."""
+"""Inertia matrices, principal moments and axes of a report, as text."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,16 +15,16 @@ AXES = "XYZ"
 
 @dataclass(frozen=True)
 class Cell:
-    """A number of a matrix."""
+    """Number in a matrix."""
 
     text: str
     rough: bool
-    """Whether no usable verdict stands behind it."""
+    """Whether its verdict makes the number unusable."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """A 3 × 3 matrix."""
+    """3 × 3 matrix with a title."""
 
     title: str
     rows: tuple[tuple[Cell, ...], ...]
@@ -32,34 +32,38 @@ class Grid:
 
 @dataclass(frozen=True)
 class Axis:
-    """A principal moment and its axis."""
+    """Principal moment with its axis."""
 
     moment: str
     sigma: str
     direction: tuple[str, ...]
     near: str
+    """Angle from the nearest body axis."""
     rough: bool
 
 
 def matrices(phase: PhaseItem | DockedObject, bearing_mass_kg: float, about_origin: Array) -> list[Grid]:
-    """Inertia about the CG and about O, in both conventions of products."""
+    """Inertia about the CG and about O, in both sign conventions of products.
+
+    ``about_origin``: (3, 3) inertia about O, kg m².
+    """
     verdicts = _verdicts(phase)
-    moved = [item.verdict for name, item in phase.estimates.items() if name in (*CG, "mass")]
-    # not excited CG or mass are in the sigma of an inertia about O; a sigma that doesn't hold is in nothing
-    o_verdicts = np.full((3, 3), "contradicted", dtype=object) if "contradicted" in moved else verdicts
+    transfer = [item.verdict for name, item in phase.estimates.items() if name in (*CG, "mass")]
+    # the sigma about O includes the sigmas of CG and mass, unless one is contradicted and so has no valid sigma
+    o_verdicts = np.full((3, 3), "contradicted", dtype=object) if "contradicted" in transfer else verdicts
     about_cg = body.inertia(phase)
-    found = []
-    for point, matrix, sigmas, told in (
+    grids = []
+    for point, matrix, sigmas, of_point in (
         ("the CG", about_cg, body.inertia_sigmas(phase), verdicts),
         ("O", about_origin, body.about_origin_sigmas(phase, bearing_mass_kg), o_verdicts),
     ):
         for convention, shown in (("tensor", matrix), ("positive integral", matrix * (2 * np.eye(3) - 1))):
-            found.append(Grid(f"About {point}, {convention}", _grid(shown, sigmas, told)))
-    return found
+            grids.append(Grid(f"About {point}, {convention}", _grid(shown, sigmas, of_point)))
+    return grids
 
 
 def nearest(phase: PhaseItem) -> Grid | None:
-    """The nearest inertia that a body could have, with the figures that the estimate's sigmas bear; None where there is none."""
+    """The nearest physically consistent inertia, rounded by the estimate's sigmas; None if the estimate is consistent."""
     found = phase.physical.nearest_consistent
     if found is None:
         return None
@@ -67,7 +71,7 @@ def nearest(phase: PhaseItem) -> Grid | None:
 
 
 def _verdicts(phase: PhaseItem | DockedObject) -> NDArray[np.object_]:
-    """(3, 3) of the inertia's elements."""
+    """(3, 3) verdicts of the inertia's elements."""
     verdicts = np.empty((3, 3), dtype=object)
     for (i, j), item in zip(body.UPPER, phase.estimates.values(), strict=False):
         verdicts[i, j] = verdicts[j, i] = item.verdict
@@ -82,7 +86,7 @@ def _grid(matrix: Array, sigmas: Array, verdicts: NDArray[np.object_]) -> tuple[
 
 
 def _numbers(value: float, sigma: float, verdict: str) -> tuple[str, str]:
-    """The texts of :func:`digits.numbers`, also for NaN; without a sigma a value has five figures."""
+    """Value and sigma as :func:`digits.numbers`, also for NaN; without a sigma, a value has five significant figures."""
     if not np.isfinite(value):
         return digits.ABSENT, digits.ABSENT
     if np.isfinite(sigma):
@@ -92,15 +96,15 @@ def _numbers(value: float, sigma: float, verdict: str) -> tuple[str, str]:
 
 
 def axes(phase: PhaseItem | DockedObject) -> list[Axis]:
-    """Principal moments, ascending, and their axes; none if the inertia is not known."""
-    found = body.principal(phase)
-    if found is None:
+    """Principal moments, ascending, and axes; empty without an inertia."""
+    principal = body.principal(phase)
+    if principal is None:
         return []
     verdicts = [phase.estimates[name].verdict for name in INERTIA]
     verdict = next((one for one in verdicts if one not in INFORMED), "converged")
     rough = verdict not in INFORMED
     shown = []
-    for moment, sigma, direction in zip(found.moments, found.sigmas, found.axes.T, strict=True):
+    for moment, sigma, direction in zip(principal.moments, principal.sigmas, principal.axes.T, strict=True):
         value, spread = _numbers(float(moment), float(sigma), verdict)
         most = int(np.argmax(np.abs(direction)))
         angle = np.degrees(np.arccos(min(1.0, abs(float(direction[most])))))

@@ -1,4 +1,4 @@
-"""Results as CSV (RFC 4180): a row for each phase and docked object, always the same columns, with units, numbers in full precision."""
+"""Results as CSV (RFC 4180): a row for each phase and docked object, with fixed columns and numbers in full precision."""
 
 import csv
 import io
@@ -12,12 +12,13 @@ from massprop_cli.result.read import Recorded, labels
 from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
 
 SENSORS, LOW_PASS = ("gyro", "accelerometer"), ("cutoff_hz", "cutoff_sigma_hz", "latency_s", "latency_sigma_s")
-"""What columns of what the log shows of a sensor are called."""
+"""Parts of the column names for a sensor's estimated low-pass."""
 SPELT = {"kg m^2": "kg_m2", "m": "m", "kg": "kg", "kg m": "kg_m"}
-"""Units in names of columns."""
+"""Units as column names contain them."""
 
 
 def _of(quantity: str) -> tuple[str, ...]:
+    """Column names of one quantity."""
     unit = SPELT[UNITS[quantity]]
     stated = (f"{quantity}_verdict", f"{quantity}_final_at_s", f"{quantity}_nominal_{unit}")
     held = (f"{quantity}_expected_{unit}", f"{quantity}_tolerance_{unit}", f"{quantity}_tolerance_stated", f"{quantity}_met")
@@ -32,7 +33,7 @@ COLUMNS = (
     *("contradiction", "missing", "warnings", "expectations"),
     *("massprop", "input_sha256", "vehicle_sha256"),
 )
-"""In their order."""
+"""Column names in order."""
 
 
 def text(recorded: Sequence[Recorded]) -> str:

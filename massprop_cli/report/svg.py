@@ -1,4 +1,4 @@
-"""What is made part of a page: drawings with ids of their own and the page's font and colours, scripts by their digest."""
+"""Parts of a page: drawings with unique ids and the page's font and colours, and scripts with their digests."""
 
 import base64
 import hashlib
@@ -18,7 +18,7 @@ _STYLE = re.compile(r'(?<= style=")[^"]*')
 
 
 def inline(svg: bytes, prefix: str, says: str) -> str:
-    """The ``<svg>`` element alone; ``prefix`` makes its ids unique in the page, ``says`` is its alternative text."""
+    """The ``<svg>`` element of a drawing; ``prefix`` makes its ids unique in the page, and ``says`` is the alternative text."""
     text = svg.decode()
     text = text[text.index("<svg") :]
     box = re.search(r'viewBox="[^"]*"', text)
@@ -31,12 +31,12 @@ def inline(svg: bytes, prefix: str, says: str) -> str:
     body = body.replace('href="#', f'href="#{prefix}-').replace("url(#", f"url(#{prefix}-")
     body = _STYLE.sub(lambda style: _themed(style[0]), body)
     body = _flat(re.sub(r">\s+<", "><", body).strip())
-    told = html.escape(line(says))
-    return f'<svg {box[0] if box else ""} role="img" aria-label="{told}"><title>{told}</title>{body}</svg>'
+    label = html.escape(line(says))
+    return f'<svg {box[0] if box else ""} role="img" aria-label="{label}"><title>{label}</title>{body}</svg>'
 
 
 def _flat(body: str) -> str:
-    """The drawing without groups that have no attributes."""
+    """The drawing without ``<g>`` elements that have no attributes."""
     body, changes = body.replace("<g/>", ""), 1
     while changes:
         body, changes = re.subn(r"<g>((?:(?!<g[ >]|</g>).)*)</g>", r"\1", body, flags=re.DOTALL)
@@ -44,12 +44,12 @@ def _flat(body: str) -> str:
 
 
 def quoted(text: str) -> str:
-    """Text as a string of a style sheet, every sign that could end it written by its number."""
+    """The text as a CSS string, with special characters escaped."""
     return '"{}"'.format("".join(c if c.isascii() and (c.isalnum() or c in " ,.-_") else f"\\{ord(c):x} " for c in line(text, 80)))
 
 
 def gathered(page: str) -> str:
-    """The page with its drawings' styles as classes, within tags alone; their rules stand where the sheet says ``/* drawings */``."""
+    """The page with inline styles replaced by classes, whose rules replace ``/* drawings */`` in the style sheet."""
     rules: dict[str, str] = {}
 
     def named(found: re.Match[str]) -> str:
@@ -60,6 +60,7 @@ def gathered(page: str) -> str:
 
 
 def _themed(style: str) -> str:
+    """A style with the page's font and colours as CSS variables."""
     style = re.sub(r"font-family: [^;]*;?\s*", "", style)
     style = re.sub(r"(font: [^;']*)'[^;]*", r"\1var(--font)", style)
     return _COLOUR.sub(lambda colour: f"var(--{palette.NAMES[colour[0]]})", style)
@@ -67,15 +68,15 @@ def _themed(style: str) -> str:
 
 @dataclass(frozen=True)
 class Script:
-    """Text as it stands between its tags."""
+    """Script or style sheet of a page."""
 
     text: Any
-    """Markup."""
+    """Content of the element, as markup."""
     digest: str
-    """SHA-256 in base64, as a Content-Security-Policy wants it."""
+    """SHA-256 digest in base64, for the Content-Security-Policy."""
 
 
 def script(name: str) -> Script:
-    """One of the package's own scripts or style sheets."""
+    """A script or style sheet of the package, by file name."""
     text = resources.files("massprop_cli.report").joinpath(f"templates/{name}").read_text(encoding="utf-8")
     return Script(markupsafe.Markup(text), base64.b64encode(hashlib.sha256(text.encode()).digest()).decode())

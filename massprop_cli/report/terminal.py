@@ -1,4 +1,4 @@
-"""The table that ``massprop estimate`` prints."""
+"""Terminal output of ``massprop estimate``."""
 
 from rich.console import Console
 from rich.table import Table
@@ -12,32 +12,33 @@ from massprop_cli.result.schema import DockedObject, EstimateItem, Mended, Phase
 _STYLE = {"converged": "green", "not_converged": "yellow", "not_excited": "magenta", "contradicted": "bold red", "unobservable": "red"}
 _MET = {"✓": "[green]✓[/]", "✗": "[red]✗[/]"}
 _WORDS = ("quantity", "unit", "verdict", "met")
-_SPARE = ("final at", "nominal", "tolerance")
-"""What a narrow terminal goes without, first things first: result.json and the report have all of it."""
+_OPTIONAL = ("final at", "nominal", "tolerance")
+"""Columns omitted on a narrow terminal, in this order."""
 
 
 def show(found: Result, console: Console) -> None:
-    """Print one table per phase and docked object, with frame, reference point and sign convention beside it."""
+    """Print a table per phase and docked object, the conventions, corrected estimates and assumptions."""
     for phase in found.phases:
         title = f"{found.log.path}, phase {phase.name}, {_time(phase.start_s)} to {_time(phase.end_s)} s"
         _part(title, phase, found, console)
     if found.docked_object is not None:
         docked = found.docked_object
         _part(f"docked object: phase {docked.after} less phase {docked.before}", docked, found, console)
-    for told in _legend(found):
-        console.print(escape.rich(told))
-    shown = timing.automatic(found)
-    if shown:
-        console.print(escape.rich(f"Estimated from the log: {'; '.join(shown)}."))
+    for line in _legend(found):
+        console.print(escape.rich(line))
+    estimated = timing.automatic(found)
+    if estimated:
+        console.print(escape.rich(f"Estimated from the log: {'; '.join(estimated)}."))
     for one in found.mended:
-        _mended(one, console)
+        _corrected(one, console)
     _assumptions(found, console)
 
 
 def _part(title: str, body: PhaseItem | DockedObject, found: Result, console: Console) -> None:
-    fitted(_table(title, body.estimates, assumptions.sigma_heading(found)), console, _SPARE)
+    """Print the tables of a phase or docked object, with remedies for quantities that are not converged."""
+    fitted(_table(title, body.estimates, assumptions.sigma_heading(found)), console, _OPTIONAL)
     if isinstance(body, PhaseItem) and body.about_pivot:
-        fitted(_table(vocabulary.ABOUT_PIVOT, body.about_pivot, assumptions.sigma_heading(found)), console, _SPARE)
+        fitted(_table(vocabulary.ABOUT_PIVOT, body.about_pivot, assumptions.sigma_heading(found)), console, _OPTIONAL)
     implied = assumptions.implied_thrust(body)
     if implied:
         console.print(escape.rich(f"{implied[0].upper()}{implied[1:]}."))
@@ -47,14 +48,15 @@ def _part(title: str, body: PhaseItem | DockedObject, found: Result, console: Co
     gaps: dict[tuple[str, str], list[str]] = {}
     for name, item in body.estimates.items():
         if item.verdict not in ("converged", "contradicted"):
-            # a docked object has no motion of its own that would remedy it
+            # no motion of the docked object alone can be commanded, so the text has no remedy
             why = vocabulary.gap(name, item, cause) if isinstance(body, PhaseItem) else f"{item.verdict}: {item.reason}"
             gaps.setdefault((why, item.verdict), []).append(name)
     for (why, verdict), names in gaps.items():
         console.print(escape.rich(f"{', '.join(names)} {why}"), style=_STYLE[verdict])
 
 
-def _mended(one: Mended, console: Console) -> None:
+def _corrected(one: Mended, console: Console) -> None:
+    """Print a corrected estimate with the options that give it."""
     console.print()
     console.print(escape.rich(f"{view.CORRECTED} (not the result): {one.message} [{one.code}]"), style="bold")
     for phase in one.phases:
@@ -71,13 +73,14 @@ def _mended(one: Mended, console: Console) -> None:
 
 
 def _assumptions(found: Result, console: Console) -> None:
+    """Print the unverified assumptions, with the sensitivity of the values to each."""
     if not found.assumptions:
         return
     console.print()
     console.print("Assumptions behind the values", style="bold")
-    shown = assumptions.open_ones(found)
+    shown = assumptions.unverified(found)
     for assumption in shown:
-        console.print(escape.rich(f"- {assumptions.said(assumption)}"))
+        console.print(escape.rich(f"- {assumptions.sentence(assumption)}"))
     if len(shown) < len(found.assumptions):
         console.print(f"- {len(found.assumptions) - len(shown)} more that the vehicle file states are in result.json and in the report")
     for one in assumptions.sensitivities(shown):
@@ -90,10 +93,12 @@ def _assumptions(found: Result, console: Console) -> None:
 
 
 def _dimmed(verdict: str, *texts: str) -> tuple[str, ...]:
+    """The texts, dimmed without a usable verdict."""
     return texts if verdict in INFORMED else tuple(f"[dim]{text}[/]" for text in texts)
 
 
 def _legend(found: Result) -> list[str]:
+    """Lines that define the numbers."""
     vehicle = found.vehicle
     bearing = vehicle.environment == "air_bearing"
     method = found.provenance.method
@@ -118,5 +123,5 @@ def _table(title: str, estimates: dict[str, EstimateItem], heading: str) -> Tabl
 
 
 def _time(seconds: float) -> str:
-    """A time to 0.1 ms; smaller parts of a clock's start are rounding."""
+    """A time to 0.1 ms; smaller digits of a time in epoch seconds are rounding errors."""
     return digits.stated(round(seconds, 4))

@@ -1,4 +1,4 @@
-"""A result as a page shows it: every number a text with as many figures as its sigma bears."""
+"""A result as text for reports: tables of quantities, with numbers rounded by their sigmas."""
 
 import shlex
 from collections.abc import Iterable, Mapping
@@ -15,23 +15,23 @@ from massprop_cli.result.judge import INFORMED, contradiction
 from massprop_cli.result.schema import DockedObject, EstimateItem, Mended, MendedPhase, PhaseItem, Result
 
 SCATTER = "± by segments"
-"""Heading of the sigmas by the scatter of segments."""
+"""Heading of the sigmas from the scatter of segments."""
 CORRECTED = "Corrected estimate"
-"""Title of what a log gives if a fault that it names is corrected: beside the result, never in its place."""
+"""Title of an estimate with a diagnosed fault corrected, which is shown in addition to the result."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One quantity as a row of texts."""
+    """One quantity as text."""
 
     symbol: str
     value: str
     sigma: str
     percent: str
-    """The sigma in parts of the value; empty without a usable verdict."""
+    """Sigma relative to the value; empty without a usable verdict."""
     unit: str
     verdict: str
-    """As a class of CSS and, with spaces, in words."""
+    """Code of the verdict, also its CSS class."""
     sign: str
     reason: str
     reason_code: str
@@ -40,11 +40,11 @@ class Row:
     expected: str
     met: bool | None
     difference: str
-    """Value less expected, in its unit; empty without an expectation."""
+    """Value minus expected value, in ``unit``; empty without an expectation."""
     relative: str
-    """The same in parts of the expected value, and in sigmas."""
+    """The difference relative to the expected value, and in sigmas."""
     limit: str
-    """What it is known no better than; empty without a usable verdict."""
+    """Largest error contribution; empty without a usable verdict."""
 
     @property
     def rough(self) -> bool:
@@ -54,27 +54,27 @@ class Row:
 
 @dataclass(frozen=True)
 class QuantityTable:
-    """The ten quantities of a phase or of the docked object."""
+    """Table of the ten quantities of a phase or of the docked object."""
 
     anchor: str
     title: str
     short: str
-    """The phase's name alone."""
+    """Name of the phase."""
     rows: tuple[Row, ...]
     estimates: dict[str, EstimateItem]
     sigma: str
-    """The heading of the sigmas."""
+    """Heading of the sigmas."""
     implied: str
-    """What a known mass says of the thrust; empty where there is none."""
+    """The thrust scale that a known mass implies; empty without one."""
     contradiction: str
-    """Why log and vehicle file contradict each other; empty where they don't."""
+    """How log and vehicle file contradict each other; empty without a contradiction."""
 
     def has(self, column: str) -> bool:
-        """Whether any row says something in a column."""
+        """Whether a column has any text."""
         return any(getattr(row, column) for row in self.rows)
 
     def count(self, verdict: str) -> int:
-        """The number of quantities with this verdict."""
+        """Number of quantities with this verdict."""
         return sum(row.verdict == verdict for row in self.rows)
 
     @property
@@ -89,7 +89,7 @@ class QuantityTable:
 
 
 def tables(result: Result) -> list[QuantityTable]:
-    """The tables of each phase and of the docked object."""
+    """Tables of all phases and of the docked object."""
     several = len(result.phases) > 1
     found = []
     for number, phase in enumerate(result.phases, 1):
@@ -103,7 +103,10 @@ def tables(result: Result) -> list[QuantityTable]:
 
 
 def texts(estimates: Mapping[str, EstimateItem], heading: str) -> dict[str, list[str]]:
-    """Estimates as plain text, column by column, "" where one says nothing; the last four only where any says something."""
+    """Columns of estimates as plain text, "" for an empty cell; ``heading`` is that of the sigmas.
+
+    The columns after "final at" are omitted if they are empty.
+    """
     items, expected = estimates.values(), [item.expected for item in estimates.values()]
     numbers = [digits.numbers(item.value, item.sigma, item.verdict) for item in items]
     always: dict[str, list[str]] = {
@@ -125,17 +128,17 @@ def texts(estimates: Mapping[str, EstimateItem], heading: str) -> dict[str, list
     return always | {name: cells for name, cells in more.items() if any(cells)}
 
 
-def about_pivot(phase: PhaseItem, own: QuantityTable) -> QuantityTable | None:
-    """The table about a fixed pivot, next to a phase's ``own`` table; None without a pivot."""
+def about_pivot(phase: PhaseItem, of_phase: QuantityTable) -> QuantityTable | None:
+    """The table of the quantities about a fixed pivot, from the table of the phase; None without a pivot."""
     if not phase.about_pivot:
         return None
-    rows = tuple(_row(name, item, own.contradiction, None) for name, item in phase.about_pivot.items())
-    anchor, title = f"{own.anchor}-pivot", f"{own.title}: {vocabulary.ABOUT_PIVOT}"
-    return replace(own, anchor=anchor, title=title, rows=rows, estimates=phase.about_pivot, implied="")
+    rows = tuple(_row(name, item, of_phase.contradiction, None) for name, item in phase.about_pivot.items())
+    anchor, title = f"{of_phase.anchor}-pivot", f"{of_phase.title}: {vocabulary.ABOUT_PIVOT}"
+    return replace(of_phase, anchor=anchor, title=title, rows=rows, estimates=phase.about_pivot, implied="")
 
 
 def table(anchor: str, title: str, part: PhaseItem | DockedObject, result: Result) -> QuantityTable:
-    """The table of ten estimates."""
+    """The table of a phase or of the docked object."""
     cause = contradiction(part)
     rows = tuple(_row(name, item, cause, assumptions.limit(name, part, result)) for name, item in part.estimates.items())
     short = part.name if isinstance(part, PhaseItem) else "docked"
@@ -163,18 +166,19 @@ def _row(name: str, item: EstimateItem, contradicted: str, limit: assumptions.Ac
         met=None if expected is None else expected.met,
         difference=_difference(item),
         relative=_relative(item),
-        limit="" if limit is None else digits.minus(limit.said),
+        limit="" if limit is None else digits.minus(limit.text),
     )
 
 
 def _percent(item: EstimateItem) -> str:
+    """Sigma relative to the value."""
     if not item.value or item.sigma is None or item.verdict not in INFORMED:
         return ""
     return f"{digits.minus(digits.figures(100 * item.sigma / abs(item.value)))} %"
 
 
 def _difference(item: EstimateItem) -> str:
-    """The difference with as many decimals as the value."""
+    """Value minus expected value, with the decimals of the value."""
     if item.expected is None or item.expected.difference is None:
         return ""
     shown, _ = digits.numbers(item.expected.difference, item.sigma, item.verdict)
@@ -182,62 +186,63 @@ def _difference(item: EstimateItem) -> str:
 
 
 def _relative(item: EstimateItem) -> str:
+    """Value minus expected value, relative and in sigmas."""
     found = item.expected
     if found is None or found.difference is None:
         return ""
-    said = [f"{_signed(digits.figures(100 * found.difference / abs(found.value)))} %"] if found.value else []
-    said += [f"{_signed(f'{found.sigmas:.1f}')} σ"] if found.sigmas is not None else []
-    return ", ".join(said)
+    texts = [f"{_signed(digits.figures(100 * found.difference / abs(found.value)))} %"] if found.value else []
+    texts += [f"{_signed(f'{found.sigmas:.1f}')} σ"] if found.sigmas is not None else []
+    return ", ".join(texts)
 
 
 def _signed(text: str) -> str:
-    """The text with its sign, a plus too; nothing rounds to a signed zero."""
+    """The text with its sign, also a plus; zero has no sign."""
     shown = digits.minus(text)
     return shown if shown.startswith(("−", digits.ABSENT)) or not any(digit in shown for digit in "123456789") else f"+{shown}"
 
 
 def differences(estimates: Mapping[str, EstimateItem], first: Mapping[str, EstimateItem]) -> list[tuple[str, str]]:
-    """The difference of each quantity from another result, and in sigmas, sqrt(s1² + s2²); only between usable values."""
+    """Difference of each quantity from another result, and in sigmas, sqrt(s1² + s2²); empty without two usable values."""
     found = []
     for name, item in estimates.items():
         other = first[name]
         if item.value is None or other.value is None or not {item.verdict, other.verdict} <= set(INFORMED):
             found.append((digits.ABSENT, ""))
             continue
-        off, sigma = item.value - other.value, float(np.hypot(item.sigma or 0.0, other.sigma or 0.0))
-        shown = _signed(digits.numbers(off, sigma)[0])
-        found.append((shown, f"{_signed(f'{off / sigma:.1f}')} σ" if sigma > 0 else ""))
+        difference, sigma = item.value - other.value, float(np.hypot(item.sigma or 0.0, other.sigma or 0.0))
+        shown = _signed(digits.numbers(difference, sigma)[0])
+        found.append((shown, f"{_signed(f'{difference / sigma:.1f}')} σ" if sigma > 0 else ""))
     return found
 
 
-def cures(table: QuantityTable) -> list[tuple[str, Row, str]]:
-    """Quantities that are not converged: names, row and remedy, one entry for equal verdict, reason and remedy."""
+def remedies(table: QuantityTable) -> list[tuple[str, Row, str]]:
+    """Names, row and remedy of quantities that are not converged; those with equal verdict, reason and remedy are one entry."""
     keys = {symbol: key for key, symbol in vocabulary.SYMBOLS.items()}
-    alike: dict[tuple[str, str, str], list[Row]] = {}
+    groups: dict[tuple[str, str, str], list[Row]] = {}
     for row in sorted(table.open, key=lambda row: row.verdict != "contradicted"):
-        cure = vocabulary.remedy(keys[row.symbol], row.verdict, table.contradiction, row.reason_code)
-        alike.setdefault((row.verdict, row.reason, cure), []).append(row)
-    return [(", ".join(row.symbol for row in rows), rows[0], cure) for (*_, cure), rows in alike.items()]
+        remedy = vocabulary.remedy(keys[row.symbol], row.verdict, table.contradiction, row.reason_code)
+        groups.setdefault((row.verdict, row.reason, remedy), []).append(row)
+    return [(", ".join(row.symbol for row in rows), rows[0], remedy) for (*_, remedy), rows in groups.items()]
 
 
 def spread(sigma: str) -> str:
-    """A sigma as it stands behind its value."""
+    """A sigma as text after its value."""
     return sigma if sigma == digits.ABSENT else f"± {sigma}"
 
 
 def signs(found: Iterable[QuantityTable]) -> list[str]:
-    """Verdicts that occur, in the order of :data:`words.VERDICTS`."""
-    there = {row.verdict for table in found for row in table.rows}
-    return [verdict for verdict in vocabulary.VERDICTS if verdict in there]
+    """Verdicts in the tables, in the order of :data:`massprop_cli.report.vocabulary.VERDICTS`."""
+    present = {row.verdict for table in found for row in table.rows}
+    return [verdict for verdict in vocabulary.VERDICTS if verdict in present]
 
 
 def corrections(found: Mended) -> list[str]:
-    """The options of ``massprop estimate`` that correct a fault, as a shell takes them."""
+    """The options of ``massprop estimate`` that correct a fault, quoted for a shell."""
     return [f"--set {shlex.quote(line(setting))}" for setting in found.settings]
 
 
 def beyond_options(found: Mended) -> str:
-    """A note that the options alone do not give these values; empty where they do."""
+    """A note that the options alone do not give these values; empty if they do."""
     return "" if found.whole else "These options alone do not give these values: massprop also rotated the readings of a sensor."
 
 
@@ -251,5 +256,5 @@ def corrected(phase: MendedPhase) -> list[tuple[str, str, str, str, Verdict]]:
 
 
 def still_contradicted(phase: MendedPhase) -> str:
-    """The contradiction that remains after the correction; empty where none remains."""
+    """The contradiction that remains after the correction; empty without one."""
     return f"still contradicted: {phase.contradiction}" if phase.contradiction else ""

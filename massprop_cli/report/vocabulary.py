@@ -1,4 +1,4 @@
-"""What every report says in words: names, units, conventions, verdicts, and why a value is not converged and what would help."""
+"""Texts of all reports: names, units, conventions, verdicts, and reasons and remedies for values that are not converged."""
 
 from massprop_cli import ABOUT_PIVOT as NINE
 from massprop_cli import CG, PIVOT
@@ -14,7 +14,7 @@ SYMBOLS = {
     "moment_x": "Moment x", "moment_y": "Moment y", "moment_z": "Moment z",
 }  # fmt: skip
 SYMBOLS |= {f"{PIVOT}{name}": f"{SYMBOLS[name]} about pivot" for name in NINE}
-"""How people write the ten quantities, and those about a pivot alone or beside them."""
+"""Symbol of each quantity by its name; quantities about the pivot also with the prefix."""
 VERDICTS: dict[Verdict, str] = {
     "converged": "informed by the motion, and steady within tolerance to the end",
     "not_converged": "informed, but not steady within tolerance long enough; record a longer log",
@@ -23,7 +23,7 @@ VERDICTS: dict[Verdict, str] = {
     "unobservable": "no motion of this vehicle makes it observable by this method",
 }
 SIGNS: dict[str, str] = {"converged": "✓", "not_converged": "~", "not_excited": "○", "contradicted": "‼", "unobservable": "✕"}
-"""A sign for each verdict, so that colour is never the only one."""
+"""Sign for each verdict, so that colour is not the only distinction."""
 
 
 ENVIRONMENTS: dict[EnvironmentKind, str] = {
@@ -41,17 +41,17 @@ ON_TABLE = "On a table the vehicle slides and yaws: Izz, CG x, CG y and mass are
 
 
 def unit(text: str) -> str:
-    """A unit as people write it."""
+    """A unit with typographic exponents."""
     return text.replace("^2", "²")
 
 
-def cure(quantity: str) -> str:
+def motion_for(quantity: str) -> str:
     """The motion that would inform a quantity."""
     return WANTED[quantity.removeprefix(PIVOT)]
 
 
 def conventions(result: Result) -> list[str]:
-    """Frame, reference point, sign of products, what mass includes, what the thrust scale means: a sentence each."""
+    """Sentences on frame, reference point, sign of products, mass, sigmas and thrust scale."""
     bearing = result.vehicle.environment == "air_bearing"
     lines = [
         f"Inertia is that of the {'rotating body' if bearing else 'body'} about its CG, in body axes.",
@@ -71,7 +71,7 @@ def conventions(result: Result) -> list[str]:
 
 
 def pushed_by(vehicle: VehicleInfo) -> str:
-    """Jets, rotors, or torque and force; empty where nothing from outside moves the vehicle."""
+    """Actuators that exert external forces, in words; empty without any."""
     jets, rotors = len(vehicle.jets), len(vehicle.rotors)
     if vehicle.commands == "jets":
         return f"{jets} jet{'s' * (jets > 1)}" if jets else ""
@@ -92,7 +92,7 @@ SAME_THRUST = (
 
 
 def thrust_scale(result: Result) -> str:
-    """A sentence on the thrust scale: the log cannot show it, and what the sigmas include of it."""
+    """Sentences on the thrust scale, which the log cannot show, and on its part of the sigmas."""
     return _thrust_scale(result) + ("" if result.docked_object is None else f" {SAME_THRUST}")
 
 
@@ -107,15 +107,15 @@ def _thrust_scale(result: Result) -> str:
         return f"{scaled} with stored momentum and thrust; sigmas include the uncertainty of both that the log leaves."
     if vehicle.commands == "jets" and not vehicle.jets:
         return "Only gravity turns this body: a swing gives ratios, and [known] values give their scale."
-    said = "Mass and inertia are proportional to the thrust that the vehicle file states; the log cannot show a scale common to all thrust"
+    scale = "Mass and inertia are proportional to the thrust that the vehicle file states; the log cannot show a scale common to all thrust"
     if not vehicle.thrust_scale_sigma > 0:
-        return f"{said}, and no thrust.scale_sigma is stated (with it a weighed mass under [known] calibrates the scale)."
-    told = {phase.name: [name for name in phase.known if name not in CG] for phase in result.phases}
-    names = ", ".join(sorted({name for known in told.values() for name in known}))
-    if names and all(told.values()):
-        return f"{said}. Here these known values calibrate it: {names}."
-    stated = f"{said}. Every sigma of mass and inertia includes its stated uncertainty, {100 * vehicle.thrust_scale_sigma:g} %"
-    where = " and ".join(phase for phase, known in told.items() if known)
+        return f"{scale}, and no thrust.scale_sigma is stated (with it a weighed mass under [known] calibrates the scale)."
+    known_by_phase = {phase.name: [name for name in phase.known if name not in CG] for phase in result.phases}
+    names = ", ".join(sorted({name for known in known_by_phase.values() for name in known}))
+    if names and all(known_by_phase.values()):
+        return f"{scale}. Here these known values calibrate it: {names}."
+    stated = f"{scale}. Every sigma of mass and inertia includes its stated uncertainty, {100 * vehicle.thrust_scale_sigma:g} %"
+    where = " and ".join(phase for phase, known in known_by_phase.items() if known)
     return f"{stated}; in phase {where} these known values calibrate it: {names}." if where else f"{stated}."
 
 
@@ -129,7 +129,7 @@ _UNOBSERVABLE = {
 
 
 def remedy(quantity: str, verdict: str, contradiction: str = "", reason_code: str = "") -> str:
-    """The remedy for a quantity that is not converged; where the phase is contradicted, no motion is the remedy."""
+    """Remedy for a quantity that is not converged; in a contradicted phase, no motion is a remedy."""
     if verdict == "contradicted":
         return "correct the cause; no motion helps"
     if contradiction and verdict != "unobservable":
@@ -139,42 +139,42 @@ def remedy(quantity: str, verdict: str, contradiction: str = "", reason_code: st
     if verdict == "not_converged" and reason_code == "oscillation":
         return "fix or drain the part that oscillates, or push so rarely that it comes to rest"
     if verdict == "not_converged":
-        return f"a longer log, with more {cure(quantity)}"
+        return f"a longer log, with more {motion_for(quantity)}"
     if verdict == "unobservable":
-        other = f"{cure(quantity)}: the commands of this vehicle cannot give it; add thrusters, or state a measured value ([known])"
+        other = f"{motion_for(quantity)}: the commands of this vehicle cannot give it; add thrusters, or state a measured value ([known])"
         return _UNOBSERVABLE.get(reason_code, other)
-    return cure(quantity)
+    return motion_for(quantity)
 
 
 NAMES_MOTION = (
     *("no-motion-informs", "sensor-absent", "sensor-absent-mass", "hardly-informed", "no-part"),
     *("unweighed", "unweighed-pedestal", "ratios-only"),
 )
-"""Reasons that name what would inform a quantity, or that nothing does."""
+"""Codes of reasons whose text already names the informing motion, or that there is none."""
 
 
 def gaps(found: Result) -> list[str]:
-    """A sentence for each quantity of each phase that is not converged: verdict, reason, remedy."""
+    """A sentence for each quantity of each phase that is not converged, with verdict, reason and remedy."""
     return [
         f"{name} in {part}: {gap(name, item, contradiction(body))}"
         for part, body in parts(found)
         if isinstance(body, PhaseItem)
-        # what is about the pivot alone, where the ten have no values to say it of
+        # quantities about the pivot have a sentence only if the ten are unobservable
         for name, item in {**body.estimates, **(body.about_pivot if body.estimates["izz"].verdict == "unobservable" else {})}.items()
         if item.verdict != "converged"
     ]
 
 
 def gap(quantity: str, item: EstimateItem, contradicted: str = "") -> str:
-    """Why a quantity is not converged, and what to do; ``contradicted`` is the contradiction of its phase."""
-    told = f"{item.verdict}: {reason(item, contradicted)}"
+    """Verdict, reason and remedy of a quantity that is not converged; ``contradicted`` is the contradiction of its phase."""
+    text = f"{item.verdict}: {reason(item, contradicted)}"
     if contradicted and item.verdict != "unobservable":
-        return f"{told}; {remedy(quantity, item.verdict, contradicted)}"
-    return told if item.reason_code in NAMES_MOTION else f"{told}; it needs {cure(quantity)}"
+        return f"{text}; {remedy(quantity, item.verdict, contradicted)}"
+    return text if item.reason_code in NAMES_MOTION else f"{text}; it needs {motion_for(quantity)}"
 
 
 def reason(item: EstimateItem, contradicted: str = "") -> str:
-    """Why, without the motion that it wants where none would help."""
+    """Reason of a verdict; in a contradicted phase without a motion that would inform the quantity."""
     if item.verdict == "contradicted":
         return contradicted or item.reason
     return HARDLY_INFORMED if contradicted and item.reason_code == "hardly-informed" else item.reason

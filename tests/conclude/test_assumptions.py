@@ -33,8 +33,8 @@ def test_each_phase_has_its_own_and_an_assumption_without_effects_has_words_alon
     found = result(assumptions=[*recorded.assumptions("single", "combined"), silent])
     assert [one.phase for one in assumptions.sensitivities(found.assumptions)] == ["single", "combined"]
     assert all("rigid" not in dict(one.steps) for one in assumptions.sensitivities(found.assumptions))
-    assert assumptions.said(found.assumptions[-1]) == "The body is rigid [rigid, a default]"
-    assert assumptions.said(found.assumptions[0]).endswith("[thrust-scale, stated by the vehicle file]")
+    assert assumptions.sentence(found.assumptions[-1]) == "The body is rigid [rigid, a default]"
+    assert assumptions.sentence(found.assumptions[0]).endswith("[thrust-scale, stated by the vehicle file]")
     assert assumptions.sensitivities(recorded.result().assumptions) == []
 
 

@@ -225,7 +225,7 @@ def test_a_stated_thrust_scale_is_the_limit_where_it_is_most_of_the_sigma() -> N
     found = recorded.result([recorded.phase(mass={"sigma": 0.48}, ixx={"sigma": 0.1})], assumptions=made)
     found = found.model_copy(update={"vehicle": found.vehicle.model_copy(update={"thrust_scale_sigma": 0.02})})
     said = {name: assumptions.limit(name, found.phases[0], found) for name in ("mass", "ixx")}
-    assert [one.said for one in said.values() if one is not None] == ["thrust scale", "noise"]
+    assert [one.text for one in said.values() if one is not None] == ["thrust scale", "noise"]
 
 
 def test_without_a_history_the_rest_is_there_and_the_gap_is_named(flyer: Recorded) -> None:

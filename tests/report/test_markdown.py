@@ -198,7 +198,7 @@ def test_a_contradiction_comes_first_and_offers_no_motion_as_its_cure() -> None:
         "phase first" in items(text)
     )
     for name in QUANTITIES:
-        assert vocabulary.cure(name) not in text or name == "cg_y"
+        assert vocabulary.motion_for(name) not in text or name == "cg_y"
     assert "Contradicted" not in markdown.text([recorded.recorded()])
 
 
