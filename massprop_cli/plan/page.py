@@ -14,7 +14,7 @@ def text(plan: PlanFile) -> str:
     """The text of the page; equal plans give equal bytes."""
     observable = {name: item for name, item in plan.quantities.items() if item.told == "well"}
     panels = [_panel(plan, name, item) for name, item in observable.items()]
-    drawn = [inline(canvas.render([panel], "svg"), f"plan-{panel.key}", panel.says) for panel in panels]
+    drawn = [inline(canvas.render([panel], "svg"), f"plan-{panel.key}", panel.alt_text) for panel in panels]
     page = html.environment().get_template("plan.html.j2")
     rows = [(name, vocabulary.SYMBOLS[name], table.cells(item), item) for name, item in plan.quantities.items()]
     content = {

@@ -190,7 +190,7 @@ def _figure(name: str, recorded: Recorded, prefix: str, phase: str | None = None
 def drawn(name: str, title: str, picture: Picture, prefix: str) -> Figure:
     """A picture as a figure of a page; ``prefix`` makes its ids unique in the page."""
     svgs = [canvas.render([panel], "svg") for panel in picture.panels]
-    panels = [inline(svg, f"{prefix}-{n}", panel.says) for n, (svg, panel) in enumerate(zip(svgs, picture.panels, strict=True), 1)]
+    panels = [inline(svg, f"{prefix}-{n}", panel.alt_text) for n, (svg, panel) in enumerate(zip(svgs, picture.panels, strict=True), 1)]
     # the SVG is safe: canvas.render escapes its texts
     return Figure(name, f"figure-{prefix}", title, picture.caption, tuple(markupsafe.Markup(panel) for panel in panels))
 

@@ -17,8 +17,8 @@ _COLOUR = re.compile("|".join(palette.NAMES))
 _STYLE = re.compile(r'(?<= style=")[^"]*')
 
 
-def inline(svg: bytes, prefix: str, says: str) -> str:
-    """The ``<svg>`` element of a drawing; ``prefix`` makes its ids unique in the page, and ``says`` is the alternative text."""
+def inline(svg: bytes, prefix: str, alt_text: str) -> str:
+    """The ``<svg>`` element of a drawing; ``prefix`` makes its ids unique in the page, and ``alt_text`` is the alternative text."""
     text = svg.decode()
     text = text[text.index("<svg") :]
     box = re.search(r'viewBox="[^"]*"', text)
@@ -31,7 +31,7 @@ def inline(svg: bytes, prefix: str, says: str) -> str:
     body = body.replace('href="#', f'href="#{prefix}-').replace("url(#", f"url(#{prefix}-")
     body = _STYLE.sub(lambda style: _themed(style[0]), body)
     body = _flat(re.sub(r">\s+<", "><", body).strip())
-    label = html.escape(line(says))
+    label = html.escape(line(alt_text))
     return f'<svg {box[0] if box else ""} role="img" aria-label="{label}"><title>{label}</title>{body}</svg>'
 
 

@@ -76,7 +76,7 @@ def test_what_runs_out_of_the_picture_is_named(flyer: Recorded, flyer_drawing: D
         told = np.isfinite(columns[name])
         top = points[:, 1].max() + np.ptp(points[:, 1])
         assert columns[name][told].max() > top
-        assert "runs out of the picture" in panel.says
+        assert "runs out of the picture" in panel.alt_text
         assert vocabulary.SYMBOLS[name] in picture.caption.split("is outside the figure: ")[1]
 
 
@@ -119,7 +119,7 @@ def test_innovations_stand_between_two_sigmas_as_the_filter_expected(flyer: Reco
             assert inside is not None
             assert 0.9 < inside < 0.99
     for panel in figures.picture("innovations", flyer).panels:
-        assert "lie within ± 2 sigma; 95 % are expected" in panel.says
+        assert "lie within ± 2 sigma; 95 % are expected" in panel.alt_text
 
 
 def test_where_sigma_exceeds_the_picture_nothing_is_drawn(flyer: Recorded, flyer_drawing: Drawing) -> None:
@@ -209,7 +209,7 @@ def test_a_quantity_without_any_estimate_says_why(flyer: Recorded) -> None:
     history = {"all": flyer.history["all"] | {"mass": blank, "mass_sigma": blank}}
     blind = changed(flyer, "mass", {"value": None, "sigma": None, "verdict": "unobservable", "final_at_s": None})
     picture = figures.picture("mass", replace(blind, history=history))
-    assert "no estimate at any time, unobservable" in picture.panels[0].says
+    assert "no estimate at any time, unobservable" in picture.panels[0].alt_text
     assert b"nothing can be said" in figures.canvas.render(picture.panels, "svg")
 
 

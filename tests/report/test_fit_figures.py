@@ -30,7 +30,7 @@ def test_measured_predicted_and_what_is_left_are_the_history(
         assert follows(points, columns["time_s"], measured - predicted, within)
         assert points[:, 1].max() == pytest.approx(np.nanmax(measured - predicted), abs=within[1]), "no outlier is cut off"
         assert follows(drawn(svg, f"{axes}_residual", f"{axes}_residual-upper-1"), columns["time_s"], 2 * sigma, within)
-        assert 0.93 < float(panel.says.split("; ")[1].split("%")[0]) / 100 < 0.97
+        assert 0.93 < float(panel.alt_text.split("; ")[1].split("%")[0]) / 100 < 0.97
     assert "minimum and maximum of 8 cycles" in picture.caption
 
 
@@ -109,8 +109,8 @@ def test_all_expectations_stand_in_one_figure_in_tolerances(flyer: Recorded) -> 
     text = svg.decode()
     assert 'id="ixx-ratio-1"' in text
     assert 'id="mass-beyond-1"' in text
-    assert "Ixx +0.5, Mass +17" in figures.picture("expectations", held).panels[0].says
-    assert "nothing was expected" in figures.picture("expectations", flyer).panels[0].says
+    assert "Ixx +0.5, Mass +17" in figures.picture("expectations", held).panels[0].alt_text
+    assert "nothing was expected" in figures.picture("expectations", flyer).panels[0].alt_text
 
 
 def test_the_raster_shows_each_jet_when_it_pushed_and_marks_the_one_a_warning_names(flyer: Recorded, flyer_drawing: Drawing) -> None:

@@ -42,7 +42,9 @@ def render(panels: Sequence[Panel], kind: Kind, columns: int = 1, title: str = "
         if kind == "svg":
             figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
             logarithmic = [panel.logarithmic for panel in panels]
-            return _readable(stream.getvalue().decode(), figure, logarithmic, title or "; ".join(panel.says for panel in panels)).encode()
+            return _readable(
+                stream.getvalue().decode(), figure, logarithmic, title or "; ".join(panel.alt_text for panel in panels)
+            ).encode()
         figure.savefig(stream, format="png", dpi=160, metadata={"Software": None})
         return stream.getvalue()
 
@@ -69,7 +71,7 @@ def _figure(panels: Sequence[Panel], columns: int, title: str) -> Any:
     return figure
 
 
-def _readable(svg: str, figure: Any, logarithmic: Sequence[bool], says: str) -> str:
+def _readable(svg: str, figure: Any, logarithmic: Sequence[bool], alt_text: str) -> str:
     """The SVG shortened, without external references, with a title and the scales of each pair of axes."""
     svg = re.sub(r"<!DOCTYPE.*?>\s*", "", svg, count=1, flags=re.DOTALL)
     svg = re.sub(r"\s*<metadata>.*?</metadata>", "", svg, count=1, flags=re.DOTALL)
@@ -77,7 +79,7 @@ def _readable(svg: str, figure: Any, logarithmic: Sequence[bool], says: str) -> 
     for axes, is_log in zip(figure.axes, logarithmic, strict=True):
         scales = _scales(axes, figure) + ' data-log=""' * is_log
         svg = svg.replace(f'<g id="{axes.get_gid()}">', f'<g id="{axes.get_gid()}" {scales}>', 1)
-    return re.sub(r"(<svg[^>]*>)", lambda opening: f"{opening[1]}\n <title>{escape(line(says), quote=False)}</title>", svg, count=1)
+    return re.sub(r"(<svg[^>]*>)", lambda opening: f"{opening[1]}\n <title>{escape(line(alt_text), quote=False)}</title>", svg, count=1)
 
 
 def _rounded(path: str) -> str:

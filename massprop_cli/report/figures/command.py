@@ -113,8 +113,8 @@ def _panel(kind: str, letter: str, each: CommandResidual) -> Panel:
         bars.lines[0].set_gid(f"{kind}_{letter}-mean")
         axes.set_xlabel(f"{command} {letter.upper()} [{command_unit}]", labelpad=2)
 
-    says = f"{title} of the prediction against {command} {letter.upper()}: {_slope(found, unit, command_unit)}"
-    return Panel(f"{kind}_{letter}", says, paint)
+    alt_text = f"{title} of the prediction against {command} {letter.upper()}: {_slope(found, unit, command_unit)}"
+    return Panel(f"{kind}_{letter}", alt_text, paint)
 
 
 def _slope(found: list[CommandMean], unit: str, command_unit: str) -> str:

@@ -58,7 +58,7 @@ def _panel(name: str, items: list[EstimateItem], names: Sequence[str]) -> Panel:
             _points(axes, name, verdict, items)
         _marks(axes, name, items, limits)
 
-    return Panel(name, _says(name, items), paint, (LENGTH, HEIGHT + 0.25 * bool(names)), bottom=BOTTOM + 0.25 * bool(names))
+    return Panel(name, _alt_text(name, items), paint, (LENGTH, HEIGHT + 0.25 * bool(names)), bottom=BOTTOM + 0.25 * bool(names))
 
 
 def _points(axes: Axes, name: str, verdict: Verdict, items: list[EstimateItem]) -> None:
@@ -95,7 +95,7 @@ def _limits(items: list[EstimateItem]) -> AxisRange | None:
     return padded(min(ends), max(ends), 0.1) if ends else None
 
 
-def _says(name: str, items: list[EstimateItem]) -> str:
+def _alt_text(name: str, items: list[EstimateItem]) -> str:
     told = [item.value for item in items if item.value is not None]
     among = f", from {min(told):.5g} to {max(told):.5g} {items[0].unit}" if told else ""
     return f"{vocabulary.SYMBOLS[name]} of {len(items)} results with error bars: {len(told)} have a value{among}"
@@ -151,5 +151,5 @@ def _against(number: int, part: str, estimates: Mapping[str, EstimateItem], seve
             bars.lines[0].set_gid(f"{name}-ratio-{number}")
 
     listed = ", ".join(f"{vocabulary.SYMBOLS[name]} {off:+.2g}" for name, _, (off, _) in found) or "nothing was expected"
-    says = f"Value less expected in tolerances, {line(part)}: {listed}"
-    return Panel(f"expectations-{number}", says, paint, (LENGTH * 1.4, 0.22 * max(len(found), 4) + 0.75))
+    alt_text = f"Value less expected in tolerances, {line(part)}: {listed}"
+    return Panel(f"expectations-{number}", alt_text, paint, (LENGTH * 1.4, 0.22 * max(len(found), 4) + 0.75))

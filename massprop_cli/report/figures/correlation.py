@@ -85,10 +85,10 @@ def _panel(number: int, name: str, covariance: Matrix, several: bool) -> Panel:
         axes.set_ylim(9.5, -0.5)
         axis.title(axes, f"Correlation{f', {name}' if several else ''} [1]")
 
-    return Panel(f"correlation-{number}", _says(name, found), paint, (LENGTH * 1.1, LENGTH * 1.02))
+    return Panel(f"correlation-{number}", _alt_text(name, found), paint, (LENGTH * 1.1, LENGTH * 1.02))
 
 
-def _says(name: str, found: Array) -> str:
+def _alt_text(name: str, found: Array) -> str:
     pairs = [(abs(found[i, j]), i, j) for i in range(10) for j in range(i) if abs(found[i, j]) >= 0.3]
     told = [
         f"{vocabulary.SYMBOLS[QUANTITIES[j]]} with {vocabulary.SYMBOLS[QUANTITIES[i]]} {found[i, j]:.2f}"

@@ -88,7 +88,7 @@ def _panel(number: int, phase: PhaseItem, seen: body.Ellipsoid | None, view: str
         else:
             axes.locator_params(nbins=5)
 
-    return Panel(f"{view}-{number}", _says(phase, seen, label), paint, (SIDE, SIDE))
+    return Panel(f"{view}-{number}", _alt_text(phase, seen, label), paint, (SIDE, SIDE))
 
 
 def _centre(seen: body.Ellipsoid, directions: Array) -> Array:
@@ -149,7 +149,7 @@ def _label(axes: Axes, place: Array, text: str, colour: str) -> None:
     axes.text(place[0], place[1], text, color=colour, fontsize=7.5, fontweight="bold", ha="center", va="center", bbox=ground)
 
 
-def _says(phase: PhaseItem, seen: body.Ellipsoid | None, label: str) -> str:
+def _alt_text(phase: PhaseItem, seen: body.Ellipsoid | None, label: str) -> str:
     start = f"Equivalent inertia ellipsoid, phase {line(phase.name)}, {label.lower()}"
     if seen is None:
         return f"{start}: the inertia is not known"

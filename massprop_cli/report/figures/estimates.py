@@ -85,7 +85,7 @@ def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: 
         if any(axes.get_legend_handles_labels()[1]):
             axes.legend(loc="best", borderaxespad=0.2, handlelength=1.8)
 
-    return Panel(f"{name}-{number}", _says(name, phase, columns, limits), paint)
+    return Panel(f"{name}-{number}", _alt_text(name, phase, columns, limits), paint)
 
 
 def _frame(name: str, recorded: Recorded) -> str:
@@ -159,7 +159,7 @@ def _reference(axes: Axes, gid: str, at: float, label: str, limits: AxisRange, c
         axes.plot([], [], color=colour, linestyle=style, label=f"{label}, {'above' if at > limits.high else 'below'} this picture")
 
 
-def _says(name: str, phase: PhaseItem, columns: Columns, limits: AxisRange | None) -> str:
+def _alt_text(name: str, phase: PhaseItem, columns: Columns, limits: AxisRange | None) -> str:
     item, cut = phase.estimates[name], cut_off_s(name, phase, columns)
     start = f"{vocabulary.SYMBOLS[name]} against time, phase {line(phase.name)}: "
     if limits is None:

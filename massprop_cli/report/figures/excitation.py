@@ -105,7 +105,7 @@ def _panel(number: int, phase: PhaseItem, found: Strips, several: bool) -> Panel
         axes.grid(visible=False, axis="y")
         axes.tick_params(axis="y", length=0)
 
-    return Panel(f"excitation-{number}", _says(phase, found), paint, (LENGTH * 1.5, ROW * len(labels) + 0.9))
+    return Panel(f"excitation-{number}", _alt_text(phase, found), paint, (LENGTH * 1.5, ROW * len(labels) + 0.9))
 
 
 def _steps(edges: Array, tops: Array, bottom: float) -> tuple[Array, Array]:
@@ -116,7 +116,7 @@ def _steps(edges: Array, tops: Array, bottom: float) -> tuple[Array, Array]:
     return x[turns], y[turns]
 
 
-def _says(phase: PhaseItem, found: Strips) -> str:
+def _alt_text(phase: PhaseItem, found: Strips) -> str:
     told = []
     for row, name in enumerate(QUANTITIES):
         moment = half_information_s(found, row)

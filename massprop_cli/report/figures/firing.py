@@ -86,5 +86,5 @@ def _panel(vehicle: VehicleInfo, parts: list[Covered], found: list[str]) -> Pane
         told = f"Thrust of each of {len(jets)} jets against time; busiest: " + ", ".join(
             f"{line(jet, 40)} {share:.0%}" for share, jet in busiest
         )
-    says = f"{told}{f'; named by a warning: {chr(44).join(found)}' if found else ''}"
-    return Panel("firing", says, paint, (LENGTH * 1.5, ROW * max(len(jets), 6) + 0.85))
+    alt_text = f"{told}{f'; named by a warning: {chr(44).join(found)}' if found else ''}"
+    return Panel("firing", alt_text, paint, (LENGTH * 1.5, ROW * max(len(jets), 6) + 0.85))

@@ -52,7 +52,7 @@ def _panel(kind: str, letter: str, parts: list[Covered], limits: AxisRange, powe
             axes.plot(time_s[rows], values[rows], color=palette.BLUE, linewidth=0.6, gid=f"{column}-value-{number}")
             bounds(axes, f"{column}-{{}}-{number}", time_s, columns[f"{column}_sigma"], buckets // 3)
 
-    return Panel(column, _says(kind, letter, column, parts), paint)
+    return Panel(column, _alt_text(kind, letter, column, parts), paint)
 
 
 def bounds(axes: Axes, gid: str, time_s: Array, sigmas: Array, buckets: int) -> None:
@@ -75,7 +75,7 @@ def _limits(column: str, parts: list[Covered]) -> AxisRange:
     return padded(-max(reach), max(reach), 0.02) if reach else AxisRange(-1.0, 1.0)
 
 
-def _says(kind: str, letter: str, column: str, parts: list[Covered]) -> str:
+def _alt_text(kind: str, letter: str, column: str, parts: list[Covered]) -> str:
     values = np.concatenate([columns[column] for *_, columns in parts])
     sigmas = np.concatenate([columns[f"{column}_sigma"] for *_, columns in parts])
     inside = share_inside(values, sigmas)

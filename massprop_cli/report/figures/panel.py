@@ -22,7 +22,7 @@ class Panel:
 
     key: str
     """Key in the picture; the id of the axes in the SVG is ``axes-KEY``."""
-    says: str
+    alt_text: str
     """Alternative text."""
     paint: Callable[[Axes], None]
     size: tuple[float, float] = (LENGTH, HEIGHT)

@@ -123,7 +123,7 @@ def _overlay(kind: str, letter: str, each: Sequence[Channel], limits: AxisRange,
                 loc="lower right", bbox_to_anchor=(1, 1), ncols=2, borderaxespad=0.0, handlelength=1.6, handletextpad=0.4, columnspacing=0.8
             )
 
-    return Panel(f"{kind}_{letter}", f"{heading} {letter.upper()}, measured and predicted, against time: {_says(each, unit)}", paint)
+    return Panel(f"{kind}_{letter}", f"{heading} {letter.upper()}, measured and predicted, against time: {_alt_text(each, unit)}", paint)
 
 
 def _residual(kind: str, letter: str, each: Sequence[Channel], limits: AxisRange, power: int, parts: list[Covered]) -> Panel:
@@ -139,8 +139,8 @@ def _residual(kind: str, letter: str, each: Sequence[Channel], limits: AxisRange
             axes.plot(one.time_s[rows], one.residual[rows], color=palette.BLUE, linewidth=0.6, gid=gid.format("residual"))
             bounds(axes, gid, one.time_s, one.sigma, parts_of(len(parts)) // 6)
 
-    says = f"{heading} {letter.upper()}, measured less predicted, against time: {_says(each, unit)}"
-    return Panel(f"{kind}_{letter}_residual", says, paint)
+    alt_text = f"{heading} {letter.upper()}, measured less predicted, against time: {_alt_text(each, unit)}"
+    return Panel(f"{kind}_{letter}_residual", alt_text, paint)
 
 
 def _residuals(each: Sequence[Channel]) -> tuple[Array, Array]:
@@ -150,7 +150,7 @@ def _residuals(each: Sequence[Channel]) -> tuple[Array, Array]:
     return residual[known], sigma[known]
 
 
-def _says(each: Sequence[Channel], unit: str) -> str:
+def _alt_text(each: Sequence[Channel], unit: str) -> str:
     residual, sigma = _residuals(each)
     if not residual.size:
         return "not predicted"

@@ -81,8 +81,10 @@ def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: 
 
     size = "" if allowed is None else f", tolerance {allowed:.2g} {item.unit}"
     ends = f"sigma from {np.nanmax(sigma[known]):.2g} to {sigma[known][-1]:.2g} {item.unit}" if known.any() else "nothing can be said"
-    says = f"{vocabulary.SYMBOLS[name]}, phase {line(phase.name)}, distance from its end and sigma against time, logarithmic: {ends}{size}"
-    return Panel(f"settling_{name}-{number}", says, paint, SIZE, logarithmic=True)
+    alt_text = (
+        f"{vocabulary.SYMBOLS[name]}, phase {line(phase.name)}, distance from its end and sigma against time, logarithmic: {ends}{size}"
+    )
+    return Panel(f"settling_{name}-{number}", alt_text, paint, SIZE, logarithmic=True)
 
 
 def _logarithm(values: Array) -> Array:

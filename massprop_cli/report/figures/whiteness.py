@@ -81,8 +81,8 @@ def _histogram(kind: str, parts: list[Covered]) -> Panel:
         axes.set_ylim(0.0, max(0.45, 1.05 * max(float(values.max()) for values in density)))
         axes.set_xlabel(f"innovation [σ]{f'; {beyond:.1%} lie beyond' if beyond > 1e-3 else ''}", labelpad=2)
 
-    says = f"Histogram of whitened innovations in {KINDS[kind].lower()} with the normal curve: {beyond:.2%} lie beyond 4.5 sigma"
-    return Panel(f"histogram_{kind}", says, paint)
+    alt_text = f"Histogram of whitened innovations in {KINDS[kind].lower()} with the normal curve: {beyond:.2%} lie beyond 4.5 sigma"
+    return Panel(f"histogram_{kind}", alt_text, paint)
 
 
 def _autocorrelation(kind: str, parts: list[Covered]) -> Panel:
@@ -105,8 +105,8 @@ def _autocorrelation(kind: str, parts: list[Covered]) -> Panel:
         axes.set_xlabel("cycles later", labelpad=2)
 
     largest = float(np.abs(found).max())
-    says = f"Autocorrelation of whitened innovations in {KINDS[kind].lower()}: at most {largest:.2f}, chance leaves {bound:.2f}"
-    return Panel(f"autocorrelation_{kind}", says, paint)
+    alt_text = f"Autocorrelation of whitened innovations in {KINDS[kind].lower()}: at most {largest:.2f}, chance leaves {bound:.2f}"
+    return Panel(f"autocorrelation_{kind}", alt_text, paint)
 
 
 def _running(kind: str, parts: list[Covered]) -> Panel:
@@ -129,5 +129,5 @@ def _running(kind: str, parts: list[Covered]) -> Panel:
             rows = thin(values, buckets=parts_of(len(parts)) // 2)
             axes.plot(time_s[rows], values[rows], color=palette.BLUE, linewidth=0.9, gid=f"{kind}-running-{number}")
 
-    says = f"Running normalised innovation squared in {KINDS[kind].lower()} against time: at most {highest:.3g}, {expected} is expected"
-    return Panel(f"running_{kind}", says, paint)
+    alt_text = f"Running normalised innovation squared in {KINDS[kind].lower()} against time: at most {highest:.3g}, {expected} is expected"
+    return Panel(f"running_{kind}", alt_text, paint)
