@@ -10,11 +10,14 @@ from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.errorparameters.timing import DELAY_STEP
 from massprop_cli.estimate.pivot import pivot_quantities
+from massprop_cli.model.sensitivity import RESTATED
 from massprop_cli.report.body import values
 from massprop_cli.result.schema import PhaseItem, Result
 
 STATED = ("mounting", "timing", "thrust", "sensor")
 """Families of error parameters of the vehicle file."""
+SHARED = ("uncertain-jet-", "uncertain-imu-", f"uncertain-{RESTATED}")
+"""How codes of assumptions about the vehicle file begin whose errors are estimated."""
 
 
 def alike(found: Result, phase: PhaseItem, delay: float = 0.0) -> Array:
@@ -24,7 +27,7 @@ def alike(found: Result, phase: PhaseItem, delay: float = 0.0) -> Array:
     """
     if phase.alike:
         return np.array(phase.alike)
-    steps = {one.code: 1.0 for one in found.assumptions if one.code.startswith(("uncertain-jet-", "uncertain-imu-"))}
+    steps = {one.code: 1.0 for one in found.assumptions if one.code.startswith(SHARED)}
     steps |= {"command-delay": delay / DELAY_STEP}
     by_family = phase.discrepancy.shares if phase.discrepancy else {}
     shares = np.array([by_family[family] for family in STATED if family in by_family], dtype=float).reshape(-1, 10)

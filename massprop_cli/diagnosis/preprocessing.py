@@ -12,16 +12,16 @@ from massprop_cli.diagnosis.bins import with_bins
 from massprop_cli.diagnosis.delay import FoundTiming
 from massprop_cli.diagnosis.resolve import NARROWER, found_timing, stated_timing, uncertain_timing, with_pace, with_phase, with_timing
 from massprop_cli.diagnosis.torquesteps import with_steps
-from massprop_cli.errorparameters.setup import Setup, stating, with_factors
+from massprop_cli.errorparameters.setup import Setup, stating, value_of, with_factors
 from massprop_cli.estimate.history import phases_of
 from massprop_cli.estimate.noiselevels import white_level
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Phase, Vehicle
-from massprop_cli.inputs.vehiclefile import VehicleSource, alternative
+from massprop_cli.inputs.vehiclefile import FACTORS, VehicleSource, alternative
 from massprop_cli.model.layout import Layout
-from massprop_cli.model.sensitivity import Consider, Reading, Restated, with_geometry
+from massprop_cli.model.sensitivity import Consider, OtherReading, Reading, Restated, with_geometry
 from massprop_cli.prepare import attitudecheck, recorded
 from massprop_cli.prepare.actuators import check_supply
 from massprop_cli.prepare.clock import cycle_edges
@@ -31,6 +31,9 @@ from massprop_cli.prepare.timing import Timing
 
 FINER = ((1.2, 64), (0.6, 32), (0.3, 16), (0.15, 8))
 """(turn in a cycle [rad], bins in a cycle): bins that follow the motion from that turn on (tests/estimate/test_fast_turns.py)."""
+STEP = 0.1
+"""Part of its sigma by which an uncertain value is changed to both sides for its derivative. With a whole sigma, terms of higher order seem
+to inform a value that no log can tell."""
 SELDOM = 0.98
 """Quantile of the turns over all cycles that decides."""
 
@@ -142,17 +145,45 @@ def uncertain(consider: Consider, setup: Setup, samples: Stream) -> Consider:
 
 
 def _restated(values: Mapping[str, Any], setup: Setup, samples: Stream) -> Restated:
+    stated = setup.vehicle
+    try:
+        low, high = (_read_with(_toward(values, stated, part), setup) for part in (-STEP, STEP))
+        distance = 2 * STEP
+    except InputError:  # no number, or beyond a bound of the key, as a negative time
+        low, high, distance = OtherReading(samples), _read_with(values, setup), 1.0
+    if high.vehicle is not None and Layout.of(high.samples, high.vehicle) != Layout.of(samples, stated):
+        raise InputError(
+            f"uncertain: {', '.join(values)}: this changes which quantities are estimated; take it out of uncertain and state it as a value"
+        )
+    mounting = np.array(stated.imu.body_from_imu)
+    factors = [values.get(f"{name}_factors") for name in ("gyro", "accel")]
+    rate, force = (mounting @ (np.array(one or np.eye(3)) - np.eye(3)) @ mounting.T for one in factors)
+    return Restated(low, high, distance, Reading(rate, force) if any(factors) else None)
+
+
+def _read_with(values: Mapping[str, Any], setup: Setup) -> OtherReading:
+    """The log read with other values of the vehicle file."""
     log, stated, timing = setup.log, setup.vehicle, setup.timing
     vehicle = alternative(stated, values)
     before, after = stated_timing(stated, timing), stated_timing(vehicle, timing)
     moved = Timing(*(max(used + other - own, 0.0) for used, other, own in zip(timing, after, before, strict=True)))
     gyro, accelerometer, command = (values.get(f"{name}_factors", ()) for name in ("gyro", "accel", "command"))
     changed = with_factors(log, gyro, accelerometer, command if log.command_kind == "wrench" else ())
-    stream = Stream.of(changed, vehicle, moved)
-    if Layout.of(stream, vehicle) != Layout.of(samples, stated):
-        raise InputError(
-            f"uncertain: {', '.join(values)}: this changes which quantities are estimated; take it out of uncertain and state it as a value"
-        )
-    mounting = np.array(stated.imu.body_from_imu)
-    rate, force = (mounting @ (np.array(factors or np.eye(3)) - np.eye(3)) @ mounting.T for factors in (gyro, accelerometer))
-    return Restated(stream, vehicle, Reading(rate, force) if gyro or accelerometer else None)
+    return OtherReading(Stream.of(changed, vehicle, moved).light(), vehicle)
+
+
+def _toward(values: Mapping[str, Any], stated: Vehicle, part: float) -> dict[str, Any]:
+    """Values at ``part`` of the way from the stated ones, or from factors of 1, to ``values``.
+
+    Raise :class:`InputError` if they are not numbers.
+    """
+    found = dict[str, Any]()
+    for key, value in values.items():
+        begin = (np.eye(3) if FACTORS[key] == (3, 3) else np.ones(6)) if key in FACTORS else value_of(stated, key)
+        try:
+            if begin is None:
+                raise TypeError
+            found[key] = (np.array(begin, dtype=float) * (1 - part) + np.array(value, dtype=float) * part).tolist()
+        except (TypeError, ValueError):
+            raise InputError(f"{key} = {value}: not a number like {begin}") from None
+    return found

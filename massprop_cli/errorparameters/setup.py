@@ -53,7 +53,7 @@ class Setup(NamedTuple):
             pairs = zip(self.vehicle.jets, self.value(key), value, strict=True)
             changed: Any = tuple(jet if np.array_equal(a, b) else jet.model_copy(update={name: plain(b)}) for jet, a, b in pairs)
         else:
-            scalar = not isinstance(_of(self.vehicle, key), tuple)
+            scalar = not isinstance(value_of(self.vehicle, key), tuple)
             changed = _with(getattr(self.vehicle, section), name, plain(value[0] if scalar else value))
         return self._replace(vehicle=rebuilt(self.vehicle, **{section: changed}))
 
@@ -107,7 +107,7 @@ def stated(vehicle: Vehicle, key: str) -> Array:
     section, _, name = key.partition(".")
     if section == "jets":
         return np.array([getattr(jet, name) for jet in vehicle.jets])
-    return np.atleast_1d(np.array(_of(vehicle, key), dtype=float))
+    return np.atleast_1d(np.array(value_of(vehicle, key) or 0.0, dtype=float))  # 0 in a table that is not stated
 
 
 def has_table(vehicle: Vehicle, key: str) -> bool:
@@ -119,13 +119,12 @@ def has_table(vehicle: Vehicle, key: str) -> bool:
     return found is not None
 
 
-def _of(vehicle: Vehicle, key: str) -> Any:
-    """The value of a dotted key, in which a number is that of an entry in a list; 0 in a table that is not stated."""
+def value_of(vehicle: Vehicle, key: str) -> Any:
+    """Value of a dotted key, in which a number is that of an entry in a list; None in a table that is not stated."""
     found: Any = vehicle
     for name in key.split("."):
-        found = found[int(name)] if isinstance(found, tuple) else getattr(found, name)
-        if found is None:
-            return 0.0
+        if found is not None:
+            found = found[int(name)] if isinstance(found, tuple) else getattr(found, name)
     return found
 
 

@@ -134,7 +134,8 @@ class Estimates(NamedTuple, Generic[Used]):
     used: Used
     """The vehicle with the estimated noise levels and disturbances."""
     histories: tuple[History, ...]
-    """Causal passes, about the off-line fit's estimate where a pass diverged; with ``estimator.refine`` the off-line fits."""
+    """Causal passes; about the off-line fit's estimate where a pass diverged, or geometry or ``uncertain`` values are unknowns. With
+    ``estimator.refine`` the off-line fits."""
     settled: list[History]
     """Off-line fits against which they are tested, or the causal pass where there is none; empty for the thesis's method."""
     notices: list[Notice]
@@ -182,9 +183,14 @@ def estimates(
     histories, settled = [], []
     for (phase, cycles), fit in zip(phases, fits, strict=True):
         vehicle = used.in_phase(phase)
-        causal = engine.replay(samples, cycles, phase, vehicle, consider, partial(say, f"estimating, phase {phase.name}"))
-        if fit is not None and fit.converged and not used.estimator.refine and _diverged(causal, fit.history, vehicle):
-            causal = _about_fit(samples, cycles, phase, vehicle, consider, fit)
+        causal = None
+        about_fit = fit if fit is not None and fit.converged and not used.estimator.refine else None
+        # where linearisations differ, the log seems to inform an unknown that it cannot tell from the mass properties, as all thrust
+        if about_fit is None or not consider.kinds:
+            causal = engine.replay(samples, cycles, phase, vehicle, consider, partial(say, f"estimating, phase {phase.name}"))
+        if about_fit is not None and (causal is None or _diverged(causal, about_fit.history, vehicle)):
+            causal = _about_fit(samples, cycles, phase, vehicle, consider, about_fit)
+        assert causal is not None
         first, last = with_observability((causal, causal if fit is None else fit.history), samples, vehicle)
         histories.append(last if used.estimator.refine else first)
         settled.append(last)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.arrays import ROUNDING, Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import times
@@ -38,6 +38,8 @@ STATES = (
 """Keys of a vehicle file that determine which states are estimated."""
 RESTATED = "restated"
 """Kind of an unknown that the vehicle file restates as ``uncertain``."""
+STEP = 1e-4
+"""Change of the mass properties for a derivative, relative to their natural sizes."""
 GAIN = 0.1
 """Gain of the filter that predicts the noise-free rate: part of a rate's innovation that moves the next prediction."""
 
@@ -148,16 +150,17 @@ class ImuChange:
 
 @dataclass(frozen=True)
 class Restated:
-    """The log read with another vehicle file, in which an uncertain value is one sigma off."""
+    """The log read with two vehicle files, in which an uncertain value differs by ``distance`` of its sigma."""
 
-    samples: Source
-    vehicle: Vehicle
+    low: OtherReading
+    high: OtherReading
+    distance: float
     read: Reading | None
-    """Change of the readings by factors on the log, if there are any."""
+    """Change of the readings by factors on the log, per sigma, if there are any."""
 
-    def variant(self, samples: Source, _: Vehicle) -> Variant:
-        """Difference to the log as read."""
-        return Variant(OtherReading(samples), OtherReading(self.samples, self.vehicle), 1.0, self.read)
+    def variant(self, *_: object) -> Variant:
+        """Derivative with respect to the value, per sigma."""
+        return Variant(self.low, self.high, self.distance, self.read)
 
 
 @dataclass(frozen=True)
@@ -248,9 +251,39 @@ def assumption_columns(
         add_wrenches(*_aging(samples, cycles, reference, vehicle, here))
     for unknown in consider.reading_unknowns:
         add(unknown.variant(samples, vehicle))
+        more = _held_terms(here, phi_map, reference, sides, samples, (driven[-1], measured[-1]))
+        driven[-1], measured[-1] = driven[-1] - more[0], measured[-1] - more[1]
     if consider.jets.kinds:
         add_wrenches(*wrench_columns(samples, cycles, reference, vehicle, here, consider.jets))
     return np.stack(driven, -1), np.stack(measured, -1)
+
+
+def _held_terms(
+    here: Regressors, phi_map: ResponseMap, reference: Reference, sides: _Sides, samples: Source, column: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """Part of an unknown's ``column`` that the columns of the mass properties lack: their terms of second order are the reference's.
+
+    It is the difference between the whole derivative along the mass properties that are most like the unknown, and their columns. An
+    unknown like them, as all thrust, is then exactly their combination: no log informs it.
+    """
+    theta = phi_map.plant.theta(reference)
+    slopes = phi_map.coefficients(theta)[1] * phi_map.sizes(theta)
+    drive, measured = here.drive[..., 1:] @ slopes, -(here.measured[..., 1:] @ slopes)
+    rows = np.vstack([drive.reshape(-1, 10), -measured.reshape(-1, 10)])
+    wanted = np.concatenate([column[0].ravel(), column[1][:, :6].ravel()])
+    along = np.linalg.lstsq(rows, wanted, rcond=ROUNDING)[0]
+    size = float(np.abs(along).max())
+    if size == 0:
+        return np.zeros_like(column[0]), np.zeros_like(column[1])
+    ends = []
+    for by in (STEP / size, -STEP / size):
+        moved = phi_map.reference(theta + by * phi_map.sizes(theta) * along, reference.gyro_bias)
+        moved = replace(reference, inertia=moved.inertia, cg=moved.cg, mu=moved.mu)
+        ends.append(one_step(samples, sides.cycles, moved, sides.vehicle, sides.state))
+    whole = [(high - low) * size / (2 * STEP) for high, low in zip(*ends, strict=True)]
+    rest = np.zeros_like(column[1])
+    rest[:, :6] = whole[1] + measured @ along
+    return whole[0] - drive @ along, rest
 
 
 def _predicted_motion(part: Samples, as_read: tuple[Array, Array], state: Array, restarts: BoolArray) -> tuple[Array, Array]:

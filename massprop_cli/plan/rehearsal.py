@@ -13,6 +13,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.actuators.actuator import called
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.model.geometry import uncertain_jets
 from massprop_cli.plan.guess import Guess, input_error, unstated
 from massprop_cli.plan.limits import used
 from massprop_cli.testbed import bound, exchange, mission
@@ -193,6 +194,10 @@ def outside_bound(vehicle: Vehicle) -> list[str]:
         "imu.accel_lag_sigma_s": vehicle.imu.accel_lag_sigma_s,
         "imu.gyro_bias_sigma_rad_s": vehicle.imu.gyro_bias_sigma_rad_s,
         "imu.accel_bias_sigma_m_s2": vehicle.imu.accel_bias_sigma_m_s2,
+        "imu.position_sigma_m": vehicle.imu.position_sigma_m,
+        "imu.mounting_sigma_rad": vehicle.imu.mounting_sigma_rad,
+        "sigmas of [[jets]]": float(len(uncertain_jets(vehicle).kinds)),
+        "uncertain": float(len(vehicle.uncertain)),
         **{f"sigmas of [[{device.TABLE}]]": float(len(device.unknowns)) for device in vehicle.spinning},
     }
     return [key for key, value in stated.items() if value > 0]

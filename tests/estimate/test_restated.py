@@ -55,3 +55,17 @@ def test_valves_that_open_as_slowly_as_may_be_are_no_fault() -> None:
         assert not [one for one in found.conclusions[0].estimates.values() if one.verdict == "contradicted"]
         off.append(deviations(found, flights.truth[number, 0]))
     assert np.abs(off).max() < 4
+
+
+def test_all_thrust_stays_as_uncertain_as_stated_for_no_log_can_tell_it() -> None:
+    """As with the same sigma as ``thrust.scale_sigma``. A quiet log seemed to inform it by terms of second order."""
+    flights = flown("duration_s=120.0", "plan.0.end_s=120.0", "vehicle.imu.gyro_noise_rad_s=1e-5", "vehicle.imu.accel_noise_m_s2=1e-3")
+    stronger = {f"jets.{i}.force_n": [1.02 * part for part in jet.force_n] for i, jet in enumerate(flights.vehicle.jets)}
+    scaled = [*range(6), 9]
+    keys = ([f"uncertain={written([stronger])}"], ["thrust.scale_sigma=0.02"])
+    for number in range(3):
+        entry, scale = (
+            flow.examine(flights.log(number), VehicleSource(changed(flights.vehicle, one), "restated", "")).conclusions[0] for one in keys
+        )
+        np.testing.assert_allclose(entry.sigmas[scaled], scale.sigmas[scaled], rtol=0.05)
+        assert {one.verdict for one in entry.estimates.values()} == {"converged"}

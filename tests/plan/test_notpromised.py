@@ -5,7 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from massprop_cli.base import configfile
 from massprop_cli.base.errors import InputError
+from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.require import precise
 from massprop_cli.plan import flow
 from massprop_cli.plan.flow import PlanRequest
@@ -44,3 +46,19 @@ def test_a_table_that_its_wheels_can_not_hold_level_is_to_be_balanced_first(cg_x
     assert float(found[1]) > 0.2
     assert float(found[2]) == pytest.approx(12 * 9.80665 * cg_x, rel=2e-3)
     assert found[3] == "Balance it first (massprop balance, with a log in which the table swings while its wheels turn), or raise the limit"
+
+
+def test_no_plan_promises_more_than_an_uncertain_thrust_leaves(tmp_path: Path) -> None:
+    (tmp_path / "vehicle.toml").write_text(output.vehicle_toml(scenario.load("free-flyer").scenario.vehicle))
+    vehicle = vehiclefile.load(tmp_path / "vehicle.toml").vehicle
+    stronger = {f"jets.{i}.force_n": [1.02 * part for part in jet.force_n] for i, jet in enumerate(vehicle.jets)}
+    (tmp_path / "guess.toml").write_text("[body]\nixx = 0.6\niyy = 2.7\nizz = 2.4\nmass = 22.0\n")
+    made = {}
+    for name, stated in {"exact": [], "uncertain": [f"uncertain={configfile.written([stronger])}"]}.items():
+        options = PlanRequest(precise("ixx 3 %"), max_time_s=20.0)
+        made[name] = flow.make(tmp_path / "vehicle.toml", tmp_path / "guess.toml", options, lambda *_: None, tuple(stated)).plan
+    exact, uncertain = (made[name].quantities["ixx"].sigma for name in ("exact", "uncertain"))
+    assert exact is not None
+    assert uncertain is not None
+    assert exact < 0.01 * 0.6
+    assert uncertain > 0.019 * 0.6
