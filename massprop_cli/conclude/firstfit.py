@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import cross
-from massprop_cli.diagnosis.preprocessing import Ready, ready
+from massprop_cli.diagnosis.preprocessing import Ready, about_values, ready
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.estimate.phases import AsStated, Progress, as_stated
@@ -27,11 +28,13 @@ from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.compensate import Samples, Source, biased_attitude, gathered
 from massprop_cli.prepare.tachometer import change_sigmas
 
-NO_BIAS = 6.0
-"""Largest credible estimate of the gyro bias, in its stated sigmas; a larger one stands for another error."""
+CREDIBLE = 6.0
+"""Largest credible estimate of the gyro bias or an uncertain value, in its stated sigmas; a larger one stands for another error."""
 PASSES, LITTLE = 4, 0.01
 """Most fits for the bias, and the part of its stated sigma at which it has converged. A CG far below its pivot makes the problem
 nonlinear."""
+NEAR = 0.2
+"""Largest distance of an uncertain value's estimate from the value about which it is linearised, in its stated sigmas."""
 NEGLIGIBLE = 1.005
 """Factor on the gyro noise below which tachometer noise is omitted: a tenth of the gyro noise, with a torque that adds less than a tenth to
 a variance."""
@@ -60,7 +63,23 @@ def first_fits(log: Log, source: VehicleSource, say: Progress) -> tuple[Ready, A
 
 
 def _fitted(begun: Ready) -> _First:
-    return _First(begun, as_stated(begun.samples, begun.phases, begun.stated, begun.consider))
+    """Fit with the log read about the estimates of its ``uncertain`` values."""
+    first = _First(begun, as_stated(begun.samples, begun.phases, begun.stated, begun.consider))
+    now = np.array([one.about for one in begun.consider.restated])
+    if not now.size or now.any():
+        return first
+    longest = int(np.argmax([piece.stop - piece.start for piece in begun.pieces]))
+    for _ in range(PASSES):
+        fit, before = first.plain.fits[longest], len(begun.consider.imu)
+        at = now if fit is None else fit.unknowns[before : before + now.size]
+        if np.abs(at - now).max() < NEAR or not np.abs(at).max() < CREDIBLE:
+            break
+        try:
+            about = about_values(begun, at.tolist())
+        except InputError:
+            break
+        first, now = _First(about, as_stated(about.samples, about.phases, about.stated, about.consider)), at
+    return first
 
 
 def _with_wheel_drive(first: _First, log: Log, source: VehicleSource, say: Progress) -> tuple[_First, VehicleSource]:
@@ -90,7 +109,7 @@ def _with_gyro_bias(first: _First, with_bias: Callable[[Array], _First]) -> _Fir
     if stated.environment.kind == "planar":
         # a sliding body rotates about Z only: mean rates about X and Y are bias, which the lever arm would turn into force
         level = gathered(samples, slice(0, len(samples)), lambda part: part.rate_rad_s).mean(0) * (1.0, 1.0, 0.0)
-        first = with_bias(level) if np.linalg.norm(level) < NO_BIAS * sigma else first
+        first = with_bias(level) if np.linalg.norm(level) < CREDIBLE * sigma else first
         sloped = stated.environment.table_tilt_sigma_rad > 0 and first.plain.misfit
         return _with_yaw_bias(first, lambda bias: with_bias(bias + level)) if sloped else first
     fit = first.plain.fits[0]
@@ -103,7 +122,7 @@ def _with_gyro_bias(first: _First, with_bias: Callable[[Array], _First]) -> _Fir
         if step is None or (found is not first and np.linalg.norm(step) < LITTLE * sigma):
             break
         bias = bias + step
-        if not np.linalg.norm(bias) < NO_BIAS * sigma:
+        if not np.linalg.norm(bias) < CREDIBLE * sigma:
             return first
         found = with_bias(bias)
     return found
@@ -115,7 +134,7 @@ def _with_yaw_bias(first: _First, with_bias: Callable[[Array], _First]) -> _Firs
     before, now, after = (one.plain.left for one in (with_bias(-step), first, with_bias(step)))
     curvature = before - 2 * now + after
     sigmas = (before - after) / (2 * curvature) if curvature > 0 else np.inf
-    if not abs(sigmas) < NO_BIAS:
+    if not abs(sigmas) < CREDIBLE:
         return first
     found = with_bias(sigmas * step)
     return first if found.plain.misfit else found

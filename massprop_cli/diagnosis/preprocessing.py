@@ -1,6 +1,6 @@
 """Preprocessing of a log for estimation: timing, samples by phase, outliers removed."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ from massprop_cli.diagnosis.bins import with_bins
 from massprop_cli.diagnosis.delay import FoundTiming
 from massprop_cli.diagnosis.resolve import NARROWER, found_timing, stated_timing, uncertain_timing, with_pace, with_phase, with_timing
 from massprop_cli.diagnosis.torquesteps import with_steps
-from massprop_cli.errorparameters.setup import Setup, stating, value_of, with_factors
+from massprop_cli.errorparameters.setup import Setup, plain, stating, value_of, with_factors
 from massprop_cli.estimate.history import phases_of
 from massprop_cli.estimate.noiselevels import white_level
 from massprop_cli.estimate.phases import Progress
@@ -88,8 +88,8 @@ def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
     if log is not as_read:
         samples = Stream.of(log, stated, timing)
     setup = Setup(log, stated, timing)
-    consider = with_geometry(uncertain(uncertain_timing(setup, samples), setup, samples), setup, samples)
-    return Ready(log, stated, samples, phases, timing, detected, consider, notices)
+    restated = tuple(_restated(number, [0.0] * len(stated.uncertain), setup, samples) for number in range(len(stated.uncertain)))
+    return Ready(log, stated, samples, phases, timing, detected, _considered(setup, samples, restated), notices)
 
 
 def _with_attitude(log: Log, vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
@@ -136,21 +136,41 @@ def finer(log: Log, vehicle: Vehicle) -> Vehicle:
     return stating(vehicle, {"estimator.bins_per_cycle": bins})
 
 
-def uncertain(consider: Consider, setup: Setup, samples: Stream) -> Consider:
-    """Add the ``uncertain`` keys, each independent of all others.
+def _considered(setup: Setup, samples: Stream, restated: tuple[Restated, ...]) -> Consider:
+    return with_geometry(replace(uncertain_timing(setup, samples), restated=restated), setup, samples)
 
-    Raise :class:`InputError` if an alternative has other filter states than the stated vehicle, for example another sigma of a bias.
+
+def about_values(begun: Ready, at: Sequence[float]) -> Ready:
+    """A log that is read as stated, read with its ``uncertain`` values ``at`` so many sigmas from the stated ones.
+
+    Raise :class:`InputError` if they cannot be there: beyond a bound of a key, or if they are no numbers.
     """
-    return replace(consider, restated=tuple(_restated(values, setup, samples) for values in setup.vehicle.uncertain))
+    setup = Setup(begun.log, begun.stated, begun.timing)
+    values = _values(begun.stated, at)
+    restated = tuple(_restated(number, at, setup, begun.samples) for number in range(len(at)))
+    samples, _ = _read_with(values, setup)
+    keys = {key: plain(value) for key, value in values.items() if key not in FACTORS}
+    read = Setup(samples.log, stating(begun.stated, keys), samples.alignment.timing)
+    return begun._replace(
+        log=read.log, stated=read.vehicle, samples=samples, timing=read.timing, consider=_considered(read, samples, restated)
+    )
 
 
-def _restated(values: Mapping[str, Any], setup: Setup, samples: Stream) -> Restated:
+def _restated(number: int, at: Sequence[float], setup: Setup, samples: Stream) -> Restated:
+    """Entry ``number`` of ``uncertain``, with all entries ``at`` values in sigmas, each independent of all others.
+
+    Raise :class:`InputError` if it changes the filter's states, for example the sigma of a bias.
+    """
     stated = setup.vehicle
+    values = stated.uncertain[number]
     try:
-        low, high = (_read_with(_toward(values, stated, part), setup) for part in (-STEP, STEP))
+        ends = (_values(stated, [one + by * (i == number) for i, one in enumerate(at)]) for by in (-STEP, STEP))
+        low, high = (OtherReading(*_read_with(end, setup)) for end in ends)
         distance = 2 * STEP
-    except InputError:  # no number, or beyond a bound of the key, as a negative time
-        low, high, distance = OtherReading(samples), _read_with(values, setup), 1.0
+    except InputError:  # no numbers, or beyond a bound of the key, as a negative time
+        if any(at):
+            raise
+        low, high, distance = OtherReading(samples), OtherReading(*_read_with(values, setup)), 1.0
     if high.vehicle is not None and Layout.of(high.samples, high.vehicle) != Layout.of(samples, stated):
         raise InputError(
             f"uncertain: {', '.join(values)}: this changes which quantities are estimated; take it out of uncertain and state it as a value"
@@ -158,32 +178,34 @@ def _restated(values: Mapping[str, Any], setup: Setup, samples: Stream) -> Resta
     mounting = np.array(stated.imu.body_from_imu)
     factors = [values.get(f"{name}_factors") for name in ("gyro", "accel")]
     rate, force = (mounting @ (np.array(one or np.eye(3)) - np.eye(3)) @ mounting.T for one in factors)
-    return Restated(low, high, distance, Reading(rate, force) if any(factors) else None)
+    return Restated(low, high, distance, Reading(rate, force) if any(factors) else None, at[number])
 
 
-def _read_with(values: Mapping[str, Any], setup: Setup) -> OtherReading:
-    """The log read with other values of the vehicle file."""
+def _read_with(values: Mapping[str, Any], setup: Setup) -> tuple[Stream, Vehicle]:
+    """The log read with other values of the vehicle file, and that vehicle."""
     log, stated, timing = setup.log, setup.vehicle, setup.timing
     vehicle = alternative(stated, values)
     before, after = stated_timing(stated, timing), stated_timing(vehicle, timing)
     moved = Timing(*(max(used + other - own, 0.0) for used, other, own in zip(timing, after, before, strict=True)))
     gyro, accelerometer, command = (values.get(f"{name}_factors", ()) for name in ("gyro", "accel", "command"))
     changed = with_factors(log, gyro, accelerometer, command if log.command_kind == "wrench" else ())
-    return OtherReading(Stream.of(changed, vehicle, moved).light(), vehicle)
+    return Stream.of(changed, vehicle, moved).light(), vehicle
 
 
-def _toward(values: Mapping[str, Any], stated: Vehicle, part: float) -> dict[str, Any]:
-    """Values at ``part`` of the way from the stated ones, or from factors of 1, to ``values``.
+def _values(stated: Vehicle, parts: Sequence[float]) -> dict[str, Any]:
+    """Values with each entry of ``uncertain`` at its part of the way from the stated values, or from factors of 1.
 
     Raise :class:`InputError` if they are not numbers.
     """
     found = dict[str, Any]()
-    for key, value in values.items():
-        begin = (np.eye(3) if FACTORS[key] == (3, 3) else np.ones(6)) if key in FACTORS else value_of(stated, key)
-        try:
-            if begin is None:
-                raise TypeError
-            found[key] = (np.array(begin, dtype=float) * (1 - part) + np.array(value, dtype=float) * part).tolist()
-        except (TypeError, ValueError):
-            raise InputError(f"{key} = {value}: not a number like {begin}") from None
+    for values, part in zip(stated.uncertain, parts, strict=True):
+        for key, value in values.items() if part else ():
+            begin = (np.eye(3) if FACTORS[key] == (3, 3) else np.ones(6)) if key in FACTORS else value_of(stated, key)
+            try:
+                if begin is None:
+                    raise TypeError
+                change = part * (np.array(value, dtype=float) - np.array(begin, dtype=float))
+                found[key] = (np.array(found.get(key, begin), dtype=float) + change).tolist()
+            except (TypeError, ValueError):
+                raise InputError(f"{key} = {value}: not a number like {begin}") from None
     return found

@@ -146,9 +146,11 @@ def as_stated(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Ve
     pieces = [cycles for _, cycles in phases]
     used, notices = noiselevels.with_noise_levels(samples, pieces, stated)
     fitting = _Fitting(samples, phases, used, consider)
-    fits = fitting.fits(fitting.starts(), SIZING)
+    # before convergence, the log seems to inform unknowns that it cannot tell from the mass properties
+    passes = offline.MAX_PASSES if consider.restated else SIZING
+    fits = fitting.fits(fitting.starts(), passes)
     excess = fitting.misfit(fits)
-    gross, settled = np.full(6, np.nan), _converged(fits)
+    gross, settled = np.full(6, np.nan), _converged(fits) or passes > SIZING
     if not (settled and np.isnan(excess).all()):  # the rates alone need no test where converged fits explain the log
         gross = disturbances.gross_misfit(samples, pieces, used)
         if not (settled or np.isnan([excess, gross]).all()):

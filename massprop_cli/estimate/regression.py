@@ -91,6 +91,9 @@ class Regression(Triangle):
         theta_tied, others_tied, _, chi_square_tied, stuck_tied = self._gauss_newton(run, theta, tied=True)
         if tied or chi_square_tied < limit:
             theta, others, response, chi_square, stuck = theta_tied, others_tied, None, chi_square_tied, stuck_tied
+        unknowns: Array = np.zeros(0)
+        if self.geometry_unknowns:
+            theta, unknowns = self._with_unknowns_as_read(run, theta, tied)
         layout, reference = Layout.of(self.samples, self.vehicle), run.reference
         phi, pivoted = phi_map.coefficients(theta)[0], phi_map.plant.pivoted
         # on a slope the derivative of a step with respect to the bias is missing, and the search diverged
@@ -106,7 +109,22 @@ class Regression(Triangle):
         acceleration = self.state(run, block, phi, others, reference.acceleration)
         estimate = replace(phi_map.reference(theta, bias), response=response, scale=scale, damping=damping, acceleration=acceleration)
         departure = others[self.geometry_unknowns :] / self.prior[self.prior > 0][: self.unknowns]
-        return replace(run, estimate=estimate, tied=tied, stuck=stuck, unexplained=chi_square - float(departure @ departure)), chi_square
+        unexplained = chi_square - float(departure @ departure)
+        return replace(run, estimate=estimate, tied=tied, stuck=stuck, unexplained=unexplained, unknowns=unknowns), chi_square
+
+    def _with_unknowns_as_read(self, run: Run, theta: Array, tied: bool) -> tuple[Array, Array]:
+        """(10,) θ of the estimate if each unknown of the geometry has the value with which the log is read; (u,) the unknowns' estimates.
+
+        The equations hold about these together. About θ with the unknowns' estimates they would not: a weight moment of a shifted pivot
+        would be another one.
+        """
+        count, fixed = self._nuisance_count(tied), self.consider.read_about
+        first, end, scale = count - len(fixed), count + 10, self._prior_sigma(theta)
+        rows = self._posed(run, theta, scale, tied=tied)[first:end]
+        step = np.linalg.lstsq(rows[:, count:end], rows[:, end] - rows[:, first:count] @ fixed)[0]
+        theta = self.phi_map.stepped(theta, scale * step)
+        triangle = self._posed(replace(run, tied=tied), theta, self._prior_sigma(theta))
+        return theta, np.linalg.solve(triangle[:end, :end], triangle[:end, end])[first:count]
 
     def state(self, run: Run, block: slice, phi: Array, others: Array, before: Array) -> Array:
         """The states of ``block`` in the last cycle, with φ (N,) and ``others`` solved for; ``before`` if the run has none."""
@@ -305,7 +323,7 @@ class Regression(Triangle):
         """(K, m, n + 11 + e) rows of a block about the estimate before it."""
         theta, scale, _ = self._about_estimate(before)
         rows = regression_rows(whitened.innovations, self.phi_map.size, self.unknowns).reshape(*whitened.innovations.shape[:2], -1)
-        return self._on_theta(rows, theta, scale, before.tied)
+        return self._on_theta(rows, theta, scale, before.tied, before.reference)
 
     def first_nonlinear(self, before: Run, posed: Posed) -> int | None:
         """Index of the first cycle of a block whose estimate is too far from the block's reference."""
@@ -373,7 +391,7 @@ class Regression(Triangle):
             assumed = means[..., 1 + self.phi_map.size : means.shape[2] - self.unknowns]
             assumed, geometry = assumed[..., : self.assumptions], -assumed[..., self.assumptions :]
             drift = np.concatenate([by_initial, by_phi, -means[..., :1], assumed, geometry], -1)
-            affine = self._on_theta(drift, theta, scale, run.tied)
+            affine = self._on_theta(drift, theta, scale, run.tied, run.reference)
             gain = affine[..., : count + 10] @ np.linalg.inv(triangles[..., : count + 10])
             moved = gain @ triangles[..., count + 10 :]
             mean = mean + moved[..., 0] - affine[..., count + 10]

@@ -11,7 +11,7 @@ coupling, J Γ(I), are free until the commands alone determine each axis' respon
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -64,6 +64,8 @@ class Run:
     """Whether the search ended where no further step leads to a rigid body, though the data require one."""
     unexplained: float = np.inf
     """Chi-square of the estimate, without the part by which initial states depart from their prior."""
+    unknowns: Array = field(default_factory=lambda: np.zeros(0))
+    """(u,) estimate of the unknown geometry, in sigmas."""
 
 
 class Triangle:
@@ -163,13 +165,18 @@ class Triangle:
         mean[:3], mean[:3, turn] = 0.0, np.eye(3)
         return replace(run, state=State(mean, run.state.root), triangle=triangle)
 
-    def _on_theta(self, rows: Array, theta: Array, scale: Array, tied: bool) -> Array:
+    def _on_theta(self, rows: Array, theta: Array, scale: Array, tied: bool, reference: Reference | None = None) -> Array:
         """Rows on initial states and φ, (…, M + 1 + e + u), as rows on nuisance parameters and θ, (…, n + 11 + e).
 
         θ is a departure over ``scale``. Nuisance parameters are the initial states, the geometry and, unless ``tied``, the coefficients of
         the gyroscopic coupling (departure over ``FREE_COUPLING``).
+
+        With unknown geometry the slopes are those at the ``reference``, as its columns are: elsewhere the log would seem to inform what it
+        cannot tell from the mass properties.
         """
         phi, slopes = self.phi_map.coefficients(theta)
+        if reference is not None and self.geometry_unknowns:
+            slopes = self.phi_map.coefficients(self.phi_map.plant.theta(reference))[1]
         columns = rows[..., self.unknowns : self.unknowns + self.phi_map.size]
         right = rows[..., self.unknowns + self.phi_map.size :].copy()
         right[..., 0] -= columns @ phi
@@ -187,8 +194,10 @@ class Triangle:
 
     def _posed(self, run: Run, theta: Array, scale: Array, centre: Array | None = None, tied: bool | None = None) -> Array:
         """(n + 11 + …, n + 11 + e) triangle about ``theta`` of a run's information, with a prior of sigma ``scale`` about ``centre``."""
+        # a search that is far from the reference needs the slopes at its own θ
+        reference = run.reference if tied is None else None
         tied = run.tied if tied is None else tied
-        rows, count = self._on_theta(run.triangle, theta, scale, tied), self._nuisance_count(tied) + 10
+        rows, count = self._on_theta(run.triangle, theta, scale, tied, reference), self._nuisance_count(tied) + 10
         known = np.eye(count - self.unknowns, rows.shape[1], self.unknowns)
         if centre is not None:
             known[-10:, count] = (centre - theta) / scale

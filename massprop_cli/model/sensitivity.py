@@ -9,12 +9,11 @@ column too, but the regression estimates it: the log may determine it to much be
 from __future__ import annotations
 
 from dataclasses import field, replace
-from functools import cache, partial
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 
-from massprop_cli.base.arrays import ROUNDING, Array, BoolArray
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import times
@@ -138,6 +137,8 @@ class ImuChange:
     """The log as it would read."""
     sigma: float
     """Prior sigma, in the parameter's unit."""
+    about: float = 0.0
+    """Value about which it is linearised, in sigmas."""
 
     def variant(self, samples: Source, vehicle: Vehicle) -> Variant | Reading:
         """Derivative with respect to the change, per sigma."""
@@ -157,6 +158,8 @@ class Restated:
     distance: float
     read: Reading | None
     """Change of the readings by factors on the log, per sigma, if there are any."""
+    about: float = 0.0
+    """Value about which log and vehicle file are read, in sigmas from the stated one."""
 
     def variant(self, *_: object) -> Variant:
         """Derivative with respect to the value, per sigma."""
@@ -199,6 +202,11 @@ class Consider:
         """(u,) kind of each unknown of the geometry."""
         return (*(change.parameter.uncertain[0] for change in self.imu), *(RESTATED for _ in self.restated), *self.jets.kinds)
 
+    @property
+    def read_about(self) -> Array:
+        """(u,) value of each unknown of the geometry with which the log is read, in sigmas from the stated one."""
+        return np.array([*(one.about for one in self.reading_unknowns), *np.zeros(len(self.jets.kinds))])
+
     def about(self, other: Consider) -> Consider:
         """The assumptions of ``other`` with the estimated unknowns of this one."""
         return replace(other, imu=self.imu, jets=self.jets, restated=self.restated)
@@ -207,40 +215,27 @@ class Consider:
 def assumption_columns(
     here: Regressors, samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider, phi_map: ResponseMap
 ) -> tuple[Array, Array]:
-    """(K − 1, n, e + u) and (K, m, e + u) derivatives of drive and measurements: by assumptions, then by the unknown geometry.
+    """(K − 1, n, 1 + e + u) and (K, m, 1 + e + u) drive and measurements: an offset, and derivatives by assumptions and unknown geometry.
 
-    They are taken at the reference and the measured rates; ``here`` is the response of ``cycles`` with the coefficients of ``phi_map``.
+    They are taken at the reference and the measured rates; ``here`` is the response of ``cycles`` with the coefficients of ``phi_map``. The
+    offset is that of unknowns about whose departure from the stated value log and vehicle file are read.
     """
-    part, state = samples.part(cycles), np.zeros((len(here.measured), here.transition.shape[1]))
-    state[:, :3] = part.rate_rad_s - reference.gyro_bias
-    driven, measured, rows = list[Array](), list[Array](), 9 if samples.attitude_logged else 6
-    # sides that variants share are computed once; the cache holds the objects whose ids are its keys
-    as_read = here.one_step(phi_map.coefficients(phi_map.plant.theta(reference))[0], state)
-    sides = _Sides(state, cycles, reference, vehicle, {})
-    sides.add((id(samples), id(vehicle)), samples, vehicle, as_read)
-    restarts = np.isin(np.arange(cycles.start + 1, cycles.stop), [*consider.restarts])
-    predicted_motion = cache(partial(_predicted_motion, part, as_read, state, restarts))
+    there = _Derivatives(here, samples, cycles, reference, vehicle, phi_map, consider.restarts)
+    part, rows = there.part, 9 if samples.attitude_logged else 6
+    offset = [np.zeros_like(one) for one in there.side(there.here)]
+    driven, measured = list[Array](), list[Array]()
 
-    def add(variant: Variant | Reading) -> None:
-        if isinstance(variant, Reading):
-            shown = variant.shown(part, predicted_motion() if variant.of_motion else (part.rate_rad_s, part.specific_force_m_s2))
-            change = np.zeros(here.drive.shape[:2]), np.pad(shown, ((0, 0), (0, rows - 6)))
-        else:
-            low, high = sides.of(variant.low), sides.of(variant.high)
-            change = (high[0] - low[0]) / variant.distance, (high[1] - low[1]) / variant.distance
-            if variant.read is not None:
-                noise = variant.read.shown(part, predicted_motion()) - variant.read.shown(part, (part.rate_rad_s, part.specific_force_m_s2))
-                change[1][:, :6] += noise
+    def add(variant: Variant | Reading, change: tuple[Array, Array]) -> None:
         driven.append(change[0])
-        measured.append(change[1])
+        measured.append(change[1] + np.pad(there.without_noise(variant), ((0, 0), (0, rows - 6))))
 
     def add_wrenches(growth: Array, force: Array, by_scale: Array | None = None) -> None:
-        drive, change = _wrench_columns_of_state(growth, force, by_scale, state.shape[1])
+        drive, change = _wrench_columns_of_state(growth, force, by_scale, there.state.shape[1])
         driven.extend(np.moveaxis(drive, -1, 0))
         measured.extend(np.pad(each, ((0, 0), (0, rows - 6))) for each in np.moveaxis(to_measured_axes(change, part), -1, 0))
 
     for variant in consider.variants:
-        add(variant)
+        add(variant, there.derivative(variant))
     if consider.scales:
         mounting, whole = np.array(vehicle.imu.body_from_imu), part.specific_force_m_s2 + vehicle.environment.steady_force_m_s2
         by_scale = mounting * (whole @ mounting * part.executed.axes[3:])[:, None, :]
@@ -250,53 +245,112 @@ def assumption_columns(
     if consider.aging:
         add_wrenches(*_aging(samples, cycles, reference, vehicle, here))
     for unknown in consider.reading_unknowns:
-        add(unknown.variant(samples, vehicle))
-        more = _held_terms(here, phi_map, reference, sides, samples, (driven[-1], measured[-1]))
-        driven[-1], measured[-1] = driven[-1] - more[0], measured[-1] - more[1]
+        variant = unknown.variant(samples, vehicle)
+        change = there.like_mass_properties(there.derivative(variant))
+        offset = [one - unknown.about * by for one, by in zip(offset, change, strict=True)]
+        add(variant, change)
     if consider.jets.kinds:
         add_wrenches(*wrench_columns(samples, cycles, reference, vehicle, here, consider.jets))
-    return np.stack(driven, -1), np.stack(measured, -1)
+    return np.stack([offset[0], *driven], -1), np.stack([offset[1], *measured], -1)
 
 
-def _held_terms(
-    here: Regressors, phi_map: ResponseMap, reference: Reference, sides: _Sides, samples: Source, column: tuple[Array, Array]
-) -> tuple[Array, Array]:
-    """Part of an unknown's ``column`` that the columns of the mass properties lack: their terms of second order are the reference's.
+class _Derivatives:
+    """One-step predictions and measurement residuals of the same cycles, and their derivatives, by assumption."""
 
-    It is the difference between the whole derivative along the mass properties that are most like the unknown, and their columns. An
-    unknown like them, as all thrust, is then exactly their combination: no log informs it.
-    """
-    theta = phi_map.plant.theta(reference)
-    slopes = phi_map.coefficients(theta)[1] * phi_map.sizes(theta)
-    drive, measured = here.drive[..., 1:] @ slopes, -(here.measured[..., 1:] @ slopes)
-    rows = np.vstack([drive.reshape(-1, 10), -measured.reshape(-1, 10)])
-    wanted = np.concatenate([column[0].ravel(), column[1][:, :6].ravel()])
-    along = np.linalg.lstsq(rows, wanted, rcond=ROUNDING)[0]
-    size = float(np.abs(along).max())
-    if size == 0:
-        return np.zeros_like(column[0]), np.zeros_like(column[1])
-    ends = []
-    for by in (STEP / size, -STEP / size):
-        moved = phi_map.reference(theta + by * phi_map.sizes(theta) * along, reference.gyro_bias)
-        moved = replace(reference, inertia=moved.inertia, cg=moved.cg, mu=moved.mu)
-        ends.append(one_step(samples, sides.cycles, moved, sides.vehicle, sides.state))
-    whole = [(high - low) * size / (2 * STEP) for high, low in zip(*ends, strict=True)]
-    rest = np.zeros_like(column[1])
-    rest[:, :6] = whole[1] + measured @ along
-    return whole[0] - drive @ along, rest
+    def __init__(
+        self,
+        here: Regressors,
+        samples: Source,
+        cycles: slice,
+        reference: Reference,
+        vehicle: Vehicle,
+        phi_map: ResponseMap,
+        restarts: frozenset[int],
+    ) -> None:
+        self.response, self.cycles, self.reference, self.vehicle, self.phi_map = here, cycles, reference, vehicle, phi_map
+        self.here, self.part = OtherReading(samples), samples.part(cycles)
+        self.state = np.zeros((len(here.measured), here.transition.shape[1]))
+        self.state[:, :3] = self.part.rate_rad_s - reference.gyro_bias
+        self._as_read = here.one_step(phi_map.coefficients(phi_map.plant.theta(reference))[0], self.state)
+        self._restarts = np.isin(np.arange(cycles.start + 1, cycles.stop), [*restarts])
+        self._sides: dict[tuple[int, int], tuple[Vehicle, tuple[Array, Array]]] = {}
+        """By the ids of samples and vehicle; holds the vehicle, so that its id stays unique."""
+        self._add((id(samples), id(vehicle)), samples, vehicle, self._as_read)
 
+    def side(self, side: OtherReading) -> tuple[Array, Array]:
+        """(K − 1, n) one-step prediction of the state, and (K, m) measurement residuals; computed once."""
+        stated = side.vehicle or self.vehicle
+        if (key := (id(side.samples), id(stated))) not in self._sides:
+            vehicle = self._with_states(side.samples, stated)
+            self._add(key, side.samples, stated, one_step(side.samples, self.cycles, self.reference, vehicle, self.state))
+        return self._sides[key][1]
 
-def _predicted_motion(part: Samples, as_read: tuple[Array, Array], state: Array, restarts: BoolArray) -> tuple[Array, Array]:
-    """(K, 3) rates and (K, 3) specific force without the noise of the readings.
+    def _add(self, key: tuple[int, int], samples: Source, vehicle: Vehicle, result: tuple[Array, Array]) -> None:
+        """Store the result of a side, with the residuals of logged attitudes if there are any."""
+        logged = attitude.attitude_measurements(samples.part(self.cycles), Layout.of(samples, self.vehicle), self.reference)
+        if logged is not None:
+            result = result[0], np.hstack([result[1], logged.offset - times(logged.observation, self.state)])
+        self._sides[key] = vehicle, result
 
-    The specific force is the model's prediction. The rate is that of a filter with fixed gain,
-    ω⁻[k+1] = ω⁻[k] + growth[k] + g (ω[k] − ω⁻[k]); where ``restarts`` (K − 1,), ω⁻[k] is the measured rate ω[k].
-    """
-    rate, growth = part.rate_rad_s.copy(), as_read[0][:, :3] - state[:-1, :3]
-    for k, step in enumerate(growth):
-        before = part.rate_rad_s[k] if restarts[k] else rate[k]
-        rate[k + 1] = before + step + GAIN * (part.rate_rad_s[k] - before)
-    return rate, part.specific_force_m_s2 - as_read[1][:, 3:6]
+    def _with_states(self, samples: Source, vehicle: Vehicle) -> Vehicle:
+        """The vehicle with the filter's states: noise and disturbances may have been estimated after the variants were made."""
+        alike = Layout.of(samples, vehicle) == Layout.of(samples, self.vehicle)
+        return vehicle if alike else stating_as(vehicle, self.vehicle, STATES)
+
+    def derivative(self, variant: Variant | Reading) -> tuple[Array, Array]:
+        """(K − 1, n) and (K, m) derivatives of the one-step prediction and of the measurement residuals."""
+        if isinstance(variant, Reading):
+            drive, residual = (np.zeros_like(one) for one in self.side(self.here))
+            residual[:, :6] = variant.shown(self.part, self._predicted_motion if variant.of_motion else self._measured_motion)
+            return drive, residual
+        low, high = self.side(variant.low), self.side(variant.high)
+        return (high[0] - low[0]) / variant.distance, (high[1] - low[1]) / variant.distance
+
+    def without_noise(self, variant: Variant | Reading) -> Array:
+        """(K, 6) what a change of the readings has less if it applies to the predicted ones; zero for other variants."""
+        if isinstance(variant, Reading) or variant.read is None:
+            return np.zeros((len(self.state), 6))
+        return variant.read.shown(self.part, self._predicted_motion) - variant.read.shown(self.part, self._measured_motion)
+
+    def like_mass_properties(self, change: tuple[Array, Array]) -> tuple[Array, Array]:
+        """An unknown's derivative with terms of second order as the columns of the mass properties have them: those of the reference.
+
+        It has the whole derivative along the mass properties that are most like it replaced by their columns. An unknown like them, as all
+        thrust, is then exactly their combination, so that no log informs it.
+        """
+        plant, reference = self.phi_map.plant, self.reference
+        theta = plant.theta(reference)
+        sizes = self.phi_map.sizes(theta)
+        columns = [part[..., 1:] @ (self.phi_map.coefficients(theta)[1] * sizes) for part in (self.response.drive, self.response.measured)]
+        wanted = np.concatenate([change[0].ravel(), change[1][:, :6].ravel()])
+        along = np.linalg.lstsq(np.vstack([one.reshape(-1, 10) for one in columns]), wanted, rcond=STEP)[0]
+        if not (size := float(np.abs(along).max())):
+            return change
+        ends = []
+        for step in (STEP / size, -STEP / size):
+            moved = self.phi_map.reference(theta + step * sizes * along)
+            moved = replace(reference, inertia=moved.inertia, cg=moved.cg, mu=moved.mu)
+            ends.append(one_step(self.here.samples, self.cycles, moved, self.vehicle, self.state))
+        drive, residual = ((high - low) * size / (2 * STEP) - one @ along for high, low, one in zip(*ends, columns, strict=True))
+        return change[0] - drive, change[1] - np.pad(residual, ((0, 0), (0, change[1].shape[1] - 6)))
+
+    @property
+    def _measured_motion(self) -> tuple[Array, Array]:
+        """(K, 3) measured rates and specific force."""
+        return self.part.rate_rad_s, self.part.specific_force_m_s2
+
+    @cached_property
+    def _predicted_motion(self) -> tuple[Array, Array]:
+        """(K, 3) rates and (K, 3) specific force without the noise of the readings.
+
+        The specific force is the model's prediction. The rate is that of a filter with fixed gain,
+        ω⁻[k+1] = ω⁻[k] + growth[k] + g (ω[k] − ω⁻[k]); at a restart, ω⁻[k] is the measured rate ω[k].
+        """
+        read, rate = self.part.rate_rad_s, self.part.rate_rad_s.copy()
+        for k, step in enumerate(self._as_read[0][:, :3] - self.state[:-1, :3]):
+            before = read[k] if self._restarts[k] else rate[k]
+            rate[k + 1] = before + step + GAIN * (read[k] - before)
+        return rate, self.part.specific_force_m_s2 - self._as_read[1][:, 3:6]
 
 
 def _wrench_columns_of_state(growth: Array, force: Array, by_scale: Array | None, states: int) -> tuple[Array, Array]:
@@ -353,35 +407,3 @@ def with_geometry(consider: Consider, setup: Setup, samples: Stream) -> Consider
                 imu.append(ImuChange(one, axis, read, sigma))
     jets = uncertain_jets(vehicle) if setup.log.command_kind == "jets" else WrenchChanges()
     return replace(consider, imu=tuple(imu), jets=jets)
-
-
-class _Sides(NamedTuple):
-    """One-step predictions and measurement residuals of the same cycles, by side."""
-
-    state: Array
-    cycles: slice
-    reference: Reference
-    vehicle: Vehicle
-    """The filter's."""
-    results: dict[tuple[int, int], tuple[Vehicle, tuple[Array, Array]]]
-    """By the ids of samples and vehicle; holds the vehicle, so that its id stays unique."""
-
-    def of(self, side: OtherReading) -> tuple[Array, Array]:
-        """(K − 1, n) one-step prediction of the state, and (K, m) measurement residuals."""
-        stated = side.vehicle or self.vehicle
-        if (key := (id(side.samples), id(stated))) not in self.results:
-            vehicle = self._with_states(side.samples, stated)
-            self.add(key, side.samples, stated, one_step(side.samples, self.cycles, self.reference, vehicle, self.state))
-        return self.results[key][1]
-
-    def add(self, key: tuple[int, int], samples: Source, vehicle: Vehicle, result: tuple[Array, Array]) -> None:
-        """Store the result of a side, with the residuals of logged attitudes if there are any."""
-        logged = attitude.attitude_measurements(samples.part(self.cycles), Layout.of(samples, self.vehicle), self.reference)
-        if logged is not None:
-            result = result[0], np.hstack([result[1], logged.offset - times(logged.observation, self.state)])
-        self.results[key] = vehicle, result
-
-    def _with_states(self, samples: Source, vehicle: Vehicle) -> Vehicle:
-        """The vehicle with the filter's states: noise and disturbances may have been estimated after the variants were made."""
-        alike = Layout.of(samples, vehicle) == Layout.of(samples, self.vehicle)
-        return vehicle if alike else stating_as(vehicle, self.vehicle, STATES)

@@ -77,7 +77,9 @@ def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Res
         noise = both
     if consider.columns(len(samples.wrench)) or consider.kinds:
         driven, changes = assumption_columns(response, samples, cycles, reference, vehicle, consider, phi_map)
-        drive, measured = np.concatenate([drive, driven], -1), np.concatenate([measured, changes], -1)
+        drive, measured = (np.concatenate([own, more[..., 1:]], -1) for own, more in ((drive, driven), (measured, changes)))
+        drive[..., 0] += driven[..., 0]
+        measured[..., 0] += changes[..., 0]
     transition = response.transition
     walk = random_walk(vehicle)
     if walk.any():

@@ -69,3 +69,39 @@ def test_all_thrust_stays_as_uncertain_as_stated_for_no_log_can_tell_it() -> Non
         )
         np.testing.assert_allclose(entry.sigmas[scaled], scale.sigmas[scaled], rtol=0.05)
         assert {one.verdict for one in entry.estimates.values()} == {"converged"}
+
+
+@pytest.mark.parametrize("off", [0.0, 1.5])
+def test_a_pivot_that_may_be_elsewhere_is_in_the_cgs_sigma_alone(off: float) -> None:
+    """It moves the CG with it, and is as far off as the CG hangs from it: nothing about the stated pivot is linear."""
+    sigma = 3e-4
+    flights = simulate.fly(
+        scenario.load("pedestal", ("duration_s=30.0", "plan.0.end_cycle=500", "plan.1.start_cycle=500", "plan.1.end_cycle=600")), [1, 2, 3]
+    )
+    pivot = np.array(flights.vehicle.environment.bearing_position_m)
+    key, x = "environment.bearing_position_m", np.array([sigma, 0.0, 0.0])
+    stated = pivot - off * x
+    used = changed(flights.vehicle, [f"{key}={written(stated.tolist())}", f"uncertain={written([{key: (stated + x).tolist()}])}"])
+    for number in range(3):
+        found = flow.examine(flights.log(number), VehicleSource(used, "restated", ""))
+        exact = flow.examine(flights.log(number), VehicleSource(flights.vehicle, "exact", "")).conclusions[0].sigmas
+        assert [notice.code for notice in found.notices] == []
+        assert np.nanmax(np.abs(deviations(found, flights.truth[number, 0]))) < 4
+        sigmas = found.conclusions[0].sigmas
+        np.testing.assert_allclose(sigmas[6], np.hypot(exact[6], sigma), rtol=0.05)
+        others = [0, 1, 2, 3, 4, 5, 7, 8, 9]
+        np.testing.assert_allclose(sigmas[others], exact[others], rtol=0.1)
+
+
+@pytest.mark.parametrize("off", [-1.2, 1.2])
+def test_rotors_that_answer_as_slowly_as_may_be_are_no_fault(off: float) -> None:
+    """The response is curved in the lag, which the log tells to a hundredth of what is stated."""
+    sigma, flights = 0.003, simulate.fly(scenario.load("multicopter"), [1, 2])
+    lags = {f"rotors.{i}.{key}": getattr(one, key) for i, one in enumerate(flights.vehicle.rotors) for key in ("lag_up_s", "lag_down_s")}
+    stated = {key: lag - off * sigma for key, lag in lags.items()}
+    later = [{key: lag + sigma for key, lag in stated.items()}]
+    used = changed(flights.vehicle, [*(f"{key}={lag}" for key, lag in stated.items()), f"uncertain={written(later)}"])
+    for number in range(2):
+        found = flow.examine(flights.log(number), VehicleSource(used, "restated", ""))
+        assert [notice.code for notice in found.notices] == []
+        assert np.nanmax(np.abs(deviations(found, flights.truth[number, 0]))) < 4

@@ -81,7 +81,9 @@ def test_what_the_imu_reads_is_all_that_its_turn_and_the_gyros_scale_change(flye
         *(Variant(here, OtherReading(flyer.samples.changed(turned), turned), angle), Variant(here, scaled, 1e-6)),
     )
     at = regressors(flyer.samples, cycles, settled.reference, flyer.vehicle), flyer.samples, cycles, settled.reference, flyer.vehicle
-    driven, measured = assumption_columns(*at, Consider(variants), ResponseMap(plant_of(flyer.vehicle)))
+    columns = assumption_columns(*at, Consider(variants), ResponseMap(plant_of(flyer.vehicle)))
+    driven, measured = (each[..., 1:] for each in columns)
+    assert not any(each[..., 0].any() for each in columns)
     moved = np.abs(measured[:, :3, 2:]).max()
     assert moved > 0.1
     # beside the rate; the step of the differences; a fiftieth of the noise of 0.02 m/s^2
