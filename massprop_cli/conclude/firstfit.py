@@ -70,8 +70,8 @@ def _fitted(begun: Ready) -> _First:
         return first
     longest = int(np.argmax([piece.stop - piece.start for piece in begun.pieces]))
     for _ in range(PASSES):
-        fit, before = first.plain.fits[longest], len(begun.consider.imu)
-        at = now if fit is None else fit.unknowns[before : before + now.size]
+        fit = first.plain.fits[longest]
+        at = now if fit is None else fit.values
         if np.abs(at - now).max() < NEAR or not np.abs(at).max() < CREDIBLE:
             break
         try:

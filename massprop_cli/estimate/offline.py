@@ -46,8 +46,8 @@ class OfflineFit(NamedTuple):
     """Whether another pass would not change the estimate."""
     tied: bool = False
     """Whether each axis' response is known without the gyroscopic coupling."""
-    unknowns: Array = np.zeros(0)
-    """(u,) estimate of the unknown geometry, in sigmas."""
+    values: Array = np.zeros(0)
+    """(r,) estimates of the ``uncertain`` values, in sigmas from the stated ones."""
 
 
 def fit(
@@ -84,7 +84,7 @@ def fit(
     # the stages of a long phase are computed now, so that none of its blocks must be kept
     stages = partial(_stages, regression, last, passed) if last.kept else partial(Stages, *_stages(regression, last, passed))
     history = replace(recorder.history(phase, last.run.estimate), residual=residuals, stages=stages, unexplained=last.run.unexplained)
-    return OfflineFit(history, last.converged, last.run.tied, last.run.unknowns)
+    return OfflineFit(history, last.converged, last.run.tied, last.run.values)
 
 
 def _stages(regression: Regression, last: _Pass, passed: Sequence[Run]) -> Stages:

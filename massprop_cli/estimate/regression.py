@@ -91,9 +91,9 @@ class Regression(Triangle):
         theta_tied, others_tied, _, chi_square_tied, stuck_tied = self._gauss_newton(run, theta, tied=True)
         if tied or chi_square_tied < limit:
             theta, others, response, chi_square, stuck = theta_tied, others_tied, None, chi_square_tied, stuck_tied
-        unknowns: Array = np.zeros(0)
-        if self.geometry_unknowns:
-            theta, unknowns = self._with_unknowns_as_read(run, theta, tied)
+        values: Array = np.zeros(0)
+        if self.consider.restated:
+            theta, values = self._with_values_as_read(run, theta, tied)
         layout, reference = Layout.of(self.samples, self.vehicle), run.reference
         phi, pivoted = phi_map.coefficients(theta)[0], phi_map.plant.pivoted
         # on a slope the derivative of a step with respect to the bias is missing, and the search diverged
@@ -110,21 +110,24 @@ class Regression(Triangle):
         estimate = replace(phi_map.reference(theta, bias), response=response, scale=scale, damping=damping, acceleration=acceleration)
         departure = others[self.geometry_unknowns :] / self.prior[self.prior > 0][: self.unknowns]
         unexplained = chi_square - float(departure @ departure)
-        return replace(run, estimate=estimate, tied=tied, stuck=stuck, unexplained=unexplained, unknowns=unknowns), chi_square
+        return replace(run, estimate=estimate, tied=tied, stuck=stuck, unexplained=unexplained, values=values), chi_square
 
-    def _with_unknowns_as_read(self, run: Run, theta: Array, tied: bool) -> tuple[Array, Array]:
-        """(10,) θ of the estimate if each unknown of the geometry has the value with which the log is read; (u,) the unknowns' estimates.
+    def _with_values_as_read(self, run: Run, theta: Array, tied: bool) -> tuple[Array, Array]:
+        """(10,) θ of the estimate if each ``uncertain`` value is the one with which the log is read; (r,) estimates of these values.
 
-        The equations hold about these together. About θ with the unknowns' estimates they would not: a weight moment of a shifted pivot
+        The equations hold about these together. About θ with the values' estimates they would not: a weight moment of a shifted pivot
         would be another one.
         """
-        count, fixed = self._nuisance_count(tied), self.consider.read_about
-        first, end, scale = count - len(fixed), count + 10, self._prior_sigma(theta)
+        count, values = self._nuisance_count(tied), self.consider.restated
+        first, end, scale = count - self.geometry_unknowns, count + 10, self._prior_sigma(theta)
+        restated = slice(first + len(self.consider.imu), first + len(self.consider.imu) + len(values))
         rows = self._posed(run, theta, scale, tied=tied)[first:end]
-        step = np.linalg.lstsq(rows[:, count:end], rows[:, end] - rows[:, first:count] @ fixed)[0]
+        others = np.delete(np.arange(first, end), np.arange(restated.start, restated.stop) - first)
+        right = rows[:, end] - rows[:, restated] @ [one.about for one in values]
+        step = np.linalg.lstsq(rows[:, others], right)[0][-10:]
         theta = self.phi_map.stepped(theta, scale * step)
         triangle = self._posed(replace(run, tied=tied), theta, self._prior_sigma(theta))
-        return theta, np.linalg.solve(triangle[:end, :end], triangle[:end, end])[first:count]
+        return theta, np.linalg.solve(triangle[:end, :end], triangle[:end, end])[restated]
 
     def state(self, run: Run, block: slice, phi: Array, others: Array, before: Array) -> Array:
         """The states of ``block`` in the last cycle, with φ (N,) and ``others`` solved for; ``before`` if the run has none."""

@@ -64,8 +64,8 @@ class Run:
     """Whether the search ended where no further step leads to a rigid body, though the data require one."""
     unexplained: float = np.inf
     """Chi-square of the estimate, without the part by which initial states depart from their prior."""
-    unknowns: Array = field(default_factory=lambda: np.zeros(0))
-    """(u,) estimate of the unknown geometry, in sigmas."""
+    values: Array = field(default_factory=lambda: np.zeros(0))
+    """(r,) estimates of the ``uncertain`` values, in sigmas from the stated ones."""
 
 
 class Triangle:
@@ -171,11 +171,11 @@ class Triangle:
         θ is a departure over ``scale``. Nuisance parameters are the initial states, the geometry and, unless ``tied``, the coefficients of
         the gyroscopic coupling (departure over ``FREE_COUPLING``).
 
-        With unknown geometry the slopes are those at the ``reference``, as its columns are: elsewhere the log would seem to inform what it
-        cannot tell from the mass properties.
+        With ``uncertain`` values the slopes are those at the ``reference``, as the values' columns are: elsewhere the log would seem to
+        inform what it cannot tell from the mass properties.
         """
         phi, slopes = self.phi_map.coefficients(theta)
-        if reference is not None and self.geometry_unknowns:
+        if reference is not None and self.consider.restated:
             slopes = self.phi_map.coefficients(self.phi_map.plant.theta(reference))[1]
         columns = rows[..., self.unknowns : self.unknowns + self.phi_map.size]
         right = rows[..., self.unknowns + self.phi_map.size :].copy()

@@ -137,8 +137,6 @@ class ImuChange:
     """The log as it would read."""
     sigma: float
     """Prior sigma, in the parameter's unit."""
-    about: float = 0.0
-    """Value about which it is linearised, in sigmas."""
 
     def variant(self, samples: Source, vehicle: Vehicle) -> Variant | Reading:
         """Derivative with respect to the change, per sigma."""
@@ -161,7 +159,8 @@ class Restated:
     about: float = 0.0
     """Value about which log and vehicle file are read, in sigmas from the stated one."""
 
-    def variant(self, *_: object) -> Variant:
+    @property
+    def variant(self) -> Variant:
         """Derivative with respect to the value, per sigma."""
         return Variant(self.low, self.high, self.distance, self.read)
 
@@ -193,19 +192,9 @@ class Consider:
         return len(self.variants) + self.scales * (3 + channels) + len(self.pushes.channels) + self.aging
 
     @property
-    def reading_unknowns(self) -> tuple[ImuChange | Restated, ...]:
-        """Unknowns whose column is the difference to the log read with another vehicle file."""
-        return (*self.imu, *self.restated)
-
-    @property
     def kinds(self) -> tuple[str, ...]:
         """(u,) kind of each unknown of the geometry."""
         return (*(change.parameter.uncertain[0] for change in self.imu), *(RESTATED for _ in self.restated), *self.jets.kinds)
-
-    @property
-    def read_about(self) -> Array:
-        """(u,) value of each unknown of the geometry with which the log is read, in sigmas from the stated one."""
-        return np.array([*(one.about for one in self.reading_unknowns), *np.zeros(len(self.jets.kinds))])
 
     def about(self, other: Consider) -> Consider:
         """The assumptions of ``other`` with the estimated unknowns of this one."""
@@ -244,11 +233,13 @@ def assumption_columns(
         add_wrenches(*wrench_columns(samples, cycles, reference, vehicle, here, consider.pushes))
     if consider.aging:
         add_wrenches(*_aging(samples, cycles, reference, vehicle, here))
-    for unknown in consider.reading_unknowns:
-        variant = unknown.variant(samples, vehicle)
-        change = there.like_mass_properties(there.derivative(variant))
-        offset = [one - unknown.about * by for one, by in zip(offset, change, strict=True)]
-        add(variant, change)
+    for moved in consider.imu:
+        variant = moved.variant(samples, vehicle)
+        add(variant, there.derivative(variant))
+    for value in consider.restated:
+        change = there.like_mass_properties(there.derivative(value.variant))
+        offset = [one - value.about * by for one, by in zip(offset, change, strict=True)]
+        add(value.variant, change)
     if consider.jets.kinds:
         add_wrenches(*wrench_columns(samples, cycles, reference, vehicle, here, consider.jets))
     return np.stack([offset[0], *driven], -1), np.stack([offset[1], *measured], -1)
