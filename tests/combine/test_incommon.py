@@ -150,3 +150,17 @@ def test_an_uncertain_geometry_is_one_and_the_same_in_all_logs(tmp_path: Path) -
         assert (joint[of_jets] > 0.8 * np.array(single)[of_jets]).all()
     assert (np.abs(off) < 1.96).mean() > 0.88
     assert np.sqrt(np.square(off).mean()) < 1.25
+
+
+def test_a_value_under_uncertain_is_one_and_the_same_in_all_logs(tmp_path: Path) -> None:
+    """All thrust 2 % uncertain: three logs tell no more of it than one."""
+    plan = 'plan=[{motion="random",axes=["roll","pitch","yaw","x","y","z"],start_s=0.0,end_s=15.0}]'
+    output.simulate(scenario.load("free-flyer", ["duration_s=15", plan]), tmp_path, 1, 3)
+    logs = sorted(tmp_path.glob("*/log.parquet"))
+    jets = tomllib.loads((logs[0].parent / "vehicle.toml").read_text())["jets"]
+    stronger = {f"jets.{i}.force_n": (1.02 * np.array(one["force_n"])).tolist() for i, one in enumerate(jets)}
+    stated = [f"uncertain={configfile.written([stronger])}"]
+    found = [Recorded(log.parent / "result.json", job.of_file(log, assignments=stated).result, {}) for log in logs]
+    joint = flow.together(found).phases[0].estimates
+    for name in ("ixx", "iyy", "izz"):
+        assert (joint[name].sigma or 0.0) > 0.019 * (joint[name].value or 0.0)
