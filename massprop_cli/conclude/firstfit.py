@@ -16,7 +16,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import cross
-from massprop_cli.diagnosis.preprocessing import Ready, about_values, ready
+from massprop_cli.diagnosis.preprocessing import WHOLE, Ready, about_values, ready
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.estimate.phases import AsStated, Progress, as_stated
@@ -72,13 +72,15 @@ def _fitted(begun: Ready) -> _First:
     for _ in range(PASSES):
         fit = first.plain.fits[longest]
         at = now if fit is None else fit.values
-        if np.abs(at - now).max() < NEAR or not np.abs(at).max() < CREDIBLE:
+        moves = np.array([one.distance < WHOLE for one in begun.consider.restated])
+        if np.abs(moves * (at - now)).max() < NEAR or not np.abs(at).max() < CREDIBLE:
             break
         try:
             about = about_values(begun, at.tolist())
         except InputError:
             break
-        first, now = _First(about, as_stated(about.samples, about.phases, about.stated, about.consider)), at
+        first = _First(about, as_stated(about.samples, about.phases, about.stated, about.consider))
+        now = np.array([one.about for one in about.consider.restated])
     return first
 
 

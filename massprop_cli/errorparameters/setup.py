@@ -120,11 +120,10 @@ def has_table(vehicle: Vehicle, key: str) -> bool:
 
 
 def value_of(vehicle: Vehicle, key: str) -> Any:
-    """Value of a dotted key, in which a number is that of an entry in a list; None in a table that is not stated."""
+    """Value of a dotted key, in which a number is that of an entry in a list; None in a table that is not stated, or of known values."""
     found: Any = vehicle
     for name in key.split("."):
-        if found is not None:
-            found = found[int(name)] if isinstance(found, tuple) else getattr(found, name)
+        found = found[int(name)] if isinstance(found, tuple) else getattr(found, name, None)
     return found
 
 

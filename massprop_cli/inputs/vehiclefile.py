@@ -62,6 +62,8 @@ def _checked(vehicle: Vehicle, source: str) -> Vehicle:
                 raise InputError(f"{wrong} = {values[wrong]}: must be numbers of shape {FACTORS[wrong]}")
             if any(key.startswith("columns") for key in values):
                 raise InputError(f"[columns] are not read again; state {', '.join(FACTORS)} instead")
+            if any(key.startswith("known") for key in values):
+                raise InputError("values under [known] have sigmas of their own; state those instead")
             alternative(vehicle, values)
         except InputError as error:
             raise InputError(f"{source}: uncertain.{number}: {error}") from None

@@ -2,6 +2,7 @@
 
 import platform
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -13,6 +14,7 @@ from massprop_cli.conclude.discrepancy import Discrepancy
 from massprop_cli.conclude.docking import Docked
 from massprop_cli.conclude.physical import breach, nearest_consistent
 from massprop_cli.conclude.verdict import Conclusion, Estimate
+from massprop_cli.errorparameters.setup import stating, value_of
 from massprop_cli.estimate.crossvalidation import CrossValidation
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.quantities import open_scale
@@ -21,6 +23,7 @@ from massprop_cli.inputs import vehicle
 from massprop_cli.inputs.estimatorsettings import UNWIDENED
 from massprop_cli.inputs.section import ZERO
 from massprop_cli.inputs.vehicle import Known, Nominal, Quantity, Vehicle
+from massprop_cli.inputs.vehiclefile import FACTORS
 from massprop_cli.prepare.attitude import world_up_b
 from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.result import schema
@@ -28,6 +31,7 @@ from massprop_cli.result import schema
 
 def result(analysis: Analysis) -> schema.Result:
     """Build the result of an analysis."""
+    analysis = _as_filed(analysis)
     log = analysis.log
     start, length = cycle_edges(log, slice(0, log.cycles))
     return schema.Result(
@@ -63,6 +67,17 @@ def result(analysis: Analysis) -> schema.Result:
         assumptions=[schema.Assumption.model_validate(one, from_attributes=True) for one in analysis.assumptions],
         warnings=[schema.WarningItem.model_validate(one, from_attributes=True) for one in analysis.notices],
     )
+
+
+def _as_filed(analysis: Analysis) -> Analysis:
+    """The analysis with the ``uncertain`` values as the vehicle file states them; the log may have been read about their estimates."""
+    filed, at = analysis.source.vehicle, analysis.timing
+    stated = {key: value_of(filed, key) for entry in filed.uncertain for key in entry if key not in FACTORS}
+    keys = {key: value for key, value in stated.items() if isinstance(value, (int, float, tuple))}
+    delay, lag_s = keys.get("cycle.command_delay_cycles"), keys.get("thrust.lag_s")
+    at = at._replace(delay=delay) if isinstance(delay, float) else at
+    at = at._replace(lag=lag_s / filed.cycle.period_s) if isinstance(lag_s, float) else at
+    return replace(analysis, vehicle=stating(analysis.vehicle, keys), timing=at) if keys else analysis
 
 
 def _vehicle(analysis: Analysis) -> schema.VehicleInfo:

@@ -8,8 +8,10 @@ import pytest
 from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import written
+from massprop_cli.base.errors import InputError
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
+from massprop_cli.result import build
 from massprop_cli.testbed import scenario, simulate
 
 SCALE, RISE_S, SEEDS = 0.005, 0.004, 6
@@ -71,8 +73,8 @@ def test_all_thrust_stays_as_uncertain_as_stated_for_no_log_can_tell_it() -> Non
         assert {one.verdict for one in entry.estimates.values()} == {"converged"}
 
 
-@pytest.mark.parametrize("off", [0.0, 1.5])
-def test_a_pivot_that_may_be_elsewhere_is_in_the_cgs_sigma_alone(off: float) -> None:
+@pytest.mark.parametrize(("off", "at_bound"), [(0.0, []), (1.5, [{"thrust.lag_s": 1e-5}])])
+def test_a_pivot_that_may_be_elsewhere_is_in_the_cgs_sigma_alone(off: float, at_bound: list[dict[str, float]]) -> None:
     """It moves the CG with it, and is as far off as the CG hangs from it: nothing about the stated pivot is linear."""
     sigma = 3e-4
     flights = simulate.fly(
@@ -81,12 +83,15 @@ def test_a_pivot_that_may_be_elsewhere_is_in_the_cgs_sigma_alone(off: float) -> 
     pivot = np.array(flights.vehicle.environment.bearing_position_m)
     key, x = "environment.bearing_position_m", np.array([sigma, 0.0, 0.0])
     stated = pivot - off * x
-    used = changed(flights.vehicle, [f"{key}={written(stated.tolist())}", f"uncertain={written([{key: (stated + x).tolist()}])}"])
+    used = changed(
+        flights.vehicle, [f"{key}={written(stated.tolist())}", f"uncertain={written([{key: (stated + x).tolist()}, *at_bound])}"]
+    )
     for number in range(3):
         found = flow.examine(flights.log(number), VehicleSource(used, "restated", ""))
         exact = flow.examine(flights.log(number), VehicleSource(flights.vehicle, "exact", "")).conclusions[0].sigmas
         assert [notice.code for notice in found.notices] == []
         assert np.nanmax(np.abs(deviations(found, flights.truth[number, 0]))) < 4
+        assert build.result(found).vehicle.bearing_position_m == stated.tolist()
         sigmas = found.conclusions[0].sigmas
         np.testing.assert_allclose(sigmas[6], np.hypot(exact[6], sigma), rtol=0.05)
         others = [0, 1, 2, 3, 4, 5, 7, 8, 9]
@@ -105,3 +110,9 @@ def test_rotors_that_answer_as_slowly_as_may_be_are_no_fault(off: float) -> None
         found = flow.examine(flights.log(number), VehicleSource(used, "restated", ""))
         assert [notice.code for notice in found.notices] == []
         assert np.nanmax(np.abs(deviations(found, flights.truth[number, 0]))) < 4
+
+
+def test_a_known_value_under_uncertain_is_refused() -> None:
+    """It would change nothing: the estimate takes its sigma from [known]."""
+    with pytest.raises(InputError, match=r"values under \[known\] have sigmas of their own; state those instead"):
+        changed(scenario.load("pedestal").scenario.vehicle, ['uncertain=[{"known.mass.value" = 12.1}]'])
