@@ -207,11 +207,11 @@ def assumption_columns(
     """(K − 1, n, 1 + e + u) and (K, m, 1 + e + u) drive and measurements: an offset, and derivatives by assumptions and unknown geometry.
 
     They are taken at the reference and the measured rates; ``here`` is the response of ``cycles`` with the coefficients of ``phi_map``. The
-    offset is that of unknowns about whose departure from the stated value log and vehicle file are read.
+    offset is −Σ value × derivative over the ``uncertain`` values about whose estimates the log is read: a value counts from the stated one.
     """
     there = _Derivatives(here, samples, cycles, reference, vehicle, phi_map, consider.restarts)
     part, rows = there.part, 9 if samples.attitude_logged else 6
-    offset = [np.zeros_like(one) for one in there.side(there.here)]
+    offset = [np.zeros_like(one) for one in there.side(there.as_read)]
     driven, measured = list[Array](), list[Array]()
 
     def add(variant: Variant | Reading, change: tuple[Array, Array]) -> None:
@@ -259,14 +259,14 @@ class _Derivatives:
         restarts: frozenset[int],
     ) -> None:
         self.response, self.cycles, self.reference, self.vehicle, self.phi_map = here, cycles, reference, vehicle, phi_map
-        self.here, self.part = OtherReading(samples), samples.part(cycles)
+        self.as_read, self.part = OtherReading(samples), samples.part(cycles)
         self.state = np.zeros((len(here.measured), here.transition.shape[1]))
         self.state[:, :3] = self.part.rate_rad_s - reference.gyro_bias
-        self._as_read = here.one_step(phi_map.coefficients(phi_map.plant.theta(reference))[0], self.state)
+        self._one_step = here.one_step(phi_map.coefficients(phi_map.plant.theta(reference))[0], self.state)
         self._restarts = np.isin(np.arange(cycles.start + 1, cycles.stop), [*restarts])
         self._sides: dict[tuple[int, int], tuple[Vehicle, tuple[Array, Array]]] = {}
         """By the ids of samples and vehicle; holds the vehicle, so that its id stays unique."""
-        self._add((id(samples), id(vehicle)), samples, vehicle, self._as_read)
+        self._add((id(samples), id(vehicle)), samples, vehicle, self._one_step)
 
     def side(self, side: OtherReading) -> tuple[Array, Array]:
         """(K − 1, n) one-step prediction of the state, and (K, m) measurement residuals; computed once."""
@@ -291,23 +291,23 @@ class _Derivatives:
     def derivative(self, variant: Variant | Reading) -> tuple[Array, Array]:
         """(K − 1, n) and (K, m) derivatives of the one-step prediction and of the measurement residuals."""
         if isinstance(variant, Reading):
-            drive, residual = (np.zeros_like(one) for one in self.side(self.here))
+            drive, residual = (np.zeros_like(one) for one in self.side(self.as_read))
             residual[:, :6] = variant.shown(self.part, self._predicted_motion if variant.of_motion else self._measured_motion)
             return drive, residual
         low, high = self.side(variant.low), self.side(variant.high)
         return (high[0] - low[0]) / variant.distance, (high[1] - low[1]) / variant.distance
 
     def without_noise(self, variant: Variant | Reading) -> Array:
-        """(K, 6) what a change of the readings has less if it applies to the predicted ones; zero for other variants."""
+        """(K, 6) minus the effect on the noise of a change that applies to the predicted, noise-free readings; zero for other variants."""
         if isinstance(variant, Reading) or variant.read is None:
             return np.zeros((len(self.state), 6))
         return variant.read.shown(self.part, self._predicted_motion) - variant.read.shown(self.part, self._measured_motion)
 
     def like_mass_properties(self, change: tuple[Array, Array]) -> tuple[Array, Array]:
-        """An unknown's derivative with terms of second order as the columns of the mass properties have them: those of the reference.
+        """An unknown's derivative with terms of second order as in the columns of the mass properties: those of the reference.
 
-        It has the whole derivative along the mass properties that are most like it replaced by their columns. An unknown like them, as all
-        thrust, is then exactly their combination, so that no log informs it.
+        Along the mass properties that are most like the unknown, their columns replace the whole derivative. An unknown like them, as all
+        thrust, is then exactly a combination of their columns, so that no log informs it.
         """
         plant, reference = self.phi_map.plant, self.reference
         theta = plant.theta(reference)
@@ -321,7 +321,7 @@ class _Derivatives:
         for step in (STEP / size, -STEP / size):
             moved = self.phi_map.reference(theta + step * sizes * along)
             moved = replace(reference, inertia=moved.inertia, cg=moved.cg, mu=moved.mu)
-            ends.append(one_step(self.here.samples, self.cycles, moved, self.vehicle, self.state))
+            ends.append(one_step(self.as_read.samples, self.cycles, moved, self.vehicle, self.state))
         drive, residual = ((high - low) * size / (2 * STEP) - one @ along for high, low, one in zip(*ends, columns, strict=True))
         return change[0] - drive, change[1] - np.pad(residual, ((0, 0), (0, change[1].shape[1] - 6)))
 
@@ -338,10 +338,10 @@ class _Derivatives:
         ω⁻[k+1] = ω⁻[k] + growth[k] + g (ω[k] − ω⁻[k]); at a restart, ω⁻[k] is the measured rate ω[k].
         """
         read, rate = self.part.rate_rad_s, self.part.rate_rad_s.copy()
-        for k, step in enumerate(self._as_read[0][:, :3] - self.state[:-1, :3]):
+        for k, step in enumerate(self._one_step[0][:, :3] - self.state[:-1, :3]):
             before = read[k] if self._restarts[k] else rate[k]
             rate[k + 1] = before + step + GAIN * (read[k] - before)
-        return rate, self.part.specific_force_m_s2 - self._as_read[1][:, 3:6]
+        return rate, self.part.specific_force_m_s2 - self._one_step[1][:, 3:6]
 
 
 def _wrench_columns_of_state(growth: Array, force: Array, by_scale: Array | None, states: int) -> tuple[Array, Array]:
