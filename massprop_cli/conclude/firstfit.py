@@ -16,7 +16,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import cross
-from massprop_cli.diagnosis.preprocessing import WHOLE, Ready, about_values, ready
+from massprop_cli.diagnosis.preprocessing import Ready, about_values, ready
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.estimate.phases import AsStated, Progress, as_stated
@@ -69,18 +69,17 @@ def _fitted(begun: Ready) -> _First:
     if not now.size or now.any():
         return first
     longest = int(np.argmax([piece.stop - piece.start for piece in begun.pieces]))
+    movable = np.array([one.movable for one in begun.consider.restated])
     for _ in range(PASSES):
         fit = first.plain.fits[longest]
-        at = now if fit is None else fit.values
-        moves = np.array([one.distance < WHOLE for one in begun.consider.restated])
-        if np.abs(moves * (at - now)).max() < NEAR or not np.abs(at).max() < CREDIBLE:
+        at = now if fit is None else np.where(movable, fit.values, 0.0)
+        if np.abs(at - now).max() < NEAR or not np.abs(at).max() < CREDIBLE:
             break
         try:
             about = about_values(begun, at.tolist())
         except InputError:
             break
-        first = _First(about, as_stated(about.samples, about.phases, about.stated, about.consider))
-        now = np.array([one.about for one in about.consider.restated])
+        first, now = _First(about, as_stated(about.samples, about.phases, about.stated, about.consider)), at
     return first
 
 

@@ -22,7 +22,7 @@ from massprop_cli.diagnosis.kernelfits import Fits, PackedTriangles
 from massprop_cli.errorparameters.parameter import FittedHypothesis
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import ENTRIES
-from massprop_cli.estimate.regression import HEAVIER
+from massprop_cli.estimate.triangle import HEAVIER
 from massprop_cli.estimate.whitening import ReducedLeastSquares
 from massprop_cli.kernel import kernel
 from massprop_cli.model.plant.plant import MOMENT, MU, J

@@ -26,11 +26,11 @@ from massprop_cli.estimate.residualtest import REFUTED, deviate, threshold
 from massprop_cli.inputs.equipment import LATEST_S, Imu
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.assumptioncolumns import wrench_columns
 from massprop_cli.model.geometry import WrenchChanges, uncertain_jets
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.regressors import regressors
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.model.sensitivity import wrench_columns
 from massprop_cli.prepare.align import LAGS_FORGOTTEN, impulses
 from massprop_cli.prepare.compensate import Samples, Source
 from massprop_cli.prepare.timing import Timing

@@ -34,8 +34,6 @@ FINER = ((1.2, 64), (0.6, 32), (0.3, 16), (0.15, 8))
 STEP = 0.1
 """Part of its sigma by which an uncertain value is changed to both sides for its derivative. With a whole sigma, terms of higher order seem
 to inform a value that no log can tell."""
-WHOLE = 1.0
-"""The same of a value at a bound of its key, or that is no number: to one side."""
 SELDOM = 0.98
 """Quantile of the turns over all cycles that decides."""
 
@@ -145,9 +143,8 @@ def _considered(setup: Setup, samples: Stream, restated: tuple[Restated, ...]) -
 def about_values(begun: Ready, at: Sequence[float]) -> Ready:
     """A log that is read as stated, read with its ``uncertain`` values ``at`` so many sigmas from the stated ones.
 
-    Values at a bound of their key, or that are no numbers, stay. Raise :class:`InputError` if a value would be beyond a bound.
+    Raise :class:`InputError` if a value would be beyond a bound of its key.
     """
-    at = [one * (value.distance < WHOLE) for one, value in zip(at, begun.consider.restated, strict=True)]
     setup = Setup(begun.log, begun.stated, begun.timing)
     values = _values(begun.stated, at)
     restated = tuple(_restated(number, at, setup, begun.samples) for number in range(len(at)))
@@ -173,7 +170,7 @@ def _restated(number: int, at: Sequence[float], setup: Setup, samples: Stream) -
     except InputError:  # no numbers, or beyond a bound of the key, as a negative time
         base = _values(stated, at)
         low = OtherReading(*_read_with(base, setup)) if any(at) else OtherReading(samples)
-        high, distance = OtherReading(*_read_with({**base, **values}, setup)), WHOLE
+        high, distance = OtherReading(*_read_with({**base, **values}, setup)), 1.0
     if high.vehicle is not None and Layout.of(high.samples, high.vehicle) != Layout.of(samples, stated):
         raise InputError(
             f"uncertain: {', '.join(values)}: this changes which quantities are estimated; take it out of uncertain and state it as a value"

@@ -23,8 +23,6 @@ from massprop_cli.model.sensitivity import Consider
 from massprop_cli.model.system import random_walk
 from massprop_cli.prepare.compensate import Source
 
-ROUNDED = 1e3 * float(np.finfo(float).eps)
-"""Information on 1/m over that of its prior, below which it is rounding."""
 PASSES = 4
 """Most relinearisations in a row."""
 CHECKPOINT = 64
@@ -44,8 +42,6 @@ KNOWN = 0.1
 """Relative sigma below which the response of an axis counts as known."""
 RATIO = 1e-6
 """Relative sigma that a free oscillation may reach for ratios of inertia."""
-HEAVIER = 10.0
-"""Most factor on the mass in one step; if the data do not inform the mass, relative to the initial reference."""
 STEPS = 6
 """Most Gauss–Newton steps on a triangle."""
 STUCK = 3.0
@@ -168,30 +164,6 @@ class Regression(Triangle):
         response = phi[: 3 * self.phi_map.plant.channels].reshape(3, -1)
         others = np.concatenate([solved[count - self.geometry_unknowns : count], solved[: self.unknowns]])
         return theta, others, response, float(triangle[count + 10, count + 10] ** 2), stuck
-
-    def _without_mass_prior(
-        self, theta: Array, scale: Array, diagonal: Array, right: Array, centre: Array, faint: float
-    ) -> tuple[Array, Array]:
-        """Factor on the last diagonal element of a triangle, and the elements right of it, without the prior of 1/m.
-
-        The prior is removed where the data alone give 1/m with a relative sigma below ``faint``. Its sigma is proportional to 1/m itself.
-        If a search starts from a mass that is many times too large, this prior would keep 1/m down. ``diagonal`` (...,) and ``right`` (...,
-        1 + e) are elements of the triangle, ``centre`` the prior's mean over ``scale``.
-        """
-        information = np.sqrt(np.maximum(diagonal**2 - 1, 0.0))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            alone = right * (diagonal / information)[..., None]
-            alone[..., 0] -= centre[MU] / information
-            informed = scale[MU] < faint * (theta[MU] * information + scale[MU] * alone[..., 0])
-        informed &= (self.known_mu is None) & (information**2 > ROUNDED)
-        return np.where(informed, information / diagonal, 1.0), np.where(informed[..., None], alone, right)
-
-    def _least_mu_step(self, theta: Array, centre: Array, scale: Array, triangle: Array, solved: float) -> float:
-        """Lower bound of the step of 1/m, over ``scale``; an uninformed 1/m may tend below zero, and must not stop the other parameters."""
-        last = triangle.shape[1] - 2 - self.assumptions
-        informed = theta[MU] + scale[MU] * solved > scale[MU] / abs(triangle[last, last])
-        least = theta[MU] / HEAVIER if informed else min(theta[MU], max(theta[MU], centre[MU]) / HEAVIER)
-        return float((least - theta[MU]) / scale[MU])
 
     def _axes_are_known(self, run: Run, theta: Array) -> bool:
         """Whether each axis' response is known without the gyroscopic coupling."""

@@ -37,6 +37,10 @@ FREE_COUPLING = 3.0
 PULL_SIGMA = {"response": 0.2, "cg": 1.0, "balanced cg": 0.02, "mu": 1.0}
 """Sigma of each of θ about the initial reference, in natural sizes: what the data do not inform stays there. A body on a bearing is
 balanced."""
+ROUNDED = 1e3 * float(np.finfo(float).eps)
+"""Information on 1/m over that of its prior, below which it is rounding."""
+HEAVIER = 10.0
+"""Most factor on the mass in one step; if the data do not inform the mass, relative to the initial reference."""
 FORGOTTEN = 100.0
 """Growth of an initial rate error, above which that initial rate informs the present one less than the model's own rounding."""
 
@@ -239,3 +243,27 @@ class Triangle:
         if self.known_mu is not None:
             sigma[MU] = min(sigma[MU], KNOWN_MASS_SIGMA * max(self.known_mu, theta[MU]))
         return sigma
+
+    def _without_mass_prior(
+        self, theta: Array, scale: Array, diagonal: Array, right: Array, centre: Array, faint: float
+    ) -> tuple[Array, Array]:
+        """Factor on the last diagonal element of a triangle, and the elements right of it, without the prior of 1/m.
+
+        The prior is removed where the data alone give 1/m with a relative sigma below ``faint``. Its sigma is proportional to 1/m itself.
+        If a search starts from a mass that is many times too large, this prior would keep 1/m down. ``diagonal`` (...,) and ``right`` (...,
+        1 + e) are elements of the triangle, ``centre`` the prior's mean over ``scale``.
+        """
+        information = np.sqrt(np.maximum(diagonal**2 - 1, 0.0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            alone = right * (diagonal / information)[..., None]
+            alone[..., 0] -= centre[MU] / information
+            informed = scale[MU] < faint * (theta[MU] * information + scale[MU] * alone[..., 0])
+        informed &= (self.known_mu is None) & (information**2 > ROUNDED)
+        return np.where(informed, information / diagonal, 1.0), np.where(informed[..., None], alone, right)
+
+    def _least_mu_step(self, theta: Array, centre: Array, scale: Array, triangle: Array, solved: float) -> float:
+        """Lower bound of the step of 1/m, over ``scale``; an uninformed 1/m may tend below zero, and must not stop the other parameters."""
+        last = triangle.shape[1] - 2 - self.assumptions
+        informed = theta[MU] + scale[MU] * solved > scale[MU] / abs(triangle[last, last])
+        least = theta[MU] / HEAVIER if informed else min(theta[MU], max(theta[MU], centre[MU]) / HEAVIER)
+        return float((least - theta[MU]) / scale[MU])

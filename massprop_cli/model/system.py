@@ -13,13 +13,14 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model import attitude
+from massprop_cli.model.assumptioncolumns import assumption_columns
 from massprop_cli.model.layout import MU, RATE, Layout
 from massprop_cli.model.momentum import scale_sigmas
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.regressors import Regressors, regressors
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.responsemap import ResponseMap
-from massprop_cli.model.sensitivity import Consider, assumption_columns
+from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Mounted, Samples, Source, biased_attitude
 
 DIFFUSE_SIGMA = 1e3

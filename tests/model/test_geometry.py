@@ -12,11 +12,12 @@ from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.assumptioncolumns import assumption_columns
 from massprop_cli.model.geometry import uncertain_jets
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.regressors import regressors
 from massprop_cli.model.responsemap import ResponseMap
-from massprop_cli.model.sensitivity import Consider, OtherReading, Variant, assumption_columns, with_geometry
+from massprop_cli.model.sensitivity import Consider, OtherReading, Variant, with_geometry
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 from tests import faulty

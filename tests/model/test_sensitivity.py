@@ -15,10 +15,11 @@ from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.estimate import engine, offline
 from massprop_cli.estimate.history import History
 from massprop_cli.flow import Analysis
+from massprop_cli.model.assumptioncolumns import assumption_columns
 from massprop_cli.model.plant import plant_of
 from massprop_cli.model.regressors import regressors
 from massprop_cli.model.responsemap import ResponseMap
-from massprop_cli.model.sensitivity import Consider, OtherReading, Reading, Variant, assumption_columns, variant
+from massprop_cli.model.sensitivity import Consider, OtherReading, Reading, Variant, variant
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 from massprop_cli.result.build import effective_settings

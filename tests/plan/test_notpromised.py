@@ -53,12 +53,6 @@ def test_no_plan_promises_more_than_an_uncertain_thrust_leaves(tmp_path: Path) -
     vehicle = vehiclefile.load(tmp_path / "vehicle.toml").vehicle
     stronger = {f"jets.{i}.force_n": [1.02 * part for part in jet.force_n] for i, jet in enumerate(vehicle.jets)}
     (tmp_path / "guess.toml").write_text("[body]\nixx = 0.6\niyy = 2.7\nizz = 2.4\nmass = 22.0\n")
-    made = {}
-    for name, stated in {"exact": [], "uncertain": [f"uncertain={configfile.written([stronger])}"]}.items():
-        options = PlanRequest(precise("ixx 3 %"), max_time_s=20.0)
-        made[name] = flow.make(tmp_path / "vehicle.toml", tmp_path / "guess.toml", options, lambda *_: None, tuple(stated)).plan
-    exact, uncertain = (made[name].quantities["ixx"].sigma for name in ("exact", "uncertain"))
-    assert exact is not None
-    assert uncertain is not None
-    assert exact < 0.01 * 0.6
-    assert uncertain > 0.019 * 0.6
+    options, stated = PlanRequest(precise("ixx 3 %"), max_time_s=5.0), (f"uncertain={configfile.written([stronger])}",)
+    made = flow.make(tmp_path / "vehicle.toml", tmp_path / "guess.toml", options, lambda *_: None, stated).plan
+    assert made.quantities["ixx"].sigma > 0.019 * 0.6  # a hundredth of that by the noise alone
